@@ -1,0 +1,71 @@
+# Each target does its own set-up: it makes .venv when it is missing or older than the locks. Nothing else is touched.
+#
+#   make demo    learn the backlash and judge three laws, on real ROS 2, recorded: results in results/demo
+#   make test    all tests
+#   make lint    formatting, style and types
+#   make lock    renew requirements/*.txt, the locks with hashes, from requirements/*.in
+#
+# With a sourced ROS installation its rclpy is used; without one ROS comes from the wheels in requirements/ros.txt.
+
+SHELL := /bin/bash
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+LOCK := uv pip compile --quiet --upgrade --universal --python-version 3.10 --generate-hashes --no-annotate \
+        --custom-compile-command "make lock"
+
+HAS_ROS := $(shell $(PYTHON) -c 'import rclpy' 2>/dev/null && echo yes)
+ifeq ($(HAS_ROS),yes)
+  VENV_OPTIONS := --system-site-packages
+  LOCKS := requirements/python.txt
+else
+  LOCKS := requirements/python.txt requirements/ros.txt
+endif
+
+.PHONY: demo test test-unit test-floors lint lock clean
+
+demo: $(VENV)/.ready
+	$(BIN)/python -m backlash_ros.nodes.demo
+
+test: $(VENV)/.ready
+	$(BIN)/python -m pytest
+
+test-unit: $(VENV)/.ready
+	$(BIN)/python -m pytest backlash_ros test/unit
+
+lint: $(VENV)/.ready
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+# The pure tests on the oldest supported dependencies. numba 0.58 has wheels up to Python 3.11.
+FLOORS := .venv-floors
+test-floors: $(FLOORS)/.ready
+	$(FLOORS)/bin/python -m pytest backlash_ros test/unit
+
+$(FLOORS)/.ready: requirements/floors.txt
+	@echo "== $(FLOORS): Python environment with the oldest supported dependencies"
+	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info < (3, 12) else "test-floors needs Python 3.10 or 3.11: make test-floors PYTHON=python3.11")'
+	rm -rf $(FLOORS)
+	$(PYTHON) -m venv $(FLOORS)
+	$(FLOORS)/bin/python -m pip --disable-pip-version-check install --quiet --require-hashes -r requirements/floors.txt
+	touch $@
+
+$(VENV)/.ready: $(LOCKS)
+	@echo "== $(VENV): Python environment from $(LOCKS), once; about a minute"
+	rm -rf $(VENV)
+	$(PYTHON) -m venv $(VENV_OPTIONS) $(VENV)
+	$(PIP) install --quiet --require-hashes $(LOCKS:%=-r %)
+	$(PIP) install --quiet --no-deps --no-build-isolation --editable .
+	touch $@
+
+lock:
+	$(PYTHON) -m venv .venv-lock
+	.venv-lock/bin/python -m pip --disable-pip-version-check install --quiet uv
+	.venv-lock/bin/$(LOCK) -o requirements/python.txt requirements/python.in
+	.venv-lock/bin/$(LOCK) -c requirements/python.txt -o requirements/ros.txt requirements/ros.in
+	.venv-lock/bin/$(LOCK) -o requirements/floors.txt requirements/floors.in
+
+clean:
+	rm -rf .venv .venv-floors .venv-lock build install log results

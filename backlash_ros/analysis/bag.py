@@ -1,0 +1,87 @@
+"""Reading a recorded bag back as arrays."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Series:
+    """Values of a topic: ``time`` (N,), s since the epoch, and ``values`` (N, ...)."""
+
+    time: Array
+    values: Array
+
+    def between(self, start: float, end: float) -> "Series":
+        """Return the part with start <= time < end."""
+        chosen = (self.time >= start) & (self.time < end)
+        return Series(self.time[chosen], self.values[chosen])
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recorded session.
+
+    ``joint_states`` at their header's stamps with columns theta_m, omega_m, motor torque, theta_l, omega_l, gear torque
+    (rad, rad/s, N m); the scalar topics by name and the changed parameters at their time of receipt; ``messages``
+    counts every topic.
+    """
+
+    joint_states: Series
+    scalars: dict[str, Series]
+    parameters: list[tuple[float, str, Any]]
+    messages: dict[str, int]
+
+
+def _stamp(stamp: Any) -> float:
+    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
+
+
+def _joint_row(message: Any, motor: str, load: str) -> list[float]:
+    row = []
+    for joint in (motor, load):
+        k = message.name.index(joint)
+        fields = (message.position, message.velocity, message.effort)
+        row += [float(values[k]) if len(values) else float("nan") for values in fields]
+    return row
+
+
+def read_bag(path: Path, *, motor_joint: str = "motor", load_joint: str = "load") -> Recording:
+    """Read a rosbag2 directory.
+
+    Raises
+    ------
+    rosbags.highlevel.AnyReaderError
+        If there is no bag or it cannot be read.
+    """
+    stamps: list[float] = []
+    rows: list[list[float]] = []
+    scalars: dict[str, tuple[list[float], list[float]]] = {}
+    parameters: list[tuple[float, str, Any]] = []
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        messages = {connection.topic: connection.msgcount for connection in reader.connections}
+        for connection, timestamp, raw in reader.messages():
+            message: Any = reader.deserialize(raw, connection.msgtype)
+            received = 1e-9 * timestamp
+            if connection.msgtype == "sensor_msgs/msg/JointState":
+                stamps.append(_stamp(message.header.stamp))
+                rows.append(_joint_row(message, motor_joint, load_joint))
+            elif connection.msgtype == "rcl_interfaces/msg/ParameterEvent":
+                parameters += [(received, p.name, p.value) for p in message.changed_parameters]
+            elif hasattr(message, "data"):
+                times, values = scalars.setdefault(connection.topic, ([], []))
+                times.append(received)
+                values.append(float(np.ravel(message.data)[0]))
+    return Recording(
+        Series(np.array(stamps), np.array(rows).reshape(-1, 6)),
+        {topic: Series(np.array(times), np.array(values)) for topic, (times, values) in scalars.items()},
+        parameters,
+        messages,
+    )

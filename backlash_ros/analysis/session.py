@@ -1,0 +1,133 @@
+"""Judging a recorded session: step responses, a swap of gains, a load step, learning; numbers and a figure."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from numpy.typing import NDArray
+
+from backlash_ros.analysis.bag import Recording
+from backlash_ros.analysis.metrics import StepResponse, step_response
+from backlash_ros.control import Gains
+from backlash_ros.drivetrain import Drive
+
+LABELS = {"fast": "fast gains alone", "overdamped": "over-damped gains alone", "two_region": "two-region law"}
+_LINES = {"fast": ("C3", "--"), "overdamped": ("C0", "-."), "two_region": ("black", "-")}
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A part of a recording: ``start`` and ``end``, s since the epoch, and the target, rad."""
+
+    start: float
+    end: float
+    target: float
+
+
+@dataclass(frozen=True)
+class LoadStep:
+    """What a step of load torque did: torque and its estimate at the end (N m), largest and last error (b)."""
+
+    torque: float
+    estimate: float
+    largest_error: float
+    final_error: float
+    residual: float
+
+
+def gap(recording_rows: NDArray[np.float64], drive: Drive) -> NDArray[np.float64]:
+    """Return R1 theta_m - R2 theta_l, m, of joint-state rows."""
+    return drive.gear.motor_radius * recording_rows[:, 0] - drive.gear.load_radius * recording_rows[:, 3]
+
+
+def judge_step(recording: Recording, interval: Interval, drive: Drive) -> StepResponse:
+    """Return the metrics of the step response in ``interval``."""
+    part = recording.joint_states.between(interval.start, interval.end)
+    return step_response(
+        part.time - interval.start,
+        part.values[:, 3],
+        gap(part.values, drive),
+        target=interval.target,
+        backlash=drive.gear.backlash,
+        backlash_angle=drive.gear.backlash_angle,
+    )
+
+
+def judge_load_step(recording: Recording, interval: Interval, torque: float, drive: Drive) -> LoadStep:
+    """Return what a load torque put on at the start of ``interval`` did."""
+    part = recording.joint_states.between(interval.start, interval.end)
+    b = drive.gear.backlash_angle
+    error = (part.values[:, 3] - interval.target) / b
+    estimates = recording.scalars["/controller/load_torque_estimate"].between(interval.start, interval.end)
+    tail = error[part.time >= interval.end - 1.0]
+    return LoadStep(
+        torque=torque,
+        estimate=float(estimates.values[-1]),
+        largest_error=float(np.max(np.abs(error))),
+        final_error=float(np.mean(tail)),
+        residual=float(np.ptp(tail)),
+    )
+
+
+def swap_delay(
+    recording: Recording, swapped: float, before: Gains, after: Gains, interval: Interval, torque_constant: float
+) -> float:
+    """Return the time from ``swapped`` to the first command that the new gains made, s; nan where none did.
+
+    A command is the new gains' where it lies closer to what eq 15 gives with them, on the sample that it answers,
+    than to what it gives with the old ones.
+    """
+    samples = recording.joint_states
+    commands = recording.scalars["/command"].between(swapped, interval.end)
+    for time, voltage in zip(commands.time, commands.values, strict=True):
+        _, _, torque, angle, speed, _ = samples.values[np.searchsorted(samples.time, time) - 1]
+        state = np.array([angle - interval.target, speed, torque / torque_constant])
+        old, new = (-float(gains.as_array() @ state) for gains in (before, after))
+        if abs(voltage - new) < abs(voltage - old):
+            return float(time - swapped)
+    return float("nan")
+
+
+def plot_session(
+    recording: Recording, intervals: Mapping[str, Interval], load: Interval, drive: Drive, learned: float, path: Path
+) -> None:
+    """Draw the three step responses, whole and near the target, and the load step; write ``path`` (PNG)."""
+    b = drive.gear.backlash_angle
+    figure, (whole, near, loaded) = plt.subplots(3, 1, figsize=(8, 9.5), constrained_layout=True)
+    for name, interval in intervals.items():
+        part = recording.joint_states.between(interval.start, interval.end)
+        color, line = _LINES[name]
+        time = part.time - interval.start
+        style = {"color": color, "linestyle": line, "label": LABELS[name], "linewidth": 1.2}
+        whole.plot(time, part.values[:, 3], **style)
+        near.plot(time, (part.values[:, 3] - interval.target) / b, **style)
+    whole.set(
+        xlim=(0, 2),
+        xlabel="time after the step, s",
+        ylabel="load angle, rad",
+        title="Step of the reference, 0 to 1 rad",
+    )
+    whole.legend(loc="lower right")
+    near.axhspan(-learned / b, learned / b, color="0.9", label="over-damped region (learned backlash)")
+    near.set(xlim=(0, 2), ylim=(-1.3, 1.3), xlabel="time after the step, s", ylabel="error, in units of the backlash")
+    near.set_title("The same, near the target")
+    near.legend(loc="lower right", fontsize="small", ncols=2)
+    part = recording.joint_states.between(load.start - 0.2, load.end)
+    estimate = recording.scalars["/controller/load_torque_estimate"].between(load.start - 0.2, load.end)
+    loaded.plot(part.time - load.start, (part.values[:, 3] - load.target) / b, color="black", label="error")
+    loaded.set(xlim=(-0.2, 1.5), xlabel="time after the load torque, s", ylabel="error, in units of the backlash")
+    loaded.set_title("A load torque comes on, two-region law")
+    torque = loaded.twinx()
+    torque.plot(estimate.time - load.start, estimate.values, "C0--", label="load torque estimate (right axis)")
+    torque.set_ylabel("torque, N m")
+    lines: Sequence[matplotlib.lines.Line2D] = [*loaded.get_lines(), *torque.get_lines()]
+    loaded.legend(lines, [str(line.get_label()) for line in lines], loc="center right")
+    for axes in (whole, near, loaded):
+        axes.grid(alpha=0.3)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)

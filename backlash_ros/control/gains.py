@@ -1,0 +1,92 @@
+"""State-feedback gains: values, their design from LQR weights (eq 14), and the check that they are safe to use."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import control
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from backlash_ros.drivetrain import Drive, rigid_model
+
+_LARGEST = 1e6
+
+
+@dataclass(frozen=True)
+class Gains:
+    """State-feedback gains of eq 15: k1 (V/rad), k2 (V s/rad), k3 (V/A)."""
+
+    k1: float
+    k2: float
+    k3: float
+
+    @classmethod
+    def from_sequence(cls, name: str, k: Sequence[float]) -> Self:
+        """Build from ``[k1, k2, k3]``; a ValueError names ``name``, the offending gain and its bound."""
+        if len(k) != 3:
+            raise ValueError(f"{name} must be three gains [k1 V/rad, k2 V s/rad, k3 V/A], got {len(k)}")
+        for label, unit, value in zip(("k1", "k2", "k3"), ("V/rad", "V s/rad", "V/A"), k, strict=True):
+            if not abs(value) <= _LARGEST:
+                raise ValueError(f"{name}: {label} must be finite and within +-{_LARGEST:g} {unit}, got {value!r}")
+        if not k[0] > 0:
+            raise ValueError(f"{name}: k1 must be > 0 V/rad, got {k[0]!r}")
+        return cls(*(float(value) for value in k))
+
+    def as_array(self) -> NDArray[np.float64]:
+        """Return ``[k1, k2, k3]``, shape (3,)."""
+        return np.array([self.k1, self.k2, self.k3])
+
+
+@dataclass(frozen=True)
+class GainSet:
+    """The gains of both regions: ``fast`` for a large error, ``overdamped`` inside the backlash."""
+
+    fast: Gains
+    overdamped: Gains
+
+
+def design_gains(name: str, drive: Drive, weights: Sequence[float]) -> Gains:
+    """Design gains that minimise eq 14 on the rigid model (eq 9), control weight 1.
+
+    Parameters
+    ----------
+    name : how errors name the weights
+    weights : [Q11, Q22], on the squared position error (1/rad^2) and the squared speed (s^2/rad^2)
+
+    Raises
+    ------
+    ValueError
+        Unless there are two finite weights, Q11 > 0 and Q22 >= 0.
+
+    Examples
+    --------
+    >>> from backlash_ros.drivetrain import NOMINAL_DRIVE
+    >>> gains = design_gains("fast", NOMINAL_DRIVE, [1000.0, 1.0])
+    >>> print(f"{gains.k1:.3f} {gains.k2:.4f} {gains.k3:.4f}")
+    31.623 0.8718 0.1674
+    """
+    if len(weights) != 2:
+        raise ValueError(f"{name} must be two weights [Q11, Q22], got {len(weights)}")
+    q11, q22 = weights
+    if not 0 < q11 <= 1e12:
+        raise ValueError(f"{name}: Q11 must be > 0 and <= 1e+12, got {q11!r}")
+    if not 0 <= q22 <= 1e12:
+        raise ValueError(f"{name}: Q22 must be >= 0 and <= 1e+12, got {q22!r}")
+    a, b = rigid_model(drive)
+    k, _, _ = control.lqr(a, b[:, :1], np.diag([q11, q22, 0.0]), np.eye(1))
+    return Gains(*(float(value) for value in np.asarray(k)[0]))
+
+
+def check_stable(name: str, drive: Drive, gains: Gains, period: float) -> None:
+    """Raise ValueError unless ``gains``, sampled every ``period`` seconds, stabilise the rigid model (eq 9)."""
+    a, b = rigid_model(drive)
+    held = expm(np.block([[a, b[:, :1]], [np.zeros((1, 4))]]) * period)
+    poles = np.linalg.eigvals(held[:3, :3] - held[:3, 3:] @ gains.as_array()[None, :])
+    worst = float(np.max(np.abs(poles)))
+    if not worst < 1.0:
+        raise ValueError(
+            f"{name} = [{gains.k1:g}, {gains.k2:g}, {gains.k3:g}] is unstable at {1 / period:g} Hz even without "
+            f"backlash: pole magnitude must be < 1, got {worst:.4g}"
+        )

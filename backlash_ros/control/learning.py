@@ -1,0 +1,148 @@
+"""The learning unit: what to excite, what to wait for, when to stop, and what the backlash then is.
+
+The fast gains keep a limit cycle in the gap (paper, fig 4). The learner starts it with a step of the reference
+there and back, since a load at rest on one flank stays quiet, and measures it over several cycles. With both encoders
+the gap travel R1 theta_m - R2 theta_l gives the backlash directly. With the load encoder alone the amplitude is the
+load's share of the gap, J_r/(J_r + J_l) by momentum exchange; the paper takes the amplitude itself.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import ClassVar
+
+import numpy as np
+
+from backlash_ros.control.limit_cycle import Array, LimitCycle, find_limit_cycle, refine
+from backlash_ros.control.observer import OMEGA_L, OMEGA_M, THETA_L, THETA_M
+from backlash_ros.drivetrain import Drive, Validated, quantity
+
+
+class Method(Enum):
+    """How an estimate was made."""
+
+    GAP_TRAVEL = "gap_travel"
+    LOAD_AMPLITUDE = "load_amplitude"
+
+
+@dataclass(frozen=True)
+class BacklashEstimate:
+    """What learning found. ``angle`` (rad at the output) and the cycle's figures are 0 unless ``valid``."""
+
+    angle: float
+    method: Method
+    amplitude: float
+    period: float
+    cycles: int
+    valid: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class LearningSettings(Validated):
+    """How the learner excites and how long it waits."""
+
+    section: ClassVar[str] = "learning"
+
+    kick: float = quantity("reference step that starts the cycle", "rad", above=0, at_most=3.2, default=0.1)
+    kick_time: float = quantity("time the kick is held", "s", above=0, at_most=10, default=0.25)
+    settle_time: float = quantity("wait after the kick, before measuring", "s", at_least=0, at_most=10, default=0.5)
+    measure_time: float = quantity("longest record of one attempt", "s", above=0, at_most=60, default=2.0)
+    cycles: int = quantity("cycles that must repeat", "", at_least=3, at_most=1000, default=10)
+    attempts: int = quantity("kicks tried, in turn to either side", "", at_least=1, at_most=100, default=3)
+    resolution: float = quantity("smallest oscillation taken for a cycle", "rad", above=0, at_most=1, default=2e-4)
+    spread: float = quantity("largest (max - min)/mean over the cycles", "", above=0, at_most=1, default=0.25)
+
+
+class BacklashLearner:
+    """One run of the learning protocol: fed each sample's estimate, it answers the offset to put on the reference.
+
+    Parameters
+    ----------
+    drive : the drive, for its gear and its inertias
+    period : of the samples, s
+    """
+
+    def __init__(self, drive: Drive, settings: LearningSettings, period: float) -> None:
+        self.result: BacklashEstimate | None = None
+        self._drive = drive
+        self._settings = settings
+        self._period = period
+        self._method = Method.GAP_TRAVEL
+        self._tick = 0
+        self._attempt = 1
+        self._record: list[Array] = []
+        self._last_refusal = ""
+
+    def give_up(self, reason: str) -> None:
+        """End without an estimate, for ``reason``."""
+        self.result = BacklashEstimate(0.0, self._method, 0.0, 0.0, 0, False, f"no valid cycle: {reason}")
+
+    def update(self, estimate: Array, *, has_motor: bool, has_load: bool) -> float:
+        """Take the observer's estimate of one sample and return the reference offset, rad; 0 once there is a result.
+
+        ``has_motor`` and ``has_load`` say which encoders gave this sample.
+        """
+        if not has_load and self.result is None:
+            self.give_up("the load encoder is missing, and a motor encoder alone does not see the gap")
+        if self.result is not None:
+            return 0.0
+        if not has_motor:
+            self._method = Method.LOAD_AMPLITUDE
+        settings = self._settings
+        time = self._tick * self._period
+        self._tick += 1
+        if time < settings.kick_time:
+            return settings.kick if self._attempt % 2 else -settings.kick
+        since = time - settings.kick_time - settings.settle_time
+        if since >= 0:
+            self._record.append(estimate[: OMEGA_L + 1].copy())
+            if len(self._record) % max(1, round(0.1 / self._period)) == 0:
+                self._judge()
+            if self.result is None and since >= settings.measure_time:
+                self._next_attempt()
+        return 0.0
+
+    def _judge(self) -> None:
+        record = np.array(self._record)
+        gear = self._drive.gear
+        position, speed = record[:, THETA_L], record[:, OMEGA_L]
+        cycle = find_limit_cycle(position, speed, self._period)
+        if cycle is None or cycle.amplitude < self._settings.resolution:
+            self._last_refusal = (
+                f"the load comes to rest or moves less than {self._settings.resolution:g} rad; "
+                "a load torque or friction that keeps the teeth on one flank does this"
+            )
+            return
+        if self._method is Method.GAP_TRAVEL:
+            gap = gear.motor_radius * record[:, THETA_M] - gear.load_radius * position
+            rate = gear.motor_radius * record[:, OMEGA_M] - gear.load_radius * speed
+            travel = find_limit_cycle(position, speed, self._period, refine(gap, rate, self._period))
+            assert travel is not None  # the same cycles as above
+            angle, seen = travel.amplitude / gear.load_radius, travel
+        else:
+            angle, seen = cycle.amplitude / self._drive.motor_share, cycle
+        self._accept_if_periodic(angle, cycle, seen)
+
+    def _accept_if_periodic(self, angle: float, cycle: LimitCycle, seen: LimitCycle) -> None:
+        settings = self._settings
+        if cycle.cycles < settings.cycles:
+            self._last_refusal = f"only {cycle.cycles} of {settings.cycles} cycles within {settings.measure_time:g} s"
+        elif max(cycle.period_spread, seen.amplitude_spread) > settings.spread:
+            self._last_refusal = (
+                f"the cycles differ by {100 * cycle.period_spread:.0f} % in period and "
+                f"{100 * seen.amplitude_spread:.0f} % in amplitude, more than {100 * settings.spread:.0f} %"
+            )
+        else:
+            reason = (
+                f"{cycle.cycles} cycles of {cycle.period:.4g} s, {cycle.amplitude:.4g} rad peak to peak at the load"
+            )
+            self.result = BacklashEstimate(
+                angle, self._method, cycle.amplitude, cycle.period, cycle.cycles, True, reason
+            )
+
+    def _next_attempt(self) -> None:
+        if self._attempt == self._settings.attempts:
+            self.give_up(f"{self._last_refusal} (after {self._attempt} kicks of {self._settings.kick:g} rad)")
+        self._attempt += 1
+        self._tick = 0
+        self._record.clear()

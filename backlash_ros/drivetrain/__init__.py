@@ -1,0 +1,24 @@
+"""The plant: parameters, contact, equations of motion, integrator and the rigid linear model."""
+
+from backlash_ros.drivetrain.compiled import compiled
+from backlash_ros.drivetrain.integrator import IntegrationError
+from backlash_ros.drivetrain.parameters import NOMINAL_DRIVE, Drive, Gear, Load, Motor
+from backlash_ros.drivetrain.plant import Plant
+from backlash_ros.drivetrain.quantity import Quantity, Validated, quantities, quantity
+from backlash_ros.drivetrain.rigid import rigid_model
+
+__all__ = [
+    "NOMINAL_DRIVE",
+    "Drive",
+    "Gear",
+    "IntegrationError",
+    "Load",
+    "Motor",
+    "Plant",
+    "Quantity",
+    "Validated",
+    "compiled",
+    "quantities",
+    "quantity",
+    "rigid_model",
+]

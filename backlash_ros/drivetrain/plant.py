@@ -1,0 +1,101 @@
+"""A simulated drive that is stepped in time: the plant as Python callers use it."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from backlash_ros.drivetrain.dynamics import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, State, contact_of
+from backlash_ros.drivetrain.integrator import DEFAULT_TOLERANCE, DONE, STEP_TOO_SMALL, IntegrationError, advance
+from backlash_ros.drivetrain.parameters import Drive
+
+
+class Plant:
+    """The geared servo with its state, advanced under constant voltage and load torque.
+
+    Parameters
+    ----------
+    drive : the parameters
+    state : theta_m, omega_m, theta_l, omega_l, i; at rest in the middle of the gap by default
+    tolerance : of the integrator, per step
+
+    Examples
+    --------
+    >>> from backlash_ros.drivetrain import NOMINAL_DRIVE
+    >>> plant = Plant(NOMINAL_DRIVE)
+    >>> plant.advance(voltage=1.0, load_torque=0.0, duration=0.1)
+    >>> print(f"{plant.load_angle:.4f} rad after {plant.time:.1f} s")
+    0.1457 rad after 0.1 s
+    """
+
+    def __init__(
+        self, drive: Drive, state: Sequence[float] | None = None, tolerance: float = DEFAULT_TOLERANCE
+    ) -> None:
+        self.drive = drive
+        self.time = 0.0
+        self._constants = drive.constants()
+        self._state = np.zeros(5) if state is None else np.array(state, dtype=float)
+        if self._state.shape != (5,) or not np.all(np.isfinite(self._state)):
+            raise ValueError(f"state must be five finite numbers, got {state!r}")
+        self._step = np.zeros(1)
+        self._tolerance = tolerance
+
+    def advance(self, voltage: float, load_torque: float, duration: float) -> None:
+        """Advance by ``duration`` seconds; the voltage (V) is limited as the drive's supply limits it.
+
+        Raises
+        ------
+        ValueError
+            If an input is not finite or the duration is negative; the state is unchanged.
+        IntegrationError
+            If the equations cannot be integrated; the state is the last good one.
+        """
+        for name, value, unit in (("voltage", voltage, "V"), ("load_torque", load_torque, "N m")):
+            if not math.isfinite(value):
+                raise ValueError(f"{name} must be finite, in {unit}, got {value!r}")
+        if not 0 <= duration < math.inf:
+            raise ValueError(f"duration must be >= 0 s and finite, got {duration!r}")
+        limit = self.drive.motor.voltage_limit
+        limited = min(max(voltage, -limit), limit)
+        status, passed = advance(
+            self._constants, self._state, self._step, limited, load_torque, duration, self._tolerance
+        )
+        self.time += passed
+        if status != DONE:
+            reason = "the step size fell below rounding" if status == STEP_TOO_SMALL else "too many steps"
+            raise IntegrationError(reason, self.time, self._state)
+
+    @property
+    def state(self) -> State:
+        """A copy of the state, shape (5,), in the order of `dynamics.STATE_NAMES`."""
+        return self._state.copy()
+
+    @property
+    def motor_angle(self) -> float:
+        """theta_m, rad."""
+        return float(self._state[THETA_M])
+
+    @property
+    def motor_speed(self) -> float:
+        """omega_m, rad/s."""
+        return float(self._state[OMEGA_M])
+
+    @property
+    def motor_torque(self) -> float:
+        """K_m i, N m."""
+        return self.drive.motor.torque_constant * float(self._state[CURRENT])
+
+    @property
+    def load_angle(self) -> float:
+        """theta_l, rad."""
+        return float(self._state[THETA_L])
+
+    @property
+    def load_speed(self) -> float:
+        """omega_l, rad/s."""
+        return float(self._state[OMEGA_L])
+
+    @property
+    def gear_torque(self) -> float:
+        """Torque R2 F that the teeth put on the load, N m."""
+        return self.drive.gear.load_radius * contact_of(self._constants, self._state)[0]

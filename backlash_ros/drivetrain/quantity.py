@@ -1,0 +1,74 @@
+"""Validated physical quantities: what a parameter means, its unit and its bounds, said once.
+
+A frozen dataclass whose fields are made with `quantity` checks every one of them when it is built; the
+nodes read the same descriptions for their ROS parameters, and the documentation for its tables.
+"""
+
+import math
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """Description, unit and bounds of one number.
+
+    The bound is ``lower <= value <= upper``, or ``lower < value`` where ``open_lower``.
+    """
+
+    description: str
+    unit: str
+    lower: float
+    upper: float
+    open_lower: bool = False
+
+    @property
+    def bound(self) -> str:
+        """The bound in words, with the unit."""
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{'>' if self.open_lower else '>='} {self.lower:g}{unit} and <= {self.upper:g}{unit}"
+
+    def check(self, name: str, value: float) -> None:
+        """Raise ValueError, naming ``name``, the value, the bound and the unit, unless within bounds."""
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not number or not math.isfinite(value):
+            raise ValueError(f"{name} must be a finite number{f' in {self.unit}' if self.unit else ''}, got {value!r}")
+        below = value <= self.lower if self.open_lower else value < self.lower
+        if below or value > self.upper:
+            raise ValueError(f"{name} must be {self.bound}, got {value!r}")
+
+
+def quantity(
+    description: str,
+    unit: str,
+    *,
+    above: float | None = None,
+    at_least: float = 0.0,
+    at_most: float,
+    default: Any = ...,
+) -> Any:
+    """Make a dataclass field for a number with a meaning, a unit and bounds (``above`` is a strict lower bound)."""
+    lower = at_least if above is None else above
+    described = Quantity(description, unit, lower, at_most, above is not None)
+    if default is ...:
+        return field(metadata={"quantity": described})
+    return field(metadata={"quantity": described}, default=default)
+
+
+@dataclass(frozen=True)
+class Validated:
+    """Base of parameter values: checks each `quantity` field on construction.
+
+    ``section`` is the prefix under which errors name the fields, as the ROS parameters do.
+    """
+
+    section: ClassVar[str] = ""
+
+    def __post_init__(self) -> None:
+        for name, described in quantities(type(self)).items():
+            described.check(f"{self.section}.{name}" if self.section else name, getattr(self, name))
+
+
+def quantities(kind: type[Validated]) -> dict[str, Quantity]:
+    """Return the quantities of a validated dataclass by field name."""
+    return {f.name: f.metadata["quantity"] for f in fields(kind) if "quantity" in f.metadata}

@@ -1,0 +1,346 @@
+"""The demo: a geared servo rattles, learns its backlash and stops rattling, on real DDS, recorded and judged.
+
+Simulator, controller and recorder run as separate processes, on a domain of their own and on this machine only.
+All figures come from the bag that was recorded.
+"""
+
+import argparse
+import json
+import math
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from rich.console import Console
+from rich.table import Table
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+
+from backlash_ros.analysis.bag import read_bag
+from backlash_ros.analysis.metrics import StepResponse
+from backlash_ros.analysis.session import LABELS, Interval, judge_load_step, judge_step, plot_session, swap_delay
+from backlash_ros.control import design_gains
+from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.nodes.domain import isolated_environment, own_domain
+from backlash_ros.nodes.interface import RECEIVE, SEND
+from backlash_ros.nodes.recorder import TOPICS
+
+BRISK = {"fast": [1000.0, 1.0], "overdamped": [16.0, 0.0]}
+"""LQR weights of the gain set that the demo swaps to: over-damped gains of twice the stiffness."""
+
+LOAD_TORQUE = 0.1
+_HOLD = 4.0
+_PATIENCE = 30.0
+
+
+class DemoError(RuntimeError):
+    """The demo could not go on; the text says what was waited for."""
+
+
+class Session:
+    """The running system seen from outside: what a user does with topics, services and parameters."""
+
+    def __init__(self, node: Node, children: dict[str, subprocess.Popen[bytes]]) -> None:
+        self._node = node
+        self._children = children
+        self._executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
+        self._executor.add_node(node)
+        self.angle = math.nan
+        self.speed = math.nan
+        self.reference = node.create_publisher(Float64, "reference", SEND)
+        self.load_torque = node.create_publisher(Float64, "load_torque", SEND)
+        self._closed = False
+        node.create_subscription(JointState, "joint_states", self._on_joint_states, RECEIVE)
+        node.create_subscription(Float64, "controller/tracking_error", self._on_error, RECEIVE)
+        self._learn = node.create_client(Trigger, "controller/learn")
+        self._parameters = AsyncParameterClient(node, "controller")
+
+    def _on_joint_states(self, message: JointState) -> None:
+        k = message.name.index("load")
+        self.angle, self.speed = message.position[k], message.velocity[k]
+
+    def _on_error(self, _message: Float64) -> None:
+        self._closed = True
+
+    def wait(self, what: str, condition: Callable[[], bool], seconds: float = _PATIENCE) -> None:
+        """Spin until ``condition`` holds; DemoError when it does not within ``seconds`` or a process has ended."""
+        end = time.monotonic() + seconds
+        while not condition():
+            for name, child in self._children.items():
+                if child.poll() is not None:
+                    raise DemoError(f"{name} ended with code {child.returncode}")
+            if time.monotonic() > end:
+                raise DemoError(f"waited {seconds:g} s for {what}")
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def pause(self, seconds: float) -> None:
+        """Let the loop run for ``seconds``."""
+        end = time.monotonic() + seconds
+        self.wait("time to pass", lambda: time.monotonic() >= end, seconds + _PATIENCE)
+
+    def _result(self, what: str, future: Future) -> Any:
+        self.wait(what, future.done)
+        return future.result()
+
+    def ready(self) -> None:
+        """Wait until every process takes part."""
+        self.wait("the drive's joint states", lambda: not math.isnan(self.angle))
+        self.wait("the controller to answer them", lambda: self._closed)
+        self.wait("the controller's services", self._learn.service_is_ready)
+        self.wait("the controller's parameters", self._parameters.services_are_ready)
+        for topic in TOPICS[:-2]:
+            self.wait(f"the recorder on {topic}", partial(self._recorded, topic))
+
+    def _recorded(self, topic: str) -> bool:
+        subscriptions = self._node.get_subscriptions_info_by_topic(self._node.resolve_topic_name(topic))
+        return any(endpoint.node_name == "recorder" for endpoint in subscriptions)
+
+    def learn(self) -> tuple[bool, str]:
+        """Call ``~/learn`` and return its answer."""
+        response = self._result("the learner", self._learn.call_async(Trigger.Request()))
+        return response.success, response.message
+
+    def get(self, name: str) -> Any:
+        """Return a parameter of the controller."""
+        values = self._result(f"parameter {name}", self._parameters.get_parameters([name])).values
+        return rclpy.parameter.parameter_value_to_python(values[0])
+
+    def set(self, **parameters: Any) -> tuple[bool, str]:
+        """Set parameters of the controller, all or none."""
+        request = [Parameter(name, value=value) for name, value in parameters.items()]
+        result = self._result("parameters", self._parameters.set_parameters_atomically(request)).result
+        return result.successful, result.reason
+
+    def must_set(self, **parameters: Any) -> None:
+        """Set parameters that cannot be refused."""
+        accepted, reason = self.set(**parameters)
+        if not accepted:
+            raise DemoError(f"the controller refused {parameters}: {reason}")
+
+    def move(self, target: float) -> float:
+        """Send a reference and return when, s since the epoch."""
+        now = time.time()
+        self.reference.publish(Float64(data=target))
+        return now
+
+    def settle_at(self, target: float) -> None:
+        """Go to ``target`` with the two-region law and wait for rest."""
+        self.must_set(law="two_region", gain_set="nominal")
+        self.move(target)
+        b = NOMINAL_DRIVE.gear.backlash_angle
+        self.wait("rest", lambda: abs(self.angle - target) < 0.5 * b and abs(self.speed) < 0.01)
+        self.pause(0.5)
+
+    def step(self, law: str, target: float = 1.0) -> Interval:
+        """Step from 0 to ``target`` with ``law`` and hold."""
+        self.settle_at(0.0)
+        self.must_set(law=law)
+        start = self.move(target)
+        self.pause(_HOLD)
+        return Interval(start, time.time(), target)
+
+
+def _gain_set_arguments() -> list[str]:
+    arguments = ["gain_set_names:=[nominal, brisk]"]
+    arguments += [f"gain_sets.brisk.{region}.q:={weights}" for region, weights in BRISK.items()]
+    return [word for argument in arguments for word in ("-p", argument)]
+
+
+def start_node(name: str, domain: int, log: Path, *ros_arguments: str) -> subprocess.Popen[bytes]:
+    """Start a node of this package as a process of its own."""
+    command = [sys.executable, "-m", f"backlash_ros.nodes.{name}", "--ros-args", *ros_arguments]
+    with log.open("wb") as output:
+        return subprocess.Popen(
+            command, env={**os.environ, **isolated_environment(domain)}, stdout=output, stderr=subprocess.STDOUT
+        )
+
+
+def stop_node(process: subprocess.Popen[bytes]) -> int:
+    """End a node as Ctrl-C does and return its exit code; killed if it does not end in time."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    try:
+        return process.wait(timeout=15)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.wait()
+
+
+def perform(session: Session, say: Callable[[str], None]) -> dict[str, Any]:
+    """Do what the demo shows; return when each part was."""
+    say("waiting for simulator, controller and recorder to find each other")
+    session.ready()
+    say("learning the backlash: the fast gains keep up a limit cycle in the gap")
+    valid, answer = session.learn()
+    say(f"  {answer}")
+    if not valid:
+        raise DemoError(f"the backlash was not learned: {answer}")
+    script: dict[str, Any] = {"learned": (valid, answer, session.get("backlash_angle")), "steps": {}}
+    for law in LABELS:
+        say(f"step 0 to 1 rad: {LABELS[law]}")
+        script["steps"][law] = session.step(law)
+    say("swapping the gain set while the load moves")
+    session.settle_at(0.0)
+    session.must_set(law="overdamped")
+    start = session.move(1.0)
+    session.wait("the load to move", lambda: session.angle > 0.3)
+    accepted, reason = session.set(gain_set="brisk")
+    session.pause(1.0)
+    script["swap"] = accepted, reason, Interval(start, time.time(), 1.0)
+    say(f"putting {LOAD_TORQUE:g} N m on the load")
+    session.settle_at(1.0)
+    now = time.time()
+    session.load_torque.publish(Float64(data=LOAD_TORQUE))
+    session.pause(2.5)
+    script["load"] = Interval(now, time.time(), 1.0)
+    return script
+
+
+def judge(script: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Read the bag and judge it; write the figure and return the summary."""
+    drive = NOMINAL_DRIVE
+    recording = read_bag(folder / "bag")
+    valid, answer, angle = script["learned"]
+    accepted, _, interval = script["swap"]
+    swapped = next(
+        (t for t, name, value in recording.parameters if (name, value.string_value) == ("gain_set", "brisk")), math.nan
+    )
+    before, after = (design_gains("q", drive, q) for q in ([4.0, 0.0], BRISK["overdamped"]))
+    plot_session(recording, script["steps"], script["load"], drive, angle, folder / "step_response.png")
+    return {
+        "learned": {
+            "backlash_angle": angle,
+            "true_backlash_angle": drive.gear.backlash_angle,
+            "method": "gap_travel" if "gap_travel" in answer else "load_amplitude",
+            "valid": valid,
+        },
+        "responses": {law: asdict(judge_step(recording, part, drive)) for law, part in script["steps"].items()},
+        "gain_swap": {
+            "accepted": accepted,
+            "applied_after": swap_delay(recording, swapped, before, after, interval, drive.motor.torque_constant),
+        },
+        "load_torque": asdict(judge_load_step(recording, script["load"], LOAD_TORQUE, drive)),
+        "bag": "bag",
+        "messages": recording.messages,
+    }
+
+
+def show(summary: dict[str, Any], console: Console) -> None:
+    """Print the summary as a table."""
+    table = Table(title="Step of 1 rad, nominal drive, 250 Hz")
+    for heading in ("law", "rise time, s", "overshoot / b", "residual peak to peak / b", "impacts after the switch"):
+        table.add_column(heading, justify="left" if heading == "law" else "right")
+    for law, response in summary["responses"].items():
+        figures = StepResponse(**response)
+        table.add_row(
+            LABELS[law],
+            f"{figures.rise_time:.3f}",
+            f"{figures.overshoot:.3f}",
+            f"{figures.residual:.3f}",
+            str(figures.impacts),
+        )
+    console.print(table)
+    learned, swap, load = summary["learned"], summary["gain_swap"], summary["load_torque"]
+    true = learned["true_backlash_angle"]
+    console.print(
+        f"learned b = {learned['backlash_angle']:.5f} rad, true b = {true:.5f} rad "
+        f"({100 * (learned['backlash_angle'] / true - 1):+.1f} %), by {learned['method']}"
+    )
+    console.print(f"gain set swapped while moving: in use {1e3 * swap['applied_after']:.2f} ms after it was accepted")
+    console.print(
+        f"load torque {load['torque']:g} N m: estimated {load['estimate']:.3f} N m, "
+        f"largest error {load['largest_error']:.2f} b, final error {load['final_error']:.3f} b"
+    )
+
+
+def record(folder: Path, console: Console) -> dict[str, Any]:
+    """Run the whole demo into ``folder`` and return the summary."""
+    began = time.monotonic()
+
+    def say(text: str) -> None:
+        console.print(f"[{time.monotonic() - began:5.1f} s] {text}", markup=False, highlight=False)
+
+    with ExitStack() as stack:
+        domain = stack.enter_context(own_domain())
+        os.environ.update(isolated_environment(domain))
+        say(f"starting simulator, controller and recorder on ROS domain {domain}, this machine only")
+        children: dict[str, subprocess.Popen[bytes]] = {}
+        for name, arguments in (
+            ("recorder", ("-p", f"output:={folder / 'bag'}")),
+            ("plant_simulator", ()),
+            ("controller", tuple(_gain_set_arguments())),
+        ):
+            child = start_node(name, domain, folder / f"{name}.log", *arguments)
+            children[name] = child
+            stack.callback(stop_node, child)
+        context = rclpy.Context()
+        rclpy.init(context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+        stack.callback(context.try_shutdown)
+        node = Node("demo", context=context)
+        stack.callback(node.destroy_node)
+        script = perform(Session(node, children), say)
+        for name, child in reversed(children.items()):  # controller first: 0 V goes out while everybody listens
+            if (code := stop_node(child)) != 0:
+                raise DemoError(f"{name} ended with code {code}")
+    say("reading the bag")
+    return judge(script, folder)
+
+
+def put_in_place(finished: Path, out: Path) -> None:
+    """Put the finished results in place of older ones, all at once as far as folders go."""
+    if out.exists():
+        shutil.rmtree(out)
+    finished.rename(out)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the demo; results appear in the folder given with --out only when they are complete."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("results/demo"), help="folder for the results (replaced)")
+    out = parser.parse_args(args).out
+    console = Console(soft_wrap=True)
+    if out.exists() and not (out / "summary.json").is_file() and any(out.iterdir()):
+        console.print(f"--out must be a new or empty folder or an earlier demo's, got {out}")
+        return 2
+    out.parent.mkdir(parents=True, exist_ok=True)
+    folder = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+    try:
+        summary = record(folder.resolve(), console)
+        (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+        put_in_place(folder, out)
+    except KeyboardInterrupt:
+        console.print("stopped; nothing was written")
+        return 130
+    except DemoError as error:
+        console.print(f"failed: {error}")
+        for log in sorted(folder.glob("*.log")):
+            console.print(f"--- {log.stem}\n{log.read_text()[-2000:]}", markup=False, highlight=False)
+        return 1
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    show(summary, console)
+    console.print(
+        f"written: {out / 'summary.json'}, {out / 'step_response.png'}, bag in {out / 'bag'}", highlight=False
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,88 @@
+"""Gains as parameters: what a request for some of them means for all of them.
+
+``gains.<region>.k`` is always what is in use. ``gains.<region>.q`` are the LQR weights it was designed from, [0, 0]
+where it was given as numbers. ``gain_set`` names the set that both came from, ``custom`` where they came one by one.
+Choosing a set sets its gains; setting gains makes the set custom; setting weights designs the gains.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from backlash_ros.control import Gains, GainSet, check_stable, design_gains
+from backlash_ros.drivetrain import Drive
+
+CUSTOM = "custom"
+REGIONS = ("fast", "overdamped")
+DEFAULT_WEIGHTS: dict[str, list[float]] = {"fast": [1000.0, 1.0], "overdamped": [4.0, 0.0]}
+NO_WEIGHTS = [0.0, 0.0]
+
+NamedSets = Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]
+"""Set name -> region -> {"q": weights} or {"k": gains}."""
+
+
+def _given(weights: Sequence[float]) -> bool:
+    return any(value != 0 for value in weights)
+
+
+def resolve_set(name: str, chosen: Mapping[str, Mapping[str, Sequence[float]]], drive: Drive) -> dict[str, list[float]]:
+    """Return the parameters that a named set stands for; ValueError where it gives no or two kinds of gains."""
+    values: dict[str, list[float]] = {}
+    for region in REGIONS:
+        q, k = chosen[region]["q"], chosen[region]["k"]
+        where = f"gain_sets.{name}.{region}"
+        if _given(q) == any(value != 0 for value in k):
+            raise ValueError(f"{where}: give either k (gains) or q (LQR weights), got k = {list(k)} and q = {list(q)}")
+        gains = design_gains(f"{where}.q", drive, q) if _given(q) else Gains.from_sequence(f"{where}.k", k)
+        values[f"gains.{region}.k"] = list(gains.as_array())
+        values[f"gains.{region}.q"] = list(q)
+    return values
+
+
+def expand(changes: Mapping[str, Any], sets: Mapping[str, Mapping[str, list[float]]], drive: Drive) -> dict[str, Any]:
+    """Return ``changes`` with what follows from them; ValueError where weights cannot be designed for."""
+    full = dict(changes)
+    chosen = sets.get(full.get("gain_set", ""))
+    if chosen is not None:
+        full = {**chosen, **full}
+    for region in REGIONS:
+        k, q = f"gains.{region}.k", f"gains.{region}.q"
+        if q in full and _given(full[q]) and k not in full:
+            full[k] = list(design_gains(q, drive, full[q]).as_array())
+        elif k in full and q not in full:
+            full[q] = list(NO_WEIGHTS)
+        if (k in full or q in full) and "gain_set" not in full:
+            full["gain_set"] = CUSTOM
+    return full
+
+
+def gain_set_of(
+    values: Mapping[str, Any], sets: Mapping[str, Mapping[str, list[float]]], drive: Drive, period: float
+) -> GainSet:
+    """Return the gains that a complete candidate stands for.
+
+    Raises
+    ------
+    ValueError
+        Names the parameter: unknown set, gains that are not those of the named set or not those of the weights,
+        gains out of bounds, or gains that the sampled loop is unstable with.
+    """
+    name = values["gain_set"]
+    if name != CUSTOM and name not in sets:
+        raise ValueError(f"gain_set must be one of {[*sets, CUSTOM]}, got {name!r}")
+    gains = {}
+    for region in REGIONS:
+        k, q = f"gains.{region}.k", f"gains.{region}.q"
+        gains[region] = Gains.from_sequence(k, values[k])
+        if len(values[q]) != 2 or _given(values[q]):
+            designed = design_gains(q, drive, values[q]).as_array()
+            if not np.allclose(designed, values[k], rtol=1e-6, atol=1e-9):
+                raise ValueError(
+                    f"{k} = {list(values[k])} does not follow from {q} = {list(values[q])}; set one of the two"
+                )
+        for key in (k, q):
+            if name != CUSTOM and list(values[key]) != list(sets[name][key]):
+                raise ValueError(f"{key} = {list(values[key])} is not that of gain_set {name!r}: {sets[name][key]}")
+        check_stable(k, drive, gains[region], period)
+    return GainSet(gains["fast"], gains["overdamped"])

@@ -1,0 +1,94 @@
+"""The interface between drive and controller: topics, quality of service, and what a JointState says."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import JointState
+
+from backlash_ros.nodes.parameters import describe
+
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+"""The clock of beats and watchdogs: it neither jumps nor stops with ROS time."""
+
+SEND = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=10)
+"""Of every publisher: whoever wants to miss nothing, a recorder say, can ask for reliable delivery."""
+
+RECEIVE = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1)
+"""Of every subscription to control data: the newest sample, no resending of old ones."""
+
+LATCHED = QoSProfile(
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+)
+"""Of values that hold until they change: a late subscriber gets the last one."""
+
+
+def overridable() -> QoSOverridingOptions:
+    """Let the user override a topic's quality of service with ``qos_overrides`` parameters."""
+    return QoSOverridingOptions.with_default_policies()
+
+
+def declare_joints(node: Node) -> tuple[str, str]:
+    """Declare and return the names of the motor's and the load's joint."""
+    names = []
+    for side in ("motor", "load"):
+        text = f"name of the {side}'s joint in joint_states"
+        names.append(node.declare_parameter(f"{side}_joint", side, describe(text, read_only=True)).value)
+    motor, load = names
+    if not motor or not load or motor == load:
+        raise ValueError(f"motor_joint and load_joint must be two different names, got {motor!r} and {load!r}")
+    return motor, load
+
+
+class BadSampleError(ValueError):
+    """A message that cannot be used; the text says why."""
+
+
+def read_joint_state(
+    message: JointState, motor_joint: str, load_joint: str, torque_constant: float
+) -> NDArray[np.float64]:
+    """Return theta_m, omega_m, i, theta_l, omega_l (rad, rad/s, A) of a message, nan where it does not say.
+
+    Joints are found by name, in any order, others ignored; either may be absent; velocity and effort may be empty.
+
+    Raises
+    ------
+    BadSampleError
+        If both joints are absent, one stands there twice, an array has the wrong length or a value is not finite.
+    """
+    count = len(message.name)
+    if len(message.position) != count:
+        raise BadSampleError(f"{count} names but {len(message.position)} positions")
+    for field in ("velocity", "effort"):
+        if len(getattr(message, field)) not in (0, count):
+            raise BadSampleError(f"{count} names but {len(getattr(message, field))} values of {field}")
+    measured = np.full(5, math.nan)
+    seen = False
+    for joint, angle, speed in ((motor_joint, 0, 1), (load_joint, 3, 4)):
+        places = [k for k, name in enumerate(message.name) if name == joint]
+        if len(places) > 1:
+            raise BadSampleError(f"joint {joint!r} stands {len(places)} times in one message")
+        for k in places:
+            seen = True
+            measured[angle] = message.position[k]
+            if message.velocity:
+                measured[speed] = message.velocity[k]
+            if message.effort and joint == motor_joint:
+                measured[2] = message.effort[k] / torque_constant
+            if not math.isfinite(measured[angle]):
+                raise BadSampleError(f"position of joint {joint!r} is {message.position[k]}")
+            if message.velocity and not math.isfinite(message.velocity[k]):
+                raise BadSampleError(f"velocity of joint {joint!r} is {message.velocity[k]}")
+            if message.effort and not math.isfinite(message.effort[k]):
+                raise BadSampleError(f"effort of joint {joint!r} is {message.effort[k]}")
+    if not seen:
+        raise BadSampleError(f"neither joint {motor_joint!r} nor {load_joint!r} among {list(message.name)}")
+    return measured

@@ -1,0 +1,80 @@
+"""The service ``~/learn``, whose answer takes seconds: served beside the control loop, which goes on meanwhile.
+
+A service callback that waits would stop the node's executor, and a coroutine as callback is lost by rclpy's events
+executor (ros2/rclpy issue 1473). So the service lives on a hidden node with an executor and a thread of its own.
+"""
+
+import threading
+
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from backlash_ros.control import BacklashEstimate
+
+
+class LearnService:
+    """Hands requests to the control loop and its answer back.
+
+    The loop calls `take_request` on each sample and `answer` once for each request taken.
+    """
+
+    def __init__(self, owner: Node) -> None:
+        self._asked = threading.Event()
+        self._answered = threading.Event()
+        self._response = (False, "")
+        self._closed = False
+        self._node = Node(
+            f"_{owner.get_name()}_learn",
+            context=owner.context,
+            namespace=owner.get_namespace(),
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._node.create_service(Trigger, owner.resolve_service_name("~/learn"), self._serve)
+        self._executor = SingleThreadedExecutor(context=owner.context)
+        self._executor.add_node(self._node)
+        self._thread = threading.Thread(target=self._spin, name="learn service")
+        self._thread.start()
+
+    def _spin(self) -> None:
+        try:
+            while not self._closed:
+                self._executor.spin_once(timeout_sec=0.2)
+        except ExternalShutdownException:
+            pass
+
+    def _serve(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._answered.clear()
+        self._asked.set()
+        self._answered.wait()
+        response.success, response.message = self._response
+        return response
+
+    def take_request(self) -> bool:
+        """Whether somebody has asked since the last call."""
+        if not self._asked.is_set():
+            return False
+        self._asked.clear()
+        return True
+
+    def answer(self, success: bool, message: str) -> None:
+        """Answer the request that is waiting."""
+        self._response = (success, message)
+        self._answered.set()
+
+    def close(self, reason: str) -> None:
+        """Refuse what is waiting and end the thread."""
+        self.answer(False, reason)
+        self._closed = True
+        self._thread.join()
+        self._executor.remove_node(self._node)
+        self._node.destroy_node()
+
+
+def describe_estimate(estimate: BacklashEstimate) -> str:
+    """Return the answer's text: the estimate and how it was made, or why there is none."""
+    if not estimate.valid:
+        return estimate.reason
+    return f"backlash {estimate.angle:.6g} rad at the output, by {estimate.method.value}, from {estimate.reason}"

@@ -1,0 +1,50 @@
+"""A learning run offline: the servo with its learner against the simulated drive."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from backlash_ros.control import BacklashEstimate, Servo, ServoSettings
+from backlash_ros.drivetrain import Drive, Plant
+
+ALL_MEASURED = (True, True, True, True, True)
+
+
+def learn_backlash(
+    drive: Drive,
+    settings: ServoSettings,
+    *,
+    load_torque: float = 0.0,
+    measured: Sequence[bool] = ALL_MEASURED,
+) -> BacklashEstimate:
+    """Let the learner measure a simulated drive and return what it found.
+
+    Parameters
+    ----------
+    drive, settings : as for the controller node
+    load_torque : on the output shaft throughout, N m
+    measured : which of theta_m, omega_m, i, theta_l, omega_l the drive measures
+
+    Examples
+    --------
+    >>> from backlash_ros.control import GainSet, design_gains
+    >>> from backlash_ros.drivetrain import NOMINAL_DRIVE
+    >>> gains = GainSet(
+    ...     fast=design_gains("fast", NOMINAL_DRIVE, [1000, 1]),
+    ...     overdamped=design_gains("overdamped", NOMINAL_DRIVE, [4, 0]),
+    ... )
+    >>> estimate = learn_backlash(NOMINAL_DRIVE, ServoSettings(gains))
+    >>> estimate.valid, round(estimate.angle, 3)
+    (True, 0.02)
+    """
+    servo, plant = Servo(drive, settings), Plant(drive)
+    missing = np.array([0.0 if seen else math.nan for seen in measured])
+    servo.start_learning()
+    while True:
+        theta_m, omega_m, theta_l, omega_l, current = plant.state
+        voltage = servo.update(np.array([theta_m, omega_m, current, theta_l, omega_l]) + missing)
+        estimate = servo.take_learned()
+        if estimate is not None:
+            return estimate
+        plant.advance(voltage, load_torque, settings.period)

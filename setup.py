@@ -1,0 +1,54 @@
+"""Package for ament_python (colcon) and for pip."""
+
+from glob import glob
+from importlib.util import find_spec
+
+from setuptools import find_packages, setup
+
+NAME = "backlash_ros"
+
+# Where ROS is installed, rclpy and the messages come from there. Where it is not, from wheels.
+ROS_WHEELS = [
+    "ros-rclpy[fastrtps]>=7.1.6,<8",
+    "ros-rcl-interfaces>=2.0.3,<3",
+    "ros-sensor-msgs>=5.3.6,<6",
+    "ros-std-msgs>=5.3.6,<6",
+    "ros-std-srvs>=5.3.6,<6",
+]
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Servo control of geared drives with backlash, on ROS 2",
+    license="Apache-2.0",
+    author="backlash_ros maintainers",
+    maintainer="backlash_ros maintainers",
+    maintainer_email="maintainers@backlash-ros.example.org",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    python_requires=">=3.10",
+    install_requires=[
+        "control>=0.10",
+        "matplotlib>=3.6",
+        "numba>=0.58",
+        "numpy>=1.26",
+        "rich>=13",
+        "rosbags>=0.11",
+        "scipy>=1.11",
+        *(ROS_WHEELS if find_spec("rclpy") is None else []),
+    ],
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/config", glob("config/*.yaml")),
+        (f"share/{NAME}/launch", glob("launch/*.launch.py")),
+    ],
+    entry_points={
+        "console_scripts": [
+            f"plant_simulator = {NAME}.nodes.plant_simulator:main",
+            f"controller = {NAME}.nodes.controller:main",
+            f"recorder = {NAME}.nodes.recorder:main",
+            f"demo = {NAME}.nodes.demo:main",
+        ],
+    },
+    zip_safe=False,
+)
