@@ -1,0 +1,48 @@
+"""Imports point one way, and only the nodes know ROS."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[2] / "backlash_ros"
+ROOMS = ["drivetrain", "control", "simulation", "analysis", "nodes"]
+MAY_IMPORT = {
+    "drivetrain": {"drivetrain"},
+    "control": {"control", "drivetrain"},
+    "simulation": {"simulation", "control", "drivetrain"},
+    "analysis": {"analysis", "simulation", "control", "drivetrain"},
+    "nodes": set(ROOMS),
+}
+ROS = {"rclpy", "rcl_interfaces", "sensor_msgs", "std_msgs", "std_srvs", "diagnostic_msgs", "lifecycle_msgs", "launch"}
+
+
+def imported(source: Path) -> set[str]:
+    names = set()
+    for node in ast.walk(ast.parse(source.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{source}: relative import"
+            names.add(node.module or "")
+    return names
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_imports_point_one_way(room: str) -> None:
+    sources = sorted((PACKAGE / room).glob("*.py"))
+    assert sources
+    for source in sources:
+        for name in imported(source):
+            parts = name.split(".")
+            if parts[0] == "backlash_ros" and len(parts) > 1:
+                assert parts[1] in MAY_IMPORT[room], f"{source.name} imports {name}"
+            if room != "nodes":
+                assert parts[0] not in ROS, f"{source.name} imports {name}"
+
+
+@pytest.mark.parametrize("source", sorted(PACKAGE.rglob("*.py")), ids=lambda path: path.name)
+def test_every_file_says_in_its_first_line_why_it_exists(source: Path) -> None:
+    first = (ast.get_docstring(ast.parse(source.read_text())) or "").splitlines()
+    assert first
+    assert len(first[0]) > 20

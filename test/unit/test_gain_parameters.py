@@ -1,0 +1,68 @@
+"""What a request for some gain parameters means for all of them."""
+
+import pytest
+
+from backlash_ros.control import design_gains
+from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.nodes.gain_parameters import CUSTOM, expand, gain_set_of, resolve_set
+
+WEIGHTS = {"fast": {"q": [1000.0, 1.0], "k": [0.0] * 3}, "overdamped": {"q": [4.0, 0.0], "k": [0.0] * 3}}
+NUMBERS = {"fast": {"q": [0.0, 0.0], "k": [20.0, 0.6, 0.1]}, "overdamped": {"q": [0.0, 0.0], "k": [1.5, 0.03, 0.0]}}
+SETS = {
+    "nominal": resolve_set("nominal", WEIGHTS, NOMINAL_DRIVE),
+    "gentle": resolve_set("gentle", NUMBERS, NOMINAL_DRIVE),
+}
+START = {"gain_set": "nominal", **SETS["nominal"]}
+
+
+def request(**changes: object) -> dict[str, object]:
+    return {**START, **expand({k.replace("__", "."): v for k, v in changes.items()}, SETS, NOMINAL_DRIVE)}
+
+
+def check(values: dict[str, object]) -> object:
+    return gain_set_of(values, SETS, NOMINAL_DRIVE, 0.004)
+
+
+def test_choosing_a_set_sets_its_gains() -> None:
+    values = request(gain_set="gentle")
+    assert values["gains.fast.k"] == [20.0, 0.6, 0.1]
+    assert values["gains.fast.q"] == [0.0, 0.0]
+    assert check(values).overdamped.k1 == 1.5
+
+
+def test_setting_gains_makes_the_set_custom_and_the_weights_void() -> None:
+    values = request(gains__fast__k=[25.0, 0.7, 0.1])
+    assert values["gain_set"] == CUSTOM
+    assert values["gains.fast.q"] == [0.0, 0.0]
+    assert values["gains.overdamped.q"] == [4.0, 0.0]
+    assert check(values).fast.k1 == 25.0
+
+
+def test_setting_weights_designs_the_gains() -> None:
+    values = request(gains__overdamped__q=[9.0, 0.0])
+    assert values["gain_set"] == CUSTOM
+    assert check(values).overdamped == design_gains("q", NOMINAL_DRIVE, [9.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"gain_set": "nosuch"}, r"gain_set must be one of \['nominal', 'gentle', 'custom'\], got 'nosuch'"),
+        (
+            {"gain_set": "gentle", "gains__fast__k": [1.0, 0.0, 0.0]},
+            r"gains.fast.k = .* is not that of gain_set 'gentle'",
+        ),
+        ({"gains__fast__k": [1.0, 0.1, 0.0], "gains__fast__q": [4.0, 0.0]}, "does not follow from gains.fast.q"),
+        ({"gains__fast__k": [1e5, 0.0, 0.0]}, r"gains.fast.k = .* is unstable at 250 Hz"),
+        ({"gains__overdamped__k": [1.0]}, "gains.overdamped.k must be three gains"),
+    ],
+)
+def test_requests_that_contradict_themselves_are_refused(changes: dict[str, object], says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        check(request(**changes))
+
+
+@pytest.mark.parametrize("chosen", [{"q": [0.0, 0.0], "k": [0.0] * 3}, {"q": [4.0, 0.0], "k": [1.0, 0.1, 0.0]}])
+def test_a_named_set_gives_either_gains_or_weights(chosen: dict[str, list[float]]) -> None:
+    with pytest.raises(ValueError, match=r"gain_sets.odd.fast: give either k \(gains\) or q \(LQR weights\)"):
+        resolve_set("odd", {"fast": chosen, "overdamped": NUMBERS["overdamped"]}, NOMINAL_DRIVE)

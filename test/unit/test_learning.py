@@ -1,0 +1,89 @@
+"""The learning unit on the simulated drive: what it finds, by which method, and when it says that it found nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backlash_ros.control import GainSet, LearningSettings, Method, Servo, ServoSettings
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
+from backlash_ros.simulation import learn_backlash
+
+LOAD_ONLY = (False, False, False, True, True)
+
+
+def with_inertia(factor: float) -> Drive:
+    return replace(NOMINAL_DRIVE, load=replace(NOMINAL_DRIVE.load, inertia=5e-4 * factor))
+
+
+def with_backlash(factor: float) -> Drive:
+    return replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, backlash=1e-3 * factor))
+
+
+@pytest.mark.parametrize("rate", [250, 500, 1000])
+@pytest.mark.parametrize(
+    "drive",
+    [NOMINAL_DRIVE, with_inertia(4), with_backlash(0.2), with_backlash(5)],
+    ids=["nominal", "J_l x4", "d x0.2", "d x5"],
+)
+def test_both_encoders_give_the_backlash_within_five_percent(gains: GainSet, drive: Drive, rate: int) -> None:
+    estimate = learn_backlash(drive, ServoSettings(gains, period=1 / rate))
+    assert estimate.valid, estimate.reason
+    assert estimate.method is Method.GAP_TRAVEL
+    assert estimate.cycles >= 10
+    assert estimate.angle == pytest.approx(drive.gear.backlash_angle, rel=0.05)
+
+
+def test_load_encoder_alone_is_corrected_for_the_inertias(gains: GainSet) -> None:
+    """Within 15 %: beside the momentum share there is the give of the contact and the dead time of the samples."""
+    for factor in (0.5, 1, 4):
+        drive = with_inertia(factor)
+        estimate = learn_backlash(drive, ServoSettings(gains, period=0.001), measured=LOAD_ONLY)
+        assert estimate.valid, estimate.reason
+        assert estimate.method is Method.LOAD_AMPLITUDE
+        assert estimate.angle == pytest.approx(0.02, rel=0.15)
+        assert estimate.angle == pytest.approx(estimate.amplitude / drive.motor_share)
+
+
+def test_learning_answers_no_cycle_under_load_torque(gains: GainSet) -> None:
+    estimate = learn_backlash(NOMINAL_DRIVE, ServoSettings(gains), load_torque=0.1)
+    assert not estimate.valid
+    assert estimate.angle == 0.0
+    assert estimate.reason.startswith("no valid cycle: the load comes to rest or moves less than 0.0002 rad")
+    assert "after 3 kicks of 0.1 rad" in estimate.reason
+
+
+def test_learning_answers_no_cycle_within_the_limit(gains: GainSet) -> None:
+    impatient = LearningSettings(measure_time=0.1, attempts=1)
+    estimate = learn_backlash(NOMINAL_DRIVE, ServoSettings(gains, learning=impatient))
+    assert not estimate.valid
+    assert "of 10 cycles within 0.1 s" in estimate.reason
+
+
+def test_learning_needs_the_load_encoder(gains: GainSet) -> None:
+    estimate = learn_backlash(NOMINAL_DRIVE, ServoSettings(gains), measured=(True, True, True, False, False))
+    assert not estimate.valid
+    assert "the load encoder is missing" in estimate.reason
+
+
+def test_learning_does_not_touch_the_settings_and_returns_to_the_reference(gains: GainSet) -> None:
+    settings = ServoSettings(gains, backlash_angle=0.015)
+    servo = Servo(NOMINAL_DRIVE, settings)
+    sample = np.array([0.0, 0.0, 0.0, 0.0, 0.0])
+    servo.update(sample)
+    servo.start_learning()
+    assert servo.update(sample) > 0  # the kick
+    servo.release("test")
+    estimate = servo.take_learned()
+    assert estimate is not None
+    assert not estimate.valid
+    assert estimate.reason == "no valid cycle: test"
+    assert servo.settings is settings
+    assert servo.update(sample) == 0.0
+
+
+def test_learning_twice_at_once_is_refused(gains: GainSet) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
+    servo.start_learning()
+    with pytest.raises(RuntimeError, match="already learning"):
+        servo.start_learning()

@@ -1,0 +1,71 @@
+"""The observer: measured signals pass, missing ones are found from position, the load torque from momentum."""
+
+import math
+
+import numpy as np
+import pytest
+
+from backlash_ros.control import GainSet, Mode, ServoSettings
+from backlash_ros.control.observer import CURRENT, LOAD_TORQUE, OMEGA_L, OMEGA_M, observer_memory, observer_step
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
+from backlash_ros.simulation import Scenario, run
+
+EVERYTHING = (True, True, True, True, True)
+POSITIONS = (True, False, False, True, False)
+LOAD_ONLY = (False, False, False, True, False)
+
+
+def follow(measured: tuple[bool, ...], gains: GainSet, voltage: float, load_torque: float) -> tuple[Plant, np.ndarray]:
+    """Run the plant at constant inputs for 0.4 s with the observer looking on."""
+    settings = ServoSettings(gains, period=0.001)
+    constants, memory, plant = settings.observer(NOMINAL_DRIVE), observer_memory(), Plant(NOMINAL_DRIVE)
+    missing = np.where(measured, 0.0, math.nan)
+    for _ in range(400):
+        theta_m, omega_m, theta_l, omega_l, current = plant.state
+        observer_step(constants, memory, np.array([theta_m, omega_m, current, theta_l, omega_l]) + missing, voltage)
+        plant.advance(voltage, load_torque, 0.001)
+    return plant, memory
+
+
+def test_measured_signals_pass_unchanged(gains: GainSet) -> None:
+    constants = ServoSettings(gains).observer(NOMINAL_DRIVE)
+    memory = observer_memory()
+    for k in range(3):
+        sample = np.array([1.0, 2.0, 0.3, 0.1, 0.2]) * (k + 1)
+        observer_step(constants, memory, sample, 0.0)
+        np.testing.assert_array_equal(memory[:5], sample)
+
+
+@pytest.mark.parametrize("measured", [POSITIONS, LOAD_ONLY])
+def test_speeds_and_current_follow_from_position(gains: GainSet, measured: tuple[bool, ...]) -> None:
+    plant, memory = follow(measured, gains, 4.0, 0.0)
+    assert memory[OMEGA_L] == pytest.approx(plant.load_speed, rel=0.02)
+    assert memory[OMEGA_M] == pytest.approx(plant.motor_speed, rel=0.02)
+    assert memory[CURRENT] == pytest.approx(plant.motor_torque / 0.05, rel=0.05, abs=0.01)
+
+
+@pytest.mark.parametrize("measured", [EVERYTHING, POSITIONS])
+@pytest.mark.parametrize("torque", [0.0, 0.1, -0.3])
+def test_load_torque_is_found_from_momentum(gains: GainSet, measured: tuple[bool, ...], torque: float) -> None:
+    _, memory = follow(measured, gains, 3.0, torque)
+    assert memory[LOAD_TORQUE] == pytest.approx(torque, abs=0.01)
+
+
+def test_load_torque_is_found_while_the_teeth_do_not_touch(gains: GainSet) -> None:
+    """In the limit cycle the contact comes and goes 60 times a second; the momentum of both shafts does not mind."""
+    settings = ServoSettings(gains, mode=Mode.FAST, period=0.001)
+    result = run(NOMINAL_DRIVE, settings, Scenario(np.ones(2000), np.array(0.0)))
+    assert np.ptp(result.load_angle[1000:]) > 0.7 * 0.02
+    assert np.max(np.abs(result.load_torque_estimate)) < 0.01
+
+
+def test_load_encoder_alone_gives_no_load_torque(gains: GainSet) -> None:
+    _, memory = follow(LOAD_ONLY, gains, 3.0, 0.2)
+    assert memory[LOAD_TORQUE] == 0.0
+
+
+def test_missing_load_encoder_is_the_motor_through_the_rigid_gear(gains: GainSet) -> None:
+    memory = observer_memory()
+    constants = ServoSettings(gains).observer(NOMINAL_DRIVE)
+    observer_step(constants, memory, np.array([2.0, 3.0, 0.0, math.nan, math.nan]), 0.0)
+    np.testing.assert_allclose(memory[3:5], [0.2, 0.3])
