@@ -16,6 +16,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, UInt8
 
 from backlash_ros.control import LearningSettings, Mode, Servo, ServoSettings
+from backlash_ros.drivetrain import Quantity
 from backlash_ros.nodes.gain_parameters import (
     CUSTOM,
     DEFAULT_WEIGHTS,
@@ -37,8 +38,10 @@ from backlash_ros.nodes.interface import (
 )
 from backlash_ros.nodes.learn_service import LearnService, describe_estimate
 from backlash_ros.nodes.parameters import (
+    as_float,
     declare_drive,
     declare_duration,
+    declare_number,
     declare_quantities,
     declare_rate,
     describe,
@@ -58,14 +61,12 @@ class Controller(StoppableNode):
         self._state_timeout = declare_duration(
             self, "state_timeout", 0.1, "silence on joint_states after which the command is 0 V"
         )
-        telemetry_rate = self.declare_parameter(
-            "telemetry_rate", 50.0, describe("rate of error, region and torque", unit="Hz", read_only=True)
-        ).value
-        if not 0 < telemetry_rate <= self._rate:
-            raise ValueError(f"telemetry_rate must be > 0 Hz and <= rate = {self._rate:g} Hz, got {telemetry_rate!r}")
+        telemetry = Quantity("rate of tracking error, region and load torque", "Hz", 0.0, self._rate, True)
+        telemetry_rate = declare_number(self, "telemetry_rate", min(50.0, self._rate), telemetry)
         self._telemetry_every = max(1, round(self._rate / telemetry_rate))
         self._sets = self._declare_gain_sets()
         self._values = self._declare_tunables()
+        self._floats = {name for name, value in self._values.items() if isinstance(value, float)}
         self._candidate = self._values, self._settings_of(self._values)
         self._servo = Servo(self._drive, self._candidate[1])
         self._warm_up()
@@ -173,11 +174,15 @@ class Controller(StoppableNode):
     def _complete(self, parameters: list[Parameter]) -> list[Parameter]:
         """Add what a request implies: a set's gains, gains designed from weights."""
         changes = {p.name: p.value for p in parameters}
+        for name in changes.keys() & self._floats:
+            changes[name] = as_float(changes[name])
         try:
             full = expand(changes, self._sets, self._drive)
         except (ValueError, TypeError):
             return parameters  # refused, with its reason, when it is validated
-        return parameters + [Parameter(name, value=value) for name, value in full.items() if name not in changes]
+        kept = [p for p in parameters if full[p.name] is p.value]
+        names = {p.name for p in kept}
+        return kept + [Parameter(name, value=value) for name, value in full.items() if name not in names]
 
     def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
         values = {**self._values, **{p.name: p.value for p in parameters if p.name in self._values}}

@@ -5,15 +5,41 @@ from typing import Any, TypeVar
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
-from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Gear, Load, Motor, Validated, quantities
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Gear, Load, Motor, Quantity, Validated, quantities
 
 V = TypeVar("V", bound=Validated)
 
 
-def describe(text: str, *, unit: str = "", constraint: str = "", read_only: bool = False) -> ParameterDescriptor:
-    """Return a parameter's descriptor: what it is, in what unit, within which bounds."""
-    description = f"{text} [{unit}]" if unit else text
-    return ParameterDescriptor(description=description, additional_constraints=constraint, read_only=read_only)
+def describe(
+    text: str, *, unit: str = "", constraint: str = "", read_only: bool = False, number: bool = False
+) -> ParameterDescriptor:
+    """Return a parameter's descriptor: what it is, in what unit, within which bounds.
+
+    A ``number`` may be given as an integer too, so its type is left open here and checked with its value.
+    """
+    return ParameterDescriptor(
+        description=f"{text} [{unit}]" if unit else text,
+        additional_constraints=constraint,
+        read_only=read_only,
+        dynamic_typing=number,
+    )
+
+
+def as_float(value: Any) -> Any:
+    """Return an integer as a float and anything else as it is: ``250`` stands for ``250.0``."""
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def declare_number(node: Node, name: str, default: float, described: Quantity, *, read_only: bool = True) -> Any:
+    """Declare a parameter for a number and return it, within its bounds; ValueError names it where it is not."""
+    descriptor = describe(
+        described.description, unit=described.unit, constraint=described.bound, read_only=read_only, number=True
+    )
+    value = node.declare_parameter(name, default, descriptor).value
+    if isinstance(default, float):
+        value = as_float(value)
+    described.check(name, value)
+    return value
 
 
 def declare_quantities(node: Node, value: Validated, *, read_only: bool) -> dict[str, Any]:
@@ -21,10 +47,7 @@ def declare_quantities(node: Node, value: Validated, *, read_only: bool) -> dict
     declared = {}
     for name, described in quantities(type(value)).items():
         full = f"{value.section}.{name}" if value.section else name
-        descriptor = describe(
-            described.description, unit=described.unit, constraint=described.bound, read_only=read_only
-        )
-        declared[full] = node.declare_parameter(full, getattr(value, name), descriptor).value
+        declared[full] = declare_number(node, full, getattr(value, name), described, read_only=read_only)
     return declared
 
 
@@ -44,19 +67,9 @@ def declare_drive(node: Node) -> Drive:
 
 def declare_rate(node: Node) -> float:
     """Declare ``rate`` and return it, Hz: of the samples, the same for drive and controller."""
-    bound = "> 0 Hz and <= 2000 Hz"
-    rate = node.declare_parameter(
-        "rate", 250.0, describe("rate of the samples", unit="Hz", constraint=bound, read_only=True)
-    ).value
-    if not 0 < rate <= 2000:
-        raise ValueError(f"rate must be {bound}, got {rate!r}")
-    return float(rate)
+    return float(declare_number(node, "rate", 250.0, Quantity("rate of the samples", "Hz", 0.0, 2000.0, True)))
 
 
 def declare_duration(node: Node, name: str, default: float, text: str) -> float:
-    """Declare a read-only time in s and return it; ValueError unless > 0 and <= 10 s."""
-    bound = "> 0 s and <= 10 s"
-    value = node.declare_parameter(name, default, describe(text, unit="s", constraint=bound, read_only=True)).value
-    if not 0 < value <= 10:
-        raise ValueError(f"{name} must be {bound}, got {value!r}")
-    return float(value)
+    """Declare a read-only time and return it, > 0 s and <= 10 s."""
+    return float(declare_number(node, name, default, Quantity(text, "s", 0.0, 10.0, True)))

@@ -65,6 +65,8 @@ def _bag_qos(qos: QoSProfile) -> Qos:
 class Recorder(StoppableNode):
     """Writes a bag until it is stopped; topics are taken up as their publishers appear."""
 
+    linger = 0.3
+
     def __init__(self) -> None:
         super().__init__("recorder")
         default = time.strftime("backlash_%Y_%m_%d-%H_%M_%S")

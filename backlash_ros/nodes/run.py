@@ -2,6 +2,7 @@
 
 import signal
 import sys
+import time
 from collections.abc import Callable, Sequence
 from types import FrameType
 
@@ -13,7 +14,12 @@ from rclpy.signals import SignalHandlerOptions
 
 
 class StoppableNode(Node):
-    """A node with something to do before it goes, such as putting 0 V out."""
+    """A node with something to do before it goes, such as putting 0 V out.
+
+    ``linger``: how long it goes on after it was told to stop, s, to work off what has already arrived.
+    """
+
+    linger = 0.0
 
     def stop(self) -> None:
         """Leave things safe and whole; the context is still alive."""
@@ -55,6 +61,9 @@ def run(make: Callable[[], StoppableNode], args: Sequence[str] | None) -> int:
         try:
             while not stop:
                 executor.spin_once(timeout_sec=0.1)
+            end = time.monotonic() + node.linger
+            while time.monotonic() < end:
+                executor.spin_once(timeout_sec=0.01)
         except RuntimeError as error:
             node.get_logger().fatal(str(error))
             code = 1

@@ -1,0 +1,32 @@
+"""Simulator and controller; with simulator:=false the controller alone, for a real drive."""
+
+from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.substitutions import FindPackageShare
+
+from launch import LaunchDescription
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Describe the launch for `ros2 launch backlash_ros servo.launch.py`."""
+    default = PathJoinSubstitution([FindPackageShare("backlash_ros"), "config", "nominal_drive.yaml"])
+    config, namespace = LaunchConfiguration("config"), LaunchConfiguration("namespace")
+    common = {"package": "backlash_ros", "namespace": namespace, "output": "screen"}
+    gain_set = {"gain_set": LaunchConfiguration("gain_set")}
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("config", default_value=default, description="parameter file"),
+            DeclareLaunchArgument("gain_set", default_value="nominal", description="gain set to start with"),
+            DeclareLaunchArgument("namespace", default_value="", description="namespace of both nodes"),
+            DeclareLaunchArgument("simulator", default_value="true", description="false where there is a drive"),
+            Node(
+                executable="plant_simulator",
+                parameters=[config],
+                condition=IfCondition(LaunchConfiguration("simulator")),
+                **common,
+            ),
+            Node(executable="controller", parameters=[config, gain_set], **common),
+        ]
+    )

@@ -1,0 +1,49 @@
+"""Real DDS for tests: each test has a domain and a context of its own, and its processes end with it."""
+
+import os
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
+
+from graph import Peer, Process
+
+from backlash_ros.nodes.domain import own_domain
+
+
+@pytest.fixture
+def domain() -> Iterator[int]:
+    with own_domain() as number:
+        yield number
+
+
+@pytest.fixture
+def peer(domain: int) -> Iterator[Peer]:
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    made = Peer(domain)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def start(domain: int, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Callable[..., Process]]:
+    """Start nodes; keyword arguments are parameters (double underscores for dots). All end with the test."""
+    started: list[Process] = []
+
+    def start_node(name: str, *arguments: str, **parameters: object) -> Process:
+        words = list(arguments)
+        for key, value in parameters.items():
+            words += ["-p", f"{key.replace('__', '.')}:={str(value).lower() if isinstance(value, bool) else value}"]
+        process = Process(name, words, domain, tmp_path / f"{name}{len(started)}.log")
+        started.append(process)
+        return process
+
+    yield start_node
+    for process in started:
+        process.kill()
+    for process in started:
+        # Shown by pytest where the test failed.
+        print(f"--- {process.log.stem}\n{re.sub(r'Extension modules:.*', '', process.output())}")

@@ -1,0 +1,50 @@
+"""The documented parameter file says what the nodes have: every parameter, with its default."""
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+from graph import Parameters, Peer
+from rcl_interfaces.srv import ListParameters
+
+CONFIG = Path(__file__).parents[2] / "config" / "nominal_drive.yaml"
+NOT_IN_THE_FILE = ("use_sim_time", "start_type_description_service", "qos_overrides", "gains.")
+
+
+def flatten(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat = {}
+    for name, value in tree.items():
+        flat |= flatten(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
+    return flat
+
+
+def documented(node: str) -> dict[str, Any]:
+    tree = yaml.safe_load(CONFIG.read_text())
+    return flatten(tree["/**"]["ros__parameters"]) | flatten(tree[node]["ros__parameters"])
+
+
+def declared(peer: Peer, node: str) -> dict[str, Any]:
+    names = peer.call(ListParameters, f"/{node}/list_parameters", ListParameters.Request()).result.names
+    names = [name for name in names if not name.startswith(NOT_IN_THE_FILE)]
+    return dict(zip(names, Parameters(peer, node).get(*names), strict=True))
+
+
+def test_simulator_has_the_documented_parameters_and_defaults(start: Any, peer: Peer) -> None:
+    start("plant_simulator")
+    assert declared(peer, "plant_simulator") == documented("plant_simulator")
+
+
+def test_controller_has_the_documented_parameters_and_defaults(start: Any, peer: Peer) -> None:
+    start("controller")
+    defaults = {name: v for name, v in declared(peer, "controller").items() if not name.startswith("gain_set")}
+    expected = {name: v for name, v in documented("controller").items() if not name.startswith("gain_set")}
+    assert defaults == expected
+
+
+def test_controller_takes_the_file(start: Any, peer: Peer) -> None:
+    start("controller", "--params-file", str(CONFIG))
+    parameters = Parameters(peer, "controller")
+    assert parameters.get("gain_set_names", "gain_set") == [["nominal", "gentle"], "nominal"]
+    accepted, reason = parameters.set(gain_set="gentle")
+    assert accepted, reason
+    assert parameters.get("gains.fast.k") == [[10.0, 0.4, 0.1]]

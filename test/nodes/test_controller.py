@@ -1,0 +1,344 @@
+"""The controller on real DDS, against a drive that the test plays in lockstep."""
+
+import math
+import signal
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from graph import Parameters, Peer, Process
+from lockstep_drive import LockstepDrive
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import Float64, UInt8
+from std_srvs.srv import Trigger
+
+from backlash_ros.control import Gains, GainSet, Mode, ServoSettings, design_gains
+from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.simulation import Scenario, run
+
+Start = Callable[..., Process]
+PATIENT = {"state_timeout": 10.0}
+"""The test may be slow: silence is tested where it is meant."""
+
+
+@pytest.fixture
+def gains() -> GainSet:
+    return GainSet(
+        design_gains("fast", NOMINAL_DRIVE, [1000.0, 1.0]), design_gains("overdamped", NOMINAL_DRIVE, [4.0, 0.0])
+    )
+
+
+@pytest.mark.parametrize("law", [mode.value for mode in Mode])
+def test_closed_loop_over_dds_equals_the_offline_run(start: Start, peer: Peer, gains: GainSet, law: str) -> None:
+    start("controller", law=law, backlash_angle=0.02, min_dwell=0.0, **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    drive.refer(1.0)
+    first = drive.plant.load_angle
+    angles = np.concatenate([[0.0, first], drive.run(400)])
+    settings = ServoSettings(gains, mode=Mode(law), backlash_angle=0.02, min_dwell=0.0)
+    offline = run(NOMINAL_DRIVE, settings, Scenario(np.ones(401)))
+    np.testing.assert_allclose(angles, offline.load_angle, rtol=0, atol=1e-9)
+
+
+def test_learning_over_the_service(start: Start, peer: Peer) -> None:
+    start("controller", **PATIENT)
+    estimates: list[float] = []
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    peer.node.create_subscription(Float64, "controller/backlash_estimate", lambda m: estimates.append(m.data), latched)
+    drive = LockstepDrive(peer).matched()
+    client = peer.node.create_client(Trigger, "controller/learn")
+    peer.wait("the service", client.service_is_ready)
+    answer = client.call_async(Trigger.Request())
+    while not answer.done():
+        drive.step()
+        assert drive.tick < 5000
+    response = answer.result()
+    assert response.success, response.message
+    assert "by gap_travel" in response.message
+    (learned,) = Parameters(peer, "controller").get("backlash_angle")
+    assert learned == pytest.approx(0.02, rel=0.05)
+    peer.wait("the latched estimate", lambda: estimates)
+    assert estimates[-1] == learned
+
+
+def test_learning_under_a_load_torque_keeps_the_old_estimate(start: Start, peer: Peer) -> None:
+    start("controller", backlash_angle=0.015, learning__attempts=1, **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    drive.load_torque = 0.1
+    client = peer.node.create_client(Trigger, "controller/learn")
+    peer.wait("the service", client.service_is_ready)
+    answer = client.call_async(Trigger.Request())
+    while not answer.done():
+        drive.step()
+        assert drive.tick < 5000
+    assert not answer.result().success
+    assert "no valid cycle" in answer.result().message
+    assert Parameters(peer, "controller").get("backlash_angle") == [0.015]
+
+
+def test_learning_without_joint_states_is_refused(start: Start, peer: Peer) -> None:
+    start("controller")
+    response = peer.call(Trigger, "controller/learn", Trigger.Request())
+    assert not response.success
+    assert response.message == "cannot learn: no joint_states"
+
+
+def test_joints_are_found_by_name_in_any_order_and_others_ignored(start: Start, peer: Peer) -> None:
+    start("controller", law="fast", torque_bandwidth=0.0, **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    drive.refer(0.3)
+    message = drive.sample()
+    expected = drive.exchange(message)
+    assert expected != 0.0
+    for order in ([1, 0], [2, 1, 0], [1, 2, 0], [0, 2, 1]):
+        fields = {
+            name: [[*getattr(message, name), extra][k] for k in order]
+            for name, extra in (("name", "gripper"), ("position", 99.0), ("velocity", -99.0), ("effort", 9.0))
+        }
+        assert drive.exchange(drive.sample(**fields)) == expected
+
+
+def test_drives_that_measure_less_are_controlled_too(start: Start, peer: Peer) -> None:
+    """Positions alone, and the load encoder alone: the loop closes, by the observer."""
+    start("controller", law="overdamped", **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    drive.refer(1.0)
+    plant = drive.plant
+    for k in range(1500):
+        fields = {"velocity": [], "effort": []}
+        if k >= 750:
+            fields |= {"name": ["load"], "position": [plant.load_angle]}
+        plant.advance(drive.exchange(drive.sample(**fields)), 0.0, drive.period)
+    assert plant.load_angle == pytest.approx(1.0, abs=0.01)
+
+
+def test_gain_swap_is_seen_in_the_next_command(start: Start, peer: Peer) -> None:
+    start("controller", law="fast", torque_bandwidth=0.0, **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    parameters = Parameters(peer, "controller")
+    drive.refer(0.2)
+    drive.run(3)
+    plant = drive.plant
+
+    def expected(gains: Gains) -> float:
+        state = np.array([plant.load_angle - 0.2, plant.load_speed, plant.motor_torque / 0.05])
+        return float(-gains.as_array() @ state)
+
+    old = design_gains("q", NOMINAL_DRIVE, [1000.0, 1.0])
+    assert drive.exchange(drive.sample()) == pytest.approx(expected(old), rel=1e-9)
+    accepted, reason = parameters.set(gains__fast__k=[20.0, 0.6, 0.1])
+    assert accepted, reason
+    assert drive.exchange(drive.sample()) == pytest.approx(expected(Gains(20.0, 0.6, 0.1)), rel=1e-9)
+    assert parameters.get("gain_set", "gains.fast.q") == ["custom", [0.0, 0.0]]
+    accepted, reason = parameters.set(gains__fast__q=[400.0, 0.5])
+    assert accepted, reason
+    designed = design_gains("q", NOMINAL_DRIVE, [400.0, 0.5])
+    assert drive.exchange(drive.sample()) == pytest.approx(expected(designed), rel=1e-9)
+    assert parameters.get("gains.fast.k") == [list(designed.as_array())]
+    accepted, reason = parameters.set(gain_set="nominal")
+    assert accepted, reason
+    assert drive.exchange(drive.sample()) == pytest.approx(expected(old), rel=1e-9)
+
+
+WATCHED = ("law", "gain_set", "gains.fast.k", "gains.fast.q", "gains.overdamped.k", "backlash_angle", "hysteresis")
+
+
+@pytest.mark.parametrize(
+    ("changes", "culprit"),
+    [
+        ({"backlash_angle": -0.1}, "backlash_angle must be >= 0 rad and <= 3.2 rad, got -0.1"),
+        ({"backlash_angle": math.nan}, "backlash_angle must be a finite number in rad, got nan"),
+        ({"backlash_angle": 0.03, "hysteresis": 1e9}, "hysteresis must be"),
+        ({"backlash_angle": 0.03, "gains__fast__k": [1e5, 0.0, 0.0]}, "gains.fast.k = [100000, 0, 0] is unstable"),
+        ({"gains__fast__k": [30.0, 0.8, 0.1], "gains__overdamped__k": [1.0, math.inf, 0.0]}, "gains.overdamped.k: k2"),
+        ({"gains__fast__q": [-1.0, 0.0], "backlash_angle": 0.03}, "gains.fast.q: Q11 must be > 0"),
+        ({"gain_set": "nosuch", "law": "fast"}, "gain_set must be one of ['nominal', 'custom'], got 'nosuch'"),
+        ({"law": "bang_bang", "backlash_angle": 0.03}, "law must be one of"),
+        ({"gear__backlash": 2e-3, "backlash_angle": 0.03}, "gear.backlash"),
+        ({"backlash_angle": "wide"}, "backlash_angle must be a finite number in rad, got 'wide'"),
+    ],
+)
+def test_refused_set_changes_nothing_and_says_why(
+    start: Start, peer: Peer, changes: dict[str, object], culprit: str
+) -> None:
+    start("controller", law="fast", torque_bandwidth=0.0, **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    parameters = Parameters(peer, "controller")
+    drive.refer(0.2)
+    before, command = parameters.get(*WATCHED), drive.exchange(drive.sample())
+    accepted, reason = parameters.set(**changes)
+    assert not accepted
+    assert culprit in reason
+    assert parameters.get(*WATCHED) == before
+    assert drive.exchange(drive.sample()) == command
+
+
+def test_named_gain_sets_come_from_parameters(start: Start, peer: Peer) -> None:
+    start(
+        "controller",
+        gain_set_names="[nominal, gentle]",
+        gain_sets__gentle__fast__q="[100.0, 1.0]",
+        gain_sets__gentle__overdamped__k="[1.5, 0.03, 0.0]",
+        gain_set="gentle",
+        **PATIENT,
+    )
+    parameters = Parameters(peer, "controller")
+    designed = list(design_gains("q", NOMINAL_DRIVE, [100.0, 1.0]).as_array())
+    assert parameters.get("gain_set", "gains.fast.k", "gains.overdamped.k") == ["gentle", designed, [1.5, 0.03, 0.0]]
+
+
+def test_gains_given_at_the_start_are_in_use(start: Start, peer: Peer) -> None:
+    start("controller", gains__fast__k="[20.0, 0.6, 0.1]", **PATIENT)
+    values = Parameters(peer, "controller").get("gain_set", "gains.fast.k", "gains.fast.q", "gains.overdamped.q")
+    assert values == ["custom", [20.0, 0.6, 0.1], [0.0, 0.0], [4.0, 0.0]]
+
+
+@pytest.mark.parametrize(
+    ("parameters", "says"),
+    [
+        ({"rate": -5.0}, "rate must be > 0 Hz and <= 2000 Hz, got -5.0"),
+        ({"gear__backlash": 0.0}, "gear.backlash must be >= 1e-09 m and <= 0.1 m, got 0.0"),
+        ({"motor_joint": "load"}, "motor_joint and load_joint must be two different names"),
+        ({"gains__fast__k": "[1.0e+5, 0.0, 0.0]"}, "gains.fast.k = [100000, 0, 0] is unstable at 250 Hz"),
+        ({"rate": "quick"}, "rate must be a finite number in Hz, got 'quick'"),
+        ({"gain_sets__nominal__fast__k": "[1, 2, 3]"}, "gain_sets.nominal.fast.k"),
+    ],
+)
+def test_unusable_start_parameter_ends_the_node_with_a_line_that_names_it(
+    start: Start, parameters: dict[str, object], says: str
+) -> None:
+    process = start("controller", **parameters)
+    assert process.wait() == 2
+    assert "cannot start: " in process.output()
+    assert says in process.output()
+    assert "Traceback" not in process.output()
+
+
+def test_whole_numbers_stand_for_floats(start: Start, peer: Peer) -> None:
+    start("controller", rate=500, gear__backlash="0.002", learning__kick=1, **PATIENT)
+    parameters = Parameters(peer, "controller")
+    accepted, reason = parameters.set(backlash_angle=1)
+    assert accepted, reason
+    assert parameters.get("backlash_angle", "rate") == [1.0, 500]
+
+
+def test_zero_volts_while_nothing_is_measured(start: Start, peer: Peer) -> None:
+    start("controller")
+    drive = LockstepDrive(peer)
+    peer.wait("three commands", lambda: len(drive.commands) >= 3)
+    assert set(drive.commands) == {0.0}
+
+
+def test_zero_volts_on_silence_and_hold_where_it_comes_back(start: Start, peer: Peer) -> None:
+    start("controller", state_timeout=0.5)
+    drive = LockstepDrive(peer).matched()
+    drive.refer(1.0)
+    assert drive.step() > 1.0
+    drive.commands.clear()
+    peer.wait("0 V after silence", lambda: 0.0 in drive.commands)
+    drive.commands.clear()
+    peer.wait("0 V again and again", lambda: len(drive.commands) >= 3)
+    assert set(drive.commands) == {0.0}
+    # Back with the load elsewhere: it is held there, not driven to the old reference.
+    message = drive.sample(position=[5.0, 0.5], velocity=[0.0, 0.0], effort=[0.0, 0.0])
+    assert drive.exchange(message) == 0.0
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"position": [0.0, math.nan]},
+        {"position": [math.inf, 0.0]},
+        {"velocity": [0.0, math.nan]},
+        {"effort": [math.nan, 0.0]},
+        {"position": [0.0]},
+        {"velocity": [0.0]},
+        {"name": ["a", "b"]},
+        {"name": ["load", "load"]},
+        {"name": [], "position": [], "velocity": [], "effort": []},
+    ],
+    ids=str,
+)
+def test_zero_volts_on_a_sample_that_cannot_be_used(start: Start, peer: Peer, bad: dict[str, list[object]]) -> None:
+    process = start("controller", law="fast", **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    drive.refer(1.0)
+    assert drive.exchange(drive.sample()) > 1.0
+    assert drive.exchange(drive.sample(**bad)) == 0.0
+    peer.wait("the warning", lambda: "unusable joint_states" in process.output())
+    assert drive.exchange(drive.sample()) > 1.0  # it goes on with the next good one
+
+
+def test_sample_out_of_order_is_not_answered(start: Start, peer: Peer) -> None:
+    process = start("controller", law="fast", **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    drive.refer(1.0)
+    expected = drive.exchange(drive.sample())
+    drive.tick -= 3
+    old = drive.sample(position=[0.0, -5.0])
+    drive.tick += 3
+    drive._states.publish(old)
+    peer.wait("the warning", lambda: "out of order" in process.output())
+    assert drive.exchange(drive.sample()) == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_zero_volts_on_shutdown(start: Start, peer: Peer, number: signal.Signals) -> None:
+    process = start("controller", law="fast", **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    drive.refer(1.0)
+    assert drive.exchange(drive.sample()) > 1.0
+    process.signal(number)
+    peer.wait("the last command", lambda: drive.commands[-1] == 0.0)
+    assert process.wait() == 0
+    assert "Traceback" not in process.output()
+
+
+def test_reference_that_is_not_finite_is_dropped(start: Start, peer: Peer) -> None:
+    process = start("controller", law="fast", torque_bandwidth=0.0, **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    drive.refer(0.3)
+    before = drive.exchange(drive.sample())
+    drive._reference.publish(Float64(data=math.nan))
+    peer.wait("the warning", lambda: "reference must be finite" in process.output())
+    assert drive.exchange(drive.sample()) == before
+
+
+def test_telemetry_says_error_region_and_load_torque(start: Start, peer: Peer) -> None:
+    start("controller", backlash_angle=0.02, telemetry_rate=250.0, **PATIENT)
+    seen: dict[str, list[float]] = {"tracking_error": [], "region": [], "load_torque_estimate": []}
+    for topic, kind in (("tracking_error", Float64), ("region", UInt8), ("load_torque_estimate", Float64)):
+        peer.node.create_subscription(
+            kind, f"controller/{topic}", lambda m, values=seen[topic]: values.append(m.data), QoSProfile(depth=2000)
+        )
+    drive = LockstepDrive(peer).matched()
+    peer.wait("telemetry", lambda: all(seen.values()))
+    drive.load_torque = 0.05
+    drive.refer(0.5)
+    drive.run(500)
+    peer.wait("the last telemetry", lambda: abs(seen["tracking_error"][-1]) < 0.01)
+    assert min(seen["tracking_error"]) == pytest.approx(-0.5, abs=0.01)
+    assert set(seen["region"]) == {1, 2}
+    assert seen["region"][-1] == 2
+    assert seen["load_torque_estimate"][-1] == pytest.approx(0.05, rel=0.02)
+
+
+def test_topics_are_relative(start: Start, peer: Peer) -> None:
+    start("controller", "-r", "__ns:=/axis1", "-r", "command:=voltage")
+    expected = {
+        ("/axis1/joint_states", "sensor_msgs/msg/JointState"),
+        ("/axis1/reference", "std_msgs/msg/Float64"),
+        ("/axis1/voltage", "std_msgs/msg/Float64MultiArray"),
+        ("/axis1/controller/tracking_error", "std_msgs/msg/Float64"),
+        ("/axis1/controller/region", "std_msgs/msg/UInt8"),
+        ("/axis1/controller/load_torque_estimate", "std_msgs/msg/Float64"),
+        ("/axis1/controller/backlash_estimate", "std_msgs/msg/Float64"),
+    }
+
+    def all_there() -> bool:
+        topics = {(name, kind) for name, kinds in peer.node.get_topic_names_and_types() for kind in kinds}
+        return expected <= topics
+
+    peer.wait("the topics", all_there)
+    services = dict(peer.node.get_service_names_and_types())
+    assert services["/axis1/controller/learn"] == ["std_srvs/srv/Trigger"]

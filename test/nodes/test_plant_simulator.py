@@ -1,0 +1,145 @@
+"""The simulator on real DDS: the interface of a drive, its beat, its watchdog."""
+
+import math
+import signal
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from graph import Peer, Process
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray
+
+Start = Callable[..., Process]
+
+
+class Listener:
+    """Collects joint states and drives the motor."""
+
+    def __init__(self, peer: Peer) -> None:
+        self.peer = peer
+        self.states: list[JointState] = []
+        deep = QoSProfile(depth=5000)
+        peer.node.create_subscription(JointState, "joint_states", self.states.append, deep)
+        self._command = peer.node.create_publisher(Float64MultiArray, "command", deep)
+        self._torque = peer.node.create_publisher(Float64, "load_torque", deep)
+
+    def ready(self) -> "Listener":
+        self.peer.wait("joint states", lambda: len(self.states) > 5)
+        self.peer.wait("the simulator to listen", lambda: self._command.get_subscription_count() > 0)
+        self.peer.wait("the simulator to listen", lambda: self._torque.get_subscription_count() > 0)
+        return self
+
+    def command(self, *data: float) -> None:
+        self._command.publish(Float64MultiArray(data=data))
+
+    def torque(self, value: float) -> None:
+        self._torque.publish(Float64(data=value))
+
+    @property
+    def last(self) -> JointState:
+        return self.states[-1]
+
+    def drive_until(self, voltage: float, what: str, condition: Callable[[], bool]) -> None:
+        """Command ``voltage`` again and again, as a controller does, until ``condition`` holds."""
+
+        def commanded() -> bool:
+            self.command(voltage)
+            return condition()
+
+        self.peer.wait(what, commanded)
+
+
+def test_publishes_both_joints_at_the_rate(start: Start, peer: Peer) -> None:
+    start("plant_simulator", rate=200.0)
+    listener = Listener(peer).ready()
+    listener.states.clear()
+    peer.wait("three seconds of samples", lambda: len(listener.states) >= 600)
+    message = listener.last
+    assert list(message.name) == ["motor", "load"]
+    assert len(message.position) == len(message.velocity) == len(message.effort) == 2
+    stamps = np.array([m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in listener.states])
+    # The beat keeps to the steady clock: late samples come late or not at all, but none are made up.
+    beats = np.round(np.diff(stamps) * 200.0)
+    assert np.median(np.diff(stamps)) == pytest.approx(1 / 200.0, rel=0.02)
+    assert len(stamps) - 1 <= round((stamps[-1] - stamps[0]) * 200.0) + 1
+    assert np.count_nonzero(beats <= 1) >= 0.9 * beats.size
+
+
+def test_voltage_turns_the_motor_and_the_gear_the_load(start: Start, peer: Peer) -> None:
+    start("plant_simulator", motor_joint="m", load_joint="l")
+    listener = Listener(peer).ready()
+    assert list(listener.last.name) == ["m", "l"]
+    listener.drive_until(3.0, "the load to turn", lambda: listener.last.position[1] > 0.5)
+    position, effort = listener.last.position, listener.last.effort
+    assert position[0] == pytest.approx(10 * position[1], abs=0.2)  # within the backlash
+    assert effort[0] > 0
+    assert listener.last.velocity[1] > 0
+
+
+def test_load_torque_turns_the_load(start: Start, peer: Peer) -> None:
+    start("plant_simulator")
+    listener = Listener(peer).ready()
+    listener.torque(-0.2)
+    peer.wait("the load to turn back", lambda: listener.last.position[1] < -0.1)
+
+
+def test_motor_gets_no_voltage_on_silence(start: Start, peer: Peer) -> None:
+    process = start("plant_simulator", command_timeout=0.3)
+    listener = Listener(peer).ready()
+    listener.drive_until(6.0, "speed", lambda: listener.last.velocity[1] > 5.0)
+    peer.wait("the motor to stop", lambda: abs(listener.last.velocity[1]) < 0.05)
+    assert abs(listener.last.effort[0]) < 1e-3
+    assert "no command for 0.3 s: motor at 0 V" in process.output()
+    listener.drive_until(6.0, "it to go on", lambda: listener.last.velocity[1] > 5.0)
+
+
+@pytest.mark.parametrize("bad", [[math.nan], [math.inf], []], ids=str)
+def test_motor_gets_no_voltage_on_a_command_that_is_not_finite(start: Start, peer: Peer, bad: list[float]) -> None:
+    process = start("plant_simulator", command_timeout=10.0)
+    listener = Listener(peer).ready()
+    listener.drive_until(6.0, "speed", lambda: listener.last.velocity[1] > 5.0)
+    listener.command(*bad)
+    peer.wait("the motor to stop", lambda: abs(listener.last.velocity[1]) < 0.05)
+    assert "command must hold one finite voltage" in process.output()
+
+
+def test_load_torque_that_is_not_finite_changes_nothing(start: Start, peer: Peer) -> None:
+    process = start("plant_simulator")
+    listener = Listener(peer).ready()
+    listener.torque(math.nan)
+    peer.wait("the warning", lambda: "load_torque must be finite, in N m, got nan" in process.output())
+    listener.states.clear()
+    peer.wait("more samples", lambda: len(listener.states) > 20)
+    assert all(math.isfinite(value) for m in listener.states for value in (*m.position, *m.velocity, *m.effort))
+    assert listener.last.velocity[1] == 0.0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_stops_cleanly(start: Start, peer: Peer, number: signal.Signals) -> None:
+    process = start("plant_simulator")
+    Listener(peer).ready()
+    process.signal(number)
+    assert process.wait() == 0
+    assert "Traceback" not in process.output()
+    assert "stopped after" in process.output()
+
+
+def test_plant_that_cannot_be_integrated_ends_the_node_with_time_and_state(start: Start, peer: Peer) -> None:
+    process = start("plant_simulator")
+    listener = Listener(peer).ready()
+    listener.torque(1e300)
+    assert process.wait() == 1
+    assert "integration stopped at t = " in process.output()
+    assert "theta_l = " in process.output()
+
+
+def test_quality_of_service_can_be_overridden_and_a_mismatch_is_reported(start: Start, peer: Peer) -> None:
+    process = start("plant_simulator", **{"qos_overrides./joint_states.publisher.reliability": "best_effort"})
+    best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    heard: list[JointState] = []
+    peer.node.create_subscription(JointState, "joint_states", heard.append, best_effort)
+    peer.wait("a sample", lambda: heard)
+    peer.node.create_subscription(JointState, "joint_states", heard.append, QoSProfile(depth=10))
+    peer.wait("the report", lambda: "incompatible QoS" in process.output())

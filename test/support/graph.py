@@ -1,0 +1,115 @@
+"""The test's hold on a ROS graph: node processes, a peer that waits for conditions, parameter clients."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.signals import SignalHandlerOptions
+
+from backlash_ros.nodes.domain import isolated_environment
+
+PATIENCE = 60.0
+"""Seconds after which a condition counts as never met: far more than discovery on a loaded machine takes."""
+
+
+class Process:
+    """A node of the package in a process of its own, its output kept."""
+
+    def __init__(self, name: str, arguments: list[str], domain: int, log: Path) -> None:
+        self.log = log
+        with log.open("wb") as output:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", f"backlash_ros.nodes.{name}", "--ros-args", *arguments],
+                env={**os.environ, **isolated_environment(domain)},
+                stdout=output,
+                stderr=subprocess.STDOUT,
+            )
+        self.pid = self._process.pid
+
+    @property
+    def running(self) -> bool:
+        return self._process.poll() is None
+
+    def output(self) -> str:
+        return self.log.read_text(errors="replace")
+
+    def signal(self, number: signal.Signals) -> None:
+        self._process.send_signal(number)
+
+    def wait(self, seconds: float = PATIENCE) -> int:
+        return self._process.wait(timeout=seconds)
+
+    def stop(self) -> int:
+        if self.running:
+            self.signal(signal.SIGINT)
+        return self.wait()
+
+    def kill(self) -> None:
+        if self.running:
+            self._process.kill()
+        self._process.wait()
+
+
+class Peer:
+    """The test's own side of the graph: a node, and waiting for conditions while it spins."""
+
+    def __init__(self, domain: int) -> None:
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = Node("peer", context=self.context)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+
+    def spin(self, seconds: float = 0.0) -> None:
+        self._executor.spin_once(timeout_sec=seconds)
+
+    def wait(self, what: str, condition: Callable[[], Any], seconds: float = PATIENCE) -> Any:
+        """Spin until ``condition`` returns something true, and return that."""
+        end = time.monotonic() + seconds
+        while not (value := condition()):
+            assert time.monotonic() < end, f"waited {seconds:g} s for {what}"
+            self.spin(0.02)
+        return value
+
+    def result(self, future: Any, what: str = "an answer") -> Any:
+        self.wait(what, future.done)
+        return future.result()
+
+    def call(self, kind: type, name: str, request: Any) -> Any:
+        client = self.node.create_client(kind, name)
+        self.wait(name, client.service_is_ready)
+        return self.result(client.call_async(request), name)
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+class Parameters:
+    """A node's parameters through the standard services."""
+
+    def __init__(self, peer: Peer, node: str) -> None:
+        self._peer = peer
+        self._client = AsyncParameterClient(peer.node, node)
+        peer.wait(f"the parameter services of {node}", self._client.services_are_ready)
+
+    def get(self, *names: str) -> list[Any]:
+        values = self._peer.result(self._client.get_parameters(list(names))).values
+        return [parameter_value_to_python(value) for value in values]
+
+    def set(self, **changes: Any) -> tuple[bool, str]:
+        """Set all or none; names with double underscores for dots."""
+        request = [Parameter(name.replace("__", "."), value=value) for name, value in changes.items()]
+        result = self._peer.result(self._client.set_parameters_atomically(request)).result
+        return result.successful, result.reason

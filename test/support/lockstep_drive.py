@@ -1,0 +1,103 @@
+"""A drive made by the test, in lockstep: it sends a sample, waits for the answer, and only then goes on."""
+
+import math
+from typing import Any
+
+import numpy as np
+from graph import Peer
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray
+
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Plant
+
+_CLOCK_START = 1_000_000_000
+
+
+class LockstepDrive:
+    """A simulated plant behind the topics of a drive, stepped by the controller's answers.
+
+    Time stamps are the simulation's, so that nothing depends on how fast the machine is.
+    """
+
+    def __init__(self, peer: Peer, rate: float = 250.0, drive: Drive = NOMINAL_DRIVE) -> None:
+        self.peer = peer
+        self.period = 1.0 / rate
+        self.plant = Plant(drive)
+        self.load_torque = 0.0
+        self.tick = 0
+        self.commands: list[float] = []
+        node = peer.node
+        self._states = node.create_publisher(JointState, "joint_states", QoSProfile(depth=10))
+        self._reference = node.create_publisher(Float64, "reference", QoSProfile(depth=10))
+        node.create_subscription(
+            Float64MultiArray, "command", lambda message: self.commands.append(message.data[0]), QoSProfile(depth=100)
+        )
+
+    def matched(self) -> "LockstepDrive":
+        """Send the sample at rest, which changes nothing, until the controller answers."""
+        self.peer.wait("the controller", lambda: self._states.get_subscription_count() > 0)
+        self.peer.wait("the controller", lambda: self._reference.get_subscription_count() > 0)
+        self.commands.clear()
+
+        def answered() -> bool:
+            self._states.publish(self.sample())
+            self.tick += 1
+            self.peer.spin(0.05)
+            return bool(self.commands)
+
+        self.peer.wait("the controller to answer", answered)
+        self.peer.wait("late answers", self._quiet)
+        return self
+
+    def _quiet(self) -> bool:
+        """Whether nothing has come for a while."""
+        before = len(self.commands)
+        self.peer.spin(0.2)
+        return len(self.commands) == before
+
+    def sample(self, **changes: Any) -> JointState:
+        """Return the present joint states, with fields replaced by ``changes``."""
+        plant, message = self.plant, JointState()
+        stamp = _CLOCK_START + round(self.tick * self.period * 1e9)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
+        message.name = ["motor", "load"]
+        message.position = [plant.motor_angle, plant.load_angle]
+        message.velocity = [plant.motor_speed, plant.load_speed]
+        message.effort = [plant.motor_torque, plant.gear_torque]
+        for field, value in changes.items():
+            setattr(message, field, value)
+        return message
+
+    def exchange(self, message: JointState) -> float:
+        """Send one sample and return the command that answers it."""
+        self.commands.clear()
+        self._states.publish(message)
+        self.tick += 1
+        self.peer.wait("a command", lambda: self.commands)
+        return self.commands[-1]
+
+    def refer(self, target: float) -> None:
+        """Send a reference while at rest, wait until it is answered, and make that period."""
+        at_rest = self.exchange(self.sample())
+        self._reference.publish(Float64(data=target))
+        voltage = self.peer.wait("the reference to arrive", lambda: self._changed(at_rest))
+        self.plant.advance(voltage, self.load_torque, self.period)
+
+    def _changed(self, before: float) -> float | None:
+        voltage = self.exchange(self.sample())
+        return voltage if voltage != before else None
+
+    def step(self) -> float:
+        """One whole period: sample, answer, motion."""
+        voltage = self.exchange(self.sample())
+        self.plant.advance(voltage, self.load_torque, self.period)
+        return voltage
+
+    def run(self, count: int) -> np.ndarray:
+        """Make ``count`` periods; return the load angle after each, shape (count,)."""
+        angles = np.full(count, math.nan)
+        for k in range(count):
+            self.step()
+            angles[k] = self.plant.load_angle
+        return angles

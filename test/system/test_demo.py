@@ -1,0 +1,130 @@
+"""The demo, as the README has it: its numbers, its files, its end on Ctrl-C."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
+
+from backlash_ros.analysis import read_bag
+
+ROOT = Path(__file__).parents[2]
+DEMO = [sys.executable, "-m", "backlash_ros.nodes.demo"]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("demo") / "results"
+    done = subprocess.run(
+        [*DEMO, "--out", str(out)], cwd=ROOT, capture_output=True, text=True, timeout=280, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "two-region law" in done.stdout
+    return out
+
+
+@pytest.fixture(scope="module")
+def summary(results: Path) -> dict:
+    return json.loads((results / "summary.json").read_text())
+
+
+def test_backlash_is_learned_within_five_percent(summary: dict) -> None:
+    learned = summary["learned"]
+    assert learned["valid"] is True
+    assert learned["method"] == "gap_travel"
+    assert learned["true_backlash_angle"] == pytest.approx(0.02)
+    assert learned["backlash_angle"] == pytest.approx(0.02, rel=0.05)
+
+
+def test_two_region_law_is_fast_and_quiet(summary: dict) -> None:
+    responses = summary["responses"]
+    fast, slow, both = responses["fast"], responses["overdamped"], responses["two_region"]
+    assert both["rise_time"] <= 1.05 * fast["rise_time"]
+    assert both["overshoot"] <= 0.1
+    assert both["residual"] <= 0.02
+    assert both["impacts"] <= 2
+    assert 0.7 <= fast["residual"] <= 1.0
+    assert slow["rise_time"] > 5 * fast["rise_time"]
+
+
+def test_gains_are_swapped_while_the_load_moves(summary: dict) -> None:
+    assert summary["gain_swap"]["accepted"] is True
+    assert 0 <= summary["gain_swap"]["applied_after"] < 0.1
+
+
+def test_load_torque_is_estimated_and_held(summary: dict) -> None:
+    load = summary["load_torque"]
+    assert load["torque"] == 0.1
+    assert load["estimate"] == pytest.approx(0.1, rel=0.05)
+    assert abs(load["final_error"]) < 0.1
+    assert load["residual"] < 0.1
+
+
+def test_bag_has_every_topic_with_the_messages_that_the_run_implies(results: Path, summary: dict) -> None:
+    recording = read_bag(results / summary["bag"])
+    assert recording.messages == summary["messages"]
+    stamps = recording.joint_states.time
+    beats = round((stamps[-1] - stamps[0]) * 250) + 1
+    late = int((results / "plant_simulator.log").read_text().split("beats, ")[1].split()[0])
+    assert beats - late - 1 <= stamps.size <= beats
+    answered = int((results / "controller.log").read_text().split("stopped after ")[1].split()[0])
+    commands = recording.messages["/command"]
+    assert answered <= commands <= answered + 10  # and 0 V before the first sample and at the end
+    for topic in ("tracking_error", "region", "load_torque_estimate"):
+        assert recording.messages[f"/controller/{topic}"] == answered // 5
+    assert recording.messages["/controller/backlash_estimate"] == 1
+    assert recording.messages["/reference"] >= 7
+    assert recording.messages["/load_torque"] == 1
+    assert recording.scalars["/command"].values[-1] == 0.0
+    changed = [name for _, name, _ in recording.parameters]
+    assert {"law", "gain_set", "gains.overdamped.k", "backlash_angle"} <= set(changed)
+
+
+def test_figure_is_there(results: Path) -> None:
+    assert (results / "step_response.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_ctrl_c_ends_everything_and_leaves_nothing(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [*DEMO, "--out", str(tmp_path / "out")],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    assert process.stdout is not None
+    lines = []
+    for line in process.stdout:
+        lines.append(line)
+        if "learning the backlash" in line:
+            break
+    children = children_of(process.pid)
+    assert len(children) >= 3, lines
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=60) == 130
+    assert "stopped; nothing was written" in process.stdout.read()
+    deadline = time.monotonic() + 30
+    while any(Path(f"/proc/{pid}").exists() for pid in children):
+        assert time.monotonic() < deadline, "a node outlived the demo"
+        time.sleep(0.05)
+    assert list(tmp_path.iterdir()) == []
+
+
+def children_of(pid: int) -> list[int]:
+    return [
+        int(word) for task in Path(f"/proc/{pid}/task").iterdir() for word in (task / "children").read_text().split()
+    ]
+
+
+def test_folder_of_somebody_else_is_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("precious")
+    done = subprocess.run([*DEMO, "--out", str(tmp_path)], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "--out must be a new or empty folder" in done.stdout
+    assert (tmp_path / "thesis.tex").read_text() == "precious"

@@ -1,0 +1,121 @@
+"""Installed as users install it: with colcon in a workspace, with pip in a fresh environment; then it starts and talks."""
+
+import os
+import shutil
+import subprocess
+import sys
+import venv
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
+
+from graph import Peer
+from std_msgs.msg import Float64
+
+from backlash_ros.nodes.domain import isolated_environment, own_domain
+
+ROOT = Path(__file__).parents[2]
+ROS_WHEELS = not os.environ.get("ROS_DISTRO")
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    """What git has of the project, in a folder of its own."""
+    listed = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    copy = tmp_path / "workspace" / "src" / "backlash_ros"
+    for name in listed.stdout.splitlines():
+        if (ROOT / name).is_file():
+            (copy / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, copy / name)
+    return copy
+
+
+@pytest.fixture
+def clean() -> dict[str, str]:
+    """The environment of a shell that knows nothing of this one's."""
+    mine = ("VIRTUAL_ENV", "PYTHONPATH", "PYTHONHOME", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
+    return {name: value for name, value in os.environ.items() if name not in mine or not ROS_WHEELS}
+
+
+@pytest.fixture
+def domain() -> Iterator[int]:
+    with own_domain() as number:
+        yield number
+
+
+def starts_and_talks(executables: Path, domain: int, environment: dict[str, str], log: Path) -> None:
+    """Start simulator and controller; the controller's telemetry says that both hear each other."""
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    peer = Peer(domain)
+    errors: list[float] = []
+    peer.node.create_subscription(Float64, "controller/tracking_error", lambda m: errors.append(m.data), 10)
+    processes = []
+    try:
+        with log.open("wb") as output:
+            processes = [
+                subprocess.Popen(
+                    [executables / name],
+                    env={**environment, **isolated_environment(domain)},
+                    stdout=output,
+                    stderr=subprocess.STDOUT,
+                    cwd=log.parent,
+                )
+                for name in ("plant_simulator", "controller")
+            ]
+        peer.wait("telemetry of the installed controller", lambda: errors, 120)
+        for process in processes:
+            process.terminate()
+        assert [process.wait(timeout=30) for process in processes] == [0, 0]
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+        peer.close()
+        print(log.read_text())
+
+
+def test_colcon_build_installs_executables_that_talk(
+    source: Path, tmp_path: Path, domain: int, clean: dict[str, str]
+) -> None:
+    workspace = tmp_path / "workspace"
+    colcon = [sys.executable, "-m", "colcon", "build", "--event-handlers", "console_direct+"]
+    built = subprocess.run(colcon, cwd=workspace, env=clean, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stdout + built.stderr
+    prefix = workspace / "install" / "backlash_ros"
+    assert (prefix / "share/ament_index/resource_index/packages/backlash_ros").is_file()
+    assert (prefix / "share/backlash_ros/package.xml").is_file()
+    assert (prefix / "share/backlash_ros/config/nominal_drive.yaml").is_file()
+    assert (prefix / "share/backlash_ros/launch/servo.launch.py").is_file()
+    sourced = subprocess.run(
+        ["bash", "-c", ". install/setup.bash && env -0"],
+        cwd=workspace,
+        env=clean,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    environment = dict(entry.split("=", 1) for entry in sourced.stdout.split("\0") if "=" in entry)
+    assert str(prefix) in environment["AMENT_PREFIX_PATH"]
+    starts_and_talks(prefix / "lib" / "backlash_ros", domain, environment, tmp_path / "colcon.log")
+
+
+@pytest.mark.skipif(not ROS_WHEELS, reason="a fresh environment has no ROS but the wheels")
+def test_pip_install_in_a_fresh_environment_gives_executables_that_talk(
+    source: Path, tmp_path: Path, domain: int, clean: dict[str, str]
+) -> None:
+    fresh = tmp_path / "fresh"
+    venv.create(fresh, with_pip=True)
+    pip = [fresh / "bin" / "python", "-m", "pip", "install", "--quiet", "."]
+    installed = subprocess.run(pip, cwd=source, env=clean, capture_output=True, text=True, check=False)
+    assert installed.returncode == 0, installed.stdout + installed.stderr
+    assert (fresh / "share/backlash_ros/config/nominal_drive.yaml").is_file()
+    starts_and_talks(fresh / "bin", domain, clean, tmp_path / "pip.log")
