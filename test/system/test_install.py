@@ -1,4 +1,4 @@
-"""Installed as users install it: with colcon in a workspace, with pip in a fresh environment; then it starts and talks."""
+"""Installed as users do, with colcon in a workspace and with pip in a fresh environment: it starts and talks."""
 
 import os
 import shutil
