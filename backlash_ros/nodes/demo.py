@@ -48,6 +48,8 @@ BRISK = {"fast": [1000.0, 1.0], "overdamped": [16.0, 0.0]}
 LOAD_TORQUE = 0.1
 _HOLD = 4.0
 _PATIENCE = 30.0
+_TIMEOUT = 0.5
+"""Silence that both sides bear, s: a shared machine may stall for longer than the default of 0.1 s."""
 
 
 class DemoError(RuntimeError):
@@ -157,10 +159,8 @@ class Session:
         return Interval(start, time.time(), target)
 
 
-def _gain_set_arguments() -> list[str]:
-    arguments = ["gain_set_names:=[nominal, brisk]"]
-    arguments += [f"gain_sets.brisk.{region}.q:={weights}" for region, weights in BRISK.items()]
-    return [word for argument in arguments for word in ("-p", argument)]
+def _parameters(*assignments: str) -> list[str]:
+    return [word for assignment in assignments for word in ("-p", assignment)]
 
 
 def start_node(name: str, domain: int, log: Path, *ros_arguments: str) -> subprocess.Popen[bytes]:
@@ -282,12 +282,13 @@ def record(folder: Path, console: Console) -> dict[str, Any]:
         os.environ.update(isolated_environment(domain))
         say(f"starting simulator, controller and recorder on ROS domain {domain}, this machine only")
         children: dict[str, subprocess.Popen[bytes]] = {}
-        for name, arguments in (
-            ("recorder", ("-p", f"output:={folder / 'bag'}")),
-            ("plant_simulator", ()),
-            ("controller", tuple(_gain_set_arguments())),
+        brisk = [f"gain_sets.brisk.{region}.q:={weights}" for region, weights in BRISK.items()]
+        for name, parameters in (
+            ("recorder", [f"output:={folder / 'bag'}"]),
+            ("plant_simulator", [f"command_timeout:={_TIMEOUT}"]),
+            ("controller", [f"state_timeout:={_TIMEOUT}", "gain_set_names:=[nominal, brisk]", *brisk]),
         ):
-            child = start_node(name, domain, folder / f"{name}.log", *arguments)
+            child = start_node(name, domain, folder / f"{name}.log", *_parameters(*parameters))
             children[name] = child
             stack.callback(stop_node, child)
         context = rclpy.Context()

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import pytest
 import yaml
 from graph import Parameters, Peer
 from rcl_interfaces.srv import ListParameters
@@ -20,7 +21,7 @@ def flatten(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 def documented(node: str) -> dict[str, Any]:
     tree = yaml.safe_load(CONFIG.read_text())
-    return flatten(tree["/**"]["ros__parameters"]) | flatten(tree[node]["ros__parameters"])
+    return flatten(tree["/**"]["ros__parameters"]) | flatten(tree[f"/**/{node}"]["ros__parameters"])
 
 
 def declared(peer: Peer, node: str) -> dict[str, Any]:
@@ -41,9 +42,10 @@ def test_controller_has_the_documented_parameters_and_defaults(start: Any, peer:
     assert defaults == expected
 
 
-def test_controller_takes_the_file(start: Any, peer: Peer) -> None:
-    start("controller", "--params-file", str(CONFIG))
-    parameters = Parameters(peer, "controller")
+@pytest.mark.parametrize("namespace", ["/", "/axis1"])
+def test_controller_takes_the_file_in_any_namespace(start: Any, peer: Peer, namespace: str) -> None:
+    start("controller", "--params-file", str(CONFIG), "-r", f"__ns:={namespace}")
+    parameters = Parameters(peer, f"{namespace.rstrip('/')}/controller")
     assert parameters.get("gain_set_names", "gain_set") == [["nominal", "gentle"], "nominal"]
     accepted, reason = parameters.set(gain_set="gentle")
     assert accepted, reason

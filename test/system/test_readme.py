@@ -1,0 +1,144 @@
+"""Every command of the README is run: here, by another test that is named here, or by continuous integration."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
+
+from backlash_ros.nodes.domain import isolated_environment, own_domain
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text()
+COMMANDS = [line for block in re.findall(r"```sh\n(.*?)```", README, re.DOTALL) for line in block.splitlines() if line]
+ROS_COMMANDS = [line for line in COMMANDS if line.startswith("ros2 ")]
+RUN_ELSEWHERE = {
+    "make demo": "test_demo.py runs what the target runs",
+    "make test": ".ci/run",
+    "rosdep install --from-paths src --ignore-src -y": "keys checked in test_dependencies.py",
+    "colcon build --packages-select backlash_ros": "test_install.py",
+    ". install/setup.bash": "test_install.py",
+}
+
+
+def run_here(command: str) -> bool:
+    return command.startswith(".venv/bin/")
+
+
+def test_every_command_is_covered() -> None:
+    assert len(COMMANDS) > 15
+    unknown = [c for c in COMMANDS if not (c in ROS_COMMANDS or c in RUN_ELSEWHERE or run_here(c))]
+    assert not unknown
+
+
+def test_make_runs_what_the_tests_run() -> None:
+    def recipe(target: str) -> str:
+        dry = ["make", "-n", target, "VENV=.venv"]
+        return subprocess.run(dry, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+
+    assert "-m backlash_ros.nodes.demo" in recipe("demo")
+    assert "-m pytest" in recipe("test")
+    assert re.search(r"^make test$", (ROOT / ".ci" / "run").read_text(), re.MULTILINE)
+
+
+@pytest.fixture
+def environment() -> Iterator[dict[str, str]]:
+    with own_domain() as domain:
+        yield {**os.environ, **isolated_environment(domain)}
+
+
+def end(process: subprocess.Popen[str]) -> str:
+    """Stop a command as Ctrl-C does, with all that it started, and return what it printed."""
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGINT)
+    try:
+        return process.communicate(timeout=60)[0]
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+
+
+def begin(command: str, environment: dict[str, str], folder: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        ["bash", "-c", f"exec {command}"],
+        cwd=folder,
+        env={**environment, "PYTHONUNBUFFERED": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+
+
+@pytest.mark.parametrize("command", [c for c in COMMANDS if run_here(c)])
+def test_nodes_start_from_the_environment(command: str, environment: dict[str, str], tmp_path: Path) -> None:
+    if not (ROOT / command.split(maxsplit=1)[0]).exists():
+        pytest.skip("needs the .venv that make makes")
+    process = begin(str(ROOT / command), environment, tmp_path)
+    assert process.stdout is not None
+    try:
+        first = process.stdout.readline()
+        assert re.search(r"simulating at 250 Hz|ready at 250 Hz|recording", first)
+    finally:
+        rest = end(process)
+    assert process.returncode == 0, first + rest
+
+
+def why_not_ros2() -> str:
+    if shutil.which("ros2") is None:
+        return "needs the ros2 command"
+    if subprocess.run(["ros2", "pkg", "prefix", "backlash_ros"], capture_output=True, check=False).returncode != 0:
+        return "needs the package built and sourced"
+    return ""
+
+
+def test_ros2_commands_work_in_their_order(environment: dict[str, str], tmp_path: Path) -> None:
+    """What runs until it is stopped goes on in the background; the rest has to end well."""
+    if reason := why_not_ros2():
+        pytest.skip(reason)
+    running: list[subprocess.Popen[str]] = []
+    try:
+        for command in ROS_COMMANDS:
+            if command.startswith("ros2 launch"):
+                continue  # in place of the two nodes: next test
+            if command.startswith("ros2 run"):
+                running.append(begin(command, environment, tmp_path))
+                continue
+            done = subprocess.run(
+                ["bash", "-c", command], env=environment, capture_output=True, text=True, timeout=120, check=False
+            )
+            assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+            assert "failed" not in done.stdout + done.stderr, f"{command}\n{done.stdout}"
+            if "learn" in command:
+                assert "success=True" in done.stdout, done.stdout
+            if command.startswith("ros2 topic pub"):
+                time.sleep(1.0)  # as a reader of the README would: the load moves
+    finally:
+        printed = [end(process) for process in running]
+    assert [process.returncode for process in running] == [0] * len(running), printed
+
+
+@pytest.mark.parametrize("command", [c for c in ROS_COMMANDS if c.startswith("ros2 launch")])
+def test_launch_file_starts_both_nodes(command: str, environment: dict[str, str], tmp_path: Path) -> None:
+    if reason := why_not_ros2():
+        pytest.skip(reason)
+    pytest.importorskip("launch_ros", reason="needs launch_ros")
+    process = begin(command, environment, tmp_path)
+    assert process.stdout is not None
+    printed = ""
+    try:
+        while not ("simulating at 250 Hz" in printed and "ready at 250 Hz" in printed):
+            line = process.stdout.readline()
+            assert line, printed
+            printed += line
+    finally:
+        printed += end(process)
+    assert printed.count("process has finished cleanly") == 2, printed

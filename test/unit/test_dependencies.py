@@ -1,0 +1,59 @@
+"""One list of dependencies in three places: package.xml for rosdep, setup.py for pip, requirements/ for the locks."""
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+ROOT = Path(__file__).parents[2]
+ROSDEP_KEYS = {
+    "control": "python-control-pip",
+    "matplotlib": "python3-matplotlib",
+    "numba": "python3-numba",
+    "numpy": "python3-numpy",
+    "rich": "python3-rich",
+    "rosbags": "python3-rosbags-pip",
+    "scipy": "python3-scipy",
+    "hypothesis": "python3-hypothesis",
+    "pytest": "python3-pytest",
+    "pytest-timeout": "python3-pytest-timeout",
+    "pyyaml": "python3-yaml",
+}
+"""PyPI name to rosdep key."""
+
+
+def package_keys() -> set[str]:
+    tree = ElementTree.parse(ROOT / "package.xml")
+    return {element.text or "" for kind in ("exec_depend", "test_depend") for element in tree.iter(kind)}
+
+
+def setup_requirements() -> dict[str, str]:
+    text = (ROOT / "setup.py").read_text()
+    return dict(re.findall(r'"([a-z-]+)(?:\[\w+\])?>=([\d.]+)', text))
+
+
+def listed(name: str) -> set[str]:
+    lines = (ROOT / "requirements" / name).read_text().splitlines()
+    return {re.split(r"[\[<>=; ]", line)[0] for line in lines if re.match(r"[a-z]", line)}
+
+
+def test_what_pip_installs_rosdep_installs_too() -> None:
+    for name in setup_requirements():
+        key = name.removeprefix("ros-").replace("-", "_") if name.startswith("ros-") else ROSDEP_KEYS[name]
+        assert key in package_keys(), name
+
+
+def test_every_requirement_is_locked_with_hashes() -> None:
+    for source, lock in (("python.in", "python.txt"), ("ros.in", "ros.txt"), ("floors.in", "floors.txt")):
+        assert listed(source) <= listed(lock)
+        text = (ROOT / "requirements" / lock).read_text()
+        assert text.count("==") <= text.count("--hash=sha256:")
+    pip = {name for name in setup_requirements() if not name.startswith("ros-")}
+    assert pip <= listed("python.in")
+    assert set(setup_requirements()) - pip <= listed("ros.in")
+
+
+def test_floors_are_what_setup_asks_for() -> None:
+    floors = dict(re.findall(r"^([a-z-]+)==([\d.]+)$", (ROOT / "requirements" / "floors.in").read_text(), re.MULTILINE))
+    for name, version in setup_requirements().items():
+        if not name.startswith("ros-"):
+            assert floors[name].startswith(version), name
