@@ -49,6 +49,9 @@ from backlash_ros.nodes.parameters import (
 )
 from backlash_ros.nodes.run import StoppableNode, run
 
+_LEARN_PATIENCE = 5.0
+"""Time that a request to learn waits for the first joint states, s: discovery may take some."""
+
 
 class Controller(StoppableNode):
     """Two-region servo of one geared drive."""
@@ -248,8 +251,8 @@ class Controller(StoppableNode):
             self._last_sample = None
             self._servo.release("joint_states stopped")
             self._end_learning()
-        if self._learn.take_request():
-            self._learn.answer(False, "cannot learn: no joint_states")
+        if self._learn.waiting() > _LEARN_PATIENCE and self._learn.take_request():
+            self._learn.answer(False, f"cannot learn: no joint_states for {_LEARN_PATIENCE:g} s")
         self._send(0.0)
 
     def _begin_learning(self) -> None:

@@ -5,6 +5,7 @@ executor (ros2/rclpy issue 1473). So the service lives on a hidden node with an 
 """
 
 import threading
+import time
 
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -24,6 +25,7 @@ class LearnService:
         self._answered = threading.Event()
         self._response = (False, "")
         self._closed = False
+        self._asked_at = 0.0
         self._node = Node(
             f"_{owner.get_name()}_learn",
             context=owner.context,
@@ -47,10 +49,15 @@ class LearnService:
 
     def _serve(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._answered.clear()
+        self._asked_at = time.monotonic()
         self._asked.set()
         self._answered.wait()
         response.success, response.message = self._response
         return response
+
+    def waiting(self) -> float:
+        """Return for how long a request has not been taken, s; 0 where there is none."""
+        return time.monotonic() - self._asked_at if self._asked.is_set() else 0.0
 
     def take_request(self) -> bool:
         """Whether somebody has asked since the last call."""

@@ -80,7 +80,7 @@ def test_learning_without_joint_states_is_refused(start: Start, peer: Peer) -> N
     start("controller")
     response = peer.call(Trigger, "controller/learn", Trigger.Request())
     assert not response.success
-    assert response.message == "cannot learn: no joint_states"
+    assert response.message == "cannot learn: no joint_states for 5 s"
 
 
 def test_joints_are_found_by_name_in_any_order_and_others_ignored(start: Start, peer: Peer) -> None:
