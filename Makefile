@@ -5,7 +5,7 @@
 #   make lint    formatting, style and types
 #   make lock    renew requirements/*.txt, the locks with hashes, from requirements/*.in
 #
-# With a sourced ROS installation its rclpy is used; without one ROS comes from the wheels in requirements/ros.txt.
+# With a sourced ROS installation (it sets ROS_DISTRO) its rclpy is used; without one ROS comes from the wheels in requirements/ros.txt.
 
 SHELL := /bin/bash
 PYTHON ?= python3
@@ -15,8 +15,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 LOCK := uv pip compile --quiet --upgrade --universal --python-version 3.10 --generate-hashes --no-annotate \
         --custom-compile-command "make lock"
 
-HAS_ROS := $(shell $(PYTHON) -c 'import rclpy' 2>/dev/null && echo yes)
-ifeq ($(HAS_ROS),yes)
+ifdef ROS_DISTRO
   VENV_OPTIONS := --system-site-packages
   LOCKS := requirements/python.txt
 else

@@ -6,9 +6,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
-
 from graph import Peer, Process
 
 from backlash_ros.nodes.domain import own_domain

@@ -10,8 +10,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
-
 from backlash_ros.analysis import read_bag
 
 ROOT = Path(__file__).parents[2]

@@ -9,9 +9,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
-
 from graph import Peer
 from std_msgs.msg import Float64
 

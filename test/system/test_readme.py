@@ -11,8 +11,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
-
 from backlash_ros.nodes.domain import isolated_environment, own_domain
 
 ROOT = Path(__file__).parents[2]
