@@ -3,6 +3,7 @@
 #   make demo    learn the backlash and judge three laws, on real ROS 2, recorded: results in results/demo
 #   make test    all tests
 #   make lint    formatting, style and types
+#   make bench   how fast the offline loop is, beside scipy in the same run
 #   make lock    renew requirements/*.txt, the locks with hashes, from requirements/*.in
 #
 # With a sourced ROS installation (it sets ROS_DISTRO) its rclpy is used; without one ROS comes from the wheels in requirements/ros.txt.
@@ -22,7 +23,7 @@ else
   LOCKS := requirements/python.txt requirements/ros.txt
 endif
 
-.PHONY: demo test test-unit test-floors lint lock clean
+.PHONY: demo test test-unit test-floors lint bench lock clean
 
 demo: $(VENV)/.ready
 	$(BIN)/python -m backlash_ros.nodes.demo
@@ -37,6 +38,9 @@ lint: $(VENV)/.ready
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+
+bench: $(VENV)/.ready
+	$(BIN)/python benchmarks/closed_loop.py
 
 # The pure tests on the oldest supported dependencies. numba 0.58 has wheels up to Python 3.11.
 FLOORS := .venv-floors

@@ -1,0 +1,71 @@
+"""How fast is the offline closed loop? Against scipy's LSODA on the same loop, and against the clock.
+
+Run with `make bench`. Both integrate the nominal step response with the fast gains, limit cycle included, sampled at
+1 kHz, in the same process and in turn; the ratio is what holds on another machine. The accuracy of each is shown beside
+it, as the largest difference of the load angle to a run with a far tighter tolerance.
+"""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from backlash_ros.control import GainSet, Mode, ServoSettings, design_gains
+from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.drivetrain.dynamics import derivative
+from backlash_ros.simulation import Scenario, run
+
+PERIOD, COUNT, REPEATS = 0.001, 500, 5
+GAINS = GainSet(
+    design_gains("fast", NOMINAL_DRIVE, [1000.0, 1.0]), design_gains("overdamped", NOMINAL_DRIVE, [4.0, 0.0])
+)
+SETTINGS = ServoSettings(GAINS, mode=Mode.FAST, period=PERIOD)
+SCENARIO = Scenario(np.ones(COUNT), known_load_torque=True)
+
+
+def ours(tolerance: float = 1e-9) -> np.ndarray:
+    """Run the package's closed loop; return the load angle at every sample."""
+    return run(NOMINAL_DRIVE, SETTINGS, SCENARIO, tolerance).load_angle
+
+
+def scipys() -> np.ndarray:
+    """Run the same loop with scipy's LSODA on the package's compiled equations of motion."""
+    plant, gains, limit = NOMINAL_DRIVE.constants(), GAINS.fast.as_array(), NOMINAL_DRIVE.motor.voltage_limit
+    slope = np.empty(5)
+
+    def equations(_t: float, state: np.ndarray, voltage: float) -> np.ndarray:
+        derivative(plant, state, voltage, 0.0, slope)
+        return slope
+
+    state, angles = np.zeros(5), [0.0]
+    for _ in range(COUNT):
+        voltage = float(-gains @ (state[[2, 3, 4]] - [1.0, 0.0, 0.0]))
+        held = (min(max(voltage, -limit), limit),)
+        state = solve_ivp(equations, (0, PERIOD), state, "LSODA", args=held, rtol=1e-9, atol=1e-12).y[:, -1]
+        angles.append(state[2])
+    return np.array(angles)
+
+
+def seconds(function: Callable[[], np.ndarray]) -> float:
+    """Return how long one call takes."""
+    start = time.perf_counter()
+    function()
+    return time.perf_counter() - start
+
+
+def main() -> None:
+    """Measure and print."""
+    exact = ours(1e-13)
+    errors = [float(np.max(np.abs(function() - exact))) for function in (ours, scipys)]  # compiles, too
+    pairs = [(seconds(ours), seconds(scipys)) for _ in range(REPEATS)]
+    mine, theirs = np.median(pairs, axis=0)
+    simulated = PERIOD * COUNT
+    print(f"{simulated:g} s of closed loop, {REPEATS} runs each in turn, median")
+    print(f"  backlash_ros   {mine:8.4f} s   {simulated / mine:8.1f} x real time   error {errors[0]:.1e} rad")
+    print(f"  scipy LSODA    {theirs:8.4f} s   {simulated / theirs:8.1f} x real time   error {errors[1]:.1e} rad")
+    print(f"  ratio          {np.median([b / a for a, b in pairs]):8.1f}")
+
+
+if __name__ == "__main__":
+    main()
