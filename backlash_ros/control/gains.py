@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
 
 import control
 import numpy as np
@@ -23,7 +22,7 @@ class Gains:
     k3: float
 
     @classmethod
-    def from_sequence(cls, name: str, k: Sequence[float]) -> Self:
+    def from_sequence(cls, name: str, k: Sequence[float]) -> "Gains":
         """Build from ``[k1, k2, k3]``; a ValueError names ``name``, the offending gain and its bound."""
         if len(k) != 3:
             raise ValueError(f"{name} must be three gains [k1 V/rad, k2 V s/rad, k3 V/A], got {len(k)}")
