@@ -11,8 +11,9 @@ from collections.abc import Callable
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from backlash_ros.control import GainSet, Mode, ServoSettings, design_gains
+from backlash_ros.control import GainSet, ServoSettings, design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.dynamics import derivative
 from backlash_ros.simulation import Scenario, run
 
@@ -20,7 +21,7 @@ PERIOD, COUNT, REPEATS = 0.001, 500, 5
 GAINS = GainSet(
     design_gains("fast", NOMINAL_DRIVE, [1000.0, 1.0]), design_gains("overdamped", NOMINAL_DRIVE, [4.0, 0.0])
 )
-SETTINGS = ServoSettings(GAINS, mode=Mode.FAST, period=PERIOD)
+SETTINGS = ServoSettings(GAINS, law="fast", period=PERIOD)
 SCENARIO = Scenario(np.ones(COUNT), known_load_torque=True)
 
 
@@ -31,12 +32,13 @@ def ours(tolerance: float = 1e-9) -> np.ndarray:
 
 def scipys() -> np.ndarray:
     """Run the same loop with scipy's LSODA on the package's compiled equations of motion."""
-    plant, gains, limit = NOMINAL_DRIVE.constants(), GAINS.fast.as_array(), NOMINAL_DRIVE.motor.voltage_limit
-    slope = np.empty(5)
+    plant, gains, limit = plant_constants(NOMINAL_DRIVE), GAINS.fast.as_array(), NOMINAL_DRIVE.motor.voltage_limit
+    slope, full = np.empty(7), np.zeros(7)
 
     def equations(_t: float, state: np.ndarray, voltage: float) -> np.ndarray:
-        derivative(plant, state, voltage, 0.0, slope)
-        return slope
+        full[:5] = state
+        derivative(plant, full, voltage, 0.0, slope)
+        return slope[:5]
 
     state, angles = np.zeros(5), [0.0]
     for _ in range(COUNT):

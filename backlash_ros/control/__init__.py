@@ -1,24 +1,28 @@
 """The law: gains, two-region state feedback, observer, learning unit, and the servo made of them."""
 
 from backlash_ros.control.gains import Gains, GainSet, check_stable, design_gains
-from backlash_ros.control.law import FAST_REGION, OVERDAMPED_REGION, Mode
+from backlash_ros.control.law import FAST_REGION, OVERDAMPED_REGION, ControlLaw
+from backlash_ros.control.laws import LAWS, design_law
 from backlash_ros.control.learning import BacklashEstimate, LearningSettings, Method
 from backlash_ros.control.limit_cycle import LimitCycle, find_limit_cycle
-from backlash_ros.control.servo import Servo, ServoSettings
+from backlash_ros.control.servo import Servo
+from backlash_ros.control.settings import ServoSettings
 
 __all__ = [
     "FAST_REGION",
+    "LAWS",
     "OVERDAMPED_REGION",
     "BacklashEstimate",
+    "ControlLaw",
     "GainSet",
     "Gains",
     "LearningSettings",
     "LimitCycle",
     "Method",
-    "Mode",
     "Servo",
     "ServoSettings",
     "check_stable",
     "design_gains",
+    "design_law",
     "find_limit_cycle",
 ]

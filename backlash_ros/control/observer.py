@@ -54,14 +54,14 @@ def observer_constants(
     decay = math.exp(-electrical)
     pole = math.exp(-velocity_bandwidth * period)
     return ObserverConstants(
-        period=period,
+        period=float(period),
         ratio=drive.gear.ratio,
-        K_m=drive.motor.torque_constant,
-        R=drive.motor.resistance,
-        J_m=drive.motor.inertia,
-        B_m=drive.motor.viscous_friction,
-        J_l=drive.load.inertia,
-        B_l=drive.load.viscous_friction,
+        K_m=float(drive.motor.torque_constant),
+        R=float(drive.motor.resistance),
+        J_m=float(drive.motor.inertia),
+        B_m=float(drive.motor.viscous_friction),
+        J_l=float(drive.load.inertia),
+        B_l=float(drive.load.viscous_friction),
         decay=decay,
         # The mean current of a period in which it relaxes with L/R: so much of the sample at its start.
         weight_before=1.0 - (1.0 + math.expm1(-electrical) / electrical) / -math.expm1(-electrical),

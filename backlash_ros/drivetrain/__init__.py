@@ -2,12 +2,13 @@
 
 from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.integrator import IntegrationError
-from backlash_ros.drivetrain.parameters import NOMINAL_DRIVE, Drive, Gear, Load, Motor
+from backlash_ros.drivetrain.parameters import CONTACT_LAWS, NOMINAL_DRIVE, Drive, Gear, Load, Motor
 from backlash_ros.drivetrain.plant import Plant
 from backlash_ros.drivetrain.quantity import Quantity, Validated, quantities, quantity
 from backlash_ros.drivetrain.rigid import rigid_model
 
 __all__ = [
+    "CONTACT_LAWS",
     "NOMINAL_DRIVE",
     "Drive",
     "Gear",

@@ -26,7 +26,7 @@ _PACKAGE = Path(__file__).resolve().parent.parent
 def _source_digest() -> str:
     digest = hashlib.sha256()
     for room in ("drivetrain", "control", "simulation"):
-        for source in sorted((_PACKAGE / room).glob("*.py")):
+        for source in sorted((_PACKAGE / room).rglob("*.py")):
             digest.update(source.name.encode())
             digest.update(source.read_bytes())
     return digest.hexdigest()[:16]
@@ -66,12 +66,28 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     Division by zero and overflow follow IEEE 754 (inf and nan), as numpy has them: the callers look at
     the results. No fast-math: a mirrored input must give the mirrored output, bit for bit.
     """
-    dispatcher = numba.njit(error_model="numpy")(function)
+    result: Callable[P, R] = _cached(numba.njit(error_model="numpy")(function))
+    return result
+
+
+def compiled_as(signature: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Compile for one numba signature, at once, so that the function can be handed to a compiled one as a value."""
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        dispatcher = _cached(numba.njit(error_model="numpy")(function))
+        dispatcher.compile(signature)
+        dispatcher.disable_compile()
+        result: Callable[P, R] = dispatcher
+        return result
+
+    return decorate
+
+
+def _cached(dispatcher: Any) -> Any:
     if _CACHE is not None:
         chosen, _config.CACHE_DIR = _config.CACHE_DIR, str(_CACHE)
         try:
             dispatcher.enable_caching()
         finally:
             _config.CACHE_DIR = chosen
-    compiled_function: Callable[P, R] = dispatcher
-    return compiled_function
+    return dispatcher

@@ -13,14 +13,18 @@ import numpy as np
 from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.dynamics import (
     CURRENT,
+    LOST,
     OMEGA_L,
     OMEGA_M,
     STATE_NAMES,
+    SUPPLIED,
     THETA_L,
     THETA_M,
     State,
     contact_of,
+    coulomb,
     derivative,
+    gap_of,
 )
 from backlash_ros.drivetrain.parameters import PlantConstants
 
@@ -28,6 +32,9 @@ DEFAULT_TOLERANCE = 1e-9
 """Error allowed per step: in units of the backlash for angles, relative for speeds and current."""
 
 DONE, STEP_TOO_SMALL, TOO_MANY_STEPS = range(3)
+
+STEP_SIZE, PEAK_FORCE = range(2)
+"""What `advance` keeps from call to call."""
 
 _STEPS_AT_MOST = 200_000
 _GAMMA = 0.25
@@ -57,7 +64,7 @@ class IntegrationError(RuntimeError):
     """The equations of motion could not be integrated to the wanted accuracy."""
 
     def __init__(self, reason: str, time: float, state: State) -> None:
-        listed = ", ".join(f"{name} = {value:.9g}" for name, value in zip(STATE_NAMES, state, strict=True))
+        listed = ", ".join(f"{name} = {value:.9g}" for name, value in zip(STATE_NAMES, state[:5], strict=True))
         super().__init__(f"integration stopped at t = {time:.9g} s: {reason} ({listed})")
         self.time = time
         self.state = state.copy()
@@ -65,13 +72,21 @@ class IntegrationError(RuntimeError):
 
 @compiled
 def _solve_stage(
-    plant: PlantConstants, g: float, stiffness: float, damping: float, residual: State, out: State
+    plant: PlantConstants,
+    at: State,
+    g: float,
+    voltage: float,
+    load_torque: float,
+    residual: State,
+    out: State,
 ) -> None:
-    """Solve (g I - J) out = residual, with J the Jacobian of the equations of motion and g = 1/(h gamma)."""
+    """Solve (g I - J) out = residual, with J the Jacobian of the equations of motion at ``at``, g = 1/(h gamma)."""
+    force_now, stiffness, damping, elastic, elastic_stiffness = contact_of(plant, at)
+    friction, friction_slope = coulomb(plant, at[OMEGA_L])
     theta_m, omega_m, theta_l = residual[THETA_M], residual[OMEGA_M], residual[THETA_L]
     inverse_i = 1.0 / (g + plant.R / plant.L)
     inverse_m = 1.0 / (g + plant.B_m / plant.J_m + plant.K_m * plant.K_m * inverse_i / (plant.J_m * plant.L))
-    inverse_l = 1.0 / (g + plant.B_l / plant.J_l)
+    inverse_l = 1.0 / (g + (plant.B_l + friction_slope) / plant.J_l)
     # Speeds without the change of the contact force, and what one newton of it takes away or adds.
     free_m = (omega_m + plant.K_m * inverse_i * residual[CURRENT] / plant.J_m) * inverse_m
     free_l = residual[OMEGA_L] * inverse_l
@@ -85,6 +100,16 @@ def _solve_stage(
     out[THETA_M] = (theta_m + out[OMEGA_M]) / g
     out[THETA_L] = (theta_l + out[OMEGA_L]) / g
     out[CURRENT] = (residual[CURRENT] - plant.K_m / plant.L * out[OMEGA_M]) * inverse_i
+    # The energy account follows from the motion and does not act back on it.
+    _, gap_rate = gap_of(plant, at)
+    gap_change = plant.R1 * out[THETA_M] - plant.R2 * out[THETA_L]
+    rate_change = plant.R1 * out[OMEGA_M] - plant.R2 * out[OMEGA_L]
+    lost = 2.0 * (plant.R * at[CURRENT] * out[CURRENT] + plant.B_m * at[OMEGA_M] * out[OMEGA_M])
+    lost += (2.0 * plant.B_l * at[OMEGA_L] + friction + friction_slope * at[OMEGA_L]) * out[OMEGA_L]
+    lost += (stiffness - elastic_stiffness) * gap_rate * gap_change
+    lost += (damping * gap_rate + force_now - elastic) * rate_change
+    out[SUPPLIED] = (residual[SUPPLIED] + voltage * out[CURRENT] + load_torque * out[OMEGA_L]) / g
+    out[LOST] = (residual[LOST] + lost) / g
 
 
 @compiled
@@ -101,7 +126,9 @@ def _error(plant: PlantConstants, before: State, after: State, difference: State
         elif k == OMEGA_L:
             small = plant.speed_scale * plant.R1 / plant.R2
         error = max(error, abs(difference[k]) / (1e-3 * small + max(abs(before[k]), abs(after[k]))))
-    for k in range(5):
+    for k in (SUPPLIED, LOST):
+        error = max(error, abs(difference[k]) / (plant.energy_scale + max(abs(before[k]), abs(after[k]))))
+    for k in range(7):
         if not math.isfinite(after[k]):
             return math.inf
     return float(error / tolerance)
@@ -122,19 +149,20 @@ def advance(
     Parameters
     ----------
     plant : PlantConstants
-    state : array, shape (5,), in the order of `dynamics.STATE_NAMES`; on failure the last good state
-    step : array, shape (1,), the step size to try first, s; updated, so that the next call starts well
+    state : array, shape (7,), in the order of `dynamics`; on failure the last good state
+    step : array, shape (2,): the step size to try first, s, updated, so that the next call starts well; and the
+        largest magnitude of the contact force since the caller last set it to 0, N
     tolerance : see `DEFAULT_TOLERANCE`
 
     Returns
     -------
     (status, time) : DONE, STEP_TOO_SMALL or TOO_MANY_STEPS, and how far the state got, s
     """
-    stages = np.empty((6, 5))
-    trial = np.empty(5)
-    residual = np.empty(5)
+    stages = np.empty((6, 7))
+    trial = np.empty(7)
+    residual = np.empty(7)
     time = 0.0
-    h = step[0]
+    h = step[STEP_SIZE]
     if not 0.0 < h <= duration:
         h = duration
     rejected = False
@@ -146,20 +174,19 @@ def advance(
         used = remaining if last else h
         if used <= 1e-13 * duration:
             return STEP_TOO_SMALL, time
-        _, stiffness, damping = contact_of(plant, state)
         g = 1.0 / (used * _GAMMA)
         for j in range(6):
-            for k in range(5):
+            for k in range(7):
                 value = state[k]
                 for m in range(j):
                     value += _A[j, m] * stages[m, k]
                 trial[k] = value
             derivative(plant, trial, voltage, load_torque, residual)
-            for k in range(5):
+            for k in range(7):
                 for m in range(j):
                     residual[k] += _C[j, m] / used * stages[m, k]
-            _solve_stage(plant, g, stiffness, damping, residual, stages[j])
-        for k in range(5):
+            _solve_stage(plant, state, g, voltage, load_torque, residual, stages[j])
+        for k in range(7):
             trial[k] += stages[5, k]
         error = _error(plant, state, trial, stages[5], tolerance)
         if error <= 1.0:
@@ -170,7 +197,8 @@ def advance(
                 growth = min(growth, 1.0)
             # A last step that was cut short to end on time says little about the size that would do.
             h = used * growth if growth < 1.0 or not last else max(h, used * growth)
-            step[0] = h
+            step[STEP_SIZE] = h
+            step[PEAK_FORCE] = max(step[PEAK_FORCE], abs(contact_of(plant, state)[0]))
             rejected = False
         else:
             h = used * (max(0.2, 0.9 * error**-0.25) if math.isfinite(error) else 0.1)

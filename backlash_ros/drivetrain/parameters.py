@@ -9,6 +9,10 @@ from typing import ClassVar, NamedTuple
 
 from backlash_ros.drivetrain.quantity import Validated, quantity
 
+POWER, POWER_NO_PULL, ELASTIC, RESTITUTION = range(4)
+CONTACT_LAWS = ("power", "power_no_pull", "elastic", "restitution")
+"""Names of the contact laws, see `contact`."""
+
 
 @dataclass(frozen=True)
 class Motor(Validated):
@@ -26,7 +30,11 @@ class Motor(Validated):
 
 @dataclass(frozen=True)
 class Gear(Validated):
-    """Spur gear pair with backlash and the contact law of its teeth (eqs 10 to 13)."""
+    """Spur gear pair with backlash and the contact law of its teeth (eqs 10 to 13).
+
+    The power laws use beta, alpha and the exponent, `elastic` the tooth stiffness and damping, `restitution` the
+    stiffness and the coefficient of restitution.
+    """
 
     section: ClassVar[str] = "gear"
 
@@ -36,11 +44,17 @@ class Gear(Validated):
     contact_stiffness: float = quantity("elastic force beta at |gap| = d/2", "N", above=0, at_most=1e7)
     contact_damping: float = quantity("contact damping alpha at |gap| = d/2", "N s/m", at_least=0, at_most=1e8)
     contact_exponent: int = quantity("exponent n of the elastic force, odd", "", at_least=1, at_most=101)
+    tooth_stiffness: float = quantity("stiffness k of the linear laws", "N/m", above=0, at_most=1e12, default=4e5)
+    tooth_damping: float = quantity("damping c of the elastic law", "N s/m", at_least=0, at_most=1e8, default=50.0)
+    restitution: float = quantity("coefficient of restitution e", "", at_least=0.2, at_most=1, default=0.5)
+    contact_law: str = "power"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.contact_exponent % 2 != 1:
             raise ValueError(f"gear.contact_exponent must be an odd integer, got {self.contact_exponent!r}")
+        if self.contact_law not in CONTACT_LAWS:
+            raise ValueError(f"gear.contact_law must be one of {list(CONTACT_LAWS)}, got {self.contact_law!r}")
 
     @property
     def ratio(self) -> float:
@@ -61,6 +75,7 @@ class Load(Validated):
 
     inertia: float = quantity("load inertia J_l", "kg m^2", at_least=1e-9, at_most=1e5)
     viscous_friction: float = quantity("load viscous friction B_l", "N m s/rad", at_least=0, at_most=1e5)
+    coulomb_friction: float = quantity("load Coulomb friction", "N m", at_least=0, at_most=1e5, default=0.0)
 
 
 class PlantConstants(NamedTuple):
@@ -77,10 +92,15 @@ class PlantConstants(NamedTuple):
     beta: float
     alpha: float
     exponent: int
+    law: int
+    tooth_stiffness: float
+    tooth_damping: float
     J_l: float
     B_l: float
+    coulomb: float
     current_scale: float
     speed_scale: float
+    energy_scale: float
 
 
 @dataclass(frozen=True)
@@ -107,30 +127,15 @@ class Drive:
         return self.load.viscous_friction + self.motor.viscous_friction / self.gear.ratio**2
 
     @property
+    def contact_mass(self) -> float:
+        """Reduced mass of both gears along the pitch line, as they meet, kg."""
+        gear = self.gear
+        return 1.0 / (gear.motor_radius**2 / self.motor.inertia + gear.load_radius**2 / self.load.inertia)
+
+    @property
     def motor_share(self) -> float:
         """Share of the gap that the load crosses in a limit cycle, J_r/(J_r + J_l) by momentum exchange."""
         return self.reflected_inertia / self.effective_inertia
-
-    def constants(self) -> PlantConstants:
-        """Return the named tuple that the compiled functions take."""
-        motor, gear, load = self.motor, self.gear, self.load
-        return PlantConstants(
-            R=float(motor.resistance),
-            L=float(motor.inductance),
-            K_m=float(motor.torque_constant),
-            J_m=float(motor.inertia),
-            B_m=float(motor.viscous_friction),
-            R1=float(gear.motor_radius),
-            R2=float(gear.load_radius),
-            half_gap=0.5 * gear.backlash,
-            beta=float(gear.contact_stiffness),
-            alpha=float(gear.contact_damping),
-            exponent=int(gear.contact_exponent),
-            J_l=float(load.inertia),
-            B_l=float(load.viscous_friction),
-            current_scale=motor.voltage_limit / motor.resistance,
-            speed_scale=motor.voltage_limit / motor.torque_constant,
-        )
 
 
 NOMINAL_DRIVE = Drive(

@@ -5,7 +5,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from backlash_ros.drivetrain.dynamics import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, State, contact_of
+from backlash_ros.drivetrain.constants import plant_constants
+from backlash_ros.drivetrain.dynamics import (
+    CURRENT,
+    LOST,
+    OMEGA_L,
+    OMEGA_M,
+    SUPPLIED,
+    THETA_L,
+    THETA_M,
+    State,
+    contact_of,
+    stored_energy,
+)
 from backlash_ros.drivetrain.integrator import DEFAULT_TOLERANCE, DONE, STEP_TOO_SMALL, IntegrationError, advance
 from backlash_ros.drivetrain.parameters import Drive
 
@@ -33,11 +45,12 @@ class Plant:
     ) -> None:
         self.drive = drive
         self.time = 0.0
-        self._constants = drive.constants()
-        self._state = np.zeros(5) if state is None else np.array(state, dtype=float)
-        if self._state.shape != (5,) or not np.all(np.isfinite(self._state)):
+        self._constants = plant_constants(drive)
+        motion = np.zeros(5) if state is None else np.array(state, dtype=float)
+        if motion.shape != (5,) or not np.all(np.isfinite(motion)):
             raise ValueError(f"state must be five finite numbers, got {state!r}")
-        self._step = np.zeros(1)
+        self._state = np.append(motion, [0.0, 0.0])
+        self._step = np.zeros(2)
         self._tolerance = tolerance
 
     def advance(self, voltage: float, load_torque: float, duration: float) -> None:
@@ -68,7 +81,7 @@ class Plant:
     @property
     def state(self) -> State:
         """A copy of the state, shape (5,), in the order of `dynamics.STATE_NAMES`."""
-        return self._state.copy()
+        return self._state[:5].copy()
 
     @property
     def motor_angle(self) -> float:
@@ -94,6 +107,21 @@ class Plant:
     def load_speed(self) -> float:
         """omega_l, rad/s."""
         return float(self._state[OMEGA_L])
+
+    @property
+    def energy_stored(self) -> float:
+        """Kinetic, magnetic and elastic energy, J."""
+        return float(stored_energy(self._constants, self._state))
+
+    @property
+    def energy_supplied(self) -> float:
+        """Work of voltage and load torque since the start, J."""
+        return float(self._state[SUPPLIED])
+
+    @property
+    def energy_lost(self) -> float:
+        """Heat of winding, friction and contact since the start, J."""
+        return float(self._state[LOST])
 
     @property
     def gear_torque(self) -> float:

@@ -15,7 +15,7 @@ from rclpy.time import Time
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, UInt8
 
-from backlash_ros.control import LearningSettings, Mode, Servo, ServoSettings
+from backlash_ros.control import LAWS, LearningSettings, Servo, ServoSettings, design_law
 from backlash_ros.drivetrain import Quantity
 from backlash_ros.nodes.gain_parameters import (
     CUSTOM,
@@ -127,7 +127,7 @@ class Controller(StoppableNode):
             raise ValueError("gain_set_names must name at least one gain set")
         values: dict[str, Any] = {
             "law": self.declare_parameter(
-                "law", Mode.TWO_REGION.value, describe("which gains act", constraint=str([m.value for m in Mode]))
+                "law", "two_region", describe("control law", constraint=f"one of {sorted(LAWS)}")
             ).value,
         }
         values |= declare_quantities(self, LearningSettings(), read_only=False)
@@ -157,17 +157,16 @@ class Controller(StoppableNode):
         return values
 
     def _settings_of(self, values: dict[str, Any]) -> ServoSettings:
-        modes = [mode.value for mode in Mode]
-        if values["law"] not in modes:
-            raise ValueError(f"law must be one of {modes}, got {values['law']!r}")
-        return take(
+        settings = take(
             ServoSettings,
             values,
             gains=gain_set_of(values, self._sets, self._drive, 1 / self._rate),
-            mode=Mode(values["law"]),
+            law=values["law"],
             period=1 / self._rate,
             learning=take(LearningSettings, values),
         )
+        design_law(self._drive, settings)  # refuses what cannot be designed
+        return settings
 
     def _accept_parameters(self) -> None:
         self.add_pre_set_parameters_callback(self._complete)

@@ -5,7 +5,17 @@ from typing import Any, TypeVar
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
-from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Gear, Load, Motor, Quantity, Validated, quantities
+from backlash_ros.drivetrain import (
+    CONTACT_LAWS,
+    NOMINAL_DRIVE,
+    Drive,
+    Gear,
+    Load,
+    Motor,
+    Quantity,
+    Validated,
+    quantities,
+)
 
 V = TypeVar("V", bound=Validated)
 
@@ -62,7 +72,9 @@ def declare_drive(node: Node) -> Drive:
     values: dict[str, Any] = {}
     for part in (NOMINAL_DRIVE.motor, NOMINAL_DRIVE.gear, NOMINAL_DRIVE.load):
         values |= declare_quantities(node, part, read_only=True)
-    return Drive(take(Motor, values), take(Gear, values), take(Load, values))
+    text = describe("force law of the teeth", constraint=f"one of {list(CONTACT_LAWS)}", read_only=True)
+    law = node.declare_parameter("gear.contact_law", NOMINAL_DRIVE.gear.contact_law, text).value
+    return Drive(take(Motor, values), take(Gear, values, contact_law=law), take(Load, values))
 
 
 def declare_rate(node: Node) -> float:

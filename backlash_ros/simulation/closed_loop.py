@@ -1,38 +1,42 @@
 """The closed loop offline: plant, observer and law, the compiled functions that the nodes run."""
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from backlash_ros.control import ServoSettings
-from backlash_ros.control.law import LawConstants, law_memory, law_step
-from backlash_ros.control.observer import (
-    CURRENT,
-    LOAD_TORQUE,
-    OMEGA_L,
-    THETA_L,
-    ObserverConstants,
-    observer_memory,
-    observer_step,
-)
-from backlash_ros.drivetrain import Drive, IntegrationError, compiled
-from backlash_ros.drivetrain.dynamics import State
-from backlash_ros.drivetrain.integrator import DEFAULT_TOLERANCE, DONE, advance
+from backlash_ros.control import ServoSettings, design_law
+from backlash_ros.control.law import LAW_SIGNATURE, REGION, LawStep
+from backlash_ros.control.observer import LOAD_TORQUE, ObserverConstants, observer_memory, observer_step
+from backlash_ros.drivetrain import Drive, IntegrationError
+from backlash_ros.drivetrain.compiled import compiled_as
+from backlash_ros.drivetrain.constants import plant_constants
+from backlash_ros.drivetrain.dynamics import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, State
+from backlash_ros.drivetrain.integrator import DEFAULT_TOLERANCE, DONE, PEAK_FORCE, advance
 from backlash_ros.drivetrain.parameters import PlantConstants
 
 Array = NDArray[np.float64]
 
+_numba: Any = numba
+_types: Any = numba.types
+
 
 @dataclass(frozen=True)
 class Scenario:
-    """What happens to the loop: reference (rad) and load torque (N m) of each sample.
+    """What happens to the loop, sample by sample.
 
     Parameters
     ----------
-    reference, load_torque : arrays, shape (N,); a load torque of shape () holds throughout
+    reference : rad, shape (N,)
+    load_torque : N m, shape (N,), or () for one that holds throughout
+    initial_state : shape (5,), as `dynamics.STATE_NAMES`
     measured : which of theta_m, omega_m, i, theta_l, omega_l the drive measures
+    angle_noise : added to the measured load angle, rad, shape (N,) or ()
+    encoder_bits : resolution of both encoders, counts per turn as a power of two; None for exact angles
     known_load_torque : feed the true load torque forward in place of the observer's estimate
     substeps : plant samples recorded per controller sample
     """
@@ -41,6 +45,8 @@ class Scenario:
     load_torque: Array = field(default_factory=lambda: np.zeros(()))
     initial_state: State = field(default_factory=lambda: np.zeros(5))
     measured: Sequence[bool] = (True, True, True, True, True)
+    angle_noise: Array = field(default_factory=lambda: np.zeros(()))
+    encoder_bits: int | None = None
     known_load_torque: bool = False
     substeps: int = 1
 
@@ -50,7 +56,7 @@ class Run:
     """A closed-loop run: ``substeps`` plant samples per controller sample, from t = 0 on.
 
     ``state`` (N * substeps + 1, 5) at ``time``; ``voltage``, ``region`` and ``load_torque_estimate`` (N,) per
-    controller sample.
+    controller sample; ``peak_force`` (N,), the largest contact force within each controller period, N.
     """
 
     time: Array
@@ -58,64 +64,77 @@ class Run:
     voltage: Array
     region: Array
     load_torque_estimate: Array
+    peak_force: Array
 
     @property
     def load_angle(self) -> Array:
         """theta_l at ``time``, rad."""
-        return self.state[:, 2]
+        return self.state[:, THETA_L]
 
     def gap(self, drive: Drive) -> Array:
         """R1 theta_m - R2 theta_l at ``time``, m."""
-        return drive.gear.motor_radius * self.state[:, 0] - drive.gear.load_radius * self.state[:, 2]
+        return drive.gear.motor_radius * self.state[:, THETA_M] - drive.gear.load_radius * self.state[:, THETA_L]
 
 
-@compiled
-def _run(
+def _loop(
     plant: PlantConstants,
-    law: LawConstants,
+    law_step: LawStep,
+    constants: Array,
+    memory: Array,
     observer: ObserverConstants,
     reference: Array,
     load_torque: Array,
-    measures: Array,
+    angle_noise: Array,
+    resolution: float,
+    missing: Array,
     known_load_torque: bool,
     substeps: int,
     tolerance: float,
     states: Array,
     signals: Array,
-    region_memory: Array,
     estimate: Array,
 ) -> tuple[int, float]:
-    """Fill ``states`` and ``signals`` (voltage, region, load torque estimate); states[0] is the start."""
-    state = states[0].copy()
-    step = np.zeros(1)
-    measured = np.empty(5)
+    """Fill ``states`` after its first and ``signals``: voltage, region, load torque estimate, peak force."""
+    state = np.zeros(7)
+    state[:5] = states[0]
+    step = np.zeros(2)
+    measured, seen = np.empty(5), np.empty(6)
     voltage = 0.0
     part = observer.period / substeps
     for k in range(reference.shape[0]):
+        measured[0], measured[1], measured[2] = state[THETA_M], state[OMEGA_M], state[CURRENT]
+        measured[3], measured[4] = state[THETA_L] + angle_noise[k], state[OMEGA_L]
+        if resolution > 0.0:
+            measured[0] = np.round(measured[0] / resolution) * resolution
+            measured[3] = np.round(measured[3] / resolution) * resolution
         for j in range(5):
-            measured[j] = np.nan
-        if measures[0] > 0:
-            measured[0] = state[0]
-        if measures[1] > 0:
-            measured[1] = state[1]
-        if measures[2] > 0:
-            measured[2] = state[4]
-        if measures[3] > 0:
-            measured[3] = state[2]
-        if measures[4] > 0:
-            measured[4] = state[3]
+            measured[j] += missing[j]
         observer_step(observer, estimate, measured, voltage)
-        torque = load_torque[k] if known_load_torque else estimate[LOAD_TORQUE]
-        voltage = law_step(
-            law, region_memory, estimate[THETA_L], estimate[OMEGA_L], estimate[CURRENT], reference[k], torque
-        )
-        signals[k, 0], signals[k, 1], signals[k, 2] = voltage, region_memory[0], estimate[LOAD_TORQUE]
+        seen[:] = estimate[:6]
+        if known_load_torque:
+            seen[LOAD_TORQUE] = load_torque[k]
+        voltage = law_step(constants, memory, seen, reference[k])
+        signals[k, 0], signals[k, 1], signals[k, 2] = voltage, memory[REGION], estimate[LOAD_TORQUE]
+        step[PEAK_FORCE] = 0.0
         for j in range(substeps):
             status, passed = advance(plant, state, step, voltage, load_torque[k], part, tolerance)
-            states[k * substeps + j + 1] = state
+            states[k * substeps + j + 1] = state[:5]
             if status != DONE:
                 return status, k * observer.period + j * part + passed
+        signals[k, 3] = step[PEAK_FORCE]
     return DONE, reference.shape[0] * observer.period
+
+
+@functools.cache
+def _compiled_loop(plant_type: Any, observer_type: Any) -> Callable[..., tuple[int, float]]:
+    """Compile the loop once for every law: a law's step is an argument, so that a new law needs no new loop."""
+    integer, number, boolean = _types.int64, _types.float64, _types.boolean
+    flat, table = number[::1], number[:, ::1]
+    signature = _types.Tuple((integer, number))(
+        *(plant_type, _types.FunctionType(LAW_SIGNATURE), flat, flat, observer_type),
+        *(flat, flat, flat, number, flat, boolean, integer, number, table, table, flat),
+    )
+    return compiled_as(signature)(_loop)
 
 
 def run(drive: Drive, settings: ServoSettings, scenario: Scenario, tolerance: float = DEFAULT_TOLERANCE) -> Run:
@@ -123,29 +142,41 @@ def run(drive: Drive, settings: ServoSettings, scenario: Scenario, tolerance: fl
 
     Raises
     ------
+    ValueError
+        If the law that ``settings`` names does not exist or cannot be designed.
     IntegrationError
         If the plant cannot be integrated; names the time and the state.
     """
     count, substeps = scenario.reference.size, scenario.substeps
+    law = design_law(drive, settings)
     states = np.empty((count * substeps + 1, 5))
     states[0] = scenario.initial_state
-    signals = np.empty((count, 3))
-    status, reached = _run(
-        drive.constants(),
-        settings.law(drive),
-        settings.observer(drive),
-        np.ascontiguousarray(scenario.reference, dtype=float),
-        np.ascontiguousarray(np.broadcast_to(scenario.load_torque, (count,)), dtype=float),
-        np.array(scenario.measured, dtype=float),
+    signals = np.zeros((count, 4))
+
+    def samples(values: Array) -> Array:
+        return np.array(np.broadcast_to(values, (count,)), dtype=np.float64)
+
+    plant, observer = plant_constants(drive), settings.observer(drive)
+    status, reached = _compiled_loop(_numba.typeof(plant), _numba.typeof(observer))(
+        plant,
+        law.step,
+        law.constants,
+        law.memory.copy(),
+        observer,
+        samples(scenario.reference),
+        samples(scenario.load_torque),
+        samples(scenario.angle_noise),
+        2 * np.pi / 2**scenario.encoder_bits if scenario.encoder_bits else 0.0,
+        np.where(scenario.measured, 0.0, np.nan),
         scenario.known_load_torque,
         substeps,
         tolerance,
         states,
         signals,
-        law_memory(),
         observer_memory(),
     )
-    time = np.arange(count * substeps + 1, dtype=np.float64) * (settings.period / substeps)
     if status != DONE:
-        raise IntegrationError("the plant could not be integrated", reached, states[round(reached / settings.period)])
-    return Run(time, states, signals[:, 0], signals[:, 1], signals[:, 2])
+        last = states[int(reached / settings.period * substeps)]
+        raise IntegrationError("the plant could not be integrated", reached, last)
+    time = np.arange(count * substeps + 1, dtype=np.float64) * (settings.period / substeps)
+    return Run(time, states, *np.ascontiguousarray(signals.T))

@@ -1,27 +1,33 @@
-"""The two-region law: eq 15, its switch, its limit."""
+"""The laws: eq 15, its switch, its limit; and what every law by name has to keep to."""
 
 import math
 
 import numpy as np
 import pytest
 
-from backlash_ros.control import FAST_REGION, OVERDAMPED_REGION, GainSet, Mode, ServoSettings
-from backlash_ros.control.law import LawConstants, law_memory, law_step
+from backlash_ros.control import FAST_REGION, LAWS, OVERDAMPED_REGION, ControlLaw, GainSet, ServoSettings, design_law
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 
 B = 0.02
 
 
-def law(gains: GainSet, mode: Mode = Mode.TWO_REGION, **others: float) -> LawConstants:
+def make(gains: GainSet, law: str = "two_region", **others: float) -> ControlLaw:
     choice = {"backlash_angle": B, "hysteresis": 0.5, "min_dwell": 0.0, **others}
-    return ServoSettings(gains, mode=mode, **choice).law(NOMINAL_DRIVE)
+    return design_law(NOMINAL_DRIVE, ServoSettings(gains, law=law, **choice))
 
 
-def regions(constants: LawConstants, errors: list[float]) -> list[int]:
-    memory = law_memory()
+def answer(law: ControlLaw, error: float, omega: float = 0.0, current: float = 0.0, torque: float = 0.0) -> float:
+    """Return the first voltage at reference 0."""
+    return law.step(
+        law.constants, law.memory.copy(), np.array([10 * error, 10 * omega, current, error, omega, torque]), 0.0
+    )
+
+
+def regions(law: ControlLaw, errors: list[float]) -> list[int]:
+    memory = law.memory.copy()
     seen = []
     for error in errors:
-        law_step(constants, memory, error, 0.0, 0.0, 0.0, 0.0)
+        law.step(law.constants, memory, np.array([0.0, 0.0, 0.0, error, 0.0, 0.0]), 0.0)
         seen.append(int(memory[0]))
     return seen
 
@@ -32,51 +38,64 @@ def test_voltage_is_that_of_eq_15(gains: GainSet, error: float, region: str) -> 
     omega, current, torque = 0.3, -0.2, 0.04
     k_tau = -0.1 * (2.0 + k.k3) / 0.05
     expected = k_tau * torque - k.k1 * error - k.k2 * omega - k.k3 * current
-    voltage = law_step(law(gains), law_memory(), 1.0 + error, omega, current, 1.0, torque)
-    assert voltage == pytest.approx(expected, rel=1e-12)
+    assert answer(make(gains), error, omega, current, torque) == pytest.approx(expected, rel=1e-12)
 
 
-def test_feedforward_leaves_no_error_at_rest_under_a_load_torque(gains: GainSet) -> None:
+@pytest.mark.parametrize("law", ["fast", "overdamped"])
+def test_feedforward_leaves_no_error_at_rest_under_a_load_torque(gains: GainSet, law: str) -> None:
     """DC algebra of the rigid model: at zero error and speed the law gives just the voltage that holds the torque."""
-    for mode in (Mode.FAST, Mode.OVERDAMPED):
-        torque = 0.3
-        current = -0.1 * torque / 0.05
-        voltage = law_step(law(gains, mode), law_memory(), 1.0, 0.0, current, 1.0, torque)
-        assert voltage == pytest.approx(2.0 * current)
-
-
-def test_saturation_comes_last(gains: GainSet) -> None:
-    for error, limit in ((-10.0, 24.0), (10.0, -24.0)):
-        assert law_step(law(gains), law_memory(), error, 0.0, 0.0, 0.0, 0.0) == limit
+    torque = 0.3
+    current = -0.1 * torque / 0.05
+    assert answer(make(gains, law), 0.0, 0.0, current, torque) == pytest.approx(2.0 * current)
 
 
 def test_switch_has_hysteresis(gains: GainSet) -> None:
     errors = [2 * B, 0.99 * B, 1.2 * B, 1.49 * B, 1.5 * B, 1.2 * B, 0.99 * B]
     fast, slow = FAST_REGION, OVERDAMPED_REGION
-    assert regions(law(gains), errors) == [fast, slow, slow, slow, fast, fast, slow]
+    assert regions(make(gains), errors) == [fast, slow, slow, slow, fast, fast, slow]
 
 
 def test_switch_keeps_a_region_for_the_least_dwell(gains: GainSet) -> None:
     errors = [0.0, *[5 * B] * 6]
-    seen = regions(law(gains, min_dwell=0.016), errors)  # four periods of 4 ms
+    seen = regions(make(gains, min_dwell=0.016), errors)  # four periods of 4 ms
     assert seen == [OVERDAMPED_REGION] * 4 + [FAST_REGION] * 3
 
 
 def test_unknown_backlash_leaves_the_fast_gains_alone(gains: GainSet) -> None:
-    assert regions(law(gains, backlash_angle=0.0), [1.0, 0.0, 0.0]) == [FAST_REGION] * 3
+    assert regions(make(gains, backlash_angle=0.0), [1.0, 0.0, 0.0]) == [FAST_REGION] * 3
 
 
-@pytest.mark.parametrize(("mode", "region"), [(Mode.FAST, FAST_REGION), (Mode.OVERDAMPED, OVERDAMPED_REGION)])
-def test_one_region_laws_never_switch(gains: GainSet, mode: Mode, region: int) -> None:
-    assert regions(law(gains, mode), [0.0, 1e6, 0.0, B, -1.0]) == [region] * 5
+@pytest.mark.parametrize(("law", "region"), [("fast", FAST_REGION), ("overdamped", OVERDAMPED_REGION)])
+def test_one_region_laws_never_switch(gains: GainSet, law: str, region: int) -> None:
+    assert regions(make(gains, law), [0.0, 1e6, 0.0, B, -1.0]) == [region] * 5
 
 
-def test_law_is_odd(gains: GainSet) -> None:
-    rng = np.random.default_rng(1)
-    for inputs in rng.normal(size=(50, 5)):
-        assert law_step(law(gains), law_memory(), *inputs) == -law_step(law(gains), law_memory(), *(-inputs))
+@pytest.mark.parametrize("name", sorted(LAWS))
+def test_every_law_is_odd_and_saturates_last(gains: GainSet, name: str) -> None:
+    law = make(gains, name)
+    for inputs in np.random.default_rng(1).normal(size=(50, 4)):
+        assert answer(law, *inputs) == -answer(law, *(-inputs))
+    memory = law.memory.copy()
+    for _ in range(200):
+        voltage = law.step(law.constants, memory, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), 1e6)
+        assert abs(voltage) <= 24.0
+    assert voltage == 24.0
+
+
+@pytest.mark.parametrize("name", sorted(LAWS))
+def test_every_law_is_at_rest_at_rest(gains: GainSet, name: str) -> None:
+    """At the target, unloaded, no law wants a voltage, however long it has been there."""
+    law = make(gains, name)
+    memory = law.memory.copy()
+    for _ in range(100):
+        voltage = law.step(law.constants, memory, np.array([3.0, 0.0, 0.0, 0.3, 0.0, 0.0]), 0.3)
+        assert voltage == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_value_that_is_not_finite_never_passes_as_a_voltage_within_limits(gains: GainSet) -> None:
-    voltage = law_step(law(gains), law_memory(), math.nan, 0.0, 0.0, 0.0, 0.0)
-    assert math.isnan(voltage)
+    assert math.isnan(answer(make(gains), math.nan))
+
+
+def test_unknown_law_is_refused_with_the_names_there_are(gains: GainSet) -> None:
+    with pytest.raises(ValueError, match=r"law must be one of \['cascade', .*'two_region'\], got 'bang_bang'"):
+        make(gains, "bang_bang")

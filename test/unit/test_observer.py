@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from backlash_ros.control import GainSet, Mode, ServoSettings
+from backlash_ros.control import GainSet, ServoSettings
 from backlash_ros.control.observer import CURRENT, LOAD_TORQUE, OMEGA_L, OMEGA_M, observer_memory, observer_step
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
 from backlash_ros.simulation import Scenario, run
@@ -53,7 +53,7 @@ def test_load_torque_is_found_from_momentum(gains: GainSet, measured: tuple[bool
 
 def test_load_torque_is_found_while_the_teeth_do_not_touch(gains: GainSet) -> None:
     """In the limit cycle the contact comes and goes 60 times a second; the momentum of both shafts does not mind."""
-    settings = ServoSettings(gains, mode=Mode.FAST, period=0.001)
+    settings = ServoSettings(gains, law="fast", period=0.001)
     result = run(NOMINAL_DRIVE, settings, Scenario(np.ones(2000), np.array(0.0)))
     assert np.ptp(result.load_angle[1000:]) > 0.7 * 0.02
     assert np.max(np.abs(result.load_torque_estimate)) < 0.01

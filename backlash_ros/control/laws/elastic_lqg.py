@@ -1,0 +1,72 @@
+"""A linear output-feedback compensator for the elastic two-mass drive: a reconstruction of Mohan's (SSST 2007).
+
+Of that controller the abstract and a step response are known: it is linear, made for a position control system with
+elasticity, removes the limit cycle of the backlash, and overshoots somewhat. This one has those properties and is not
+claimed to be the original: LQG on motor and load joined by a spring, from the load's angle alone. The spring is the
+teeth's secant stiffness at the edge of the gap.
+"""
+
+import control
+import numpy as np
+
+from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, Array, ControlLaw
+from backlash_ros.control.observer import THETA_L
+from backlash_ros.control.settings import ServoSettings
+from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain.compiled import compiled_as
+
+_STATES = 5
+_A, _B, _L, _K, _RATIO, _LIMIT = 0, 25, 30, 35, 40, 41
+_STARTED = 1 + _STATES
+
+POSITION_WEIGHT, SPEED_WEIGHT = 30.0, 0.0
+TORQUE_NOISE, ANGLE_NOISE = 1e-2, 1e-3
+"""LQR weights on the load, and the noise that the Kalman filter expects: motor torque in N m, angle in rad."""
+
+
+@compiled_as(LAW_SIGNATURE)
+def elastic_lqg_step(law: Array, memory: Array, estimate: Array, reference: float) -> float:
+    """Kalman predictor in ``memory[1:6]``: theta_m, omega_m, theta_l, omega_l, i; V = -K (state - target)."""
+    state = memory[1 : 1 + _STATES]
+    if memory[_STARTED] == 0.0:
+        state[0], state[2] = estimate[THETA_L] / law[_RATIO], estimate[THETA_L]
+        memory[_STARTED] = 1.0
+    wanted = law[_K] * (reference / law[_RATIO] - state[0]) + law[_K + 2] * (reference - state[2])
+    wanted -= law[_K + 1] * state[1] + law[_K + 3] * state[3] + law[_K + 4] * state[4]
+    voltage = float(min(max(wanted, -law[_LIMIT]), law[_LIMIT]))
+    innovation = estimate[THETA_L] - state[2]
+    following = np.empty(_STATES)
+    for i in range(_STATES):
+        following[i] = law[_B + i] * voltage + law[_L + i] * innovation
+        for j in range(_STATES):
+            following[i] += law[_A + _STATES * i + j] * state[j]
+    state[:] = following
+    return voltage
+
+
+def elastic_lqg(drive: Drive, settings: ServoSettings) -> ControlLaw:
+    """Design the compensator for ``drive`` at the sample period."""
+    motor, gear, load = drive.motor, drive.gear, drive.load
+    spring = gear.contact_stiffness / (0.5 * gear.backlash)
+    r1, r2 = gear.motor_radius, gear.load_radius
+    a = np.zeros((_STATES, _STATES))
+    a[0, 1] = a[2, 3] = 1.0
+    a[1] = [-spring * r1 * r1, -motor.viscous_friction, spring * r1 * r2, 0.0, motor.torque_constant]
+    a[1] /= motor.inertia
+    a[3] = [spring * r1 * r2, 0.0, -spring * r2 * r2, -load.viscous_friction, 0.0]
+    a[3] /= load.inertia
+    a[4] = [0.0, -motor.torque_constant, 0.0, 0.0, -motor.resistance]
+    a[4] /= motor.inductance
+    b = np.array([[0.0], [0.0], [0.0], [0.0], [1.0 / motor.inductance]])
+    c = np.array([[0.0, 0.0, 1.0, 0.0, 0.0]])
+    plant = control.c2d(control.ss(a, b, c, 0), settings.period)
+    q = np.diag([0.0, 0.0, POSITION_WEIGHT, SPEED_WEIGHT, 0.0])
+    k, _, _ = control.dlqr(plant.A, plant.B, q, np.eye(1))
+    torque = np.array([[0.0], [settings.period / motor.inertia], [0.0], [0.0], [0.0]])
+    gain, _, _ = control.dlqe(plant.A, torque, c, np.eye(1) * TORQUE_NOISE**2, np.eye(1) * ANGLE_NOISE**2)
+    parts = [plant.A, plant.B, plant.A @ np.asarray(gain), k, [gear.ratio, motor.voltage_limit]]
+    constants = np.concatenate([np.ravel(part) for part in parts])
+    return ControlLaw(elastic_lqg_step, constants, np.array([float(FAST_REGION), *np.zeros(_STATES + 1)]))
+
+
+LAWS = {"elastic_lqg": elastic_lqg}

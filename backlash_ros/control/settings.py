@@ -1,0 +1,49 @@
+"""Everything about the servo that can be tuned, as one immutable value."""
+
+from dataclasses import dataclass, field
+
+from backlash_ros.control.gains import GainSet
+from backlash_ros.control.learning import LearningSettings
+from backlash_ros.control.observer import ObserverConstants, observer_constants
+from backlash_ros.drivetrain import Drive, Validated, quantity
+
+
+@dataclass(frozen=True)
+class ServoSettings(Validated):
+    """One immutable choice of everything that can be tuned: gains, regions, rate, observer and learning.
+
+    ``backlash_angle`` is b as learned; while it is 0, not known, the fast gains act alone. ``period`` is the time
+    between samples, s; ``law`` names one of `laws.LAWS`.
+    """
+
+    gains: GainSet
+    law: str = "two_region"
+    period: float = 0.004
+    learning: LearningSettings = field(default_factory=LearningSettings)
+    backlash_angle: float = quantity(
+        "backlash at the output shaft, within which the over-damped gains act; 0 while not known",
+        "rad",
+        at_least=0,
+        at_most=3.2,
+        default=0.0,
+    )
+    hysteresis: float = quantity(
+        "the over-damped region is left at (1 + hysteresis) backlash_angle", "", at_least=0, at_most=10, default=0.1
+    )
+    min_dwell: float = quantity("least time in a region", "s", at_least=0, at_most=10, default=0.02)
+    velocity_bandwidth: float = quantity(
+        "bandwidth of the tracking filter where a speed is not measured", "rad/s", above=0, at_most=1e5, default=800.0
+    )
+    torque_bandwidth: float = quantity(
+        "bandwidth of the load torque estimate; 0 turns its feedforward off",
+        "rad/s",
+        at_least=0,
+        at_most=1e4,
+        default=40.0,
+    )
+
+    def observer(self, drive: Drive) -> ObserverConstants:
+        """Return the compiled observer's constants for ``drive``."""
+        return observer_constants(
+            drive, self.period, velocity_bandwidth=self.velocity_bandwidth, torque_bandwidth=self.torque_bandwidth
+        )
