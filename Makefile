@@ -3,6 +3,7 @@
 #   make demo    learn the backlash and judge three laws, on real ROS 2, recorded: results in results/demo
 #   make test    all tests
 #   make lint    formatting, style and types
+#   make paper   the paper's figures and the page that judges them, in docs
 #   make bench   how fast the offline loop is, beside scipy in the same run
 #   make lock    renew requirements/*.txt, the locks with hashes, from requirements/*.in
 #
@@ -23,7 +24,7 @@ else
   LOCKS := requirements/python.txt requirements/ros.txt
 endif
 
-.PHONY: demo test test-unit test-floors lint bench lock clean
+.PHONY: demo test test-unit test-floors lint paper bench lock clean
 
 demo: $(VENV)/.ready
 	$(BIN)/python -m backlash_ros.nodes.demo
@@ -38,6 +39,9 @@ lint: $(VENV)/.ready
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+
+paper: $(VENV)/.ready
+	$(BIN)/python -m backlash_ros.cli figures --out docs/figures --page docs/paper.md
 
 bench: $(VENV)/.ready
 	$(BIN)/python benchmarks/closed_loop.py

@@ -48,6 +48,7 @@ setup(
             f"controller = {NAME}.nodes.controller:main",
             f"recorder = {NAME}.nodes.recorder:main",
             f"demo = {NAME}.nodes.demo:main",
+            f"backlash = {NAME}.cli:main",
         ],
     },
     zip_safe=False,

@@ -48,6 +48,14 @@ def count_impacts(gap: Array, backlash: float) -> int:
     return int(np.count_nonzero(touching[1:] & ~touching[:-1]))
 
 
+def settling_time(time: Array, position: Array, target: float, band: float) -> float:
+    """Return when abs(position - target) was last above ``band``; inf where it still is at the end."""
+    outside = np.flatnonzero(np.abs(position - target) > band)
+    if outside.size == 0:
+        return 0.0
+    return float("inf") if outside[-1] == position.size - 1 else float(time[outside[-1] + 1])
+
+
 def step_response(
     time: Array,
     position: Array,

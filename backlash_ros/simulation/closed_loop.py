@@ -137,8 +137,14 @@ def _compiled_loop(plant_type: Any, observer_type: Any) -> Callable[..., tuple[i
     return compiled_as(signature)(_loop)
 
 
-def run(drive: Drive, settings: ServoSettings, scenario: Scenario, tolerance: float = DEFAULT_TOLERANCE) -> Run:
-    """Run one closed loop.
+def run(
+    drive: Drive,
+    settings: ServoSettings,
+    scenario: Scenario,
+    tolerance: float = DEFAULT_TOLERANCE,
+    model: Drive | None = None,
+) -> Run:
+    """Run one closed loop: ``drive`` is what moves, ``model`` (the same by default) what the controller takes it for.
 
     Raises
     ------
@@ -148,7 +154,7 @@ def run(drive: Drive, settings: ServoSettings, scenario: Scenario, tolerance: fl
         If the plant cannot be integrated; names the time and the state.
     """
     count, substeps = scenario.reference.size, scenario.substeps
-    law = design_law(drive, settings)
+    law = design_law(model or drive, settings)
     states = np.empty((count * substeps + 1, 5))
     states[0] = scenario.initial_state
     signals = np.zeros((count, 4))
@@ -156,7 +162,7 @@ def run(drive: Drive, settings: ServoSettings, scenario: Scenario, tolerance: fl
     def samples(values: Array) -> Array:
         return np.array(np.broadcast_to(values, (count,)), dtype=np.float64)
 
-    plant, observer = plant_constants(drive), settings.observer(drive)
+    plant, observer = plant_constants(drive), settings.observer(model or drive)
     status, reached = _compiled_loop(_numba.typeof(plant), _numba.typeof(observer))(
         plant,
         law.step,

@@ -2,8 +2,8 @@
 
 Of that controller the abstract and a step response are known: it is linear, made for a position control system with
 elasticity, removes the limit cycle of the backlash, and overshoots somewhat. This one has those properties and is not
-claimed to be the original: LQG on motor and load joined by a spring, from the load's angle alone. The spring is the
-teeth's secant stiffness at the edge of the gap.
+claimed to be the original: LQG on motor and load joined by a spring, from the load's angle alone, with a lead on the
+reference that makes up for the slow pole, and more. The spring is the teeth's secant stiffness at the edge of the gap.
 """
 
 import control
@@ -16,12 +16,15 @@ from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.compiled import compiled_as
 
 _STATES = 5
-_A, _B, _L, _K, _RATIO, _LIMIT = 0, 25, 30, 35, 40, 41
-_STARTED = 1 + _STATES
+_A, _B, _L, _K, _RATIO, _LIMIT, _LEAD, _FORGET = 0, 25, 30, 35, 40, 41, 42, 43
+_STARTED, _SLOW_REFERENCE = 1 + _STATES, 2 + _STATES
 
-POSITION_WEIGHT, SPEED_WEIGHT = 30.0, 0.0
-TORQUE_NOISE, ANGLE_NOISE = 1e-2, 1e-3
-"""LQR weights on the load, and the noise that the Kalman filter expects: motor torque in N m, angle in rad."""
+POSITION_WEIGHT = 25.0
+"""LQR weight on the load's angle: low enough for the nominal drive to come to rest."""
+TORQUE_NOISE, ANGLE_NOISE = 1e-3, 1e-3
+"""What the Kalman filter expects: noise on the motor torque in N m and on the angle in rad."""
+LEAD, LAG_TIME = 1.1, 0.03
+"""Zero of the reference's lead over the slowest pole's time constant, and its lag, s."""
 
 
 @compiled_as(LAW_SIGNATURE)
@@ -30,8 +33,11 @@ def elastic_lqg_step(law: Array, memory: Array, estimate: Array, reference: floa
     state = memory[1 : 1 + _STATES]
     if memory[_STARTED] == 0.0:
         state[0], state[2] = estimate[THETA_L] / law[_RATIO], estimate[THETA_L]
+        memory[_SLOW_REFERENCE] = estimate[THETA_L]
         memory[_STARTED] = 1.0
-    wanted = law[_K] * (reference / law[_RATIO] - state[0]) + law[_K + 2] * (reference - state[2])
+    target = reference + law[_LEAD] * (reference - memory[_SLOW_REFERENCE])
+    memory[_SLOW_REFERENCE] += law[_FORGET] * (reference - memory[_SLOW_REFERENCE])
+    wanted = law[_K] * (target / law[_RATIO] - state[0]) + law[_K + 2] * (target - state[2])
     wanted -= law[_K + 1] * state[1] + law[_K + 3] * state[3] + law[_K + 4] * state[4]
     voltage = float(min(max(wanted, -law[_LIMIT]), law[_LIMIT]))
     innovation = estimate[THETA_L] - state[2]
@@ -60,13 +66,14 @@ def elastic_lqg(drive: Drive, settings: ServoSettings) -> ControlLaw:
     b = np.array([[0.0], [0.0], [0.0], [0.0], [1.0 / motor.inductance]])
     c = np.array([[0.0, 0.0, 1.0, 0.0, 0.0]])
     plant = control.c2d(control.ss(a, b, c, 0), settings.period)
-    q = np.diag([0.0, 0.0, POSITION_WEIGHT, SPEED_WEIGHT, 0.0])
-    k, _, _ = control.dlqr(plant.A, plant.B, q, np.eye(1))
+    k, _, poles = control.dlqr(plant.A, plant.B, np.diag([0.0, 0.0, POSITION_WEIGHT, 0.0, 0.0]), np.eye(1))
+    slowest = -settings.period / np.log(np.max(np.abs(poles)))
     torque = np.array([[0.0], [settings.period / motor.inertia], [0.0], [0.0], [0.0]])
     gain, _, _ = control.dlqe(plant.A, torque, c, np.eye(1) * TORQUE_NOISE**2, np.eye(1) * ANGLE_NOISE**2)
-    parts = [plant.A, plant.B, plant.A @ np.asarray(gain), k, [gear.ratio, motor.voltage_limit]]
+    reference = [LEAD * slowest / LAG_TIME - 1.0, -np.expm1(-settings.period / LAG_TIME)]
+    parts = [plant.A, plant.B, plant.A @ np.asarray(gain), k, [gear.ratio, motor.voltage_limit], reference]
     constants = np.concatenate([np.ravel(part) for part in parts])
-    return ControlLaw(elastic_lqg_step, constants, np.array([float(FAST_REGION), *np.zeros(_STATES + 1)]))
+    return ControlLaw(elastic_lqg_step, constants, np.array([float(FAST_REGION), *np.zeros(_STATES + 2)]))
 
 
 LAWS = {"elastic_lqg": elastic_lqg}

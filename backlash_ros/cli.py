@@ -1,0 +1,78 @@
+"""The command `backlash`: the paper's figures, and single closed-loop runs, without ROS."""
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from backlash_ros.analysis.figures import FIGURES, draw
+from backlash_ros.analysis.page import write_page
+from backlash_ros.analysis.paper import CASES, PARTS, judge, reproduce, respond
+from backlash_ros.control import LAWS
+
+
+def _json_ready(value: Any) -> Any:
+    """Return ``value`` with what JSON has no number for, infinity and nan, as None."""
+    if isinstance(value, dict):
+        return {key: _json_ready(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_json_ready(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def figures(out: Path, page: Path | None, console: Console) -> None:
+    """Compute all, write figures and figures.json into ``out``, and the page to ``page``."""
+    out.mkdir(parents=True, exist_ok=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task("the paper", total=PARTS + len(FIGURES))
+
+        def progress(what: str) -> None:
+            bar.update(task, advance=1, description=what)
+
+        done = reproduce(progress)
+        draw(done, out, progress)
+    numbers = _json_ready(done.numbers)
+    (out / "figures.json").write_text(json.dumps(numbers, indent=1) + "\n")
+    console.print(f"{len(FIGURES)} figures (PNG, SVG) and figures.json in {out}", highlight=False)
+    if page is not None:
+        page.write_text(write_page(numbers))
+        console.print(f"{page}", highlight=False)
+
+
+def simulate(law: str, case: str, console: Console) -> None:
+    """Run one step response and print its figures as JSON."""
+    condition = CASES[case]
+    console.print_json(json.dumps(_json_ready({"law": law, "case": case, **judge(respond(law, condition), condition)})))
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command; the exit code is 2 for arguments that cannot be used."""
+    parser = argparse.ArgumentParser(prog="backlash", description=__doc__)
+    commands = parser.add_subparsers(required=True)
+    drawing = commands.add_parser("figures", help="the paper's figures, computed and drawn")
+    drawing.add_argument("--out", type=Path, required=True, help="folder to write into")
+    drawing.add_argument("--page", type=Path, help="also write the page that judges them")
+    drawing.set_defaults(run=lambda a, console: figures(a.out, a.page, console))
+    single = commands.add_parser("simulate", help="one step response of 1 rad: its figures as JSON")
+    single.add_argument("--law", choices=sorted(LAWS), default="two_region")
+    single.add_argument("--case", choices=list(CASES), default="nominal")
+    single.set_defaults(run=lambda a, console: simulate(a.law, a.case, console))
+    parsed = parser.parse_args(args)
+    command: Callable[[argparse.Namespace, Console], None] = parsed.run
+    try:
+        command(parsed, Console())
+    except OSError as error:
+        print(f"backlash: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
