@@ -13,6 +13,8 @@ SHELL := /bin/bash
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
+# Of its own for each kind of ROS, so that sourcing another one makes the environment anew.
+READY := $(VENV)/.ready-$(or $(ROS_DISTRO),wheels)
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 LOCK := uv pip compile --quiet --upgrade --universal --python-version 3.10 --generate-hashes --no-annotate \
         --custom-compile-command "make lock"
@@ -26,24 +28,24 @@ endif
 
 .PHONY: demo test test-unit test-floors lint paper bench lock clean
 
-demo: $(VENV)/.ready
+demo: $(READY)
 	$(BIN)/python -m backlash_ros.nodes.demo
 
-test: $(VENV)/.ready
+test: $(READY)
 	$(BIN)/python -m pytest
 
-test-unit: $(VENV)/.ready
+test-unit: $(READY)
 	$(BIN)/python -m pytest backlash_ros test/unit
 
-lint: $(VENV)/.ready
+lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-paper: $(VENV)/.ready
+paper: $(READY)
 	$(BIN)/python -m backlash_ros.cli figures --out docs/figures --page docs/paper.md
 
-bench: $(VENV)/.ready
+bench: $(READY)
 	$(BIN)/python benchmarks/closed_loop.py
 
 # The pure tests on the oldest supported dependencies. numba 0.58 has wheels up to Python 3.11.
@@ -59,7 +61,7 @@ $(FLOORS)/.ready: requirements/floors.txt
 	$(FLOORS)/bin/python -m pip --disable-pip-version-check install --quiet --require-hashes -r requirements/floors.txt
 	touch $@
 
-$(VENV)/.ready: $(LOCKS)
+$(READY): $(LOCKS)
 	@echo "== $(VENV): Python environment from $(LOCKS), once; about a minute"
 	rm -rf $(VENV)
 	$(PYTHON) -m venv $(VENV_OPTIONS) $(VENV)

@@ -1,8 +1,8 @@
 """Simulator and controller; with simulator:=false the controller alone, for a real drive."""
 
 from launch.actions import DeclareLaunchArgument
-from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.conditions import IfCondition, UnlessCondition
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
@@ -14,11 +14,12 @@ def generate_launch_description() -> LaunchDescription:
     default = PathJoinSubstitution([FindPackageShare("backlash_ros"), "config", "nominal_drive.yaml"])
     config, namespace = LaunchConfiguration("config"), LaunchConfiguration("namespace")
     common = {"package": "backlash_ros", "namespace": namespace, "output": "screen"}
+    given = PythonExpression(["'", LaunchConfiguration("gain_set"), "' != ''"])
     gain_set = {"gain_set": LaunchConfiguration("gain_set")}
     return LaunchDescription(
         [
             DeclareLaunchArgument("config", default_value=default, description="parameter file"),
-            DeclareLaunchArgument("gain_set", default_value="nominal", description="gain set to start with"),
+            DeclareLaunchArgument("gain_set", default_value="", description="gain set, in place of the file's"),
             DeclareLaunchArgument("namespace", default_value="", description="namespace of both nodes"),
             DeclareLaunchArgument("simulator", default_value="true", description="false where there is a drive"),
             Node(
@@ -27,6 +28,7 @@ def generate_launch_description() -> LaunchDescription:
                 condition=IfCondition(LaunchConfiguration("simulator")),
                 **common,
             ),
-            Node(executable="controller", parameters=[config, gain_set], **common),
+            Node(executable="controller", parameters=[config], condition=UnlessCondition(given), **common),
+            Node(executable="controller", parameters=[config, gain_set], condition=IfCondition(given), **common),
         ]
     )

@@ -47,9 +47,9 @@ def _stamp(stamp: Any) -> float:
 def _joint_row(message: Any, motor: str, load: str) -> list[float]:
     row = []
     for joint in (motor, load):
-        k = message.name.index(joint)
+        k = message.name.index(joint) if joint in message.name else len(message.name)
         fields = (message.position, message.velocity, message.effort)
-        row += [float(values[k]) if len(values) else float("nan") for values in fields]
+        row += [float(values[k]) if k < len(values) else float("nan") for values in fields]
     return row
 
 
@@ -75,10 +75,10 @@ def read_bag(path: Path, *, motor_joint: str = "motor", load_joint: str = "load"
                 rows.append(_joint_row(message, motor_joint, load_joint))
             elif connection.msgtype == "rcl_interfaces/msg/ParameterEvent":
                 parameters += [(received, p.name, p.value) for p in message.changed_parameters]
-            elif hasattr(message, "data"):
+            elif np.size(data := getattr(message, "data", ())) and np.asarray(data).dtype.kind in "biuf":
                 times, values = scalars.setdefault(connection.topic, ([], []))
                 times.append(received)
-                values.append(float(np.ravel(message.data)[0]))
+                values.append(float(np.ravel(data)[0]))
     return Recording(
         Series(np.array(stamps), np.array(rows).reshape(-1, 6)),
         {topic: Series(np.array(times), np.array(values)) for topic, (times, values) in scalars.items()},

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from backlash_ros.analysis.figures import NAMES
+from backlash_ros.analysis.paper import FRICTION_TRIED
 
 _COLUMNS = {
     "rise_time_s": ("rise, s", "{:.3f}"),
@@ -18,6 +19,8 @@ _COLUMNS = {
 
 QUIET = 0.05
 """Residual peak to peak over the backlash below which a response counts as at rest."""
+CLOSE = 0.15
+"""Relative difference up to which a prediction counts as one."""
 
 
 def _format(pattern: str, value: float | int | None) -> str:
@@ -54,8 +57,16 @@ def _section(title: str, figure: str, claim: str, computed: str, verdict: str) -
     ]
 
 
-def _verdict(holds: bool, otherwise: str) -> str:
-    return "holds." if holds else otherwise
+def _verdict(holds: bool, otherwise: str, then: str = "holds.") -> str:
+    return then if holds else otherwise
+
+
+def _since(ratios: list[float], text: str) -> str:
+    return text.format(f"{min(ratios):g}", f"{max(ratios):g}") if ratios else "does not hold at any ratio tried."
+
+
+def _within(ratios: list[float]) -> str:
+    return "holds within 15 %" if all(abs(ratio - 1) < CLOSE for ratio in ratios) else "does not hold"
 
 
 def write_page(numbers: Mapping[str, Any]) -> str:
@@ -102,7 +113,11 @@ def write_page(numbers: Mapping[str, Any]) -> str:
         f"The fast gains keep a cycle of {fast['residual_b']:.2f} b. Over a backlash of {1e3 * sweep[0]['backlash_m']:g} to"
         f" {1e3 * sweep[-1]['backlash_m']:g} mm the amplitude is {min(amplitudes):.2f} to {max(amplitudes):.2f} b: in proportion to the"
         f" backlash, but the load's share of it (next section).",
-        "the cycle holds; amplitude = backlash holds when the motor's reflected inertia outweighs the load's.",
+        _verdict(fast["residual_b"] > 0.5, "no cycle: does not hold.", "the cycle holds; ")
+        + _since(
+            [row["inertia_ratio"] for row in inertia if abs(row["amplitude_b"] - 1) < CLOSE],
+            "the amplitude is within 15 % of the backlash for J_r/J_l from {} to {} of the ratios tried below, not beyond.",
+        ),
     )
     shares = [row for row in inertia if row["amplitude_b"]]
     worst = max(shares, key=lambda row: abs(row["amplitude_b"] / row["share"] - 1))
@@ -120,7 +135,10 @@ def write_page(numbers: Mapping[str, Any]) -> str:
             if silent
             else ""
         ),
-        "amplitude = backlash does not hold in general; the share corrects it where the motor is not the lighter part.",
+        _since(
+            [row["inertia_ratio"] for row in shares if abs(row["amplitude_b"] / row["share"] - 1) < CLOSE],
+            "the share is within 15 % of the amplitude for J_r/J_l from {} to {}.",
+        ),
     )
     lines += _section(
         "Fig. 5: the over-damped regulator",
@@ -189,8 +207,17 @@ def write_page(numbers: Mapping[str, Any]) -> str:
             f"At rest at the end in {len(rows) - len(failing)} of {len(rows)} cases; not at rest: {', '.join(failing) or 'none'}. With twice"
             f" the load inertia the load still drifts across the gap ({inertias['load inertia x2']['residual_b']:.2f} b in the last second);"
             f" with four times it keeps a slow cycle of {heavy['residual_b']:.2f} b.",
-            "holds for friction, backlash and load torque; holds for inertia when the load does not outweigh the motor"
-            " (J_l up to about J_r/2).",
+            "; ".join(
+                f"{title}: {'holds' if all(row['residual_b'] < QUIET for row in part.values()) else 'does not hold throughout'}"
+                for title, part in varied.items()
+                if title != "where it fails"
+            )
+            + "; "
+            + _verdict(
+                heavy["residual_b"] < QUIET,
+                "with four times the load inertia it fails.",
+                "with four times the load inertia it holds.",
+            ),
         ),
         *_table(rows, "two-region law, designed for the nominal drive"),
         "",
@@ -214,7 +241,8 @@ def write_page(numbers: Mapping[str, Any]) -> str:
         f" period to {_percent(min(periods), 1)} to {_percent(max(periods), 1)}: the stiff lossy teeth hold the gap at ±d/2 between flights, so it"
         f" is far from the sinusoid that the method assumes. With elastic teeth and damping up to"
         f" {max(row['tooth_damping'] for row in mild):g} N s/m amplitude and period are both within 15 %.",
-        "holds for the amplitude; for the period it holds when the teeth are elastic and little damped.",
+        f"amplitude {_within(predicted)}, period {_within(periods)} with the paper's contact law; both within 15 % with elastic"
+        f" teeth damped by up to {max(row['tooth_damping'] for row in mild):g} N s/m.",
     )
     lines += _section(
         "Coulomb friction",
@@ -223,7 +251,7 @@ def write_page(numbers: Mapping[str, Any]) -> str:
         f"With the nominal backlash {1e3 * next(r for r in friction if r['backlash_m'] == 1e-3)['coulomb_friction_Nm']:.0f} mN m are"
         f" enough; {1e3 * min(r['coulomb_friction_Nm'] for r in friction):.0f} to"
         f" {1e3 * max(r['coulomb_friction_Nm'] for r in friction):.0f} mN m over the backlashes tried.",
-        "holds.",
+        _verdict(all(row["coulomb_friction_Nm"] < FRICTION_TRIED for row in friction), "does not hold."),
     )
     lines += ["## Contact laws", "", "The cycle of the fast gains with each law (`gear.contact_law`):", ""]
     lines += ["| law | amplitude/b | gap travel/d | period, s |", "|---|---:|---:|---:|"]

@@ -80,6 +80,8 @@ VARIATIONS: dict[str, dict[str, Case]] = {
 }
 SWEEP = (0.2, 0.5, 1.0, 2.0, 5.0)
 """Backlash, over the nominal one."""
+FRICTION_TRIED = 0.2
+"""Largest Coulomb friction tried, N m."""
 INERTIA_RATIOS = (0.25, 0.5, 1.0, 2.0, 4.0, 10.0, 25.0)
 """Reflected motor inertia over load inertia."""
 
@@ -198,7 +200,7 @@ def friction_boundary() -> list[dict[str, float]]:
     """Return the least Coulomb friction on the load that ends the cycle, N m, over the backlash (bisection)."""
     rows = []
     for factor in SWEEP:
-        low, high = 0.0, 0.2
+        low, high = 0.0, FRICTION_TRIED
         for _ in range(7):
             middle = 0.5 * (low + high)
             drive = backlash(factor)

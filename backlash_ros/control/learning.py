@@ -6,6 +6,7 @@ the gap travel R1 theta_m - R2 theta_l gives the backlash directly. With the loa
 load's share of the gap, J_r/(J_r + J_l) by momentum exchange; the paper takes the amplitude itself.
 """
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 from typing import ClassVar
@@ -46,10 +47,12 @@ class LearningSettings(Validated):
     kick: float = quantity("reference step that starts the cycle", "rad", above=0, at_most=3.2, default=0.1)
     kick_time: float = quantity("time the kick is held", "s", above=0, at_most=10, default=0.25)
     settle_time: float = quantity("wait after the kick, before measuring", "s", at_least=0, at_most=10, default=0.5)
-    measure_time: float = quantity("longest record of one attempt", "s", above=0, at_most=60, default=2.0)
-    cycles: int = quantity("cycles that must repeat", "", at_least=3, at_most=1000, default=10)
-    attempts: int = quantity("kicks tried, in turn to either side", "", at_least=1, at_most=100, default=3)
-    resolution: float = quantity("smallest oscillation taken for a cycle", "rad", above=0, at_most=1, default=2e-4)
+    measure_time: float = quantity("longest record of one attempt", "s", above=0, at_most=20, default=2.0)
+    cycles: int = quantity("cycles that must repeat", "", at_least=3, at_most=1000, whole=True, default=10)
+    attempts: int = quantity("kicks tried, in turn to either side", "", at_least=1, at_most=100, whole=True, default=3)
+    resolution: float = quantity(
+        "smallest oscillation taken for a cycle, and smallest backlash", "rad", above=0, at_most=1, default=2e-4
+    )
     spread: float = quantity("largest (max - min)/mean over the cycles", "", above=0, at_most=1, default=0.25)
 
 
@@ -96,17 +99,20 @@ class BacklashLearner:
         since = time - settings.kick_time - settings.settle_time
         if since >= 0:
             self._record.append(estimate[: OMEGA_L + 1].copy())
-            if len(self._record) % max(1, round(0.1 / self._period)) == 0:
+            if self._tick % max(1, round(0.1 / self._period)) == 0:
                 self._judge()
             if self.result is None and since >= settings.measure_time:
-                self._next_attempt()
+                self._judge()
+                if self.result is None:
+                    self._next_attempt()
         return 0.0
 
     def _judge(self) -> None:
         record = np.array(self._record)
         gear = self._drive.gear
         position, speed = record[:, THETA_L], record[:, OMEGA_L]
-        cycle = find_limit_cycle(position, speed, self._period)
+        moving = float(np.ptp(position)) >= self._settings.resolution
+        cycle = find_limit_cycle(position, speed, self._period) if moving else None
         if cycle is None or cycle.amplitude < self._settings.resolution:
             self._last_refusal = (
                 f"the load comes to rest or moves less than {self._settings.resolution:g} rad; "
@@ -122,12 +128,19 @@ class BacklashLearner:
         else:
             angle, seen = cycle.amplitude / self._drive.motor_share, cycle
         self._accept_if_periodic(angle, cycle, seen)
+        # Only the latest cycles count, so that a bad start is forgotten and the work per judgement stays bounded.
+        del self._record[: -math.ceil((self._settings.cycles + 2) * cycle.period / self._period)]
 
     def _accept_if_periodic(self, angle: float, cycle: LimitCycle, seen: LimitCycle) -> None:
         settings = self._settings
         if cycle.cycles < settings.cycles:
             self._last_refusal = f"only {cycle.cycles} of {settings.cycles} cycles within {settings.measure_time:g} s"
-        elif max(cycle.period_spread, seen.amplitude_spread) > settings.spread:
+        elif not angle >= settings.resolution:
+            self._last_refusal = (
+                f"the load swings but the gap moves by {angle:.3g} rad only, less than {settings.resolution:g} rad: "
+                "is the load's angle measured behind the gear?"
+            )
+        elif not max(cycle.period_spread, seen.amplitude_spread) <= settings.spread:
             self._last_refusal = (
                 f"the cycles differ by {100 * cycle.period_spread:.0f} % in period and "
                 f"{100 * seen.amplitude_spread:.0f} % in amplitude, more than {100 * settings.spread:.0f} %"
@@ -141,7 +154,7 @@ class BacklashLearner:
             )
 
     def _next_attempt(self) -> None:
-        if self._attempt == self._settings.attempts:
+        if self._attempt >= self._settings.attempts:
             self.give_up(f"{self._last_refusal} (after {self._attempt} kicks of {self._settings.kick:g} rad)")
         self._attempt += 1
         self._tick = 0

@@ -4,6 +4,7 @@ Samples are joined by the cubic Hermite curve through position and speed, so tha
 amplitude that lies between them.
 """
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -75,7 +76,7 @@ def find_limit_cycle(position: Array, speed: Array, period: float, travel: Array
     periods = np.diff(starts) * (period / _POINTS)
     return LimitCycle(
         amplitude=float(np.mean(amplitudes)),
-        amplitude_spread=float(np.ptp(amplitudes) / np.mean(amplitudes)),
+        amplitude_spread=float(np.ptp(amplitudes) / np.mean(amplitudes)) if np.any(amplitudes) else math.inf,
         period=float(np.mean(periods)),
         period_spread=float(np.ptp(periods) / np.mean(periods)),
         cycles=int(periods.size),

@@ -1,7 +1,7 @@
 """What the law needs and the drive may not measure: speeds, current and load torque, from position if need be.
 
 Each signal is the measured one where there is one. Otherwise
-a speed is a critically damped tracking filter on its encoder (alpha-beta filter with a double pole),
+a speed is the difference quotient of its encoder through a first-order low-pass,
 the current follows the armature equation (eq 7) under the voltage that was commanded, and
 a missing encoder is the other one through the rigid gear.
 
@@ -10,7 +10,8 @@ The load torque has no sensor. Adding eq 1 and eq 2 over n cancels the contact f
     d/dt (J_l omega_l + J_m omega_m / n) = K_m i / n - B_l omega_l - B_m omega_m / n + tau_l,
 
 so the momentum of both shafts gives tau_l whether the teeth touch or not: a momentum observer (De Luca &
-Mattone, ICRA 2003) with one bandwidth. With the load encoder alone the motor's momentum inside the gap is unknown;
+Mattone, ICRA 2003) with one bandwidth, written so that it remembers the estimate and the last momentum only: a change
+of bandwidth while it runs makes no step. With the load encoder alone the motor's momentum inside the gap is unknown;
 an estimate through the rigid gear keeps up a limit cycle by itself, so there is none then, and it stays 0.
 """
 
@@ -41,7 +42,6 @@ class ObserverConstants(NamedTuple):
     B_l: float
     decay: float
     weight_before: float
-    position_gain: float
     speed_gain: float
     torque_gain: float
 
@@ -65,8 +65,7 @@ def observer_constants(
         decay=decay,
         # The mean current of a period in which it relaxes with L/R: so much of the sample at its start.
         weight_before=1.0 - (1.0 + math.expm1(-electrical) / electrical) / -math.expm1(-electrical),
-        position_gain=1.0 - pole * pole,
-        speed_gain=(1.0 - pole) ** 2 / period,
+        speed_gain=(1.0 - pole) / period,
         torque_gain=-math.expm1(-torque_bandwidth * period) / period,
     )
 
@@ -80,7 +79,7 @@ def observer_memory() -> NDArray[np.float64]:
 def _track(
     constants: ObserverConstants, memory: NDArray[np.float64], angle: int, speed: int, position: float, measured: float
 ) -> None:
-    """Update one shaft: the measured speed where there is one, else the tracking filter."""
+    """Update one shaft: the measured speed where there is one, else the filtered difference quotient."""
     if math.isnan(measured):
         predicted = memory[angle] + constants.period * memory[speed]
         memory[speed] += constants.speed_gain * (position - predicted)
@@ -130,8 +129,10 @@ def observer_step(
     friction = constants.B_l * 0.5 * (speed_before_l + memory[OMEGA_L])
     friction += constants.B_m / n * 0.5 * (speed_before_m + memory[OMEGA_M])
     drive_torque = constants.K_m * mean_current / n
-    memory[_MOMENTUM] += constants.period * (drive_torque - friction + memory[LOAD_TORQUE])
     momentum = constants.J_l * memory[OMEGA_L] + constants.J_m * memory[OMEGA_M] / n
-    if math.isnan(measured[THETA_M]):
-        memory[_MOMENTUM] = momentum
-    memory[LOAD_TORQUE] = constants.torque_gain * (momentum - memory[_MOMENTUM])
+    unexplained = momentum - memory[_MOMENTUM] - constants.period * (drive_torque - friction + memory[LOAD_TORQUE])
+    memory[_MOMENTUM] = momentum
+    if math.isnan(measured[THETA_M]) or constants.torque_gain == 0.0:
+        memory[LOAD_TORQUE] = 0.0
+    else:
+        memory[LOAD_TORQUE] += constants.torque_gain * unexplained

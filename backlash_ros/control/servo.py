@@ -3,6 +3,8 @@
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from backlash_ros.control.law import REGION, ControlLaw
 from backlash_ros.control.laws import design_law
 from backlash_ros.control.learning import BacklashEstimate, BacklashLearner
@@ -18,13 +20,13 @@ class Servo:
     After construction and after every `release` it holds the position of the first sample it sees.
     """
 
+    settings: ServoSettings
     _law: ControlLaw
 
     def __init__(self, drive: Drive, settings: ServoSettings) -> None:
         self.drive = drive
         self.voltage = 0.0
         self.reference = math.nan
-        self.learned: BacklashEstimate | None = None
         self._learner: BacklashLearner | None = None
         self._estimate = observer_memory()
         self.use(settings)
@@ -32,7 +34,7 @@ class Servo:
     def use(self, settings: ServoSettings) -> None:
         """Use ``settings`` from the next sample on; what the observer, and the same law, remember is kept."""
         law, fast = design_law(self.drive, settings), design_law(self.drive, replace(settings, law="fast"))
-        if not (hasattr(self, "_law") and self._law.step is law.step):
+        if not (hasattr(self, "settings") and self.settings.law == settings.law):
             self._memory = law.memory.copy()
         self._law, self._fast = law, fast
         self._fast_memory = fast.memory.copy()
@@ -89,10 +91,11 @@ class Servo:
         if self._learner is None or self._learner.result is None:
             return None
         result, self._learner = self._learner.result, None
+        self._memory = self._law.memory.copy()  # it has not seen what the learner did
         return result
 
     def update(self, measured: Array) -> float:
-        """Take one sample and return the voltage, V.
+        """Take one sample and return the voltage, V; 0 and a `release` where no finite one follows from it.
 
         Parameters
         ----------
@@ -111,4 +114,6 @@ class Servo:
                 has_load=not math.isnan(measured[THETA_L]),
             )
         self.voltage = law.step(law.constants, memory, self._estimate[:6], self.reference + offset)
+        if not (math.isfinite(self.voltage) and np.all(np.isfinite(self._estimate))):
+            self.release("the estimate is not finite")
         return self.voltage

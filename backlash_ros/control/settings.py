@@ -32,7 +32,7 @@ class ServoSettings(Validated):
     )
     min_dwell: float = quantity("least time in a region", "s", at_least=0, at_most=10, default=0.02)
     velocity_bandwidth: float = quantity(
-        "bandwidth of the tracking filter where a speed is not measured", "rad/s", above=0, at_most=1e5, default=800.0
+        "bandwidth of the low-pass where a speed is found from position", "rad/s", above=0, at_most=1e5, default=800.0
     )
     torque_bandwidth: float = quantity(
         "bandwidth of the load torque estimate; 0 turns its feedforward off",

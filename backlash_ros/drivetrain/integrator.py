@@ -60,6 +60,9 @@ _C = np.array(
 )
 
 
+REASONS = {STEP_TOO_SMALL: "the step size fell below rounding", TOO_MANY_STEPS: "too many steps"}
+
+
 class IntegrationError(RuntimeError):
     """The equations of motion could not be integrated to the wanted accuracy."""
 

@@ -43,7 +43,7 @@ class Gear(Validated):
     backlash: float = quantity("backlash d along the pitch line", "m", at_least=1e-9, at_most=0.1)
     contact_stiffness: float = quantity("elastic force beta at |gap| = d/2", "N", above=0, at_most=1e7)
     contact_damping: float = quantity("contact damping alpha at |gap| = d/2", "N s/m", at_least=0, at_most=1e8)
-    contact_exponent: int = quantity("exponent n of the elastic force, odd", "", at_least=1, at_most=101)
+    contact_exponent: int = quantity("exponent n of the elastic force, odd", "", at_least=1, at_most=101, whole=True)
     tooth_stiffness: float = quantity("stiffness k of the linear laws", "N/m", above=0, at_most=1e12, default=4e5)
     tooth_damping: float = quantity("damping c of the elastic law", "N s/m", at_least=0, at_most=1e8, default=50.0)
     restitution: float = quantity("coefficient of restitution e", "", at_least=0.2, at_most=1, default=0.5)

@@ -18,7 +18,7 @@ from backlash_ros.drivetrain.dynamics import (
     contact_of,
     stored_energy,
 )
-from backlash_ros.drivetrain.integrator import DEFAULT_TOLERANCE, DONE, STEP_TOO_SMALL, IntegrationError, advance
+from backlash_ros.drivetrain.integrator import DEFAULT_TOLERANCE, DONE, REASONS, IntegrationError, advance
 from backlash_ros.drivetrain.parameters import Drive
 
 
@@ -75,8 +75,7 @@ class Plant:
         )
         self.time += passed
         if status != DONE:
-            reason = "the step size fell below rounding" if status == STEP_TOO_SMALL else "too many steps"
-            raise IntegrationError(reason, self.time, self._state)
+            raise IntegrationError(REASONS[status], self.time, self._state)
 
     @property
     def state(self) -> State:

@@ -21,12 +21,14 @@ class Quantity:
     lower: float
     upper: float
     open_lower: bool = False
+    whole: bool = False
 
     @property
     def bound(self) -> str:
         """The bound in words, with the unit."""
         unit = f" {self.unit}" if self.unit else ""
-        return f"{'>' if self.open_lower else '>='} {self.lower:g}{unit} and <= {self.upper:g}{unit}"
+        kind = "a whole number " if self.whole else ""
+        return f"{kind}{'>' if self.open_lower else '>='} {self.lower:g}{unit} and <= {self.upper:g}{unit}"
 
     def check(self, name: str, value: float) -> None:
         """Raise ValueError, naming ``name``, the value, the bound and the unit, unless within bounds."""
@@ -34,7 +36,7 @@ class Quantity:
         if not number or not math.isfinite(value):
             raise ValueError(f"{name} must be a finite number{f' in {self.unit}' if self.unit else ''}, got {value!r}")
         below = value <= self.lower if self.open_lower else value < self.lower
-        if below or value > self.upper:
+        if below or value > self.upper or (self.whole and not isinstance(value, int)):
             raise ValueError(f"{name} must be {self.bound}, got {value!r}")
 
 
@@ -42,14 +44,15 @@ def quantity(
     description: str,
     unit: str,
     *,
+    at_most: float,
     above: float | None = None,
     at_least: float = 0.0,
-    at_most: float,
+    whole: bool = False,
     default: Any = ...,
 ) -> Any:
     """Make a dataclass field for a number with a meaning, a unit and bounds (``above`` is a strict lower bound)."""
     lower = at_least if above is None else above
-    described = Quantity(description, unit, lower, at_most, above is not None)
+    described = Quantity(description, unit, lower, at_most, above is not None, whole)
     if default is ...:
         return field(metadata={"quantity": described})
     return field(metadata={"quantity": described}, default=default)

@@ -11,7 +11,6 @@ from typing import Any
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
-from rclpy.time import Time
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, UInt8
 
@@ -77,6 +76,7 @@ class Controller(StoppableNode):
         self._last_stamp = 0
         self._last_sample: float | None = None
         self._answered = 0
+        self._estimated = False
         self._dropped = 0
         self._command = self.create_publisher(Float64MultiArray, "command", SEND, qos_overriding_options=overridable())
         self._error = self.create_publisher(Float64, "~/tracking_error", SEND)
@@ -211,7 +211,7 @@ class Controller(StoppableNode):
     # The loop.
 
     def _on_joint_states(self, message: JointState) -> None:
-        stamp = Time.from_msg(message.header.stamp).nanoseconds
+        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
         now = STEADY.now().nanoseconds * 1e-9
         behind = (self._last_stamp - stamp) * 1e-9
         if stamp and self._last_sample is not None and 0 <= behind < self._state_timeout:
@@ -227,6 +227,9 @@ class Controller(StoppableNode):
         self._begin_learning()
         self._send(self._servo.update(measured))
         self._end_learning()
+        if not self._servo.holding:
+            self._drop("joint_states from which no finite command follows: 0 V, holding from the next sample on")
+            return
         self._answered += 1
         if self._answered % self._telemetry_every == 0:
             self._error.publish(Float64(data=self._servo.tracking_error))
@@ -236,6 +239,8 @@ class Controller(StoppableNode):
     def _on_reference(self, message: Float64) -> None:
         if not math.isfinite(message.data):
             self._drop(f"reference must be finite, in rad, got {message.data}")
+        elif self._servo.learning:
+            self._drop(f"reference {message.data:g} rad came while learning")
         elif not self._servo.holding:
             self._drop(f"reference {message.data:g} rad came while there are no joint states")
         else:
@@ -277,7 +282,8 @@ class Controller(StoppableNode):
         self._command.publish(Float64MultiArray(data=[voltage]))
 
     def _publish_estimate(self) -> None:
-        if self._values["backlash_angle"] > 0:
+        if self._values["backlash_angle"] > 0 or self._estimated:
+            self._estimated = True
             self._estimate.publish(Float64(data=self._values["backlash_angle"]))
 
     def _drop(self, what: str) -> None:
@@ -289,7 +295,7 @@ class Controller(StoppableNode):
         self._servo.release("the controller is stopping")
         self._send(0.0)
         self._command.wait_for_all_acked(Duration(seconds=0.5))
-        self._learn.close("the controller is stopping")
+        self._learn.close()
         self.get_logger().info(f"stopped after {self._answered} samples, {self._dropped} messages dropped")
 
 

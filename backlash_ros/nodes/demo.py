@@ -242,6 +242,13 @@ def judge(script: dict[str, Any], folder: Path) -> dict[str, Any]:
     }
 
 
+def finite(value: Any) -> Any:
+    """Return ``value`` with what JSON has no number for as None."""
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 def show(summary: dict[str, Any], console: Console) -> None:
     """Print the summary as a table."""
     table = Table(title="Step of 1 rad, nominal drive, 250 Hz")
@@ -306,9 +313,17 @@ def record(folder: Path, console: Console) -> dict[str, Any]:
 
 def put_in_place(finished: Path, out: Path) -> None:
     """Put the finished results in place of older ones, all at once as far as folders go."""
+    older = out.with_name(f".{out.name}.older")
+    shutil.rmtree(older, ignore_errors=True)
     if out.exists():
-        shutil.rmtree(out)
-    finished.rename(out)
+        out.rename(older)
+    try:
+        finished.rename(out)
+    except BaseException:
+        if older.exists():
+            older.rename(out)
+        raise
+    shutil.rmtree(older, ignore_errors=True)
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -320,11 +335,12 @@ def main(args: Sequence[str] | None = None) -> int:
     if out.exists() and not (out / "summary.json").is_file() and any(out.iterdir()):
         console.print(f"--out must be a new or empty folder or an earlier demo's, got {out}")
         return 2
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does, and everything with it
     out.parent.mkdir(parents=True, exist_ok=True)
     folder = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
     try:
         summary = record(folder.resolve(), console)
-        (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+        (folder / "summary.json").write_text(json.dumps(finite(summary), indent=2, allow_nan=False) + "\n")
         put_in_place(folder, out)
     except KeyboardInterrupt:
         console.print("stopped; nothing was written")

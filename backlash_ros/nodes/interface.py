@@ -48,8 +48,18 @@ def declare_joints(node: Node) -> tuple[str, str]:
     return motor, load
 
 
+LARGEST = 1e9
+"""Beyond this no angle (rad), speed (rad/s) or torque (N m) is one that was measured."""
+
+
 class BadSampleError(ValueError):
     """A message that cannot be used; the text says why."""
+
+
+def _usable(what: str, value: float, unit: str) -> float:
+    if not abs(value) <= LARGEST:
+        raise BadSampleError(f"{what} must be finite and within +-{LARGEST:g} {unit}, got {value}")
+    return value
 
 
 def read_joint_state(
@@ -78,17 +88,11 @@ def read_joint_state(
             raise BadSampleError(f"joint {joint!r} stands {len(places)} times in one message")
         for k in places:
             seen = True
-            measured[angle] = message.position[k]
+            measured[angle] = _usable(f"position of joint {joint!r}", message.position[k], "rad")
             if message.velocity:
-                measured[speed] = message.velocity[k]
+                measured[speed] = _usable(f"velocity of joint {joint!r}", message.velocity[k], "rad/s")
             if message.effort and joint == motor_joint:
-                measured[2] = message.effort[k] / torque_constant
-            if not math.isfinite(measured[angle]):
-                raise BadSampleError(f"position of joint {joint!r} is {message.position[k]}")
-            if message.velocity and not math.isfinite(message.velocity[k]):
-                raise BadSampleError(f"velocity of joint {joint!r} is {message.velocity[k]}")
-            if message.effort and not math.isfinite(message.effort[k]):
-                raise BadSampleError(f"effort of joint {joint!r} is {message.effort[k]}")
+                measured[2] = _usable(f"effort of joint {joint!r}", message.effort[k], "N m") / torque_constant
     if not seen:
         raise BadSampleError(f"neither joint {motor_joint!r} nor {load_joint!r} among {list(message.name)}")
     return measured

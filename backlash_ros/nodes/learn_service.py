@@ -49,9 +49,11 @@ class LearnService:
 
     def _serve(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._answered.clear()
+        self._response = (False, "the controller is stopping")
         self._asked_at = time.monotonic()
         self._asked.set()
-        self._answered.wait()
+        while not self._closed and not self._answered.wait(0.2):
+            pass
         response.success, response.message = self._response
         return response
 
@@ -71,9 +73,8 @@ class LearnService:
         self._response = (success, message)
         self._answered.set()
 
-    def close(self, reason: str) -> None:
+    def close(self) -> None:
         """Refuse what is waiting and end the thread."""
-        self.answer(False, reason)
         self._closed = True
         self._thread.join()
         self._executor.remove_node(self._node)

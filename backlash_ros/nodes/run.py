@@ -3,6 +3,7 @@
 import signal
 import sys
 import time
+import traceback
 from collections.abc import Callable, Sequence
 from types import FrameType
 
@@ -64,8 +65,9 @@ def run(make: Callable[[], StoppableNode], args: Sequence[str] | None) -> int:
             end = time.monotonic() + node.linger
             while time.monotonic() < end:
                 executor.spin_once(timeout_sec=0.01)
-        except RuntimeError as error:
-            node.get_logger().fatal(str(error))
+        except Exception as error:  # whatever it is, the drive is left safe and the reason is in the log
+            node.get_logger().fatal(f"{type(error).__name__}: {error}")
+            node.get_logger().debug(traceback.format_exc())
             code = 1
         finally:
             node.stop()

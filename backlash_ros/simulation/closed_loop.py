@@ -16,7 +16,7 @@ from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.compiled import compiled_as
 from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.dynamics import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, State
-from backlash_ros.drivetrain.integrator import DEFAULT_TOLERANCE, DONE, PEAK_FORCE, advance
+from backlash_ros.drivetrain.integrator import DEFAULT_TOLERANCE, DONE, PEAK_FORCE, REASONS, advance
 from backlash_ros.drivetrain.parameters import PlantConstants
 
 Array = NDArray[np.float64]
@@ -93,7 +93,7 @@ def _loop(
     states: Array,
     signals: Array,
     estimate: Array,
-) -> tuple[int, float]:
+) -> tuple[int, float, int]:
     """Fill ``states`` after its first and ``signals``: voltage, region, load torque estimate, peak force."""
     state = np.zeros(7)
     state[:5] = states[0]
@@ -120,17 +120,17 @@ def _loop(
             status, passed = advance(plant, state, step, voltage, load_torque[k], part, tolerance)
             states[k * substeps + j + 1] = state[:5]
             if status != DONE:
-                return status, k * observer.period + j * part + passed
+                return status, k * observer.period + j * part + passed, k * substeps + j + 1
         signals[k, 3] = step[PEAK_FORCE]
-    return DONE, reference.shape[0] * observer.period
+    return DONE, reference.shape[0] * observer.period, states.shape[0] - 1
 
 
 @functools.cache
-def _compiled_loop(plant_type: Any, observer_type: Any) -> Callable[..., tuple[int, float]]:
+def _compiled_loop(plant_type: Any, observer_type: Any) -> Callable[..., tuple[int, float, int]]:
     """Compile the loop once for every law: a law's step is an argument, so that a new law needs no new loop."""
     integer, number, boolean = _types.int64, _types.float64, _types.boolean
     flat, table = number[::1], number[:, ::1]
-    signature = _types.Tuple((integer, number))(
+    signature = _types.Tuple((integer, number, integer))(
         *(plant_type, _types.FunctionType(LAW_SIGNATURE), flat, flat, observer_type),
         *(flat, flat, flat, number, flat, boolean, integer, number, table, table, flat),
     )
@@ -149,7 +149,7 @@ def run(
     Raises
     ------
     ValueError
-        If the law that ``settings`` names does not exist or cannot be designed.
+        If the law that ``settings`` names does not exist or cannot be designed, or an input is not finite.
     IntegrationError
         If the plant cannot be integrated; names the time and the state.
     """
@@ -159,19 +159,21 @@ def run(
     states[0] = scenario.initial_state
     signals = np.zeros((count, 4))
 
-    def samples(values: Array) -> Array:
+    def samples(name: str, values: Array) -> Array:
+        if not np.all(np.isfinite(values)):
+            raise ValueError(f"{name} must be finite throughout")
         return np.array(np.broadcast_to(values, (count,)), dtype=np.float64)
 
     plant, observer = plant_constants(drive), settings.observer(model or drive)
-    status, reached = _compiled_loop(_numba.typeof(plant), _numba.typeof(observer))(
+    status, reached, row = _compiled_loop(_numba.typeof(plant), _numba.typeof(observer))(
         plant,
         law.step,
         law.constants,
         law.memory.copy(),
         observer,
-        samples(scenario.reference),
-        samples(scenario.load_torque),
-        samples(scenario.angle_noise),
+        samples("reference", scenario.reference),
+        samples("load_torque", scenario.load_torque),
+        samples("angle_noise", scenario.angle_noise),
         2 * np.pi / 2**scenario.encoder_bits if scenario.encoder_bits else 0.0,
         np.where(scenario.measured, 0.0, np.nan),
         scenario.known_load_torque,
@@ -182,7 +184,6 @@ def run(
         observer_memory(),
     )
     if status != DONE:
-        last = states[int(reached / settings.period * substeps)]
-        raise IntegrationError("the plant could not be integrated", reached, last)
+        raise IntegrationError(REASONS[status], reached, states[row])
     time = np.arange(count * substeps + 1, dtype=np.float64) * (settings.period / substeps)
     return Run(time, states, *np.ascontiguousarray(signals.T))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.dynamics import CURRENT, contact_of, gap_of
-from backlash_ros.drivetrain.integrator import DEFAULT_TOLERANCE, DONE, advance
+from backlash_ros.drivetrain.integrator import DEFAULT_TOLERANCE, DONE, REASONS, advance
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ def drive_with_torque(drive: Drive, torque: Array, load_torque: float, period: f
         state[CURRENT] = value / drive.motor.torque_constant
         status, passed = advance(plant, state, step, 0.0, load_torque, period, DEFAULT_TOLERANCE)
         if status != DONE:
-            raise IntegrationError("the plant could not be integrated", k * period + passed, state)
+            raise IntegrationError(REASONS[status], k * period + passed, state)
         gap, rate = gap_of(plant, state)
         rows[k + 1] = contact_of(plant, state)[0], gap, rate
     return OpenLoop(np.arange(torque.size + 1, dtype=np.float64) * period, *np.ascontiguousarray(rows.T))

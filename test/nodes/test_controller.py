@@ -76,6 +76,37 @@ def test_learning_under_a_load_torque_keeps_the_old_estimate(start: Start, peer:
     assert Parameters(peer, "controller").get("backlash_angle") == [0.015]
 
 
+def test_reference_is_not_taken_while_learning(start: Start, peer: Peer) -> None:
+    process = start("controller", **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    client = peer.node.create_client(Trigger, "controller/learn")
+    peer.wait("the service", client.service_is_ready)
+    answer = client.call_async(Trigger.Request())
+    while "learning the backlash" not in process.output():
+        drive.step()
+    drive._reference.publish(Float64(data=0.5))
+    while not answer.done():
+        drive.step()
+    assert answer.result().success, answer.result().message
+    assert "came while learning" in process.output()
+    assert abs(drive.run(300)[-1]) < 0.02  # back at the reference from before
+
+
+def test_shutdown_answers_who_waits_for_learning(start: Start, peer: Peer) -> None:
+    process = start("controller", **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    client = peer.node.create_client(Trigger, "controller/learn")
+    peer.wait("the service", client.service_is_ready)
+    answer = client.call_async(Trigger.Request())
+    while "learning the backlash" not in process.output():
+        drive.step()
+    client.call_async(Trigger.Request())  # and another one behind it
+    process.signal(signal.SIGINT)
+    peer.wait("an answer", answer.done)
+    assert not answer.result().success
+    assert process.wait() == 0
+
+
 def test_learning_without_joint_states_is_refused(start: Start, peer: Peer) -> None:
     start("controller")
     response = peer.call(Trigger, "controller/learn", Trigger.Request())
@@ -251,6 +282,8 @@ def test_zero_volts_on_silence_and_hold_where_it_comes_back(start: Start, peer: 
         {"position": [math.inf, 0.0]},
         {"velocity": [0.0, math.nan]},
         {"effort": [math.nan, 0.0]},
+        {"effort": [1.7e308, 0.0]},
+        {"velocity": [0.0, -1e306]},
         {"position": [0.0]},
         {"velocity": [0.0]},
         {"name": ["a", "b"]},
@@ -280,6 +313,17 @@ def test_sample_out_of_order_is_not_answered(start: Start, peer: Peer) -> None:
     drive._states.publish(old)
     peer.wait("the warning", lambda: "out of order" in process.output())
     assert drive.exchange(drive.sample()) == pytest.approx(expected, rel=0.1)
+
+
+def test_stamp_before_the_epoch_is_survived(start: Start, peer: Peer) -> None:
+    process = start("controller", law="fast", **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    drive.refer(1.0)
+    message = drive.sample()
+    message.header.stamp.sec = -1
+    drive.exchange(message)
+    assert drive.exchange(drive.sample()) > 1.0
+    assert process.running
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from backlash_ros.analysis import read_bag
+from backlash_ros.nodes.demo import put_in_place
 
 ROOT = Path(__file__).parents[2]
 DEMO = [sys.executable, "-m", "backlash_ros.nodes.demo"]
@@ -76,9 +77,11 @@ def test_bag_has_every_topic_with_the_messages_that_the_run_implies(results: Pat
     # is 0 V now and then besides: before the first sample, and at the end.
     commands = recording.scalars["/command"]
     samples = int(np.count_nonzero((stamps > commands.time[0]) & (stamps < commands.time[-1])))
-    assert 0.97 * samples <= commands.time.size <= samples + 10
+    assert 0.9 * samples <= commands.time.size <= samples + 10  # depth 1: a stalled controller answers the newest
     for topic in ("tracking_error", "region", "load_torque_estimate"):
-        assert recording.messages[f"/controller/{topic}"] == pytest.approx(commands.time.size / 5, abs=5)
+        telemetry = recording.scalars[f"/controller/{topic}"].time
+        meanwhile = np.count_nonzero((commands.time >= telemetry[0]) & (commands.time <= telemetry[-1]))
+        assert telemetry.size == pytest.approx(meanwhile / 5, abs=3)
     assert recording.messages["/controller/backlash_estimate"] == 1
     assert recording.messages["/reference"] >= 7
     assert recording.messages["/load_torque"] == 1
@@ -91,7 +94,8 @@ def test_figure_is_there(results: Path) -> None:
     assert (results / "step_response.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_ctrl_c_ends_everything_and_leaves_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_everything_and_leaves_nothing(tmp_path: Path, number: signal.Signals) -> None:
     process = subprocess.Popen(
         [*DEMO, "--out", str(tmp_path / "out")],
         cwd=ROOT,
@@ -107,7 +111,7 @@ def test_ctrl_c_ends_everything_and_leaves_nothing(tmp_path: Path) -> None:
             break
     children = children_of(process.pid)
     assert len(children) >= 3, lines
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     assert process.wait(timeout=60) == 130
     assert "stopped; nothing was written" in process.stdout.read()
     deadline = time.monotonic() + 30
@@ -121,6 +125,28 @@ def children_of(pid: int) -> list[int]:
     return [
         int(word) for task in Path(f"/proc/{pid}/task").iterdir() for word in (task / "children").read_text().split()
     ]
+
+
+def test_new_results_replace_the_old_ones_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out, finished = tmp_path / "out", tmp_path / "finished"
+    for folder, text in ((out, "old"), (finished, "new")):
+        folder.mkdir()
+        (folder / "summary.json").write_text(text)
+    original = Path.rename
+
+    def interrupted(self: Path, target: Path) -> Path:
+        if self == finished:
+            raise KeyboardInterrupt
+        return original(self, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "rename", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            put_in_place(finished, out)
+    assert (out / "summary.json").read_text() == "old"
+    put_in_place(finished, out)
+    assert (out / "summary.json").read_text() == "new"
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
 def test_folder_of_somebody_else_is_not_replaced(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ ROS_COMMANDS = [line for line in COMMANDS if line.startswith("ros2 ")]
 RUN_ELSEWHERE = {
     "make demo": "test_demo.py runs what the target runs",
     "make test": ".ci/run",
+    "make paper": "test_paper.py runs what the target runs",
     "rosdep install --from-paths src --ignore-src -y": "keys checked in test_dependencies.py",
     "colcon build --packages-select backlash_ros": "test_install.py",
     ". install/setup.bash": "test_install.py",
@@ -43,6 +44,7 @@ def test_make_runs_what_the_tests_run() -> None:
 
     assert "-m backlash_ros.nodes.demo" in recipe("demo")
     assert "-m pytest" in recipe("test")
+    assert "-m backlash_ros.cli figures" in recipe("paper")
     assert re.search(r"^make test$", (ROOT / ".ci" / "run").read_text(), re.MULTILINE)
 
 
@@ -76,7 +78,18 @@ def begin(command: str, environment: dict[str, str], folder: Path) -> subprocess
     )
 
 
-@pytest.mark.parametrize("command", [c for c in COMMANDS if run_here(c)])
+@pytest.mark.parametrize("command", [c for c in COMMANDS if c.startswith(".venv/bin/backlash")])
+def test_command_line_works(command: str, tmp_path: Path) -> None:
+    if not (ROOT / command.split(maxsplit=1)[0]).exists():
+        pytest.skip("needs the .venv that make makes")
+    done = subprocess.run(
+        ["bash", "-c", str(ROOT / command)], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert '"residual_b"' in done.stdout
+
+
+@pytest.mark.parametrize("command", [c for c in COMMANDS if run_here(c) and "backlash " not in c])
 def test_nodes_start_from_the_environment(command: str, environment: dict[str, str], tmp_path: Path) -> None:
     if not (ROOT / command.split(maxsplit=1)[0]).exists():
         pytest.skip("needs the .venv that make makes")

@@ -183,6 +183,25 @@ def test_any_validated_drive_integrates_or_says_why_not(drive: Drive, voltage: f
         assert "theta_l = " in str(error)
 
 
+def test_run_that_cannot_go_on_says_when_and_where(gains: GainSet) -> None:
+    """With substeps, too: time and state are those of the last good step."""
+    torque = np.zeros(100)
+    torque[50:] = 1e300
+    with pytest.raises(IntegrationError) as stopped:
+        run(NOMINAL_DRIVE, ServoSettings(gains), Scenario(np.ones(100), torque, substeps=10))
+    good = run(NOMINAL_DRIVE, ServoSettings(gains), Scenario(np.ones(50), substeps=10))
+    assert stopped.value.time == pytest.approx(0.2, abs=1e-3)
+    assert stopped.value.state[2] == pytest.approx(good.load_angle[-1], abs=1e-3)
+    assert "too many steps" in str(stopped.value) or "below rounding" in str(stopped.value)
+
+
+@pytest.mark.parametrize("name", ["reference", "load_torque", "angle_noise"])
+def test_scenario_that_is_not_finite_is_refused_by_name(gains: GainSet, name: str) -> None:
+    inputs = {"reference": np.ones(10), name: np.full(10, math.nan)}
+    with pytest.raises(ValueError, match=f"{name} must be finite throughout"):
+        run(NOMINAL_DRIVE, ServoSettings(gains), Scenario(**inputs))
+
+
 def test_impossible_state_stops_with_time_and_state() -> None:
     plant = Plant(NOMINAL_DRIVE, [1e30, 0.0, -1e30, 0.0, 0.0])
     with pytest.raises(IntegrationError, match=r"stopped at t = 0 s: .*theta_m = 1e\+30"):

@@ -87,3 +87,30 @@ def test_learning_twice_at_once_is_refused(gains: GainSet) -> None:
     servo.start_learning()
     with pytest.raises(RuntimeError, match="already learning"):
         servo.start_learning()
+
+
+def rigid_gear(servo: Servo, resolution: float) -> None:
+    """Let the servo learn on a load angle that was computed from the motor's: it swings, and there is no gap."""
+    servo.start_learning()
+    for k in range(5000):
+        phase = 2 * np.pi * 12.0 * k * servo.settings.period
+        angle, speed = 0.005 * np.sin(phase), 0.005 * 2 * np.pi * 12.0 * np.cos(phase)
+        if resolution:
+            angle = np.round(angle / resolution) * resolution
+        servo.update(np.array([10 * angle, 10 * speed, 0.0, angle, speed]))
+
+
+@pytest.mark.parametrize("resolution", [0.0, 2 * np.pi / 2**16])
+def test_swing_without_a_gap_is_not_a_backlash_of_zero(gains: GainSet, resolution: float) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
+    rigid_gear(servo, resolution)
+    estimate = servo.take_learned()
+    assert estimate is not None
+    assert not estimate.valid
+    assert "is the load's angle measured behind the gear?" in estimate.reason
+
+
+@pytest.mark.parametrize("name", ["attempts", "cycles"])
+def test_counts_are_whole_numbers(name: str) -> None:
+    with pytest.raises(ValueError, match=rf"learning.{name} must be a whole number .*, got 4.5"):
+        LearningSettings(**{name: 4.5})

@@ -47,9 +47,15 @@ def test_error_names_parameter_value_bound_and_unit() -> None:
 
 
 def test_contact_exponent_must_be_odd() -> None:
-    for bad in (20, 3.5):
-        with pytest.raises(ValueError, match=r"gear\.contact_exponent must be an odd integer"):
-            replace(NOMINAL_DRIVE.gear, contact_exponent=bad)
+    with pytest.raises(ValueError, match=r"gear\.contact_exponent must be an odd integer, got 20"):
+        replace(NOMINAL_DRIVE.gear, contact_exponent=20)
+    with pytest.raises(ValueError, match=r"gear\.contact_exponent must be a whole number .*, got 3\.5"):
+        replace(NOMINAL_DRIVE.gear, contact_exponent=3.5)
+
+
+def test_contact_law_is_one_of_those_there_are() -> None:
+    with pytest.raises(ValueError, match=r"gear\.contact_law must be one of \['power', .*'restitution'\], got 'soft'"):
+        replace(NOMINAL_DRIVE.gear, contact_law="soft")
 
 
 def test_servo_settings_are_validated(gains) -> None:

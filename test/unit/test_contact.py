@@ -1,0 +1,176 @@
+"""Every contact law: against scipy, energy balance, momentum, restitution, and what each is named for."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from backlash_ros.drivetrain import CONTACT_LAWS, NOMINAL_DRIVE, Drive, Plant
+from backlash_ros.drivetrain.constants import plant_constants
+from backlash_ros.drivetrain.contact import contact, damping_ratio_of, elastic_energy, restitution_of
+
+LAWS = list(CONTACT_LAWS)
+
+
+def drive_with(law: str, **others: float) -> Drive:
+    return replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, contact_law=law, **others))
+
+
+def force_of(drive: Drive, gap: float, rate: float) -> float:
+    """The force, written down a second time."""
+    gear, half = drive.gear, drive.gear.backlash / 2
+    if gear.contact_law.startswith("power"):
+        s, n = gap / half, gear.contact_exponent
+        force = gear.contact_stiffness * s**n + gear.contact_damping * rate * s ** (n + 1)
+        return 0.0 if gear.contact_law == "power_no_pull" and force * s < 0 else force
+    depth, side = max(abs(gap) - half, 0.0), math.copysign(1.0, gap)
+    spring = gear.tooth_stiffness * depth
+    if gear.contact_law == "elastic":
+        return side * (spring + float(np.clip(gear.tooth_damping * rate * side, -spring, spring)))
+    damping = plant_constants(drive).tooth_damping
+    return side * max(0.0, spring + damping * rate * side) if depth > 0 else 0.0
+
+
+@given(s=st.floats(-1.3, 1.3), rate=st.floats(-2, 2))
+@settings(deadline=None)
+@pytest.mark.parametrize("law", LAWS)
+def test_force_and_its_derivatives(law: str, s: float, rate: float) -> None:
+    drive = drive_with(law)
+    plant, gap = plant_constants(drive), s * 0.5e-3
+    force, stiffness, damping, elastic, elastic_stiffness = contact(plant, gap, rate)
+    assert force == pytest.approx(force_of(drive, gap, rate), rel=1e-9, abs=1e-12)
+    assert contact(plant, -gap, -rate)[0] == -force
+    assert elastic == contact(plant, gap, 0.0)[3]
+    # Derivatives by difference, where the force is smooth.
+    h, v = 1e-9, 1e-6
+    around = [contact(plant, gap + dg, rate + dv)[0] for dg in (-h, 0, h) for dv in (-v, 0, v)]
+    one_piece = all((f == 0.0) == (force == 0.0) for f in around)
+    slopes = (around[7] - around[4]) / h, (around[4] - around[1]) / h
+    if one_piece and slopes[0] == pytest.approx(slopes[1], rel=1e-3, abs=1e-3):
+        assert stiffness == pytest.approx((around[7] - around[1]) / (2 * h), rel=1e-3, abs=1e-2)
+        assert damping == pytest.approx((around[5] - around[3]) / (2 * v), rel=1e-3, abs=1e-4)
+    step = 1e-8
+    slope = (elastic_energy(plant, gap + step) - elastic_energy(plant, gap - step)) / (2 * step)
+    assert elastic == pytest.approx(slope, rel=1e-4, abs=1e-4 * plant.tooth_stiffness * step + 1e-6)
+    assert elastic_stiffness >= 0
+
+
+@pytest.mark.parametrize("law", ["power_no_pull", "elastic", "restitution"])
+def test_laws_that_do_not_pull_never_pull(law: str) -> None:
+    plant = plant_constants(drive_with(law))
+    for gap in np.linspace(-6e-4, 6e-4, 41):
+        for rate in np.linspace(-3, 3, 41):
+            assert contact(plant, gap, rate)[0] * gap >= 0
+
+
+@pytest.mark.parametrize("law", ["elastic", "restitution"])
+def test_dead_zone_has_no_force(law: str) -> None:
+    assert contact(plant_constants(drive_with(law)), 0.999 * 0.5e-3, 5.0)[0] == 0.0
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_impacts_agree_with_scipy(law: str) -> None:
+    """Several impacts at either flank; scipy in short pieces, so that it misses no edge of a law with a corner."""
+    drive = drive_with(law)
+    motor, gear, load = drive.motor, drive.gear, drive.load
+
+    def equations(_t: float, x: np.ndarray) -> list[float]:
+        force = force_of(
+            drive,
+            gear.motor_radius * x[0] - gear.load_radius * x[2],
+            gear.motor_radius * x[1] - gear.load_radius * x[3],
+        )
+        return [
+            x[1],
+            (motor.torque_constant * x[4] - motor.viscous_friction * x[1] - gear.motor_radius * force) / motor.inertia,
+            x[3],
+            (gear.load_radius * force - load.viscous_friction * x[3] + 0.02) / load.inertia,
+            (0.5 - motor.resistance * x[4] - motor.torque_constant * x[1]) / motor.inductance,
+        ]
+
+    start = np.array([0.0, 20.0, 0.0, -1.0, 0.0])
+    plant = Plant(drive, start, tolerance=1e-11)
+    x = start
+    for _ in range(50):
+        plant.advance(0.5, 0.02, 0.001)
+        x = solve_ivp(equations, (0, 0.001), x, "DOP853", rtol=1e-11, atol=1e-14, max_step=2e-6).y[:, -1]
+    np.testing.assert_allclose(plant.state, x, rtol=1e-6, atol=1e-7)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("coulomb", [0.0, 0.01])
+def test_energy_supplied_is_stored_or_lost(law: str, coulomb: float) -> None:
+    """To 1e-8, relative, over limit-cycle-like motion under changing voltage and load torque."""
+    drive = drive_with(law)
+    drive = replace(drive, load=replace(drive.load, coulomb_friction=coulomb))
+    plant = Plant(drive, [0.0, 50.0, 0.0, -2.0, 0.3], tolerance=1e-11)
+    before = plant.energy_stored
+    turnover = 0.0
+    for k in range(300):
+        supplied = plant.energy_supplied
+        plant.advance(6.0 * math.sin(k / 7.0), 0.1 * math.cos(k / 11.0), 0.001)
+        turnover += abs(plant.energy_supplied - supplied)
+    balance = plant.energy_supplied - plant.energy_lost - (plant.energy_stored - before)
+    assert turnover > 0.05
+    assert abs(balance) <= 1e-8 * turnover
+    assert plant.energy_lost > 0
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("ratio", [0.25, 1.0, 4.0, 25.0])
+def test_load_moves_by_its_momentum_share_of_the_gap(law: str, ratio: float) -> None:
+    """Two gears that nothing else touches keep their momentum: the load covers J_r/(J_r + J_l) of every gap travel."""
+    drive = drive_with(law)
+    load = replace(drive.load, inertia=drive.reflected_inertia / ratio, viscous_friction=0.0)
+    drive = replace(drive, load=load, motor=replace(drive.motor, viscous_friction=0.0, torque_constant=1e-12))
+    omega_l = 0.5
+    plant = Plant(drive, [0.0, -omega_l * load.inertia / (drive.motor.inertia / 0.1), 0.0, omega_l, 0.0])
+    rows = []
+    for _ in range(2000):
+        plant.advance(0.0, 0.0, 1e-4)
+        rows.append(plant.state)
+    states = np.array(rows)
+    gap = 0.1 * states[:, 0] - states[:, 2]
+    assert np.ptp(gap) > 0.5 * 0.02  # it has moved
+    np.testing.assert_allclose(states[:, 2], -drive.motor_share * gap, atol=1e-7)
+
+
+@pytest.mark.parametrize("restitution", [0.3, 0.5, 0.8, 1.0])
+@pytest.mark.parametrize("speed", [0.05, 2.0])
+def test_restitution_is_what_remains_of_the_speed(restitution: float, speed: float) -> None:
+    """At any speed of impact, which the power law does not give."""
+    drive = drive_with("restitution", restitution=restitution)
+    drive = replace(
+        drive,
+        motor=replace(drive.motor, viscous_friction=0.0, torque_constant=1e-12),
+        load=replace(drive.load, viscous_friction=0.0),
+    )
+    plant = Plant(drive, [0.0, 0.0, 0.0, -speed, 0.0], tolerance=1e-11)
+    meeting = 0.05 * speed
+    for _ in range(100000):
+        plant.advance(0.0, 0.0, 1e-4 / speed / 10)
+        rate = 0.005 * plant.motor_speed - 0.05 * plant.load_speed
+        if rate < 0 and plant.gear_torque == 0.0:
+            break
+    assert -rate == pytest.approx(restitution * meeting, rel=1e-4)
+
+
+def test_damping_ratio_and_restitution_are_inverse() -> None:
+    for e in (0.2, 0.5, 0.9, 1.0):
+        assert restitution_of(damping_ratio_of(e)) == pytest.approx(e, abs=1e-9)
+    assert restitution_of(0.0) == 1.0
+
+
+def test_coulomb_friction_holds_a_load_below_it_and_brakes_one_above() -> None:
+    drive = replace(NOMINAL_DRIVE, load=replace(NOMINAL_DRIVE.load, coulomb_friction=0.05))
+    held, pushed = Plant(drive), Plant(drive)
+    held.advance(0.0, 0.04, 1.0)
+    assert abs(held.load_speed) < 2e-3
+    pushed.advance(0.0, 0.5, 1.0)
+    free = Plant(NOMINAL_DRIVE)
+    free.advance(0.0, 0.45, 1.0)
+    assert pushed.load_speed == pytest.approx(free.load_speed, rel=1e-3)

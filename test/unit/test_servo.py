@@ -1,0 +1,103 @@
+"""The servo: what no sample and no change of settings may do to the motor."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backlash_ros.control import FAST_REGION, OVERDAMPED_REGION, GainSet, Servo, ServoSettings
+from backlash_ros.control.observer import LOAD_TORQUE, OMEGA_L, observer_memory, observer_step
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
+
+AT_REST = np.zeros(5)
+
+
+def sample_of(plant: Plant) -> np.ndarray:
+    theta_m, omega_m, theta_l, omega_l, current = plant.state
+    return np.array([theta_m, omega_m, current, theta_l, omega_l])
+
+
+@pytest.mark.parametrize("place", range(5))
+@pytest.mark.parametrize("value", [1e306, -1.7e308, math.inf])
+def test_absurd_sample_gives_zero_volts_and_is_forgotten(gains: GainSet, place: int, value: float) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains, backlash_angle=0.02))
+    servo.update(AT_REST)
+    for absurd in (value, -value):
+        sample = AT_REST.copy()
+        sample[place] = absurd
+        assert abs(servo.update(sample)) <= 24.0  # finite
+    for _ in range(1000):
+        voltage = servo.update(AT_REST)
+        assert math.isfinite(voltage)
+    servo.release("test")
+    assert servo.update(AT_REST) == 0.0
+
+
+def test_sample_that_is_not_a_number_gives_zero_volts(gains: GainSet) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
+    servo.update(AT_REST)
+    servo.reference = 1.0
+    assert servo.update(AT_REST) > 1.0
+    assert servo.update(np.full(5, math.nan)) == 0.0
+    assert not servo.holding
+    assert servo.update(AT_REST) == 0.0
+
+
+def test_torque_bandwidth_is_changed_without_a_step(gains: GainSet) -> None:
+    """Twenty seconds with the estimate off and a load torque on, then on: it rises to the torque, no further."""
+    settings = ServoSettings(gains, law="fast", torque_bandwidth=0.0)
+    servo, plant = Servo(NOMINAL_DRIVE, settings), Plant(NOMINAL_DRIVE)
+    estimates = []
+    for k in range(5500):
+        if k == 5000:
+            servo.use(replace(settings, torque_bandwidth=40.0))
+        plant.advance(servo.update(sample_of(plant)), 0.05, settings.period)
+        estimates.append(servo.load_torque_estimate)
+    assert set(estimates[:5000]) == {0.0}
+    assert min(estimates[5000:]) >= 0.0
+    assert max(estimates[5000:]) == pytest.approx(0.05, rel=0.02)
+    assert estimates[-1] == pytest.approx(0.05, rel=1e-3)
+
+
+def test_changed_law_acts_from_the_next_sample_on(gains: GainSet) -> None:
+    settings = ServoSettings(gains, backlash_angle=0.02, min_dwell=10.0)
+    servo = Servo(NOMINAL_DRIVE, settings)
+    servo.update(AT_REST)
+    assert servo.region == OVERDAMPED_REGION
+    servo.use(replace(settings, law="fast"))
+    servo.update(AT_REST)
+    assert servo.region == FAST_REGION
+    servo.use(settings)
+    servo.start_learning()
+    servo.update(AT_REST)
+    assert servo.region == FAST_REGION
+
+
+def test_gains_are_changed_without_forgetting_the_region(gains: GainSet) -> None:
+    settings = ServoSettings(gains, backlash_angle=0.02, hysteresis=1.0)
+    servo = Servo(NOMINAL_DRIVE, settings)
+    servo.update(AT_REST)
+    inside_the_hysteresis = np.array([0.3, 0.0, 0.0, 0.03, 0.0])
+    for _ in range(10):
+        servo.update(inside_the_hysteresis)
+    assert servo.region == OVERDAMPED_REGION
+    servo.use(replace(settings, gains=GainSet(gains.fast, replace(gains.overdamped, k1=1.5))))
+    servo.update(inside_the_hysteresis)
+    assert servo.region == OVERDAMPED_REGION
+
+
+@pytest.mark.parametrize("rate", [250.0, 1000.0])
+@pytest.mark.parametrize("bandwidth", [50.0, 200.0])
+def test_velocity_bandwidth_is_the_bandwidth(gains: GainSet, rate: float, bandwidth: float) -> None:
+    """A ramp that sets in: the speed reaches 63 % after 1/bandwidth."""
+    constants = ServoSettings(gains, period=1 / rate, velocity_bandwidth=bandwidth).observer(NOMINAL_DRIVE)
+    memory = observer_memory()
+    reached = math.inf
+    for k in range(2000):
+        position = max(0, k - 1) / rate
+        observer_step(constants, memory, np.array([math.nan, math.nan, math.nan, position, math.nan]), 0.0)
+        if memory[OMEGA_L] >= 1 - math.exp(-1) and math.isinf(reached):
+            reached = (k - 1) / rate
+    assert reached == pytest.approx(1 / bandwidth, abs=1 / rate)
+    assert memory[LOAD_TORQUE] == 0.0
