@@ -1,5 +1,6 @@
 """The paper's figures, drawn from what `paper` computes: labelled, in units, readable in grey."""
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,18 +15,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from backlash_ros.analysis.paper import CASES, VARIATIONS, Case, Reproduction
+from backlash_ros.control import LAWS
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.simulation import Run
 
 B = NOMINAL_DRIVE.gear.backlash_angle
-NAMES = {
-    "fast": "fast state feedback",
-    "overdamped": "over-damped state feedback",
-    "two_region": "two-region law (adaptive)",
-    "elastic_lqg": "linear compensator (after Mohan)",
-    "switched_linear": "switched linear (after Boneh & Yaniv)",
-    "cascade": "P/PI cascade with dead band",
-}
 _STYLES: dict[str, Any] = {
     "fast": {"color": "0.6", "linestyle": "-", "linewidth": 0.9},
     "overdamped": {"color": "0.45", "linestyle": "-.", "linewidth": 1.4},
@@ -59,7 +53,7 @@ def _ticks_at(axes: Axes, values: Sequence[float]) -> None:
 def _steps(done: Reproduction, laws: list[str], title: str, seconds: float, high: float = 1.5) -> Figure:
     figure, (whole, near) = plt.subplots(1, 2, figsize=(10, 3.8), constrained_layout=True)
     for law in laws:
-        whole.plot(done.steps[law].time, done.steps[law].load_angle, label=NAMES[law], **_STYLES[law])
+        whole.plot(done.steps[law].time, done.steps[law].load_angle, label=LAWS[law].title, **_STYLES[law])
         _near_target(near, done.steps[law], **_STYLES[law])
     whole.set(xlim=(0, seconds), xlabel="time, s", ylabel="load angle, rad", title=title)
     whole.legend(loc="lower right", fontsize="small")
@@ -71,7 +65,7 @@ def _steps(done: Reproduction, laws: list[str], title: str, seconds: float, high
 def fig04(done: Reproduction) -> Figure:
     """State feedback and its limit cycle; amplitude over backlash."""
     figure, (cycle, sweep) = plt.subplots(1, 2, figsize=(10, 3.8), constrained_layout=True)
-    _near_target(cycle, done.steps["fast"], color="black", linewidth=1.0, label=NAMES["fast"])
+    _near_target(cycle, done.steps["fast"], color="black", linewidth=1.0, label=LAWS["fast"].title)
     _label_error(cycle, 1.0)
     cycle.set_title("Fig. 4: the fast regulator keeps oscillating")
     rows = done.numbers["backlash_sweep"]
@@ -210,11 +204,12 @@ def friction_boundary(done: Reproduction) -> Figure:
 
 def all_laws(done: Reproduction) -> Figure:
     """Every law, nominal drive."""
-    figure, panels = plt.subplots(2, 3, figsize=(12, 6), sharex=True, sharey=True, constrained_layout=True)
-    for axes, law in zip(panels.flat, NAMES, strict=True):
-        _near_target(axes, done.steps[law], color="black", linewidth=1.0)
+    rows = math.ceil(len(LAWS) / 3)
+    figure, panels = plt.subplots(rows, 3, figsize=(12, 3 * rows), sharex=True, sharey=True, constrained_layout=True)
+    for axes, (name, law) in zip(panels.flat, LAWS.items(), strict=False):
+        _near_target(axes, done.steps[name], color="black", linewidth=1.0)
         _label_error(axes, 2.0, high=2.0)
-        axes.set_title(NAMES[law], fontsize="medium")
+        axes.set_title(law.title, fontsize="medium")
         axes.label_outer()
     figure.suptitle(f"All laws near the target, {next(iter(CASES))} drive")
     return figure

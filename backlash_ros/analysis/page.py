@@ -4,8 +4,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from backlash_ros.analysis.figures import NAMES
 from backlash_ros.analysis.paper import FRICTION_TRIED
+from backlash_ros.control import LAWS
 
 _COLUMNS = {
     "rise_time_s": ("rise, s", "{:.3f}"),
@@ -229,7 +229,7 @@ def write_page(numbers: Mapping[str, Any]) -> str:
         "",
     ]
     for case in next(iter(table.values())):
-        lines += [*_table({NAMES[law]: table[law][case] for law in NAMES}, case), ""]
+        lines += [*_table({law.title: table[name][case] for name, law in LAWS.items()}, case), ""]
     periods = [row["predicted_period_s"] / row["period_s"] for row in sweep]
     predicted = [row["predicted_amplitude_b"] / row["amplitude_b"] for row in sweep]
     mild = [row for row in damping if abs(row["predicted_period_s"] / row["period_s"] - 1) < 0.15]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import float64
@@ -36,5 +37,11 @@ class ControlLaw:
     memory: Array
 
 
-Designer = Callable[[Drive, ServoSettings], ControlLaw]
-"""Makes a law for a drive; ValueError where the settings do not allow one."""
+class NamedLaw(NamedTuple):
+    """A law that can be chosen: its title in figures and tables, and what designs it for a drive.
+
+    ``design`` raises ValueError where the settings do not allow it.
+    """
+
+    title: str
+    design: Callable[[Drive, ServoSettings], ControlLaw]

@@ -6,7 +6,7 @@ and load as its plant and cancels the back-EMF.
 
 import numpy as np
 
-from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, Array, ControlLaw
+from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, Array, ControlLaw, NamedLaw
 from backlash_ros.control.observer import OMEGA_M, THETA_L
 from backlash_ros.control.settings import ServoSettings
 from backlash_ros.drivetrain import Drive
@@ -49,4 +49,4 @@ def cascade(drive: Drive, settings: ServoSettings) -> ControlLaw:
     return ControlLaw(cascade_step, np.array(constants, dtype=float), np.array([float(FAST_REGION), 0.0]))
 
 
-LAWS = {"cascade": cascade}
+LAWS = {"cascade": NamedLaw("P/PI cascade with dead band", cascade)}

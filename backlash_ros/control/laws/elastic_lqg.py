@@ -9,7 +9,7 @@ reference that makes up for the slow pole, and more. The spring is the teeth's s
 import control
 import numpy as np
 
-from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, Array, ControlLaw
+from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, Array, ControlLaw, NamedLaw
 from backlash_ros.control.observer import THETA_L
 from backlash_ros.control.settings import ServoSettings
 from backlash_ros.drivetrain import Drive
@@ -76,4 +76,4 @@ def elastic_lqg(drive: Drive, settings: ServoSettings) -> ControlLaw:
     return ControlLaw(elastic_lqg_step, constants, np.array([float(FAST_REGION), *np.zeros(_STATES + 2)]))
 
 
-LAWS = {"elastic_lqg": elastic_lqg}
+LAWS = {"elastic_lqg": NamedLaw("linear compensator (after Mohan)", elastic_lqg)}

@@ -7,7 +7,7 @@ torque, and switches without hysteresis.
 
 import numpy as np
 
-from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, OVERDAMPED_REGION, REGION, Array, ControlLaw
+from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, OVERDAMPED_REGION, REGION, Array, ControlLaw, NamedLaw
 from backlash_ros.control.observer import OMEGA_L, THETA_L
 from backlash_ros.control.settings import ServoSettings
 from backlash_ros.drivetrain import Drive
@@ -36,4 +36,4 @@ def switched_linear(drive: Drive, settings: ServoSettings) -> ControlLaw:
     return ControlLaw(switched_linear_step, np.array(constants, dtype=float), np.array([float(FAST_REGION)]))
 
 
-LAWS = {"switched_linear": switched_linear}
+LAWS = {"switched_linear": NamedLaw("switched linear (after Boneh & Yaniv)", switched_linear)}

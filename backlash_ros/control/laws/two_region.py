@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from backlash_ros.control.gains import Gains
-from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, OVERDAMPED_REGION, REGION, Array, ControlLaw
+from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, OVERDAMPED_REGION, REGION, Array, ControlLaw, NamedLaw
 from backlash_ros.control.observer import CURRENT, LOAD_TORQUE, OMEGA_L, THETA_L
 from backlash_ros.control.settings import ServoSettings
 from backlash_ros.drivetrain import Drive
@@ -65,4 +65,8 @@ def overdamped(drive: Drive, settings: ServoSettings) -> ControlLaw:
     return _law(drive, settings, math.inf, math.inf)
 
 
-LAWS = {"two_region": two_region, "fast": fast, "overdamped": overdamped}
+LAWS = {
+    "fast": NamedLaw("fast state feedback", fast),
+    "overdamped": NamedLaw("over-damped state feedback", overdamped),
+    "two_region": NamedLaw("two-region law (adaptive)", two_region),
+}
