@@ -1,7 +1,7 @@
 """Judging a recorded session: step responses, a swap of gains, a load step, learning; numbers and a figure."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import matplotlib
@@ -15,6 +15,9 @@ from backlash_ros.analysis.bag import Recording
 from backlash_ros.analysis.metrics import StepResponse, step_response
 from backlash_ros.control import Gains
 from backlash_ros.drivetrain import Drive
+
+TAIL, SETTLING = 1.0, 0.3
+"""Time over which a residual is taken, and after a disturbance until it may be, s."""
 
 LABELS = {"fast": "fast gains alone", "overdamped": "over-damped gains alone", "two_region": "two-region law"}
 _LINES = {"fast": ("C3", "--"), "overdamped": ("C0", "-."), "two_region": ("black", "-")}
@@ -45,10 +48,34 @@ def gap(recording_rows: NDArray[np.float64], drive: Drive) -> NDArray[np.float64
     return drive.gear.motor_radius * recording_rows[:, 0] - drive.gear.load_radius * recording_rows[:, 3]
 
 
+def late_answers(samples: NDArray[np.float64], answers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the times of the samples, in s, that had no answer before the next one."""
+    before = np.searchsorted(answers, samples)
+    late: NDArray[np.float64] = samples[:-1][np.diff(before) == 0]
+    return late
+
+
+def quiet_end(recording: Recording, interval: Interval) -> float:
+    """Return the end of the last stretch in which the loop ran as it should: every sample answered in its period.
+
+    A shared machine is late now and then, and a late answer widens a limit cycle for a while. The stretch lies in the
+    second half of the interval; where there is none, its end is the interval's.
+    """
+    samples = recording.joint_states.between(interval.start, interval.end).time
+    late = late_answers(samples, recording.scalars["/command"].between(interval.start, interval.end).time)
+    middle = 0.5 * (interval.start + interval.end)
+    edges = np.array([middle, *late[late > middle], samples[-1]])
+    long_enough = np.flatnonzero(np.diff(edges) >= TAIL + SETTLING)
+    return float(edges[long_enough[-1] + 1]) if long_enough.size else interval.end
+
+
 def judge_step(recording: Recording, interval: Interval, drive: Drive) -> StepResponse:
-    """Return the metrics of the step response in ``interval``."""
+    """Return the metrics of the step response in ``interval``; its residual is taken at `quiet_end`."""
     part = recording.joint_states.between(interval.start, interval.end)
-    return step_response(
+    end = quiet_end(recording, interval)
+    tail = recording.joint_states.between(end - TAIL, end).values[:, 3]
+    residual = float(np.ptp(tail)) / drive.gear.backlash_angle
+    response = step_response(
         part.time - interval.start,
         part.values[:, 3],
         gap(part.values, drive),
@@ -56,6 +83,7 @@ def judge_step(recording: Recording, interval: Interval, drive: Drive) -> StepRe
         backlash=drive.gear.backlash,
         backlash_angle=drive.gear.backlash_angle,
     )
+    return replace(response, residual=residual)
 
 
 def judge_load_step(recording: Recording, interval: Interval, torque: float, drive: Drive) -> LoadStep:

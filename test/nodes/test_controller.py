@@ -316,7 +316,7 @@ def test_sample_out_of_order_is_not_answered(start: Start, peer: Peer) -> None:
 
 
 def test_stamp_before_the_epoch_is_survived(start: Start, peer: Peer) -> None:
-    process = start("controller", law="fast", **PATIENT)
+    process = start("controller", law="fast", torque_bandwidth=0.0, **PATIENT)
     drive = LockstepDrive(peer).matched()
     drive.refer(1.0)
     message = drive.sample()
