@@ -36,7 +36,7 @@ def force_of(drive: Drive, gap: float, rate: float) -> float:
 
 
 @given(s=st.floats(-1.3, 1.3), rate=st.floats(-2, 2))
-@settings(deadline=None)
+@settings(deadline=None, max_examples=300)
 @pytest.mark.parametrize("law", LAWS)
 def test_force_and_its_derivatives(law: str, s: float, rate: float) -> None:
     drive = drive_with(law)
@@ -55,7 +55,8 @@ def test_force_and_its_derivatives(law: str, s: float, rate: float) -> None:
         assert damping == pytest.approx((around[5] - around[3]) / (2 * v), rel=1e-3, abs=1e-4)
     step = 1e-8
     slope = (elastic_energy(plant, gap + step) - elastic_energy(plant, gap - step)) / (2 * step)
-    assert elastic == pytest.approx(slope, rel=1e-4, abs=1e-4 * plant.tooth_stiffness * step + 1e-6)
+    # A quarter of k times the step is the difference's own error across the corner at d/2.
+    assert elastic == pytest.approx(slope, rel=1e-4, abs=0.26 * plant.tooth_stiffness * step)
     assert elastic_stiffness >= 0
 
 
