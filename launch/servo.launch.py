@@ -14,6 +14,7 @@ def generate_launch_description() -> LaunchDescription:
     default = PathJoinSubstitution([FindPackageShare("backlash_ros"), "config", "nominal_drive.yaml"])
     config, namespace = LaunchConfiguration("config"), LaunchConfiguration("namespace")
     common = {"package": "backlash_ros", "namespace": namespace, "output": "screen"}
+    # Named, so that what is given here is addressed to the node and wins over the file's wildcards.
     given = PythonExpression(["'", LaunchConfiguration("gain_set"), "' != ''"])
     gain_set = {"gain_set": LaunchConfiguration("gain_set")}
     return LaunchDescription(
@@ -24,11 +25,24 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument("simulator", default_value="true", description="false where there is a drive"),
             Node(
                 executable="plant_simulator",
+                name="plant_simulator",
                 parameters=[config],
                 condition=IfCondition(LaunchConfiguration("simulator")),
                 **common,
             ),
-            Node(executable="controller", parameters=[config], condition=UnlessCondition(given), **common),
-            Node(executable="controller", parameters=[config, gain_set], condition=IfCondition(given), **common),
+            Node(
+                executable="controller",
+                name="controller",
+                parameters=[config],
+                condition=UnlessCondition(given),
+                **common,
+            ),
+            Node(
+                executable="controller",
+                name="controller",
+                parameters=[config, gain_set],
+                condition=IfCondition(given),
+                **common,
+            ),
         ]
     )
