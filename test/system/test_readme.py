@@ -137,16 +137,22 @@ def test_ros2_commands_work_in_their_order(environment: dict[str, str], tmp_path
     assert [process.returncode for process in running] == [0] * len(running), printed
 
 
+@pytest.mark.parametrize(
+    ("arguments", "gain_set"),
+    [("", "nominal"), (" gain_set:=gentle", "gentle"), (" namespace:=a gain_set:=gentle", "gentle")],
+)
 @pytest.mark.parametrize("command", [c for c in ROS_COMMANDS if c.startswith("ros2 launch")])
-def test_launch_file_starts_both_nodes(command: str, environment: dict[str, str], tmp_path: Path) -> None:
+def test_launch_file_starts_both_nodes(
+    command: str, arguments: str, gain_set: str, environment: dict[str, str], tmp_path: Path
+) -> None:
     if reason := why_not_ros2():
         pytest.skip(reason)
     pytest.importorskip("launch_ros", reason="needs launch_ros")
-    process = begin(command, environment, tmp_path)
+    process = begin(command + arguments, environment, tmp_path)
     assert process.stdout is not None
     printed = ""
     try:
-        while not ("simulating at 250 Hz" in printed and "ready at 250 Hz" in printed):
+        while not ("simulating at 250 Hz" in printed and f"ready at 250 Hz with gain set '{gain_set}'" in printed):
             line = process.stdout.readline()
             assert line, printed
             printed += line
