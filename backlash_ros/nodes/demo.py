@@ -364,7 +364,8 @@ def main(args: Sequence[str] | None = None) -> int:
     if out.exists() and not (out / "summary.json").is_file() and any(out.iterdir()):
         console.print(f"--out must be a new or empty folder or an earlier demo's, got {out}")
         return 2
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does, and everything with it
+    for number in (signal.SIGINT, signal.SIGTERM):  # both end it as Ctrl-C does, in the background of a shell too
+        signal.signal(number, signal.default_int_handler)
     out.parent.mkdir(parents=True, exist_ok=True)
     folder = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
     try:
