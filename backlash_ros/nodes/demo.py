@@ -70,6 +70,10 @@ class DemoError(RuntimeError):
     """The demo could not go on; the text says what was waited for."""
 
 
+def _done_or_over(future: Future, end: float) -> bool:
+    return future.done() or time.monotonic() > end
+
+
 class Session:
     """The running system seen from outside: what a user does with topics, services and parameters."""
 
@@ -119,9 +123,18 @@ class Session:
         end = time.monotonic() + seconds
         self.wait("time to pass", lambda: time.monotonic() >= end, seconds + _PATIENCE)
 
-    def _result(self, what: str, future: Future) -> Any:
-        self.wait(what, future.done)
-        return future.result()
+    def _ask(self, what: str, send: Callable[[], Future]) -> Any:
+        """Send a request that may be sent twice, and return its answer.
+
+        The first answer of a service can be lost: the client may know the server before the server knows the client.
+        """
+        for _ in range(3):
+            future = send()
+            self.wait(what, partial(_done_or_over, future, time.monotonic() + _PATIENCE / 3))
+            if future.done():
+                return future.result()
+            future.cancel()
+        raise DemoError(f"waited {_PATIENCE:g} s for {what}")
 
     def ready(self) -> None:
         """Wait until every process takes part."""
@@ -138,18 +151,20 @@ class Session:
 
     def learn(self) -> tuple[bool, str]:
         """Call ``~/learn`` and return its answer."""
-        response = self._result("the learner", self._learn.call_async(Trigger.Request()))
+        future = self._learn.call_async(Trigger.Request())
+        self.wait("the learner", future.done)
+        response = future.result()
         return response.success, response.message
 
     def get(self, name: str) -> Any:
         """Return a parameter of the controller."""
-        values = self._result(f"parameter {name}", self._parameters.get_parameters([name])).values
+        values = self._ask(f"parameter {name}", lambda: self._parameters.get_parameters([name])).values
         return rclpy.parameter.parameter_value_to_python(values[0])
 
     def set(self, **parameters: Any) -> tuple[bool, str]:
         """Set parameters of the controller, all or none."""
         request = [Parameter(name, value=value) for name, value in parameters.items()]
-        result = self._result("parameters", self._parameters.set_parameters_atomically(request)).result
+        result = self._ask("parameters", lambda: self._parameters.set_parameters_atomically(request)).result
         return result.successful, result.reason
 
     def must_set(self, **parameters: Any) -> None:

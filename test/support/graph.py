@@ -81,14 +81,25 @@ class Peer:
             self.spin(0.02)
         return value
 
-    def result(self, future: Any, what: str = "an answer") -> Any:
-        self.wait(what, future.done)
-        return future.result()
+    def ask(self, what: str, send: Callable[[], Any]) -> Any:
+        """Send a request that may be sent twice, and return its answer.
+
+        The first answer of a service can be lost: the client may know the server before the server knows the client.
+        """
+        for _ in range(4):
+            future = send()
+            end = time.monotonic() + PATIENCE / 4
+            while not future.done() and time.monotonic() < end:
+                self.spin(0.02)
+            if future.done():
+                return future.result()
+            future.cancel()
+        raise AssertionError(f"waited {PATIENCE:g} s for {what}")
 
     def call(self, kind: type, name: str, request: Any) -> Any:
         client = self.node.create_client(kind, name)
         self.wait(name, client.service_is_ready)
-        return self.result(client.call_async(request), name)
+        return self.ask(name, lambda: client.call_async(request))
 
     def close(self) -> None:
         self._executor.shutdown()
@@ -105,11 +116,11 @@ class Parameters:
         peer.wait(f"the parameter services of {node}", self._client.services_are_ready)
 
     def get(self, *names: str) -> list[Any]:
-        values = self._peer.result(self._client.get_parameters(list(names))).values
+        values = self._peer.ask("parameters", lambda: self._client.get_parameters(list(names))).values
         return [parameter_value_to_python(value) for value in values]
 
     def set(self, **changes: Any) -> tuple[bool, str]:
         """Set all or none; names with double underscores for dots."""
         request = [Parameter(name.replace("__", "."), value=value) for name, value in changes.items()]
-        result = self._peer.result(self._client.set_parameters_atomically(request)).result
+        result = self._peer.ask("parameters", lambda: self._client.set_parameters_atomically(request)).result
         return result.successful, result.reason
