@@ -2,28 +2,18 @@
 
 import argparse
 import json
-import math
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from backlash_ros.analysis.figures import FIGURES, draw
+from backlash_ros.analysis.jsonable import jsonable
 from backlash_ros.analysis.page import write_page
 from backlash_ros.analysis.paper import CASES, PARTS, judge, reproduce, respond
 from backlash_ros.control import LAWS
-
-
-def _json_ready(value: Any) -> Any:
-    """Return ``value`` with what JSON has no number for, infinity and nan, as None."""
-    if isinstance(value, dict):
-        return {key: _json_ready(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_json_ready(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def figures(out: Path, page: Path | None, console: Console) -> None:
@@ -38,7 +28,7 @@ def figures(out: Path, page: Path | None, console: Console) -> None:
 
         done = reproduce(progress)
         draw(done, out, progress)
-    numbers = _json_ready(done.numbers)
+    numbers = jsonable(done.numbers)
     (out / "figures.json").write_text(json.dumps(numbers, indent=1) + "\n")
     console.print(f"{len(FIGURES)} figures (PNG, SVG) and figures.json in {out}", highlight=False)
     if page is not None:
@@ -49,7 +39,7 @@ def figures(out: Path, page: Path | None, console: Console) -> None:
 def simulate(law: str, case: str, console: Console) -> None:
     """Run one step response and print its figures as JSON."""
     condition = CASES[case]
-    console.print_json(json.dumps(_json_ready({"law": law, "case": case, **judge(respond(law, condition), condition)})))
+    console.print_json(json.dumps(jsonable({"law": law, "case": case, **judge(respond(law, condition), condition)})))
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -36,6 +36,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
 from backlash_ros.analysis.bag import read_bag
+from backlash_ros.analysis.jsonable import jsonable
 from backlash_ros.analysis.metrics import StepResponse
 from backlash_ros.analysis.session import (
     LABELS,
@@ -286,13 +287,6 @@ def judge(script: dict[str, Any], folder: Path) -> dict[str, Any]:
     }
 
 
-def finite(value: Any) -> Any:
-    """Return ``value`` with what JSON has no number for as None."""
-    if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
 def show(summary: dict[str, Any], console: Console) -> None:
     """Print the summary as a table."""
     table = Table(title="Step of 1 rad, nominal drive, 250 Hz")
@@ -385,7 +379,7 @@ def main(args: Sequence[str] | None = None) -> int:
     folder = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
     try:
         summary = record(folder.resolve(), console)
-        (folder / "summary.json").write_text(json.dumps(finite(summary), indent=2, allow_nan=False) + "\n")
+        (folder / "summary.json").write_text(json.dumps(jsonable(summary), indent=2, allow_nan=False) + "\n")
         put_in_place(folder, out)
     except KeyboardInterrupt:
         console.print("stopped; nothing was written")

@@ -18,9 +18,6 @@ REGIONS = ("fast", "overdamped")
 DEFAULT_WEIGHTS: dict[str, list[float]] = {"fast": [1000.0, 1.0], "overdamped": [4.0, 0.0]}
 NO_WEIGHTS = [0.0, 0.0]
 
-NamedSets = Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]
-"""Set name -> region -> {"q": weights} or {"k": gains}."""
-
 
 def _given(weights: Sequence[float]) -> bool:
     return any(value != 0 for value in weights)

@@ -9,6 +9,7 @@ import pytest
 from graph import Parameters, Peer, Process
 from lockstep_drive import LockstepDrive
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.task import Future
 from std_msgs.msg import Float64, UInt8
 from std_srvs.srv import Trigger
 
@@ -40,15 +41,19 @@ def test_closed_loop_over_dds_equals_the_offline_run(start: Start, peer: Peer, g
     np.testing.assert_allclose(angles, offline.load_angle, rtol=0, atol=1e-9)
 
 
+def ask_to_learn(peer: Peer) -> Future:
+    client = peer.node.create_client(Trigger, "controller/learn")
+    peer.wait("the service", client.service_is_ready)
+    return client.call_async(Trigger.Request())
+
+
 def test_learning_over_the_service(start: Start, peer: Peer) -> None:
     start("controller", **PATIENT)
     estimates: list[float] = []
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     peer.node.create_subscription(Float64, "controller/backlash_estimate", lambda m: estimates.append(m.data), latched)
     drive = LockstepDrive(peer).matched()
-    client = peer.node.create_client(Trigger, "controller/learn")
-    peer.wait("the service", client.service_is_ready)
-    answer = client.call_async(Trigger.Request())
+    answer = ask_to_learn(peer)
     while not answer.done():
         drive.step()
         assert drive.tick < 5000
@@ -65,9 +70,7 @@ def test_learning_under_a_load_torque_keeps_the_old_estimate(start: Start, peer:
     start("controller", backlash_angle=0.015, learning__attempts=1, **PATIENT)
     drive = LockstepDrive(peer).matched()
     drive.load_torque = 0.1
-    client = peer.node.create_client(Trigger, "controller/learn")
-    peer.wait("the service", client.service_is_ready)
-    answer = client.call_async(Trigger.Request())
+    answer = ask_to_learn(peer)
     while not answer.done():
         drive.step()
         assert drive.tick < 5000
@@ -79,9 +82,7 @@ def test_learning_under_a_load_torque_keeps_the_old_estimate(start: Start, peer:
 def test_reference_is_not_taken_while_learning(start: Start, peer: Peer) -> None:
     process = start("controller", **PATIENT)
     drive = LockstepDrive(peer).matched()
-    client = peer.node.create_client(Trigger, "controller/learn")
-    peer.wait("the service", client.service_is_ready)
-    answer = client.call_async(Trigger.Request())
+    answer = ask_to_learn(peer)
     while "learning the backlash" not in process.output():
         drive.step()
     drive._reference.publish(Float64(data=0.5))
@@ -95,12 +96,10 @@ def test_reference_is_not_taken_while_learning(start: Start, peer: Peer) -> None
 def test_shutdown_answers_who_waits_for_learning(start: Start, peer: Peer) -> None:
     process = start("controller", **PATIENT)
     drive = LockstepDrive(peer).matched()
-    client = peer.node.create_client(Trigger, "controller/learn")
-    peer.wait("the service", client.service_is_ready)
-    answer = client.call_async(Trigger.Request())
+    answer = ask_to_learn(peer)
     while "learning the backlash" not in process.output():
         drive.step()
-    client.call_async(Trigger.Request())  # and another one behind it
+    ask_to_learn(peer)  # and another one behind it
     process.signal(signal.SIGINT)
     peer.wait("an answer", answer.done)
     assert not answer.result().success

@@ -1,0 +1,13 @@
+"""Results as JSON takes them: it has no number for infinity and nan."""
+
+import math
+from typing import Any
+
+
+def jsonable(value: Any) -> Any:
+    """Return ``value``, with every infinity and nan in its dicts and lists as None."""
+    if isinstance(value, dict):
+        return {key: jsonable(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [jsonable(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
