@@ -10,7 +10,10 @@ NAME = "backlash_ros"
 # Where ROS is installed, rclpy and the messages come from there. Where it is not, from wheels.
 ROS_WHEELS = [
     "ros-rclpy[fastrtps]>=7.1.6,<8",
+    "ros-diagnostic-msgs>=5.3.6,<6",
+    "ros-lifecycle-msgs>=2.0.3,<3",
     "ros-rcl-interfaces>=2.0.3,<3",
+    "ros-rosgraph-msgs>=2.0.3,<3",
     "ros-sensor-msgs>=5.3.6,<6",
     "ros-std-msgs>=5.3.6,<6",
     "ros-std-srvs>=5.3.6,<6",

@@ -9,6 +9,7 @@ from backlash_ros.control.law import REGION, ControlLaw
 from backlash_ros.control.laws import design_law
 from backlash_ros.control.learning import BacklashEstimate, BacklashLearner
 from backlash_ros.control.limit_cycle import Array
+from backlash_ros.control.monitor import DriveMonitor, Limits
 from backlash_ros.control.observer import LOAD_TORQUE, THETA_L, THETA_M, observer_memory, observer_step
 from backlash_ros.control.settings import ServoSettings
 from backlash_ros.drivetrain import Drive
@@ -17,22 +18,26 @@ from backlash_ros.drivetrain import Drive
 class Servo:
     """The servo of one axis: observer, law and learner around one reference.
 
-    After construction and after every `release` it holds the position of the first sample it sees.
+    After construction and after every `release` it holds the position of the first sample it sees. A ``fault``, found
+    by its `DriveMonitor` or told by `fail`, is latched: 0 V until `reset`.
     """
 
     settings: ServoSettings
     _law: ControlLaw
 
-    def __init__(self, drive: Drive, settings: ServoSettings) -> None:
+    def __init__(self, drive: Drive, settings: ServoSettings, limits: Limits | None = None) -> None:
         self.drive = drive
         self.voltage = 0.0
         self.reference = math.nan
+        self.fault = ""
         self._learner: BacklashLearner | None = None
         self._estimate = observer_memory()
+        self._monitor = DriveMonitor(drive, limits or Limits.of(drive), settings)
         self.use(settings)
 
-    def use(self, settings: ServoSettings) -> None:
+    def use(self, settings: ServoSettings, limits: Limits | None = None) -> None:
         """Use ``settings`` from the next sample on; what the observer, and the same law, remember is kept."""
+        self._monitor.limits = limits or self._monitor.limits
         law, fast = design_law(self.drive, settings), design_law(self.drive, replace(settings, law="fast"))
         if not (hasattr(self, "settings") and self.settings.law == settings.law):
             self._memory = law.memory.copy()
@@ -47,8 +52,35 @@ class Servo:
         self.reference = math.nan
         self._estimate = observer_memory()
         self._memory = self._law.memory.copy()
+        self._monitor.start()
         if self._learner is not None and self._learner.result is None:
             self._learner.give_up(reason)
+
+    def fail(self, fault: str) -> None:
+        """Latch a fault, unless there is one: let go of the drive, 0 V until `reset`."""
+        self.fault = self.fault or fault
+        self.release(fault)
+
+    def reset(self) -> None:
+        """Forget the fault; hold the position of the next sample."""
+        self.fault = ""
+        self.release("reset")
+
+    def refer(self, reference: float) -> str:
+        """Take a reference, rad, and return an empty text; or why it is refused, which changes nothing."""
+        if not math.isfinite(reference):
+            return f"reference must be finite, in rad, got {reference}"
+        for hindered, why in (
+            (bool(self.fault), "while a fault is latched"),
+            (self.learning, "while learning"),
+            (not self.holding, "while there are no joint states"),
+        ):
+            if hindered:
+                return f"reference {reference:g} rad came {why}"
+        refusal = self._monitor.limits.refusal(reference, self.reference)
+        if not refusal:
+            self.reference = reference
+        return refusal
 
     @property
     def holding(self) -> bool:
@@ -94,16 +126,23 @@ class Servo:
         self._memory = self._law.memory.copy()  # it has not seen what the learner did
         return result
 
-    def update(self, measured: Array) -> float:
-        """Take one sample and return the voltage, V; 0 and a `release` where no finite one follows from it.
+    def update(self, measured: Array, elapsed: float | None = None) -> float:
+        """Take one sample and return the voltage, V; 0 while a fault is latched and where no finite one follows.
 
         Parameters
         ----------
         measured : shape (5,): theta_m, omega_m, i, theta_l, omega_l (rad, rad/s, A), nan where not measured
+        elapsed : since the sample before, s; the period by default
         """
+        if self.fault:
+            return 0.0
+        fault = self._monitor.check(measured, self.voltage, elapsed or self.settings.period)
+        if fault:
+            self.fail(fault)
+            return 0.0
         observer_step(self._observer, self._estimate, measured, self.voltage)
         if not self.holding:
-            self.reference = self.load_angle
+            self.reference = self._monitor.limits.clip(self.load_angle)
         offset = 0.0
         law, memory = self._law, self._memory
         if self._learner is not None:
@@ -113,7 +152,8 @@ class Servo:
                 has_motor=not math.isnan(measured[THETA_M]),
                 has_load=not math.isnan(measured[THETA_L]),
             )
-        self.voltage = law.step(law.constants, memory, self._estimate[:6], self.reference + offset)
+        voltage = law.step(law.constants, memory, self._estimate[:6], self.reference + offset)
+        self.voltage = self._monitor.limits.soften(voltage, self.load_angle)
         if not (math.isfinite(self.voltage) and np.all(np.isfinite(self._estimate))):
-            self.release("the estimate is not finite")
+            self.fail("no finite command follows from the joint states")
         return self.voltage

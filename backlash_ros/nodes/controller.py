@@ -1,266 +1,262 @@
 """The controller as a node: joint states in, one call of the servo, voltage out at once.
 
-Everything that decides is in `backlash_ros.control.Servo`. Here are the topics, the parameters, and the watchdog that
-puts 0 V out while there is no good sample to answer.
+Everything that decides is in `backlash_ros.control.Servo`. Here are the topics, the lifecycle, and the watchdog that
+latches a fault, and puts 0 V out, when no good sample comes.
 """
 
-import math
 from collections.abc import Sequence
-from typing import Any
 
-from rcl_interfaces.msg import SetParametersResult
+from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, UInt8
 
-from backlash_ros.control import LAWS, LearningSettings, Servo, ServoSettings, design_law
+from backlash_ros.control import Servo
 from backlash_ros.drivetrain import Quantity
-from backlash_ros.nodes.gain_parameters import (
-    CUSTOM,
-    DEFAULT_WEIGHTS,
-    NO_WEIGHTS,
-    REGIONS,
-    expand,
-    gain_set_of,
-    resolve_set,
-)
+from backlash_ros.nodes.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
 from backlash_ros.nodes.interface import (
     LATCHED,
     RECEIVE,
     SEND,
     STEADY,
     BadSampleError,
+    answer,
     declare_joints,
+    now,
     overridable,
     read_joint_state,
+    stamp_label,
 )
 from backlash_ros.nodes.learn_service import LearnService, describe_estimate
-from backlash_ros.nodes.parameters import (
-    as_float,
-    declare_drive,
-    declare_duration,
-    declare_number,
-    declare_quantities,
-    declare_rate,
-    describe,
-    take,
-)
-from backlash_ros.nodes.run import StoppableNode, run
+from backlash_ros.nodes.managed import ManagedNode
+from backlash_ros.nodes.parameters import declare_drive, declare_duration, declare_number, declare_rate
+from backlash_ros.nodes.run import run
+from backlash_ros.nodes.tunables import Tunables
 
 _LEARN_PATIENCE = 5.0
 """Time that a request to learn waits for the first joint states, s: discovery may take some."""
 
+_SHOWN = ("law", "gain_set", "gains.fast.k", "gains.overdamped.k", "backlash_angle")
+"""Parameters that the diagnostics repeat; all of them are in ~/parameters_in_use."""
 
-class Controller(StoppableNode):
+_CLOCKS_DIFFER = 10.0
+"""Age of a sample that says more of the clocks than of the sample, s."""
+
+
+class Controller(ManagedNode):
     """Two-region servo of one geared drive."""
 
-    def __init__(self) -> None:
-        super().__init__("controller")
+    def __init__(self, namespace: str = "") -> None:
+        super().__init__("controller", namespace)
         self._drive = declare_drive(self)
         self._joints = declare_joints(self)
         self._rate = declare_rate(self)
         self._state_timeout = declare_duration(
-            self, "state_timeout", 0.1, "silence on joint_states after which the command is 0 V"
+            self, "state_timeout", 0.1, "silence on joint_states after which the command is 0 V and a fault is latched"
         )
         telemetry = Quantity("rate of tracking error, region and load torque", "Hz", 0.0, self._rate, True)
         telemetry_rate = declare_number(self, "telemetry_rate", min(50.0, self._rate), telemetry)
         self._telemetry_every = max(1, round(self._rate / telemetry_rate))
-        self._sets = self._declare_gain_sets()
-        self._values = self._declare_tunables()
-        self._floats = {name for name, value in self._values.items() if isinstance(value, float)}
-        self._candidate = self._values, self._settings_of(self._values)
-        self._servo = Servo(self._drive, self._candidate[1])
-        self._warm_up()
-
+        self._tunables = Tunables(self, self._drive, self._rate)
+        self._tunables.changed = self._use
+        self._servo = Servo(self._drive, self._tunables.settings, self._tunables.limits)
+        self._configured = False
+        self._estimated = False
+        self._answered = self._dropped = self._late = self._jumps = 0
+        self._last_drop = self._refused = ""
+        self._step_time, self._age = Window(), Window()
         self._last_stamp = 0
         self._last_sample: float | None = None
-        self._answered = 0
-        self._estimated = False
-        self._dropped = 0
-        self._command = self.create_publisher(Float64MultiArray, "command", SEND, qos_overriding_options=overridable())
+        self._seen = now(), 0, 0, 0, 0
+
+    # The lifecycle.
+
+    def configure(self) -> None:
+        """Compile the law and take up the topics."""
+        self._servo.reset()
+        self._servo.update(read_joint_state(JointState(name=["load"], position=[0.0]), "", "load", 1.0))
+        self._servo.reset()
+        own = overridable()
+        self._command = self.create_publisher(Float64MultiArray, "command", SEND, qos_overriding_options=own)
         self._error = self.create_publisher(Float64, "~/tracking_error", SEND)
         self._region = self.create_publisher(UInt8, "~/region", SEND)
         self._torque = self.create_publisher(Float64, "~/load_torque_estimate", SEND)
         self._estimate = self.create_publisher(Float64, "~/backlash_estimate", LATCHED)
-        self._accept_parameters()
-        self.create_subscription(
-            JointState, "joint_states", self._on_joint_states, RECEIVE, qos_overriding_options=overridable()
-        )
-        self.create_subscription(
-            Float64, "reference", self._on_reference, RECEIVE, qos_overriding_options=overridable()
-        )
-        self._publish_estimate()
-        self._learn = LearnService(self)
-        self.create_timer(0.5 * self._state_timeout, self._watch, clock=STEADY)
-        self.get_logger().info(f"ready at {self._rate:g} Hz with gain set {self._values['gain_set']!r}")
-
-    # Parameters: declared once, a request validated as a whole, swapped as one value.
-
-    def _declare_gain_sets(self) -> dict[str, dict[str, list[float]]]:
-        text = "names of the gain sets, each under gain_sets.<name>"
-        names = self.declare_parameter("gain_set_names", ["nominal"], describe(text, read_only=True)).value
-        sets = {}
-        for name in names:
-            if name == CUSTOM or names.count(name) > 1:
-                raise ValueError(f"gain_set_names must be different from each other and from {CUSTOM!r}, got {names}")
-            defaults = DEFAULT_WEIGHTS if name == "nominal" else dict.fromkeys(REGIONS, NO_WEIGHTS)
-            chosen = {}
-            for region in REGIONS:
-                prefix = f"gain_sets.{name}.{region}"
-                k = self.declare_parameter(
-                    f"{prefix}.k", [0.0, 0.0, 0.0], describe("gains [V/rad, V s/rad, V/A]", read_only=True)
-                ).value
-                given = any(k)
-                q = self.declare_parameter(
-                    f"{prefix}.q",
-                    NO_WEIGHTS if given else defaults[region],
-                    describe("LQR weights [Q11, Q22] of eq 14, in place of gains", read_only=True),
-                ).value
-                chosen[region] = {"q": list(q), "k": list(k)}
-            sets[name] = resolve_set(name, chosen, self._drive)
-        return sets
-
-    def _declare_tunables(self) -> dict[str, Any]:
-        first = next(iter(self._sets), None)
-        if first is None:
-            raise ValueError("gain_set_names must name at least one gain set")
-        values: dict[str, Any] = {
-            "law": self.declare_parameter(
-                "law", "two_region", describe("control law", constraint=f"one of {sorted(LAWS)}")
-            ).value,
-        }
-        values |= declare_quantities(self, LearningSettings(), read_only=False)
-        # A set stands for its gains; gains given beside it at the start make it custom, as they do later.
-        given: dict[str, Any] = {}
-        start = self._sets[first]
-        names = describe("gain set in use; setting it sets the gains", constraint=str([*self._sets, CUSTOM]))
-        asked = {"gain_set": self.declare_parameter("gain_set", first, names).value}
-        for region in REGIONS:
-            for kind, text in (("k", "gains [V/rad, V s/rad, V/A] in use"), ("q", "LQR weights they come from, or 0")):
-                name = f"gains.{region}.{kind}"
-                value = self.declare_parameter(name, start[name], describe(text)).value
-                if list(value) != start[name]:
-                    given[name] = list(value)
-        if given and asked["gain_set"] == first:
-            asked = {"gain_set": CUSTOM}
-        values |= start | expand({**asked, **given}, self._sets, self._drive)
-        settings = ServoSettings(gain_set_of(values, self._sets, self._drive, 1 / self._rate))
-        values |= declare_quantities(self, settings, read_only=False)
-        changed = [
-            Parameter(name, value=value)
-            for name, value in values.items()
-            if name.startswith("gain") and self.get_parameter(name).value != value
+        self._in_use = self.create_publisher(ParameterEvent, "~/parameters_in_use", LATCHED)
+        self._listening = [
+            self.create_subscription(
+                kind,
+                topic,
+                callback,
+                RECEIVE,
+                qos_overriding_options=own,
+                event_callbacks=self.mismatch_events(topic),
+            )
+            for kind, topic, callback in (
+                (JointState, "joint_states", self._on_joint_states),
+                (Float64, "reference", self._on_reference),
+            )
         ]
-        if changed:
-            self.set_parameters_atomically(changed)
-        return values
+        self._learn = LearnService(self)
+        self._watch_timer = self.create_timer(0.5 * self._state_timeout, self._watch, clock=STEADY)
+        self._configured = True
+        self._publish_in_use()
+        self._publish_estimate()
 
-    def _settings_of(self, values: dict[str, Any]) -> ServoSettings:
-        settings = take(
-            ServoSettings,
-            values,
-            gains=gain_set_of(values, self._sets, self._drive, 1 / self._rate),
-            law=values["law"],
-            period=1 / self._rate,
-            learning=take(LearningSettings, values),
-        )
-        design_law(self._drive, settings)  # refuses what cannot be designed
-        return settings
+    def activate(self) -> None:
+        """Hold the position where the first sample finds the load."""
+        self._servo.reset()
+        self._last_stamp = self._dropped_stamp = 0
+        self._last_sample = None
+        self._refused = ""
+        self.get_logger().info(f"ready at {self._rate:g} Hz with gain set {self._tunables.values['gain_set']!r}")
 
-    def _accept_parameters(self) -> None:
-        self.add_pre_set_parameters_callback(self._complete)
-        self.add_on_set_parameters_callback(self._validate)
-        self.add_post_set_parameters_callback(self._swap)
+    def deactivate(self) -> None:
+        """Put 0 V out and wait until it has arrived."""
+        self._servo.release("the controller is not active any more")
+        self._send(0.0)
+        self._command.wait_for_all_acked(Duration(seconds=0.5))
+        self._end_learning()
+        self.get_logger().info(f"stopped after {self._answered} samples, {self._dropped} messages dropped")
 
-    def _complete(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Add what a request implies: a set's gains, gains designed from weights."""
-        changes = {p.name: p.value for p in parameters}
-        for name in changes.keys() & self._floats:
-            changes[name] = as_float(changes[name])
-        try:
-            full = expand(changes, self._sets, self._drive)
-        except (ValueError, TypeError):
-            return parameters  # refused, with its reason, when it is validated
-        kept = [p for p in parameters if full[p.name] is p.value]
-        names = {p.name for p in kept}
-        return kept + [Parameter(name, value=value) for name, value in full.items() if name not in names]
+    def clean_up(self) -> None:
+        """Let go of topics and service."""
+        self.destroy_timer(self._watch_timer)
+        self._learn.close()
+        for publisher in (self._command, self._error, self._region, self._torque, self._estimate, self._in_use):
+            self.destroy_publisher(publisher)
+        for subscription in self._listening:
+            self.destroy_subscription(subscription)
+        self._configured = False
 
-    def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
-        values = {**self._values, **{p.name: p.value for p in parameters if p.name in self._values}}
-        try:
-            self._candidate = values, self._settings_of(values)
-        except (ValueError, TypeError) as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
+    # Parameters.
 
-    def _swap(self, parameters: list[Parameter]) -> None:
-        if not any(p.name in self._values for p in parameters):
-            return
-        relearned = self._candidate[0]["backlash_angle"] != self._values["backlash_angle"]
-        self._values, settings = self._candidate
-        self._servo.use(settings)
-        if relearned:
+    def _use(self, names: set[str]) -> None:
+        self._servo.use(self._tunables.settings, self._tunables.limits)
+        if self._configured:
+            self._publish_in_use()
+        if self._configured and "backlash_angle" in names:
             self._publish_estimate()
 
-    def _warm_up(self) -> None:
-        """Compile the law before the first sample, or load what was compiled before."""
-        self._servo.update(read_joint_state(JointState(name=["load"], position=[0.0]), "", "load", 1.0))
-        self._servo.release("")
+    def _publish_in_use(self) -> None:
+        self._in_use.publish(self._tunables.message())
+
+    def _publish_estimate(self) -> None:
+        angle = self._tunables.values["backlash_angle"]
+        if angle > 0 or self._estimated:
+            self._estimated = True
+            self._estimate.publish(Float64(data=angle))
 
     # The loop.
 
     def _on_joint_states(self, message: JointState) -> None:
+        if not self.active:
+            return
+        began = now()
         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-        now = STEADY.now().nanoseconds * 1e-9
-        behind = (self._last_stamp - stamp) * 1e-9
-        if stamp and self._last_sample is not None and 0 <= behind < self._state_timeout:
-            self._drop(f"joint_states out of order, {behind:g} s behind the newest")
+        label = stamp_label(message.header.stamp)
+        if stamp and self._last_sample is not None and self._out_of_order(stamp, label):
             return
         try:
             measured = read_joint_state(message, *self._joints, self._drive.motor.torque_constant)
         except BadSampleError as error:
-            self._drop(f"unusable joint_states: {error}")
-            self._send(0.0)
+            self._refuse(f"unusable joint_states: {error}")
+            self._servo.voltage = 0.0
+            self._send(0.0, label)
             return
-        self._last_stamp, self._last_sample = stamp, now
+        elapsed = self._elapsed(stamp, began)
+        self._last_stamp, self._last_sample, self._refused = stamp, began, ""
+        had_fault = self._servo.fault
         self._begin_learning()
-        self._send(self._servo.update(measured))
+        self._send(self._servo.update(measured, elapsed), label)
         self._end_learning()
-        if not self._servo.holding:
-            self._drop("joint_states from which no finite command follows: 0 V, holding from the next sample on")
-            return
+        if self._servo.fault != had_fault:
+            self._report(self._servo.fault)
         self._answered += 1
-        if self._answered % self._telemetry_every == 0:
+        if self._answered % self._telemetry_every == 0 and self._servo.holding:
             self._error.publish(Float64(data=self._servo.tracking_error))
             self._region.publish(UInt8(data=self._servo.region))
             self._torque.publish(Float64(data=self._servo.load_torque_estimate))
+        self._age.add(1e-9 * (self.get_clock().now().nanoseconds - stamp))
+        self._step_time.add(now() - began)
+
+    def _out_of_order(self, stamp: int, label: str) -> bool:
+        """Whether a sample is not newer than the last one; a clock that was set back is told from a stray sample."""
+        behind = 1e-9 * (self._last_stamp - stamp)
+        if behind < 0:
+            self._dropped_stamp = 0
+            return False
+        if behind == 0.0:
+            self._refuse("joint_states repeated, with the stamp of the newest")
+            self._send(self._servo.voltage, label)  # the drive has not heard the answer, or stands still
+            return True
+        if behind >= self._state_timeout or 0 < self._dropped_stamp < stamp:
+            self._dropped_stamp = 0
+            return False
+        self._dropped_stamp = stamp
+        self._refuse(f"joint_states out of order, {behind:g} s behind the newest")
+        return True
+
+    def _elapsed(self, stamp: int, at: float) -> float | None:
+        """Return the time since the last sample, s, by the stamps unless they jump against the steady clock."""
+        if self._last_sample is None:
+            return None
+        arrived, stamped = at - self._last_sample, 1e-9 * (stamp - self._last_stamp)
+        if stamped > 1.5 / self._rate:
+            self._late += 1
+        if stamp and 0 < stamped < arrived + self._state_timeout:
+            return stamped
+        if stamp:
+            self._jumps += 1
+            self.get_logger().warning(f"the clock of joint_states jumped by {stamped - arrived:.3g} s")
+        return arrived
 
     def _on_reference(self, message: Float64) -> None:
-        if not math.isfinite(message.data):
-            self._drop(f"reference must be finite, in rad, got {message.data}")
-        elif self._servo.learning:
-            self._drop(f"reference {message.data:g} rad came while learning")
-        elif not self._servo.holding:
-            self._drop(f"reference {message.data:g} rad came while there are no joint states")
-        else:
-            self._servo.reference = message.data
+        if not self.active:
+            self._drop(f"reference {message.data:g} rad came while not active")
+        elif refusal := self._servo.refer(message.data):
+            self._drop(refusal)
 
     def _watch(self) -> None:
-        now = STEADY.now().nanoseconds * 1e-9
-        if self._last_sample is not None and now - self._last_sample <= self._state_timeout:
+        if not self.active:
+            if self._learn.take_request():
+                self._learn.answer(False, "cannot learn: the controller is not active")
+            return
+        if self._last_sample is not None and now() - self._last_sample <= self._state_timeout:
             return
         if self._last_sample is not None:
-            self.get_logger().warning(f"no joint_states for {self._state_timeout:g} s: 0 V until they are back")
             self._last_sample = None
-            self._servo.release("joint_states stopped")
+            had_fault = self._servo.fault
+            why = f", only {self._refused}" if self._refused else ""
+            self._servo.fail(f"no joint_states for {self._state_timeout:g} s{why}")
+            if not had_fault:
+                self._report(self._servo.fault)
             self._end_learning()
         if self._learn.waiting() > _LEARN_PATIENCE and self._learn.take_request():
             self._learn.answer(False, f"cannot learn: no joint_states for {_LEARN_PATIENCE:g} s")
         self._send(0.0)
 
+    def _send(self, voltage: float, label: str = "") -> None:
+        self._command.publish(answer(voltage, label))
+
+    def _refuse(self, what: str) -> None:
+        self._refused = what
+        self._drop(what)
+
+    def _drop(self, what: str) -> None:
+        self._dropped += 1
+        self._last_drop = what
+        self.get_logger().warning(f"{what}; {self._dropped} messages dropped so far", throttle_duration_sec=1.0)
+
+    # Learning.
+
     def _begin_learning(self) -> None:
         if not self._learn.take_request():
+            return
+        if self._servo.fault:
+            self._learn.answer(False, f"cannot learn while a fault is latched: {self._servo.fault}")
             return
         self._servo.start_learning()
         self.get_logger().info("learning the backlash")
@@ -278,29 +274,83 @@ class Controller(StoppableNode):
                 accepted, text = False, f"{text}, but it was refused: {result.reason}"
         self._learn.answer(accepted, text)
 
-    def _send(self, voltage: float) -> None:
-        self._command.publish(Float64MultiArray(data=[voltage]))
+    # Faults and diagnostics.
 
-    def _publish_estimate(self) -> None:
-        if self._values["backlash_angle"] > 0 or self._estimated:
-            self._estimated = True
-            self._estimate.publish(Float64(data=self._values["backlash_angle"]))
+    def _report(self, fault: str) -> None:
+        self.get_logger().error(f"{fault}: 0 V until reset_fault")
+        self.publish_diagnostics()
 
-    def _drop(self, what: str) -> None:
-        self._dropped += 1
-        self.get_logger().warning(f"{what}; {self._dropped} messages dropped so far", throttle_duration_sec=1.0)
+    def reset_fault(self) -> tuple[bool, str]:
+        """Forget a latched fault and hold the position where the next sample finds the load."""
+        if not self._servo.fault:
+            return True, "there was no fault"
+        fault = self._servo.fault
+        self._servo.reset()
+        return True, f"reset: {fault}"
 
-    def stop(self) -> None:
-        """Put 0 V out and wait until it has arrived."""
-        self._servo.release("the controller is stopping")
-        self._send(0.0)
-        self._command.wait_for_all_acked(Duration(seconds=0.5))
-        self._learn.close()
-        self.get_logger().info(f"stopped after {self._answered} samples, {self._dropped} messages dropped")
+    def statuses(self) -> Sequence[DiagnosticStatus]:
+        """Say what the servo does with which gains, and how steadily samples come and are answered."""
+        values, servo = self._tunables.values, self._servo
+        before, self._seen = self._seen, (now(), self._last_stamp, self._answered, self._late, self._dropped)
+        passed, stamped, answered, late, dropped = (new - old for new, old in zip(self._seen, before, strict=True))
+        state = [(OK, self.state)]
+        if servo.fault:
+            state.append((ERROR, servo.fault))
+        if self.active and self._last_sample is None:
+            state.append((WARN, "waiting for joint_states"))
+        if dropped:
+            state.append((WARN, f"{dropped} messages dropped, the last one: {self._last_drop}"))
+        if self.mismatches:
+            state.append((WARN, f"{self.mismatches} publishers of a quality of service that does not match"))
+        if self._configured and (commanders := self.count_publishers(self._command.topic_name)) > 1:
+            state.append((WARN, f"{commanders} publishers on command"))
+        age, step = self._age.take(), self._step_time.take()
+        # By the stamps where they go on evenly: in simulated time the steady clock says nothing of the drive's rate.
+        rate = answered / (1e-9 * stamped if before[1] and stamped > 0 else passed)
+        timing = [rate_level(rate, self._rate)] if self.active and before[2] and answered else [(OK, self.state)]
+        if late:
+            timing.append((WARN, f"{late} samples late within {passed:.1f} s"))
+        if age[0] > _CLOCKS_DIFFER or age[0] < -_CLOCKS_DIFFER:
+            timing.append((WARN, f"joint_states are {age[0]:.3g} s old: clocks differ, or use_sim_time does"))
+        elif age[1] > self._state_timeout:
+            timing.append((WARN, f"joint_states are {age[1]:.3g} s old"))
+        if step[1] > 1.0 / self._rate:
+            timing.append((ERROR, f"one step takes {step[1]:.3g} s, longer than a period"))
+        name, hardware = self.get_fully_qualified_name(), ", ".join(self._joints)
+        return [
+            status(
+                f"{name}: servo",
+                hardware,
+                state,
+                {
+                    "state": self.state,
+                    "fault": servo.fault,
+                    "learning": servo.learning,
+                    "samples_answered": self._answered,
+                    "messages_dropped": self._dropped,
+                    "last_dropped": self._last_drop,
+                    "parameters_version": self._tunables.version,
+                    **{key: values[key] for key in _SHOWN},
+                },
+            ),
+            status(
+                f"{name}: timing",
+                hardware,
+                timing,
+                {
+                    "rate_Hz": f"{rate:.2f}",
+                    "nominal_rate_Hz": f"{self._rate:g}",
+                    "late_samples": self._late,
+                    "clock_jumps": self._jumps,
+                    "state_age": milliseconds(age),
+                    "step_time": milliseconds(step),
+                },
+            ),
+        ]
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the controller."""
+    """Run the controller, or one for each of ``--axes``."""
     return run(Controller, args)
 
 

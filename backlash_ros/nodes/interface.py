@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -10,11 +11,18 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from backlash_ros.nodes.parameters import describe
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 """The clock of beats and watchdogs: it neither jumps nor stops with ROS time."""
+
+
+def now() -> float:
+    """Return the steady clock's time, s."""
+    return STEADY.now().nanoseconds * 1e-9
+
 
 SEND = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=10)
 """Of every publisher: whoever wants to miss nothing, a recorder say, can ask for reliable delivery."""
@@ -46,6 +54,24 @@ def declare_joints(node: Node) -> tuple[str, str]:
     if not motor or not load or motor == load:
         raise ValueError(f"motor_joint and load_joint must be two different names, got {motor!r} and {load!r}")
     return motor, load
+
+
+def stamp_label(stamp: Time) -> str:
+    """Return how an answer names the sample that it is for: the sample's stamp."""
+    return f"{stamp.sec}.{stamp.nanosec:09d}"
+
+
+def answer(value: float, label: str = "") -> Float64MultiArray:
+    """Return a command; ``label`` names the sample that it answers."""
+    message = Float64MultiArray(data=[value])
+    if label:
+        message.layout.dim = [MultiArrayDimension(label=label, size=1, stride=1)]
+    return message
+
+
+def label_of(command: Float64MultiArray) -> str:
+    """Return the name of the sample that a command answers, empty where it does not say."""
+    return command.layout.dim[0].label if command.layout.dim else ""
 
 
 LARGEST = 1e9

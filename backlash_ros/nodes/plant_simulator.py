@@ -1,69 +1,168 @@
 """The drive, simulated: publishes joint states at a fixed rate and takes the motor's voltage.
 
-Simulated time goes with the steady clock, one period a beat. The voltage that arrives after sample k acts from sample k
-on, as if the controller took no time, so that the loop equals the offline one as long as every answer comes within
-its period. A beat that comes late is made good by moving the plant on, not by extra samples.
+Simulated time goes with the steady clock, one period a beat, ``real_time_factor`` times as fast. The voltage that
+arrives after sample k acts from sample k on, as if the controller took no time, so that the loop equals the offline one
+as long as every answer comes within its period. A beat that comes late is made good by moving the plant on, not by
+extra samples. In ``lockstep`` the next sample waits for the answer to the last one, and time is the plant's alone: the
+loop then equals the offline one whatever the machine does, and runs as fast as the graph allows.
+
+An answer says which sample it is for, in the label of its layout. That is how lockstep knows its answer, and how a
+second controller is found out.
 """
 
 import math
+from collections import deque
 from collections.abc import Sequence
 
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.timer import Timer
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
-from backlash_ros.drivetrain import Plant
-from backlash_ros.nodes.interface import RECEIVE, SEND, STEADY, declare_joints, overridable
-from backlash_ros.nodes.parameters import declare_drive, declare_duration, declare_rate
-from backlash_ros.nodes.run import StoppableNode, run
+from backlash_ros.drivetrain import Plant, Quantity
+from backlash_ros.nodes.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
+from backlash_ros.nodes.interface import RECEIVE, SEND, STEADY, declare_joints, label_of, now, overridable, stamp_label
+from backlash_ros.nodes.managed import ManagedNode
+from backlash_ros.nodes.parameters import declare_drive, declare_duration, declare_number, declare_rate, describe
+from backlash_ros.nodes.run import run
+
+_REPEAT = 0.1
+"""Silence after which a sample in lockstep is sent again, s: best effort may lose it."""
 
 
-class PlantSimulator(StoppableNode):
-    """Geared servo with backlash behind the topics of a drive."""
+class PlantSimulator(ManagedNode):
+    """Geared servo with backlash behind the topics of a drive.
 
-    def __init__(self) -> None:
-        super().__init__("plant_simulator")
+    ``together``: the simulators of this process, in whose company it joins: in lockstep they step as one.
+    """
+
+    def __init__(self, namespace: str = "", together: "list[PlantSimulator] | None" = None) -> None:
+        super().__init__("plant_simulator", namespace)
         self._drive = declare_drive(self)
         self._joints = declare_joints(self)
-        self._period = 1.0 / declare_rate(self)
+        self._rate = declare_rate(self)
+        self._period = 1.0 / self._rate
+        factor = Quantity("simulated time over real time", "", 0.0, 100.0, True)
+        self._beat_time = self._period / declare_number(self, "real_time_factor", 1.0, factor)
+        text = "wait for the answer to each sample; time is then the plant's, published on /clock"
+        self._lockstep = bool(self.declare_parameter("lockstep", False, describe(text, read_only=True)).value)
         self._command_timeout = declare_duration(
             self, "command_timeout", 0.1, "silence on command after which the motor gets 0 V"
         )
+        self._fault = ""
+        self._rejected = self._late = self._beats = self._answered = 0
+        self._step_time = Window()
+        self._seen = now(), 0, 0, 0
+        self._together = [] if together is None else together
+        self._together.append(self)
+        if self._lockstep and any(other._rate != self._rate or not other._lockstep for other in self._together):
+            raise ValueError("lockstep must be the same, and rate too, for all axes of one process")
+        self._leads = self._together[0] is self
+
+    # The lifecycle.
+
+    def configure(self) -> None:
+        """Compile the plant, at rest in the middle of the gap, and take up the topics."""
         self._plant = Plant(self._drive)
         self._plant.advance(0.0, 0.0, self._period)  # compiles, or loads what was compiled before
+        self._plant = Plant(self._drive)
+        self._voltage = self._load_torque = 0.0
+        self._ticks = 0
+        self._states = self.create_publisher(JointState, "joint_states", SEND, qos_overriding_options=overridable())
+        self._clock_publisher = self.create_publisher(Clock, "/clock", SEND) if self._own_time and self._leads else None
+        self._subscriptions_made = [
+            self.create_subscription(
+                kind,
+                topic,
+                callback,
+                RECEIVE,
+                qos_overriding_options=overridable(),
+                event_callbacks=self.mismatch_events(topic),
+            )
+            for kind, topic, callback in (
+                (Float64MultiArray, "command", self._on_command),
+                (Float64, "load_torque", self._on_load_torque),
+            )
+        ]
+
+    def activate(self) -> None:
+        """Begin to publish."""
         self._voltage = 0.0
-        self._load_torque = 0.0
-        self._last_command: float | None = None
-        self._rejected = 0
-        self._late = 0
-        self._beats = 0
-        self._publisher = self.create_publisher(JointState, "joint_states", SEND, qos_overriding_options=overridable())
-        self.create_subscription(
-            Float64MultiArray, "command", self._on_command, RECEIVE, qos_overriding_options=overridable()
-        )
-        self.create_subscription(
-            Float64, "load_torque", self._on_load_torque, RECEIVE, qos_overriding_options=overridable()
-        )
-        self._start = self._now()
-        self.create_timer(self._period, self._beat, clock=STEADY)
+        self._fault = ""
+        self._label, self._waiting = "", False
+        self._replied: deque[str] = deque(maxlen=16)
+        self._last_command = self._last_answer = -math.inf
+        self._start = self._last_beat = now()
+        self._due = 0
+        self._seen = self._start, self._beats, self._late, self._answered
+        if self._lockstep:
+            self._publish()
+            self._timer: Timer = self.create_timer(_REPEAT, self._repeat, clock=STEADY)
+        else:
+            self._timer = self.create_timer(self._beat_time, self._beat, clock=STEADY)
+        speed = "in lockstep" if self._lockstep else f"{self._period / self._beat_time:g} times real time"
         self.get_logger().info(
-            f"simulating at {1 / self._period:g} Hz, backlash {self._drive.gear.backlash_angle:g} rad at the output"
+            f"simulating at {self._rate:g} Hz, {speed}, backlash {self._drive.gear.backlash_angle:g} rad at the output"
         )
 
-    @staticmethod
-    def _now() -> float:
-        return STEADY.now().nanoseconds * 1e-9
+    def deactivate(self) -> None:
+        """Take the voltage off and stand still: no time passes while not active."""
+        self._voltage = 0.0
+        self.destroy_timer(self._timer)
+        self.get_logger().info(f"stopped after {self._beats} beats, {self._late} of them late")
+
+    def clean_up(self) -> None:
+        """Let go of topics and plant."""
+        for publisher in filter(None, (self._states, self._clock_publisher)):
+            self.destroy_publisher(publisher)
+        for subscription in self._subscriptions_made:
+            self.destroy_subscription(subscription)
+
+    # Faults.
+
+    def _fail(self, fault: str) -> None:
+        self._voltage = 0.0
+        if self._fault:
+            return
+        self._fault = fault
+        self.get_logger().error(f"{fault}: motor at 0 V until reset_fault")
+        self.publish_diagnostics()
+
+    def reset_fault(self) -> tuple[bool, str]:
+        """Forget a latched fault; the motor takes commands again."""
+        forgotten, self._fault = self._fault, ""
+        return True, f"reset: {forgotten}" if forgotten else "there was no fault"
+
+    # Commands.
 
     def _reject(self, what: str) -> None:
         self._rejected += 1
         self.get_logger().warning(f"{what}; {self._rejected} messages rejected so far", throttle_duration_sec=1.0)
 
     def _on_command(self, message: Float64MultiArray) -> None:
-        if not message.data or not math.isfinite(message.data[0]):
-            self._voltage = 0.0
-            self._reject(f"command must hold one finite voltage, got {list(message.data)}: motor at 0 V")
+        label = label_of(message)
+        if not self.active or (self._lockstep and not (self._waiting and label == self._label)):
             return
-        self._voltage = message.data[0]
-        self._last_command = self._now()
+        at = now()
+        if not message.data or not math.isfinite(message.data[0]):
+            self._rejected += 1
+            self._fail(f"command must hold one finite voltage, got {list(message.data)}")
+        elif label in self._replied:
+            self._fail("two controllers on command: one sample was answered twice")
+        elif not label and message.data[0] and at - self._last_answer < self._command_timeout:
+            self._fail(f"a second publisher on command: {message.data[0]:g} V between a controller's answers")
+        elif not self._fault:
+            self._voltage = message.data[0]
+        self._last_command = at
+        if label:
+            self._last_answer = at
+            self._replied.append(label)
+            self._answered += label == self._label
+        if self._lockstep:
+            self._waiting = False
+            self._step_together()
 
     def _on_load_torque(self, message: Float64) -> None:
         if not math.isfinite(message.data):
@@ -71,35 +170,116 @@ class PlantSimulator(StoppableNode):
             return
         self._load_torque = message.data
 
+    # Time.
+
+    @property
+    def _own_time(self) -> bool:
+        return self._lockstep or self._beat_time != self._period
+
+    def _step_together(self) -> None:
+        """In lockstep: when every axis of this process has its answer, all go on."""
+        axes = [axis for axis in self._together if axis.active]
+        if any(axis._waiting for axis in axes):
+            return
+        for axis in axes:
+            axis._advance(1)
+        for axis in axes:
+            axis._publish()
+
+    def _repeat(self) -> None:
+        if self._waiting and now() - self._last_beat > _REPEAT:
+            self._states.publish(self._sample)
+
     def _beat(self) -> None:
-        now = self._now()
-        if self._last_command is not None and now - self._last_command > self._command_timeout:
-            self._voltage, self._last_command = 0.0, None
-            self.get_logger().warning(f"no command for {self._command_timeout:g} s: motor at 0 V")
-        due = max(1, round((now - self._start) / self._period) - self._beats)
+        at = now()
+        due = max(1, round((at - self._start) / self._beat_time) - self._due)
+        self._due += due
         self._late += due - 1
-        self._beats += due
-        self._plant.advance(self._voltage, self._load_torque, due * self._period)
+        silence = at - self._last_command - self._command_timeout
+        if self._voltage and silence > 0:
+            # However late this beat is, the motor was powered no longer than the watchdog lets it.
+            powered = max(0, due - math.floor(silence / self._beat_time))
+            self._advance(powered)
+            due -= powered
+            self._fail(f"no command for {self._command_timeout:g} s")
+        self._advance(due)
         self._publish()
+
+    def _advance(self, periods: int) -> None:
+        began = now()
+        self._plant.advance(self._voltage, self._load_torque, periods * self._period)
+        self._ticks += periods
+        self._step_time.add(now() - began)
 
     def _publish(self) -> None:
         plant = self._plant
+        if self._own_time:
+            seconds, nanoseconds = divmod(round((self._ticks + 1) * self._period * 1e9), 10**9)
+            stamp = Time(sec=seconds, nanosec=nanoseconds)
+        else:
+            stamp = self.get_clock().now().to_msg()
         message = JointState()
-        message.header.stamp = self.get_clock().now().to_msg()
+        message.header.stamp = stamp
         message.name = list(self._joints)
         message.position = [plant.motor_angle, plant.load_angle]
         message.velocity = [plant.motor_speed, plant.load_speed]
         message.effort = [plant.motor_torque, plant.gear_torque]
-        self._publisher.publish(message)
+        if self._clock_publisher is not None:
+            self._clock_publisher.publish(Clock(clock=stamp))
+        self._sample, self._label, self._waiting, self._last_beat = message, stamp_label(stamp), True, now()
+        self._beats += 1
+        self._states.publish(message)
 
-    def stop(self) -> None:
-        """Say how it went; a simulated motor needs nothing else."""
-        self.get_logger().info(f"stopped after {self._beats} beats, {self._late} of them late")
+    # Diagnostics.
+
+    def statuses(self) -> Sequence[DiagnosticStatus]:
+        """Say what the motor gets, how steady the beat is and how many samples were answered in time."""
+        at, before = now(), self._seen
+        self._seen = at, self._beats, self._late, self._answered
+        passed, beats, late, answered = (new - old for new, old in zip(self._seen, before, strict=True))
+        name, hardware = self.get_fully_qualified_name(), "simulated drive"
+        drive = [(ERROR, self._fault) if self._fault else (OK, self.state)]
+        if self.mismatches:
+            drive.append((WARN, f"{self.mismatches} publishers of a quality of service that does not match"))
+        timing = []
+        if self.active and beats and not self._lockstep:
+            timing.append(rate_level(beats / passed, 1.0 / self._beat_time))
+            if late:
+                timing.append((WARN, f"{late} beats late within {passed:.1f} s"))
+        return [
+            status(
+                f"{name}: drive",
+                hardware,
+                drive,
+                {
+                    "state": self.state,
+                    "fault": self._fault,
+                    "voltage_V": getattr(self, "_voltage", 0.0),
+                    "load_torque_Nm": getattr(self, "_load_torque", 0.0),
+                    "messages_rejected": self._rejected,
+                },
+            ),
+            status(
+                f"{name}: timing",
+                hardware,
+                timing or [(OK, self.state)],
+                {
+                    "rate_Hz": f"{beats / passed:.2f}",
+                    "nominal_rate_Hz": f"{1.0 / self._beat_time:g}",
+                    "samples": self._beats,
+                    "late_beats": self._late,
+                    "answered_in_period": self._answered,
+                    "answered_percent": f"{100 * answered / beats:.2f}" if beats else "",
+                    "integration": milliseconds(self._step_time.take()),
+                },
+            ),
+        ]
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the plant simulator."""
-    return run(PlantSimulator, args)
+    """Run the plant simulator, or one for each of ``--axes``."""
+    together: list[PlantSimulator] = []
+    return run(lambda namespace: PlantSimulator(namespace, together), args)
 
 
 if __name__ == "__main__":

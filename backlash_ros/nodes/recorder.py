@@ -125,7 +125,7 @@ class Recorder(StoppableNode):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the recorder."""
-    return run(Recorder, args)
+    return run(lambda _namespace: Recorder(), args)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """How every node of this package runs: started from arguments, spun, and stopped in order on SIGINT or SIGTERM."""
 
+import argparse
 import signal
 import sys
 import time
@@ -12,6 +13,9 @@ from rclpy.exceptions import InvalidParameterTypeException, ParameterException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+from backlash_ros.nodes.managed import ManagedNode
 
 
 class StoppableNode(Node):
@@ -21,6 +25,9 @@ class StoppableNode(Node):
     """
 
     linger = 0.0
+
+    def start(self) -> None:
+        """Begin; the executor knows the node by now."""
 
     def stop(self) -> None:
         """Leave things safe and whole; the context is still alive."""
@@ -41,39 +48,58 @@ class Stop:
         return self._asked
 
 
-def run(make: Callable[[], StoppableNode], args: Sequence[str] | None) -> int:
-    """Run the node that ``make`` builds until it is told to stop; return the exit code.
+def _axes(args: Sequence[str] | None) -> list[str]:
+    """Return the namespaces that ``--axes`` gives, one node each; without it one, that of the process."""
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument("--axes", nargs="+", default=[""], metavar="NAMESPACE")
+    words = remove_ros_args(sys.argv[1:] if args is None else list(args))
+    axes = list(parser.parse_known_args(words)[0].axes)
+    if len(set(axes)) < len(axes):
+        raise ValueError(f"--axes must be different from each other, got {axes}")
+    return axes
+
+
+def run(make: Callable[[str], ManagedNode | StoppableNode], args: Sequence[str] | None) -> int:
+    """Run the nodes that ``make`` builds, one per axis, until told to stop; return the exit code.
 
     rclpy's own handlers would end the context before a last command could leave, so signals are taken here.
     A parameter out of bounds ends it at once with code 2 and a line that says which.
     """
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     stop = Stop()
+    nodes: list[ManagedNode | StoppableNode] = []
+    # The fastest executor there is; its spin() ignores signals, so it is spun event by event.
+    executor = EventsExecutor()
+    code = 0
     try:
         try:
-            node = make()
+            for axis in _axes(args):
+                nodes.append(make(axis))
+                if len({node.get_fully_qualified_name() for node in nodes}) < len(nodes):
+                    raise ValueError("with --axes the namespaces are the axes: --axes arm/elbow, not __ns:=arm")
         except (ValueError, ParameterException, InvalidParameterTypeException) as error:
             print(f"cannot start: {error}", file=sys.stderr)
             return 2
-        # The fastest executor there is; its spin() ignores signals, so it is spun event by event.
-        executor = EventsExecutor()
-        executor.add_node(node)
-        code = 0
         try:
+            for node in nodes:
+                executor.add_node(node)
+                node.start()
             while not stop:
                 executor.spin_once(timeout_sec=0.1)
-            end = time.monotonic() + node.linger
+            end = time.monotonic() + max(node.linger for node in nodes)
             while time.monotonic() < end:
                 executor.spin_once(timeout_sec=0.01)
         except Exception as error:  # whatever it is, the drive is left safe and the reason is in the log
-            node.get_logger().fatal(f"{type(error).__name__}: {error}")
-            node.get_logger().debug(traceback.format_exc())
+            nodes[0].get_logger().fatal(f"{type(error).__name__}: {error}")
+            nodes[0].get_logger().debug(traceback.format_exc())
             code = 1
         finally:
-            node.stop()
-            executor.remove_node(node)
-            executor.shutdown()
-            node.destroy_node()
+            for node in nodes:
+                node.stop()
         return code
     finally:
+        for node in nodes:
+            executor.remove_node(node)
+            node.destroy_node()
+        executor.shutdown()
         rclpy.try_shutdown()

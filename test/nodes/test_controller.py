@@ -14,7 +14,7 @@ from std_msgs.msg import Float64, UInt8
 from std_srvs.srv import Trigger
 
 from backlash_ros.control import LAWS, Gains, GainSet, ServoSettings, design_gains
-from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
 from backlash_ros.simulation import Scenario, run
 
 Start = Callable[..., Process]
@@ -269,9 +269,12 @@ def test_zero_volts_on_silence_and_hold_where_it_comes_back(start: Start, peer: 
     drive.commands.clear()
     peer.wait("0 V again and again", lambda: len(drive.commands) >= 3)
     assert set(drive.commands) == {0.0}
-    # Back with the load elsewhere: it is held there, not driven to the old reference.
-    message = drive.sample(position=[5.0, 0.5], velocity=[0.0, 0.0], effort=[0.0, 0.0])
-    assert drive.exchange(message) == 0.0
+    # Back with the load elsewhere: 0 V still, until somebody has looked; then it is held there, not driven away.
+    drive.plant = Plant(NOMINAL_DRIVE, [5.0, 0.0, 0.5, 0.0, 0.0])
+    assert drive.exchange(drive.sample()) == 0.0
+    assert peer.call(Trigger, "controller/reset_fault", Trigger.Request()).message == "reset: no joint_states for 0.5 s"
+    angles = drive.run(100)
+    assert np.all(np.abs(angles - 0.5) < 0.02)
 
 
 @pytest.mark.parametrize(
@@ -384,5 +387,5 @@ def test_topics_are_relative(start: Start, peer: Peer) -> None:
         return expected <= topics
 
     peer.wait("the topics", all_there)
-    services = dict(peer.node.get_service_names_and_types())
-    assert services["/axis1/controller/learn"] == ["std_srvs/srv/Trigger"]
+    learn = ("/axis1/controller/learn", ["std_srvs/srv/Trigger"])
+    peer.wait("the service", lambda: learn in peer.node.get_service_names_and_types())

@@ -10,6 +10,7 @@ from graph import Peer, Process
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
+from std_srvs.srv import Trigger
 
 Start = Callable[..., Process]
 
@@ -92,6 +93,8 @@ def test_motor_gets_no_voltage_on_silence(start: Start, peer: Peer) -> None:
     peer.wait("the motor to stop", lambda: abs(listener.last.velocity[1]) < 0.05)
     assert abs(listener.last.effort[0]) < 1e-3
     assert "no command for 0.3 s: motor at 0 V" in process.output()
+    answer = peer.call(Trigger, "plant_simulator/reset_fault", Trigger.Request())
+    assert answer.success
     listener.drive_until(6.0, "it to go on", lambda: listener.last.velocity[1] > 5.0)
 
 

@@ -1,0 +1,174 @@
+"""What simulator and controller share: the lifecycle, a latched fault with its reset, and diagnostics once a second."""
+
+import traceback
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import ChangeState
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from std_srvs.srv import Trigger
+
+from backlash_ros.nodes.interface import SEND, STEADY
+from backlash_ros.nodes.parameters import describe
+
+RESULT = TransitionCallbackReturn
+
+
+class ManagedNode(LifecycleNode):
+    """A managed node with a motor behind it.
+
+    A subclass says what its transitions do, what its faults are and what its diagnostics say. Whatever ends the active
+    state goes through `deactivate`, which leaves the motor at 0 V.
+    """
+
+    linger = 0.0
+
+    def __init__(self, name: str, namespace: str) -> None:
+        super().__init__(name, namespace=namespace)
+        text = "configure and activate at the start; false leaves both to lifecycle requests"
+        self.autostart = bool(self.declare_parameter("autostart", True, describe(text, read_only=True)).value)
+        self.mismatches = 0
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", SEND)
+        self.create_service(Trigger, "~/reset_fault", self._on_reset)
+        self.create_timer(1.0, self.publish_diagnostics, clock=STEADY)
+
+    # For subclasses.
+
+    def configure(self) -> None:
+        """Compile, design, and take up the topics; ValueError refuses."""
+        raise NotImplementedError
+
+    def activate(self) -> None:
+        """Begin; ValueError refuses."""
+        raise NotImplementedError
+
+    def deactivate(self) -> None:
+        """Put 0 V out and end."""
+        raise NotImplementedError
+
+    def clean_up(self) -> None:
+        """Undo `configure`."""
+        raise NotImplementedError
+
+    def reset_fault(self) -> tuple[bool, str]:
+        """Forget a latched fault; return whether that was possible, and what was forgotten or why not."""
+        raise NotImplementedError
+
+    def statuses(self) -> Sequence[DiagnosticStatus]:
+        """Return what the diagnostics of the last second say."""
+        raise NotImplementedError
+
+    # The lifecycle.
+
+    @property
+    def state(self) -> str:
+        """The lifecycle's state: unconfigured, inactive, active, finalized."""
+        return str(self._state_machine.current_state[1])
+
+    @property
+    def active(self) -> bool:
+        """Whether the motor may be driven."""
+        return self._active
+
+    _active = False
+
+    def start(self) -> None:
+        """Come up by itself where ``autostart`` says so; RuntimeError where that fails."""
+        if not self.autostart:
+            return
+        for transition in (self.trigger_configure, self.trigger_activate):
+            if transition() != RESULT.SUCCESS:
+                raise RuntimeError(f"{self.get_name()} did not come up: still {self.state}")
+
+    def stop(self) -> None:
+        """Shut down from wherever it is; the context is still alive."""
+        if self.state != "finalized":
+            self.trigger_shutdown()
+
+    def _guarded(self, name: str, *actions: Callable[[], None]) -> TransitionCallbackReturn:
+        """Do what a transition is for; log what goes wrong, which rclpy would swallow."""
+        try:
+            for action in actions:
+                action()
+        except ValueError as error:
+            self.get_logger().error(f"cannot {name}: {error}")
+            return RESULT.FAILURE
+        except Exception as error:
+            self.get_logger().error(f"{name} failed: {type(error).__name__}: {error}")
+            self.get_logger().debug(traceback.format_exc())
+            return RESULT.ERROR
+        self.get_logger().debug(f"{name} done")
+        return RESULT.SUCCESS
+
+    def _begin(self) -> None:
+        self.activate()
+        self._active = True
+
+    def _end(self) -> None:
+        if self._active:
+            self._active = False
+            self.deactivate()
+
+    def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Compile, design, take up the topics."""
+        return self._guarded("configure", self.configure)
+
+    def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin."""
+        return self._guarded("activate", self._begin)
+
+    def on_deactivate(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Put 0 V out and end."""
+        return self._guarded("deactivate", self._end)
+
+    def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of the topics."""
+        return self._guarded("clean up", self.clean_up)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Put 0 V out, let go of the topics."""
+        configured = state.state_id != State.PRIMARY_STATE_UNCONFIGURED
+        return self._guarded("shut down", self._end, *([self.clean_up] if configured else []))
+
+    def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Put 0 V out after a transition that failed; what went wrong is in the log."""
+        return self._guarded("recover", self._end)
+
+    def _LifecycleNodeMixin__on_change_state(  # noqa: N802
+        self, request: ChangeState.Request, response: ChangeState.Response
+    ) -> ChangeState.Response:
+        """Answer success=False to a transition that is not possible; rclpy's own answer lets the node die of it."""
+        before = self.state
+        try:
+            return super()._LifecycleNodeMixin__on_change_state(request, response)
+        except Exception as error:
+            wanted = request.transition.label or request.transition.id
+            self.get_logger().error(f"transition {wanted!r} is not possible from {before}: {error}")
+            response.success = False
+            return response
+
+    # Faults and diagnostics.
+
+    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = self.reset_fault()
+        self.get_logger().info(f"reset_fault: {response.message}")
+        self.publish_diagnostics()
+        return response
+
+    def mismatch_events(self, topic: str) -> SubscriptionEventCallbacks:
+        """Return events for a subscription that report a publisher whose quality of service does not match."""
+
+        def report(event: Any) -> None:
+            self.mismatches = event.total_count
+            self.get_logger().warning(f"a publisher on {topic} offers an incompatible QoS: nothing comes from it")
+
+        return SubscriptionEventCallbacks(incompatible_qos=report)
+
+    def publish_diagnostics(self) -> None:
+        """Say how it is, now."""
+        message = DiagnosticArray(status=list(self.statuses()))
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)

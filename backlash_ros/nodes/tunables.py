@@ -1,0 +1,156 @@
+"""What can be tuned while the controller runs, as parameters: declared once, validated whole, swapped as one value.
+
+A request that is refused changes nothing. What is in use is published, latched, each time with a new version.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from rcl_interfaces.msg import ParameterEvent, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from backlash_ros.control import LAWS, LearningSettings, Limits, ServoSettings, design_law
+from backlash_ros.drivetrain import Drive
+from backlash_ros.nodes.gain_parameters import (
+    CUSTOM,
+    DEFAULT_WEIGHTS,
+    NO_WEIGHTS,
+    REGIONS,
+    expand,
+    gain_set_of,
+    resolve_set,
+)
+from backlash_ros.nodes.parameters import as_float, declare_quantities, describe, take
+
+
+class Tunables:
+    """The tunable parameters of one controller, and the settings and limits that they stand for.
+
+    ``changed`` is called with the names after each swap.
+    """
+
+    def __init__(self, node: Node, drive: Drive, rate: float) -> None:
+        self._node = node
+        self._drive = drive
+        self._period = 1.0 / rate
+        self._sets = self._declare_gain_sets()
+        self.values = self._declare()
+        self._floats = {name for name, value in self.values.items() if isinstance(value, float)}
+        self.settings, self.limits = self._built(self.values)
+        self._candidate = self.values, self.settings, self.limits
+        self.version = 1
+        self.changed: Callable[[set[str]], None] = lambda _names: None
+        node.add_pre_set_parameters_callback(self._complete)
+        node.add_on_set_parameters_callback(self._validate)
+        node.add_post_set_parameters_callback(self._swap)
+
+    def message(self) -> ParameterEvent:
+        """Return what is in use, with its version, as a message."""
+        node = self._node
+        listed = [Parameter("version", value=self.version)]
+        listed += [Parameter(name, value=value) for name, value in self.values.items()]
+        return ParameterEvent(
+            stamp=node.get_clock().now().to_msg(),
+            node=node.get_fully_qualified_name(),
+            new_parameters=[parameter.to_parameter_msg() for parameter in listed],
+        )
+
+    def _declare_gain_sets(self) -> dict[str, dict[str, list[float]]]:
+        node = self._node
+        text = "names of the gain sets, each under gain_sets.<name>"
+        names = node.declare_parameter("gain_set_names", ["nominal"], describe(text, read_only=True)).value
+        if not names:
+            raise ValueError("gain_set_names must name at least one gain set")
+        sets = {}
+        for name in names:
+            if name == CUSTOM or names.count(name) > 1:
+                raise ValueError(f"gain_set_names must be different from each other and from {CUSTOM!r}, got {names}")
+            defaults = DEFAULT_WEIGHTS if name == "nominal" else dict.fromkeys(REGIONS, NO_WEIGHTS)
+            chosen = {}
+            for region in REGIONS:
+                prefix = f"gain_sets.{name}.{region}"
+                k = node.declare_parameter(
+                    f"{prefix}.k", [0.0, 0.0, 0.0], describe("gains [V/rad, V s/rad, V/A]", read_only=True)
+                ).value
+                given = any(k)
+                q = node.declare_parameter(
+                    f"{prefix}.q",
+                    NO_WEIGHTS if given else defaults[region],
+                    describe("LQR weights [Q11, Q22] of eq 14, in place of gains", read_only=True),
+                ).value
+                chosen[region] = {"q": list(q), "k": list(k)}
+            sets[name] = resolve_set(name, chosen, self._drive)
+        return sets
+
+    def _declare(self) -> dict[str, Any]:
+        node, sets = self._node, self._sets
+        first = next(iter(sets))
+        text = describe("control law", constraint=f"one of {sorted(LAWS)}")
+        values: dict[str, Any] = {"law": node.declare_parameter("law", "two_region", text).value}
+        values |= declare_quantities(node, LearningSettings(), read_only=False)
+        values |= declare_quantities(node, Limits.of(self._drive), read_only=False)
+        # A set stands for its gains; gains given beside it at the start make it custom, as they do later.
+        given: dict[str, Any] = {}
+        start = sets[first]
+        names = describe("gain set in use; setting it sets the gains", constraint=str([*sets, CUSTOM]))
+        asked = {"gain_set": node.declare_parameter("gain_set", first, names).value}
+        for region in REGIONS:
+            for kind, text in (("k", "gains [V/rad, V s/rad, V/A] in use"), ("q", "LQR weights they come from, or 0")):
+                name = f"gains.{region}.{kind}"
+                value = node.declare_parameter(name, start[name], describe(text)).value
+                if list(value) != start[name]:
+                    given[name] = list(value)
+        if given and asked["gain_set"] == first:
+            asked = {"gain_set": CUSTOM}
+        values |= start | expand({**asked, **given}, sets, self._drive)
+        settings = ServoSettings(gain_set_of(values, sets, self._drive, self._period))
+        values |= declare_quantities(node, settings, read_only=False)
+        changed = [
+            Parameter(name, value=value)
+            for name, value in values.items()
+            if name.startswith("gain") and node.get_parameter(name).value != value
+        ]
+        if changed:
+            node.set_parameters_atomically(changed)
+        return values
+
+    def _built(self, values: dict[str, Any]) -> tuple[ServoSettings, Limits]:
+        settings = take(
+            ServoSettings,
+            values,
+            gains=gain_set_of(values, self._sets, self._drive, self._period),
+            law=values["law"],
+            period=self._period,
+            learning=take(LearningSettings, values),
+        )
+        design_law(self._drive, settings)  # refuses what cannot be designed
+        return settings, take(Limits, values)
+
+    def _complete(self, parameters: list[Parameter]) -> list[Parameter]:
+        """Add what a request implies: a set's gains, gains designed from weights."""
+        changes = {p.name: p.value for p in parameters}
+        for name in changes.keys() & self._floats:
+            changes[name] = as_float(changes[name])
+        try:
+            full = expand(changes, self._sets, self._drive)
+        except (ValueError, TypeError):
+            return parameters  # refused, with its reason, when it is validated
+        kept = [p for p in parameters if full[p.name] is p.value]
+        names = {p.name for p in kept}
+        return kept + [Parameter(name, value=value) for name, value in full.items() if name not in names]
+
+    def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
+        values = {**self.values, **{p.name: p.value for p in parameters if p.name in self.values}}
+        try:
+            self._candidate = values, *self._built(values)
+        except (ValueError, TypeError) as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _swap(self, parameters: list[Parameter]) -> None:
+        names = {p.name for p in parameters if p.name in self.values}
+        if names:
+            self.values, self.settings, self.limits = self._candidate
+            self.version += 1
+            self.changed(names)
