@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -30,11 +30,11 @@ def start(domain: int, tmp_path: Path, request: pytest.FixtureRequest) -> Iterat
     """Start nodes; keyword arguments are parameters (double underscores for dots). All end with the test."""
     started: list[Process] = []
 
-    def start_node(name: str, *arguments: str, **parameters: object) -> Process:
+    def start_node(name: str, *arguments: str, non_ros: Sequence[str] = (), **parameters: object) -> Process:
         words = list(arguments)
         for key, value in parameters.items():
             words += ["-p", f"{key.replace('__', '.')}:={str(value).lower() if isinstance(value, bool) else value}"]
-        process = Process(name, words, domain, tmp_path / f"{name}{len(started)}.log")
+        process = Process(name, words, domain, tmp_path / f"{name}{len(started)}.log", non_ros)
         started.append(process)
         return process
 

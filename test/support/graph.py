@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +25,11 @@ PATIENCE = 60.0
 class Process:
     """A node of the package in a process of its own, its output kept."""
 
-    def __init__(self, name: str, arguments: list[str], domain: int, log: Path) -> None:
+    def __init__(self, name: str, arguments: list[str], domain: int, log: Path, non_ros: Sequence[str] = ()) -> None:
         self.log = log
         with log.open("wb") as output:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", f"backlash_ros.nodes.{name}", "--ros-args", *arguments],
+                [sys.executable, "-m", f"backlash_ros.nodes.{name}", *non_ros, "--ros-args", *arguments],
                 env={**os.environ, **isolated_environment(domain)},
                 stdout=output,
                 stderr=subprocess.STDOUT,

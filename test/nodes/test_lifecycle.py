@@ -1,0 +1,121 @@
+"""The lifecycle of simulator and controller: what each transition does to the motor, and what no request can do."""
+
+from collections.abc import Callable
+
+import pytest
+from graph import Peer, Process
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from lockstep_drive import LockstepDrive
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+Start = Callable[..., Process]
+PATIENT = {"state_timeout": 10.0, "law": "fast", "torque_bandwidth": 0.0}
+
+
+class Lifecycle:
+    """A node's lifecycle services."""
+
+    def __init__(self, peer: Peer, node: str) -> None:
+        self._peer, self._node = peer, node
+
+    @property
+    def state(self) -> str:
+        return self._peer.call(GetState, f"{self._node}/get_state", GetState.Request()).current_state.label
+
+    def change(self, transition: int) -> bool:
+        """Request once: a transition whose answer was lost must not be asked for again."""
+        client = self._peer.node.create_client(ChangeState, f"{self._node}/change_state")
+        assert self.state  # the services know this peer by now
+        self._peer.wait("the service", client.service_is_ready)
+        request = ChangeState.Request(transition=Transition(id=transition))
+        future = client.call_async(request)
+        self._peer.wait("the transition", future.done)
+        return future.result().success
+
+
+@pytest.mark.parametrize("node", ["controller", "plant_simulator"])
+def test_node_comes_up_by_itself_or_on_request(start: Start, peer: Peer, node: str) -> None:
+    start(node)
+    active = Lifecycle(peer, node)
+    peer.wait("autostart", lambda: active.state == "active")
+    start(node, "-r", f"__node:=second_{node}", autostart=False)
+    second = Lifecycle(peer, f"second_{node}")
+    assert second.state == "unconfigured"
+    assert second.change(Transition.TRANSITION_CONFIGURE)
+    assert second.state == "inactive"
+    assert second.change(Transition.TRANSITION_ACTIVATE)
+    assert second.state == "active"
+
+
+@pytest.mark.parametrize("node", ["controller", "plant_simulator"])
+def test_impossible_transition_is_refused_and_the_node_lives(start: Start, peer: Peer, node: str) -> None:
+    process = start(node, autostart=False)
+    lifecycle = Lifecycle(peer, node)
+    for impossible in (Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE, 77):
+        assert not lifecycle.change(impossible)
+        assert lifecycle.state == "unconfigured"
+    assert lifecycle.change(Transition.TRANSITION_CONFIGURE)
+    assert not lifecycle.change(Transition.TRANSITION_CONFIGURE)
+    assert lifecycle.state == "inactive"
+    assert "is not possible from unconfigured" in process.output()
+    assert process.stop() == 0
+
+
+@pytest.mark.parametrize("node", ["controller", "plant_simulator"])
+def test_round_through_all_states_leaves_the_node_as_new(start: Start, peer: Peer, node: str) -> None:
+    process = start(node, autostart=False)
+    lifecycle = Lifecycle(peer, node)
+    for _ in range(3):
+        assert lifecycle.change(Transition.TRANSITION_CONFIGURE)
+        assert lifecycle.change(Transition.TRANSITION_ACTIVATE)
+        assert lifecycle.change(Transition.TRANSITION_DEACTIVATE)
+        assert lifecycle.change(Transition.TRANSITION_CLEANUP)
+        assert lifecycle.state == "unconfigured"
+    topic = "/command" if node == "controller" else "/joint_states"
+    assert peer.node.count_publishers(topic) == 0
+    assert lifecycle.change(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
+    assert lifecycle.state == "finalized"
+    assert process.stop() == 0
+
+
+def test_deactivation_puts_zero_volts_out_and_activation_holds_where_the_load_is(start: Start, peer: Peer) -> None:
+    start("controller", **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    lifecycle = Lifecycle(peer, "controller")
+    drive.refer(1.0)
+    drive.run(10)
+    assert drive.step() > 1.0
+    drive.commands.clear()
+    assert lifecycle.change(Transition.TRANSITION_DEACTIVATE)
+    peer.wait("the last command", lambda: drive.commands)
+    assert drive.commands == [0.0]
+    drive.commands.clear()
+    for _ in range(20):
+        drive._states.publish(drive.sample())
+        drive.tick += 1
+        peer.spin(0.02)
+    assert drive.commands == []  # nobody is driven by a node that is not active
+    assert peer.call(Trigger, "controller/learn", Trigger.Request()).message.endswith("is not active")
+    held = drive.plant.load_angle
+    assert lifecycle.change(Transition.TRANSITION_ACTIVATE)
+    angles = drive.run(200)
+    assert abs(angles[-1] - held) < 0.1  # it was moving when it was let go
+    assert abs(angles[-1] - 1.0) > 0.3
+
+
+def test_simulator_is_silent_and_still_while_not_active(start: Start, peer: Peer) -> None:
+    start("plant_simulator")
+    states: list[JointState] = []
+    peer.node.create_subscription(JointState, "joint_states", states.append, 100)
+    lifecycle = Lifecycle(peer, "plant_simulator")
+    peer.wait("joint states", lambda: len(states) > 10)
+    assert lifecycle.change(Transition.TRANSITION_DEACTIVATE)
+    while peer.wait("what was on its way", lambda: [len(states)])[0] != (peer.spin(0.2) or len(states)):
+        pass
+    seen = len(states)
+    assert lifecycle.state == "inactive"
+    assert len(states) == seen
+    assert lifecycle.change(Transition.TRANSITION_ACTIVATE)
+    peer.wait("joint states again", lambda: len(states) > seen)

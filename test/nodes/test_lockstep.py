@@ -1,0 +1,130 @@
+"""Lockstep: the closed loop of two processes over DDS equals the offline run, faster than real time."""
+
+import json
+import math
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from graph import Parameters, Peer, Process
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray
+
+from backlash_ros.control import GainSet, ServoSettings, design_gains
+from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.nodes.interface import label_of, stamp_label
+from backlash_ros.simulation import Scenario, run
+
+Start = Callable[..., Process]
+DEEP = QoSProfile(depth=100_000)
+TARGETS = (1.0, -0.5, 0.25, 2.0)
+SIMULATED = 60.0
+PERIOD = 0.004
+
+
+def settings(**changes: object) -> ServoSettings:
+    gains = GainSet(
+        design_gains("fast", NOMINAL_DRIVE, [1000.0, 1.0]), design_gains("overdamped", NOMINAL_DRIVE, [4.0, 0.0])
+    )
+    return ServoSettings(gains, backlash_angle=0.02, **changes)
+
+
+class Recorded:
+    """What went over the topics of one axis: load angles and answers by the stamp of the sample."""
+
+    def __init__(self, peer: Peer, axis: str = "") -> None:
+        self.angles: dict[str, float] = {}
+        self.answers: dict[str, float] = {}
+        node, prefix = peer.node, f"{axis}/" if axis else ""
+        node.create_subscription(JointState, f"{prefix}joint_states", self._on_state, DEEP)
+        node.create_subscription(Float64MultiArray, f"{prefix}command", self._on_command, DEEP)
+        self.reference = node.create_publisher(Float64, f"{prefix}reference", 10)
+
+    def _on_state(self, message: JointState) -> None:
+        self.angles[stamp_label(message.header.stamp)] = message.position[list(message.name).index("load")]
+
+    def _on_command(self, message: Float64MultiArray) -> None:
+        self.answers[label_of(message)] = message.data[0]
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        return PERIOD * len(self.angles)
+
+    def equals_offline(self, offline_settings: ServoSettings, targets: Sequence[float]) -> np.ndarray:
+        """Assert that every sample and every answer is the offline run's; return the references.
+
+        A reference acts from the first answer on that the offline run with the old one does not give.
+        """
+        labels = sorted(self.angles, key=float)
+        stamps = np.array([round(float(label) / PERIOD) for label in labels])
+        np.testing.assert_array_equal(np.diff(stamps), 1)  # no sample is missing or there twice
+        answers = np.array([self.answers.get(label, math.nan) for label in labels])
+        references = np.zeros(len(labels))
+        for target in (*targets, None):
+            offline = run(NOMINAL_DRIVE, offline_settings, Scenario(references))
+            if target is not None:
+                other = np.flatnonzero(np.abs(answers - offline.voltage) > 1e-6)
+                references[other[0] :] = target
+        heard = ~np.isnan(answers)
+        assert np.count_nonzero(heard) > 0.99 * len(labels)
+        np.testing.assert_allclose(answers[heard], offline.voltage[heard], rtol=0, atol=1e-6)
+        np.testing.assert_allclose([self.angles[x] for x in labels], offline.load_angle[:-1], rtol=0, atol=1e-9)
+        return references
+
+
+def test_a_minute_of_the_closed_loop_equals_the_offline_run(start: Start, peer: Peer) -> None:
+    """Both start from rest; the simulator waits for its first answer, so that nothing is missed."""
+    recorded = Recorded(peer)
+    clocks: list[float] = []
+    peer.node.create_subscription(Clock, "/clock", lambda m: clocks.append(m.clock.sec + 1e-9 * m.clock.nanosec), 10)
+    start("controller", backlash_angle=0.02, state_timeout=10.0, use_sim_time=True)
+    peer.wait("the controller", lambda: recorded.reference.get_subscription_count() > 0)
+    start("plant_simulator", lockstep=True)
+    peer.wait("samples", lambda: recorded.time > 0.5)
+    began, first = time.monotonic(), recorded.time
+    for k, target in enumerate(TARGETS):
+        recorded.reference.publish(Float64(data=target))
+        peer.wait("simulated time", lambda k=k: recorded.time > SIMULATED * (k + 1) / len(TARGETS), 250)
+    speed = (recorded.time - first) / (time.monotonic() - began)
+    print(f"lockstep: {recorded.time:.1f} s simulated, {speed:.1f} times real time")
+    references = recorded.equals_offline(settings(), TARGETS)
+    assert set(references) == {0.0, *TARGETS}
+    assert np.all(np.diff(clocks) > 0)
+    assert Parameters(peer, "controller").get("use_sim_time") == [True]
+
+
+def test_axes_of_one_process_step_together_each_as_if_alone(start: Start, peer: Peer, tmp_path: Path) -> None:
+    axes = {"shoulder": ("two_region", 1.0), "elbow": ("fast", -0.5), "wrist": ("overdamped", 0.5)}
+    recorded = {axis: Recorded(peer, axis) for axis in axes}
+    file = tmp_path / "axes.yaml"
+    common = {"backlash_angle": 0.02, "state_timeout": 10.0}
+    file.write_text(
+        json.dumps(
+            {f"/{axis}/controller": {"ros__parameters": {"law": law, **common}} for axis, (law, _) in axes.items()}
+        )
+    )
+    start("controller", "--params-file", str(file), non_ros=["--axes", *axes])
+    for axis in axes:
+        peer.wait("the controllers", lambda a=axis: recorded[a].reference.get_subscription_count() > 0)
+    start("plant_simulator", non_ros=["--axes", *axes], lockstep=True)
+    peer.wait("samples", lambda: all(axis.time > 0.5 for axis in recorded.values()))
+    for axis, (_, target) in axes.items():
+        recorded[axis].reference.publish(Float64(data=target))
+    peer.wait("simulated time", lambda: all(axis.time > 4.0 for axis in recorded.values()))
+    for axis, (law, target) in axes.items():
+        references = recorded[axis].equals_offline(settings(law=law), [target])
+        assert references[-1] == target
+
+
+def test_simulated_time_runs_as_fast_as_asked(start: Start, peer: Peer) -> None:
+    clocks: list[float] = []
+    peer.node.create_subscription(Clock, "/clock", lambda m: clocks.append(m.clock.sec + 1e-9 * m.clock.nanosec), DEEP)
+    start("plant_simulator", real_time_factor=4.0)
+    peer.wait("the clock", lambda: len(clocks) > 2000)
+    steps = np.round(np.diff(clocks) / PERIOD)
+    assert np.median(steps) == 1
+    assert np.all(steps >= 1)  # a late beat is skipped, not made up
