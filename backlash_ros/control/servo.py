@@ -1,15 +1,16 @@
-"""The controller without ROS: samples in, voltages out. What the node and an offline session both call."""
+"""The controller without ROS: samples in, commands out. What the node and an offline session both call."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
 
+from backlash_ros.control.command import command_constants, command_of, voltage_range
 from backlash_ros.control.law import REGION, ControlLaw
 from backlash_ros.control.laws import design_law
 from backlash_ros.control.learning import BacklashEstimate, BacklashLearner
 from backlash_ros.control.limit_cycle import Array
-from backlash_ros.control.observer import LOAD_TORQUE, THETA_L, THETA_M, observer_memory, observer_step
+from backlash_ros.control.observer import LOAD_TORQUE, OMEGA_M, THETA_L, THETA_M, observer_memory, observer_step
 from backlash_ros.control.settings import ServoSettings
 from backlash_ros.drivetrain import Drive
 
@@ -25,7 +26,7 @@ class Servo:
 
     def __init__(self, drive: Drive, settings: ServoSettings) -> None:
         self.drive = drive
-        self.voltage = 0.0
+        self.command = 0.0
         self.reference = math.nan
         self._learner: BacklashLearner | None = None
         self._estimate = observer_memory()
@@ -39,11 +40,12 @@ class Servo:
         self._law, self._fast = law, fast
         self._fast_memory = fast.memory.copy()
         self._observer = settings.observer(self.drive)
+        self._output = command_constants(self.drive)
         self.settings = settings
 
     def release(self, reason: str) -> None:
-        """Let go of the drive: 0 V, forget what was observed, give up learning; hold where it next shows up."""
-        self.voltage = 0.0
+        """Let go of the drive: command 0, forget what was observed, give up learning; hold where it next shows up."""
+        self.command = 0.0
         self.reference = math.nan
         self._estimate = observer_memory()
         self._memory = self._law.memory.copy()
@@ -95,13 +97,13 @@ class Servo:
         return result
 
     def update(self, measured: Array) -> float:
-        """Take one sample and return the voltage, V; 0 and a `release` where no finite one follows from it.
+        """Take one sample and return the command, V or A as the drive takes it; 0 and a `release` where no finite one follows from it.
 
         Parameters
         ----------
         measured : shape (5,): theta_m, omega_m, i, theta_l, omega_l (rad, rad/s, A), nan where not measured
         """
-        observer_step(self._observer, self._estimate, measured, self.voltage)
+        observer_step(self._observer, self._estimate, measured, self.command)
         if not self.holding:
             self.reference = self.load_angle
         offset = 0.0
@@ -113,7 +115,10 @@ class Servo:
                 has_motor=not math.isnan(measured[THETA_M]),
                 has_load=not math.isnan(measured[THETA_L]),
             )
-        self.voltage = law.step(law.constants, memory, self._estimate[:6], self.reference + offset)
-        if not (math.isfinite(self.voltage) and np.all(np.isfinite(self._estimate))):
+        omega_m = float(self._estimate[OMEGA_M])
+        low, high = voltage_range(self._output, omega_m)
+        voltage = law.step(law.constants, memory, self._estimate[:6], self.reference + offset, low, high)
+        self.command = command_of(self._output, voltage, omega_m)
+        if not (math.isfinite(self.command) and np.all(np.isfinite(self._estimate))):
             self.release("the estimate is not finite")
-        return self.voltage
+        return self.command

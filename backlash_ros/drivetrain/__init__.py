@@ -2,12 +2,22 @@
 
 from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.integrator import IntegrationError
-from backlash_ros.drivetrain.parameters import CONTACT_LAWS, NOMINAL_DRIVE, Drive, Gear, Load, Motor
+from backlash_ros.drivetrain.parameters import (
+    COMMAND_INTERFACES,
+    CONTACT_LAWS,
+    NOMINAL_DRIVE,
+    Drive,
+    Gear,
+    Load,
+    Motor,
+)
 from backlash_ros.drivetrain.plant import Plant
 from backlash_ros.drivetrain.quantity import Quantity, Validated, quantities, quantity
 from backlash_ros.drivetrain.rigid import rigid_model
+from backlash_ros.drivetrain.winding import sampled, without_inductance
 
 __all__ = [
+    "COMMAND_INTERFACES",
     "CONTACT_LAWS",
     "NOMINAL_DRIVE",
     "Drive",
@@ -22,4 +32,6 @@ __all__ = [
     "quantities",
     "quantity",
     "rigid_model",
+    "sampled",
+    "without_inductance",
 ]
