@@ -1,13 +1,19 @@
 """From the law's voltage to the drive's command, within the drive's limits: the last step before the motor.
 
-Every law is written for the voltage V. A drive that takes a voltage gets it. For one that takes a current the controller
-plays the winding without its inductance, i = (V - K_m omega_m)/R: gains keep their meaning, and the motor the damping
-of its back-EMF.
+Every law is written for the voltage V. A drive that takes a voltage gets it. For one that takes a current the
+controller plays the winding without its inductance, i = (V - K_m omega_m)/R: gains keep their meaning, and the motor
+the damping of its back-EMF.
 """
 
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from backlash_ros.control.observer import OMEGA_M
 from backlash_ros.drivetrain import Drive, compiled
+
+Array = NDArray[np.float64]
 
 
 class CommandConstants(NamedTuple):
@@ -37,18 +43,15 @@ def within(value: float, low: float, high: float) -> float:
 
 
 @compiled
-def voltage_range(constants: CommandConstants, omega_m: float) -> tuple[float, float]:
-    """Return the least and the largest voltage that have an effect of their own at a motor speed (rad/s), V."""
-    induced, reach, limit = (
-        constants.back_emf * omega_m,
-        constants.resistance * constants.limit,
-        constants.voltage_limit,
-    )
+def voltage_range(constants: CommandConstants, estimate: Array) -> tuple[float, float]:
+    """Return the least and the largest voltage that the drive can follow at the estimated motor speed, V."""
+    induced = constants.back_emf * estimate[OMEGA_M]
+    reach, limit = constants.resistance * constants.limit, constants.voltage_limit
     return within(induced - reach, -limit, limit), within(induced + reach, -limit, limit)
 
 
 @compiled
-def command_of(constants: CommandConstants, voltage: float, omega_m: float) -> float:
-    """Return the command (V or A) for a voltage (V) at a motor speed (rad/s); its limit comes last."""
-    command = (voltage - constants.back_emf * omega_m) / constants.resistance
+def command_of(constants: CommandConstants, estimate: Array, voltage: float) -> float:
+    """Return the command (V or A) for the law's voltage (V) at the estimated motor speed; its limit comes last."""
+    command = (voltage - constants.back_emf * estimate[OMEGA_M]) / constants.resistance
     return within(command, -constants.limit, constants.limit)

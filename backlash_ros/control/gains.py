@@ -78,7 +78,7 @@ def design_gains(name: str, drive: Drive, weights: Sequence[float]) -> Gains:
     if drive.takes_current:
         a, b = without_inductance(a, b[:, :1])
     k, _, _ = control.lqr(a, b[:, :1], np.diag([q11, q22, 0.0][: len(a)]), np.eye(1))
-    return Gains.from_sequence(name, np.append(k, [0.0, 0.0])[:3])
+    return Gains(*(float(value) for value in (*np.asarray(k)[0], 0.0)[:3]))
 
 
 def check_stable(name: str, drive: Drive, gains: Gains, period: float) -> None:

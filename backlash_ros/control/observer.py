@@ -32,8 +32,8 @@ _STARTED, _MOMENTUM = 6, 7
 class ObserverConstants(NamedTuple):
     """The observer as the compiled step reads it.
 
-    ``back_emf`` and ``resistance`` are those of the winding between command and current: K_m and R, or 0 and 1 where the
-    command is the current.
+    ``back_emf`` and ``resistance`` are those of the winding between command and current: K_m and R, or 0 and 1 where
+    the command is the current.
     """
 
     period: float

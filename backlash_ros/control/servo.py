@@ -10,7 +10,7 @@ from backlash_ros.control.law import REGION, ControlLaw
 from backlash_ros.control.laws import design_law
 from backlash_ros.control.learning import BacklashEstimate, BacklashLearner
 from backlash_ros.control.limit_cycle import Array
-from backlash_ros.control.observer import LOAD_TORQUE, OMEGA_M, THETA_L, THETA_M, observer_memory, observer_step
+from backlash_ros.control.observer import LOAD_TORQUE, THETA_L, THETA_M, observer_memory, observer_step
 from backlash_ros.control.settings import ServoSettings
 from backlash_ros.drivetrain import Drive
 
@@ -97,7 +97,7 @@ class Servo:
         return result
 
     def update(self, measured: Array) -> float:
-        """Take one sample and return the command, V or A as the drive takes it; 0 and a `release` where no finite one follows from it.
+        """Take one sample and return the command, V or A; 0 and a `release` where no finite one follows from it.
 
         Parameters
         ----------
@@ -115,10 +115,9 @@ class Servo:
                 has_motor=not math.isnan(measured[THETA_M]),
                 has_load=not math.isnan(measured[THETA_L]),
             )
-        omega_m = float(self._estimate[OMEGA_M])
-        low, high = voltage_range(self._output, omega_m)
+        low, high = voltage_range(self._output, self._estimate)
         voltage = law.step(law.constants, memory, self._estimate[:6], self.reference + offset, low, high)
-        self.command = command_of(self._output, voltage, omega_m)
+        self.command = command_of(self._output, self._estimate, voltage)
         if not (math.isfinite(self.command) and np.all(np.isfinite(self._estimate))):
             self.release("the estimate is not finite")
         return self.command

@@ -56,12 +56,15 @@ def coulomb(plant: PlantConstants, omega_l: float) -> tuple[float, float]:
 
 @compiled
 def derivative(plant: PlantConstants, state: State, command: float, load_torque: float, out: State) -> None:
-    """Write d(state)/dt into ``out``, shape (7,), for a command (V, without effect on an imposed current) and a load torque (N m)."""
+    """Write d(state)/dt into ``out``, shape (7,), for a command and a load torque (N m).
+
+    The command is the voltage, V; without effect where the current is imposed.
+    """
     _, gap_rate = gap_of(plant, state)
     force, _, _, elastic, _ = contact_of(plant, state)
     omega_m, omega_l, current = state[OMEGA_M], state[OMEGA_L], state[CURRENT]
     friction, _ = coulomb(plant, omega_l)
-    voltage = command if math.inf > plant.L else plant.R * current + plant.K_m * omega_m
+    voltage = plant.R * current + plant.K_m * omega_m if math.isinf(plant.L) else command
     out[THETA_M] = omega_m
     out[OMEGA_M] = (plant.K_m * current - plant.B_m * omega_m - plant.R1 * force) / plant.J_m
     out[THETA_L] = omega_l
@@ -77,5 +80,5 @@ def stored_energy(plant: PlantConstants, state: State) -> float:
     """Return the kinetic, magnetic and elastic energy, J; the magnetic one of an imposed current is the drive's."""
     gap, _ = gap_of(plant, state)
     kinetic = plant.J_m * state[OMEGA_M] ** 2 + plant.J_l * state[OMEGA_L] ** 2
-    magnetic = plant.L * state[CURRENT] ** 2 if math.inf > plant.L else 0.0
+    magnetic = 0.0 if math.isinf(plant.L) else plant.L * state[CURRENT] ** 2
     return float(0.5 * (kinetic + magnetic) + elastic_energy(plant, gap))

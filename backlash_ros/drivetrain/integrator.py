@@ -111,7 +111,7 @@ def _solve_stage(
     lost += (2.0 * plant.B_l * at[OMEGA_L] + friction + friction_slope * at[OMEGA_L]) * out[OMEGA_L]
     lost += (stiffness - elastic_stiffness) * gap_rate * gap_change
     lost += (damping * gap_rate + force_now - elastic) * rate_change
-    electrical = command * out[CURRENT] if math.inf > plant.L else plant.K_m * at[CURRENT] * out[OMEGA_M]
+    electrical = plant.K_m * at[CURRENT] * out[OMEGA_M] if math.isinf(plant.L) else command * out[CURRENT]
     out[SUPPLIED] = (residual[SUPPLIED] + electrical + load_torque * out[OMEGA_L]) / g
     out[LOST] = (residual[LOST] + lost) / g
 
@@ -166,7 +166,7 @@ def advance(
     stages = np.empty((6, 7))
     trial = np.empty(7)
     residual = np.empty(7)
-    if math.inf == plant.L:
+    if math.isinf(plant.L):
         state[CURRENT] = command
     time = 0.0
     h = step[STEP_SIZE]

@@ -13,7 +13,6 @@ from backlash_ros.control import ServoSettings, design_law
 from backlash_ros.control.command import CommandConstants, command_constants, command_of, voltage_range
 from backlash_ros.control.law import LAW_SIGNATURE, REGION, LawStep
 from backlash_ros.control.observer import LOAD_TORQUE, ObserverConstants, observer_memory, observer_step
-from backlash_ros.control.observer import OMEGA_M as OBSERVED_OMEGA_M
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.compiled import compiled_as
 from backlash_ros.drivetrain.constants import plant_constants
@@ -116,9 +115,9 @@ def _loop(
         seen[:] = estimate[:6]
         if known_load_torque:
             seen[LOAD_TORQUE] = load_torque[k]
-        low, high = voltage_range(output, seen[OBSERVED_OMEGA_M])
+        low, high = voltage_range(output, seen)
         voltage = law_step(constants, memory, seen, reference[k], low, high)
-        command = command_of(output, voltage, seen[OBSERVED_OMEGA_M])
+        command = command_of(output, seen, voltage)
         signals[k, 0], signals[k, 1], signals[k, 2] = command, memory[REGION], estimate[LOAD_TORQUE]
         step[PEAK_FORCE] = 0.0
         for j in range(substeps):
