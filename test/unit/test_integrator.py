@@ -130,7 +130,7 @@ def test_mirrored_reference_gives_the_mirrored_trajectory(gains: GainSet, law: s
     forward = run(NOMINAL_DRIVE, choice, Scenario(np.ones(500), torque))
     backward = run(NOMINAL_DRIVE, choice, Scenario(-np.ones(500), -torque))
     np.testing.assert_array_equal(forward.state, -backward.state)
-    np.testing.assert_array_equal(forward.voltage, -backward.voltage)
+    np.testing.assert_array_equal(forward.command, -backward.command)
     np.testing.assert_array_equal(forward.region, backward.region)
 
 
@@ -212,7 +212,7 @@ def test_impossible_state_stops_with_time_and_state() -> None:
 def test_plant_refuses_inputs_that_are_not_finite_and_stays_as_it_was(bad: float) -> None:
     plant = Plant(NOMINAL_DRIVE, [0.0, 1.0, 0.0, 0.0, 0.0])
     before = plant.state
-    with pytest.raises(ValueError, match="voltage must be finite, in V"):
+    with pytest.raises(ValueError, match="command must be finite, in V"):
         plant.advance(bad, 0.0, 0.01)
     with pytest.raises(ValueError, match="load_torque must be finite, in N m"):
         plant.advance(0.0, bad, 0.01)
