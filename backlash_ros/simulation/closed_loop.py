@@ -153,12 +153,19 @@ def run(
     Raises
     ------
     ValueError
-        If the law that ``settings`` names does not exist or cannot be designed, or an input is not finite.
+        If the law that ``settings`` names does not exist or cannot be designed, an input is not finite, or the model
+        takes another command than the drive.
     IntegrationError
         If the plant cannot be integrated; names the time and the state.
     """
     count, substeps = scenario.reference.size, scenario.substeps
-    law = design_law(model or drive, settings)
+    model = model or drive
+    if model.command_interface != drive.command_interface:
+        raise ValueError(
+            f"command_interface of the model must be the drive's, {drive.command_interface!r}, "
+            f"got {model.command_interface!r}"
+        )
+    law = design_law(model, settings)
     states = np.empty((count * substeps + 1, 5))
     states[0] = scenario.initial_state
     signals = np.zeros((count, 4))
@@ -170,8 +177,8 @@ def run(
 
     plant, observer, output = (
         plant_constants(drive),
-        settings.observer(model or drive),
-        command_constants(model or drive),
+        settings.observer(model),
+        command_constants(model),
     )
     status, reached, row = _compiled_loop(*(_numba.typeof(each) for each in (plant, observer, output)))(
         plant,
