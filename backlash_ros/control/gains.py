@@ -7,7 +7,7 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from backlash_ros.drivetrain import Drive, rigid_model, sampled, without_inductance
+from backlash_ros.drivetrain import Drive, motor_model, rigid_model, sampled, without_inductance
 
 _LARGEST = 1e6
 
@@ -82,16 +82,21 @@ def design_gains(name: str, drive: Drive, weights: Sequence[float]) -> Gains:
 
 
 def check_stable(name: str, drive: Drive, gains: Gains, period: float) -> None:
-    """Raise ValueError unless ``gains`` stabilise the rigid model (eq 9), sampled every ``period`` seconds.
+    """Raise ValueError unless ``gains``, sampled every ``period`` seconds, are stable in contact and inside the gap.
 
-    The loop is that of the drive's command interface: of a held current, k3 sees the one before.
+    In contact the drive is the rigid model (eq 9); inside the gap the motor turns alone, and k3 alone acts on it. The
+    loop is that of the drive's command interface: where the current is held, k3 sees the one before.
     """
-    a, b = rigid_model(drive)
-    held, driven = sampled(drive, a, b[:, :1], period)
-    poles = np.linalg.eigvals(held - driven @ gains.as_array()[None, :])
-    worst = float(np.max(np.abs(poles)))
-    if not worst < 1.0:
-        raise ValueError(
-            f"{name} = [{gains.k1:g}, {gains.k2:g}, {gains.k3:g}] is unstable at {1 / period:g} Hz even without "
-            f"backlash: pole magnitude must be < 1, got {worst:.4g}"
-        )
+    k = gains.as_array()[None, :]
+    loops = {
+        "even without backlash": (*rigid_model(drive), k),
+        "inside the gap, where the motor turns alone": (*motor_model(drive), np.array([[0.0, gains.k3]])),
+    }
+    for where, (a, b, feedback) in loops.items():
+        held, driven = sampled(drive, a, b[:, :1], period)
+        worst = float(np.max(np.abs(np.linalg.eigvals(held - driven @ feedback))))
+        if not worst < 1.0:
+            raise ValueError(
+                f"{name} = [{gains.k1:g}, {gains.k2:g}, {gains.k3:g}] is unstable at {1 / period:g} Hz {where}: "
+                f"pole magnitude must be < 1, got {worst:.4g}"
+            )

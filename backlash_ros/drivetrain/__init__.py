@@ -13,7 +13,7 @@ from backlash_ros.drivetrain.parameters import (
 )
 from backlash_ros.drivetrain.plant import Plant
 from backlash_ros.drivetrain.quantity import Quantity, Validated, quantities, quantity
-from backlash_ros.drivetrain.rigid import rigid_model
+from backlash_ros.drivetrain.rigid import motor_model, rigid_model
 from backlash_ros.drivetrain.winding import sampled, without_inductance
 
 __all__ = [
@@ -29,6 +29,7 @@ __all__ = [
     "Quantity",
     "Validated",
     "compiled",
+    "motor_model",
     "quantities",
     "quantity",
     "rigid_model",
