@@ -17,7 +17,12 @@ def make(gains: GainSet, law: str = "two_region", **others: float) -> ControlLaw
 def answer(law: ControlLaw, error: float, omega: float = 0.0, current: float = 0.0, torque: float = 0.0) -> float:
     """Return the first voltage at reference 0."""
     return law.step(
-        law.constants, law.memory.copy(), np.array([10 * error, 10 * omega, current, error, omega, torque]), 0.0, -24.0, 24.0
+        law.constants,
+        law.memory.copy(),
+        np.array([10 * error, 10 * omega, current, error, omega, torque]),
+        0.0,
+        -24.0,
+        24.0,
     )
 
 
