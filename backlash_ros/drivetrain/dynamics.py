@@ -7,7 +7,7 @@ supplied and lost since the start (J).
     J_m domega_m/dt = K_m i - B_m omega_m - R1 F                        eqs 2, 8
     J_l domega_l/dt = R2 F - B_l omega_l - tau_c(omega_l) + tau_l       eq 1, with the dots it lost in print
 
-Where the command is the current, i is what was commanded and V what the drive's current loop has to apply for it: the
+Where the command is the current, i is what was commanded and V what an ideal current loop applies for it: the
 energy account is that at the terminals either way.
 
 Coulomb friction tau_c is the given torque times tanh(omega_l/omega_0), omega_0 = 1 mrad/s: a load that it holds creeps

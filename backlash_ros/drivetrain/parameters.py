@@ -19,7 +19,7 @@ COMMAND_INTERFACES = ("voltage", "current")
 
 @dataclass(frozen=True)
 class Motor(Validated):
-    """DC servomotor (eqs 7, 8) and the amplifier that limits its voltage and, where it takes a current, that."""
+    """DC servomotor (eqs 7, 8) and what its amplifier gives at most."""
 
     section: ClassVar[str] = "motor"
 

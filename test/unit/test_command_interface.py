@@ -223,8 +223,8 @@ def test_interfaces_agree_in_the_limit_of_a_fast_winding_and_fast_samples(law: s
         sampling, scenario = replace(choice, period=period), Scenario(np.ones(round(1.0 / period)))
         voltage, current = (run(drive, sampling, scenario) for drive in (quick, CURRENT_DRIVE))
         differences.append(float(np.max(np.abs(voltage.load_angle - current.load_angle))))
-    assert differences == sorted(differences, reverse=True)
-    assert differences[-1] < 0.5 * B
+    assert differences[1] == pytest.approx(differences[0] / 2, rel=0.05)
+    assert differences[2] == pytest.approx(differences[1] / 2, rel=0.05)
 
 
 def test_poles_agree_in_the_limit_of_a_fast_winding_and_fast_samples() -> None:

@@ -12,6 +12,7 @@ from scipy.linalg import expm
 
 from backlash_ros.control import GainSet, ServoSettings
 from backlash_ros.drivetrain import (
+    COMMAND_INTERFACES,
     NOMINAL_DRIVE,
     Drive,
     Gear,
@@ -166,15 +167,15 @@ def part(kind: type) -> st.SearchStrategy:
 
 @settings(max_examples=500, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
-    drive=st.builds(Drive, part(Motor), part(Gear), part(Load)),
-    voltage=st.floats(-1, 1),
+    drive=st.builds(Drive, part(Motor), part(Gear), part(Load), st.sampled_from(COMMAND_INTERFACES)),
+    command=st.floats(-1, 1),
     load_torque=st.floats(-1, 1),
 )
-def test_any_validated_drive_integrates_or_says_why_not(drive: Drive, voltage: float, load_torque: float) -> None:
+def test_any_validated_drive_integrates_or_says_why_not(drive: Drive, command: float, load_torque: float) -> None:
     plant = Plant(drive)
     try:
         for _ in range(5):
-            plant.advance(voltage * drive.motor.voltage_limit, load_torque, 0.004)
+            plant.advance(command * drive.command_limit, load_torque, 0.004)
             assert np.all(np.isfinite(plant.state))
     except IntegrationError as error:
         assert np.all(np.isfinite(error.state))
