@@ -120,7 +120,7 @@ def judge(result: Run, case: Case) -> dict[str, float]:
         "residual_b": judged.residual,
         "impacts_after_switch": judged.impacts,
         "peak_force_N": float(np.max(result.peak_force)),
-        "control_energy_V2s": float(np.sum(result.voltage**2) * PERIOD),
+        "control_energy_V2s": float(np.sum(result.command**2) * PERIOD),
     }
 
 

@@ -44,16 +44,23 @@ def describing_function(drive: Drive, amplitude: float, frequency: float) -> com
 def _linear_part(drive: Drive, gains: Gains, period: float, frequency: float) -> NDArray[np.complex128]:
     """Return theta_m, omega_m, theta_l, omega_l, i per newton of contact force, under sampled state feedback."""
     motor, gear, load = drive.motor, drive.gear, drive.load
-    a = np.zeros((5, 5), dtype=complex)
-    a[0, 1] = a[2, 3] = 1.0
-    a[1, 1], a[1, 4] = -motor.viscous_friction / motor.inertia, motor.torque_constant / motor.inertia
-    a[3, 3] = -load.viscous_friction / load.inertia
-    a[4, 1], a[4, 4] = -motor.torque_constant / motor.inductance, -motor.resistance / motor.inductance
-    turned = frequency * period
-    hold = (1 - np.exp(-1j * turned)) / (1j * turned)
-    a[4, 2:] -= hold / motor.inductance * np.array([gains.k1, gains.k2, gains.k3])
-    push = np.array([0.0, -gear.motor_radius / motor.inertia, 0.0, gear.load_radius / load.inertia, 0.0])
-    return np.asarray(np.linalg.solve(1j * frequency * np.eye(5) - a, push.astype(complex)))
+    s = 1j * frequency
+    hold = (1 - np.exp(-s * period)) / (s * period)
+    if drive.takes_current:  # the whole answer is held, and k3 sees the one before
+        back_emf, winding = hold * motor.torque_constant, motor.resistance + np.exp(-s * period) * gains.k3
+    else:
+        back_emf, winding = motor.torque_constant, s * motor.inductance + motor.resistance + hold * gains.k3
+    balance = np.array(
+        [
+            [s, -1.0, 0.0, 0.0, 0.0],
+            [0.0, s * motor.inertia + motor.viscous_friction, 0.0, 0.0, -motor.torque_constant],
+            [0.0, 0.0, s, -1.0, 0.0],
+            [0.0, 0.0, 0.0, s * load.inertia + load.viscous_friction, 0.0],
+            [0.0, back_emf, hold * gains.k1, hold * gains.k2, winding],
+        ]
+    )
+    push = np.array([0.0, -gear.motor_radius, 0.0, gear.load_radius, 0.0], dtype=complex)
+    return np.asarray(np.linalg.solve(balance, push))
 
 
 def predict_limit_cycle(drive: Drive, gains: Gains, period: float) -> PredictedCycle | None:

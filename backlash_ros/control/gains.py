@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import control
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
-from backlash_ros.drivetrain import Drive, rigid_model
+from backlash_ros.drivetrain import Drive, motor_model, rigid_model, sampled, without_inductance
 
 _LARGEST = 1e6
 
@@ -49,6 +48,8 @@ class GainSet:
 def design_gains(name: str, drive: Drive, weights: Sequence[float]) -> Gains:
     """Design gains that minimise eq 14 on the rigid model (eq 9), control weight 1.
 
+    Where the drive takes a current the electrical pole is its own: the model is that of L = 0, and k3 is 0.
+
     Parameters
     ----------
     name : how errors name the weights
@@ -74,18 +75,28 @@ def design_gains(name: str, drive: Drive, weights: Sequence[float]) -> Gains:
     if not 0 <= q22 <= 1e12:
         raise ValueError(f"{name}: Q22 must be >= 0 and <= 1e+12, got {q22!r}")
     a, b = rigid_model(drive)
-    k, _, _ = control.lqr(a, b[:, :1], np.diag([q11, q22, 0.0]), np.eye(1))
-    return Gains(*(float(value) for value in np.asarray(k)[0]))
+    if drive.takes_current:
+        a, b = without_inductance(a, b[:, :1])
+    k, _, _ = control.lqr(a, b[:, :1], np.diag([q11, q22, 0.0][: len(a)]), np.eye(1))
+    return Gains(*(float(value) for value in (*np.asarray(k)[0], 0.0)[:3]))
 
 
 def check_stable(name: str, drive: Drive, gains: Gains, period: float) -> None:
-    """Raise ValueError unless ``gains``, sampled every ``period`` seconds, stabilise the rigid model (eq 9)."""
-    a, b = rigid_model(drive)
-    held = expm(np.block([[a, b[:, :1]], [np.zeros((1, 4))]]) * period)
-    poles = np.linalg.eigvals(held[:3, :3] - held[:3, 3:] @ gains.as_array()[None, :])
-    worst = float(np.max(np.abs(poles)))
-    if not worst < 1.0:
-        raise ValueError(
-            f"{name} = [{gains.k1:g}, {gains.k2:g}, {gains.k3:g}] is unstable at {1 / period:g} Hz even without "
-            f"backlash: pole magnitude must be < 1, got {worst:.4g}"
-        )
+    """Raise ValueError unless ``gains``, sampled every ``period`` seconds, are stable in contact and inside the gap.
+
+    In contact the drive is the rigid model (eq 9); inside the gap the motor turns alone, and k3 alone acts on it. The
+    loop is that of the drive's command interface: where the current is held, k3 sees the one before.
+    """
+    k = gains.as_array()[None, :]
+    loops = {
+        "even without backlash": (*rigid_model(drive), k),
+        "inside the gap, where the motor turns alone": (*motor_model(drive), np.array([[0.0, gains.k3]])),
+    }
+    for where, (a, b, feedback) in loops.items():
+        held, driven = sampled(drive, a, b[:, :1], period)
+        worst = float(np.max(np.abs(np.linalg.eigvals(held - driven @ feedback))))
+        if not worst < 1.0:
+            raise ValueError(
+                f"{name} = [{gains.k1:g}, {gains.k2:g}, {gains.k3:g}] is unstable at {1 / period:g} Hz {where}: "
+                f"pole magnitude must be < 1, got {worst:.4g}"
+            )

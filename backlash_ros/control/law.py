@@ -17,9 +17,10 @@ FAST_REGION, OVERDAMPED_REGION = 1, 2
 REGION = 0
 """Where every law's memory says which region acts; a law without regions leaves 1 there."""
 
-LawStep = Callable[[Array, Array, Array, float], float]
-LAW_SIGNATURE = float64(float64[::1], float64[::1], float64[::1], float64)
-"""Of every law's step: constants, memory, the observer's estimate, reference in rad; returns the voltage in V.
+LawStep = Callable[[Array, Array, Array, float, float, float], float]
+LAW_SIGNATURE = float64(float64[::1], float64[::1], float64[::1], float64, float64, float64)
+"""Of every law's step: constants, memory, the observer's estimate, reference in rad, least and largest voltage that the
+drive can follow, in V; returns the voltage within them, V.
 
 The estimate is theta_m, omega_m, i, theta_l, omega_l, load torque (rad, rad/s, A, N m), as `observer` orders it.
 """

@@ -45,7 +45,13 @@ class Limits(Validated):
     load_torque: float = quantity(
         "unexplained torque on the output shaft that is a fault", "N m", above=0, at_most=NO_LIMIT
     )
-    command: float = quantity("largest command, V or A as command_interface says", "", above=0, at_most=1e6)
+    command: float = quantity("largest command; its unit is that of command_interface", "V or A", above=0, at_most=1e6)
+    gap: float = quantity(
+        "travel of both shafts against each other, at the output, that is a fault",
+        "rad",
+        above=0,
+        at_most=NO_LIMIT,
+    )
     position_lower: float = quantity(
         "lower end of the load's travel", "rad", at_least=-NO_LIMIT, at_most=NO_LIMIT, default=-NO_LIMIT
     )
@@ -62,13 +68,6 @@ class Limits(Validated):
     step: float = quantity(
         "largest change of the reference at once", "rad", above=0, at_most=NO_LIMIT, default=NO_LIMIT
     )
-    gap: float = quantity(
-        "travel of both shafts against each other, at the output, that is a fault",
-        "rad",
-        above=0,
-        at_most=NO_LIMIT,
-        default=0.1,
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -80,13 +79,18 @@ class Limits(Validated):
 
     @classmethod
     def of(cls, drive: Drive) -> "Limits":
-        """Return limits that a healthy drive stays within: 1.5 times its no-load speed, half its stall torque."""
+        """Return limits that a healthy drive stays within.
+
+        Half as fast again as without load, half the stall torque, five times the backlash that ``drive`` has.
+        """
         motor, n = drive.motor, drive.gear.ratio
-        stall = motor.torque_constant * motor.voltage_limit / motor.resistance / n
+        current = motor.current_limit if drive.takes_current else motor.voltage_limit / motor.resistance
+        stall = motor.torque_constant * current / n
         return cls(
             velocity=float(f"{1.5 * n * motor.voltage_limit / motor.torque_constant:.3g}"),
             load_torque=float(f"{0.5 * stall:.3g}"),
-            command=motor.voltage_limit,
+            command=drive.command_limit,
+            gap=float(f"{5 * drive.gear.backlash_angle:.3g}"),
         )
 
     def refusal(self, reference: float, present: float) -> str:

@@ -2,7 +2,7 @@
 
 Each signal is the measured one where there is one. Otherwise
 a speed is the difference quotient of its encoder through a first-order low-pass,
-the current follows the armature equation (eq 7) under the voltage that was commanded, and
+the current follows the armature equation (eq 7) under the voltage that was commanded, or is what was commanded, and
 a missing encoder is the other one through the rigid gear.
 
 The load torque has no sensor. Adding eq 1 and eq 2 over n cancels the contact force,
@@ -30,12 +30,17 @@ _STARTED, _MOMENTUM = 6, 7
 
 
 class ObserverConstants(NamedTuple):
-    """The observer as the compiled step reads it."""
+    """The observer as the compiled step reads it.
+
+    ``back_emf`` and ``resistance`` are those of the winding between command and current: K_m and R, or 0 and 1 where
+    the command is the current.
+    """
 
     period: float
     ratio: float
     K_m: float
-    R: float
+    back_emf: float
+    resistance: float
     J_m: float
     B_m: float
     J_l: float
@@ -50,14 +55,16 @@ def observer_constants(
     drive: Drive, period: float, *, velocity_bandwidth: float, torque_bandwidth: float
 ) -> ObserverConstants:
     """Return the observer for one drive, sampled every ``period`` seconds; bandwidths in rad/s."""
-    electrical = period * drive.motor.resistance / drive.motor.inductance
+    takes_current = drive.takes_current
+    electrical = math.inf if takes_current else period * drive.motor.resistance / drive.motor.inductance
     decay = math.exp(-electrical)
     pole = math.exp(-velocity_bandwidth * period)
     return ObserverConstants(
         period=float(period),
         ratio=drive.gear.ratio,
         K_m=float(drive.motor.torque_constant),
-        R=float(drive.motor.resistance),
+        back_emf=0.0 if takes_current else float(drive.motor.torque_constant),
+        resistance=1.0 if takes_current else float(drive.motor.resistance),
         J_m=float(drive.motor.inertia),
         B_m=float(drive.motor.viscous_friction),
         J_l=float(drive.load.inertia),
@@ -90,7 +97,7 @@ def _track(
 
 @compiled
 def observer_step(
-    constants: ObserverConstants, memory: NDArray[np.float64], measured: NDArray[np.float64], voltage: float
+    constants: ObserverConstants, memory: NDArray[np.float64], measured: NDArray[np.float64], command: float
 ) -> None:
     """Take one sample into ``memory``, whose first six entries are then the estimate.
 
@@ -98,7 +105,7 @@ def observer_step(
     ----------
     memory : from `observer_memory`, updated in place
     measured : shape (5,), THETA_M to OMEGA_L (rad, rad/s, A), nan where not measured; at least one angle
-    voltage : commanded since the sample before, V
+    command : held since the sample before, V or A
     """
     n = constants.ratio
     theta_m, theta_l = measured[THETA_M], measured[THETA_L]
@@ -121,7 +128,7 @@ def observer_step(
     _track(constants, memory, THETA_M, OMEGA_M, theta_m, omega_m)
     _track(constants, memory, THETA_L, OMEGA_L, theta_l, omega_l)
     if math.isnan(measured[CURRENT]):
-        settled = (voltage - constants.K_m * 0.5 * (speed_before_m + memory[OMEGA_M])) / constants.R
+        settled = (command - constants.back_emf * 0.5 * (speed_before_m + memory[OMEGA_M])) / constants.resistance
         memory[CURRENT] = constants.decay * before + (1.0 - constants.decay) * settled
     else:
         memory[CURRENT] = measured[CURRENT]

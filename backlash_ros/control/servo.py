@@ -1,10 +1,11 @@
-"""The controller without ROS: samples in, voltages out. What the node and an offline session both call."""
+"""The controller without ROS: samples in, commands out. What the node and an offline session both call."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
 
+from backlash_ros.control.command import command_constants, command_of, voltage_range
 from backlash_ros.control.law import REGION, ControlLaw
 from backlash_ros.control.laws import design_law
 from backlash_ros.control.learning import BacklashEstimate, BacklashLearner
@@ -27,7 +28,7 @@ class Servo:
 
     def __init__(self, drive: Drive, settings: ServoSettings, limits: Limits | None = None) -> None:
         self.drive = drive
-        self.voltage = 0.0
+        self.command = 0.0
         self.reference = math.nan
         self.fault = ""
         self._learner: BacklashLearner | None = None
@@ -44,11 +45,13 @@ class Servo:
         self._law, self._fast = law, fast
         self._fast_memory = fast.memory.copy()
         self._observer = settings.observer(self.drive)
+        output, own = command_constants(self.drive), self._monitor.limits.command
+        self._output = output._replace(limit=min(output.limit, own))
         self.settings = settings
 
     def release(self, reason: str) -> None:
-        """Let go of the drive: 0 V, forget what was observed, give up learning; hold where it next shows up."""
-        self.voltage = 0.0
+        """Let go of the drive: command 0, forget what was observed, give up learning; hold where it next shows up."""
+        self.command = 0.0
         self.reference = math.nan
         self._estimate = observer_memory()
         self._memory = self._law.memory.copy()
@@ -127,7 +130,7 @@ class Servo:
         return result
 
     def update(self, measured: Array, elapsed: float | None = None) -> float:
-        """Take one sample and return the voltage, V; 0 while a fault is latched and where no finite one follows.
+        """Take one sample and return the command, V or A; 0 while a fault is latched and where no finite one follows.
 
         Parameters
         ----------
@@ -136,11 +139,11 @@ class Servo:
         """
         if self.fault:
             return 0.0
-        fault = self._monitor.check(measured, self.voltage, elapsed or self.settings.period)
+        fault = self._monitor.check(measured, self.command, elapsed or self.settings.period)
         if fault:
             self.fail(fault)
             return 0.0
-        observer_step(self._observer, self._estimate, measured, self.voltage)
+        observer_step(self._observer, self._estimate, measured, self.command)
         if not self.holding:
             self.reference = self._monitor.limits.clip(self.load_angle)
         offset = 0.0
@@ -152,8 +155,10 @@ class Servo:
                 has_motor=not math.isnan(measured[THETA_M]),
                 has_load=not math.isnan(measured[THETA_L]),
             )
-        voltage = law.step(law.constants, memory, self._estimate[:6], self.reference + offset)
-        self.voltage = self._monitor.limits.soften(voltage, self.load_angle)
-        if not (math.isfinite(self.voltage) and np.all(np.isfinite(self._estimate))):
+        low, high = voltage_range(self._output, self._estimate)
+        voltage = law.step(law.constants, memory, self._estimate[:6], self.reference + offset, low, high)
+        command = command_of(self._output, self._estimate, voltage)
+        self.command = self._monitor.limits.soften(command, self.load_angle)
+        if not (math.isfinite(self.command) and np.all(np.isfinite(self._estimate))):
             self.fail("no finite command follows from the joint states")
-        return self.voltage
+        return self.command

@@ -2,12 +2,22 @@
 
 from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.integrator import IntegrationError
-from backlash_ros.drivetrain.parameters import CONTACT_LAWS, NOMINAL_DRIVE, Drive, Gear, Load, Motor
+from backlash_ros.drivetrain.parameters import (
+    COMMAND_INTERFACES,
+    CONTACT_LAWS,
+    NOMINAL_DRIVE,
+    Drive,
+    Gear,
+    Load,
+    Motor,
+)
 from backlash_ros.drivetrain.plant import Plant
 from backlash_ros.drivetrain.quantity import Quantity, Validated, quantities, quantity
-from backlash_ros.drivetrain.rigid import rigid_model
+from backlash_ros.drivetrain.rigid import motor_model, rigid_model
+from backlash_ros.drivetrain.winding import sampled, without_inductance
 
 __all__ = [
+    "COMMAND_INTERFACES",
     "CONTACT_LAWS",
     "NOMINAL_DRIVE",
     "Drive",
@@ -19,7 +29,10 @@ __all__ = [
     "Quantity",
     "Validated",
     "compiled",
+    "motor_model",
     "quantities",
     "quantity",
     "rigid_model",
+    "sampled",
+    "without_inductance",
 ]

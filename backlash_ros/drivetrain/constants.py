@@ -15,7 +15,7 @@ def plant_constants(drive: Drive) -> PlantConstants:
         damping = 2.0 * damping_ratio_of(gear.restitution) * math.sqrt(gear.tooth_stiffness * drive.contact_mass)
     return PlantConstants(
         R=float(motor.resistance),
-        L=float(motor.inductance),
+        L=math.inf if drive.takes_current else float(motor.inductance),
         K_m=float(motor.torque_constant),
         J_m=float(motor.inertia),
         B_m=float(motor.viscous_friction),

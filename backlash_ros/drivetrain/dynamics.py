@@ -1,4 +1,4 @@
-"""Equations of motion of the geared servo: five states, voltage and load torque in; and the energy account.
+"""Equations of motion of the geared servo: five states, command and load torque in; and the energy account.
 
 State order: theta_m (rad), omega_m (rad/s), theta_l (rad), omega_l (rad/s), i (A), then the energy account:
 supplied and lost since the start (J).
@@ -6,6 +6,9 @@ supplied and lost since the start (J).
     L di/dt         = V - R i - K_m omega_m                             eq 7
     J_m domega_m/dt = K_m i - B_m omega_m - R1 F                        eqs 2, 8
     J_l domega_l/dt = R2 F - B_l omega_l - tau_c(omega_l) + tau_l       eq 1, with the dots it lost in print
+
+Where the command is the current, i is what was commanded and V what an ideal current loop applies for it: the
+energy account is that at the terminals either way.
 
 Coulomb friction tau_c is the given torque times tanh(omega_l/omega_0), omega_0 = 1 mrad/s: a load that it holds creeps
 instead of sticking, by less than that.
@@ -52,12 +55,16 @@ def coulomb(plant: PlantConstants, omega_l: float) -> tuple[float, float]:
 
 
 @compiled
-def derivative(plant: PlantConstants, state: State, voltage: float, load_torque: float, out: State) -> None:
-    """Write d(state)/dt into ``out``, shape (7,), for a voltage (V) and a load torque (N m)."""
+def derivative(plant: PlantConstants, state: State, command: float, load_torque: float, out: State) -> None:
+    """Write d(state)/dt into ``out``, shape (7,), for a command and a load torque (N m).
+
+    The command is the voltage, V; without effect where the current is imposed.
+    """
     _, gap_rate = gap_of(plant, state)
     force, _, _, elastic, _ = contact_of(plant, state)
     omega_m, omega_l, current = state[OMEGA_M], state[OMEGA_L], state[CURRENT]
     friction, _ = coulomb(plant, omega_l)
+    voltage = plant.R * current + plant.K_m * omega_m if math.isinf(plant.L) else command
     out[THETA_M] = omega_m
     out[OMEGA_M] = (plant.K_m * current - plant.B_m * omega_m - plant.R1 * force) / plant.J_m
     out[THETA_L] = omega_l
@@ -70,7 +77,8 @@ def derivative(plant: PlantConstants, state: State, voltage: float, load_torque:
 
 @compiled
 def stored_energy(plant: PlantConstants, state: State) -> float:
-    """Return the kinetic, magnetic and elastic energy, J."""
+    """Return the kinetic, magnetic and elastic energy, J; the magnetic one of an imposed current is the drive's."""
     gap, _ = gap_of(plant, state)
     kinetic = plant.J_m * state[OMEGA_M] ** 2 + plant.J_l * state[OMEGA_L] ** 2
-    return float(0.5 * (kinetic + plant.L * state[CURRENT] ** 2) + elastic_energy(plant, gap))
+    magnetic = 0.0 if math.isinf(plant.L) else plant.L * state[CURRENT] ** 2
+    return float(0.5 * (kinetic + magnetic) + elastic_energy(plant, gap))

@@ -78,7 +78,7 @@ def _solve_stage(
     plant: PlantConstants,
     at: State,
     g: float,
-    voltage: float,
+    command: float,
     load_torque: float,
     residual: State,
     out: State,
@@ -111,7 +111,8 @@ def _solve_stage(
     lost += (2.0 * plant.B_l * at[OMEGA_L] + friction + friction_slope * at[OMEGA_L]) * out[OMEGA_L]
     lost += (stiffness - elastic_stiffness) * gap_rate * gap_change
     lost += (damping * gap_rate + force_now - elastic) * rate_change
-    out[SUPPLIED] = (residual[SUPPLIED] + voltage * out[CURRENT] + load_torque * out[OMEGA_L]) / g
+    electrical = plant.K_m * at[CURRENT] * out[OMEGA_M] if math.isinf(plant.L) else command * out[CURRENT]
+    out[SUPPLIED] = (residual[SUPPLIED] + electrical + load_torque * out[OMEGA_L]) / g
     out[LOST] = (residual[LOST] + lost) / g
 
 
@@ -142,16 +143,17 @@ def advance(
     plant: PlantConstants,
     state: State,
     step: State,
-    voltage: float,
+    command: float,
     load_torque: float,
     duration: float,
     tolerance: float,
 ) -> tuple[int, float]:
-    """Advance ``state`` in place by ``duration`` seconds under constant voltage (V) and load torque (N m).
+    """Advance ``state`` in place by ``duration`` seconds under a constant command and load torque (N m).
 
     Parameters
     ----------
     plant : PlantConstants
+    command : voltage, V, or where the inductance is infinite the current, A, which it then is from the start
     state : array, shape (7,), in the order of `dynamics`; on failure the last good state
     step : array, shape (2,): the step size to try first, s, updated, so that the next call starts well; and the
         largest magnitude of the contact force since the caller last set it to 0, N
@@ -164,6 +166,8 @@ def advance(
     stages = np.empty((6, 7))
     trial = np.empty(7)
     residual = np.empty(7)
+    if math.isinf(plant.L):
+        state[CURRENT] = command
     time = 0.0
     h = step[STEP_SIZE]
     if not 0.0 < h <= duration:
@@ -184,11 +188,11 @@ def advance(
                 for m in range(j):
                     value += _A[j, m] * stages[m, k]
                 trial[k] = value
-            derivative(plant, trial, voltage, load_torque, residual)
+            derivative(plant, trial, command, load_torque, residual)
             for k in range(7):
                 for m in range(j):
                     residual[k] += _C[j, m] / used * stages[m, k]
-            _solve_stage(plant, state, g, voltage, load_torque, residual, stages[j])
+            _solve_stage(plant, state, g, command, load_torque, residual, stages[j])
         for k in range(7):
             trial[k] += stages[5, k]
         error = _error(plant, state, trial, stages[5], tolerance)

@@ -13,10 +13,13 @@ POWER, POWER_NO_PULL, ELASTIC, RESTITUTION = range(4)
 CONTACT_LAWS = ("power", "power_no_pull", "elastic", "restitution")
 """Names of the contact laws, see `contact`."""
 
+COMMAND_INTERFACES = ("voltage", "current")
+"""What the drive takes as its command: the motor's voltage, V, or its current, A, which its own inner loop closes."""
+
 
 @dataclass(frozen=True)
 class Motor(Validated):
-    """DC servomotor (eqs 7, 8) and the supply that limits its voltage."""
+    """DC servomotor (eqs 7, 8) and what its amplifier gives at most."""
 
     section: ClassVar[str] = "motor"
 
@@ -26,6 +29,7 @@ class Motor(Validated):
     inertia: float = quantity("rotor inertia J_m", "kg m^2", at_least=1e-9, at_most=1e3)
     viscous_friction: float = quantity("rotor viscous friction B_m", "N m s/rad", at_least=0, at_most=1e3)
     voltage_limit: float = quantity("largest magnitude of the voltage", "V", above=0, at_most=1e4)
+    current_limit: float = quantity("largest magnitude of a commanded current", "A", above=0, at_most=1e5, default=12.0)
 
 
 @dataclass(frozen=True)
@@ -79,7 +83,10 @@ class Load(Validated):
 
 
 class PlantConstants(NamedTuple):
-    """The drive as the compiled functions read it; field names are the equations' symbols."""
+    """The drive as the compiled functions read it; field names are the equations' symbols.
+
+    An infinite L is an imposed current.
+    """
 
     R: float
     L: float
@@ -105,11 +112,33 @@ class PlantConstants(NamedTuple):
 
 @dataclass(frozen=True)
 class Drive:
-    """A geared servo: motor, gear and load."""
+    """A geared servo: motor, gear and load, and which of `COMMAND_INTERFACES` it takes."""
 
     motor: Motor
     gear: Gear
     load: Load
+    command_interface: str = "voltage"
+
+    def __post_init__(self) -> None:
+        if self.command_interface not in COMMAND_INTERFACES:
+            raise ValueError(
+                f"command_interface must be one of {list(COMMAND_INTERFACES)}, got {self.command_interface!r}"
+            )
+
+    @property
+    def takes_current(self) -> bool:
+        """Whether the command is the motor's current, so that the electrical pole is the drive's."""
+        return self.command_interface == "current"
+
+    @property
+    def command_unit(self) -> str:
+        """Unit of the command: V or A."""
+        return "A" if self.takes_current else "V"
+
+    @property
+    def command_limit(self) -> float:
+        """Largest magnitude of the command that the drive obeys, V or A."""
+        return self.motor.current_limit if self.takes_current else self.motor.voltage_limit
 
     @property
     def reflected_inertia(self) -> float:
@@ -146,6 +175,7 @@ NOMINAL_DRIVE = Drive(
         inertia=2.0e-5,
         viscous_friction=2.0e-5,
         voltage_limit=24.0,
+        current_limit=12.0,
     ),
     gear=Gear(
         motor_radius=0.005,

@@ -23,7 +23,7 @@ from backlash_ros.drivetrain.parameters import Drive
 
 
 class Plant:
-    """The geared servo with its state, advanced under constant voltage and load torque.
+    """The geared servo with its state, advanced under a constant command and load torque.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Plant:
     --------
     >>> from backlash_ros.drivetrain import NOMINAL_DRIVE
     >>> plant = Plant(NOMINAL_DRIVE)
-    >>> plant.advance(voltage=1.0, load_torque=0.0, duration=0.1)
+    >>> plant.advance(command=1.0, load_torque=0.0, duration=0.1)
     >>> print(f"{plant.load_angle:.4f} rad after {plant.time:.1f} s")
     0.1457 rad after 0.1 s
     """
@@ -53,8 +53,8 @@ class Plant:
         self._step = np.zeros(2)
         self._tolerance = tolerance
 
-    def advance(self, voltage: float, load_torque: float, duration: float) -> None:
-        """Advance by ``duration`` seconds; the voltage (V) is limited as the drive's supply limits it.
+    def advance(self, command: float, load_torque: float, duration: float) -> None:
+        """Advance by ``duration`` seconds; the command (V or A, as the drive takes it) is limited as the drive does.
 
         Raises
         ------
@@ -63,13 +63,13 @@ class Plant:
         IntegrationError
             If the equations cannot be integrated; the state is the last good one.
         """
-        for name, value, unit in (("voltage", voltage, "V"), ("load_torque", load_torque, "N m")):
+        for name, value, unit in (("command", command, self.drive.command_unit), ("load_torque", load_torque, "N m")):
             if not math.isfinite(value):
                 raise ValueError(f"{name} must be finite, in {unit}, got {value!r}")
         if not 0 <= duration < math.inf:
             raise ValueError(f"duration must be >= 0 s and finite, got {duration!r}")
-        limit = self.drive.motor.voltage_limit
-        limited = min(max(voltage, -limit), limit)
+        limit = self.drive.command_limit
+        limited = min(max(command, -limit), limit)
         status, passed = advance(
             self._constants, self._state, self._step, limited, load_torque, duration, self._tolerance
         )
@@ -109,12 +109,12 @@ class Plant:
 
     @property
     def energy_stored(self) -> float:
-        """Kinetic, magnetic and elastic energy, J."""
+        """Kinetic, magnetic and elastic energy, J; without the magnetic one where the current is imposed."""
         return float(stored_energy(self._constants, self._state))
 
     @property
     def energy_supplied(self) -> float:
-        """Work of voltage and load torque since the start, J."""
+        """Work at the motor's terminals and of the load torque since the start, J."""
         return float(self._state[SUPPLIED])
 
     @property

@@ -1,4 +1,4 @@
-"""The linear model of the drive without backlash (eq 9), from which gains are designed."""
+"""Linear models: the drive without backlash (eq 9), from which gains are designed, and the motor inside the gap."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,3 +27,22 @@ def rigid_model(drive: Drive) -> tuple[NDArray[np.float64], NDArray[np.float64]]
     )
     b = np.array([[0.0, 0.0], [0.0, 1.0 / inertia], [1.0 / motor.inductance, 0.0]])
     return a, b
+
+
+def motor_model(drive: Drive) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the matrices (A, B) of the motor by itself, as it turns inside the gap (eqs 7, 8 with F = 0).
+
+    States: omega_m (rad/s), i (A). Input: voltage (V).
+
+    Returns
+    -------
+    (A, B) : arrays of shape (2, 2) and (2, 1)
+    """
+    motor = drive.motor
+    a = np.array(
+        [
+            [-motor.viscous_friction / motor.inertia, motor.torque_constant / motor.inertia],
+            [-motor.torque_constant / motor.inductance, -motor.resistance / motor.inductance],
+        ]
+    )
+    return a, np.array([[0.0], [1.0 / motor.inductance]])

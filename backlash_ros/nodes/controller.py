@@ -163,7 +163,7 @@ class Controller(ManagedNode):
             measured = read_joint_state(message, *self._joints, self._drive.motor.torque_constant)
         except BadSampleError as error:
             self._refuse(f"unusable joint_states: {error}")
-            self._servo.voltage = 0.0
+            self._servo.command = 0.0
             self._send(0.0, label)
             return
         elapsed = self._elapsed(stamp, began)
@@ -190,7 +190,7 @@ class Controller(ManagedNode):
             return False
         if behind == 0.0:
             self._refuse("joint_states repeated, with the stamp of the newest")
-            self._send(self._servo.voltage, label)  # the drive has not heard the answer, or stands still
+            self._send(self._servo.command, label)  # the drive has not heard the answer, or stands still
             return True
         if behind >= self._state_timeout or 0 < self._dropped_stamp < stamp:
             self._dropped_stamp = 0
@@ -238,8 +238,8 @@ class Controller(ManagedNode):
             self._learn.answer(False, f"cannot learn: no joint_states for {_LEARN_PATIENCE:g} s")
         self._send(0.0)
 
-    def _send(self, voltage: float, label: str = "") -> None:
-        self._command.publish(answer(voltage, label))
+    def _send(self, value: float, label: str = "") -> None:
+        self._command.publish(answer(value, label))
 
     def _refuse(self, what: str) -> None:
         self._refused = what
@@ -277,7 +277,7 @@ class Controller(ManagedNode):
     # Faults and diagnostics.
 
     def _report(self, fault: str) -> None:
-        self.get_logger().error(f"{fault}: 0 V until reset_fault")
+        self.get_logger().error(f"{fault}: command 0 {self._drive.command_unit} until reset_fault")
         self.publish_diagnostics()
 
     def reset_fault(self) -> tuple[bool, str]:

@@ -6,6 +6,7 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
 from backlash_ros.drivetrain import (
+    COMMAND_INTERFACES,
     CONTACT_LAWS,
     NOMINAL_DRIVE,
     Drive,
@@ -74,7 +75,9 @@ def declare_drive(node: Node) -> Drive:
         values |= declare_quantities(node, part, read_only=True)
     text = describe("force law of the teeth", constraint=f"one of {list(CONTACT_LAWS)}", read_only=True)
     law = node.declare_parameter("gear.contact_law", NOMINAL_DRIVE.gear.contact_law, text).value
-    return Drive(take(Motor, values), take(Gear, values, contact_law=law), take(Load, values))
+    text = describe("what the command is", constraint=f"one of {list(COMMAND_INTERFACES)}", read_only=True)
+    interface = node.declare_parameter("command_interface", NOMINAL_DRIVE.command_interface, text).value
+    return Drive(take(Motor, values), take(Gear, values, contact_law=law), take(Load, values), interface)
 
 
 def declare_rate(node: Node) -> float:

@@ -1,6 +1,6 @@
-"""The drive, simulated: publishes joint states at a fixed rate and takes the motor's voltage.
+"""The drive, simulated: publishes joint states at a fixed rate and takes the motor's voltage or current.
 
-Simulated time goes with the steady clock, one period a beat, ``real_time_factor`` times as fast. The voltage that
+Simulated time goes with the steady clock, one period a beat, ``real_time_factor`` times as fast. The command that
 arrives after sample k acts from sample k on, as if the controller took no time, so that the loop equals the offline one
 as long as every answer comes within its period. A beat that comes late is made good by moving the plant on, not by
 extra samples. In ``lockstep`` the next sample waits for the answer to the last one, and time is the plant's alone: the
@@ -68,7 +68,7 @@ class PlantSimulator(ManagedNode):
         self._plant = Plant(self._drive)
         self._plant.advance(0.0, 0.0, self._period)  # compiles, or loads what was compiled before
         self._plant = Plant(self._drive)
-        self._voltage = self._load_torque = 0.0
+        self._value = self._load_torque = 0.0
         self._ticks = 0
         self._states = self.create_publisher(JointState, "joint_states", SEND, qos_overriding_options=overridable())
         self._clock_publisher = self.create_publisher(Clock, "/clock", SEND) if self._own_time and self._leads else None
@@ -89,7 +89,7 @@ class PlantSimulator(ManagedNode):
 
     def activate(self) -> None:
         """Begin to publish."""
-        self._voltage = 0.0
+        self._value = 0.0
         self._fault = ""
         self._label, self._waiting = "", False
         self._replied: deque[str] = deque(maxlen=16)
@@ -108,8 +108,8 @@ class PlantSimulator(ManagedNode):
         )
 
     def deactivate(self) -> None:
-        """Take the voltage off and stand still: no time passes while not active."""
-        self._voltage = 0.0
+        """Take the command off and stand still: no time passes while not active."""
+        self._value = 0.0
         self.destroy_timer(self._timer)
         self.get_logger().info(f"stopped after {self._beats} beats, {self._late} of them late")
 
@@ -123,11 +123,11 @@ class PlantSimulator(ManagedNode):
     # Faults.
 
     def _fail(self, fault: str) -> None:
-        self._voltage = 0.0
+        self._value = 0.0
         if self._fault:
             return
         self._fault = fault
-        self.get_logger().error(f"{fault}: motor at 0 V until reset_fault")
+        self.get_logger().error(f"{fault}: motor at 0 {self._drive.command_unit} until reset_fault")
         self.publish_diagnostics()
 
     def reset_fault(self) -> tuple[bool, str]:
@@ -148,13 +148,14 @@ class PlantSimulator(ManagedNode):
         at = now()
         if not message.data or not math.isfinite(message.data[0]):
             self._rejected += 1
-            self._fail(f"command must hold one finite voltage, got {list(message.data)}")
+            self._fail(f"command must hold one finite number, in {self._drive.command_unit}, got {list(message.data)}")
         elif label in self._replied:
             self._fail("two controllers on command: one sample was answered twice")
         elif not label and message.data[0] and at - self._last_answer < self._command_timeout:
-            self._fail(f"a second publisher on command: {message.data[0]:g} V between a controller's answers")
+            foreign = f"{message.data[0]:g} {self._drive.command_unit}"
+            self._fail(f"a second publisher on command: {foreign} between a controller's answers")
         elif not self._fault:
-            self._voltage = message.data[0]
+            self._value = message.data[0]
         self._last_command = at
         if label:
             self._last_answer = at
@@ -196,7 +197,7 @@ class PlantSimulator(ManagedNode):
         self._due += due
         self._late += due - 1
         silence = at - self._last_command - self._command_timeout
-        if self._voltage and silence > 0:
+        if self._value and silence > 0:
             # However late this beat is, the motor was powered no longer than the watchdog lets it.
             powered = max(0, due - math.floor(silence / self._beat_time))
             self._advance(powered)
@@ -207,7 +208,7 @@ class PlantSimulator(ManagedNode):
 
     def _advance(self, periods: int) -> None:
         began = now()
-        self._plant.advance(self._voltage, self._load_torque, periods * self._period)
+        self._plant.advance(self._value, self._load_torque, periods * self._period)
         self._ticks += periods
         self._step_time.add(now() - began)
 
@@ -254,7 +255,7 @@ class PlantSimulator(ManagedNode):
                 {
                     "state": self.state,
                     "fault": self._fault,
-                    "voltage_V": getattr(self, "_voltage", 0.0),
+                    f"command_{self._drive.command_unit}": getattr(self, "_value", 0.0),
                     "load_torque_Nm": getattr(self, "_load_torque", 0.0),
                     "messages_rejected": self._rejected,
                 },

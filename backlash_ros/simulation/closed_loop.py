@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backlash_ros.control import ServoSettings, design_law
+from backlash_ros.control.command import CommandConstants, command_constants, command_of, voltage_range
 from backlash_ros.control.law import LAW_SIGNATURE, REGION, LawStep
 from backlash_ros.control.observer import LOAD_TORQUE, ObserverConstants, observer_memory, observer_step
 from backlash_ros.drivetrain import Drive, IntegrationError
@@ -55,13 +56,13 @@ class Scenario:
 class Run:
     """A closed-loop run: ``substeps`` plant samples per controller sample, from t = 0 on.
 
-    ``state`` (N * substeps + 1, 5) at ``time``; ``voltage``, ``region`` and ``load_torque_estimate`` (N,) per
+    ``state`` (N * substeps + 1, 5) at ``time``; ``command`` (V or A), ``region`` and ``load_torque_estimate`` (N,) per
     controller sample; ``peak_force`` (N,), the largest contact force within each controller period, N.
     """
 
     time: Array
     state: Array
-    voltage: Array
+    command: Array
     region: Array
     load_torque_estimate: Array
     peak_force: Array
@@ -82,6 +83,7 @@ def _loop(
     constants: Array,
     memory: Array,
     observer: ObserverConstants,
+    output: CommandConstants,
     reference: Array,
     load_torque: Array,
     angle_noise: Array,
@@ -94,12 +96,12 @@ def _loop(
     signals: Array,
     estimate: Array,
 ) -> tuple[int, float, int]:
-    """Fill ``states`` after its first and ``signals``: voltage, region, load torque estimate, peak force."""
+    """Fill ``states`` after its first and ``signals``: command, region, load torque estimate, peak force."""
     state = np.zeros(7)
     state[:5] = states[0]
     step = np.zeros(2)
     measured, seen = np.empty(5), np.empty(6)
-    voltage = 0.0
+    command = 0.0
     part = observer.period / substeps
     for k in range(reference.shape[0]):
         measured[0], measured[1], measured[2] = state[THETA_M], state[OMEGA_M], state[CURRENT]
@@ -109,15 +111,17 @@ def _loop(
             measured[3] = np.round(measured[3] / resolution) * resolution
         for j in range(5):
             measured[j] += missing[j]
-        observer_step(observer, estimate, measured, voltage)
+        observer_step(observer, estimate, measured, command)
         seen[:] = estimate[:6]
         if known_load_torque:
             seen[LOAD_TORQUE] = load_torque[k]
-        voltage = law_step(constants, memory, seen, reference[k])
-        signals[k, 0], signals[k, 1], signals[k, 2] = voltage, memory[REGION], estimate[LOAD_TORQUE]
+        low, high = voltage_range(output, seen)
+        voltage = law_step(constants, memory, seen, reference[k], low, high)
+        command = command_of(output, seen, voltage)
+        signals[k, 0], signals[k, 1], signals[k, 2] = command, memory[REGION], estimate[LOAD_TORQUE]
         step[PEAK_FORCE] = 0.0
         for j in range(substeps):
-            status, passed = advance(plant, state, step, voltage, load_torque[k], part, tolerance)
+            status, passed = advance(plant, state, step, command, load_torque[k], part, tolerance)
             states[k * substeps + j + 1] = state[:5]
             if status != DONE:
                 return status, k * observer.period + j * part + passed, k * substeps + j + 1
@@ -126,12 +130,12 @@ def _loop(
 
 
 @functools.cache
-def _compiled_loop(plant_type: Any, observer_type: Any) -> Callable[..., tuple[int, float, int]]:
+def _compiled_loop(plant_type: Any, observer_type: Any, output_type: Any) -> Callable[..., tuple[int, float, int]]:
     """Compile the loop once for every law: a law's step is an argument, so that a new law needs no new loop."""
     integer, number, boolean = _types.int64, _types.float64, _types.boolean
     flat, table = number[::1], number[:, ::1]
     signature = _types.Tuple((integer, number, integer))(
-        *(plant_type, _types.FunctionType(LAW_SIGNATURE), flat, flat, observer_type),
+        *(plant_type, _types.FunctionType(LAW_SIGNATURE), flat, flat, observer_type, output_type),
         *(flat, flat, flat, number, flat, boolean, integer, number, table, table, flat),
     )
     return compiled_as(signature)(_loop)
@@ -149,12 +153,19 @@ def run(
     Raises
     ------
     ValueError
-        If the law that ``settings`` names does not exist or cannot be designed, or an input is not finite.
+        If the law that ``settings`` names does not exist or cannot be designed, an input is not finite, or the model
+        takes another command than the drive.
     IntegrationError
         If the plant cannot be integrated; names the time and the state.
     """
     count, substeps = scenario.reference.size, scenario.substeps
-    law = design_law(model or drive, settings)
+    model = model or drive
+    if model.command_interface != drive.command_interface:
+        raise ValueError(
+            f"command_interface of the model must be the drive's, {drive.command_interface!r}, "
+            f"got {model.command_interface!r}"
+        )
+    law = design_law(model, settings)
     states = np.empty((count * substeps + 1, 5))
     states[0] = scenario.initial_state
     signals = np.zeros((count, 4))
@@ -164,13 +175,18 @@ def run(
             raise ValueError(f"{name} must be finite throughout")
         return np.array(np.broadcast_to(values, (count,)), dtype=np.float64)
 
-    plant, observer = plant_constants(drive), settings.observer(model or drive)
-    status, reached, row = _compiled_loop(_numba.typeof(plant), _numba.typeof(observer))(
+    plant, observer, output = (
+        plant_constants(drive),
+        settings.observer(model),
+        command_constants(model),
+    )
+    status, reached, row = _compiled_loop(*(_numba.typeof(each) for each in (plant, observer, output)))(
         plant,
         law.step,
         law.constants,
         law.memory.copy(),
         observer,
+        output,
         samples("reference", scenario.reference),
         samples("load_torque", scenario.load_torque),
         samples("angle_noise", scenario.angle_noise),

@@ -43,8 +43,8 @@ def learn_backlash(
     servo.start_learning()
     while True:
         theta_m, omega_m, theta_l, omega_l, current = plant.state
-        voltage = servo.update(np.array([theta_m, omega_m, current, theta_l, omega_l]) + missing)
+        command = servo.update(np.array([theta_m, omega_m, current, theta_l, omega_l]) + missing)
         estimate = servo.take_learned()
         if estimate is not None:
             return estimate
-        plant.advance(voltage, load_torque, settings.period)
+        plant.advance(command, load_torque, settings.period)

@@ -1,13 +1,13 @@
 """The drive driven by a motor torque, without a controller: what the paper's fig 7 shows."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.constants import plant_constants
-from backlash_ros.drivetrain.dynamics import CURRENT, contact_of, gap_of
+from backlash_ros.drivetrain.dynamics import contact_of, gap_of
 from backlash_ros.drivetrain.integrator import DEFAULT_TOLERANCE, DONE, REASONS, advance
 
 Array = NDArray[np.float64]
@@ -26,14 +26,14 @@ class OpenLoop:
 def drive_with_torque(drive: Drive, torque: Array, load_torque: float, period: float) -> OpenLoop:
     """Apply motor torques (N m), each for ``period`` seconds, from rest in the middle of the gap.
 
-    The current is imposed, as a current-controlled amplifier does: an infinite inductance keeps it.
+    The current is imposed, whatever the drive's command interface, and not limited.
     """
-    plant = plant_constants(drive)._replace(L=np.inf)
+    plant = plant_constants(replace(drive, command_interface="current"))
     state, step = np.zeros(7), np.zeros(2)
     rows = np.zeros((torque.size + 1, 3))
     for k, value in enumerate(torque):
-        state[CURRENT] = value / drive.motor.torque_constant
-        status, passed = advance(plant, state, step, 0.0, load_torque, period, DEFAULT_TOLERANCE)
+        current = value / drive.motor.torque_constant
+        status, passed = advance(plant, state, step, current, load_torque, period, DEFAULT_TOLERANCE)
         if status != DONE:
             raise IntegrationError(REASONS[status], k * period + passed, state)
         gap, rate = gap_of(plant, state)

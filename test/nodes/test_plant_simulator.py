@@ -105,7 +105,7 @@ def test_motor_gets_no_voltage_on_a_command_that_is_not_finite(start: Start, pee
     listener.drive_until(6.0, "speed", lambda: listener.last.velocity[1] > 5.0)
     listener.command(*bad)
     peer.wait("the motor to stop", lambda: abs(listener.last.velocity[1]) < 0.05)
-    assert "command must hold one finite voltage" in process.output()
+    assert "command must hold one finite number, in V" in process.output()
 
 
 def test_load_torque_that_is_not_finite_changes_nothing(start: Start, peer: Peer) -> None:

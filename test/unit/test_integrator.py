@@ -12,6 +12,7 @@ from scipy.linalg import expm
 
 from backlash_ros.control import GainSet, ServoSettings
 from backlash_ros.drivetrain import (
+    COMMAND_INTERFACES,
     NOMINAL_DRIVE,
     Drive,
     Gear,
@@ -130,7 +131,7 @@ def test_mirrored_reference_gives_the_mirrored_trajectory(gains: GainSet, law: s
     forward = run(NOMINAL_DRIVE, choice, Scenario(np.ones(500), torque))
     backward = run(NOMINAL_DRIVE, choice, Scenario(-np.ones(500), -torque))
     np.testing.assert_array_equal(forward.state, -backward.state)
-    np.testing.assert_array_equal(forward.voltage, -backward.voltage)
+    np.testing.assert_array_equal(forward.command, -backward.command)
     np.testing.assert_array_equal(forward.region, backward.region)
 
 
@@ -166,15 +167,15 @@ def part(kind: type) -> st.SearchStrategy:
 
 @settings(max_examples=500, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
-    drive=st.builds(Drive, part(Motor), part(Gear), part(Load)),
-    voltage=st.floats(-1, 1),
+    drive=st.builds(Drive, part(Motor), part(Gear), part(Load), st.sampled_from(COMMAND_INTERFACES)),
+    command=st.floats(-1, 1),
     load_torque=st.floats(-1, 1),
 )
-def test_any_validated_drive_integrates_or_says_why_not(drive: Drive, voltage: float, load_torque: float) -> None:
+def test_any_validated_drive_integrates_or_says_why_not(drive: Drive, command: float, load_torque: float) -> None:
     plant = Plant(drive)
     try:
         for _ in range(5):
-            plant.advance(voltage * drive.motor.voltage_limit, load_torque, 0.004)
+            plant.advance(command * drive.command_limit, load_torque, 0.004)
             assert np.all(np.isfinite(plant.state))
     except IntegrationError as error:
         assert np.all(np.isfinite(error.state))
@@ -212,7 +213,7 @@ def test_impossible_state_stops_with_time_and_state() -> None:
 def test_plant_refuses_inputs_that_are_not_finite_and_stays_as_it_was(bad: float) -> None:
     plant = Plant(NOMINAL_DRIVE, [0.0, 1.0, 0.0, 0.0, 0.0])
     before = plant.state
-    with pytest.raises(ValueError, match="voltage must be finite, in V"):
+    with pytest.raises(ValueError, match="command must be finite, in V"):
         plant.advance(bad, 0.0, 0.01)
     with pytest.raises(ValueError, match="load_torque must be finite, in N m"):
         plant.advance(0.0, bad, 0.01)

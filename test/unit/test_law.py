@@ -17,7 +17,12 @@ def make(gains: GainSet, law: str = "two_region", **others: float) -> ControlLaw
 def answer(law: ControlLaw, error: float, omega: float = 0.0, current: float = 0.0, torque: float = 0.0) -> float:
     """Return the first voltage at reference 0."""
     return law.step(
-        law.constants, law.memory.copy(), np.array([10 * error, 10 * omega, current, error, omega, torque]), 0.0
+        law.constants,
+        law.memory.copy(),
+        np.array([10 * error, 10 * omega, current, error, omega, torque]),
+        0.0,
+        -24.0,
+        24.0,
     )
 
 
@@ -25,7 +30,7 @@ def regions(law: ControlLaw, errors: list[float]) -> list[int]:
     memory = law.memory.copy()
     seen = []
     for error in errors:
-        law.step(law.constants, memory, np.array([0.0, 0.0, 0.0, error, 0.0, 0.0]), 0.0)
+        law.step(law.constants, memory, np.array([0.0, 0.0, 0.0, error, 0.0, 0.0]), 0.0, -24.0, 24.0)
         seen.append(int(memory[0]))
     return seen
 
@@ -75,7 +80,7 @@ def test_every_law_is_odd_and_saturates_last(gains: GainSet, name: str) -> None:
         assert answer(law, *inputs) == -answer(law, *(-inputs))
     memory = law.memory.copy()
     for _ in range(200):
-        voltage = law.step(law.constants, memory, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), 1e6)
+        voltage = law.step(law.constants, memory, np.zeros(6), 1e6, -24.0, 24.0)
         assert abs(voltage) <= 24.0
     assert voltage == 24.0
 
@@ -86,7 +91,7 @@ def test_every_law_is_at_rest_at_rest(gains: GainSet, name: str) -> None:
     law = make(gains, name)
     memory = law.memory.copy()
     for _ in range(100):
-        voltage = law.step(law.constants, memory, np.array([3.0, 0.0, 0.0, 0.3, 0.0, 0.0]), 0.3)
+        voltage = law.step(law.constants, memory, np.array([3.0, 0.0, 0.0, 0.3, 0.0, 0.0]), 0.3, -24.0, 24.0)
         assert voltage == pytest.approx(0.0, abs=1e-9)
 
 

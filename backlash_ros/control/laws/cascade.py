@@ -6,6 +6,7 @@ and load as its plant and cancels the back-EMF.
 
 import numpy as np
 
+from backlash_ros.control.command import within
 from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, Array, ControlLaw, NamedLaw
 from backlash_ros.control.observer import OMEGA_M, THETA_L
 from backlash_ros.control.settings import ServoSettings
@@ -13,7 +14,7 @@ from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.compiled import compiled_as
 
 _INTEGRAL = 1
-_POSITION_GAIN, _DEAD_BAND, _SPEED_GAIN, _RESET, _BACK_EMF, _LIMIT, _PERIOD = range(7)
+_POSITION_GAIN, _DEAD_BAND, _SPEED_GAIN, _RESET, _BACK_EMF, _PERIOD = range(6)
 
 SPEED_BANDWIDTH = 100.0
 POSITION_BANDWIDTH = 25.0
@@ -21,14 +22,14 @@ POSITION_BANDWIDTH = 25.0
 
 
 @compiled_as(LAW_SIGNATURE)
-def cascade_step(law: Array, memory: Array, estimate: Array, reference: float) -> float:
+def cascade_step(law: Array, memory: Array, estimate: Array, reference: float, low: float, high: float) -> float:
     """Position error beyond the dead band to motor speed, speed error to voltage; the integrator stops at the limit."""
     error = reference - estimate[THETA_L]
     beyond = max(error - law[_DEAD_BAND], 0.0) + min(error + law[_DEAD_BAND], 0.0)
     speed_error = law[_POSITION_GAIN] * beyond - estimate[OMEGA_M]
     integral = memory[_INTEGRAL] + law[_RESET] * law[_PERIOD] * speed_error
     wanted = law[_SPEED_GAIN] * (speed_error + integral) + law[_BACK_EMF] * estimate[OMEGA_M]
-    voltage = float(min(max(wanted, -law[_LIMIT]), law[_LIMIT]))
+    voltage = within(wanted, low, high)
     if voltage == wanted:
         memory[_INTEGRAL] = integral
     return voltage
@@ -43,7 +44,6 @@ def cascade(drive: Drive, settings: ServoSettings) -> ControlLaw:
         SPEED_BANDWIDTH * inertia * drive.motor.resistance / drive.motor.torque_constant,
         0.25 * SPEED_BANDWIDTH,
         drive.motor.torque_constant,
-        drive.motor.voltage_limit,
         settings.period,
     ]
     return ControlLaw(cascade_step, np.array(constants, dtype=float), np.array([float(FAST_REGION), 0.0]))

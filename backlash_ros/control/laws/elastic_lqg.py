@@ -9,14 +9,15 @@ reference that makes up for the slow pole, and more. The spring is the teeth's s
 import control
 import numpy as np
 
+from backlash_ros.control.command import within
 from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, Array, ControlLaw, NamedLaw
 from backlash_ros.control.observer import THETA_L
 from backlash_ros.control.settings import ServoSettings
-from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain import Drive, sampled
 from backlash_ros.drivetrain.compiled import compiled_as
 
 _STATES = 5
-_A, _B, _L, _K, _RATIO, _LIMIT, _LEAD, _FORGET = 0, 25, 30, 35, 40, 41, 42, 43
+_A, _B, _L, _K, _RATIO, _LEAD, _FORGET = 0, 25, 30, 35, 40, 41, 42
 _STARTED, _SLOW_REFERENCE = 1 + _STATES, 2 + _STATES
 
 POSITION_WEIGHT = 25.0
@@ -28,7 +29,7 @@ LEAD, LAG_TIME = 1.1, 0.03
 
 
 @compiled_as(LAW_SIGNATURE)
-def elastic_lqg_step(law: Array, memory: Array, estimate: Array, reference: float) -> float:
+def elastic_lqg_step(law: Array, memory: Array, estimate: Array, reference: float, low: float, high: float) -> float:
     """Kalman predictor in ``memory[1:6]``: theta_m, omega_m, theta_l, omega_l, i; V = -K (state - target)."""
     state = memory[1 : 1 + _STATES]
     if memory[_STARTED] == 0.0:
@@ -39,7 +40,7 @@ def elastic_lqg_step(law: Array, memory: Array, estimate: Array, reference: floa
     memory[_SLOW_REFERENCE] += law[_FORGET] * (reference - memory[_SLOW_REFERENCE])
     wanted = law[_K] * (target / law[_RATIO] - state[0]) + law[_K + 2] * (target - state[2])
     wanted -= law[_K + 1] * state[1] + law[_K + 3] * state[3] + law[_K + 4] * state[4]
-    voltage = float(min(max(wanted, -law[_LIMIT]), law[_LIMIT]))
+    voltage = within(wanted, low, high)
     innovation = estimate[THETA_L] - state[2]
     following = np.empty(_STATES)
     for i in range(_STATES):
@@ -65,13 +66,13 @@ def elastic_lqg(drive: Drive, settings: ServoSettings) -> ControlLaw:
     a[4] /= motor.inductance
     b = np.array([[0.0], [0.0], [0.0], [0.0], [1.0 / motor.inductance]])
     c = np.array([[0.0, 0.0, 1.0, 0.0, 0.0]])
-    plant = control.c2d(control.ss(a, b, c, 0), settings.period)
-    k, _, poles = control.dlqr(plant.A, plant.B, np.diag([0.0, 0.0, POSITION_WEIGHT, 0.0, 0.0]), np.eye(1))
+    a_held, b_held = sampled(drive, a, b, settings.period)
+    k, _, poles = control.dlqr(a_held, b_held, np.diag([0.0, 0.0, POSITION_WEIGHT, 0.0, 0.0]), np.eye(1))
     slowest = -settings.period / np.log(np.max(np.abs(poles)))
     torque = np.array([[0.0], [settings.period / motor.inertia], [0.0], [0.0], [0.0]])
-    gain, _, _ = control.dlqe(plant.A, torque, c, np.eye(1) * TORQUE_NOISE**2, np.eye(1) * ANGLE_NOISE**2)
+    gain, _, _ = control.dlqe(a_held, torque, c, np.eye(1) * TORQUE_NOISE**2, np.eye(1) * ANGLE_NOISE**2)
     reference = [LEAD * slowest / LAG_TIME - 1.0, -np.expm1(-settings.period / LAG_TIME)]
-    parts = [plant.A, plant.B, plant.A @ np.asarray(gain), k, [gear.ratio, motor.voltage_limit], reference]
+    parts = [a_held, b_held, a_held @ np.asarray(gain), k, [gear.ratio], reference]
     constants = np.concatenate([np.ravel(part) for part in parts])
     return ControlLaw(elastic_lqg_step, constants, np.array([float(FAST_REGION), *np.zeros(_STATES + 2)]))
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from backlash_ros.control.command import within
 from backlash_ros.control.gains import Gains
 from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, OVERDAMPED_REGION, REGION, Array, ControlLaw, NamedLaw
 from backlash_ros.control.observer import CURRENT, LOAD_TORQUE, OMEGA_L, THETA_L
@@ -12,11 +13,11 @@ from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.compiled import compiled_as
 
 _TICKS = 1
-_OVERDAMPED, _ENTER, _LEAVE, _DWELL, _LIMIT = 4, 8, 9, 10, 11
+_OVERDAMPED, _ENTER, _LEAVE, _DWELL = 4, 8, 9, 10
 
 
 @compiled_as(LAW_SIGNATURE)
-def two_region_step(law: Array, memory: Array, estimate: Array, reference: float) -> float:
+def two_region_step(law: Array, memory: Array, estimate: Array, reference: float, low: float, high: float) -> float:
     """V = k_tau tau_l - k1 (theta_l - reference) - k2 omega_l - k3 i (eq 15), the region's gains, then saturated."""
     error = estimate[THETA_L] - reference
     region, ticks = memory[REGION], memory[_TICKS] + 1.0
@@ -29,7 +30,7 @@ def two_region_step(law: Array, memory: Array, estimate: Array, reference: float
     k = 0 if region == FAST_REGION else _OVERDAMPED
     voltage = law[k + 3] * estimate[LOAD_TORQUE]
     voltage -= law[k] * error + law[k + 1] * estimate[OMEGA_L] + law[k + 2] * estimate[CURRENT]
-    return float(min(max(voltage, -law[_LIMIT]), law[_LIMIT]))
+    return within(voltage, low, high)
 
 
 def _with_torque(drive: Drive, gains: Gains) -> list[float]:
@@ -43,7 +44,7 @@ def _law(drive: Drive, settings: ServoSettings, enter: float, leave: float) -> C
     constants = [
         *_with_torque(drive, settings.gains.fast),
         *_with_torque(drive, settings.gains.overdamped),
-        *(enter, leave, dwell_ticks, drive.motor.voltage_limit),
+        *(enter, leave, dwell_ticks),
     ]
     # The first region holds from the start: no dwell to wait for.
     return ControlLaw(two_region_step, np.array(constants, dtype=float), np.array([float(FAST_REGION), 1e9]))
