@@ -11,6 +11,16 @@ from graph import Peer, Process
 from backlash_ros.nodes.domain import own_domain
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--faults-page", type=Path, help="write the fault table there")
+
+
+@pytest.fixture
+def measure(request: pytest.FixtureRequest) -> Callable[[float], None]:
+    """Take the time from the fault to 0 V, s, for the fault table."""
+    return lambda seconds: request.node.user_properties.append(("seconds", seconds))
+
+
 @pytest.fixture
 def domain() -> Iterator[int]:
     with own_domain() as number:
