@@ -41,6 +41,11 @@ class Stop:
         return self._asked
 
 
+def _report(node: Node, error: Exception) -> None:
+    node.get_logger().fatal(f"{type(error).__name__}: {error}")
+    node.get_logger().debug(traceback.format_exc())
+
+
 def run(make: Callable[[], StoppableNode], args: Sequence[str] | None) -> int:
     """Run the node that ``make`` builds until it is told to stop; return the exit code.
 
@@ -66,11 +71,14 @@ def run(make: Callable[[], StoppableNode], args: Sequence[str] | None) -> int:
             while time.monotonic() < end:
                 executor.spin_once(timeout_sec=0.01)
         except Exception as error:  # whatever it is, the drive is left safe and the reason is in the log
-            node.get_logger().fatal(f"{type(error).__name__}: {error}")
-            node.get_logger().debug(traceback.format_exc())
+            _report(node, error)
             code = 1
         finally:
-            node.stop()
+            try:
+                node.stop()
+            except Exception as error:
+                _report(node, error)
+                code = 1
             executor.remove_node(node)
             executor.shutdown()
             node.destroy_node()
