@@ -1,7 +1,13 @@
 """Reading a recorded bag back as arrays."""
 
+import os
+import struct
+from binascii import crc32
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -53,8 +59,51 @@ def _joint_row(message: Any, motor: str, load: str) -> list[float]:
     return row
 
 
+_MAGIC = b"\x89MCAP0\r\n"
+_HEADER, _CHUNK, _MESSAGE_INDEX = 0x01, 0x06, 0x07
+_END = struct.pack("<BQL", 0x0F, 4, 0) + struct.pack("<BQQQL", 0x02, 20, 0, 0, 0) + _MAGIC  # of data, without a summary
+
+
+def _is_torn(file: Path) -> bool:
+    with file.open("rb") as stream:
+        stream.seek(-min(len(_MAGIC), file.stat().st_size), os.SEEK_END)
+        return stream.read() != _MAGIC
+
+
+def _mend(torn: Path, mended: Path) -> None:
+    """Copy an mcap file of the recorder that lacks its end as far as it is whole."""
+    left = torn.stat().st_size - len(_MAGIC)
+    with torn.open("rb") as source, mended.open("wb") as target:
+        target.write(source.read(len(_MAGIC)))
+        while len(head := source.read(9)) == 9:
+            kind, length = struct.unpack("<BQ", head)
+            left -= len(head) + length
+            if kind not in {_HEADER, _CHUNK, _MESSAGE_INDEX} or left < 0:
+                break
+            record = source.read(length)
+            if kind == _CHUNK and (length < 40 or struct.unpack_from("<L", record, 24)[0] != crc32(record[40:])):
+                break
+            target.write(head + record)
+        target.write(_END)
+
+
+@contextmanager
+def _readable(bag: Path) -> Iterator[Path]:
+    """Yield the bag, or a passing copy of what can be read where its writer was killed while writing."""
+    files = list(bag.glob("*.mcap"))
+    if len(files) == 1 and _is_torn(files[0]):
+        with TemporaryDirectory() as folder:
+            copy = Path(folder, files[0].name)
+            _mend(files[0], copy)
+            yield copy
+    else:
+        yield bag
+
+
 def read_bag(path: Path, *, motor_joint: str = "motor", load_joint: str = "load") -> Recording:
     """Read a rosbag2 directory.
+
+    Also one whose recorder was killed: such a bag holds everything up to about the last second.
 
     Raises
     ------
@@ -65,9 +114,13 @@ def read_bag(path: Path, *, motor_joint: str = "motor", load_joint: str = "load"
     rows: list[list[float]] = []
     scalars: dict[str, tuple[list[float], list[float]]] = {}
     parameters: list[tuple[float, str, Any]] = []
-    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-        messages = {connection.topic: connection.msgcount for connection in reader.connections}
+    with (
+        _readable(path) as readable,
+        AnyReader([readable], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
+    ):
+        messages = {connection.topic: 0 for connection in reader.connections}
         for connection, timestamp, raw in reader.messages():
+            messages[connection.topic] += 1
             message: Any = reader.deserialize(raw, connection.msgtype)
             received = 1e-9 * timestamp
             if connection.msgtype == "sensor_msgs/msg/JointState":

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import control
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_continuous_are
 
 from backlash_ros.drivetrain import Drive, motor_model, rigid_model, sampled, without_inductance
 
@@ -77,7 +77,9 @@ def design_gains(name: str, drive: Drive, weights: Sequence[float]) -> Gains:
     a, b = rigid_model(drive)
     if drive.takes_current:
         a, b = without_inductance(a, b[:, :1])
-    k, _, _ = control.lqr(a, b[:, :1], np.diag([q11, q22, 0.0][: len(a)]), np.eye(1))
+    # python-control's lqr does just this; importing it for this one line would double the time a node takes to start.
+    riccati = solve_continuous_are(a, b[:, :1], np.diag([q11, q22, 0.0][: len(a)]), np.eye(1))
+    k = b[:, :1].T @ riccati
     return Gains(*(float(value) for value in (*np.asarray(k)[0], 0.0)[:3]))
 
 

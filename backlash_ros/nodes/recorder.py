@@ -1,20 +1,23 @@
 """Recorder for places without ros2 bag: writes the interface's topics to a rosbag2 directory (mcap).
 
 `ros2 bag`, PlotJuggler, Foxglove and the rosbags library read it. Messages are stored as they came off the wire.
+The bag is whole up to the last second whatever happens to the recorder, be it SIGKILL or a full disk, which ends it
+with code 1.
 """
 
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
+from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from backlash_ros.nodes.bag_writer import BagWriter
 from backlash_ros.nodes.interface import STEADY
 from backlash_ros.nodes.parameters import describe
 from backlash_ros.nodes.run import StoppableNode, run
@@ -32,7 +35,11 @@ TOPICS = [
 ]
 """What is recorded by default: the whole interface, and each change of a parameter."""
 
-_QUEUE = 1000
+_QUEUE = 10_000
+"""Messages of a topic that can wait for a slow disk: 40 s at 250 Hz. Fast DDS does not tell of what it drops beyond."""
+
+_SLOW = 1.0
+"""Seconds of writing that are worth a warning."""
 
 
 def _subscription_qos(publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
@@ -62,6 +69,10 @@ def _bag_qos(qos: QoSProfile) -> Qos:
     )
 
 
+def _listed(counts: dict[str, int]) -> str:
+    return ", ".join(f"{count} {topic}" for topic, count in counts.items()) or "nothing"
+
+
 class Recorder(StoppableNode):
     """Writes a bag until it is stopped; topics are taken up as their publishers appear."""
 
@@ -79,10 +90,14 @@ class Recorder(StoppableNode):
             raise ValueError(f"output must lie in an existing folder, got {str(output)!r}")
         self._wanted = [self.resolve_topic_name(topic) for topic in topics]
         self._types = get_typestore(Stores.ROS2_JAZZY)
-        self._writer = Writer(output, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
-        self._writer.open()
-        self._counts: dict[str, int] = {}
+        try:
+            self._bag = BagWriter(output)
+        except OSError as error:
+            raise ValueError(f"output cannot be written: {error}") from error
+        self._lost: dict[str, int] = {}
+        self._broken = False
         self.create_timer(0.1, self._look, clock=STEADY)
+        self.create_timer(1.0, partial(self._keep, self._bag.save), clock=STEADY)
         self._look()
         self.get_logger().info(f"recording {len(self._wanted)} topics to {output}")
 
@@ -99,28 +114,48 @@ class Recorder(StoppableNode):
             self.get_logger().error(f"not recorded: {topic} has the type {kind}, which the recorder does not know")
             return
         qos = _subscription_qos(publishers)
-        connection = self._writer.add_connection(
-            topic, kind, typestore=self._types, offered_qos_profiles=[_bag_qos(qos)]
-        )
+        connection = self._bag.add_connection(topic, kind, typestore=self._types, offered_qos_profiles=[_bag_qos(qos)])
         package, _, name = kind.split("/")
-        self._counts[topic] = 0
         self.create_subscription(
-            getattr(import_module(f"{package}.msg"), name), topic, self._store(topic, connection), qos, raw=True
+            getattr(import_module(f"{package}.msg"), name),
+            topic,
+            partial(self._store, connection),
+            qos,
+            event_callbacks=SubscriptionEventCallbacks(message_lost=partial(self._miss, topic)),
+            raw=True,
         )
         self.get_logger().info(f"recording {topic}")
 
-    def _store(self, topic: str, connection: Connection) -> Callable[[Any], None]:
-        def store(data: bytes) -> None:
-            self._writer.write(connection, self.get_clock().now().nanoseconds, data)
-            self._counts[topic] += 1
+    def _store(self, connection: Connection, data: bytes) -> None:
+        self._bag.write(connection, self.get_clock().now().nanoseconds, data)
 
-        return store
+    def _miss(self, topic: str, event: QoSMessageLostInfo) -> None:
+        """Take down what a publisher could not keep until it was fetched."""
+        self._lost[topic] = event.total_count
+        self.get_logger().warning(f"lost {event.total_count} {topic}", throttle_duration_sec=1.0)
+
+    def _keep(self, write: Callable[[], None]) -> None:
+        began = time.monotonic()
+        try:
+            write()
+        except OSError as error:
+            self._broken = True
+            raise OSError(f"the bag cannot be written: {error.strerror}") from error
+        if (took := time.monotonic() - began) > _SLOW:
+            self.get_logger().warning(f"the disk took {took:.1f} s; messages wait, {_QUEUE} of a topic at most")
 
     def stop(self) -> None:
-        """Close the bag, so that it is whole."""
-        self._writer.close()
-        listed = ", ".join(f"{count} {topic}" for topic, count in self._counts.items()) or "nothing"
-        self.get_logger().info(f"recorded {listed}")
+        """Close the bag, so that it is whole, and say what is in it."""
+        told = self._broken
+        try:
+            self._keep(self._bag.close)  # after a full disk too: there may be space again
+        except OSError:
+            if not told:
+                raise
+        finally:
+            self.get_logger().info(f"recorded {_listed(self._bag.saved)}")
+            if self._lost:
+                self.get_logger().error(f"lost {_listed(self._lost)}")
 
 
 def main(args: Sequence[str] | None = None) -> int:

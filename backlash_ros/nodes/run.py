@@ -59,6 +59,21 @@ def _axes(args: Sequence[str] | None) -> list[str]:
     return axes
 
 
+def _report(node: Node, error: Exception) -> None:
+    node.get_logger().fatal(f"{type(error).__name__}: {error}")
+    node.get_logger().debug(traceback.format_exc())
+
+
+def _stopped(node: ManagedNode | StoppableNode) -> bool:
+    """Stop a node and return whether that went well; what went wrong with one must not keep the others from it."""
+    try:
+        node.stop()
+    except Exception as error:
+        _report(node, error)
+        return False
+    return True
+
+
 def run(make: Callable[[str], ManagedNode | StoppableNode], args: Sequence[str] | None) -> int:
     """Run the nodes that ``make`` builds, one per axis, until told to stop; return the exit code.
 
@@ -90,12 +105,11 @@ def run(make: Callable[[str], ManagedNode | StoppableNode], args: Sequence[str] 
             while time.monotonic() < end:
                 executor.spin_once(timeout_sec=0.01)
         except Exception as error:  # whatever it is, the drive is left safe and the reason is in the log
-            nodes[0].get_logger().fatal(f"{type(error).__name__}: {error}")
-            nodes[0].get_logger().debug(traceback.format_exc())
+            _report(nodes[0], error)
             code = 1
         finally:
-            for node in nodes:
-                node.stop()
+            if [node for node in nodes if not _stopped(node)]:
+                code = 1
         return code
     finally:
         for node in nodes:

@@ -1,22 +1,31 @@
-"""The recorder: every message in the bag, in order, as other tools read it."""
+"""The recorder: every message in the bag, in order, as other tools read it, whatever ends the recorder."""
 
+import re
+import resource
 import signal
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import yaml
-from graph import Peer, Process
+from graph import PATIENCE, Peer, Process
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.analysis import read_bag
+from backlash_ros.nodes.bag_writer import BagWriter
 
 Start = Callable[..., Process]
+
+LAST = 2.0
+"""Seconds that may be missing before a recorder's end: one, and one more for a machine that is busy."""
 
 
 def record(start: Start, peer: Peer, folder: Path, count: int) -> Process:
@@ -98,3 +107,136 @@ def test_bag_is_whole_after_a_signal(start: Start, peer: Peer, tmp_path: Path, n
     process.signal(number)
     assert process.wait() == 0
     assert read_bag(tmp_path / "bag").messages["/command"] == 10
+
+
+class Stream:
+    """Joint states at 200 Hz or so into a recorder, stamped and counted."""
+
+    def __init__(self, start: Start, peer: Peer, folder: Path) -> None:
+        self.peer, self.bag = peer, folder / "bag.mcap"
+        self.sent: list[float] = []
+        self._publisher: Publisher = peer.node.create_publisher(JointState, "joint_states", QoSProfile(depth=1000))
+        self.recorder = start("recorder", output=folder)
+        peer.wait("the recorder", lambda: self._publisher.get_subscription_count() > 0)
+        peer.wait("the recorder", lambda: "recording /joint_states" in self.recorder.output())
+
+    def send(self) -> None:
+        message = JointState(name=["motor", "load"], position=[0.0, float(len(self.sent))])
+        nanoseconds = time.time_ns()
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(nanoseconds, 10**9)
+        self.sent.append(1e-9 * nanoseconds)
+        self._publisher.publish(message)
+        self.peer.spin(0.005)
+
+    def send_until(self, what: str, condition: Callable[[], bool]) -> None:
+        end = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < end, f"waited {PATIENCE:g} s for {what}"
+            self.send()
+
+    def size(self) -> int:
+        return self.bag.stat().st_size
+
+    def wait_for_saved(self, count: int) -> None:
+        """Go on until the recorder has saved so much; in the second after that it does not write."""
+
+        def saved() -> bool:
+            found = re.search(r'message_count"?: (\d+)', (self.bag.parent / "metadata.yaml").read_text())
+            return found is not None and int(found[1]) >= count
+
+        self.send_until("the bag to grow", saved)
+
+    def assert_saved(self) -> None:
+        """All is in the bag, in order and without a gap, but for the last second."""
+        joints = read_bag(self.bag.parent).joint_states
+        assert joints.values[:, 3].tolist() == list(range(len(joints.time)))
+        assert self.sent[-1] - joints.time[-1] < LAST
+
+
+def read_by_other_tools(folder: Path) -> list[int]:
+    """Return how many joint states the rosbags library and the mcap library find, by their indexes."""
+    with AnyReader([folder]) as reader:
+        connections = [connection for connection in reader.connections if connection.topic == "/joint_states"]
+        counts = [sum(connection.msgcount for connection in connections), len([*reader.messages(connections)])]
+    with (folder / "bag.mcap").open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        decoded = [*reader.iter_decoded_messages(["/joint_states"])]
+        return [*counts, len(decoded)]
+
+
+def test_killed_recorder_leaves_all_but_the_last_second(start: Start, peer: Peer, tmp_path: Path) -> None:
+    stream = Stream(start, peer, tmp_path / "bag")
+    stream.wait_for_saved(1)
+    end = stream.sent[-1] + 2.8
+    stream.send_until("time to pass", lambda: stream.sent[-1] > end)
+    stream.recorder.kill()
+    stream.assert_saved()
+
+
+def test_other_tools_read_what_a_killed_recorder_leaves(start: Start, peer: Peer, tmp_path: Path) -> None:
+    stream = Stream(start, peer, tmp_path / "bag")
+    stream.wait_for_saved(300)
+    stream.recorder.kill()
+    stream.assert_saved()
+    count = read_bag(tmp_path / "bag").messages["/joint_states"]
+    assert read_by_other_tools(tmp_path / "bag") == [count] * 3
+
+
+def test_recorder_killed_while_it_writes_loses_only_that(tmp_path: Path) -> None:
+    """Wherever the writing of a save stopped: the bag reads up to that save or the one before."""
+    types, kind = get_typestore(Stores.ROS2_JAZZY), "std_msgs/msg/Float64"
+    writer = BagWriter(tmp_path / "bag")
+    connection = writer.add_connection("/x", kind, typestore=types)
+    states = []
+    for k in range(0, 600, 200):
+        for x in range(k, k + 200):
+            data = types.serialize_cdr(types.types[kind](data=float(x)), kind)
+            writer.write(connection, x, data)
+        writer.save()
+        states.append((tmp_path / "bag" / "bag.mcap").read_bytes())
+    _, before, after = states
+    common = next(k for k, (a, b) in enumerate(zip(before, after, strict=False)) if a != b)
+    found = set()
+    for written in range(common, len(after), 97):
+        torn = after[:written] + before[written:-1]
+        (tmp_path / "bag" / "bag.mcap").write_bytes(torn)
+        values = read_bag(tmp_path / "bag").scalars["/x"].values.tolist()
+        assert values == list(range(len(values)))
+        found.add(len(values))
+    assert found == {400, 600}
+
+
+def test_full_disk_ends_the_recorder_and_keeps_the_bag(start: Start, peer: Peer, tmp_path: Path) -> None:
+    stream = Stream(start, peer, tmp_path / "bag")
+    stream.wait_for_saved(100)
+    limit = stream.size() + 50_000
+    resource.prlimit(stream.recorder.pid, resource.RLIMIT_FSIZE, (limit, limit))
+    stream.send_until("the recorder to give up", lambda: "[FATAL]" in stream.recorder.output())
+    assert stream.recorder.wait() == 1
+    stream.assert_saved()
+    assert_says_what_was_saved(stream.recorder, tmp_path / "bag")
+
+
+def test_full_disk_at_the_end_is_told_too(start: Start, peer: Peer, tmp_path: Path) -> None:
+    stream = Stream(start, peer, tmp_path / "bag")
+    stream.wait_for_saved(100)
+    resource.prlimit(stream.recorder.pid, resource.RLIMIT_FSIZE, (stream.size(), stream.size()))
+    for _ in range(10):
+        stream.send()
+    assert stream.recorder.stop() == 1
+    stream.assert_saved()
+    assert_says_what_was_saved(stream.recorder, tmp_path / "bag")
+
+
+def assert_says_what_was_saved(recorder: Process, folder: Path) -> None:
+    count = read_bag(folder).messages["/joint_states"]
+    assert read_by_other_tools(folder) == [count] * 3
+    assert {path.name for path in folder.iterdir()} == {"bag.mcap", "metadata.yaml"}
+    output = recorder.output()
+    assert "[FATAL]" in output
+    assert "the bag cannot be written: File too large" in output
+    assert re.search(rf"recorded .*\b{count} /joint_states", output)
+    assert "Traceback" not in output

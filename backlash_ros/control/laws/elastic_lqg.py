@@ -6,7 +6,6 @@ claimed to be the original: LQG on motor and load joined by a spring, from the l
 reference that makes up for the slow pole, and more. The spring is the teeth's secant stiffness at the edge of the gap.
 """
 
-import control
 import numpy as np
 
 from backlash_ros.control.command import within
@@ -53,6 +52,8 @@ def elastic_lqg_step(law: Array, memory: Array, estimate: Array, reference: floa
 
 def elastic_lqg(drive: Drive, settings: ServoSettings) -> ControlLaw:
     """Design the compensator for ``drive`` at the sample period."""
+    import control  # noqa: PLC0415  it takes a second to import, and no other law needs it
+
     motor, gear, load = drive.motor, drive.gear, drive.load
     spring = gear.contact_stiffness / (0.5 * gear.backlash)
     r1, r2 = gear.motor_radius, gear.load_radius

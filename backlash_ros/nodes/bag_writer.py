@@ -1,0 +1,167 @@
+"""A rosbag2 folder (mcap) that is whole after every save, not only after it was closed.
+
+Readers of mcap look for a summary at the end of the file. Each save therefore writes the messages since the last one
+over that summary and a new summary behind them, in a single call; then it replaces ``metadata.yaml``. Between two
+saves, whatever happens to the process, the folder is what it would be had the recording ended with the last save.
+
+A process killed within that call leaves a file without an end: ``read_bag`` and rosbag2, which then scan it, read it up
+to the save before.
+"""
+
+import json
+import os
+from binascii import crc32
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from shutil import rmtree
+from types import MappingProxyType
+from typing import Any, cast
+
+from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2.metadata import dump_qos_v9
+from rosbags.rosbag2.storage_mcap import McapWriter
+
+
+class _Unsaved:
+    """What belongs at ``start`` of a file and is not there yet; looks like the file to who writes it."""
+
+    def __init__(self, start: int) -> None:
+        self.start = start
+        self.data = bytearray()
+
+    def tell(self) -> int:
+        return self.start + len(self.data)
+
+    def write(self, data: bytes) -> int:
+        self.data += data
+        return len(data)
+
+    def close(self) -> None:
+        """Stay open: a summary is not the end."""
+
+
+class _Storage(McapWriter):
+    """An mcap file that can be closed again and again."""
+
+    def __init__(self, path: Path, compression: CompressionMode) -> None:
+        super().__init__(path, compression)
+        self.bio.flush()
+        self._file = self.bio
+        self._unsaved = _Unsaved(self._file.tell())
+        self._summary = b""
+        self.bio = cast("Any", self._unsaved)
+
+    def close_chunk(self) -> None:
+        """Close the chunk and give it a checksum, by which a half-written one is known."""
+        start = len(self._unsaved.data)
+        checksum = crc32(self.chunk.bio.getbuffer())
+        super().close_chunk()
+        self._unsaved.data[start + 33 : start + 37] = checksum.to_bytes(4, "little")
+
+    def close(self, version: int, metadata: str) -> None:
+        """Make the file whole; on an error it is again what it was."""
+        if self.chunk.bio.tell():
+            self.close_chunk()
+        size = len(self._unsaved.data)
+        super().close(version, metadata)
+        try:
+            self._put(self._unsaved.data)
+        except OSError:
+            self._unsaved.data = self._unsaved.data[:size]
+            self._put(self._summary)  # back to where it was: this takes no space
+            raise
+        self._summary = bytes(self._unsaved.data[size:])
+        self._unsaved = _Unsaved(self._unsaved.start + size)
+        self.bio = cast("Any", self._unsaved)
+
+    def _put(self, data: bytes | bytearray) -> None:
+        file, start, rest = self._file.fileno(), self._unsaved.start, memoryview(data)
+        os.ftruncate(file, os.fstat(file).st_size - 1)  # without its last byte it cannot pass for whole meanwhile
+        while rest:
+            rest = rest[os.pwrite(file, rest, start + len(data) - len(rest)) :]
+        os.ftruncate(file, start + len(data))
+
+
+class BagWriter(Writer):
+    """Writes a new rosbag2 folder; what was written is safe after ``save`` or ``close``.
+
+    ``saved``: how many messages of each topic that is. Both raise OSError if something cannot be written; the folder is
+    then as the last save left it, and the rest is kept for the next. Without a first save there is no folder.
+    """
+
+    STORAGE_PLUGINS = MappingProxyType({StoragePlugin.MCAP: _Storage})
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
+        self.saved: dict[str, int] = {}
+        self._spare = self.metapath.with_suffix(".yaml.tmp")
+        try:
+            self.open()
+            self.save()
+        except OSError:
+            rmtree(path, ignore_errors=True)
+            raise
+
+    def save(self) -> None:
+        """Make the folder whole, and go on."""
+        assert self.storage
+        if self.metapath.exists() and self._written() == self.saved:
+            return
+        metadata = self._metadata()
+        self.storage.close(self.version, json.dumps(metadata))
+        with self._no_spare_left():
+            self._spare.write_text(json.dumps({"rosbag2_bagfile_information": metadata}, indent=1), "utf8")
+            self._spare.replace(self.metapath)
+        self.saved = self._written()
+
+    def close(self) -> None:
+        """Make the folder whole, and end."""
+        with self._no_spare_left():
+            super().close()
+        self.saved = self._written()
+
+    def _written(self) -> dict[str, int]:
+        return {connection.topic: self.counts[connection.id] for connection in self.connections}
+
+    @contextmanager
+    def _no_spare_left(self) -> Iterator[None]:
+        try:
+            yield
+        finally:
+            self._spare.unlink(missing_ok=True)
+
+    def _metadata(self) -> dict[str, Any]:
+        """Return what ``metadata.yaml`` holds; as JSON, which is YAML too, it is written in no time."""
+        start, count = self.min_timestamp, sum(self.counts.values())
+        file = f"{self.path.name}.mcap"
+        span = {
+            "starting_time": {"nanoseconds_since_epoch": start},
+            "duration": {"nanoseconds": max(0, self.max_timestamp - start)},
+            "message_count": count,
+        }
+        topics = [
+            {
+                "topic_metadata": {
+                    "name": connection.topic,
+                    "type": connection.msgtype,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": dump_qos_v9(cast("Any", connection.ext).offered_qos_profiles),
+                    "type_description_hash": connection.digest,
+                },
+                "message_count": self.counts[connection.id],
+            }
+            for connection in self.connections
+        ]
+        return {
+            "version": self.version,
+            "storage_identifier": "mcap",
+            "relative_file_paths": [file],
+            **span,
+            "topics_with_message_count": topics,
+            "compression_format": "",
+            "compression_mode": "",
+            "files": [{"path": file, **span}],
+            "custom_data": None,
+            "ros_distro": "rosbags",
+        }
