@@ -2,6 +2,7 @@
 #
 #   make demo    learn the backlash and judge three laws, on real ROS 2, recorded: results in results/demo
 #   make test    all tests
+#   make faults  inject every fault and write docs/faults.md; make test-repeat does it twenty times under load
 #   make lint    formatting, style and types
 #   make paper   the paper's figures and the page that judges them, in docs
 #   make bench   how fast the offline loop is, beside scipy in the same run
@@ -26,13 +27,21 @@ else
   LOCKS := requirements/python.txt requirements/ros.txt
 endif
 
-.PHONY: demo test test-unit test-floors lint paper bench lock clean
+.PHONY: demo test test-unit faults test-repeat test-floors lint paper bench lock clean
 
 demo: $(READY)
 	$(BIN)/python -m backlash_ros.nodes.demo
 
 test: $(READY)
 	$(BIN)/python -m pytest
+
+# Faults injected into live processes: once for the page, and twenty times, four at once, on a machine that this loads.
+FAULTS := test/nodes/test_faults.py test/nodes/test_recorder.py -k __
+faults: $(READY)
+	$(BIN)/python -m pytest $(FAULTS) --faults-page docs/faults.md
+
+test-repeat: $(READY)
+	$(BIN)/python test/support/repeat.py --times 20 --at-once 4 -- $(FAULTS)
 
 test-unit: $(READY)
 	$(BIN)/python -m pytest backlash_ros test/unit

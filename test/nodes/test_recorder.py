@@ -167,7 +167,9 @@ def read_by_other_tools(folder: Path) -> list[int]:
         return [*counts, len(decoded)]
 
 
-def test_killed_recorder_leaves_all_but_the_last_second(start: Start, peer: Peer, tmp_path: Path) -> None:
+def test_recorder_is_killed__nothing__the_bag_has_all_but_the_last_second(
+    start: Start, peer: Peer, tmp_path: Path
+) -> None:
     stream = Stream(start, peer, tmp_path / "bag")
     stream.wait_for_saved(1)
     end = stream.sent[-1] + 2.8
@@ -209,7 +211,9 @@ def test_recorder_killed_while_it_writes_loses_only_that(tmp_path: Path) -> None
     assert found == {400, 600}
 
 
-def test_full_disk_ends_the_recorder_and_keeps_the_bag(start: Start, peer: Peer, tmp_path: Path) -> None:
+def test_disk_is_full__nothing__the_recorder_says_so_and_ends_and_the_bag_is_whole(
+    start: Start, peer: Peer, tmp_path: Path
+) -> None:
     stream = Stream(start, peer, tmp_path / "bag")
     stream.wait_for_saved(100)
     limit = stream.size() + 50_000

@@ -1,0 +1,60 @@
+"""The fault table, made from the names of the tests that inject the faults and from the times that they measured.
+
+A test is named ``test_<fault>__<what the motor does>__<how to recover>``; each of its cases is a row.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+HEAD = """# Faults
+
+Each row is a test that injects the fault into live processes over DDS and watches what comes of it; `make faults`
+runs them and writes this page. The time is from the fault to the motor at 0 V (or to 0 V commanded, where the drive is
+what failed), with both watchdogs at 0.5 s (`command_timeout`, `state_timeout`; their default is 0.1 s). Where the test
+plays the drive the time is the drive's own. "Reset" is the service `~/reset_fault` of the node; until then the fault is
+latched, its reason is in `/diagnostics`, and the motor stays at 0 V. After a reset the controller holds the load where
+it finds it.
+
+| fault | the motor, or who acts | within | recovery |
+|---|---|---|---|
+"""
+
+
+def in_words(text: str) -> str:
+    words = text.replace("_", " ")
+    for abbreviation in ("0 v",):
+        words = re.sub(rf"\b{abbreviation}\b", abbreviation.upper(), words)
+    return words
+
+
+def parts_of(test: str) -> tuple[str, str, str] | None:
+    """Return fault, motor and recovery in words, with the case; None for a test that is not of the table."""
+    name, _, case = test.partition("[")
+    parts = name.removeprefix("test_").split("__")
+    if len(parts) != 3:
+        return None
+    fault, motor, recovery = (in_words(part) for part in parts)
+    return (f"{fault}: {case[:-1]}" if case else fault), motor, recovery
+
+
+def in_time(seconds: Sequence[float]) -> str:
+    if not seconds:
+        return ""
+    longest = max(seconds)
+    return "the same period" if longest == 0 else f"{1e3 * longest:.0f} ms"
+
+
+def page(measured: Mapping[str, Sequence[float]]) -> str:
+    """Return the page for tests by name, each with the times that it measured, s."""
+    rows = [(parts_of(test), times) for test, times in measured.items()]
+    lines = [f"| {p[0]} | {p[1]} | {in_time(times)} | {p[2]} |" for p, times in rows if p is not None]
+    return HEAD + "\n".join(lines) + "\n"
+
+
+def tests_in(folder: Path) -> set[str]:
+    """Return the names, without cases, of the tests in a folder that belong in the table."""
+    names = re.findall(
+        r"^def (test_\w+)\(", "\n".join(path.read_text() for path in folder.glob("test_*.py")), re.MULTILINE
+    )
+    return {name for name in names if parts_of(name)}
