@@ -141,17 +141,26 @@ class Bench:
             stdin=subprocess.DEVNULL,
             start_new_session=True,
         )
-        self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = Node("drive_contract", context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
-        self._publisher = self._node.create_publisher(Float64MultiArray, "command", QoSProfile(depth=10))
+        self._domain = domain
+        self._join()
         self._command: Sequence[float] | None = None
         self._stamped = False
         self._moved_from: dict[str, float] = {}
         self.runaway = ""
         self.recording = Recording([], [], {}, reliable=True)
+
+    def _join(self) -> None:
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=self._domain, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node("drive_contract", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._publisher = self._node.create_publisher(Float64MultiArray, "command", QoSProfile(depth=10))
+
+    def _leave(self) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
 
     def _spin_until(self, condition: Callable[[], object], seconds: float) -> bool:
         end = time.monotonic() + seconds
@@ -171,7 +180,15 @@ class Bench:
     def connect(self) -> None:
         """Wait until the drive publishes and listens."""
         topic = self._node.resolve_topic_name("joint_states")
-        self._wait(f"publisher on {topic}", lambda: self._node.count_publishers(topic))
+
+        def heard() -> bool:
+            # Who has just joined announces itself at once, later only every 3 s.
+            if not self._spin_until(lambda: self._node.count_publishers(topic), 1.0):
+                self._leave()
+                self._join()
+            return self._node.count_publishers(topic) > 0
+
+        self._wait(f"publisher on {topic}", heard)
         offered = [info.qos_profile.reliability for info in self._node.get_publishers_info_by_topic(topic)]
         reliable = all(policy == ReliabilityPolicy.RELIABLE for policy in offered)
         # A drive that is not reliable fails the check of that, and is heard all the same.
@@ -223,8 +240,8 @@ class Bench:
         start = len(self.recording.messages)
         self._moved_from = {joint: self._position(joint) for joint in self._expected.joints}
         self._command, self._stamped = command, stamped
-        if set_off:
-            joint, origin = next(iter(self._moved_from.items()))
+        joint, origin = next(iter(self._moved_from.items()))
+        if set_off and np.isfinite(origin):
             enough = 0.02 * MOVE * self._expected.ideal_speed(joint)
             self._spin_until(lambda: self.runaway or abs(self._position(joint) - origin) > enough, 5.0)
         self._spin_until(lambda: False, seconds)
@@ -251,9 +268,7 @@ class Bench:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()
+        self._leave()
 
 
 @contextlib.contextmanager
