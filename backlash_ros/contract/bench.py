@@ -1,6 +1,7 @@
-"""The bench of the drive contract kit: starts a drive in a domain of its own, moves it a little, records what it says."""
+"""The bench of the drive contract kit: starts a drive in a domain of its own, moves it, records what it says."""
 
 import contextlib
+import math
 import os
 import shlex
 import signal
@@ -34,8 +35,8 @@ MOVE = 0.4
 REST = 0.3
 """Duration of the 0 V after a move, s."""
 
-REACH = 3.0
-"""Travel of a move at which the bench gives up and commands 0 V, in travels of an ideal motor."""
+ATTEMPTS = 3
+"""Of a move, where samples stay away for so long that the drive may have missed commands."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ class Recording:
     def time(self) -> NDArray[np.float64]:
         """Time of each sample, s; by its stamp, or its arrival where the stamps are wrong, which has its own check."""
         stamps = self.stamps if np.all(np.diff(self.stamps) > 0) else np.array(self.received, dtype=np.int64)
-        return (stamps - stamps[0]) * 1e-9
+        return np.asarray((stamps - stamps[0]) * 1e-9)
 
     def motion(self, joint: str, *stretches: str) -> Motion:
         """Return what ``joint`` did from the first of the stretches to the last."""
@@ -145,8 +146,8 @@ class Bench:
         self._join()
         self._command: Sequence[float] | None = None
         self._stamped = False
-        self._moved_from: dict[str, float] = {}
-        self.runaway = ""
+        self._origin = self._reach = math.inf
+        self.runaway = 0.0
         self.recording = Recording([], [], {}, reliable=True)
 
     def _join(self) -> None:
@@ -186,7 +187,7 @@ class Bench:
             if not self._spin_until(lambda: self._node.count_publishers(topic), 1.0):
                 self._leave()
                 self._join()
-            return self._node.count_publishers(topic) > 0
+            return bool(self._node.count_publishers(topic))
 
         self._wait(f"publisher on {topic}", heard)
         offered = [info.qos_profile.reliability for info in self._node.get_publishers_info_by_topic(topic)]
@@ -206,12 +207,9 @@ class Bench:
     def _on_joint_states(self, message: JointState) -> None:
         self.recording.messages.append(message)
         self.recording.received.append(self._node.get_clock().now().nanoseconds)
-        for joint, start in self._moved_from.items():
-            travel = abs(self._position(joint) - start)
-            if travel > REACH * MOVE * self._expected.ideal_speed(joint):
-                self.runaway = f"joint {joint!r} had travelled {travel:.3g} rad when the kit gave up and commanded 0 V"
-                self._moved_from, self._command = {}, [0.0]
-                break
+        travel = abs(self._position() - self._origin)
+        if travel > self._reach:
+            self.runaway, self._reach, self._command = travel, math.inf, [0.0]
         self._send(message)
 
     def _send(self, answered: JointState) -> None:
@@ -225,27 +223,45 @@ class Bench:
             message.layout = MultiArrayLayout(dim=[MultiArrayDimension(label=label, size=len(self._command), stride=1)])
         self._publisher.publish(message)
 
-    def _position(self, joint: str) -> float:
-        """Newest position of ``joint``, rad; nan where the drive does not say."""
+    def _position(self) -> float:
+        """Newest position of the first joint, rad; nan where the drive does not say."""
         message = self.recording.messages[-1]
-        return dict(zip(message.name, message.position, strict=False)).get(joint, np.nan)
+        return float(dict(zip(message.name, message.position, strict=False)).get(self._expected.joints[0], math.nan))
 
     def hold(
-        self, stretch: str, command: Sequence[float] | None, seconds: float, *, stamped: bool = False, set_off: bool = False
+        self,
+        stretch: str,
+        command: Sequence[float] | None,
+        seconds: float,
+        *,
+        stamped: bool = False,
+        set_off: bool = False,
+        reach: float = math.inf,
     ) -> None:
-        """Answer each sample with ``command`` (None: with silence) for a time, from the moment it moves if ``set_off``.
+        """Answer each sample with ``command`` for a time, None with silence, and note the stretch.
 
-        Until a drive that has just started takes commands, discovery may need a moment more.
+        ``stamped``: with the stamp of the sample in the layout. ``set_off``: the time counts from the first motion,
+        as a drive that has just started may not yet hear commands. ``reach``: travel at which the bench gives up
+        and commands 0 V, rad.
         """
         start = len(self.recording.messages)
-        self._moved_from = {joint: self._position(joint) for joint in self._expected.joints}
+        self._origin, self._reach = self._position(), reach
         self._command, self._stamped = command, stamped
-        joint, origin = next(iter(self._moved_from.items()))
-        if set_off and np.isfinite(origin):
-            enough = 0.02 * MOVE * self._expected.ideal_speed(joint)
-            self._spin_until(lambda: self.runaway or abs(self._position(joint) - origin) > enough, 5.0)
+        if set_off and math.isfinite(self._origin):
+            enough = 0.02 * MOVE * self._expected.ideal_speed(self._expected.joints[0])
+            self._spin_until(lambda: abs(self._position() - self._origin) > enough, 5.0)
         self._spin_until(lambda: False, seconds)
         self.recording.stretches[stretch] = slice(start, len(self.recording.messages))
+
+    def move(self, stretch: str, command: Sequence[float], seconds: float = MOVE, *, stamped: bool = False) -> None:
+        """Hold a command, and once more after a rest where the machine stalled: the watchdog may have stopped the motor."""
+        for _ in range(ATTEMPTS):
+            self.hold(stretch, command, seconds, stamped=stamped, set_off=True)
+            within = self.recording.stretches[stretch]
+            arrivals = self.recording.received[within]
+            if len(arrivals) < 2 or np.max(np.diff(arrivals)) * 1e-9 < 0.5 * self._expected.command_timeout:
+                return
+            self.hold("rest before another attempt", [0.0], REST)
 
     @property
     def exit_code(self) -> int | None:
@@ -260,7 +276,7 @@ class Bench:
 
     def close(self) -> None:
         """Command 0 V and end the drive, whatever happened."""
-        self._command, self._moved_from = [0.0], {}
+        self._command, self._reach = [0.0], math.inf
         self._publisher.publish(Float64MultiArray(data=self._command))
         if self.exit_code is None:
             self._spin_until(lambda: False, 0.05)
