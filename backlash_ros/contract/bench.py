@@ -254,7 +254,7 @@ class Bench:
         self.recording.stretches[stretch] = slice(start, len(self.recording.messages))
 
     def move(self, stretch: str, command: Sequence[float], seconds: float = MOVE, *, stamped: bool = False) -> None:
-        """Hold a command, and once more after a rest where the machine stalled: the watchdog may have stopped the motor."""
+        """Hold a command; again after a rest where samples stayed away: the watchdog may have stopped the motor."""
         for _ in range(ATTEMPTS):
             self.hold(stretch, command, seconds, stamped=stamped, set_off=True)
             within = self.recording.stretches[stretch]
