@@ -136,14 +136,14 @@ class Bench:
 
     def __init__(self, expected: Expected, domain: int) -> None:
         self._expected = expected
+        self._domain = domain
+        self._join()
         self._process = subprocess.Popen(
             shlex.split(expected.command),
             env={**os.environ, **isolated_environment(domain)},
             stdin=subprocess.DEVNULL,
             start_new_session=True,
         )
-        self._domain = domain
-        self._join()
         self._command: Sequence[float] | None = None
         self._stamped = False
         self._origin = self._reach = math.inf
