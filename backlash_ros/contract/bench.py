@@ -35,6 +35,9 @@ MOVE = 0.4
 REST = 0.3
 """Duration of the 0 V after a move, s."""
 
+FEWEST = 10
+"""Samples of a stretch below which nothing can be said of it."""
+
 ATTEMPTS = 3
 """Of a move, where samples stay away for so long that the drive may have missed commands."""
 
@@ -123,9 +126,9 @@ class Recording:
             if place < len(message.position):
                 fields = (message.position, message.velocity, message.effort)
                 rows.append([time[k], *(field[place] if place < len(field) else np.nan for field in fields)])
-        if len(rows) < 10:
+        if len(rows) < FEWEST:
             pytest.fail(
-                f"{len(rows)} positions of joint {joint!r} in {len(within)} samples of stretch {what!r}, 10 are needed;"
+                f"{len(rows)} positions of joint {joint!r} in {len(within)} samples of stretch {what!r}, {FEWEST} are needed;"
                 f" the last sample of all names {list(self.messages[-1].name)}"
             )
         return Motion(*np.array(rows).T)

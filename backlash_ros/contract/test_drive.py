@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from backlash_ros.contract.bench import END_LIMIT, MOVE, REST, Bench, Expected, Recording, running
+from backlash_ros.contract.bench import END_LIMIT, FEWEST, MOVE, REST, Bench, Expected, Recording, running
 
 SIDES = ("motor", "load")
 STAMP_AGE = 0.1
@@ -268,6 +268,10 @@ def stops(bench: Bench, command: list[float] | None, recording: Recording, expec
     bench.move("forward", [expected.value])
     travel = abs(bench.recording.motion(joint, "forward").travel)
     bench.hold("after", command, expected.command_timeout + REST, reach=REACH * travel)
+    heard = bench.recording.stretches["after"]
+    assert heard.stop - heard.start >= FEWEST, (
+        f"the drive fell silent on {what}: {heard.stop - heard.start} samples in {expected.command_timeout + REST:g} s"
+    )
     assert bench.exit_code is None, f"the drive ended with code {bench.exit_code} on {what}"
     assert not bench.runaway, (
         f"on {what} joint {joint!r} travelled {bench.runaway:.3g} rad before the kit commanded 0 V,"

@@ -73,7 +73,7 @@ FAILS = {
 }
 """Broken drive to the checks that it fails; it passes the others that look at the recording.
 
-The rate is judged only where it is meant: that of two drives at a time on a shared machine is no claim.
+The rate is judged only where it is meant: that of three drives at a time on a shared machine is no claim.
 """
 
 
@@ -106,7 +106,7 @@ def judge(folder: Path, command: str, *arguments: str) -> Verdict:
 
 @pytest.fixture(scope="module")
 def verdicts(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Future]]:
-    """Judge the broken drives that tests of this run ask for, two at a time."""
+    """Judge the broken drives that tests of this run ask for, three at a time."""
     parameters = [getattr(item, "callspec", None) for item in request.session.items]
     defects = [p.params["defect"] for p in parameters if p and "defect" in p.params]
 
@@ -114,7 +114,7 @@ def verdicts(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
         checks = " or ".join([f"not (test_stops or test_ends or {RATE})", *FAILS[defect]])
         return judge(tmp_path_factory.mktemp(defect), f"{BROKEN} {defect}", "-k", checks)
 
-    with ThreadPoolExecutor(2) as pool:
+    with ThreadPoolExecutor(3) as pool:
         yield {defect: pool.submit(judged, defect) for defect in defects}
 
 
