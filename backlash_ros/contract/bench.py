@@ -128,8 +128,8 @@ class Recording:
                 rows.append([time[k], *(field[place] if place < len(field) else np.nan for field in fields)])
         if len(rows) < FEWEST:
             pytest.fail(
-                f"{len(rows)} positions of joint {joint!r} in {len(within)} samples of stretch {what!r}, {FEWEST} are needed;"
-                f" the last sample of all names {list(self.messages[-1].name)}"
+                f"{len(rows)} positions of joint {joint!r} in {len(within)} samples of stretch {what!r},"
+                f" {FEWEST} are needed; the last sample of all names {list(self.messages[-1].name)}"
             )
         return Motion(*np.array(rows).T)
 
