@@ -39,6 +39,7 @@ setup(
         "scipy>=1.11",
         *(ROS_WHEELS if find_spec("rclpy") is None else []),
     ],
+    extras_require={"contract": ["pytest>=7.4"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -53,6 +54,8 @@ setup(
             f"demo = {NAME}.nodes.demo:main",
             f"backlash = {NAME}.cli:main",
         ],
+        # Named like the module: with -p besides, pytest takes it once.
+        "pytest11": [f"{NAME}.contract.plugin = {NAME}.contract.plugin"],
     },
     zip_safe=False,
 )

@@ -111,8 +111,13 @@ def test_pip_install_in_a_fresh_environment_gives_executables_that_talk(
 ) -> None:
     fresh = tmp_path / "fresh"
     venv.create(fresh, with_pip=True)
-    pip = [fresh / "bin" / "python", "-m", "pip", "install", "--quiet", "."]
+    pip = [fresh / "bin" / "python", "-m", "pip", "install", "--quiet", ".[contract]"]
     installed = subprocess.run(pip, cwd=source, env=clean, capture_output=True, text=True, check=False)
     assert installed.returncode == 0, installed.stdout + installed.stderr
     assert (fresh / "share/backlash_ros/config/nominal_drive.yaml").is_file()
     starts_and_talks(fresh / "bin", domain, clean, tmp_path / "pip.log")
+    kit = [fresh / "bin" / "python", "-m", "pytest", "--pyargs", "backlash_ros.contract", "--collect-only", "-q"]
+    collected = subprocess.run(
+        [*kit, "--drive-command", "true"], cwd=tmp_path, env=clean, capture_output=True, text=True, check=False
+    )
+    assert "test_drive.py::test_rate" in collected.stdout, collected.stdout + collected.stderr

@@ -1,0 +1,304 @@
+"""The bench of the drive contract kit: starts a drive in a domain of its own, moves it, records what it says."""
+
+import contextlib
+import math
+import os
+import shlex
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import rclpy
+from numpy.typing import NDArray
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
+
+from backlash_ros.nodes.domain import isolated_environment, own_domain
+
+START_LIMIT = 60.0
+"""Time a drive has from its start to its first sample, s."""
+
+END_LIMIT = 10.0
+"""Time a drive has to end after SIGINT or SIGTERM, s."""
+
+MOVE = 0.4
+"""Duration of a move, s; half of it at the double command."""
+
+REST = 0.3
+"""Duration of the 0 V after a move, s."""
+
+FEWEST = 10
+"""Samples of a stretch below which nothing can be said of it."""
+
+ATTEMPTS = 3
+"""Of a move, where samples stay away for so long that the drive may have missed commands."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What the user says of the drive: command line, names, Hz, V, N m/A, ohm, s."""
+
+    command: str
+    rate: float
+    value: float
+    motor_joint: str
+    load_joint: str
+    gear_ratio: float
+    torque_constant: float
+    resistance: float
+    command_timeout: float
+
+    @property
+    def joints(self) -> list[str]:
+        """The joints that the drive has, the motor's first."""
+        return [name for name in (self.motor_joint, self.load_joint) if name]
+
+    def ideal_speed(self, joint: str) -> float:
+        """No-load speed at the test command of a motor without losses, at the shaft of ``joint``, rad/s."""
+        return self.value / self.torque_constant * (1.0 if joint == self.motor_joint else self.gear_ratio)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One joint during one stretch: s, rad, rad/s and N m, nan where the drive does not say."""
+
+    time: NDArray[np.float64]
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    effort: NDArray[np.float64]
+
+    @property
+    def travel(self) -> float:
+        """From the first sample to the last, rad."""
+        return float(self.position[-1] - self.position[0])
+
+    def end_speed(self, duration: float = 0.1) -> float:
+        """Mean speed over the last ``duration``, from the positions, rad/s."""
+        first = min(int(np.searchsorted(self.time, self.time[-1] - duration)), self.time.size - 2)
+        return float((self.position[-1] - self.position[first]) / (self.time[-1] - self.time[first]))
+
+    def top_speed(self, duration: float = 0.05) -> float:
+        """Largest magnitude of the mean speed over ``duration``, from the positions, rad/s."""
+        first = np.arange(int(np.searchsorted(self.time, self.time[-1] - duration, side="right")))
+        last = np.searchsorted(self.time, self.time[first] + duration)
+        return float(
+            np.max(np.abs((self.position[last] - self.position[first]) / (self.time[last] - self.time[first])))
+        )
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Every sample that came, and which of them during which stretch."""
+
+    messages: list[JointState]
+    received: list[int]
+    stretches: dict[str, slice]
+    reliable: bool
+
+    @property
+    def stamps(self) -> NDArray[np.int64]:
+        """Header stamps, ns."""
+        return np.array([m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in self.messages], dtype=np.int64)
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Time of each sample, s; by its stamp, or its arrival where the stamps are wrong, which has its own check."""
+        stamps = self.stamps if np.all(np.diff(self.stamps) > 0) else np.array(self.received, dtype=np.int64)
+        return np.asarray((stamps - stamps[0]) * 1e-9)
+
+    def motion(self, joint: str, *stretches: str) -> Motion:
+        """Return what ``joint`` did from the first of the stretches to the last."""
+        what = " to ".join(dict.fromkeys((stretches[0], stretches[-1])))
+        within = range(self.stretches[stretches[0]].start, self.stretches[stretches[-1]].stop)
+        time = self.time
+        rows = []
+        for k in within:
+            message = self.messages[k]
+            place = list(message.name).index(joint) if joint in message.name else len(message.position)
+            if place < len(message.position):
+                fields = (message.position, message.velocity, message.effort)
+                rows.append([time[k], *(field[place] if place < len(field) else np.nan for field in fields)])
+        if len(rows) < FEWEST:
+            pytest.fail(
+                f"{len(rows)} positions of joint {joint!r} in {len(within)} samples of stretch {what!r},"
+                f" {FEWEST} are needed; the last sample of all names {list(self.messages[-1].name)}"
+            )
+        return Motion(*np.array(rows).T)
+
+
+class Bench:
+    """A drive in a process group of its own, and the node that commands and records it."""
+
+    def __init__(self, expected: Expected, domain: int) -> None:
+        self._expected = expected
+        self._domain = domain
+        self._join()
+        self._process = subprocess.Popen(
+            shlex.split(expected.command),
+            env={**os.environ, **isolated_environment(domain)},
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        self._command: Sequence[float] | None = None
+        self._stamped = False
+        self._origin = self._reach = math.inf
+        self.runaway = 0.0
+        self.recording = Recording([], [], {}, reliable=True)
+
+    def _join(self) -> None:
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=self._domain, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node("drive_contract", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._publisher = self._node.create_publisher(Float64MultiArray, "command", QoSProfile(depth=10))
+
+    def _leave(self) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def _spin_until(self, condition: Callable[[], object], seconds: float) -> bool:
+        end = time.monotonic() + seconds
+        while not condition():
+            if time.monotonic() > end:
+                return False
+            self._executor.spin_once(timeout_sec=0.02)
+        return True
+
+    def _wait(self, what: str, condition: Callable[[], object]) -> None:
+        met = self._spin_until(lambda: condition() or self.exit_code is not None, START_LIMIT)
+        if self.exit_code is not None:
+            pytest.fail(f"the drive ended with code {self.exit_code} while the kit waited for {what}")
+        if not met:
+            pytest.fail(f"no {what} within {START_LIMIT:g} s of the start of the drive")
+
+    def connect(self) -> None:
+        """Wait until the drive publishes and listens."""
+        topic = self._node.resolve_topic_name("joint_states")
+
+        def heard() -> bool:
+            # Who has just joined announces itself at once, later only every 3 s.
+            if not self._spin_until(lambda: self._node.count_publishers(topic), 1.0):
+                self._leave()
+                self._join()
+            return bool(self._node.count_publishers(topic))
+
+        self._wait(f"publisher on {topic}", heard)
+        offered = [info.qos_profile.reliability for info in self._node.get_publishers_info_by_topic(topic)]
+        reliable = all(policy == ReliabilityPolicy.RELIABLE for policy in offered)
+        # A drive that is not reliable fails the check of that, and is heard all the same.
+        wanted = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
+        self.recording = Recording([], [], {}, reliable=reliable)
+        self._node.create_subscription(
+            JointState, "joint_states", self._on_joint_states, QoSProfile(depth=1000, reliability=wanted)
+        )
+        self._wait(f"sensor_msgs/JointState on {topic}", lambda: self.recording.messages)
+        self._wait(
+            f"subscription for std_msgs/Float64MultiArray on {self._publisher.topic_name}",
+            self._publisher.get_subscription_count,
+        )
+
+    def _on_joint_states(self, message: JointState) -> None:
+        self.recording.messages.append(message)
+        self.recording.received.append(self._node.get_clock().now().nanoseconds)
+        travel = abs(self._position() - self._origin)
+        if travel > self._reach:
+            self.runaway, self._reach, self._command = travel, math.inf, [0.0]
+        self._send(message)
+
+    def _send(self, answered: JointState) -> None:
+        """Command once, as the controller does on each sample."""
+        if self._command is None:
+            return
+        message = Float64MultiArray(data=self._command)
+        if self._stamped:
+            stamp = answered.header.stamp
+            label = f"{stamp.sec}.{stamp.nanosec:09d}"
+            message.layout = MultiArrayLayout(dim=[MultiArrayDimension(label=label, size=len(self._command), stride=1)])
+        self._publisher.publish(message)
+
+    def _position(self) -> float:
+        """Newest position of the first joint, rad; nan where the drive does not say."""
+        message = self.recording.messages[-1]
+        return float(dict(zip(message.name, message.position, strict=False)).get(self._expected.joints[0], math.nan))
+
+    def hold(
+        self,
+        stretch: str,
+        command: Sequence[float] | None,
+        seconds: float,
+        *,
+        stamped: bool = False,
+        set_off: bool = False,
+        reach: float = math.inf,
+    ) -> None:
+        """Answer each sample with ``command`` for a time, None with silence, and note the stretch.
+
+        ``stamped``: with the stamp of the sample in the layout. ``set_off``: the time counts from the first motion,
+        as a drive that has just started may not yet hear commands. ``reach``: travel at which the bench gives up
+        and commands 0 V, rad.
+        """
+        start = len(self.recording.messages)
+        self._origin, self._reach = self._position(), reach
+        self._command, self._stamped = command, stamped
+        if set_off and math.isfinite(self._origin):
+            enough = 0.02 * MOVE * self._expected.ideal_speed(self._expected.joints[0])
+            self._spin_until(lambda: abs(self._position() - self._origin) > enough, 5.0)
+        self._spin_until(lambda: False, seconds)
+        self.recording.stretches[stretch] = slice(start, len(self.recording.messages))
+
+    def move(self, stretch: str, command: Sequence[float], seconds: float = MOVE, *, stamped: bool = False) -> None:
+        """Hold a command; again after a rest where samples stayed away: the watchdog may have stopped the motor."""
+        for _ in range(ATTEMPTS):
+            self.hold(stretch, command, seconds, stamped=stamped, set_off=True)
+            within = self.recording.stretches[stretch]
+            arrivals = self.recording.received[within]
+            if len(arrivals) < 2 or np.max(np.diff(arrivals)) * 1e-9 < 0.5 * self._expected.command_timeout:
+                return
+            self.hold("rest before another attempt", [0.0], REST)
+
+    @property
+    def exit_code(self) -> int | None:
+        """Of the drive's process, None while it runs."""
+        return self._process.poll()
+
+    def end(self, number: signal.Signals) -> bool:
+        """Send a signal to the drive's process group; say whether it ended in time."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, number)
+        return self._spin_until(lambda: self.exit_code is not None, END_LIMIT)
+
+    def close(self) -> None:
+        """Command 0 V and end the drive, whatever happened."""
+        self._command, self._reach = [0.0], math.inf
+        self._publisher.publish(Float64MultiArray(data=self._command))
+        if self.exit_code is None:
+            self._spin_until(lambda: False, 0.05)
+            self.end(signal.SIGINT)
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        self._leave()
+
+
+@contextlib.contextmanager
+def running(expected: Expected) -> Iterator[Bench]:
+    """Start the drive on a bench and end it: the next one may need the same machine."""
+    with own_domain() as domain, pytest.MonkeyPatch.context() as patch:
+        for name, value in isolated_environment(domain).items():
+            patch.setenv(name, value)
+        bench = Bench(expected, domain)
+        try:
+            bench.connect()
+            yield bench
+        finally:
+            bench.close()

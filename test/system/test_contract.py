@@ -1,0 +1,171 @@
+"""The drive contract kit judges drives: sound ones pass, each broken one fails by the name of the check for it."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+import pytest
+from broken_drive import DEFECTS
+
+ROOT = Path(__file__).parents[2]
+SIMULATOR = f"{sys.executable} -m backlash_ros.nodes.plant_simulator"
+BROKEN = f"{sys.executable} {ROOT / 'test/support/broken_drive.py'} --defect"
+CHECKS = 29
+
+RELIABLE = "test_joint_states_are_published_reliably"
+NAMES = "test_samples_name_the_joints"
+ARRAYS = "test_arrays_fit_the_names"
+FINITE = "test_values_are_finite"
+RATE = "test_rate"
+ONCE = "test_each_sample_is_published_once"
+INCREASE = "test_stamps_increase"
+NOW = "test_stamps_are_of_now"
+RESTS, FORWARD, BACK, RADIANS, VELOCITY = (
+    {side: f"{check}[{side}]" for side in ("motor", "load")}
+    for check in (
+        "test_rests_without_command_and_at_zero",
+        "test_positive_command_turns_forward",
+        "test_negative_command_turns_back",
+        "test_position_is_in_radians",
+        "test_velocity_is_the_rate_of_the_position",
+    )
+)
+OF_MOTOR, OF_LOAD = ([check[side] for check in (RESTS, FORWARD, BACK, RADIANS, VELOCITY)] for side in ("motor", "load"))
+RATIO = "test_load_travels_gear_ratio_times_the_motor"
+EFFORT = "test_motor_effort_is_its_torque"
+DOUBLE = "test_double_command_is_faster"
+ZERO = "test_zero_command_slows_down"
+EXTRAS = "test_stamp_and_further_elements_are_no_obstacle"
+SILENCE = "test_stops_when_commands_stop"
+NAN, INF, EMPTY = (f"test_stops_on_a_bad_command[{bad}]" for bad in ("nan", "inf", "empty"))
+SIGTERM = "test_ends_on_a_signal[SIGTERM]"
+FAILS = {
+    "best_effort": [RELIABLE],
+    "wrong_names": [NAMES, *OF_MOTOR, *OF_LOAD, RATIO, EFFORT, DOUBLE, ZERO, EXTRAS],
+    "missing_positions": [ARRAYS, *OF_LOAD, RATIO],
+    "nan_in_states": [FINITE],
+    "half_rate": [RATE],
+    "drops_samples": [RATE],
+    "double_publishing": [ONCE],
+    "frozen_stamps": [INCREASE, NOW],
+    "stamps_backward": [INCREASE],
+    "stamps_since_start": [NOW],
+    "creeps": [*RESTS.values()],
+    "sign_flipped": [*FORWARD.values(), *BACK.values(), EFFORT],
+    "load_sign_flipped": [FORWARD["load"], BACK["load"], RATIO],
+    "load_before_gear": [RADIANS["load"], RATIO],
+    "degrees": [*RADIANS.values()],
+    "velocity_in_rpm": [*VELOCITY.values()],
+    "effort_in_amperes": [EFFORT],
+    "effort_sign_flipped": [EFFORT],
+    "bang_bang": [DOUBLE],
+    "holds_at_zero": [ZERO],
+    "strict_length": [EXTRAS],
+    "no_watchdog": [SILENCE],
+    "keeps_voltage_on_nan": [NAN, INF],
+    "full_voltage_on_inf": [INF],
+    "dies_on_empty_command": [EMPTY],
+    "ignores_sigterm": [SIGTERM],
+}
+"""Broken drive to the checks that it fails; it passes the others that look at the recording.
+
+The rate is judged only where it is meant: that of three drives at a time on a shared machine is no claim.
+"""
+
+
+class Verdict(NamedTuple):
+    passed: set[str]
+    failed: dict[str, str]
+    output: str
+
+
+def kit(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the kit as a user does, from a folder of no importance; -p, as the entry point may not be installed."""
+    words = ["-p", "backlash_ros.contract.plugin", "--pyargs", "backlash_ros.contract", *arguments]
+    return subprocess.run(
+        [sys.executable, "-m", "pytest", *words], cwd=folder, capture_output=True, text=True, timeout=280, check=False
+    )
+
+
+def judge(folder: Path, command: str, *arguments: str) -> Verdict:
+    done = kit(folder, "--junitxml=result.xml", "--drive-command", command, *arguments)
+    failed, passed = {}, set()
+    for case in ElementTree.parse(folder / "result.xml").iter("testcase"):
+        name = case.get("name", "")
+        faults = [fault.get("message", "") for kind in ("failure", "error") for fault in case.iter(kind)]
+        if faults:
+            failed[name] = faults[0]
+        else:
+            passed.add(name)
+    return Verdict(passed, failed, done.stdout + done.stderr)
+
+
+@pytest.fixture(scope="module")
+def verdicts(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Future]]:
+    """Judge the broken drives that tests of this run ask for, three at a time."""
+    parameters = [getattr(item, "callspec", None) for item in request.session.items]
+    defects = [p.params["defect"] for p in parameters if p and "defect" in p.params]
+
+    def judged(defect: str) -> Verdict:
+        checks = " or ".join([f"not (test_stops or test_ends or {RATE})", *FAILS[defect]])
+        return judge(tmp_path_factory.mktemp(defect), f"{BROKEN} {defect}", "-k", checks)
+
+    with ThreadPoolExecutor(3) as pool:
+        yield {defect: pool.submit(judged, defect) for defect in defects}
+
+
+@pytest.mark.parametrize("command", [SIMULATOR, f"{BROKEN} none"], ids=["simulator", "none"])
+def test_sound_drives_pass_every_check(command: str, tmp_path: Path) -> None:
+    verdict = judge(tmp_path, command)
+    assert not verdict.failed, verdict.output
+    assert len(verdict.passed) == CHECKS
+
+
+@pytest.mark.parametrize("defect", FAILS)
+def test_broken_drive_fails_the_check_that_is_meant_and_no_other(defect: str, verdicts: dict[str, Future]) -> None:
+    verdict = verdicts[defect].result()
+    assert sorted(verdict.failed) == sorted(FAILS[defect]), verdict.output
+    assert len(verdict.passed) >= 5
+
+
+def test_every_defect_and_every_check_is_tried() -> None:
+    assert set(FAILS) | {"none"} == set(DEFECTS)
+    tried = {name for names in FAILS.values() for name in names}
+    assert (
+        len(tried) == CHECKS - 1
+    )  # the drive that ignores SIGINT differs from the one that ignores SIGTERM in name only
+
+
+def test_refuses_to_run_on_nothing(tmp_path: Path) -> None:
+    done = kit(tmp_path)
+    assert done.returncode == pytest.ExitCode.USAGE_ERROR
+    assert "the drive contract kit needs --drive-command" in done.stderr
+
+
+def test_refuses_a_program_that_is_not_there(tmp_path: Path) -> None:
+    done = kit(tmp_path, "--drive-command", "no_such_program --rate 250")
+    assert done.returncode == pytest.ExitCode.USAGE_ERROR
+    assert "no such program: 'no_such_program'" in done.stderr
+
+
+def test_refuses_a_number_that_is_out_of_bounds(tmp_path: Path) -> None:
+    done = kit(tmp_path, "--drive-command", "true", "--drive-rate", "-250")
+    assert done.returncode == pytest.ExitCode.USAGE_ERROR
+    assert "--drive-rate: must be a finite number > 0, got '-250'" in done.stderr
+
+
+def test_says_that_the_drive_ended(tmp_path: Path) -> None:
+    verdict = judge(tmp_path, "false")
+    assert len(verdict.failed) == CHECKS
+    assert "the drive ended with code 1 while the kit waited for publisher on /joint_states" in verdict.output
+
+
+def test_is_not_collected_unless_a_drive_is_named(tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "pytest", "--collect-only", "-q", "backlash_ros"]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "contract" not in done.stdout
