@@ -1,5 +1,6 @@
 """The lifecycle of simulator and controller: what each transition does to the motor, and what no request can do."""
 
+import re
 from collections.abc import Callable
 
 import pytest
@@ -59,7 +60,8 @@ def test_impossible_transition_is_refused_and_the_node_lives(start: Start, peer:
     assert lifecycle.change(Transition.TRANSITION_CONFIGURE)
     assert not lifecycle.change(Transition.TRANSITION_CONFIGURE)
     assert lifecycle.state == "inactive"
-    assert "is not possible from unconfigured" in process.output()
+    # Ours, or that of a newer rclpy, which refuses by itself.
+    assert re.search("not possible from unconfigured|Unable to start transition", process.output())
     assert process.stop() == 0
 
 
