@@ -32,7 +32,7 @@ def resolve_set(name: str, chosen: Mapping[str, Mapping[str, Sequence[float]]], 
         if _given(q) == any(value != 0 for value in k):
             raise ValueError(f"{where}: give either k (gains) or q (LQR weights), got k = {list(k)} and q = {list(q)}")
         gains = design_gains(f"{where}.q", drive, q) if _given(q) else Gains.from_sequence(f"{where}.k", k)
-        values[f"gains.{region}.k"] = list(gains.as_array())
+        values[f"gains.{region}.k"] = gains.as_array().tolist()
         values[f"gains.{region}.q"] = list(q)
     return values
 
@@ -46,7 +46,7 @@ def expand(changes: Mapping[str, Any], sets: Mapping[str, Mapping[str, list[floa
     for region in REGIONS:
         k, q = f"gains.{region}.k", f"gains.{region}.q"
         if q in full and _given(full[q]) and k not in full:
-            full[k] = list(design_gains(q, drive, full[q]).as_array())
+            full[k] = design_gains(q, drive, full[q]).as_array().tolist()
         elif k in full and q not in full:
             full[q] = list(NO_WEIGHTS)
         if (k in full or q in full) and "gain_set" not in full:

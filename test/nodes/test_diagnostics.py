@@ -1,0 +1,109 @@
+"""What /diagnostics says, once a second: rates, ages, times and what is in use, with the level that it deserves."""
+
+import re
+import signal
+from collections.abc import Callable
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from graph import Parameters, Peer, Process
+
+Start = Callable[..., Process]
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+PATIENT = {"state_timeout": 5.0}
+
+
+class Diagnostics:
+    """The statuses of both nodes, newest and all."""
+
+    def __init__(self, peer: Peer) -> None:
+        self._peer = peer
+        self.heard: list[DiagnosticStatus] = []
+        peer.node.create_subscription(DiagnosticArray, "/diagnostics", lambda m: self.heard.extend(m.status), 100)
+
+    def wait(self, name: str, what: str, condition: Callable[[DiagnosticStatus], bool]) -> dict[str, str]:
+        """Wait for a status of ``name`` that meets ``condition`` and return its values."""
+
+        def found() -> DiagnosticStatus | None:
+            return next((status for status in reversed(self.heard) if status.name == name and condition(status)), None)
+
+        status = self._peer.wait(f"{name} to be {what}; heard {[(s.level, s.message) for s in self.heard[-4:]]}", found)
+        return {entry.key: entry.value for entry in status.values}
+
+
+def test_healthy_pair_is_ok_and_says_how_it_runs(start: Start, peer: Peer) -> None:
+    diagnostics = Diagnostics(peer)
+    start("controller", backlash_angle=0.02, **PATIENT)
+    start("plant_simulator")
+    waiting = diagnostics.wait("/controller: servo", "waiting or active", lambda s: s.level in {OK, WARN})
+    assert waiting["state"] in {"active", "inactive"}
+    values = diagnostics.wait("/controller: servo", "active and ok", lambda s: s.level == OK and s.message == "active")
+    assert values["fault"] == ""
+    assert (values["law"], values["gain_set"], values["backlash_angle"]) == ("two_region", "nominal", "0.02")
+    assert values["gains.fast.k"].startswith("[31.6")
+    timing = diagnostics.wait(
+        "/controller: timing", "in time", lambda s: s.level == OK and "nominal 250 Hz" in s.message
+    )
+    assert float(timing["rate_Hz"]) == pytest.approx(250, rel=0.05)
+    for key in ("state_age", "step_time"):
+        assert re.fullmatch(r"mean -?[\d.]+, p99 -?[\d.]+, max -?[\d.]+ ms", timing[key])
+    drive = diagnostics.wait("/plant_simulator: timing", "in time", lambda s: s.level == OK and "Hz" in s.message)
+    assert float(drive["rate_Hz"]) == pytest.approx(250, rel=0.05)
+    assert float(drive["answered_percent"]) > 0
+    assert re.fullmatch(r"mean [\d.]+, p99 [\d.]+, max [\d.]+ ms", drive["integration"])
+
+
+@pytest.mark.parametrize(("rate", "level"), [(225.0, WARN), (125.0, ERROR)])
+def test_drive_at_another_rate_is_a_warning_or_an_error(start: Start, peer: Peer, rate: float, level: bytes) -> None:
+    diagnostics = Diagnostics(peer)
+    start("controller", **PATIENT)
+    start("plant_simulator", rate=rate)
+    diagnostics.wait("/controller: timing", "off", lambda s: s.level == level and "nominal 250 Hz" in s.message)
+
+
+def test_waiting_for_joint_states_is_a_warning(start: Start, peer: Peer) -> None:
+    diagnostics = Diagnostics(peer)
+    start("controller")
+    diagnostics.wait(
+        "/controller: servo", "waiting", lambda s: s.level == WARN and "waiting for joint_states" in s.message
+    )
+
+
+def many_late(status: DiagnosticStatus) -> bool:
+    late = re.search(r"(\d+) beats late", status.message)
+    return status.level >= WARN and late is not None and int(late[1]) >= 200
+
+
+def test_late_beats_are_skipped_and_reported(start: Start, peer: Peer) -> None:
+    """A simulator that stood still publishes no burst: each sample that is missing is a late beat."""
+    diagnostics = Diagnostics(peer)
+    process = start("plant_simulator")
+    diagnostics.wait("/plant_simulator: timing", "beating", lambda s: "Hz" in s.message)
+    process.signal(signal.SIGSTOP)
+    before = len(diagnostics.heard)
+    end = peer.node.get_clock().now().nanoseconds + 10**9
+    peer.wait("a second", lambda: peer.node.get_clock().now().nanoseconds > end)
+    process.signal(signal.SIGCONT)
+    diagnostics.wait("/plant_simulator: timing", "late by about 250 beats", many_late)
+    assert len(diagnostics.heard) > before
+
+
+def test_clocks_that_differ_are_told(start: Start, peer: Peer) -> None:
+    """Lockstep stamps with simulated time; a controller without use_sim_time takes them for half a century old."""
+    diagnostics = Diagnostics(peer)
+    start("controller", **PATIENT)
+    start("plant_simulator", lockstep=True)
+    diagnostics.wait(
+        "/controller: timing",
+        "suspicious",
+        lambda s: s.level == WARN and "clocks differ, or use_sim_time does" in s.message,
+    )
+    assert Parameters(peer, "controller").get("use_sim_time") == [False]
+
+
+def test_node_that_is_not_active_says_its_state(start: Start, peer: Peer) -> None:
+    diagnostics = Diagnostics(peer)
+    for node, status in (("controller", "servo"), ("plant_simulator", "drive")):
+        start(node, autostart=False)
+        values = diagnostics.wait(f"/{node}: {status}", "unconfigured", lambda s: s.message == "unconfigured")
+        assert values["state"] == "unconfigured"
