@@ -45,12 +45,12 @@ def rate_level(measured: float, nominal: float) -> tuple[bytes, str]:
 def status(
     name: str, hardware: str, judgements: Sequence[tuple[bytes, str]], values: Mapping[str, Any]
 ) -> DiagnosticStatus:
-    """Return a status as bad as the worst of its judgements, whose texts it joins where they are as bad."""
+    """Return a status as bad as the worst of its judgements, with the texts of all that are not good."""
     level = max((level for level, _ in judgements), default=OK)
     return DiagnosticStatus(
         level=level,
         name=name,
         hardware_id=hardware,
-        message="; ".join(text for at, text in judgements if at == level),
+        message="; ".join(text for at, text in judgements if at != OK or level == OK),
         values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
     )
