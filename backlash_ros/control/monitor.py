@@ -6,14 +6,15 @@ backwards), the torque that the momentum of both shafts does not explain (a moto
 load that is blocked, encoders that both stand still), and the ends of the travel.
 
 The unexplained torque U is that of `observer`, with what the motor should make as the drive's torque D. It is held
-against its limit only where the momentum goes the way of the load torque, (D + U) D <= 0.1 D^2. So a wrong inertia,
+against its limit only where the momentum goes the way of the load torque, (D + U) D <= 0.05 D^2. So a wrong inertia,
 resistance or torque constant, which changes by what factor the momentum follows D, is no fault at any torque.
 
-What looks like a load torque within the limit passes: encoders that both stand still, or a blocked load, while the
-command stays small (without the torque feedforward nothing makes it grow: lower ``limits.load_torque`` to what the
-axis has to hold), and a command or encoders of the wrong sign until the command has grown. So do an encoder that
-stands still with its shaft, or alone and jumps by less than the way of one sample at ``limits.velocity``; a gear that
-slips by less than 2 % of the travel; and an angle that stands still while its velocity is right.
+What passes: whatever looks like a load torque within the limit, that is encoders that both stand still (the only one,
+where there is one), a blocked load or a dead motor while the command stays small, and a command or encoders of the
+wrong sign until it has grown; ``limits.load_torque`` lowered to what the axis has to hold finds them that much sooner.
+An encoder that stands still with its shaft. The only encoder that jumps by less than one sample's way at
+``limits.velocity``. A gear that slips by less than 2 % of the travel. Angles that stand still while their measured
+speeds are right.
 """
 
 import math
@@ -41,13 +42,14 @@ Array = NDArray[np.float64]
 NO_LIMIT = 1e9
 """Stands for no limit: beyond any angle, rad."""
 
-_TORQUE_BANDWIDTH = 20.0
-"""Of the torque that is held against its limit, rad/s: an impact is over before it counts, a runaway is not."""
+_BANDWIDTHS = 5.0, 50.0
+"""Of the two low-passes of the torque that is held against its limit, rad/s, within which the drive's own one is taken:
+an impact is over before it counts, a runaway is not; counts of an encoder on a slow drive are none."""
 
 _HELD = 0.9
 """Share of the torque at standstill that a healthy drive holds against a load; beyond it the load is blocked."""
 
-_FOLLOWS = 0.1
+_FOLLOWS = 0.05
 """Share of the drive's torque by which the momentum at least changes where only its parameters are wrong."""
 
 _RATIO_ERROR = 0.02
@@ -65,6 +67,12 @@ def standstill_torque(drive: Drive, command: float) -> float:
     motor = drive.motor
     voltage = min(command * motor.resistance if drive.takes_current else command, motor.voltage_limit)
     return motor.torque_constant * voltage / motor.resistance / drive.gear.ratio
+
+
+def mechanical_time_constant(drive: Drive) -> float:
+    """Return in what time the drive without friction gets to 63 % of its speed at a constant voltage, s."""
+    motor = drive.motor
+    return drive.effective_inertia * motor.resistance * (drive.gear.ratio / motor.torque_constant) ** 2
 
 
 def wind_up(drive: Drive, torque: float) -> float:
@@ -129,15 +137,17 @@ class Limits(Validated):
     def of(cls, drive: Drive) -> "Limits":
         """Return limits that a healthy drive stays within.
 
-        Load: 90 % of the torque at standstill. Speed: a load torque as large as that doubles the speed without load,
-        and a quarter more. Gap: five times the backlash that ``drive`` has, and the teeth pressed in twice as far, to
-        either side, as at standstill; 0.1 rad at least.
+        Load: 90 % of the torque at standstill. Speed: a load torque as large as that doubles the speed without load
+        and pulls the load through the gap; and a quarter more. Gap: five times the backlash that ``drive`` has, and
+        the teeth pressed in twice as far, to either side, as at standstill; 0.1 rad at least.
         """
         motor, gear = drive.motor, drive.gear
         torque = standstill_torque(drive, drive.command_limit)
+        fall = math.sqrt(2 * torque * gear.backlash_angle / drive.load.inertia)
+        no_load = gear.ratio * motor.voltage_limit / motor.torque_constant
         gap = max(_LEAST_GAP, 5 * gear.backlash_angle + 4 * wind_up(drive, torque))
         return cls(
-            velocity=float(f"{2.5 * gear.ratio * motor.voltage_limit / motor.torque_constant:.3g}"),
+            velocity=float(f"{1.25 * (2 * no_load + fall):.3g}"),
             load_torque=float(f"{_HELD * torque:.3g}"),
             command=drive.command_limit,
             gap=float(f"{gap:.3g}"),
@@ -177,14 +187,15 @@ class DriveMonitor:
     def use(self, settings: ServoSettings, limits: Limits) -> None:
         """Use ``settings`` and ``limits`` from the next sample on."""
         self.limits = limits
-        self._settings = replace(settings, torque_bandwidth=_TORQUE_BANDWIDTH)
+        own = 1.0 / mechanical_time_constant(self._drive)
+        self._settings = replace(settings, torque_bandwidth=min(max(own, _BANDWIDTHS[0]), _BANDWIDTHS[1]))
         self._observer = self._settings.observer(self._drive)
         self._held = min(limits.load_torque, _HELD * standstill_torque(self._drive, limits.command))
 
     def start(self) -> None:
         """Forget what was seen."""
         self._memory = observer_memory()
-        self._drive_torque = self._seen = 0.0
+        self._makes = self._drives = self._unexplained = self._seen = 0.0
         self._angles = {"motor": math.nan, "load": math.nan}
         self._nearest, self._farthest = math.inf, -math.inf
         self._lower, self._upper = -math.inf, math.inf
@@ -243,12 +254,15 @@ class DriveMonitor:
         if math.isnan(sample[THETA_M]):  # through the rigid gear: good enough for a limit
             sample[THETA_M], sample[OMEGA_M] = sample[THETA_L] / observer.ratio, sample[OMEGA_L] / observer.ratio
         observer_step(observer, memory, sample, command)
-        makes = observer.K_m * float(memory[CURRENT]) / observer.ratio
-        self._drive_torque += observer.torque_gain * observer.period * (makes - self._drive_torque)
         self._seen += elapsed
         if self._seen < 5.0 / self._settings.velocity_bandwidth + 2.0 * observer.period:
             memory[LOAD_TORQUE] = 0.0  # the first speeds have no momentum before them
-        drives, torque = self._drive_torque, float(memory[LOAD_TORQUE])
+        weight = observer.torque_gain * observer.period
+        makes = observer.K_m * float(memory[CURRENT]) / observer.ratio
+        self._makes += weight * (makes - self._makes)  # as the observer filters the torque that it finds
+        self._drives += weight * (self._makes - self._drives)
+        self._unexplained += weight * (float(memory[LOAD_TORQUE]) - self._unexplained)
+        drives, torque = self._drives, self._unexplained
         if abs(torque) > self._held and (drives + torque) * drives <= _FOLLOWS * drives**2:
             return (
                 f"unexplained torque of {abs(torque):.3g} N m, more than {self._held:.3g} N m by limits.load_torque or "
