@@ -12,9 +12,13 @@ resistance or torque constant, which changes by what factor the momentum follows
 What passes: whatever looks like a load torque within the limit, that is encoders that both stand still (the only one,
 where there is one), a blocked load or a dead motor while the command stays small, and a command or encoders of the
 wrong sign until it has grown; ``limits.load_torque`` lowered to what the axis has to hold finds them that much sooner.
-An encoder that stands still with its shaft. The only encoder that jumps by less than one sample's way at
-``limits.velocity``. A gear that slips by less than 2 % of the travel. Angles that stand still while their measured
-speeds are right.
+An encoder that stands still with its shaft. The only encoder that jumps by less than ``limits.gap`` and one sample's
+way at ``limits.velocity``. A gear that slips by less than 2 % of the travel. Angles that stand still while their
+measured speeds are right.
+
+With one encoder the gap is not seen, and the momentum is that of a rigid gear: a drive that hammers from flank to
+flank (the load encoder alone under a current: nothing damps the motor in the gap) and whose load is a quarter of what
+its inertia says may look like a fault.
 """
 
 import math
