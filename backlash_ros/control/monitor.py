@@ -143,18 +143,20 @@ class Limits(Validated):
 
         Load: 90 % of the torque at standstill. Speed: a load torque as large as that doubles the speed without load
         and pulls the load through the gap; and a quarter more. Gap: five times the backlash that ``drive`` has, and
-        the teeth pressed in twice as far, to either side, as at standstill; 0.1 rad at least.
+        the teeth pressed in, to either side, as by twice the torque at standstill (a reversal at full speed) that has
+        worked all the way through the gap; 0.1 rad at least.
         """
         motor, gear = drive.motor, drive.gear
         torque = standstill_torque(drive, drive.command_limit)
         fall = math.sqrt(2 * torque * gear.backlash_angle / drive.load.inertia)
         no_load = gear.ratio * motor.voltage_limit / motor.torque_constant
-        gap = max(_LEAST_GAP, 5 * gear.backlash_angle + 4 * wind_up(drive, torque))
+        gap, wound = gear.backlash_angle, wind_up(drive, 2 * torque)
+        pressed = wound + math.sqrt(wound * (wound + 2 * gap))  # torque (gap + pressed) = torque/wound pressed^2/2
         return cls(
             velocity=float(f"{1.25 * (2 * no_load + fall):.3g}"),
             load_torque=float(f"{_HELD * torque:.3g}"),
             command=drive.command_limit,
-            gap=float(f"{gap:.3g}"),
+            gap=float(f"{max(_LEAST_GAP, 5 * gap + 2 * pressed):.3g}"),
         )
 
     def refusal(self, reference: float, present: float) -> str:
