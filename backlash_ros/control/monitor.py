@@ -4,6 +4,21 @@ Pure computation. Four things are watched, each with a limit of its own: the spe
 jumps moves faster than any motor), how far both shafts have moved apart (an encoder that stands still or counts
 backwards), the torque that the momentum of both shafts does not explain (a motor that does not follow its command, a
 load that is blocked, encoders that both stand still), and the ends of the travel.
+
+The unexplained torque U is that of `observer`, with what the motor should make as the drive's torque D. It is held
+against its limit only where the momentum goes the way of the load torque, (D + U) D <= 0.05 D^2. So a wrong inertia,
+resistance or torque constant, which changes by what factor the momentum follows D, is no fault at any torque.
+
+What passes: whatever looks like a load torque within the limit, that is encoders that both stand still (the only one,
+where there is one), a blocked load or a dead motor while the command stays small, and a command or encoders of the
+wrong sign until it has grown; ``limits.load_torque`` lowered to what the axis has to hold finds them that much sooner.
+An encoder that stands still with its shaft. The only encoder that jumps by less than ``limits.gap`` and one sample's
+way at ``limits.velocity``. A gear that slips by less than 2 % of the travel. Angles that stand still while their
+measured speeds are right.
+
+With one encoder the gap is not seen, and the momentum is that of a rigid gear: a drive that hammers from flank to
+flank (the load encoder alone under a current: nothing damps the motor in the gap) and whose load is a quarter of what
+its inertia says may look like a fault.
 """
 
 import math
@@ -16,6 +31,10 @@ from numpy.typing import NDArray
 from backlash_ros.control.observer import (
     CURRENT,
     LOAD_TORQUE,
+    OMEGA_L,
+    OMEGA_M,
+    THETA_L,
+    THETA_M,
     observer_memory,
     observer_step,
 )
@@ -27,8 +46,46 @@ Array = NDArray[np.float64]
 NO_LIMIT = 1e9
 """Stands for no limit: beyond any angle, rad."""
 
-_TORQUE_BANDWIDTH = 20.0
-"""Of the torque that is held against its limit, rad/s: an impact is over before it counts, a runaway is not."""
+_BANDWIDTHS = 5.0, 50.0
+"""Of the two low-passes of the torque that is held against its limit, rad/s, within which the drive's own one is taken:
+an impact is over before it counts, a runaway is not; counts of an encoder on a slow drive are none."""
+
+_HELD = 0.9
+"""Share of the torque at standstill that a healthy drive holds against a load; beyond it the load is blocked."""
+
+_FOLLOWS = 0.05
+"""Share of the drive's torque by which the momentum at least changes where only its parameters are wrong."""
+
+_RATIO_ERROR = 0.02
+"""Of the gear ratio: of so much of the travel the shafts may come apart without end."""
+
+_LEAST_GAP = 0.1
+"""Of the default limits.gap, rad: gears have less backlash, and ``gear.backlash`` may be a guess."""
+
+
+def standstill_torque(drive: Drive, command: float) -> float:
+    """Return the torque on the output shaft that a command (V or A) makes at standstill, N m.
+
+    A current is at most what the law's voltage, within its limit, drives through the winding that it plays.
+    """
+    motor = drive.motor
+    voltage = min(command * motor.resistance if drive.takes_current else command, motor.voltage_limit)
+    return motor.torque_constant * voltage / motor.resistance / drive.gear.ratio
+
+
+def mechanical_time_constant(drive: Drive) -> float:
+    """Return in what time the drive without friction gets to 63 % of its speed at a constant voltage, s."""
+    motor = drive.motor
+    return drive.effective_inertia * motor.resistance * (drive.gear.ratio / motor.torque_constant) ** 2
+
+
+def wind_up(drive: Drive, torque: float) -> float:
+    """Return by how much a torque on the output shaft (N m) presses the teeth in, as an angle there, rad."""
+    gear, force = drive.gear, torque / drive.gear.load_radius
+    if gear.contact_law in ("elastic", "restitution"):
+        return force / gear.tooth_stiffness / gear.load_radius
+    depth: float = (force / gear.contact_stiffness) ** (1 / gear.contact_exponent) - 1.0
+    return max(0.0, 0.5 * depth * gear.backlash_angle)
 
 
 @dataclass(frozen=True)
@@ -43,7 +100,10 @@ class Limits(Validated):
 
     velocity: float = quantity("speed of the load that is a fault", "rad/s", above=0, at_most=NO_LIMIT)
     load_torque: float = quantity(
-        "unexplained torque on the output shaft that is a fault", "N m", above=0, at_most=NO_LIMIT
+        "unexplained torque on the output shaft that is a fault; at most 90 % of what limits.command makes there",
+        "N m",
+        above=0,
+        at_most=NO_LIMIT,
     )
     command: float = quantity("largest command; its unit is that of command_interface", "V or A", above=0, at_most=1e6)
     gap: float = quantity(
@@ -81,16 +141,22 @@ class Limits(Validated):
     def of(cls, drive: Drive) -> "Limits":
         """Return limits that a healthy drive stays within.
 
-        Half as fast again as without load, half the stall torque, five times the backlash that ``drive`` has.
+        Load: 90 % of the torque at standstill. Speed: a load torque as large as that doubles the speed without load
+        and pulls the load through the gap; and a quarter more. Gap: five times the backlash that ``drive`` has, and
+        the teeth pressed in, to either side, as by twice the torque at standstill (a reversal at full speed) that has
+        worked all the way through the gap; 0.1 rad at least.
         """
-        motor, n = drive.motor, drive.gear.ratio
-        current = motor.current_limit if drive.takes_current else motor.voltage_limit / motor.resistance
-        stall = motor.torque_constant * current / n
+        motor, gear = drive.motor, drive.gear
+        torque = standstill_torque(drive, drive.command_limit)
+        fall = math.sqrt(2 * torque * gear.backlash_angle / drive.load.inertia)
+        no_load = gear.ratio * motor.voltage_limit / motor.torque_constant
+        gap, wound = gear.backlash_angle, wind_up(drive, 2 * torque)
+        pressed = wound + math.sqrt(wound * (wound + 2 * gap))  # torque (gap + pressed) = torque/wound pressed^2/2
         return cls(
-            velocity=float(f"{1.5 * n * motor.voltage_limit / motor.torque_constant:.3g}"),
-            load_torque=float(f"{0.5 * stall:.3g}"),
+            velocity=float(f"{1.25 * (2 * no_load + fall):.3g}"),
+            load_torque=float(f"{_HELD * torque:.3g}"),
             command=drive.command_limit,
-            gap=float(f"{5 * drive.gear.backlash_angle:.3g}"),
+            gap=float(f"{max(_LEAST_GAP, 5 * gap + 2 * pressed):.3g}"),
         )
 
     def refusal(self, reference: float, present: float) -> str:
@@ -118,19 +184,27 @@ class Limits(Validated):
 class DriveMonitor:
     """Watches one drive from the first sample after `start` on."""
 
-    def __init__(self, drive: Drive, limits: Limits, settings: ServoSettings) -> None:
-        self.limits = limits
-        self._ratio = drive.gear.ratio
-        self._period = settings.period
-        self._observer = replace(settings, torque_bandwidth=_TORQUE_BANDWIDTH).observer(drive)
+    limits: Limits
+
+    def __init__(self, drive: Drive) -> None:
+        self._drive = drive
         self.start()
+
+    def use(self, settings: ServoSettings, limits: Limits) -> None:
+        """Use ``settings`` and ``limits`` from the next sample on."""
+        self.limits = limits
+        own = 1.0 / mechanical_time_constant(self._drive)
+        self._settings = replace(settings, torque_bandwidth=min(max(own, _BANDWIDTHS[0]), _BANDWIDTHS[1]))
+        self._observer = self._settings.observer(self._drive)
+        self._held = min(limits.load_torque, _HELD * standstill_torque(self._drive, limits.command))
 
     def start(self) -> None:
         """Forget what was seen."""
         self._memory = observer_memory()
+        self._makes = self._drives = self._unexplained = self._seen = 0.0
         self._angles = {"motor": math.nan, "load": math.nan}
         self._nearest, self._farthest = math.inf, -math.inf
-        self._lower, self._upper = math.inf, -math.inf
+        self._lower, self._upper = -math.inf, math.inf
 
     def check(self, measured: Array, command: float, elapsed: float) -> str:
         """Take one sample and return the fault that it shows, empty where it shows none.
@@ -142,11 +216,12 @@ class DriveMonitor:
         elapsed : since the sample before, s
         """
         motor, motor_speed, _, load, load_speed = measured.tolist()
-        n, elapsed = self._ratio, max(elapsed, self._period)
+        n, elapsed = self._drive.gear.ratio, max(elapsed, self._settings.period)
+        before = self._angles["motor"]
         return (
             self._speed("motor", n * motor, n * motor_speed, elapsed)
             or self._speed("load", load, load_speed, elapsed)
-            or self._gap(n * motor - load)
+            or self._gap(n * motor - load, abs(n * motor - before))
             or self._torque(measured, command, elapsed)
             or self._ends(n * motor if math.isnan(load) else load)
         )
@@ -154,7 +229,7 @@ class DriveMonitor:
     def _speed(self, side: str, angle: float, measured: float, elapsed: float) -> str:
         limit = self.limits.velocity
         moved, self._angles[side] = abs(angle - self._angles[side]), angle
-        if moved / elapsed > limit:  # false for nan
+        if moved > limit * elapsed + self.limits.gap:  # one count may be much in a short period; false for nan
             return (
                 f"{side} encoder moved {moved:.3g} rad at the output within {elapsed:.3g} s, faster than "
                 f"limits.velocity = {limit:g} rad/s"
@@ -163,10 +238,11 @@ class DriveMonitor:
             return f"{side} speed of {abs(measured):.3g} rad/s at the output, limits.velocity = {limit:g} rad/s"
         return ""
 
-    def _gap(self, apart: float) -> str:
+    def _gap(self, apart: float, moved: float) -> str:
         if math.isnan(apart):
             return ""
-        self._nearest, self._farthest = min(self._nearest, apart), max(self._farthest, apart)
+        drift = max(0.0, _RATIO_ERROR * moved)  # 0 for nan
+        self._nearest, self._farthest = min(self._nearest + drift, apart), max(self._farthest - drift, apart)
         travel = self._farthest - self._nearest
         if travel > self.limits.gap:
             return (
@@ -176,30 +252,43 @@ class DriveMonitor:
         return ""
 
     def _torque(self, measured: Array, command: float, elapsed: float) -> str:
-        if elapsed > 1.5 * self._period:
-            self._memory = observer_memory()  # samples are missing: the momentum they had is not known
-        by_position = measured.copy()
-        by_position[CURRENT] = math.nan  # what the command should make, not what the drive reports
-        observer_step(self._observer, self._memory, by_position, command)
-        torque = abs(float(self._memory[LOAD_TORQUE]))
-        if torque > self.limits.load_torque:
+        observer, memory = self._observer, self._memory
+        if elapsed > 1.5 * observer.period:  # samples are missing
+            observer = replace(self._settings, period=elapsed).observer(self._drive)
+        sample = measured.copy()
+        sample[CURRENT] = math.nan  # what the command should make, not what the drive reports
+        if math.isnan(sample[THETA_M]):  # through the rigid gear: good enough for a limit
+            sample[THETA_M], sample[OMEGA_M] = sample[THETA_L] / observer.ratio, sample[OMEGA_L] / observer.ratio
+        observer_step(observer, memory, sample, command)
+        self._seen += elapsed
+        if self._seen < 5.0 / self._settings.velocity_bandwidth + 2.0 * observer.period:
+            memory[LOAD_TORQUE] = 0.0  # the first speeds have no momentum before them
+        weight = observer.torque_gain * observer.period
+        makes = observer.K_m * float(memory[CURRENT]) / observer.ratio
+        self._makes += weight * (makes - self._makes)  # as the observer filters the torque that it finds
+        self._drives += weight * (self._makes - self._drives)
+        self._unexplained += weight * (float(memory[LOAD_TORQUE]) - self._unexplained)
+        drives, torque = self._drives, self._unexplained
+        if abs(torque) > self._held and (drives + torque) * drives <= _FOLLOWS * drives**2:
             return (
-                f"unexplained torque of {torque:.3g} N m, limits.load_torque = {self.limits.load_torque:g} N m; the "
-                "motor does not follow its command, the load is blocked, or encoders stand still or count backwards"
+                f"unexplained torque of {abs(torque):.3g} N m, more than {self._held:.3g} N m by limits.load_torque or "
+                "limits.command; the motor does not follow its command, the load is blocked, or encoders stand still "
+                "or count backwards"
             )
         return ""
 
     def _ends(self, angle: float) -> str:
-        if self._lower > self._upper:  # the first sample: who starts outside may come back in
-            self._lower = min(self.limits.position_lower, angle)
-            self._upper = max(self.limits.position_upper, angle)
+        limits = self.limits
         for beyond, side, end in (
-            (self._lower - angle, "lower", self.limits.position_lower),
-            (angle - self._upper, "upper", self.limits.position_upper),
+            (self._lower - angle, "lower", limits.position_lower),
+            (angle - self._upper, "upper", limits.position_upper),
         ):
-            if beyond > self.limits.soft_zone:
+            if beyond > limits.soft_zone:
                 return (
-                    f"load at {angle:.4g} rad, further than limits.soft_zone = {self.limits.soft_zone:g} rad "
+                    f"load at {angle:.4g} rad, further than limits.soft_zone = {limits.soft_zone:g} rad "
                     f"beyond limits.position_{side} = {end:g} rad"
                 )
+        # Who starts outside may come back in, and not out again.
+        self._lower = min(limits.position_lower, max(self._lower, angle))
+        self._upper = max(limits.position_upper, min(self._upper, angle))
         return ""

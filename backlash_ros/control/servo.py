@@ -33,12 +33,13 @@ class Servo:
         self.fault = ""
         self._learner: BacklashLearner | None = None
         self._estimate = observer_memory()
-        self._monitor = DriveMonitor(drive, limits or Limits.of(drive), settings)
-        self.use(settings)
+        self._monitor = DriveMonitor(drive)
+        self.use(settings, limits or Limits.of(drive))
 
     def use(self, settings: ServoSettings, limits: Limits | None = None) -> None:
         """Use ``settings`` from the next sample on; what the observer, and the same law, remember is kept."""
-        self._monitor.limits = limits or self._monitor.limits
+        self._monitor.use(settings, limits or self._monitor.limits)
+        self.reference = self._monitor.limits.clip(self.reference)
         law, fast = design_law(self.drive, settings), design_law(self.drive, replace(settings, law="fast"))
         if not (hasattr(self, "settings") and self.settings.law == settings.law):
             self._memory = law.memory.copy()

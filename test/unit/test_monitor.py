@@ -1,0 +1,649 @@
+"""The monitor: every fault is found before it does harm, and a healthy drive shows none."""
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from backlash_ros.control import LAWS, NO_LIMIT, GainSet, Limits, Servo, ServoSettings, design_gains
+from backlash_ros.control.monitor import mechanical_time_constant, standstill_torque
+from backlash_ros.drivetrain import CONTACT_LAWS, NOMINAL_DRIVE, Drive, Plant
+
+CURRENT_DRIVE = replace(NOMINAL_DRIVE, command_interface="current")
+BOTH = pytest.mark.parametrize("drive", [NOMINAL_DRIVE, CURRENT_DRIVE], ids=["voltage", "current"])
+
+EVERYTHING = (True, True, True, True, True)
+POSITIONS = (True, False, False, True, False)
+LOAD_ONLY = (False, False, False, True, False)
+MOTOR_ONLY = (True, False, False, False, False)
+MEASURED = {"everything": EVERYTHING, "positions": POSITIONS, "load_only": LOAD_ONLY, "motor_only": MOTOR_ONLY}
+
+HELD = standstill_torque(NOMINAL_DRIVE, 24.0)
+NO_LOAD_SPEED = 48.0
+
+Tamper = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def gains_of(drive: Drive) -> GainSet:
+    return GainSet(design_gains("fast", drive, [1000.0, 1.0]), design_gains("overdamped", drive, [4.0, 0.0]))
+
+
+def settings_of(drive: Drive, period: float = 0.004, **changes: float | str) -> ServoSettings:
+    return replace(ServoSettings(gains_of(drive), period=period, backlash_angle=0.02), **changes)
+
+
+def with_load(drive: Drive, **changes: float) -> Drive:
+    return replace(drive, load=replace(drive.load, **changes))
+
+
+def with_gear(drive: Drive, **changes: float | str) -> Drive:
+    return replace(drive, gear=replace(drive.gear, **changes))
+
+
+class Rig:
+    """A servo and the plant behind it, with what may go wrong between them.
+
+    ``tamper`` gets the true sample and that at which it set in, and returns what the drive reports.
+    """
+
+    def __init__(
+        self,
+        drive: Drive,
+        choice: ServoSettings,
+        *,
+        plant: Drive | None = None,
+        limits: Limits | None = None,
+        measured: Sequence[bool] = EVERYTHING,
+        bits: int | None = None,
+        state: Sequence[float] | None = None,
+    ) -> None:
+        self.servo, self.plant = Servo(drive, choice, limits), Plant(plant or drive, state)
+        self.load_torque = 0.0
+        self.tamper: Tamper | None = None
+        self.polarity = 1.0
+        self._missing = np.where(measured, 0.0, math.nan)
+        self._resolution = 2 * math.pi / 2**bits if bits else 0.0
+        self._before: np.ndarray | None = None
+        self._elapsed: float | None = None
+
+    def sample(self) -> np.ndarray:
+        theta_m, omega_m, theta_l, omega_l, current = self.plant.state
+        true = np.array([theta_m, omega_m, current, theta_l, omega_l])
+        if self.tamper:
+            self._before = true.copy() if self._before is None else self._before
+            true = self.tamper(true, self._before)
+        if self._resolution:
+            true[[0, 3]] = np.round(true[[0, 3]] / self._resolution) * self._resolution
+        return true + self._missing
+
+    def run(self, time: float, periods: Sequence[int] = (1,)) -> str:
+        """Go on for ``time`` seconds or until a fault, with samples every so many ``periods``; return the fault."""
+        end, turn = self.plant.time + time, 0
+        while self.plant.time < end - 1e-9:
+            command = self.servo.update(self.sample(), self._elapsed)
+            if self.servo.fault:
+                break
+            self._elapsed = periods[turn % len(periods)] * self.servo.settings.period
+            turn += 1
+            self.plant.advance(self.polarity * command, self.load_torque, self._elapsed)
+        return self.servo.fault
+
+    def step(self, target: float, time: float, periods: Sequence[int] = (1,)) -> str:
+        """Refer to ``target`` and go on."""
+        assert self.servo.refer(target) == ""
+        return self.run(time, periods)
+
+
+def started(drive: Drive, *, measured: Sequence[bool] = EVERYTHING, **changes: float | str) -> Rig:
+    """A rig that holds, with three samples seen."""
+    rig = Rig(drive, settings_of(drive, **changes), measured=measured)
+    assert rig.run(0.012) == ""
+    return rig
+
+
+# Limits
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"velocity": 0.0}, "limits.velocity must be > 0 rad/s and <= 1e+09 rad/s, got 0.0"),
+        ({"load_torque": -1.0}, "limits.load_torque must be > 0 N m and <= 1e+09 N m, got -1.0"),
+        ({"command": 2e6}, "limits.command must be > 0 V or A and <= 1e+06 V or A, got 2000000.0"),
+        ({"gap": 0.0}, "limits.gap must be > 0 rad and <= 1e+09 rad, got 0.0"),
+        ({"soft_zone": 11.0}, "limits.soft_zone must be > 0 rad and <= 10 rad, got 11.0"),
+        ({"step": 0.0}, "limits.step must be > 0 rad and <= 1e+09 rad, got 0.0"),
+        ({"position_upper": 2e9}, "limits.position_upper must be >= -1e+09 rad and <= 1e+09 rad, got 2000000000.0"),
+        ({"position_lower": math.nan}, "limits.position_lower must be a finite number in rad, got nan"),
+        (
+            {"position_lower": 1.0, "position_upper": 1.0},
+            "limits.position_lower must be < limits.position_upper = 1 rad, got 1.0",
+        ),
+    ],
+)
+def test_limit_that_makes_no_sense_is_refused(changes: dict[str, float], text: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+        replace(Limits.of(NOMINAL_DRIVE), **changes)
+
+
+def test_default_limits_are_what_the_drive_can_do() -> None:
+    limits = Limits.of(NOMINAL_DRIVE)
+    assert limits.load_torque == pytest.approx(0.9 * HELD, rel=0.01)
+    assert limits.velocity > 2.5 * NO_LOAD_SPEED
+    assert limits.command == 24.0
+    assert limits.gap > 5 * NOMINAL_DRIVE.gear.backlash_angle
+    assert (limits.position_lower, limits.position_upper, limits.step) == (-NO_LIMIT, NO_LIMIT, NO_LIMIT)
+
+
+def test_default_limit_on_the_load_is_what_the_law_can_make_of_the_current() -> None:
+    """A drive may give more than the voltage, played through the winding, ever asks for; or less."""
+    for limit, torque in ((100.0, HELD), (12.0, HELD), (6.0, HELD / 2)):
+        drive = replace(CURRENT_DRIVE, motor=replace(CURRENT_DRIVE.motor, current_limit=limit))
+        assert Limits.of(drive).load_torque == pytest.approx(0.9 * torque)
+
+
+def test_default_gap_takes_a_tiny_nominal_backlash_for_a_guess() -> None:
+    assert Limits.of(with_gear(NOMINAL_DRIVE, backlash=1e-6, contact_law="elastic")).gap == 0.1
+
+
+def test_time_constant_is_the_plants() -> None:
+    """Without friction and inductance to speak of, 63 % of the speed at a constant voltage."""
+    motor = replace(NOMINAL_DRIVE.motor, viscous_friction=0.0, inductance=1e-6)
+    drive = with_gear(with_load(replace(NOMINAL_DRIVE, motor=motor), viscous_friction=0.0), backlash=1e-7)
+    plant = Plant(drive)
+    plant.advance(10.0, 0.0, mechanical_time_constant(drive))
+    assert plant.load_speed == pytest.approx((1 - math.exp(-1)) * 20.0, rel=0.01)
+
+
+# References
+
+
+@pytest.fixture
+def limited(gains: GainSet) -> Servo:
+    limits = replace(Limits.of(NOMINAL_DRIVE), position_lower=-1.0, position_upper=2.0, step=1.5)
+    return Servo(NOMINAL_DRIVE, ServoSettings(gains), limits)
+
+
+@pytest.mark.parametrize(
+    ("reference", "text"),
+    [
+        (
+            -1.01,
+            "reference must be within limits.position_lower = -1 rad and limits.position_upper = 2 rad, got -1.01",
+        ),
+        (2.5, "reference must be within limits.position_lower = -1 rad and limits.position_upper = 2 rad, got 2.5"),
+        (1.6, "reference must be within limits.step = 1.5 rad of 0 rad, got 1.6"),
+        (math.nan, "reference must be finite, in rad, got nan"),
+        (-math.inf, "reference must be finite, in rad, got -inf"),
+    ],
+)
+def test_reference_beyond_a_limit_is_refused_without_effect(limited: Servo, reference: float, text: str) -> None:
+    limited.update(np.zeros(5))
+    assert limited.refer(reference) == text
+    assert limited.reference == 0.0
+    assert limited.update(np.zeros(5)) == 0.0
+
+
+def test_reference_is_taken_up_to_the_limits(limited: Servo) -> None:
+    limited.update(np.zeros(5))
+    for reference in (-1.0, 0.5, 2.0):
+        assert limited.refer(reference) == ""
+        assert limited.reference == reference
+
+
+def test_reference_is_refused_where_nobody_would_follow_it(limited: Servo) -> None:
+    assert limited.refer(0.1) == "reference 0.1 rad came while there are no joint states"
+    assert not limited.holding
+    limited.update(np.zeros(5))
+    limited.start_learning()
+    assert limited.refer(0.1) == "reference 0.1 rad came while learning"
+    assert limited.reference == 0.0
+    limited.fail("test")
+    assert limited.refer(0.1) == "reference 0.1 rad came while a fault is latched"
+    assert not limited.holding
+
+
+def test_narrower_travel_takes_the_reference_along(limited: Servo) -> None:
+    limited.update(np.zeros(5))
+    assert limited.refer(1.0) == ""
+    limited.use(limited.settings, replace(Limits.of(NOMINAL_DRIVE), position_upper=0.5))
+    assert limited.reference == 0.5
+
+
+# The ends of the travel
+
+
+@given(st.floats(-24, 24), st.floats(-3, 3))
+def test_command_fades_out_towards_an_end_and_never_on_the_way_back(command: float, angle: float) -> None:
+    limits = replace(Limits.of(NOMINAL_DRIVE), position_lower=-1.0, position_upper=1.0, soft_zone=0.5)
+    softened = limits.soften(command, angle)
+    assert softened * command >= 0.0
+    assert abs(softened) <= abs(command)
+    if angle >= 1.0:
+        assert softened <= 0.0
+    if angle <= -1.0:
+        assert softened >= 0.0
+    if abs(angle) <= 0.5 or command * angle < 0:
+        assert softened == command
+    else:
+        assert abs(softened) == pytest.approx(min(abs(command), 24.0 * max(0.0, 1.0 - abs(angle)) / 0.5))
+
+
+@given(st.floats(-24, 24), st.floats(-1, 1), st.floats(1e-3, 1))
+def test_command_fades_without_a_jump(command: float, angle: float, soft_zone: float) -> None:
+    limits = replace(Limits.of(NOMINAL_DRIVE), position_lower=-0.5, position_upper=0.5, soft_zone=soft_zone)
+    nearby = 1e-6 * soft_zone
+    assert abs(limits.soften(command, angle + nearby) - limits.soften(command, angle)) <= 24.0 * 1.01e-6
+
+
+@BOTH
+@pytest.mark.parametrize("start", [-0.7, 0.7])
+def test_load_that_starts_outside_its_travel_comes_back_to_the_end(drive: Drive, start: float) -> None:
+    limits = replace(Limits.of(drive), position_lower=-0.3, position_upper=0.3)
+    rig = Rig(drive, settings_of(drive), limits=limits, state=[10 * start, 0.0, start, 0.0, 0.0])
+    assert rig.run(2.0) == ""
+    assert rig.plant.load_angle == pytest.approx(math.copysign(0.3, start), abs=0.02)
+
+
+def test_load_that_came_back_in_may_not_go_out_again() -> None:
+    limits = replace(Limits.of(NOMINAL_DRIVE), position_upper=0.3, velocity=NO_LIMIT)
+    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE), limits=limits, state=[7.0, 0.0, 0.7, 0.0, 0.0])
+    rig.run(1.0)
+    rig.load_torque = 2 * HELD
+    assert "beyond limits.position_upper = 0.3 rad" in rig.run(1.0)
+    assert rig.plant.load_angle < 0.7
+
+
+def test_load_that_is_pushed_beyond_its_travel_is_a_fault() -> None:
+    limits = replace(Limits.of(NOMINAL_DRIVE), position_lower=-0.3)
+    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE), limits=limits)
+    rig.load_torque = -2 * HELD
+    fault = rig.run(1.0)
+    assert fault.startswith("load at -")
+    assert fault.endswith(" rad, further than limits.soft_zone = 0.05 rad beyond limits.position_lower = -0.3 rad")
+
+
+@BOTH
+@pytest.mark.parametrize("law", sorted(LAWS))
+def test_no_law_goes_beyond_the_largest_command(drive: Drive, law: str) -> None:
+    rig = Rig(drive, settings_of(drive, law=law), limits=replace(Limits.of(drive), command=3.0))
+    commands = []
+    rig.run(0.004)
+    rig.servo.refer(4.0)
+    for _ in range(1000):
+        commands.append(rig.servo.update(rig.sample()))
+        rig.plant.advance(commands[-1], 0.0, 0.004)
+    assert max(map(abs, commands)) == 3.0
+    assert rig.servo.fault == ""
+    assert rig.plant.load_angle == pytest.approx(4.0, abs=0.05)
+
+
+# Faults: every one is found within so many samples of 4 ms, before the load has run away
+
+
+def encoders_stand_still(sample: np.ndarray, before: np.ndarray) -> np.ndarray:
+    return np.array([before[0], 0.0, sample[2], before[3], 0.0])
+
+
+def everything_stands_still(sample: np.ndarray, before: np.ndarray) -> np.ndarray:
+    return before.copy()
+
+
+def load_stands_still(sample: np.ndarray, before: np.ndarray) -> np.ndarray:
+    return np.array([*sample[:3], before[3], 0.0])
+
+
+def motor_stands_still(sample: np.ndarray, before: np.ndarray) -> np.ndarray:
+    return np.array([before[0], 0.0, *sample[2:]])
+
+
+def load_counts_backwards(sample: np.ndarray, before: np.ndarray) -> np.ndarray:
+    return np.array([*sample[:3], 2 * before[3] - sample[3], -sample[4]])
+
+
+def both_count_backwards(sample: np.ndarray, before: np.ndarray) -> np.ndarray:
+    return 2 * before * np.array([1, 0, 0, 1, 0]) + sample * np.array([-1, -1, 1, -1, -1])
+
+
+def load_jumps(sample: np.ndarray, before: np.ndarray) -> np.ndarray:
+    return sample + np.array([0, 0, 0, 0.2, 0])
+
+
+def motor_jumps(sample: np.ndarray, before: np.ndarray) -> np.ndarray:
+    return sample - np.array([2.0, 0, 0, 0, 0])
+
+
+def all_jump(sample: np.ndarray, before: np.ndarray) -> np.ndarray:
+    return sample + np.array([10.0, 0, 0, 1.0, 0])
+
+
+@BOTH
+@pytest.mark.parametrize("measured", [EVERYTHING, POSITIONS], ids=["everything", "positions"])
+@pytest.mark.parametrize(
+    ("tamper", "within", "travel", "text"),
+    [
+        (load_jumps, 0, 0.0, "encoders disagree"),
+        (motor_jumps, 0, 0.0, "encoders disagree"),
+        (all_jump, 0, 0.0, "motor encoder moved 1 rad at the output within 0.004 s"),
+        (load_stands_still, 5, 0.25, "encoders disagree"),
+        (motor_stands_still, 5, 0.25, "encoders disagree"),
+        (load_counts_backwards, 4, 0.15, "encoders disagree"),
+        (both_count_backwards, 10, 1.5, "unexplained torque"),
+        (encoders_stand_still, 25, 9.0, "unexplained torque"),
+        (everything_stands_still, 25, 9.0, "unexplained torque"),
+    ],
+)
+def test_encoder_fault_during_a_step_is_found(
+    drive: Drive, measured: Sequence[bool], tamper: Tamper, within: int, travel: float, text: str
+) -> None:
+    rig = started(drive, measured=measured)
+    rig.tamper = tamper
+    rig.sample()  # from here on
+    fault = rig.step(1.0, 1.0)
+    assert fault.startswith(text)
+    assert rig.plant.time - 0.012 <= (within + 0.5) * 0.004
+    assert abs(rig.plant.load_angle) <= travel
+
+
+@BOTH
+@pytest.mark.parametrize("measured", [LOAD_ONLY, MOTOR_ONLY], ids=["load_only", "motor_only"])
+@pytest.mark.parametrize(
+    ("tamper", "within", "travel"), [(both_count_backwards, 10, 1.5), (encoders_stand_still, 25, 9.0)]
+)
+def test_fault_of_the_only_encoder_during_a_step_is_found(
+    drive: Drive, measured: Sequence[bool], tamper: Tamper, within: int, travel: float
+) -> None:
+    rig = started(drive, measured=measured)
+    rig.tamper = tamper
+    rig.sample()
+    assert rig.step(1.0, 1.0).startswith("unexplained torque")
+    assert rig.plant.time - 0.012 <= (within + 0.5) * 0.004
+    assert abs(rig.plant.load_angle) <= travel
+
+
+@BOTH
+@pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
+@pytest.mark.parametrize("target", [0.3, -1.0])
+def test_command_of_the_wrong_sign_is_found(drive: Drive, measured: Sequence[bool], target: float) -> None:
+    """The load runs away by hardly more than the error at which the command is at its limit anyway."""
+    rig = started(drive, measured=measured)
+    rig.polarity = -1.0
+    assert rig.step(target, 1.0).startswith("unexplained torque")
+    assert rig.plant.time - 0.012 <= 0.05
+    assert abs(rig.plant.load_angle) <= 1.5
+
+
+@pytest.mark.parametrize("law", sorted(LAWS))
+@pytest.mark.parametrize("torque_bandwidth", [0.0, 40.0])
+def test_runaway_is_found_with_every_law(law: str, torque_bandwidth: float) -> None:
+    rig = started(NOMINAL_DRIVE, law=law, torque_bandwidth=torque_bandwidth)
+    rig.polarity = -1.0
+    assert rig.step(1.0, 1.0).startswith("unexplained torque")
+
+
+def test_runaway_at_a_small_command_limit_is_found() -> None:
+    """The limit on the load torque is never more than what the command can make."""
+    limits = replace(Limits.of(NOMINAL_DRIVE), command=3.0)
+    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE), limits=limits)
+    rig.run(0.012)
+    rig.polarity = -1.0
+    assert rig.step(1.0, 1.0).startswith("unexplained torque")
+    assert abs(rig.plant.load_angle) <= 0.5
+
+
+def test_lower_limit_on_the_load_torque_finds_frozen_encoders_at_a_small_command() -> None:
+    """What stands still at 6 V looks like a load torque of a quarter of the largest."""
+    for limit, found in ((0.9 * HELD, False), (0.1 * HELD, True)):
+        choice = settings_of(NOMINAL_DRIVE, law="fast", torque_bandwidth=0.0)
+        rig = Rig(NOMINAL_DRIVE, choice, limits=replace(Limits.of(NOMINAL_DRIVE), load_torque=limit))
+        rig.run(0.012)
+        rig.tamper = encoders_stand_still
+        rig.sample()
+        assert bool(rig.step(0.2, 0.2)) == found
+
+
+@BOTH
+@pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
+def test_blocked_load_is_found(drive: Drive, measured: Sequence[bool]) -> None:
+    rig = Rig(drive, settings_of(drive), plant=with_load(drive, inertia=50.0), measured=measured)
+    rig.run(0.012)
+    assert rig.step(1.0, 0.15).startswith("unexplained torque")
+
+
+@BOTH
+@pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
+def test_load_torque_that_the_drive_cannot_hold_is_a_fault(drive: Drive, measured: Sequence[bool]) -> None:
+    rig = started(drive, measured=measured)
+    rig.load_torque = -1.5 * HELD
+    assert rig.run(0.5).startswith("unexplained torque")
+
+
+@pytest.mark.parametrize(("place", "side", "value"), [(1, "motor", 1500.0), (4, "load", -150.0)])
+def test_measured_overspeed_is_a_fault(gains: GainSet, place: int, side: str, value: float) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
+    sample = np.zeros(5)
+    servo.update(sample)
+    sample[place] = value
+    assert servo.update(sample) == 0.0
+    assert servo.fault == f"{side} speed of 150 rad/s at the output, limits.velocity = 147 rad/s"
+
+
+# What follows from a fault
+
+
+@BOTH
+def test_fault_is_latched_until_reset_and_then_the_present_position_is_held(drive: Drive) -> None:
+    rig = started(drive)
+    rig.tamper = load_stands_still
+    rig.sample()
+    fault = rig.step(1.0, 1.0)
+    rig.tamper = None
+    for _ in range(100):
+        assert rig.servo.update(rig.sample()) == 0.0
+        rig.plant.advance(0.0, 0.0, 0.004)
+    rig.servo.fail("another one")
+    assert rig.servo.fault == fault
+    rig.servo.reset()
+    angle = rig.plant.load_angle
+    assert rig.run(1.0) == ""
+    assert rig.servo.reference == pytest.approx(angle)
+    assert rig.plant.load_angle == pytest.approx(angle, abs=0.02)
+
+
+@BOTH
+def test_fault_ends_learning_with_its_reason(drive: Drive) -> None:
+    rig = started(drive)
+    rig.servo.start_learning()
+    assert rig.run(0.1) == ""
+    rig.tamper = load_jumps
+    fault = rig.run(0.1)
+    estimate = rig.servo.take_learned()
+    assert estimate is not None
+    assert not estimate.valid
+    assert estimate.reason == f"no valid cycle: {fault}"
+    assert not rig.servo.learning
+
+
+# A healthy drive shows no fault
+
+
+def with_margin(drive: Drive, share: float) -> Limits:
+    """The default limits, and of them only a share: what a healthy drive stays within."""
+    limits = Limits.of(drive)
+    return replace(
+        limits, velocity=share * limits.velocity, load_torque=share * limits.load_torque, gap=share * limits.gap
+    )
+
+
+def exercise(rig: Rig, periods: Sequence[int] = (1,)) -> str:
+    """Steps there and back, large and small, one while still on the way."""
+    rig.run(0.1, periods)
+    return next(
+        (
+            fault
+            for target, time in ((10.0, 0.15), (-5.0, 0.3), (0.1, 0.3))
+            if (fault := rig.step(target, time, periods))
+        ),
+        "",
+    )
+
+
+@BOTH
+@pytest.mark.parametrize("period", [0.01, 0.004, 0.001])
+@pytest.mark.parametrize("law", sorted(LAWS))
+def test_steps_are_no_fault_with_half_the_limits(drive: Drive, law: str, period: float) -> None:
+    rig = Rig(drive, settings_of(drive, period, law=law), limits=with_margin(drive, 0.5))
+    assert exercise(rig) == ""
+
+
+@BOTH
+@pytest.mark.parametrize("measured", [POSITIONS, LOAD_ONLY, MOTOR_ONLY], ids=["positions", "load_only", "motor_only"])
+@pytest.mark.parametrize("bits", [10, 12, 16])
+@pytest.mark.parametrize("period", [0.01, 0.001])
+def test_counts_are_no_fault_with_half_the_limits(
+    drive: Drive, measured: Sequence[bool], bits: int, period: float
+) -> None:
+    rig = Rig(drive, settings_of(drive, period), limits=with_margin(drive, 0.5), measured=measured, bits=bits)
+    assert exercise(rig) == ""
+
+
+@BOTH
+@pytest.mark.parametrize("law", sorted(LAWS))
+@pytest.mark.parametrize("share", [0.85, -0.85])
+def test_load_torque_that_the_drive_holds_is_no_fault(drive: Drive, law: str, share: float) -> None:
+    """Nor is the speed to which it drives the load on a long way."""
+    rig = started(drive, law=law)
+    rig.load_torque = share * HELD
+    rig.run(0.3)
+    assert rig.servo.fault == ""
+    for target in (10.0, -10.0):
+        assert rig.step(target, 0.5) == ""
+
+
+@BOTH
+@pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"inertia": 0.25 * 5e-4},
+        {"inertia": 4 * 5e-4},
+        {"viscous_friction": 0.0},
+        {"viscous_friction": 10 * 5e-3},
+        {"coulomb_friction": 0.3 * HELD},
+    ],
+    ids=str,
+)
+def test_wrong_model_of_the_load_is_no_fault(drive: Drive, measured: Sequence[bool], changes: dict[str, float]) -> None:
+    rig = Rig(
+        drive,
+        settings_of(drive),
+        plant=with_load(drive, **changes),
+        limits=with_margin(drive, 0.6),
+        measured=measured,
+    )
+    assert exercise(rig) == ""
+
+
+@pytest.mark.parametrize("factor", [0.25, 4.0])
+@pytest.mark.parametrize("measured", [EVERYTHING, POSITIONS], ids=["everything", "positions"])
+def test_wrong_inertia_of_a_load_that_outweighs_the_motor_is_no_fault(factor: float, measured: Sequence[bool]) -> None:
+    """The unexplained torque is more than any that the drive holds, yet the momentum goes the drive's way."""
+    drive = with_load(NOMINAL_DRIVE, inertia=0.02)
+    rig = Rig(drive, settings_of(drive), plant=with_load(drive, inertia=0.02 * factor), measured=measured)
+    assert exercise(rig) == ""
+
+
+@BOTH
+@pytest.mark.parametrize("contact_law", CONTACT_LAWS)
+@pytest.mark.parametrize("stiffness", [1e5, 4e5])
+def test_impacts_of_the_limit_cycle_are_no_fault(drive: Drive, contact_law: str, stiffness: float) -> None:
+    """With hard teeth and soft ones, without loss; the fast gains keep the cycle up."""
+    drive = with_gear(drive, contact_law=contact_law, tooth_stiffness=stiffness, tooth_damping=0.0, restitution=1.0)
+    rig = Rig(drive, settings_of(drive, law="fast"), limits=with_margin(drive, 0.8))
+    assert exercise(rig) == ""
+    assert rig.run(1.0) == ""
+
+
+@BOTH
+@pytest.mark.parametrize("measured", [EVERYTHING, POSITIONS, LOAD_ONLY], ids=["everything", "positions", "load_only"])
+def test_learning_is_no_fault_with_half_the_limits(drive: Drive, measured: Sequence[bool]) -> None:
+    rig = Rig(drive, settings_of(drive), limits=with_margin(drive, 0.5), measured=measured, bits=14)
+    rig.run(0.1)
+    rig.servo.start_learning()
+    assert rig.run(2.0) == ""
+
+
+@pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
+@pytest.mark.parametrize("periods", [(1, 2, 1, 1), (1, 1, 10), (3,)], ids=str)
+def test_missing_samples_are_no_fault(measured: Sequence[bool], periods: Sequence[int]) -> None:
+    rig = Rig(
+        NOMINAL_DRIVE,
+        settings_of(NOMINAL_DRIVE, 0.002),
+        limits=with_margin(NOMINAL_DRIVE, 0.6),
+        measured=measured,
+        bits=14,
+    )
+    assert exercise(rig, periods) == ""
+
+
+@pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
+@pytest.mark.parametrize("period", [0.01, 0.001])
+def test_start_while_the_drive_turns_at_full_speed_is_no_fault(measured: Sequence[bool], period: float) -> None:
+    turning = [0.0, 10 * NO_LOAD_SPEED, 0.0, NO_LOAD_SPEED, 0.0]
+    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, period), measured=measured, state=turning)
+    assert rig.run(0.5) == ""
+
+
+@pytest.mark.parametrize("error", [0.98, 1.02])
+def test_gear_ratio_that_is_slightly_wrong_is_no_fault_on_a_long_way(error: float) -> None:
+    model = with_gear(NOMINAL_DRIVE, motor_radius=0.005 * error)
+    rig = Rig(model, settings_of(model), plant=NOMINAL_DRIVE)
+    rig.run(0.1)
+    for target in (20.0, 40.0, 0.0):
+        assert rig.step(target, 1.5) == ""
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    ratio=st.floats(0.02, 0.5),
+    inertia=st.floats(0.2, 5),
+    time_constant=st.floats(0.01, 0.3),
+    backlash=st.floats(0.1, 4),
+    resistance=st.floats(0.5, 4),
+    interface=st.sampled_from([NOMINAL_DRIVE, CURRENT_DRIVE]),
+    law=st.sampled_from(["fast", "two_region"]),
+    contact_law=st.sampled_from(CONTACT_LAWS),
+    measured=st.sampled_from([EVERYTHING, POSITIONS]),
+    bits=st.sampled_from([None, 12, 16]),
+    share=st.floats(-0.5, 0.5),
+)
+def test_practical_drive_shows_no_fault(
+    ratio: float,
+    inertia: float,
+    time_constant: float,
+    backlash: float,
+    resistance: float,
+    interface: Drive,
+    law: str,
+    contact_law: str,
+    measured: Sequence[bool],
+    bits: int | None,
+    share: float,
+) -> None:
+    """Load over reflected inertia, mechanical time constant and backlash over the nominal one's are given."""
+    rotor = time_constant * 0.05**2 / resistance / (1 + inertia)
+    motor = replace(interface.motor, resistance=resistance, inertia=rotor, current_limit=24.0 / resistance)
+    gear = replace(interface.gear, motor_radius=0.05 * ratio, backlash=1e-3 * backlash, contact_law=contact_law)
+    drive = replace(interface, motor=motor, gear=gear, load=replace(interface.load, inertia=inertia * rotor / ratio**2))
+    rig = Rig(drive, settings_of(drive, 0.002, law=law), measured=measured, bits=bits)
+    rig.run(0.02)
+    assert rig.step(0.1 / time_constant * ratio, 0.1) == ""
+    rig.load_torque = share * standstill_torque(drive, drive.command_limit)
+    rig.run(0.3)
+    assert rig.servo.fault == ""
+    assert rig.step(-3.0, 0.3) == ""
