@@ -51,7 +51,10 @@ _BANDWIDTHS = 5.0, 50.0
 an impact is over before it counts, a runaway is not; counts of an encoder on a slow drive are none."""
 
 _HELD = 0.9
-"""Share of the torque at standstill that a healthy drive holds against a load; beyond it the load is blocked."""
+"""Share of the torque at standstill that a drive can hold against a load at all; beyond it the load is blocked."""
+
+_EXPECTED = 0.6
+"""Share of it that the default takes for a load: no motor bears more for long, and a runaway shows more."""
 
 _FOLLOWS = 0.05
 """Share of the drive's torque by which the momentum at least changes where only its parameters are wrong."""
@@ -141,10 +144,10 @@ class Limits(Validated):
     def of(cls, drive: Drive) -> "Limits":
         """Return limits that a healthy drive stays within.
 
-        Load: 90 % of the torque at standstill. Speed: a load torque as large as that doubles the speed without load
-        and pulls the load through the gap; and a quarter more. Gap: five times the backlash that ``drive`` has, and
-        the teeth pressed in, to either side, as by twice the torque at standstill (a reversal at full speed) that has
-        worked all the way through the gap; 0.1 rad at least.
+        Load: 60 % of the torque at standstill. Speed: a load torque as large as the drive's own doubles the speed
+        without load and pulls the load through the gap; and a quarter more. Gap: five times the backlash that
+        ``drive`` has, and the teeth pressed in, to either side, as by twice the torque at standstill (a reversal at
+        full speed) that has worked all the way through the gap; 0.1 rad at least.
         """
         motor, gear = drive.motor, drive.gear
         torque = standstill_torque(drive, drive.command_limit)
@@ -154,7 +157,7 @@ class Limits(Validated):
         pressed = wound + math.sqrt(wound * (wound + 2 * gap))  # torque (gap + pressed) = torque/wound pressed^2/2
         return cls(
             velocity=float(f"{1.25 * (2 * no_load + fall):.3g}"),
-            load_torque=float(f"{_HELD * torque:.3g}"),
+            load_torque=float(f"{_EXPECTED * torque:.3g}"),
             command=drive.command_limit,
             gap=float(f"{max(_LEAST_GAP, 5 * gap + 2 * pressed):.3g}"),
         )

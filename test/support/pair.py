@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.nodes.interface import label_of
 
-TIMEOUT = 0.5
+TIMEOUT = 1.0
 """Of both watchdogs in these tests, s: a loaded machine may stall for longer than the default."""
 LOAD_TORQUE = 0.3
 DEEP = QoSProfile(depth=5000)
