@@ -125,6 +125,12 @@ class DriveMonitor:
         self._observer = replace(settings, torque_bandwidth=_TORQUE_BANDWIDTH).observer(drive)
         self.start()
 
+    def use(self, limits: Limits) -> None:
+        """Use ``limits`` from the next sample on."""
+        if limits != self.limits:
+            self.limits = limits
+            self._lower, self._upper = math.inf, -math.inf  # who is outside of them now may come back in
+
     def start(self) -> None:
         """Forget what was seen."""
         self._memory = observer_memory()
@@ -190,7 +196,7 @@ class DriveMonitor:
         return ""
 
     def _ends(self, angle: float) -> str:
-        if self._lower > self._upper:  # the first sample: who starts outside may come back in
+        if self._lower > self._upper:  # the first sample with these limits: who starts outside may come back in
             self._lower = min(self.limits.position_lower, angle)
             self._upper = max(self.limits.position_upper, angle)
         for beyond, side, end in (
