@@ -232,6 +232,7 @@ def test_gains_given_at_the_start_are_in_use(start: Start, peer: Peer) -> None:
         ({"gains__fast__k": "[1.0e+5, 0.0, 0.0]"}, "gains.fast.k = [100000, 0, 0] is unstable at 250 Hz"),
         ({"rate": "quick"}, "rate must be a finite number in Hz, got 'quick'"),
         ({"gain_sets__nominal__fast__k": "[1, 2, 3]"}, "gain_sets.nominal.fast.k"),
+        ({"gains__fast__k": "[30.0, 1, 0]"}, "gains.fast.k:=[30.0, 1, 0]"),
     ],
 )
 def test_unusable_start_parameter_ends_the_node_with_a_line_that_names_it(

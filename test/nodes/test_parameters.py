@@ -22,7 +22,7 @@ from backlash_ros.control import Gains
 from backlash_ros.nodes.parameter_table import FROM_ROS
 
 Start = Callable[..., Process]
-PATIENT = {"state_timeout": 30.0}
+PATIENT = {"state_timeout": 10.0}
 LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -227,7 +227,7 @@ def test_a_set_that_cannot_be_used_is_refused_with_its_name(start: Start, peer: 
     start(
         "controller",
         gain_set_names="[nominal, wild]",
-        gain_sets__wild__fast__k="[1.0e+5, 0, 0]",
+        gain_sets__wild__fast__k="[100000, 0, 0]",
         gain_sets__wild__overdamped__q="[4, 0]",
         **PATIENT,
     )
