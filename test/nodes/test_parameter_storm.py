@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from graph import Parameters, Peer, Process
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from lockstep_drive import LockstepDrive
 from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterValue
@@ -195,7 +195,13 @@ def test_a_storm_of_requests_never_leaves_a_partial_set(start: Callable[..., Pro
     other = Peer(domain)
     storm = Storm(peer, other)
 
-    @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+    @settings(
+        max_examples=60,
+        deadline=None,
+        database=None,
+        phases=[Phase.generate],  # shrinking would send thousands of requests more
+        suppress_health_check=list(HealthCheck),
+    )
     @given(STORM)
     def rage(requests: list[tuple[bool, bool, list[Item]]]) -> None:
         storm.rage(requests)
