@@ -5,6 +5,7 @@
 #   make faults  inject every fault and write docs/faults.md; make test-repeat does it twenty times under load
 #   make lint    formatting, style and types
 #   make paper   the paper's figures and the page that judges them, in docs
+#   make docs    docs/parameters.md, the table of all parameters, from the code
 #   make bench   how fast the offline loop is, beside scipy in the same run
 #   make lock    renew requirements/*.txt, the locks with hashes, from requirements/*.in
 #
@@ -27,7 +28,7 @@ else
   LOCKS := requirements/python.txt requirements/ros.txt
 endif
 
-.PHONY: demo test test-unit faults test-repeat test-floors lint paper bench lock clean
+.PHONY: demo test test-unit faults test-repeat test-floors lint paper docs bench lock clean
 
 demo: $(READY)
 	$(BIN)/python -m backlash_ros.nodes.demo
@@ -53,6 +54,9 @@ lint: $(READY)
 
 paper: $(READY)
 	$(BIN)/python -m backlash_ros.cli figures --out docs/figures --page docs/paper.md
+
+docs: $(READY)
+	$(BIN)/python -m backlash_ros.nodes.parameter_table
 
 bench: $(READY)
 	$(BIN)/python benchmarks/closed_loop.py

@@ -5,7 +5,7 @@ import struct
 from binascii import crc32
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -37,17 +37,40 @@ class Recording:
 
     ``joint_states`` at their header's stamps with columns theta_m, omega_m, motor torque, theta_l, omega_l, gear torque
     (rad, rad/s, N m); the scalar topics by name and the changed parameters at their time of receipt; ``messages``
-    counts every topic.
+    counts every topic. ``in_use``: from when on the controller used which version of its parameters, and these by name.
     """
 
     joint_states: Series
     scalars: dict[str, Series]
     parameters: list[tuple[float, str, Any]]
     messages: dict[str, int]
+    in_use: list[tuple[float, int, dict[str, Any]]] = field(default_factory=list)
 
 
 def _stamp(stamp: Any) -> float:
     return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
+
+
+_PARAMETER_FIELDS = (
+    "",
+    "bool_value",
+    "integer_value",
+    "double_value",
+    "string_value",
+    "byte_array_value",
+    "bool_array_value",
+    "integer_array_value",
+    "double_array_value",
+    "string_array_value",
+)
+"""Where a ParameterValue holds its value, by its type."""
+
+
+def _in_use(message: Any) -> tuple[float, int, dict[str, Any]]:
+    """Read one message of ``~/parameters_in_use``."""
+    values = {p.name: getattr(p.value, _PARAMETER_FIELDS[p.value.type]) for p in message.new_parameters}
+    values = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
+    return _stamp(message.stamp), values.pop("version"), values
 
 
 def _joint_row(message: Any, motor: str, load: str) -> list[float]:
@@ -114,6 +137,7 @@ def read_bag(path: Path, *, motor_joint: str = "motor", load_joint: str = "load"
     rows: list[list[float]] = []
     scalars: dict[str, tuple[list[float], list[float]]] = {}
     parameters: list[tuple[float, str, Any]] = []
+    in_use: list[tuple[float, int, dict[str, Any]]] = []
     with (
         _readable(path) as readable,
         AnyReader([readable], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
@@ -126,6 +150,8 @@ def read_bag(path: Path, *, motor_joint: str = "motor", load_joint: str = "load"
             if connection.msgtype == "sensor_msgs/msg/JointState":
                 stamps.append(_stamp(message.header.stamp))
                 rows.append(_joint_row(message, motor_joint, load_joint))
+            elif connection.topic.endswith("/parameters_in_use"):
+                in_use.append(_in_use(message))
             elif connection.msgtype == "rcl_interfaces/msg/ParameterEvent":
                 parameters += [(received, p.name, p.value) for p in message.changed_parameters]
             elif np.size(data := getattr(message, "data", ())) and np.asarray(data).dtype.kind in "biuf":
@@ -137,4 +163,5 @@ def read_bag(path: Path, *, motor_joint: str = "motor", load_joint: str = "load"
         {topic: Series(np.array(times), np.array(values)) for topic, (times, values) in scalars.items()},
         parameters,
         messages,
+        in_use,
     )

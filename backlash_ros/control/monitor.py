@@ -195,6 +195,8 @@ class DriveMonitor:
 
     def use(self, settings: ServoSettings, limits: Limits) -> None:
         """Use ``settings`` and ``limits`` from the next sample on."""
+        if limits != getattr(self, "limits", None):
+            self._lower, self._upper = -math.inf, math.inf  # who is outside of new ends may come back in
         self.limits = limits
         own = 1.0 / mechanical_time_constant(self._drive)
         self._settings = replace(settings, torque_bandwidth=min(max(own, _BANDWIDTHS[0]), _BANDWIDTHS[1]))

@@ -39,7 +39,6 @@ class Servo:
     def use(self, settings: ServoSettings, limits: Limits | None = None) -> None:
         """Use ``settings`` from the next sample on; what the observer, and the same law, remember is kept."""
         self._monitor.use(settings, limits or self._monitor.limits)
-        self.reference = self._monitor.limits.clip(self.reference)
         law, fast = design_law(self.drive, settings), design_law(self.drive, replace(settings, law="fast"))
         if not (hasattr(self, "settings") and self.settings.law == settings.law):
             self._memory = law.memory.copy()
@@ -49,6 +48,10 @@ class Servo:
         output, own = command_constants(self.drive), self._monitor.limits.command
         self._output = output._replace(limit=min(output.limit, own))
         self.settings = settings
+
+    def hindrance(self, limits: Limits) -> str:
+        """Return why ``limits`` cannot be used now: the reference is outside of them; empty where they can."""
+        return limits.refusal(self.reference, self.reference) if self.holding else ""
 
     def release(self, reason: str) -> None:
         """Let go of the drive: command 0, forget what was observed, give up learning; hold where it next shows up."""

@@ -5,6 +5,8 @@ latches a fault, and puts 0 V out, when no good sample comes.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import ParameterEvent
@@ -13,7 +15,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, UInt8
 
-from backlash_ros.control import Servo
+from backlash_ros.control import LAWS, Servo
 from backlash_ros.drivetrain import Quantity
 from backlash_ros.nodes.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
 from backlash_ros.nodes.interface import (
@@ -56,12 +58,14 @@ class Controller(ManagedNode):
         self._state_timeout = declare_duration(
             self, "state_timeout", 0.1, "silence on joint_states after which the command is 0 V and a fault is latched"
         )
-        telemetry = Quantity("rate of tracking error, region and load torque", "Hz", 0.0, self._rate, True)
+        telemetry = Quantity(
+            "rate of tracking error, region and load torque, at most rate", "Hz", 0.0, self._rate, True
+        )
         telemetry_rate = declare_number(self, "telemetry_rate", min(50.0, self._rate), telemetry)
         self._telemetry_every = max(1, round(self._rate / telemetry_rate))
         self._tunables = Tunables(self, self._drive, self._rate)
-        self._tunables.changed = self._use
         self._servo = Servo(self._drive, self._tunables.settings, self._tunables.limits)
+        self._tunables.hindrance, self._tunables.changed = self._servo.hindrance, self._use
         self._configured = False
         self._estimated = False
         self._answered = self._dropped = self._late = self._jumps = 0
@@ -74,9 +78,11 @@ class Controller(ManagedNode):
     # The lifecycle.
 
     def configure(self) -> None:
-        """Compile the law and take up the topics."""
-        self._servo.reset()
-        self._servo.update(read_joint_state(JointState(name=["load"], position=[0.0]), "", "load", 1.0))
+        """Compile every law, so that choosing another one stalls no loop, and take up the topics."""
+        at_rest = read_joint_state(JointState(name=["load"], position=[0.0]), "", "load", 1.0)
+        for law in LAWS:
+            with suppress(ValueError):  # one that cannot be designed for this drive is refused when it is chosen
+                Servo(self._drive, replace(self._tunables.settings, law=law)).update(at_rest)
         self._servo.reset()
         own = overridable()
         self._command = self.create_publisher(Float64MultiArray, "command", SEND, qos_overriding_options=own)

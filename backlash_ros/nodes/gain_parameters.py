@@ -81,5 +81,6 @@ def gain_set_of(
         for key in (k, q):
             if name != CUSTOM and list(values[key]) != list(sets[name][key]):
                 raise ValueError(f"{key} = {list(values[key])} is not that of gain_set {name!r}: {sets[name][key]}")
-        check_stable(k, drive, gains[region], period)
+        where = k if name == CUSTOM else f"gain_set {name!r}: gain_sets.{name}.{region}.k"
+        check_stable(where, drive, gains[region], period)
     return GainSet(gains["fast"], gains["overdamped"])

@@ -48,8 +48,12 @@ def declare_joints(node: Node) -> tuple[str, str]:
     """Declare and return the names of the motor's and the load's joint."""
     names = []
     for side in ("motor", "load"):
-        text = f"name of the {side}'s joint in joint_states"
-        names.append(node.declare_parameter(f"{side}_joint", side, describe(text, read_only=True)).value)
+        text = describe(
+            f"name of the {side}'s joint in joint_states",
+            constraint="motor_joint and load_joint are two different names",
+            read_only=True,
+        )
+        names.append(node.declare_parameter(f"{side}_joint", side, text).value)
     motor, load = names
     if not motor or not load or motor == load:
         raise ValueError(f"motor_joint and load_joint must be two different names, got {motor!r} and {load!r}")

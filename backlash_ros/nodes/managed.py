@@ -12,6 +12,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from std_srvs.srv import Trigger
 
 from backlash_ros.nodes.interface import SEND, STEADY
+from backlash_ros.nodes.parameter_requests import ParameterRequests
 from backlash_ros.nodes.parameters import describe
 
 RESULT = TransitionCallbackReturn
@@ -27,7 +28,8 @@ class ManagedNode(LifecycleNode):
     linger = 0.0
 
     def __init__(self, name: str, namespace: str) -> None:
-        super().__init__(name, namespace=namespace)
+        super().__init__(name, namespace=namespace, start_parameter_services=False)
+        self._parameter_requests = ParameterRequests(self)
         text = "configure and activate at the start; false leaves both to lifecycle requests"
         self.autostart = bool(self.declare_parameter("autostart", True, describe(text, read_only=True)).value)
         self.mismatches = 0

@@ -1,9 +1,12 @@
 """ROS parameters from the package's validated values: declared with meaning, unit and bound, read back as values."""
 
+from array import array
+from collections.abc import Callable
 from typing import Any, TypeVar
 
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from backlash_ros.drivetrain import (
     COMMAND_INTERFACES,
@@ -20,37 +23,63 @@ from backlash_ros.drivetrain import (
 
 V = TypeVar("V", bound=Validated)
 
+KINDS = {
+    Parameter.Type.BOOL: "true or false",
+    Parameter.Type.INTEGER: "a whole number",
+    Parameter.Type.DOUBLE: "a number",
+    Parameter.Type.STRING: "a text",
+    Parameter.Type.DOUBLE_ARRAY: "numbers",
+    Parameter.Type.STRING_ARRAY: "texts",
+}
+"""The types of parameters in words."""
 
-def describe(
-    text: str, *, unit: str = "", constraint: str = "", read_only: bool = False, number: bool = False
-) -> ParameterDescriptor:
-    """Return a parameter's descriptor: what it is, in what unit, within which bounds.
 
-    A ``number`` may be given as an integer too, so its type is left open here and checked with its value.
-    """
+def describe(text: str, *, unit: str = "", constraint: str = "", read_only: bool = False) -> ParameterDescriptor:
+    """Return a parameter's descriptor: what it is, in what unit, within which bounds."""
     return ParameterDescriptor(
-        description=f"{text} [{unit}]" if unit else text,
-        additional_constraints=constraint,
-        read_only=read_only,
-        dynamic_typing=number,
+        description=f"{text} [{unit}]" if unit else text, additional_constraints=constraint, read_only=read_only
     )
 
 
-def as_float(value: Any) -> Any:
-    """Return an integer as a float and anything else as it is: ``250`` stands for ``250.0``."""
+def as_floats(value: Any) -> Any:
+    """Return whole numbers as floats and anything else as it is: ``250`` stands for ``250.0``, in lists too."""
+    if isinstance(value, (list, tuple, array)):
+        return [as_floats(item) for item in value]
     return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def declare(
+    node: Node,
+    name: str,
+    default: Any,
+    descriptor: ParameterDescriptor,
+    check: Callable[[str, Any], None] = lambda _name, _value: None,
+) -> Any:
+    """Declare a parameter of its default's type and return it, once ``check`` has not refused it.
+
+    Whole numbers stand for floats, which rclpy takes only while a parameter's type is left open; it is closed here.
+    """
+    kind = Parameter.Type.from_parameter_value(default)
+    value = node.declare_parameter(name, default, ParameterDescriptor(dynamic_typing=True)).value
+    if kind in (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY):
+        value = as_floats(value)
+    check(name, value)
+    if not kind.check(value):
+        raise ValueError(f"{name} must be {KINDS[kind]}, got {value!r}")
+    descriptor.type = kind.value
+    node.set_descriptor(name, descriptor, Parameter(name, kind, value).get_parameter_value())
+    return value
 
 
 def declare_number(node: Node, name: str, default: float, described: Quantity, *, read_only: bool = True) -> Any:
     """Declare a parameter for a number and return it, within its bounds; ValueError names it where it is not."""
-    descriptor = describe(
-        described.description, unit=described.unit, constraint=described.bound, read_only=read_only, number=True
-    )
-    value = node.declare_parameter(name, default, descriptor).value
+    descriptor = describe(described.description, unit=described.unit, constraint=described.bound, read_only=read_only)
+    # What a tool needs for a slider. The bound in words is the exact one, and checked by ourselves.
     if isinstance(default, float):
-        value = as_float(value)
-    described.check(name, value)
-    return value
+        descriptor.floating_point_range = [FloatingPointRange(from_value=described.lower, to_value=described.upper)]
+    else:
+        descriptor.integer_range = [IntegerRange(from_value=int(described.lower), to_value=int(described.upper))]
+    return declare(node, name, default, descriptor, described.check)
 
 
 def declare_quantities(node: Node, value: Validated, *, read_only: bool) -> dict[str, Any]:

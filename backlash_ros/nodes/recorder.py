@@ -30,6 +30,8 @@ TOPICS = [
     "controller/tracking_error",
     "controller/region",
     "controller/load_torque_estimate",
+    "controller/parameters_in_use",
+    "/diagnostics",
     "controller/backlash_estimate",
     "parameter_events",
 ]

@@ -80,7 +80,11 @@ def run(make: Callable[[str], ManagedNode | StoppableNode], args: Sequence[str] 
     rclpy's own handlers would end the context before a last command could leave, so signals are taken here.
     A parameter out of bounds ends it at once with code 2 and a line that says which.
     """
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # arguments or a parameter file that cannot be read
+        print(f"cannot start: {error}", file=sys.stderr)
+        return 2
     stop = Stop()
     nodes: list[ManagedNode | StoppableNode] = []
     # The fastest executor there is; its spin() ignores signals, so it is spun event by event.

@@ -21,13 +21,20 @@ from backlash_ros.nodes.gain_parameters import (
     gain_set_of,
     resolve_set,
 )
-from backlash_ros.nodes.parameters import as_float, declare_quantities, describe, take
+from backlash_ros.nodes.parameters import declare, declare_quantities, describe, take
+
+_K = "gains [k1, k2, k3] of V = -k1 (load angle - reference) - k2 load speed - k3 current"
+_K_UNIT = "V/rad, V s/rad, V/A"
+_K_BOUND = "k1 > 0 V/rad, all within +-1e+06, stable at the rate"
+_Q_UNIT = "1/rad^2, s^2/rad^2"
+_Q_BOUND = "Q11 > 0 and <= 1e+12, Q22 >= 0 and <= 1e+12; or [0, 0] for none"
 
 
 class Tunables:
     """The tunable parameters of one controller, and the settings and limits that they stand for.
 
-    ``changed`` is called with the names after each swap.
+    ``hindrance`` says why limits cannot be taken now, empty where they can; ``changed`` is called with the names after
+    each swap.
     """
 
     def __init__(self, node: Node, drive: Drive, rate: float) -> None:
@@ -36,10 +43,10 @@ class Tunables:
         self._period = 1.0 / rate
         self._sets = self._declare_gain_sets()
         self.values = self._declare()
-        self._floats = {name for name, value in self.values.items() if isinstance(value, float)}
         self.settings, self.limits = self._built(self.values)
         self._candidate = self.values, self.settings, self.limits
         self.version = 1
+        self.hindrance: Callable[[Limits], str] = lambda _limits: ""
         self.changed: Callable[[set[str]], None] = lambda _names: None
         node.add_pre_set_parameters_callback(self._complete)
         node.add_on_set_parameters_callback(self._validate)
@@ -58,8 +65,12 @@ class Tunables:
 
     def _declare_gain_sets(self) -> dict[str, dict[str, list[float]]]:
         node = self._node
-        text = "names of the gain sets, each under gain_sets.<name>"
-        names = node.declare_parameter("gain_set_names", ["nominal"], describe(text, read_only=True)).value
+        text = describe(
+            "names of the gain sets, each given under gain_sets.<name>; the first is used at the start",
+            constraint=f"different from each other and from {CUSTOM!r}",
+            read_only=True,
+        )
+        names = node.declare_parameter("gain_set_names", ["nominal"], text).value
         if not names:
             raise ValueError("gain_set_names must name at least one gain set")
         sets = {}
@@ -70,16 +81,23 @@ class Tunables:
             chosen = {}
             for region in REGIONS:
                 prefix = f"gain_sets.{name}.{region}"
-                k = node.declare_parameter(
-                    f"{prefix}.k", [0.0, 0.0, 0.0], describe("gains [V/rad, V s/rad, V/A]", read_only=True)
-                ).value
-                given = any(k)
-                q = node.declare_parameter(
-                    f"{prefix}.q",
-                    NO_WEIGHTS if given else defaults[region],
-                    describe("LQR weights [Q11, Q22] of eq 14, in place of gains", read_only=True),
-                ).value
-                chosen[region] = {"q": list(q), "k": list(k)}
+                text = describe(
+                    f"{_K}; [0, 0, 0] where weights are given",
+                    unit=_K_UNIT,
+                    constraint=f"{_K_BOUND}; or [0, 0, 0] for none",
+                    read_only=True,
+                )
+                k = declare(node, f"{prefix}.k", [0.0, 0.0, 0.0], text)
+                text = describe(
+                    "LQR weights [Q11, Q22] of eq 14, in place of gains",
+                    unit=_Q_UNIT,
+                    constraint=_Q_BOUND,
+                    read_only=True,
+                )
+                chosen[region] = {
+                    "q": declare(node, f"{prefix}.q", NO_WEIGHTS if any(k) else defaults[region], text),
+                    "k": k,
+                }
             sets[name] = resolve_set(name, chosen, self._drive)
         return sets
 
@@ -93,14 +111,17 @@ class Tunables:
         # A set stands for its gains; gains given beside it at the start make it custom, as they do later.
         given: dict[str, Any] = {}
         start = sets[first]
-        names = describe("gain set in use; setting it sets the gains", constraint=str([*sets, CUSTOM]))
+        names = describe("gain set in use; setting it sets the gains", constraint=f"one of {[*sets, CUSTOM]}")
         asked = {"gain_set": node.declare_parameter("gain_set", first, names).value}
         for region in REGIONS:
-            for kind, text in (("k", "gains [V/rad, V s/rad, V/A] in use"), ("q", "LQR weights they come from, or 0")):
+            for kind, text in (
+                ("k", describe(f"{_K}, in use", unit=_K_UNIT, constraint=_K_BOUND)),
+                ("q", describe("LQR weights [Q11, Q22] that they come from", unit=_Q_UNIT, constraint=_Q_BOUND)),
+            ):
                 name = f"gains.{region}.{kind}"
-                value = node.declare_parameter(name, start[name], describe(text)).value
-                if list(value) != start[name]:
-                    given[name] = list(value)
+                value = declare(node, name, start[name], text)
+                if value != start[name]:
+                    given[name] = value
         if given and asked["gain_set"] == first:
             asked = {"gain_set": CUSTOM}
         values |= start | expand({**asked, **given}, sets, self._drive)
@@ -130,8 +151,6 @@ class Tunables:
     def _complete(self, parameters: list[Parameter]) -> list[Parameter]:
         """Add what a request implies: a set's gains, gains designed from weights."""
         changes = {p.name: p.value for p in parameters}
-        for name in changes.keys() & self._floats:
-            changes[name] = as_float(changes[name])
         try:
             full = expand(changes, self._sets, self._drive)
         except (ValueError, TypeError):
@@ -143,10 +162,12 @@ class Tunables:
     def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
         values = {**self.values, **{p.name: p.value for p in parameters if p.name in self.values}}
         try:
-            self._candidate = values, *self._built(values)
+            settings, limits = self._built(values)
         except (ValueError, TypeError) as error:
             return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
+        self._candidate = values, settings, limits
+        reason = self.hindrance(limits)
+        return SetParametersResult(successful=not reason, reason=reason)
 
     def _swap(self, parameters: list[Parameter]) -> None:
         names = {p.name for p in parameters if p.name in self.values}

@@ -177,7 +177,7 @@ WATCHED = ("law", "gain_set", "gains.fast.k", "gains.fast.q", "gains.overdamped.
     ("changes", "culprit"),
     [
         ({"backlash_angle": -0.1}, "backlash_angle must be >= 0 rad and <= 3.2 rad, got -0.1"),
-        ({"backlash_angle": math.nan}, "backlash_angle must be a finite number in rad, got nan"),
+        ({"backlash_angle": math.nan}, "backlash_angle must be >= 0 rad and <= 3.2 rad, got nan"),
         ({"backlash_angle": 0.03, "hysteresis": 1e9}, "hysteresis must be"),
         ({"backlash_angle": 0.03, "gains__fast__k": [1e5, 0.0, 0.0]}, "gains.fast.k = [100000, 0, 0] is unstable"),
         ({"gains__fast__k": [30.0, 0.8, 0.1], "gains__overdamped__k": [1.0, math.inf, 0.0]}, "gains.overdamped.k: k2"),
@@ -185,7 +185,7 @@ WATCHED = ("law", "gain_set", "gains.fast.k", "gains.fast.q", "gains.overdamped.
         ({"gain_set": "nosuch", "law": "fast"}, "gain_set must be one of ['nominal', 'custom'], got 'nosuch'"),
         ({"law": "bang_bang", "backlash_angle": 0.03}, "law must be one of"),
         ({"gear__backlash": 2e-3, "backlash_angle": 0.03}, "gear.backlash"),
-        ({"backlash_angle": "wide"}, "backlash_angle must be a finite number in rad, got 'wide'"),
+        ({"backlash_angle": "wide"}, "backlash_angle must be a number, >= 0 rad and <= 3.2 rad, got 'wide'"),
     ],
 )
 def test_refused_set_changes_nothing_and_says_why(
@@ -232,6 +232,7 @@ def test_gains_given_at_the_start_are_in_use(start: Start, peer: Peer) -> None:
         ({"gains__fast__k": "[1.0e+5, 0.0, 0.0]"}, "gains.fast.k = [100000, 0, 0] is unstable at 250 Hz"),
         ({"rate": "quick"}, "rate must be a finite number in Hz, got 'quick'"),
         ({"gain_sets__nominal__fast__k": "[1, 2, 3]"}, "gain_sets.nominal.fast.k"),
+        ({"gains__fast__k": "[30.0, 1, 0]"}, "gains.fast.k:=[30.0, 1, 0]"),
     ],
 )
 def test_unusable_start_parameter_ends_the_node_with_a_line_that_names_it(

@@ -1,6 +1,7 @@
 """A drive made by the test, in lockstep: it sends a sample, waits for the answer, and only then goes on."""
 
 import math
+import time
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Plant
+from backlash_ros.nodes.interface import label_of, stamp_label
 
 _CLOCK_START = 1_000_000_000
 
@@ -30,9 +32,12 @@ class LockstepDrive:
         node = peer.node
         self._states = node.create_publisher(JointState, "joint_states", QoSProfile(depth=10))
         self._reference = node.create_publisher(Float64, "reference", QoSProfile(depth=10))
-        node.create_subscription(
-            Float64MultiArray, "command", lambda message: self.commands.append(message.data[0]), QoSProfile(depth=100)
-        )
+        node.create_subscription(Float64MultiArray, "command", self._on_command, QoSProfile(depth=100))
+        self._answers: dict[str, float] = {}
+
+    def _on_command(self, message: Float64MultiArray) -> None:
+        self.commands.append(message.data[0])
+        self._answers[label_of(message)] = message.data[0]
 
     def matched(self) -> "LockstepDrive":
         """Send the sample at rest, which changes nothing, until the controller answers."""
@@ -70,12 +75,21 @@ class LockstepDrive:
         return message
 
     def exchange(self, message: JointState) -> float:
-        """Send one sample and return the command that answers it."""
+        """Send one sample, again while it may have been lost, and return the command that answers it."""
         self.commands.clear()
-        self._states.publish(message)
+        self._answers.clear()
         self.tick += 1
-        self.peer.wait("a command", lambda: self.commands)
-        return self.commands[-1]
+        label, due = stamp_label(message.header.stamp), 0.0
+
+        def answered() -> bool:
+            nonlocal due
+            if time.monotonic() >= due:
+                self._states.publish(message)
+                due = time.monotonic() + 2.0
+            return label in self._answers
+
+        self.peer.wait("a command", answered)
+        return self._answers[label]
 
     def refer(self, target: float) -> None:
         """Send a reference while at rest, wait until it is answered, and make that period."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backlash_ros.control import FAST_REGION, OVERDAMPED_REGION, GainSet, Servo, ServoSettings
+from backlash_ros.control import FAST_REGION, OVERDAMPED_REGION, GainSet, Limits, Servo, ServoSettings
 from backlash_ros.control.observer import LOAD_TORQUE, OMEGA_L, observer_memory, observer_step
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
 
@@ -101,3 +101,35 @@ def test_velocity_bandwidth_is_the_bandwidth(gains: GainSet, rate: float, bandwi
             reached = (k - 1) / rate
     assert reached == pytest.approx(1 / bandwidth, abs=1 / rate)
     assert memory[LOAD_TORQUE] == 0.0
+
+
+def close_loop(servo: Servo, plant: Plant, periods: int) -> None:
+    for _ in range(periods):
+        plant.advance(servo.update(sample_of(plant)), 0.0, 0.004)
+
+
+def test_ends_of_the_travel_are_moved_while_it_runs(gains: GainSet) -> None:
+    settings, near = ServoSettings(gains, law="overdamped"), Limits.of(NOMINAL_DRIVE)
+    near = replace(near, position_lower=-0.5, position_upper=0.5)
+    servo, plant = Servo(NOMINAL_DRIVE, settings, near), Plant(NOMINAL_DRIVE)
+    close_loop(servo, plant, 1)
+    assert "limits.position_upper = 0.5 rad" in servo.refer(1.0)
+    servo.use(settings, replace(near, position_upper=2.0))
+    assert servo.refer(1.0) == ""
+    close_loop(servo, plant, 1000)
+    assert servo.fault == ""
+    assert plant.load_angle == pytest.approx(1.0, abs=0.02)
+    assert "position_upper = 0.5 rad, got 1" in servo.hindrance(near)
+
+
+def test_a_load_outside_of_new_ends_comes_back_in(gains: GainSet) -> None:
+    settings, wide = ServoSettings(gains, law="overdamped"), Limits.of(NOMINAL_DRIVE)
+    servo, plant = Servo(NOMINAL_DRIVE, settings, wide), Plant(NOMINAL_DRIVE, [10.0, 0.0, 1.0, 0.0, 0.0])
+    close_loop(servo, plant, 1)
+    assert servo.refer(0.2) == ""
+    narrow = replace(wide, position_upper=0.4)
+    assert servo.hindrance(narrow) == ""
+    servo.use(settings, narrow)
+    close_loop(servo, plant, 1000)
+    assert servo.fault == ""
+    assert plant.load_angle == pytest.approx(0.2, abs=0.02)

@@ -1,0 +1,71 @@
+"""The services that set parameters: whatever a request holds, it is answered, and refused with the culprit's name.
+
+rclpy's own answers leave out the name of a parameter that has the wrong type, is deleted or does not exist, and a
+value of a type that it does not know ends the node.
+"""
+
+from collections.abc import Sequence
+
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_service import ParameterService
+
+from backlash_ros.nodes.parameters import KINDS, as_floats
+
+
+def read_request(node: Node, messages: Sequence[ParameterMessage]) -> list[Parameter]:
+    """Return a request's parameters, in the types that they were declared with; ValueError names the culprit."""
+    names = [message.name for message in messages]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"{name} stands {names.count(name)} times in one request")
+    return [_read(node, message) for message in messages]
+
+
+def _read(node: Node, message: ParameterMessage) -> Parameter:
+    name = message.name
+    if not node.has_parameter(name):
+        raise ValueError(f"there is no parameter {name!r}")
+    described = node.describe_parameter(name)
+    if described.read_only:
+        raise ValueError(f"{name} is read-only: it holds as long as the node runs")
+    kind, constraint = Parameter.Type(described.type), described.additional_constraints
+    try:
+        value = parameter_value_to_python(message.value)
+    except RuntimeError as error:
+        raise ValueError(f"{name}: {error}") from error
+    if kind in (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY):
+        value = as_floats(value)
+    if not kind.check(value):
+        raise ValueError(f"{name} must be {', '.join(filter(None, (KINDS[kind], constraint)))}, got {value!r}")
+    for bounds in (*described.floating_point_range, *described.integer_range):
+        if not bounds.from_value <= value <= bounds.to_value:  # nan is not
+            raise ValueError(f"{name} must be {constraint}, got {value!r}")
+    return Parameter(name, kind, value)
+
+
+class ParameterRequests(ParameterService):
+    """The parameter services of one node, for one that was made with ``start_parameter_services=False``."""
+
+    def _set(self, messages: Sequence[ParameterMessage]) -> SetParametersResult:
+        node = self._get_node()
+        try:
+            parameters = read_request(node, messages)
+        except ValueError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return node.set_parameters_atomically(parameters)
+
+    def _set_parameters_callback(
+        self, request: SetParameters.Request, response: SetParameters.Response
+    ) -> SetParameters.Response:
+        response.results = [self._set([message]) for message in request.parameters]
+        return response
+
+    def _set_parameters_atomically_callback(
+        self, request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
+    ) -> SetParametersAtomically.Response:
+        response.result = self._set(request.parameters)
+        return response

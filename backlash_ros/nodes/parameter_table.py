@@ -1,0 +1,149 @@
+"""Writes docs/parameters.md: every parameter of simulator and controller, as the running nodes describe it."""
+
+import argparse
+import os
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from backlash_ros.nodes.controller import Controller
+from backlash_ros.nodes.domain import isolated_environment, own_domain
+from backlash_ros.nodes.plant_simulator import PlantSimulator
+
+Described = dict[str, tuple[ParameterDescriptor, Any]]
+
+FROM_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+"""What rclpy declares by itself, not told here."""
+
+_UNIT = re.compile(r" \[([^]]+)\]$")
+
+HEADER = """# Parameters
+
+Made from the code by `make docs`; a test keeps it so. The same, from a node that runs: `ros2 param describe`.
+
+*fixed* parameters are given at the start and read-only from then on. *hot* ones may be changed while the controller
+runs and act from the next sample on. A request is validated together with everything else that is set, and taken whole
+or not at all (`set_parameters_atomically`; `ros2 param set` and `load` send their parameters one by one, and each has
+to be valid with those before it). A refusal names the parameter, the value and the bound. Whole numbers stand for
+floats. No parameter can be deleted.
+
+What is in use is published on `~/parameters_in_use` (rcl_interfaces/ParameterEvent, latched) under `new_parameters`:
+every hot parameter, and an integer `version` that rises by one with each request that is taken. Learning sets
+`backlash_angle` in the same way. The recorder keeps the topic; `read_bag` gives it as `in_use`.
+
+Besides these every node has `use_sim_time` and `start_type_description_service`, which are ROS's own, and
+`qos_overrides.*` for its topics.
+"""
+
+GAINS = """`gains.<region>.k` is always what is in use. It comes from one of three places:
+
+- `gain_set` names a set from `gain_set_names`; choosing it sets both regions' gains. Sets are given in the parameter
+  file, under `gain_sets.<name>`, each region by either `k` or `q`; the `nominal` one has defaults.
+- `gains.<region>.q` are LQR weights of eq 14, from which `k` is designed.
+- `gains.<region>.k` are gains as numbers; the region's `q` becomes [0, 0].
+
+The last two make `gain_set` `custom`, which may also be set: it changes no gains. A request that contradicts itself,
+such as a set together with other gains, is refused. So are gains with which the sampled loop would be unstable even
+without backlash.
+"""
+
+LIMITS = """The defaults of `velocity`, `load_torque`, `command` and `gap` follow from the drive; here they are those of
+the nominal one. A limit that the drive is already beyond when it is set latches its fault at the next sample. The ends
+of the travel are different: where the reference in use would be outside of them they are refused, and a load that is
+outside may come back in.
+"""
+
+LEARNING = "A learning run keeps the values that it was started with; changes hold for the next one.\n"
+
+
+def describe_nodes() -> tuple[Described, Described]:
+    """Return the parameters of simulator and controller, by name: descriptor and default."""
+    with own_domain() as domain:
+        os.environ.update(isolated_environment(domain))
+        rclpy.init(args=[], domain_id=domain)
+        try:
+            return _described(PlantSimulator), _described(Controller)
+        finally:
+            rclpy.shutdown()
+
+
+def _described(make: Callable[[], Node]) -> Described:
+    node = make()
+    names = [name for name in node.list_parameters([], 0).names if not name.startswith(FROM_ROS)]
+    described = {name: (node.describe_parameter(name), node.get_parameter(name).value) for name in names}
+    node.destroy_node()
+    return described
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, (str, bool, int)):
+        return str(value).lower() if isinstance(value, bool) else str(value)
+    return f"[{', '.join(map(_value, value))}]"
+
+
+def _row(name: str, described: ParameterDescriptor, default: Any) -> str:
+    unit = "".join(_UNIT.findall(described.description))
+    bound = described.additional_constraints
+    if described.floating_point_range and unit:
+        bound = re.sub(rf"(?<=\d) {re.escape(unit)}(?= |$)", "", bound)
+    cells = (
+        f"`{name}`",
+        Parameter.Type(described.type).name.lower().replace("_", " "),
+        _value(default),
+        unit,
+        bound,
+        "fixed" if described.read_only else "hot",
+        _UNIT.sub("", described.description),
+    )
+    return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+
+
+def _section(title: str, text: str, parameters: Described) -> str:
+    heading = "| parameter | type | default | unit | range | change | meaning |\n|---|---|---|---|---|---|---|"
+    rows = "\n".join(_row(name, *parameters[name]) for name in parameters)
+    return f"\n## {title}\n\n{text}\n{heading}\n{rows}\n"
+
+
+def parameter_table() -> str:
+    """Return the page."""
+    simulator, controller = describe_nodes()
+    plain_first = sorted(simulator, key=lambda name: "." in name)
+    shared = {name: simulator[name] for name in plain_first if controller.get(name) == simulator[name]}
+    own = {name: described for name, described in controller.items() if name not in shared}
+    sets = ("gain_set", "gains.")
+
+    def part(*prefixes: str) -> Described:
+        return {name: described for name, described in own.items() if name.startswith(prefixes)}
+
+    rest = {name: own[name] for name in own if not name.startswith((*sets, "limits.", "learning."))}
+    gains = {name.replace(".nominal.", ".<name>."): described for name, described in part(*sets).items()}
+    return HEADER + "".join(
+        (
+            _section("Both nodes", "Simulator and controller must be told the same drive.\n", shared),
+            _section("Simulator", "", {name: simulator[name] for name in simulator if name not in shared}),
+            _section("Controller", "", rest),
+            _section("Gains", GAINS, gains),
+            _section("Limits", LIMITS, part("limits.")),
+            _section("Learning", LEARNING, part("learning.")),
+        )
+    ).replace("\n\n\n", "\n\n")
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Write the page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("docs/parameters.md"), help="file to write")
+    parser.parse_args(args).out.write_text(parameter_table())
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

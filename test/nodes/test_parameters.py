@@ -1,0 +1,265 @@
+"""Parameters on the live controller: described, in use, published, and refused by name."""
+
+import math
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from graph import PATIENCE, Parameters, Peer, Process
+from lockstep_drive import LockstepDrive
+from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterEvent, ParameterType, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters, SetParametersAtomically
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_srvs.srv import Trigger
+
+from backlash_ros.analysis import read_bag
+from backlash_ros.control import Gains
+from backlash_ros.nodes.parameter_table import FROM_ROS
+
+Start = Callable[..., Process]
+PATIENT = {"state_timeout": 10.0}
+LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class InUse:
+    """What the controller says it uses: versions and values, as they came."""
+
+    def __init__(self, peer: Peer) -> None:
+        self.heard: list[tuple[int, dict[str, Any]]] = []
+        self._peer = peer
+        peer.node.create_subscription(ParameterEvent, "controller/parameters_in_use", self._on, LATCHED)
+        peer.wait("what is in use", lambda: self.heard)
+
+    def _on(self, message: ParameterEvent) -> None:
+        values = {p.name: parameter_value_to_python(p.value) for p in message.new_parameters}
+        self.heard.append((values.pop("version"), values))
+
+    def version(self, number: int) -> dict[str, Any]:
+        self._peer.wait(f"version {number}", lambda: self.heard[-1][0] >= number)
+        return dict(self.heard)[number]
+
+
+def descriptors(peer: Peer, node: str) -> dict[str, ParameterDescriptor]:
+    names = peer.call(ListParameters, f"/{node}/list_parameters", ListParameters.Request()).result.names
+    names = [name for name in names if not name.startswith(FROM_ROS)]
+    answer = peer.call(DescribeParameters, f"/{node}/describe_parameters", DescribeParameters.Request(names=names))
+    return dict(zip(names, answer.descriptors, strict=True))
+
+
+def test_the_documented_table_is_what_the_code_makes(tmp_path: Path) -> None:
+    made, committed = tmp_path / "parameters.md", Path(__file__).parents[2] / "docs" / "parameters.md"
+    command = [sys.executable, "-m", "backlash_ros.nodes.parameter_table", "--out", str(made)]
+    subprocess.run(command, check=True, timeout=PATIENCE)
+    assert made.read_text() == committed.read_text(), "renew it: make docs"
+
+
+@pytest.mark.parametrize("node", ["controller", "plant_simulator"])
+def test_every_parameter_is_described_and_every_number_bounded(start: Start, peer: Peer, node: str) -> None:
+    start(node)
+    described = descriptors(peer, node)
+    described = {
+        name: d for name, d in described.items() if d.type != ParameterType.PARAMETER_BOOL or not d.description
+    }
+    without_unit = {"gear.contact_exponent", "gear.restitution", "real_time_factor", "hysteresis", "learning.cycles"}
+    without_unit |= {"learning.attempts", "learning.spread"}
+    for name, descriptor in described.items():
+        assert descriptor.description, name
+        assert descriptor.additional_constraints, name
+        if descriptor.type in (ParameterType.PARAMETER_DOUBLE, ParameterType.PARAMETER_INTEGER):
+            assert [*descriptor.floating_point_range, *descriptor.integer_range], name
+            assert descriptor.description.endswith("]") != (name in without_unit), name
+        assert not descriptor.dynamic_typing, name
+
+
+def test_what_may_change_is_what_is_published_as_in_use(start: Start, peer: Peer) -> None:
+    start("controller")
+    hot = {name for name, described in descriptors(peer, "controller").items() if not described.read_only}
+    assert set(InUse(peer).version(1)) == hot
+
+
+def test_in_use_has_a_new_version_for_each_request_that_is_taken(start: Start, peer: Peer) -> None:
+    start("controller", **PATIENT)
+    in_use, parameters = InUse(peer), Parameters(peer, "controller")
+    for number, changes in enumerate(({"gains__fast__k": [20.0, 0.6, 0.1]}, {"law": "fast", "hysteresis": 0.2}), 2):
+        assert parameters.set(**changes) == (True, "")
+        assert not parameters.set(hysteresis=-1.0)[0]
+        assert not parameters.set(law="fast", nosuch=1.0)[0]
+        values = in_use.version(number)
+        assert list(values.values()) == parameters.get(*values)
+        assert values["gain_set"] == "custom"
+    assert [version for version, _ in in_use.heard] == [1, 2, 3]
+    assert (values["law"], values["hysteresis"], values["gains.fast.k"]) == ("fast", 0.2, [20.0, 0.6, 0.1])
+    late = InUse(peer)
+    assert late.heard == in_use.heard[-1:]
+
+
+def test_the_next_command_follows_what_is_published(start: Start, peer: Peer) -> None:
+    """Also where two requests come between two samples: the last one counts."""
+    start("controller", law="fast", torque_bandwidth=0.0, **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    in_use, parameters = InUse(peer), Parameters(peer, "controller")
+    drive.refer(0.2)
+    drive.run(3)
+    for version in (3, 5, 7):
+        for k1 in (10.0 + version, 20.0 + version):
+            assert parameters.set(gains__fast__k=[k1, 0.6, 0.1]) == (True, "")
+        gains = Gains.from_sequence("k", in_use.version(version)["gains.fast.k"])
+        assert gains.k1 == 20.0 + version
+        assert drive.exchange(drive.sample()) == pytest.approx(fast_command(gains, drive, 0.2), rel=1e-9)
+
+
+def fast_command(gains: Gains, drive: LockstepDrive, reference: float) -> float:
+    """Eq 15 without load torque, where every state is measured."""
+    plant = drive.plant
+    state = np.array([plant.load_angle - reference, plant.load_speed, plant.motor_torque / 0.05])
+    return float(-gains.as_array() @ state)
+
+
+def test_what_was_learned_is_a_new_version_in_use(start: Start, peer: Peer) -> None:
+    start("controller", **PATIENT)
+    in_use = InUse(peer)
+    drive = LockstepDrive(peer).matched()
+    client = peer.node.create_client(Trigger, "controller/learn")
+    peer.wait("the service", client.service_is_ready)
+    answer = client.call_async(Trigger.Request())
+    while not answer.done():
+        drive.step()
+        assert drive.tick < 5000
+    assert answer.result().success, answer.result().message
+    assert in_use.version(2)["backlash_angle"] == pytest.approx(0.02, rel=0.05)
+
+
+def value(kind: int, **fields: Any) -> ParameterValue:
+    return ParameterValue(type=kind, **fields)
+
+
+FLOATS, TEXT = ParameterType.PARAMETER_DOUBLE_ARRAY, ParameterType.PARAMETER_STRING
+
+
+def atomically(peer: Peer, node: str, **values: ParameterValue) -> tuple[bool, str]:
+    request = [Parameter(name=name.replace("__", "."), value=given) for name, given in values.items()]
+    service = f"/{node}/set_parameters_atomically"
+    result = peer.call(SetParametersAtomically, service, SetParametersAtomically.Request(parameters=request)).result
+    return result.successful, result.reason
+
+
+def test_whatever_is_sent_is_refused_by_name(start: Start, peer: Peer) -> None:
+    """A value of an unknown type ended the node; a wrong type, a deletion and an unknown name were not named."""
+    process = start("controller", **PATIENT)
+    in_use = InUse(peer)
+    good = {"hysteresis": value(ParameterType.PARAMETER_DOUBLE, double_value=0.3)}
+    for name, given, says in (
+        ("backlash_angle", value(42), "backlash_angle: unexpected parameter type 42"),
+        ("backlash_angle", value(0), "backlash_angle must be a number"),
+        ("backlash_angle", value(ParameterType.PARAMETER_BOOL, bool_value=True), "backlash_angle must be a number"),
+        (
+            "learning__cycles",
+            value(ParameterType.PARAMETER_DOUBLE, double_value=5.0),
+            "learning.cycles must be a whole",
+        ),
+        ("learning__cycles", value(ParameterType.PARAMETER_BOOL, bool_value=True), "learning.cycles must be a "),
+        ("law", value(ParameterType.PARAMETER_BYTE_ARRAY, byte_array_value=[b"f"]), "law must be a text, one of"),
+        ("gain_set", value(0), "gain_set must be a text, one of ['nominal', 'custom'], got None"),
+        ("gains__fast__k", value(0), "gains.fast.k must be numbers"),
+        ("gains__fast__k", value(TEXT, string_value="[1, 2, 3]"), "gains.fast.k must be numbers"),
+        ("gains__fast__k", value(FLOATS, double_array_value=[20.0, 0.6]), "gains.fast.k must be three gains"),
+        ("gains__fast__q", value(FLOATS, double_array_value=[]), "gains.fast.q must be two weights"),
+        ("gains__fast__q", value(FLOATS, double_array_value=[math.nan, 0.0]), "gains.fast.q: Q11 must be > 0"),
+        ("limits__position_upper", value(ParameterType.PARAMETER_DOUBLE, double_value=-2e9), "limits.position_upper"),
+        ("rate", value(ParameterType.PARAMETER_DOUBLE, double_value=500.0), "rate is read-only"),
+        ("use_sim_time", value(TEXT, string_value="yes"), "use_sim_time must be true or false"),
+        ("nosuch", value(ParameterType.PARAMETER_DOUBLE, double_value=1.0), "there is no parameter 'nosuch'"),
+    ):
+        accepted, reason = atomically(peer, "controller", **good, **{name: given})
+        assert (accepted, reason[: len(says)]) == (False, says)
+    twice = [Parameter(name="hysteresis", value=good["hysteresis"])] * 2
+    answer = peer.call(
+        SetParametersAtomically,
+        "/controller/set_parameters_atomically",
+        SetParametersAtomically.Request(parameters=twice),
+    )
+    assert answer.result.reason == "hysteresis stands 2 times in one request"
+    assert process.running
+    assert atomically(peer, "controller", **good) == (True, "")
+    assert in_use.version(2)["hysteresis"] == 0.3
+    assert in_use.heard[-1][0] == 2
+    assert {**in_use.version(2), "hysteresis": 0.1} == in_use.version(1)
+
+
+def test_one_by_one_each_parameter_is_a_request_of_its_own(start: Start, peer: Peer) -> None:
+    start("controller", **PATIENT)
+    in_use = InUse(peer)
+    number = ParameterType.PARAMETER_DOUBLE
+    changes = (
+        ("limits.position_lower", value(number, double_value=2.0)),
+        ("limits.position_upper", value(number, double_value=1.0)),  # not above the lower one, by now
+        ("limits.position_lower", value(42)),
+        ("limits.position_lower", value(number, double_value=0.5)),
+        ("limits.position_upper", value(number, double_value=1.0)),
+    )
+    request = SetParameters.Request(parameters=[Parameter(name=name, value=given) for name, given in changes])
+    results = peer.call(SetParameters, "/controller/set_parameters", request).results
+    assert [result.successful for result in results] == [True, False, False, True, True]
+    assert "limits.position_lower must be < limits.position_upper = 1 rad, got 2.0" in results[1].reason
+    assert (in_use.version(4)["limits.position_lower"], in_use.version(4)["limits.position_upper"]) == (0.5, 1.0)
+
+
+def test_whole_numbers_stand_for_floats_in_lists_too(start: Start, peer: Peer) -> None:
+    start("controller", gain_sets__nominal__overdamped__q="[4, 0]", **PATIENT)
+    parameters = Parameters(peer, "controller")
+    assert parameters.set(gains__fast__k=[30, 1, 0]) == (True, "")
+    assert parameters.get("gains.fast.k", "gains.overdamped.q") == [[30.0, 1.0, 0.0], [4.0, 0.0]]
+
+
+def test_custom_alone_keeps_the_gains(start: Start, peer: Peer) -> None:
+    start("controller", **PATIENT)
+    in_use, parameters = InUse(peer), Parameters(peer, "controller")
+    assert parameters.set(gain_set="custom") == (True, "")
+    assert in_use.version(2) == {**in_use.version(1), "gain_set": "custom"}
+
+
+def test_a_set_that_cannot_be_used_is_refused_with_its_name(start: Start, peer: Peer) -> None:
+    start(
+        "controller",
+        gain_set_names="[nominal, wild]",
+        gain_sets__wild__fast__k="[100000, 0, 0]",
+        gain_sets__wild__overdamped__q="[4, 0]",
+        **PATIENT,
+    )
+    accepted, reason = Parameters(peer, "controller").set(gain_set="wild")
+    assert not accepted
+    assert reason.startswith("gain_set 'wild': gain_sets.wild.fast.k = [100000, 0, 0] is unstable at 250 Hz")
+
+
+def test_ends_of_the_travel_that_leave_the_reference_outside_are_refused(start: Start, peer: Peer) -> None:
+    start("controller", **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    parameters = Parameters(peer, "controller")
+    drive.refer(0.3)
+    command = drive.exchange(drive.sample())
+    accepted, reason = parameters.set(limits__position_upper=0.2)
+    assert not accepted
+    assert "limits.position_upper = 0.2 rad, got 0.3" in reason
+    assert parameters.set(limits__position_upper=0.4) == (True, "")
+    assert drive.exchange(drive.sample()) == pytest.approx(command, rel=0.2)
+    assert parameters.get("limits.position_upper") == [0.4]
+
+
+def test_every_version_in_use_is_in_the_bag(start: Start, peer: Peer, tmp_path: Path) -> None:
+    start("controller", **PATIENT)
+    recorder = start("recorder", output=tmp_path / "bag")
+    in_use, parameters = InUse(peer), Parameters(peer, "controller")
+    for topic in ("controller/parameters_in_use", "diagnostics"):
+        peer.wait(f"the recorder on {topic}", lambda said=f"recording /{topic}": said in recorder.output())
+    for k1 in (20.0, 25.0):
+        assert parameters.set(gains__fast__k=[k1, 0.6, 0.1]) == (True, "")
+    in_use.version(3)
+    assert recorder.stop() == 0
+    recording = read_bag(tmp_path / "bag")
+    assert [(version, values) for _, version, values in recording.in_use][-2:] == in_use.heard[-2:]
+    assert recording.messages["/diagnostics"] >= 0
