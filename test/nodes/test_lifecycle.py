@@ -1,5 +1,7 @@
 """The lifecycle of simulator and controller: what each transition does to the motor, and what no request can do."""
 
+import signal
+import time
 from collections.abc import Callable
 
 import pytest
@@ -119,3 +121,15 @@ def test_simulator_is_silent_and_still_while_not_active(start: Start, peer: Peer
     assert len(states) == seen
     assert lifecycle.change(Transition.TRANSITION_ACTIVATE)
     peer.wait("joint states again", lambda: len(states) > seen)
+
+
+@pytest.mark.parametrize("node", ["controller", "plant_simulator"])
+def test_signals_that_come_while_it_stops_do_not_keep_it_from_ending_well(start: Start, peer: Peer, node: str) -> None:
+    """Ctrl-C under `ros2 launch` arrives twice: from the terminal, and passed on."""
+    process = start(node)
+    lifecycle = Lifecycle(peer, node)
+    peer.wait("autostart", lambda: lifecycle.state == "active")
+    while process.running:
+        process.signal(signal.SIGINT)
+        time.sleep(0.001)
+    assert process.wait() == 0
