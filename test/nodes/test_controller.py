@@ -159,7 +159,7 @@ def test_signal_that_turns_nan_does_not_shake_the_loop(start: Start, peer: Peer,
         drive.plant.advance(commands[-1], 0.0, drive.period)
         angles.append(drive.plant.load_angle)
     assert max(angles) < 1.0 + 0.1 * 0.02
-    assert np.all(np.abs(np.array(angles[-200:]) - 1.0) < 0.2 * 0.02)
+    assert np.all(np.abs(np.array(angles[-200:]) - 1.0) < 0.5 * 0.02)
     assert np.all(np.abs(np.diff(commands[-200:])) < 0.02)
     assert "unusable" not in process.output()
 

@@ -5,36 +5,14 @@ import time
 from collections.abc import Callable
 
 import pytest
-from graph import Peer, Process
+from graph import Lifecycle, Peer, Process
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState, GetState
 from lockstep_drive import LockstepDrive
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 Start = Callable[..., Process]
 PATIENT = {"state_timeout": 10.0, "law": "fast", "torque_bandwidth": 0.0}
-
-
-class Lifecycle:
-    """A node's lifecycle services."""
-
-    def __init__(self, peer: Peer, node: str) -> None:
-        self._peer, self._node = peer, node
-
-    @property
-    def state(self) -> str:
-        return self._peer.call(GetState, f"{self._node}/get_state", GetState.Request()).current_state.label
-
-    def change(self, transition: int) -> bool:
-        """Request once: a transition whose answer was lost must not be asked for again."""
-        client = self._peer.node.create_client(ChangeState, f"{self._node}/change_state")
-        assert self.state  # the services know this peer by now
-        self._peer.wait("the service", client.service_is_ready)
-        request = ChangeState.Request(transition=Transition(id=transition))
-        future = client.call_async(request)
-        self._peer.wait("the transition", future.done)
-        return future.result().success
 
 
 @pytest.mark.parametrize("node", ["controller", "plant_simulator"])
