@@ -97,12 +97,14 @@ def read_joint_state(
 ) -> NDArray[np.float64]:
     """Return theta_m, omega_m, i, theta_l, omega_l (rad, rad/s, A) of a message, nan where it does not say.
 
-    Joints are found by name, in any order, others ignored; either may be absent; velocity and effort may be empty.
+    Joints are found by name, in any order, others ignored; either may be absent. Velocity and effort may be empty, or
+    nan where a joint does not measure them, as ros2_control's joint_state_broadcaster has it.
 
     Raises
     ------
     BadSampleError
-        If both joints are absent, one stands there twice, an array has the wrong length or a value is not finite.
+        If both joints are absent, one stands there twice, an array has the wrong length, a position is not finite or a
+        velocity or effort is infinite.
     """
     count = len(message.name)
     if len(message.position) != count:
@@ -119,9 +121,9 @@ def read_joint_state(
         for k in places:
             seen = True
             measured[angle] = _usable(f"position of joint {joint!r}", message.position[k], "rad")
-            if message.velocity:
+            if message.velocity and not math.isnan(message.velocity[k]):
                 measured[speed] = _usable(f"velocity of joint {joint!r}", message.velocity[k], "rad/s")
-            if message.effort and joint == motor_joint:
+            if message.effort and joint == motor_joint and not math.isnan(message.effort[k]):
                 measured[2] = _usable(f"effort of joint {joint!r}", message.effort[k], "N m") / torque_constant
     if not seen:
         raise BadSampleError(f"neither joint {motor_joint!r} nor {load_joint!r} among {list(message.name)}")

@@ -192,7 +192,7 @@ class PlantSimulator(ManagedNode):
             self._states.publish(self._sample)
 
     def _beat(self) -> None:
-        at = now()
+        at, stamp = now(), self.get_clock().now().to_msg()  # when the plant is there, however long the rest takes
         due = max(1, round((at - self._start) / self._beat_time) - self._due)
         self._due += due
         self._late += due - 1
@@ -204,7 +204,7 @@ class PlantSimulator(ManagedNode):
             due -= powered
             self._fail(f"no command for {self._command_timeout:g} s")
         self._advance(due)
-        self._publish()
+        self._publish(stamp)
 
     def _advance(self, periods: int) -> None:
         began = now()
@@ -212,13 +212,11 @@ class PlantSimulator(ManagedNode):
         self._ticks += periods
         self._step_time.add(now() - began)
 
-    def _publish(self) -> None:
+    def _publish(self, stamp: Time | None = None) -> None:
         plant = self._plant
-        if self._own_time:
+        if stamp is None or self._own_time:
             seconds, nanoseconds = divmod(round((self._ticks + 1) * self._period * 1e9), 10**9)
             stamp = Time(sec=seconds, nanosec=nanoseconds)
-        else:
-            stamp = self.get_clock().now().to_msg()
         message = JointState()
         message.header.stamp = stamp
         message.name = list(self._joints)

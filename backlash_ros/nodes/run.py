@@ -36,10 +36,17 @@ class StoppableNode(Node):
 class Stop:
     """Becomes true on SIGINT or SIGTERM."""
 
+    _NUMBERS = signal.SIGINT, signal.SIGTERM
+
     def __init__(self) -> None:
         self._asked = False
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in self._NUMBERS:
             signal.signal(number, self._ask)
+
+    def ignore_more(self) -> None:
+        """Let no further signal end the process before it ends well: `ros2 launch` passes on what the terminal sent."""
+        for number in self._NUMBERS:
+            signal.signal(number, signal.SIG_IGN)
 
     def _ask(self, _signal: int, _frame: FrameType | None) -> None:
         self._asked = True
@@ -116,6 +123,7 @@ def run(make: Callable[[str], ManagedNode | StoppableNode], args: Sequence[str] 
                 code = 1
         return code
     finally:
+        stop.ignore_more()
         for node in nodes:
             executor.remove_node(node)
             node.destroy_node()

@@ -136,10 +136,32 @@ def test_drives_that_measure_less_are_controlled_too(start: Start, peer: Peer) -
     plant = drive.plant
     for k in range(1500):
         fields = {"velocity": [], "effort": []}
+        if k % 2:
+            fields = {"velocity": [math.nan, math.nan], "effort": [math.nan, math.nan]}
         if k >= 750:
             fields |= {"name": ["load"], "position": [plant.load_angle]}
         plant.advance(drive.exchange(drive.sample(**fields)), 0.0, drive.period)
     assert plant.load_angle == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("missing", ["velocity", "effort", "both"])
+def test_signal_that_turns_nan_does_not_shake_the_loop(start: Start, peer: Peer, missing: str) -> None:
+    """A drive stops measuring speed or torque on the way, and later says them every second time only."""
+    process = start("controller", backlash_angle=0.02, **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    drive.refer(1.0)
+    nothing = [math.nan, math.nan]
+    fields = {name: nothing for name in ("velocity", "effort") if missing in (name, "both")}
+    angles, commands = [], []
+    for k in range(400):
+        unmeasured = 15 <= k < 150 or (k >= 150 and k % 2)
+        commands.append(drive.exchange(drive.sample(**fields) if unmeasured else drive.sample()))
+        drive.plant.advance(commands[-1], 0.0, drive.period)
+        angles.append(drive.plant.load_angle)
+    assert max(angles) < 1.0 + 0.1 * 0.02
+    assert np.all(np.abs(np.array(angles[-200:]) - 1.0) < 0.5 * 0.02)
+    assert np.all(np.abs(np.diff(commands[-200:])) < 0.02)
+    assert "unusable" not in process.output()
 
 
 def test_gain_swap_is_seen_in_the_next_command(start: Start, peer: Peer) -> None:
@@ -283,8 +305,8 @@ def test_zero_volts_on_silence_and_hold_where_it_comes_back(start: Start, peer: 
     [
         {"position": [0.0, math.nan]},
         {"position": [math.inf, 0.0]},
-        {"velocity": [0.0, math.nan]},
-        {"effort": [math.nan, 0.0]},
+        {"velocity": [0.0, math.inf]},
+        {"effort": [-math.inf, 0.0]},
         {"effort": [1.7e308, 0.0]},
         {"velocity": [0.0, -1e306]},
         {"position": [0.0]},

@@ -1,39 +1,19 @@
 """The lifecycle of simulator and controller: what each transition does to the motor, and what no request can do."""
 
 import re
+import signal
+import time
 from collections.abc import Callable
 
 import pytest
-from graph import Peer, Process
+from graph import Lifecycle, Peer, Process
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState, GetState
 from lockstep_drive import LockstepDrive
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 Start = Callable[..., Process]
 PATIENT = {"state_timeout": 10.0, "law": "fast", "torque_bandwidth": 0.0}
-
-
-class Lifecycle:
-    """A node's lifecycle services."""
-
-    def __init__(self, peer: Peer, node: str) -> None:
-        self._peer, self._node = peer, node
-
-    @property
-    def state(self) -> str:
-        return self._peer.call(GetState, f"{self._node}/get_state", GetState.Request()).current_state.label
-
-    def change(self, transition: int) -> bool:
-        """Request once: a transition whose answer was lost must not be asked for again."""
-        client = self._peer.node.create_client(ChangeState, f"{self._node}/change_state")
-        assert self.state  # the services know this peer by now
-        self._peer.wait("the service", client.service_is_ready)
-        request = ChangeState.Request(transition=Transition(id=transition))
-        future = client.call_async(request)
-        self._peer.wait("the transition", future.done)
-        return future.result().success
 
 
 @pytest.mark.parametrize("node", ["controller", "plant_simulator"])
@@ -121,3 +101,15 @@ def test_simulator_is_silent_and_still_while_not_active(start: Start, peer: Peer
     assert len(states) == seen
     assert lifecycle.change(Transition.TRANSITION_ACTIVATE)
     peer.wait("joint states again", lambda: len(states) > seen)
+
+
+@pytest.mark.parametrize("node", ["controller", "plant_simulator"])
+def test_signals_that_come_while_it_stops_do_not_keep_it_from_ending_well(start: Start, peer: Peer, node: str) -> None:
+    """Ctrl-C under `ros2 launch` arrives twice: from the terminal, and passed on."""
+    process = start(node)
+    lifecycle = Lifecycle(peer, node)
+    peer.wait("autostart", lambda: lifecycle.state == "active")
+    while process.running:
+        process.signal(signal.SIGINT)
+        time.sleep(0.001)
+    assert process.wait() == 0

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -124,3 +126,24 @@ class Parameters:
         request = [Parameter(name.replace("__", "."), value=value) for name, value in changes.items()]
         result = self._peer.ask("parameters", lambda: self._client.set_parameters_atomically(request)).result
         return result.successful, result.reason
+
+
+class Lifecycle:
+    """A node's lifecycle services."""
+
+    def __init__(self, peer: Peer, node: str) -> None:
+        self._peer, self._node = peer, node
+
+    @property
+    def state(self) -> str:
+        return self._peer.call(GetState, f"{self._node}/get_state", GetState.Request()).current_state.label
+
+    def change(self, transition: int) -> bool:
+        """Request once: a transition whose answer was lost must not be asked for again."""
+        client = self._peer.node.create_client(ChangeState, f"{self._node}/change_state")
+        assert self.state  # the services know this peer by now
+        self._peer.wait("the service", client.service_is_ready)
+        request = ChangeState.Request(transition=Transition(id=transition))
+        future = client.call_async(request)
+        self._peer.wait("the transition", future.done)
+        return future.result().success

@@ -17,6 +17,8 @@ ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
 COMMANDS = [line for block in re.findall(r"```sh\n(.*?)```", README, re.DOTALL) for line in block.splitlines() if line]
 ROS_COMMANDS = [line for line in COMMANDS if line.startswith("ros2 ")]
+PATIENT = {"plant_simulator": "command_timeout", "controller": "state_timeout"}
+"""What lets the nodes bear a machine on which each command starts a Python of its own."""
 RUN_ELSEWHERE = {
     "make demo": "test_demo.py runs what the target runs",
     "make test": ".ci/run",
@@ -111,30 +113,68 @@ def why_not_ros2() -> str:
     return ""
 
 
-def test_ros2_commands_work_in_their_order(environment: dict[str, str], tmp_path: Path) -> None:
-    """What runs until it is stopped goes on in the background; the rest has to end well."""
+@pytest.fixture
+def ros2(environment: dict[str, str]) -> Iterator[dict[str, str]]:
+    """An environment with the ros2 command, whose daemon ends with the test."""
     if reason := why_not_ros2():
         pytest.skip(reason)
+    yield environment
+    subprocess.run(["ros2", "daemon", "stop"], env=environment, capture_output=True, timeout=60, check=False)
+
+
+def read_until(process: subprocess.Popen[str], *patterns: str) -> str:
+    """Return what a process prints until every pattern has been seen."""
+    assert process.stdout is not None
+    printed = ""
+    while not all(re.search(pattern, printed) for pattern in patterns):
+        line = process.stdout.readline()
+        assert line, printed
+        printed += line
+    return printed
+
+
+def fails_as_it_should(command: str, printed: str) -> bool:
+    """Whether all that failed is what a whole file holds besides what can be set while a node runs."""
+    lines = [line for line in printed.splitlines() if "failed" in line]
+    return command.startswith("ros2 param load") and all("read-only" in line for line in lines)
+
+
+def test_ros2_commands_work_in_their_order(ros2: dict[str, str], tmp_path: Path) -> None:
+    """What runs until it is stopped goes on in the background; the rest has to end well."""
     running: list[subprocess.Popen[str]] = []
     try:
         for command in ROS_COMMANDS:
             if command.startswith("ros2 launch"):
                 continue  # in place of the two nodes: next test
             if command.startswith("ros2 run"):
-                running.append(begin(command, environment, tmp_path))
+                name = command.split()[-1]
+                running.append(begin(f"{command} --ros-args -p {PATIENT[name]}:=10.0", ros2, tmp_path))
+                read_until(running[-1], "simulating at|ready at")
+                continue
+            if command.startswith("ros2 topic hz"):
+                process = begin(command, ros2, tmp_path)
+                read_until(process, "average rate: [12]")
+                end(process)
                 continue
             done = subprocess.run(
-                ["bash", "-c", command], env=environment, capture_output=True, text=True, timeout=120, check=False
+                ["bash", "-c", command],
+                cwd=tmp_path,
+                env=ros2,
+                capture_output=True,
+                text=True,
+                timeout=120,
+                check=False,
             )
-            assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
-            assert "failed" not in done.stdout + done.stderr, f"{command}\n{done.stdout}"
+            printed = done.stdout + done.stderr
+            assert done.returncode == 0, f"{command}\n{printed}"
+            assert "failed" not in printed or fails_as_it_should(command, printed), f"{command}\n{printed}"
             if "learn" in command:
-                assert "success=True" in done.stdout, done.stdout
+                assert "success=True" in printed, printed
             if command.startswith("ros2 topic pub"):
                 time.sleep(1.0)  # as a reader of the README would: the load moves
     finally:
-        printed = [end(process) for process in running]
-    assert [process.returncode for process in running] == [0] * len(running), printed
+        printed_by = [end(process) for process in running]
+    assert [process.returncode for process in running] == [0] * len(running), printed_by
 
 
 @pytest.mark.parametrize(
@@ -143,19 +183,12 @@ def test_ros2_commands_work_in_their_order(environment: dict[str, str], tmp_path
 )
 @pytest.mark.parametrize("command", [c for c in ROS_COMMANDS if c.startswith("ros2 launch")])
 def test_launch_file_starts_both_nodes(
-    command: str, arguments: str, gain_set: str, environment: dict[str, str], tmp_path: Path
+    command: str, arguments: str, gain_set: str, ros2: dict[str, str], tmp_path: Path
 ) -> None:
-    if reason := why_not_ros2():
-        pytest.skip(reason)
     pytest.importorskip("launch_ros", reason="needs launch_ros")
-    process = begin(command + arguments, environment, tmp_path)
-    assert process.stdout is not None
-    printed = ""
+    process = begin(command + arguments, ros2, tmp_path)
     try:
-        while not ("simulating at 250 Hz" in printed and f"ready at 250 Hz with gain set '{gain_set}'" in printed):
-            line = process.stdout.readline()
-            assert line, printed
-            printed += line
+        printed = read_until(process, "simulating at 250 Hz", f"ready at 250 Hz with gain set '{gain_set}'")
     finally:
-        printed += end(process)
-    assert printed.count("process has finished cleanly") == 2, printed
+        rest = end(process)
+    assert rest.count("process has finished cleanly") == 2, printed + rest

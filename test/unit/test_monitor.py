@@ -208,13 +208,6 @@ def test_reference_is_refused_where_nobody_would_follow_it(limited: Servo) -> No
     assert not limited.holding
 
 
-def test_narrower_travel_takes_the_reference_along(limited: Servo) -> None:
-    limited.update(np.zeros(5))
-    assert limited.refer(1.0) == ""
-    limited.use(limited.settings, replace(Limits.of(NOMINAL_DRIVE), position_upper=0.5))
-    assert limited.reference == 0.5
-
-
 # The ends of the travel
 
 

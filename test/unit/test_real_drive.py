@@ -1,0 +1,55 @@
+"""The ways in which docs/real_drive.md describes a drive with other units or joints: each closes the same loop."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backlash_ros.control import GainSet, ServoSettings, design_gains
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
+from backlash_ros.simulation import Run, Scenario, run
+
+CURRENT_DRIVE = replace(NOMINAL_DRIVE, command_interface="current")
+TIME = np.arange(500) * 0.004
+REFERENCE = np.where(TIME < 1.0, 0.5, 0.2)
+
+
+def step_of(drive: Drive, weight_scale: float = 1.0) -> Run:
+    weights = np.array([[1000.0, 1.0], [4.0, 0.0]]) * weight_scale
+    fast, overdamped = (design_gains("gains", drive, list(q)) for q in weights)
+    return run(drive, ServoSettings(GainSet(fast, overdamped), backlash_angle=0.02), Scenario(REFERENCE))
+
+
+@pytest.mark.parametrize("at_joint", [False, True])
+def test_torque_is_current_counted_in_other_units(at_joint: bool) -> None:
+    motor, n = CURRENT_DRIVE.motor, CURRENT_DRIVE.gear.ratio
+    scale = motor.torque_constant / (n if at_joint else 1.0)
+    in_torque = replace(
+        motor,
+        torque_constant=motor.torque_constant / scale,
+        resistance=motor.resistance / scale**2,
+        inductance=motor.inductance / scale**2,
+        voltage_limit=motor.voltage_limit / scale,
+        current_limit=motor.current_limit * scale,
+    )
+    expected, result = step_of(CURRENT_DRIVE), step_of(replace(CURRENT_DRIVE, motor=in_torque), 1.0 / scale**2)
+    np.testing.assert_allclose(result.load_angle, expected.load_angle, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(result.command, expected.command * scale, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("drive", [NOMINAL_DRIVE, CURRENT_DRIVE], ids=["voltage", "current"])
+def test_motor_may_be_described_as_seen_from_the_output(drive: Drive) -> None:
+    motor, n = drive.motor, drive.gear.ratio
+    reflected = replace(
+        drive,
+        motor=replace(
+            motor,
+            torque_constant=motor.torque_constant / n,
+            inertia=motor.inertia / n**2,
+            viscous_friction=motor.viscous_friction / n**2,
+        ),
+        gear=replace(drive.gear, motor_radius=drive.gear.load_radius),
+    )
+    expected, result = step_of(drive), step_of(reflected)
+    np.testing.assert_allclose(result.load_angle, expected.load_angle, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(result.state[:, 0], n * expected.state[:, 0], rtol=0, atol=1e-5)
