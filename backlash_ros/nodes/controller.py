@@ -20,14 +20,11 @@ from backlash_ros.drivetrain import Quantity
 from backlash_ros.nodes.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
 from backlash_ros.nodes.interface import (
     LATCHED,
-    RECEIVE,
-    SEND,
     STEADY,
     BadSampleError,
     answer,
     declare_joints,
     now,
-    overridable,
     read_joint_state,
     stamp_label,
 )
@@ -66,7 +63,6 @@ class Controller(ManagedNode):
         self._tunables = Tunables(self, self._drive, self._rate)
         self._servo = Servo(self._drive, self._tunables.settings, self._tunables.limits)
         self._tunables.hindrance, self._tunables.changed = self._servo.hindrance, self._use
-        self._configured = False
         self._estimated = False
         self._answered = self._dropped = self._late = self._jumps = 0
         self._last_drop = self._refused = ""
@@ -84,30 +80,16 @@ class Controller(ManagedNode):
             with suppress(ValueError):  # one that cannot be designed for this drive is refused when it is chosen
                 Servo(self._drive, replace(self._tunables.settings, law=law)).update(at_rest)
         self._servo.reset()
-        own = overridable()
-        self._command = self.create_publisher(Float64MultiArray, "command", SEND, qos_overriding_options=own)
-        self._error = self.create_publisher(Float64, "~/tracking_error", SEND)
-        self._region = self.create_publisher(UInt8, "~/region", SEND)
-        self._torque = self.create_publisher(Float64, "~/load_torque_estimate", SEND)
-        self._estimate = self.create_publisher(Float64, "~/backlash_estimate", LATCHED)
-        self._in_use = self.create_publisher(ParameterEvent, "~/parameters_in_use", LATCHED)
-        self._listening = [
-            self.create_subscription(
-                kind,
-                topic,
-                callback,
-                RECEIVE,
-                qos_overriding_options=own,
-                event_callbacks=self.mismatch_events(topic),
-            )
-            for kind, topic, callback in (
-                (JointState, "joint_states", self._on_joint_states),
-                (Float64, "reference", self._on_reference),
-            )
-        ]
-        self._learn = LearnService(self)
-        self._watch_timer = self.create_timer(0.5 * self._state_timeout, self._watch, clock=STEADY)
-        self._configured = True
+        self._command = self.speak(Float64MultiArray, "command")
+        self._error = self.speak(Float64, "~/tracking_error")
+        self._region = self.speak(UInt8, "~/region")
+        self._torque = self.speak(Float64, "~/load_torque_estimate")
+        self._estimate = self.speak(Float64, "~/backlash_estimate", LATCHED)
+        self._in_use = self.speak(ParameterEvent, "~/parameters_in_use", LATCHED)
+        self.listen(JointState, "joint_states", self._on_joint_states)
+        self.listen(Float64, "reference", self._on_reference)
+        self._learn = self.held(LearnService(self), LearnService.close)
+        self.held(self.create_timer(0.5 * self._state_timeout, self._watch, clock=STEADY), self.destroy_timer)
         self._publish_in_use()
         self._publish_estimate()
 
@@ -127,23 +109,13 @@ class Controller(ManagedNode):
         self._end_learning()
         self.get_logger().info(f"stopped after {self._answered} samples, {self._dropped} messages dropped")
 
-    def clean_up(self) -> None:
-        """Let go of topics and service."""
-        self.destroy_timer(self._watch_timer)
-        self._learn.close()
-        for publisher in (self._command, self._error, self._region, self._torque, self._estimate, self._in_use):
-            self.destroy_publisher(publisher)
-        for subscription in self._listening:
-            self.destroy_subscription(subscription)
-        self._configured = False
-
     # Parameters.
 
     def _use(self, names: set[str]) -> None:
         self._servo.use(self._tunables.settings, self._tunables.limits)
-        if self._configured:
+        if self.configured:
             self._publish_in_use()
-        if self._configured and "backlash_angle" in names:
+        if self.configured and "backlash_angle" in names:
             self._publish_estimate()
 
     def _publish_in_use(self) -> None:
@@ -308,7 +280,7 @@ class Controller(ManagedNode):
             state.append((WARN, f"{dropped} messages dropped, the last one: {self._last_drop}"))
         if self.mismatches:
             state.append((WARN, f"{self.mismatches} publishers of a quality of service that does not match"))
-        if self._configured and (commanders := self.count_publishers(self._command.topic_name)) > 1:
+        if self.configured and (commanders := self.count_publishers(self._command.topic_name)) > 1:
             state.append((WARN, f"{commanders} publishers on command"))
         age, step = self._age.take(), self._step_time.take()
         # By the stamps where they go on evenly: in simulated time the steady clock says nothing of the drive's rate.

@@ -2,20 +2,23 @@
 
 import traceback
 from collections.abc import Callable, Sequence
-from typing import Any
+from contextlib import ExitStack
+from typing import Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import ChangeState
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
-from backlash_ros.nodes.interface import SEND, STEADY
+from backlash_ros.nodes.interface import RECEIVE, SEND, STEADY, overridable
 from backlash_ros.nodes.parameter_requests import ParameterRequests
 from backlash_ros.nodes.parameters import describe
 
 RESULT = TransitionCallbackReturn
+E = TypeVar("E")
 
 
 class ManagedNode(LifecycleNode):
@@ -33,6 +36,7 @@ class ManagedNode(LifecycleNode):
         text = "configure and activate at the start; false leaves both to lifecycle requests"
         self.autostart = bool(self.declare_parameter("autostart", True, describe(text, read_only=True)).value)
         self.mismatches = 0
+        self._held = ExitStack()
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", SEND)
         self.create_service(Trigger, "~/reset_fault", self._on_reset)
         self.create_timer(1.0, self.publish_diagnostics, clock=STEADY)
@@ -40,7 +44,7 @@ class ManagedNode(LifecycleNode):
     # For subclasses.
 
     def configure(self) -> None:
-        """Compile, design, and take up the topics; ValueError refuses."""
+        """Compile, design, and take up the topics, each through `held`; ValueError refuses."""
         raise NotImplementedError
 
     def activate(self) -> None:
@@ -49,10 +53,6 @@ class ManagedNode(LifecycleNode):
 
     def deactivate(self) -> None:
         """Put 0 V out and end."""
-        raise NotImplementedError
-
-    def clean_up(self) -> None:
-        """Undo `configure`."""
         raise NotImplementedError
 
     def reset_fault(self) -> tuple[bool, str]:
@@ -71,11 +71,38 @@ class ManagedNode(LifecycleNode):
         return str(self._state_machine.current_state[1])
 
     @property
+    def configured(self) -> bool:
+        """Whether the topics are there: inactive or active."""
+        return self.state in {"inactive", "active"}
+
+    @property
     def active(self) -> bool:
         """Whether the motor may be driven."""
         return self._active
 
     _active = False
+
+    def held(self, entity: E, destroy: Callable[[E], Any]) -> E:
+        """Return ``entity``, which is destroyed when the node is cleaned up, or could not be configured to the end."""
+        self._held.callback(destroy, entity)
+        return entity
+
+    def speak(self, kind: type, topic: str, qos: QoSProfile = SEND) -> Publisher:
+        """Return a publisher that is there while configured; its quality of service can be overridden."""
+        made = self.create_publisher(kind, topic, qos, qos_overriding_options=overridable())
+        return self.held(made, self.destroy_publisher)
+
+    def listen(self, kind: type, topic: str, callback: Callable[[Any], None]) -> None:
+        """Take control data while configured; a publisher whose quality of service does not match is reported."""
+        made = self.create_subscription(
+            kind,
+            topic,
+            callback,
+            RECEIVE,
+            qos_overriding_options=overridable(),
+            event_callbacks=self._mismatch_events(topic),
+        )
+        self.held(made, self.destroy_subscription)
 
     def start(self) -> None:
         """Come up by itself where ``autostart`` says so; RuntimeError where that fails."""
@@ -116,7 +143,10 @@ class ManagedNode(LifecycleNode):
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Compile, design, take up the topics."""
-        return self._guarded("configure", self.configure)
+        result = self._guarded("configure", self.configure)
+        if result != RESULT.SUCCESS:
+            self._held.close()
+        return result
 
     def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Begin."""
@@ -128,16 +158,15 @@ class ManagedNode(LifecycleNode):
 
     def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Let go of the topics."""
-        return self._guarded("clean up", self.clean_up)
+        return self._guarded("clean up", self._held.close)
 
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def on_shutdown(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Put 0 V out, let go of the topics."""
-        configured = state.state_id != State.PRIMARY_STATE_UNCONFIGURED
-        return self._guarded("shut down", self._end, *([self.clean_up] if configured else []))
+        return self._guarded("shut down", self._end, self._held.close)
 
     def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Put 0 V out after a transition that failed; what went wrong is in the log."""
-        return self._guarded("recover", self._end)
+        """After a transition that failed, which the log tells: put 0 V out, let go of the topics."""
+        return self._guarded("recover", self._end, self._held.close)
 
     def _LifecycleNodeMixin__on_change_state(  # noqa: N802
         self, request: ChangeState.Request, response: ChangeState.Response
@@ -160,8 +189,8 @@ class ManagedNode(LifecycleNode):
         self.publish_diagnostics()
         return response
 
-    def mismatch_events(self, topic: str) -> SubscriptionEventCallbacks:
-        """Return events for a subscription that report a publisher whose quality of service does not match."""
+    def _mismatch_events(self, topic: str) -> SubscriptionEventCallbacks:
+        """Return what a subscription does about a publisher whose quality of service does not match."""
 
         def report(event: Any) -> None:
             self.mismatches = event.total_count

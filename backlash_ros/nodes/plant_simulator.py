@@ -23,7 +23,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.drivetrain import Plant, Quantity
 from backlash_ros.nodes.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
-from backlash_ros.nodes.interface import RECEIVE, SEND, STEADY, declare_joints, label_of, now, overridable, stamp_label
+from backlash_ros.nodes.interface import STEADY, declare_joints, label_of, now, stamp_label
 from backlash_ros.nodes.managed import ManagedNode
 from backlash_ros.nodes.parameters import declare_drive, declare_duration, declare_number, declare_rate, describe
 from backlash_ros.nodes.run import run
@@ -70,22 +70,10 @@ class PlantSimulator(ManagedNode):
         self._plant = Plant(self._drive)
         self._value = self._load_torque = 0.0
         self._ticks = 0
-        self._states = self.create_publisher(JointState, "joint_states", SEND, qos_overriding_options=overridable())
-        self._clock_publisher = self.create_publisher(Clock, "/clock", SEND) if self._own_time and self._leads else None
-        self._subscriptions_made = [
-            self.create_subscription(
-                kind,
-                topic,
-                callback,
-                RECEIVE,
-                qos_overriding_options=overridable(),
-                event_callbacks=self.mismatch_events(topic),
-            )
-            for kind, topic, callback in (
-                (Float64MultiArray, "command", self._on_command),
-                (Float64, "load_torque", self._on_load_torque),
-            )
-        ]
+        self._states = self.speak(JointState, "joint_states")
+        self._clock_publisher = self.speak(Clock, "/clock") if self._own_time and self._leads else None
+        self.listen(Float64MultiArray, "command", self._on_command)
+        self.listen(Float64, "load_torque", self._on_load_torque)
 
     def activate(self) -> None:
         """Begin to publish."""
@@ -112,13 +100,6 @@ class PlantSimulator(ManagedNode):
         self._value = 0.0
         self.destroy_timer(self._timer)
         self.get_logger().info(f"stopped after {self._beats} beats, {self._late} of them late")
-
-    def clean_up(self) -> None:
-        """Let go of topics and plant."""
-        for publisher in filter(None, (self._states, self._clock_publisher)):
-            self.destroy_publisher(publisher)
-        for subscription in self._subscriptions_made:
-            self.destroy_subscription(subscription)
 
     # Faults.
 
