@@ -147,7 +147,10 @@ class Servo:
         if fault:
             self.fail(fault)
             return 0.0
-        observer_step(self._observer, self._estimate, measured, self.command)
+        observer = self._observer
+        if elapsed is not None and elapsed > 1.5 * observer.period:  # samples are missing
+            observer = replace(self.settings, period=elapsed).observer(self.drive)
+        observer_step(observer, self._estimate, measured, self.command)
         if not self.holding:
             self.reference = self._monitor.limits.clip(self.load_angle)
         offset = 0.0

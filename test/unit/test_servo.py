@@ -133,3 +133,19 @@ def test_a_load_outside_of_new_ends_comes_back_in(gains: GainSet) -> None:
     close_loop(servo, plant, 1000)
     assert servo.fault == ""
     assert plant.load_angle == pytest.approx(0.2, abs=0.02)
+
+
+def test_missing_samples_do_not_look_like_speed(gains: GainSet) -> None:
+    """By positions alone: the way of several periods in one sample is the way of several periods."""
+    settings = ServoSettings(gains, law="overdamped")
+    servo = Servo(NOMINAL_DRIVE, settings, replace(Limits.of(NOMINAL_DRIVE), load_torque=1e3))
+    speed, angle, fastest = 2.0, 0.0, 0.0
+    for k in range(400):
+        missing = 4 if k > 200 and k % 20 == 0 else 0
+        elapsed = (1 + missing) * settings.period
+        angle += speed * elapsed
+        servo.update(np.array([10 * angle, math.nan, math.nan, angle, math.nan]), elapsed)
+        if k > 200:
+            fastest = max(fastest, float(servo._estimate[OMEGA_L]))
+    assert servo.fault == ""
+    assert fastest == pytest.approx(speed, rel=0.01)
