@@ -52,7 +52,7 @@ class PlantSimulator(ManagedNode):
             self, "command_timeout", 0.1, "silence on command after which the motor gets 0 V"
         )
         self._fault = ""
-        self._rejected = self._late = self._beats = self._answered = 0
+        self._rejected = self._late = self._beats = self._answered = self._answered_late = 0
         self._step_time = Window()
         self._seen = now(), 0, 0, 0
         self._together = [] if together is None else together
@@ -160,7 +160,9 @@ class PlantSimulator(ManagedNode):
         if label:
             self._last_answer = at
             self._replied.append(label)
-            self._answered += label == self._label
+            in_period = label == self._label
+            self._answered += in_period
+            self._answered_late += not in_period
         if self._lockstep:
             self._waiting = False
             self._step_together()
@@ -270,6 +272,7 @@ class PlantSimulator(ManagedNode):
                     "samples": self._beats,
                     "late_beats": self._late,
                     "answered_in_period": self._answered,
+                    "answered_late": self._answered_late,
                     "answered_percent": f"{100 * answered / beats:.2f}" if beats else "",
                     "integration": milliseconds(self._step_time.take()),
                 },
