@@ -4,7 +4,7 @@
     real_time.py axes       six axes in one pair of processes: answered within the period, processor time
     real_time.py lockstep   how many times faster than real time a simulated minute runs
 
-Run with `make soak` and `make bench`. What else the machine does counts here: the load average stands beside the figures.
+Run with `make soak` and `make bench`. What else the machine does counts here: its load average stands beside the figures.
 """
 
 import argparse
@@ -176,13 +176,14 @@ def soak(minutes: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
     figures = {
         "minutes": minutes,
         "samples published": samples,
-        "samples received": answered + int(received["messages_dropped"]),
+        "samples received": answered,
         "samples lost": samples - answered,
         "answered within the period": int(sent["answered_in_period"]),
         "answered late": int(sent["answered_late"]),
         "late beats": int(sent["late_beats"]),
+        "fault": received["fault"] or "none",
     }
-    held = figures["samples lost"] == 0
+    held = figures["samples lost"] == 0 and not received["fault"]
     for process, one, two in zip(("simulator", "controller"), before, after, strict=True):
         figures[f"memory of the {process} after {first:g} s, kB"] = one
         figures[f"memory of the {process} at the end, kB"] = two

@@ -20,11 +20,9 @@ from backlash_ros.nodes.interface import (
     LATCHED,
     RECEIVE,
     SEND,
-    STEADY,
     BadSampleError,
     answer,
     declare_joints,
-    now,
     overridable,
     read_joint_state,
     stamp_label,
@@ -33,6 +31,7 @@ from backlash_ros.nodes.learn_service import LearnService, describe_estimate
 from backlash_ros.nodes.managed import ManagedNode
 from backlash_ros.nodes.parameters import declare_drive, declare_duration, declare_number, declare_rate
 from backlash_ros.nodes.run import run
+from backlash_ros.nodes.timer import Timer, now
 from backlash_ros.nodes.tunables import Tunables
 
 _LEARN_PATIENCE = 5.0
@@ -100,7 +99,8 @@ class Controller(ManagedNode):
             )
         ]
         self._learn = LearnService(self)
-        self._watch_timer = self.create_timer(0.5 * self._state_timeout, self._watch, clock=STEADY)
+        self._watchdog = Timer(0.5 * self._state_timeout, self._watch)
+        self.own_timers.append(self._watchdog)
         self._configured = True
         self._publish_in_use()
         self._publish_estimate()
@@ -123,7 +123,7 @@ class Controller(ManagedNode):
 
     def clean_up(self) -> None:
         """Let go of topics and service."""
-        self.destroy_timer(self._watch_timer)
+        self.own_timers.remove(self._watchdog)
         self._learn.close()
         for publisher in (self._command, self._error, self._region, self._torque, self._estimate, self._in_use):
             self.destroy_publisher(publisher)

@@ -11,8 +11,9 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
-from backlash_ros.nodes.interface import SEND, STEADY
+from backlash_ros.nodes.interface import SEND
 from backlash_ros.nodes.parameters import describe
+from backlash_ros.nodes.timer import Timer
 
 RESULT = TransitionCallbackReturn
 
@@ -33,7 +34,7 @@ class ManagedNode(LifecycleNode):
         self.mismatches = 0
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", SEND)
         self.create_service(Trigger, "~/reset_fault", self._on_reset)
-        self.create_timer(1.0, self.publish_diagnostics, clock=STEADY)
+        self.own_timers = [Timer(1.0, self.publish_diagnostics)]
 
     # For subclasses.
 
@@ -75,13 +76,17 @@ class ManagedNode(LifecycleNode):
 
     _active = False
 
+    def prepare(self) -> None:
+        """Configure where ``autostart`` says so; RuntimeError where that fails."""
+        self._come_up(self.trigger_configure)
+
     def start(self) -> None:
-        """Come up by itself where ``autostart`` says so; RuntimeError where that fails."""
-        if not self.autostart:
-            return
-        for transition in (self.trigger_configure, self.trigger_activate):
-            if transition() != RESULT.SUCCESS:
-                raise RuntimeError(f"{self.get_name()} did not come up: still {self.state}")
+        """Activate where ``autostart`` says so; RuntimeError where that fails."""
+        self._come_up(self.trigger_activate)
+
+    def _come_up(self, transition: Callable[[], TransitionCallbackReturn]) -> None:
+        if self.autostart and transition() != RESULT.SUCCESS:
+            raise RuntimeError(f"{self.get_name()} did not come up: still {self.state}")
 
     def stop(self) -> None:
         """Shut down from wherever it is; the context is still alive."""

@@ -16,17 +16,17 @@ from collections.abc import Sequence
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.drivetrain import Plant, Quantity
 from backlash_ros.nodes.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
-from backlash_ros.nodes.interface import RECEIVE, SEND, STEADY, declare_joints, label_of, now, overridable, stamp_label
+from backlash_ros.nodes.interface import RECEIVE, SEND, declare_joints, label_of, overridable, stamp_label
 from backlash_ros.nodes.managed import ManagedNode
 from backlash_ros.nodes.parameters import declare_drive, declare_duration, declare_number, declare_rate, describe
 from backlash_ros.nodes.run import run
+from backlash_ros.nodes.timer import Timer, now
 
 _REPEAT = 0.1
 """Silence after which a sample in lockstep is sent again, s: best effort may lose it."""
@@ -99,9 +99,10 @@ class PlantSimulator(ManagedNode):
         self._seen = self._start, self._beats, self._late, self._answered
         if self._lockstep:
             self._publish()
-            self._timer: Timer = self.create_timer(_REPEAT, self._repeat, clock=STEADY)
+            self._timer = Timer(_REPEAT, self._repeat)
         else:
-            self._timer = self.create_timer(self._beat_time, self._beat, clock=STEADY)
+            self._timer = Timer(self._beat_time, self._beat)
+        self.own_timers.append(self._timer)
         speed = "in lockstep" if self._lockstep else f"{self._period / self._beat_time:g} times real time"
         self.get_logger().info(
             f"simulating at {self._rate:g} Hz, {speed}, backlash {self._drive.gear.backlash_angle:g} rad at the output"
@@ -110,7 +111,7 @@ class PlantSimulator(ManagedNode):
     def deactivate(self) -> None:
         """Take the command off and stand still: no time passes while not active."""
         self._value = 0.0
-        self.destroy_timer(self._timer)
+        self.own_timers.remove(self._timer)
         self.get_logger().info(f"stopped after {self._beats} beats, {self._late} of them late")
 
     def clean_up(self) -> None:

@@ -15,9 +15,9 @@ from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLi
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from backlash_ros.nodes.interface import STEADY
 from backlash_ros.nodes.parameters import describe
 from backlash_ros.nodes.run import StoppableNode, run
+from backlash_ros.nodes.timer import Timer
 
 TOPICS = [
     "joint_states",
@@ -82,7 +82,7 @@ class Recorder(StoppableNode):
         self._writer = Writer(output, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
         self._writer.open()
         self._counts: dict[str, int] = {}
-        self.create_timer(0.1, self._look, clock=STEADY)
+        self.own_timers = [Timer(0.1, self._look)]
         self._look()
         self.get_logger().info(f"recording {len(self._wanted)} topics to {output}")
 

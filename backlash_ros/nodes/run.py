@@ -1,9 +1,9 @@
 """How every node of this package runs: started from arguments, spun, and stopped in order on SIGINT or SIGTERM."""
 
 import argparse
+import gc
 import signal
 import sys
-import time
 import traceback
 from collections.abc import Callable, Sequence
 from types import FrameType
@@ -16,6 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from backlash_ros.nodes.managed import ManagedNode
+from backlash_ros.nodes.timer import Timer, call_due, now
 
 
 class StoppableNode(Node):
@@ -25,9 +26,13 @@ class StoppableNode(Node):
     """
 
     linger = 0.0
+    own_timers: Sequence[Timer] = ()
+
+    def prepare(self) -> None:
+        """Do what takes its time; the executor knows the node by now."""
 
     def start(self) -> None:
-        """Begin; the executor knows the node by now."""
+        """Begin."""
 
     def stop(self) -> None:
         """Leave things safe and whole; the context is still alive."""
@@ -59,6 +64,17 @@ def _axes(args: Sequence[str] | None) -> list[str]:
     return axes
 
 
+def _turn(executor: EventsExecutor, nodes: Sequence[ManagedNode | StoppableNode]) -> None:
+    """Call the timers that are due, then work off one event, which may come until the next timer is due.
+
+    When the timers are late it is one event more than timers were called: what has piled up goes down, and neither
+    starves the other.
+    """
+    called, wait = call_due([timer for node in nodes for timer in node.own_timers])
+    for _ in range(1 if wait > 0 else called + 1):
+        executor.spin_once(timeout_sec=min(max(wait, 0.0), 0.1))
+
+
 def run(make: Callable[[str], ManagedNode | StoppableNode], args: Sequence[str] | None) -> int:
     """Run the nodes that ``make`` builds, one per axis, until told to stop; return the exit code.
 
@@ -83,11 +99,16 @@ def run(make: Callable[[str], ManagedNode | StoppableNode], args: Sequence[str] 
         try:
             for node in nodes:
                 executor.add_node(node)
+                node.prepare()
+            # What is there by now stays: a look for garbage among it would stop the loop for many periods.
+            gc.collect()
+            gc.freeze()
+            for node in nodes:
                 node.start()
             while not stop:
-                executor.spin_once(timeout_sec=0.1)
-            end = time.monotonic() + max(node.linger for node in nodes)
-            while time.monotonic() < end:
+                _turn(executor, nodes)
+            end = now() + max(node.linger for node in nodes)
+            while now() < end:
                 executor.spin_once(timeout_sec=0.01)
         except Exception as error:  # whatever it is, the drive is left safe and the reason is in the log
             nodes[0].get_logger().fatal(f"{type(error).__name__}: {error}")
