@@ -191,7 +191,9 @@ class PlantSimulator(ManagedNode):
             axis._publish()
 
     def _repeat(self) -> None:
-        if self._waiting and now() - self._last_beat > _REPEAT:
+        if not self._waiting:
+            self._step_together()  # the axis that the others waited for may be active no more
+        elif now() - self._last_beat > _REPEAT:
             self._states.publish(self._sample)
 
     def _beat(self) -> None:

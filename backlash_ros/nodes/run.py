@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from types import FrameType
 
 import rclpy
-from rclpy.exceptions import InvalidParameterTypeException, ParameterException
+from rclpy.exceptions import InvalidParameterTypeException, NameValidationException, ParameterException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -59,7 +59,7 @@ def _axes(args: Sequence[str] | None) -> list[str]:
     parser.add_argument("--axes", nargs="+", default=[""], metavar="NAMESPACE")
     words = remove_ros_args(sys.argv[1:] if args is None else list(args))
     axes = list(parser.parse_known_args(words)[0].axes)
-    if len(set(axes)) < len(axes):
+    if len({axis.strip("/") for axis in axes}) < len(axes):
         raise ValueError(f"--axes must be different from each other, got {axes}")
     return axes
 
@@ -91,9 +91,9 @@ def run(make: Callable[[str], ManagedNode | StoppableNode], args: Sequence[str] 
         try:
             for axis in _axes(args):
                 nodes.append(make(axis))
-                if len({node.get_fully_qualified_name() for node in nodes}) < len(nodes):
+                if axis and nodes[-1].get_namespace().strip("/") != axis.strip("/"):
                     raise ValueError("with --axes the namespaces are the axes: --axes arm/elbow, not __ns:=arm")
-        except (ValueError, ParameterException, InvalidParameterTypeException) as error:
+        except (ValueError, NameValidationException, ParameterException, InvalidParameterTypeException) as error:
             print(f"cannot start: {error}", file=sys.stderr)
             return 2
         try:
