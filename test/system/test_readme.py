@@ -118,8 +118,8 @@ def test_ros2_commands_work_in_their_order(environment: dict[str, str], tmp_path
     running: list[subprocess.Popen[str]] = []
     try:
         for command in ROS_COMMANDS:
-            if command.startswith("ros2 launch"):
-                continue  # in place of the two nodes: next test
+            if command.startswith("ros2 launch") or "--axes" in command:
+                continue  # in place of the two nodes: next tests
             if command.startswith("ros2 run"):
                 running.append(begin(command, environment, tmp_path))
                 continue
@@ -141,7 +141,7 @@ def test_ros2_commands_work_in_their_order(environment: dict[str, str], tmp_path
     ("arguments", "gain_set"),
     [("", "nominal"), (" gain_set:=gentle", "gentle"), (" namespace:=a gain_set:=gentle", "gentle")],
 )
-@pytest.mark.parametrize("command", [c for c in ROS_COMMANDS if c.startswith("ros2 launch")])
+@pytest.mark.parametrize("command", [c for c in ROS_COMMANDS if "servo.launch.py" in c])
 def test_launch_file_starts_both_nodes(
     command: str, arguments: str, gain_set: str, environment: dict[str, str], tmp_path: Path
 ) -> None:
@@ -159,3 +159,51 @@ def test_launch_file_starts_both_nodes(
     finally:
         printed += end(process)
     assert printed.count("process has finished cleanly") == 2, printed
+
+
+@pytest.mark.parametrize("command", [c for c in ROS_COMMANDS if "ros2 run" in c and "--axes" in c])
+def test_one_process_runs_six_axes(command: str, environment: dict[str, str]) -> None:
+    if reason := why_not_ros2():
+        pytest.skip(reason)
+    process = begin(command, environment, ROOT)
+    assert process.stdout is not None
+    printed = ""
+    try:
+        while len(re.findall(r"(?:simulating|ready) at 250 Hz", printed)) < 6:
+            line = process.stdout.readline()
+            assert line, printed
+            printed += line
+    finally:
+        printed += end(process)
+    assert process.returncode == 0, printed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "processes", "first", "second"),
+    [
+        ("", 2, "nominal", "stiff"),
+        (" gain_set:=gentle", 2, "gentle", "gentle"),
+        (" simulator:=false", 1, "nominal", "stiff"),
+    ],
+)
+@pytest.mark.parametrize("command", [c for c in ROS_COMMANDS if "axes.launch.py" in c])
+def test_launch_file_starts_the_axes(
+    command: str, arguments: str, processes: int, first: str, second: str, environment: dict[str, str], tmp_path: Path
+) -> None:
+    if reason := why_not_ros2():
+        pytest.skip(reason)
+    pytest.importorskip("launch_ros", reason="needs launch_ros")
+    process = begin(command + arguments, environment, tmp_path)
+    assert process.stdout is not None
+    wanted = [f"[axis1.controller]: ready at 250 Hz with gain set '{first}'"]
+    wanted += [f"[axis2.controller]: ready at 250 Hz with gain set '{second}'"]
+    wanted += [f"[axis{k}.plant_simulator]: simulating at 250 Hz" for k in range(1, 4) if processes == 2]
+    printed = ""
+    try:
+        while not all(text in printed for text in wanted):
+            line = process.stdout.readline()
+            assert line, printed
+            printed += line
+    finally:
+        printed += end(process)
+    assert printed.count("process has finished cleanly") == processes, printed
