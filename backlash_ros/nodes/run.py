@@ -52,6 +52,12 @@ class Stop:
     def __bool__(self) -> bool:
         return self._asked
 
+    @staticmethod
+    def done() -> None:
+        """Leave the signals alone: a second Ctrl-C must not kill the interpreter while it ends."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
 
 def _axes(args: Sequence[str] | None) -> list[str]:
     """Return the namespaces that ``--axes`` gives, one node each; without it one, that of the process."""
@@ -124,3 +130,4 @@ def run(make: Callable[[str], ManagedNode | StoppableNode], args: Sequence[str] 
             node.destroy_node()
         executor.shutdown()
         rclpy.try_shutdown()
+        stop.done()
