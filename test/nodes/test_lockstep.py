@@ -67,11 +67,11 @@ class Recorded:
         for target in (*targets, None):
             offline = run(NOMINAL_DRIVE, offline_settings, Scenario(references))
             if target is not None:
-                other = np.flatnonzero(np.abs(answers - offline.voltage) > 1e-6)
+                other = np.flatnonzero(np.abs(answers - offline.command) > 1e-6)
                 references[other[0] :] = target
         heard = ~np.isnan(answers)
         assert np.count_nonzero(heard) > 0.99 * len(labels)
-        np.testing.assert_allclose(answers[heard], offline.voltage[heard], rtol=0, atol=1e-6)
+        np.testing.assert_allclose(answers[heard], offline.command[heard], rtol=0, atol=1e-6)
         np.testing.assert_allclose([self.angles[x] for x in labels], offline.load_angle[:-1], rtol=0, atol=1e-9)
         return references
 
