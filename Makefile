@@ -6,7 +6,8 @@
 #   make lint    formatting, style and types
 #   make paper   the paper's figures and the page that judges them, in docs
 #   make docs    docs/parameters.md, the table of all parameters, from the code
-#   make bench   how fast the offline loop is, beside scipy in the same run
+#   make bench   how fast the offline loop is, beside scipy in the same run; six axes in real time; lockstep
+#   make soak    ten minutes in real time: nothing lost, no memory grown
 #   make lock    renew requirements/*.txt, the locks with hashes, from requirements/*.in
 #
 # With a sourced ROS installation (it sets ROS_DISTRO) its rclpy is used; without one ROS comes from the wheels in requirements/ros.txt.
@@ -28,7 +29,7 @@ else
   LOCKS := requirements/python.txt requirements/ros.txt
 endif
 
-.PHONY: demo test test-unit faults test-repeat test-floors lint paper docs bench lock clean
+.PHONY: demo test test-unit faults test-repeat test-floors lint paper docs bench soak lock clean
 
 demo: $(READY)
 	$(BIN)/python -m backlash_ros.nodes.demo
@@ -60,6 +61,11 @@ docs: $(READY)
 
 bench: $(READY)
 	$(BIN)/python benchmarks/closed_loop.py
+	$(BIN)/python benchmarks/real_time.py axes --seconds 20
+	$(BIN)/python benchmarks/real_time.py lockstep --seconds 20
+
+soak: $(READY)
+	$(BIN)/python benchmarks/real_time.py soak
 
 # The pure tests on the oldest supported dependencies. numba 0.58 has wheels up to Python 3.11.
 FLOORS := .venv-floors

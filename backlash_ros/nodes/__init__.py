@@ -4,4 +4,5 @@ import os
 
 # Gains are designed on matrices of a few rows, between two samples: threads that wait for each other only delay that.
 # Read when numpy is first imported.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+for library in ("OMP", "OPENBLAS"):
+    os.environ.setdefault(f"{library}_NUM_THREADS", "1")

@@ -20,11 +20,9 @@ from backlash_ros.drivetrain import Quantity
 from backlash_ros.nodes.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
 from backlash_ros.nodes.interface import (
     LATCHED,
-    STEADY,
     BadSampleError,
     answer,
     declare_joints,
-    now,
     read_joint_state,
     stamp_label,
 )
@@ -32,6 +30,7 @@ from backlash_ros.nodes.learn_service import LearnService, describe_estimate
 from backlash_ros.nodes.managed import ManagedNode
 from backlash_ros.nodes.parameters import declare_drive, declare_duration, declare_number, declare_rate
 from backlash_ros.nodes.run import run
+from backlash_ros.nodes.timer import Timer, now
 from backlash_ros.nodes.tunables import Tunables
 
 _LEARN_PATIENCE = 5.0
@@ -89,7 +88,7 @@ class Controller(ManagedNode):
         self.listen(JointState, "joint_states", self._on_joint_states)
         self.listen(Float64, "reference", self._on_reference)
         self._learn = self.held(LearnService(self), LearnService.close)
-        self.held(self.create_timer(0.5 * self._state_timeout, self._watch, clock=STEADY), self.destroy_timer)
+        self.own_timers.append(self.held(Timer(0.5 * self._state_timeout, self._watch), self.own_timers.remove))
         self._publish_in_use()
         self._publish_estimate()
 

@@ -1,9 +1,9 @@
 """Diagnostics as values: statistics of the last second, and statuses with their levels."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -24,9 +24,9 @@ class Window:
 
     def take(self) -> tuple[float, float, float]:
         """Return mean, 99th percentile and maximum, nan where there is nothing, and start anew."""
-        values = np.array(self._values or [np.nan])
+        values = sorted(self._values) or [math.nan]
         self._values.clear()
-        return float(np.mean(values)), float(np.percentile(values, 99)), float(np.max(values))
+        return sum(values) / len(values), values[math.ceil(0.99 * len(values)) - 1], values[-1]
 
 
 def milliseconds(statistics: Sequence[float]) -> str:

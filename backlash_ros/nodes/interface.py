@@ -5,8 +5,6 @@ import math
 import numpy as np
 from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -14,15 +12,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from backlash_ros.nodes.parameters import describe
-
-STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-"""The clock of beats and watchdogs: it neither jumps nor stops with ROS time."""
-
-
-def now() -> float:
-    """Return the steady clock's time, s."""
-    return STEADY.now().nanoseconds * 1e-9
-
 
 SEND = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=10)
 """Of every publisher: whoever wants to miss nothing, a recorder say, can ask for reliable delivery."""

@@ -13,9 +13,10 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
-from backlash_ros.nodes.interface import RECEIVE, SEND, STEADY, overridable
+from backlash_ros.nodes.interface import RECEIVE, SEND, overridable
 from backlash_ros.nodes.parameter_requests import ParameterRequests
 from backlash_ros.nodes.parameters import describe
+from backlash_ros.nodes.timer import Timer
 
 RESULT = TransitionCallbackReturn
 E = TypeVar("E")
@@ -39,7 +40,7 @@ class ManagedNode(LifecycleNode):
         self._held = ExitStack()
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", SEND)
         self.create_service(Trigger, "~/reset_fault", self._on_reset)
-        self.create_timer(1.0, self.publish_diagnostics, clock=STEADY)
+        self.own_timers = [Timer(1.0, self.publish_diagnostics)]
 
     # For subclasses.
 
@@ -104,13 +105,17 @@ class ManagedNode(LifecycleNode):
         )
         self.held(made, self.destroy_subscription)
 
+    def prepare(self) -> None:
+        """Configure where ``autostart`` says so; RuntimeError where that fails."""
+        self._come_up(self.trigger_configure)
+
     def start(self) -> None:
-        """Come up by itself where ``autostart`` says so; RuntimeError where that fails."""
-        if not self.autostart:
-            return
-        for transition in (self.trigger_configure, self.trigger_activate):
-            if transition() != RESULT.SUCCESS:
-                raise RuntimeError(f"{self.get_name()} did not come up: still {self.state}")
+        """Activate where ``autostart`` says so; RuntimeError where that fails."""
+        self._come_up(self.trigger_activate)
+
+    def _come_up(self, transition: Callable[[], TransitionCallbackReturn]) -> None:
+        if self.autostart and transition() != RESULT.SUCCESS:
+            raise RuntimeError(f"{self.get_name()} did not come up: still {self.state}")
 
     def stop(self) -> None:
         """Shut down from wherever it is; the context is still alive."""

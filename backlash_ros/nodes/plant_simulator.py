@@ -16,17 +16,17 @@ from collections.abc import Sequence
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.drivetrain import Plant, Quantity
 from backlash_ros.nodes.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
-from backlash_ros.nodes.interface import STEADY, declare_joints, label_of, now, stamp_label
+from backlash_ros.nodes.interface import declare_joints, label_of, stamp_label
 from backlash_ros.nodes.managed import ManagedNode
 from backlash_ros.nodes.parameters import declare_drive, declare_duration, declare_number, declare_rate, describe
 from backlash_ros.nodes.run import run
+from backlash_ros.nodes.timer import Timer, now
 
 _REPEAT = 0.1
 """Silence after which a sample in lockstep is sent again, s: best effort may lose it."""
@@ -52,7 +52,7 @@ class PlantSimulator(ManagedNode):
             self, "command_timeout", 0.1, "silence on command after which the motor gets 0 V"
         )
         self._fault = ""
-        self._rejected = self._late = self._beats = self._answered = 0
+        self._rejected = self._late = self._beats = self._answered = self._answered_late = 0
         self._step_time = Window()
         self._seen = now(), 0, 0, 0
         self._together = [] if together is None else together
@@ -87,9 +87,10 @@ class PlantSimulator(ManagedNode):
         self._seen = self._start, self._beats, self._late, self._answered
         if self._lockstep:
             self._publish()
-            self._timer: Timer = self.create_timer(_REPEAT, self._repeat, clock=STEADY)
+            self._timer = Timer(_REPEAT, self._repeat)
         else:
-            self._timer = self.create_timer(self._beat_time, self._beat, clock=STEADY)
+            self._timer = Timer(self._beat_time, self._beat)
+        self.own_timers.append(self._timer)
         speed = "in lockstep" if self._lockstep else f"{self._period / self._beat_time:g} times real time"
         self.get_logger().info(
             f"simulating at {self._rate:g} Hz, {speed}, backlash {self._drive.gear.backlash_angle:g} rad at the output"
@@ -98,7 +99,7 @@ class PlantSimulator(ManagedNode):
     def deactivate(self) -> None:
         """Take the command off and stand still: no time passes while not active."""
         self._value = 0.0
-        self.destroy_timer(self._timer)
+        self.own_timers.remove(self._timer)
         self.get_logger().info(f"stopped after {self._beats} beats, {self._late} of them late")
 
     # Faults.
@@ -141,7 +142,9 @@ class PlantSimulator(ManagedNode):
         if label:
             self._last_answer = at
             self._replied.append(label)
-            self._answered += label == self._label
+            in_period = label == self._label
+            self._answered += in_period
+            self._answered_late += not in_period
         if self._lockstep:
             self._waiting = False
             self._step_together()
@@ -169,7 +172,9 @@ class PlantSimulator(ManagedNode):
             axis._publish()
 
     def _repeat(self) -> None:
-        if self._waiting and now() - self._last_beat > _REPEAT:
+        if not self._waiting:
+            self._step_together()  # the axis that the others waited for may be active no more
+        elif now() - self._last_beat > _REPEAT:
             self._states.publish(self._sample)
 
     def _beat(self) -> None:
@@ -249,6 +254,7 @@ class PlantSimulator(ManagedNode):
                     "samples": self._beats,
                     "late_beats": self._late,
                     "answered_in_period": self._answered,
+                    "answered_late": self._answered_late,
                     "answered_percent": f"{100 * answered / beats:.2f}" if beats else "",
                     "integration": milliseconds(self._step_time.take()),
                 },

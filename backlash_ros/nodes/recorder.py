@@ -18,9 +18,9 @@ from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLi
 from rosbags.typesys import Stores, get_typestore
 
 from backlash_ros.nodes.bag_writer import BagWriter
-from backlash_ros.nodes.interface import STEADY
 from backlash_ros.nodes.parameters import describe
 from backlash_ros.nodes.run import StoppableNode, run
+from backlash_ros.nodes.timer import Timer
 
 TOPICS = [
     "joint_states",
@@ -98,8 +98,7 @@ class Recorder(StoppableNode):
             raise ValueError(f"output cannot be written: {error}") from error
         self._lost: dict[str, int] = {}
         self._broken = False
-        self.create_timer(0.1, self._look, clock=STEADY)
-        self.create_timer(1.0, partial(self._keep, self._bag.save), clock=STEADY)
+        self.own_timers = [Timer(0.1, self._look), Timer(1.0, partial(self._keep, self._bag.save))]
         self._look()
         self.get_logger().info(f"recording {len(self._wanted)} topics to {output}")
 

@@ -1,21 +1,22 @@
 """How every node of this package runs: started from arguments, spun, and stopped in order on SIGINT or SIGTERM."""
 
 import argparse
+import gc
 import signal
 import sys
-import time
 import traceback
 from collections.abc import Callable, Sequence
 from types import FrameType
 
 import rclpy
-from rclpy.exceptions import InvalidParameterTypeException, ParameterException
+from rclpy.exceptions import InvalidParameterTypeException, NameValidationException, ParameterException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from backlash_ros.nodes.managed import ManagedNode
+from backlash_ros.nodes.timer import Timer, call_due, now
 
 
 class StoppableNode(Node):
@@ -25,12 +26,19 @@ class StoppableNode(Node):
     """
 
     linger = 0.0
+    own_timers: Sequence[Timer] = ()
+
+    def prepare(self) -> None:
+        """Do what takes its time; the executor knows the node by now."""
 
     def start(self) -> None:
-        """Begin; the executor knows the node by now."""
+        """Begin."""
 
     def stop(self) -> None:
         """Leave things safe and whole; the context is still alive."""
+
+
+Runnable = ManagedNode | StoppableNode
 
 
 class Stop:
@@ -61,9 +69,16 @@ def _axes(args: Sequence[str] | None) -> list[str]:
     parser.add_argument("--axes", nargs="+", default=[""], metavar="NAMESPACE")
     words = remove_ros_args(sys.argv[1:] if args is None else list(args))
     axes = list(parser.parse_known_args(words)[0].axes)
-    if len(set(axes)) < len(axes):
+    if len({axis.strip("/") for axis in axes}) < len(axes):
         raise ValueError(f"--axes must be different from each other, got {axes}")
     return axes
+
+
+def _made(make: Callable[[str], Runnable], axis: str) -> Runnable:
+    node = make(axis)
+    if axis and node.get_namespace().strip("/") != axis.strip("/"):
+        raise ValueError("with --axes the namespaces are the axes: --axes arm/elbow, not __ns:=arm")
+    return node
 
 
 def _report(node: Node, error: Exception) -> None:
@@ -71,7 +86,7 @@ def _report(node: Node, error: Exception) -> None:
     node.get_logger().debug(traceback.format_exc())
 
 
-def _stopped(node: ManagedNode | StoppableNode) -> bool:
+def _stopped(node: Runnable) -> bool:
     """Stop a node and return whether that went well; what went wrong with one must not keep the others from it."""
     try:
         node.stop()
@@ -81,7 +96,18 @@ def _stopped(node: ManagedNode | StoppableNode) -> bool:
     return True
 
 
-def run(make: Callable[[str], ManagedNode | StoppableNode], args: Sequence[str] | None) -> int:
+def _turn(executor: EventsExecutor, nodes: Sequence[Runnable]) -> None:
+    """Call the timers that are due, then work off one event, which may come until the next timer is due.
+
+    When the timers are late it is one event more than timers were called: what has piled up goes down, and neither
+    starves the other.
+    """
+    called, wait = call_due([timer for node in nodes for timer in node.own_timers])
+    for _ in range(1 if wait > 0 else called + 1):
+        executor.spin_once(timeout_sec=min(max(wait, 0.0), 0.1))
+
+
+def run(make: Callable[[str], Runnable], args: Sequence[str] | None) -> int:
     """Run the nodes that ``make`` builds, one per axis, until told to stop; return the exit code.
 
     rclpy's own handlers would end the context before a last command could leave, so signals are taken here.
@@ -93,27 +119,29 @@ def run(make: Callable[[str], ManagedNode | StoppableNode], args: Sequence[str] 
         print(f"cannot start: {error}", file=sys.stderr)
         return 2
     stop = Stop()
-    nodes: list[ManagedNode | StoppableNode] = []
+    nodes: list[Runnable] = []
     # The fastest executor there is; its spin() ignores signals, so it is spun event by event.
     executor = EventsExecutor()
     code = 0
     try:
         try:
-            for axis in _axes(args):
-                nodes.append(make(axis))
-                if len({node.get_fully_qualified_name() for node in nodes}) < len(nodes):
-                    raise ValueError("with --axes the namespaces are the axes: --axes arm/elbow, not __ns:=arm")
-        except (ValueError, ParameterException, InvalidParameterTypeException) as error:
+            nodes.extend(_made(make, axis) for axis in _axes(args))
+        except (ValueError, NameValidationException, ParameterException, InvalidParameterTypeException) as error:
             print(f"cannot start: {error}", file=sys.stderr)
             return 2
         try:
             for node in nodes:
                 executor.add_node(node)
+                node.prepare()
+            # What is there by now stays: a look for garbage among it would stop the loop for many periods.
+            gc.collect()
+            gc.freeze()
+            for node in nodes:
                 node.start()
             while not stop:
-                executor.spin_once(timeout_sec=0.1)
-            end = time.monotonic() + max(node.linger for node in nodes)
-            while time.monotonic() < end:
+                _turn(executor, nodes)
+            end = now() + max(node.linger for node in nodes)
+            while now() < end:
                 executor.spin_once(timeout_sec=0.01)
         except Exception as error:  # whatever it is, the drive is left safe and the reason is in the log
             _report(nodes[0], error)

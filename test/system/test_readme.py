@@ -144,8 +144,8 @@ def test_ros2_commands_work_in_their_order(ros2: dict[str, str], tmp_path: Path)
     running: list[subprocess.Popen[str]] = []
     try:
         for command in ROS_COMMANDS:
-            if command.startswith("ros2 launch"):
-                continue  # in place of the two nodes: next test
+            if command.startswith("ros2 launch") or "--axes" in command:
+                continue  # in place of the two nodes: next tests
             if command.startswith("ros2 run"):
                 name = command.split()[-1]
                 running.append(begin(f"{command} --ros-args -p {PATIENT[name]}:=10.0", ros2, tmp_path))
@@ -181,7 +181,7 @@ def test_ros2_commands_work_in_their_order(ros2: dict[str, str], tmp_path: Path)
     ("arguments", "gain_set"),
     [("", "nominal"), (" gain_set:=gentle", "gentle"), (" namespace:=a gain_set:=gentle", "gentle")],
 )
-@pytest.mark.parametrize("command", [c for c in ROS_COMMANDS if c.startswith("ros2 launch")])
+@pytest.mark.parametrize("command", [c for c in ROS_COMMANDS if "servo.launch.py" in c])
 def test_launch_file_starts_both_nodes(
     command: str, arguments: str, gain_set: str, ros2: dict[str, str], tmp_path: Path
 ) -> None:
@@ -192,3 +192,40 @@ def test_launch_file_starts_both_nodes(
     finally:
         rest = end(process)
     assert rest.count("process has finished cleanly") == 2, printed + rest
+
+
+@pytest.mark.parametrize("command", [c for c in ROS_COMMANDS if "ros2 run" in c and "--axes" in c])
+def test_one_process_runs_six_axes(command: str, ros2: dict[str, str]) -> None:
+    process = begin(command, ros2, ROOT)
+    printed = ""
+    try:
+        for _ in range(6):
+            printed += read_until(process, "simulating at 250 Hz|ready at 250 Hz")
+    finally:
+        printed += end(process)
+    assert process.returncode == 0, printed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "processes", "first", "second"),
+    [
+        ("", 2, "nominal", "stiff"),
+        (" gain_set:=gentle", 2, "gentle", "gentle"),
+        (" simulator:=false", 1, "nominal", "stiff"),
+    ],
+)
+@pytest.mark.parametrize("command", [c for c in ROS_COMMANDS if "axes.launch.py" in c])
+def test_launch_file_starts_the_axes(
+    command: str, arguments: str, processes: int, first: str, second: str, ros2: dict[str, str], tmp_path: Path
+) -> None:
+    pytest.importorskip("launch_ros", reason="needs launch_ros")
+    process = begin(command + arguments, ros2, tmp_path)
+    wanted = [f"[axis1.controller]: ready at 250 Hz with gain set '{first}'"]
+    wanted += [f"[axis2.controller]: ready at 250 Hz with gain set '{second}'"]
+    wanted += [f"[axis{k}.plant_simulator]: simulating at 250 Hz" for k in range(1, 4) if processes == 2]
+    printed = ""
+    try:
+        printed = read_until(process, *map(re.escape, wanted))
+    finally:
+        printed += end(process)
+    assert printed.count("process has finished cleanly") == processes, printed

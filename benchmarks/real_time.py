@@ -1,0 +1,305 @@
+"""Does the pair of processes keep up with real time? Plain counts from their own diagnostics and from /proc.
+
+    real_time.py soak       one axis for minutes: samples lost, answers late, memory grown; exit code 0 if it held
+    real_time.py axes       six axes in one pair of processes: answered within the period, processor time
+    real_time.py lockstep   how many times faster than real time a simulated minute runs
+
+Run with `make soak` and `make bench`. What else the machine does counts here, so how late a bare sleep wakes up stands
+beside the figures: nothing on this machine does better.
+"""
+
+import argparse
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Float64
+
+from backlash_ros.nodes.domain import isolated_environment, own_domain
+
+SIX_AXES = Path(__file__).parents[1] / "config" / "six_axes.yaml"
+AXES = [f"axis{k}" for k in range(1, 7)]
+TARGETS = (1.0, -0.5, 0.25, 2.0)
+PATIENCE = 60.0
+PERIOD = 0.004
+NOTHING_LOST = [
+    *("-p", "qos_overrides./joint_states.publisher.depth:=100"),
+    *("-p", "qos_overrides./joint_states.subscription.reliability:=reliable"),
+    *("-p", "qos_overrides./joint_states.subscription.depth:=100"),
+]
+"""What makes the controller see every sample, however late: by default it takes the newest and leaves out the rest."""
+WARM_UP = 5.0
+"""After the start discovery goes on and the interpreter settles, s."""
+GROWTH = 1024
+"""Growth of a process's memory after the first minute that still counts as none, kB."""
+
+
+class Nodes:
+    """A process of this package's nodes, and what /proc says of it."""
+
+    def __init__(self, name: str, domain: int, log: Path, words: Sequence[str]) -> None:
+        self.name, self._log = name, log
+        command = [sys.executable, "-m", f"backlash_ros.nodes.{name}", *words]
+        with log.open("wb") as output:
+            self._process = subprocess.Popen(
+                command, env={**os.environ, **isolated_environment(domain)}, stdout=output, stderr=subprocess.STDOUT
+            )
+        self._proc = Path("/proc") / str(self._process.pid)
+
+    def memory(self) -> int:
+        """Return the resident memory, kB."""
+        status = (self._proc / "status").read_text()
+        return int(next(line for line in status.splitlines() if line.startswith("VmRSS")).split()[1])
+
+    def processor_time(self) -> float:
+        """Return the time spent on processors so far, s."""
+        user, system = (self._proc / "stat").read_text().rsplit(")", 1)[1].split()[11:13]
+        return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+
+    def stop(self) -> None:
+        """End as Ctrl-C does; RuntimeError with the log where that is not a clean end."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+        try:
+            code: int | str = self._process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            code = "not ending"
+        if code != 0:
+            raise RuntimeError(f"{self.name}: {code}\n{self._log.read_text(errors='replace')}")
+
+
+class Graph:
+    """Where the benchmark listens: the diagnostics as they were last said, and the references."""
+
+    def __init__(self, domain: int) -> None:
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = Node("benchmark", context=self.context)
+        self.said: dict[str, dict[str, Any]] = {}
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        at = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+        for status in message.status:
+            self.said[status.name] = {"at": at} | {pair.key: pair.value for pair in status.values}
+
+    def wait(self, what: str, condition: Callable[[], Any], seconds: float = PATIENCE) -> None:
+        """Spin until ``condition`` holds."""
+        end = time.monotonic() + seconds
+        while not condition():
+            if time.monotonic() > end:
+                raise RuntimeError(f"waited {seconds:g} s for {what}")
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def spin(self, seconds: float) -> None:
+        """Listen for a while."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            self._executor.spin_once(timeout_sec=left)
+
+    def move(self, axes: Sequence[str], seconds: float) -> None:
+        """Listen, and give each axis a new reference every two seconds."""
+        references = [self.node.create_publisher(Float64, f"{axis}/reference", 1) for axis in axes]
+        end, k = time.monotonic() + seconds, 0
+        while (left := end - time.monotonic()) > 0:
+            for reference in references:
+                reference.publish(Float64(data=TARGETS[k % len(TARGETS)]))
+            self.spin(min(2.0, left))
+            k += 1
+        for reference in references:
+            self.node.destroy_publisher(reference)
+
+    def change(self, node: str, transition: int) -> None:
+        """Take a managed node through a transition."""
+        client = self.node.create_client(ChangeState, f"{node}/change_state")
+        self.wait(f"the lifecycle service of {node}", client.service_is_ready)
+        future = client.call_async(ChangeState.Request(transition=Transition(id=transition)))
+        self.wait(f"transition {transition} of {node}", future.done)
+        if not future.result().success:
+            raise RuntimeError(f"transition {transition} of {node} was refused")
+
+    def fresh(self, *names: str) -> list[dict[str, Any]]:
+        """Return what the diagnostics named say next."""
+        old = {name: self.said.get(name, {}).get("at") for name in names}
+        self.wait("diagnostics", lambda: all(self.said.get(name, {}).get("at") != old[name] for name in names))
+        return [self.said[name] for name in names]
+
+    def close(self) -> None:
+        """Leave the domain."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+class BareSleep:
+    """A thread that only sleeps, a period at a time: what this machine loses without any of us."""
+
+    def __init__(self) -> None:
+        self._late = self._count = 0
+        self._longest = 0.0
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._sleep)
+        self._thread.start()
+
+    def _sleep(self) -> None:
+        while not self._ended.is_set():
+            began = time.monotonic()
+            time.sleep(PERIOD)
+            late = time.monotonic() - began - PERIOD
+            self._count += 1
+            self._late += late > PERIOD
+            self._longest = max(self._longest, late)
+
+    def stop(self) -> dict[str, float]:
+        """End and say what was seen."""
+        self._ended.set()
+        self._thread.join()
+        return {
+            "bare sleep late by more than a period, %": round(100 * self._late / self._count, 2),
+            "bare sleep late at most, ms": round(1e3 * self._longest, 1),
+        }
+
+
+@contextlib.contextmanager
+def pair(simulator: Sequence[str], controller: Sequence[str]) -> Iterator[tuple[Graph, Nodes, Nodes]]:
+    """Run simulator and controller with these arguments on a domain of their own."""
+    with own_domain() as domain, tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
+        os.environ.update(isolated_environment(domain))
+        graph = Graph(domain)
+        stack.callback(graph.close)
+        made = []
+        for name, words in (("controller", controller), ("plant_simulator", simulator)):
+            made.append(Nodes(name, domain, Path(folder) / name, words))
+            stack.callback(made[-1].stop)
+        yield graph, made[1], made[0]
+
+
+def soak(minutes: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
+    """Run one axis for minutes; nothing may be lost and memory must not grow."""
+    words = ["--ros-args", "-p", "backlash_angle:=0.02", *extra]
+    with pair([*words, "-p", "autostart:=false"], words) as (graph, simulator, controller):
+        # Counting begins with the first sample, once everybody has found everybody.
+        graph.change("/plant_simulator", Transition.TRANSITION_CONFIGURE)
+        graph.fresh("/controller: timing")
+        graph.spin(WARM_UP)
+        graph.change("/plant_simulator", Transition.TRANSITION_ACTIVATE)
+        first = min(60.0, 30.0 * minutes)
+        graph.move([""], first)
+        before = simulator.memory(), controller.memory()
+        graph.move([""], 60.0 * minutes - first)
+        after = simulator.memory(), controller.memory()
+        graph.change("/plant_simulator", Transition.TRANSITION_DEACTIVATE)
+        graph.fresh("/plant_simulator: timing")
+        sent, received = graph.fresh("/plant_simulator: timing", "/controller: servo")
+    samples, answered = int(sent["samples"]), int(received["samples_answered"])
+    figures = {
+        "minutes": minutes,
+        "samples published": samples,
+        "samples received": answered,
+        "samples lost": samples - answered,
+        "answered within the period": int(sent["answered_in_period"]),
+        "answered late": int(sent["answered_late"]),
+        "late beats": int(sent["late_beats"]),
+        "fault": received["fault"] or "none",
+    }
+    held = figures["samples lost"] == 0 and not received["fault"]
+    for process, one, two in zip(("simulator", "controller"), before, after, strict=True):
+        figures[f"memory of the {process} after {first:g} s, kB"] = one
+        figures[f"memory of the {process} at the end, kB"] = two
+        held = held and two - one <= GROWTH
+    return figures, held
+
+
+def axes(seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
+    """Run six axes in one pair of processes."""
+    words = ["--axes", *AXES, "--ros-args", "--params-file", str(SIX_AXES), *extra]
+    names = [f"/{axis}/plant_simulator: timing" for axis in AXES]
+    with pair(words, words) as (graph, simulator, controller):
+        graph.wait("answers", lambda: all(int(graph.said.get(n, {}).get("answered_in_period", 0)) for n in names))
+        graph.move(AXES, WARM_UP)
+        began = time.monotonic(), simulator.processor_time(), controller.processor_time()
+        before = graph.fresh(*names)
+        graph.move(AXES, seconds)
+        after = graph.fresh(*names)
+        ended = time.monotonic(), simulator.processor_time(), controller.processor_time()
+        memory = simulator.memory(), controller.memory()
+    passed, *spent = (b - a for a, b in zip(began, ended, strict=True))
+    figures: dict[str, Any] = {"seconds": seconds}
+    for axis, one, two in zip(AXES, before, after, strict=True):
+        samples, answered, late = (
+            int(two[key]) - int(one[key]) for key in ("samples", "answered_in_period", "late_beats")
+        )
+        figures[f"{axis} answered within the period, %"] = round(100 * answered / samples, 2)
+        figures[f"{axis} late beats"] = late
+    for process, used, size in zip(("simulator", "controller"), spent, memory, strict=True):
+        figures[f"processor time of the {process}, %"] = round(100 * used / passed, 1)
+        figures[f"memory of the {process}, kB"] = size
+    return figures, True
+
+
+def lockstep(seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
+    """Simulate a time in lockstep with nobody listening to the samples but the pair."""
+    simulator = ["--ros-args", "-p", "lockstep:=true", *extra]
+    controller = ["--ros-args", "-p", "state_timeout:=10.0", "-p", "use_sim_time:=true", *extra]
+    name = "/plant_simulator: timing"
+    with pair(simulator, controller) as (graph, *_):
+        graph.wait("samples", lambda: int(graph.said.get(name, {}).get("samples", 0)) > 1)
+        (first,) = graph.fresh(name)
+        wanted = int(first["samples"]) + seconds / PERIOD
+        graph.wait("simulated time", lambda: int(graph.said[name]["samples"]) >= wanted, 10 * seconds)
+        last = graph.said[name]
+    simulated = (int(last["samples"]) - int(first["samples"])) * PERIOD
+    return {"seconds simulated": simulated, "times real time": round(simulated / (last["at"] - first["at"]), 2)}, True
+
+
+def main() -> int:
+    """Measure, print, and write JSON where asked."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=["soak", "axes", "lockstep"])
+    parser.add_argument("--minutes", type=float, default=10.0, help="of the soak")
+    parser.add_argument("--seconds", type=float, default=60.0, help="of six axes, and simulated in lockstep")
+    parser.add_argument("--json", type=Path, help="file to write the figures to")
+    parser.add_argument(
+        "--newest", action="store_true", help="soak with the default quality of service, which may lose"
+    )
+    parser.add_argument("--ros", default="", help="further ROS arguments of both processes")
+    asked = parser.parse_args()
+    extra = asked.ros.split()
+    bare = BareSleep()
+    try:
+        if asked.what == "soak":
+            figures, held = soak(asked.minutes, extra if asked.newest else [*NOTHING_LOST, *extra])
+        else:
+            figures, held = {"axes": axes, "lockstep": lockstep}[asked.what](asked.seconds, extra)
+    finally:
+        seen = bare.stop()
+    figures |= seen | {"load average": os.getloadavg()[0]}
+    print(asked.what)
+    for key, value in figures.items():
+        print(f"  {key:45s} {value}")
+    if asked.json:
+        asked.json.write_text(json.dumps({asked.what: figures}, indent=2) + "\n")
+    return 0 if held else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
