@@ -30,7 +30,6 @@ setup(
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     python_requires=">=3.10",
     install_requires=[
-        "control>=0.10",
         "matplotlib>=3.6",
         "numba>=0.58",
         "numpy>=1.26",

@@ -77,7 +77,6 @@ def design_gains(name: str, drive: Drive, weights: Sequence[float]) -> Gains:
     a, b = rigid_model(drive)
     if drive.takes_current:
         a, b = without_inductance(a, b[:, :1])
-    # python-control's lqr does just this; importing it for this one line would double the time a node takes to start.
     riccati = solve_continuous_are(a, b[:, :1], np.diag([q11, q22, 0.0][: len(a)]), np.eye(1))
     k = b[:, :1].T @ riccati
     return Gains(*(float(value) for value in (*np.asarray(k)[0], 0.0)[:3]))

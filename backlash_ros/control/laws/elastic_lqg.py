@@ -6,7 +6,10 @@ claimed to be the original: LQG on motor and load joined by a spring, from the l
 reference that makes up for the slow pole, and more. The spring is the teeth's secant stiffness at the edge of the gap.
 """
 
+from typing import Any
+
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 from backlash_ros.control.command import within
 from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, Array, ControlLaw, NamedLaw
@@ -50,10 +53,15 @@ def elastic_lqg_step(law: Array, memory: Array, estimate: Array, reference: floa
     return voltage
 
 
+def optimal_gain(a: Array, b: Array, weight: Array, effort: Array) -> Array:
+    """Return K of the discrete LQR problem, u = -K x."""
+    riccati = solve_discrete_are(a, b, weight, effort)
+    gain: Array = np.linalg.solve(effort + b.T @ riccati @ b, b.T @ riccati @ a)
+    return gain
+
+
 def elastic_lqg(drive: Drive, settings: ServoSettings) -> ControlLaw:
     """Design the compensator for ``drive`` at the sample period."""
-    import control  # noqa: PLC0415  it takes a second to import, and no other law needs it
-
     motor, gear, load = drive.motor, drive.gear, drive.load
     spring = gear.contact_stiffness / (0.5 * gear.backlash)
     r1, r2 = gear.motor_radius, gear.load_radius
@@ -68,12 +76,14 @@ def elastic_lqg(drive: Drive, settings: ServoSettings) -> ControlLaw:
     b = np.array([[0.0], [0.0], [0.0], [0.0], [1.0 / motor.inductance]])
     c = np.array([[0.0, 0.0, 1.0, 0.0, 0.0]])
     a_held, b_held = sampled(drive, a, b, settings.period)
-    k, _, poles = control.dlqr(a_held, b_held, np.diag([0.0, 0.0, POSITION_WEIGHT, 0.0, 0.0]), np.eye(1))
+    k = optimal_gain(a_held, b_held, np.diag([0.0, 0.0, POSITION_WEIGHT, 0.0, 0.0]), np.eye(1))
+    poles = np.linalg.eigvals(a_held - b_held @ k)
     slowest = -settings.period / np.log(np.max(np.abs(poles)))
     torque = np.array([[0.0], [settings.period / motor.inertia], [0.0], [0.0], [0.0]])
-    gain, _, _ = control.dlqe(a_held, torque, c, np.eye(1) * TORQUE_NOISE**2, np.eye(1) * ANGLE_NOISE**2)
+    # The Kalman predictor is the dual problem.
+    predictor = optimal_gain(a_held.T, c.T, TORQUE_NOISE**2 * torque @ torque.T, np.eye(1) * ANGLE_NOISE**2).T
     reference = [LEAD * slowest / LAG_TIME - 1.0, -np.expm1(-settings.period / LAG_TIME)]
-    parts = [a_held, b_held, a_held @ np.asarray(gain), k, [gear.ratio], reference]
+    parts: list[Any] = [a_held, b_held, predictor, k, [gear.ratio], reference]
     constants = np.concatenate([np.ravel(part) for part in parts])
     return ControlLaw(elastic_lqg_step, constants, np.array([float(FAST_REGION), *np.zeros(_STATES + 2)]))
 
