@@ -322,13 +322,14 @@ class Bench:
 
     def brake(self) -> None:
         """Drive a motor that coasts at 0 A against its motion, until it turns back, at most for two moves."""
-        if not self._expected.takes_current or len(self.recording.messages) <= FEWEST:
+        samples = max(1, round(0.02 * self._expected.rate))
+        if not self._expected.takes_current or len(self.recording.messages) <= samples:
             return
-        command = -math.copysign(self._expected.value, self._moved)
-        way = self._position() - self._position(FEWEST)
+        way = self._position() - self._position(samples)
         if way:
-            self._command, self._stamped, self._reach = [command], False, math.inf
-            self._spin_until(lambda: (self._position() - self._position(FEWEST)) * way <= 0, 2 * self._expected.move)
+            self._command = [-math.copysign(self._expected.value, self._moved)]
+            self._stamped, self._reach = False, math.inf
+            self._spin_until(lambda: (self._position() - self._position(samples)) * way <= 0, 2 * self._expected.move)
         self._command = [0.0]
 
     @property
