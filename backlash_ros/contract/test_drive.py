@@ -238,7 +238,7 @@ def test_motor_effort_is_its_torque(recording: Recording, expected: Expected) ->
         effort = recording.motion(expected.motor_joint, move).effort
         if np.all(np.isnan(effort)):
             pytest.skip("the drive does not publish effort")
-        peak = sign * float(effort[np.nanargmax(np.abs(effort))])
+        peak = float(np.nanmax(sign * effort))
         assert least <= peak <= most, (
             f"effort of joint {expected.motor_joint!r} peaks at {peak:.4g} N m the way of the command ({move}),"
             f" between {least:.3g} and {most:.3g} N m is expected at {expected.value:g} {expected.unit}"

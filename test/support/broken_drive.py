@@ -18,7 +18,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-RATE = 250.0
+RATE = 100.0
 COMMAND_TIMEOUT = 0.1
 TORQUE_CONSTANT, RESISTANCE = 0.05, 2.0
 INERTIA, FRICTION = 2.5e-5, 7e-5  # of motor and load, at the motor's shaft
