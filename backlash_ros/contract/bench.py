@@ -327,7 +327,7 @@ class Bench:
             return
         way = self._position() - self._position(samples)
         if way:
-            self._command = [-math.copysign(self._expected.value, self._moved)]
+            self._command = [-self._moved]
             self._stamped, self._reach = False, math.inf
             self._spin_until(lambda: (self._position() - self._position(samples)) * way <= 0, 2 * self._expected.move)
         self._command = [0.0]

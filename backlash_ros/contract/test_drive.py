@@ -268,9 +268,15 @@ def left_of_speed(recording: Recording, expected: Expected, move: str, after: st
 
 
 def test_zero_command_slows_down(recording: Recording, expected: Expected) -> None:
-    """0 V takes the drive out of its motion, 0 A lets it coast; the checks of stopping compare with this."""
+    """0 takes the drive out of its motion, or lets it coast; the checks of stopping compare with this."""
     left = left_of_speed(recording, expected, "forward", "forward rest")
-    most = 1.1 if expected.takes_current else 0.7
+    most = 0.7
+    if expected.takes_current:
+        # Friction that holds the speed towards the end of the move takes it away afterwards. Where there is hardly any
+        # the speed about doubles in the second half, and then stays.
+        move = recording.motion(expected.joints[0], "forward")
+        late, early = move.end_speed(0.05), move.end_speed(0.05, before=expected.move / 2)
+        most = max(most, late / early - 0.7 if early else 0.0)
     assert left <= most, (
         f"{REST:g} s after 0 {expected.unit} {left:.0%} of the speed is left, at most {most:.0%} is expected"
     )
