@@ -29,11 +29,14 @@ START_LIMIT = 60.0
 END_LIMIT = 10.0
 """Time a drive has to end after SIGINT or SIGTERM, s."""
 
-MOVE = 0.4
-"""Duration of a move, s; half of it at the double command."""
-
 REST = 0.3
-"""Duration of the 0 V after a move, s."""
+"""Duration of the command 0 after a move, s."""
+
+REACH = {"voltage": 3.0, "current": 6.0}
+"""Travel at which the kit gives up and commands 0, in travels of the move before, or of a motor without losses.
+
+A sound motor that takes a current coasts at 0 A, after a move and a command timeout for 4.5 travels at most.
+"""
 
 FEWEST = 10
 """Samples of a stretch below which nothing can be said of it."""
@@ -44,9 +47,10 @@ ATTEMPTS = 3
 
 @dataclass(frozen=True)
 class Expected:
-    """What the user says of the drive: command line, names, Hz, V, N m/A, ohm, s."""
+    """What the user says of the drive: command line, what it takes, Hz, V or A, names, N m/A, ohm, kg m^2, s."""
 
     command: str
+    interface: str
     rate: float
     value: float
     motor_joint: str
@@ -54,6 +58,7 @@ class Expected:
     gear_ratio: float
     torque_constant: float
     resistance: float
+    inertia: float
     command_timeout: float
 
     @property
@@ -61,9 +66,41 @@ class Expected:
         """The joints that the drive has, the motor's first."""
         return [name for name in (self.motor_joint, self.load_joint) if name]
 
+    @property
+    def takes_current(self) -> bool:
+        """Whether a command is a current, which speeds the motor up, and not a voltage, which sets its speed."""
+        return self.interface == "current"
+
+    @property
+    def unit(self) -> str:
+        """Unit of the command."""
+        return "A" if self.takes_current else "V"
+
+    @property
+    def move(self) -> float:
+        """Duration of a move, s."""
+        return 0.2 if self.takes_current else 0.4
+
+    @property
+    def double_move(self) -> float:
+        """Duration of the move at the double command, s: speed wants time where the command is a current."""
+        return self.move if self.takes_current else self.move / 2
+
+    @property
+    def starting_torque(self) -> float:
+        """Torque of a motor at rest that gets the test command, N m."""
+        return self.torque_constant * self.value / (1.0 if self.takes_current else self.resistance)
+
     def ideal_speed(self, joint: str) -> float:
-        """No-load speed at the test command of a motor without losses, at the shaft of ``joint``, rad/s."""
-        return self.value / self.torque_constant * (1.0 if joint == self.motor_joint else self.gear_ratio)
+        """Speed of a motor without losses at the end of a move, at the shaft of ``joint``, rad/s."""
+        motor = (
+            self.starting_torque * self.move / self.inertia if self.takes_current else self.value / self.torque_constant
+        )
+        return motor * (1.0 if joint == self.motor_joint else self.gear_ratio)
+
+    def ideal_travel(self, joint: str) -> float:
+        """Travel of a motor without losses during a move, at the shaft of ``joint``, rad."""
+        return self.ideal_speed(joint) * self.move * (0.5 if self.takes_current else 1.0)
 
 
 @dataclass(frozen=True)
@@ -80,10 +117,11 @@ class Motion:
         """From the first sample to the last, rad."""
         return float(self.position[-1] - self.position[0])
 
-    def end_speed(self, duration: float = 0.1) -> float:
-        """Mean speed over the last ``duration``, from the positions, rad/s."""
-        first = min(int(np.searchsorted(self.time, self.time[-1] - duration)), self.time.size - 2)
-        return float((self.position[-1] - self.position[first]) / (self.time[-1] - self.time[first]))
+    def end_speed(self, duration: float = 0.1, before: float = 0.0) -> float:
+        """Mean speed over the ``duration`` that ends ``before`` the last sample, from the positions, rad/s."""
+        last = max(1, int(np.searchsorted(self.time, self.time[-1] - before)))
+        first = min(int(np.searchsorted(self.time, self.time[last] - duration)), last - 1)
+        return float((self.position[last] - self.position[first]) / (self.time[last] - self.time[first]))
 
     def top_speed(self, duration: float = 0.05) -> float:
         """Largest magnitude of the mean speed over ``duration``, from the positions, rad/s."""
@@ -150,6 +188,7 @@ class Bench:
         self._command: Sequence[float] | None = None
         self._stamped = False
         self._origin = self._reach = math.inf
+        self._moved = 0.0
         self.runaway = 0.0
         self.recording = Recording([], [], {}, reliable=True)
 
@@ -226,9 +265,9 @@ class Bench:
             message.layout = MultiArrayLayout(dim=[MultiArrayDimension(label=label, size=len(self._command), stride=1)])
         self._publisher.publish(message)
 
-    def _position(self) -> float:
-        """Newest position of the first joint, rad; nan where the drive does not say."""
-        message = self.recording.messages[-1]
+    def _position(self, back: int = 0) -> float:
+        """Position of the first joint ``back`` samples ago, rad; nan where the drive does not say."""
+        message = self.recording.messages[-1 - back]
         return float(dict(zip(message.name, message.position, strict=False)).get(self._expected.joints[0], math.nan))
 
     def hold(
@@ -245,26 +284,53 @@ class Bench:
 
         ``stamped``: with the stamp of the sample in the layout. ``set_off``: the time counts from the first motion,
         as a drive that has just started may not yet hear commands. ``reach``: travel at which the bench gives up
-        and commands 0 V, rad.
+        and commands 0, rad.
         """
         start = len(self.recording.messages)
+        self.runaway = 0.0
         self._origin, self._reach = self._position(), reach
         self._command, self._stamped = command, stamped
         if set_off and math.isfinite(self._origin):
-            enough = 0.02 * MOVE * self._expected.ideal_speed(self._expected.joints[0])
+            enough = 0.02 * self._expected.ideal_travel(self._expected.joints[0])
             self._spin_until(lambda: abs(self._position() - self._origin) > enough, 5.0)
         self._spin_until(lambda: False, seconds)
         self.recording.stretches[stretch] = slice(start, len(self.recording.messages))
 
-    def move(self, stretch: str, command: Sequence[float], seconds: float = MOVE, *, stamped: bool = False) -> None:
-        """Hold a command; again after a rest where samples stayed away: the watchdog may have stopped the motor."""
+    def move(self, stretch: str, command: Sequence[float], seconds: float, *, stamped: bool = False) -> None:
+        """Hold a command; again after a rest where samples stayed away: the watchdog may have stopped the motor.
+
+        What speeds up as long as it gets a current is given up where it goes too far.
+        """
+        expected = self._expected
+        self._moved = command[0]
+        reach = math.inf
+        if expected.takes_current:
+            size = abs(command[0]) / expected.value
+            reach = REACH[expected.interface] * size * expected.ideal_travel(expected.joints[0])
         for _ in range(ATTEMPTS):
-            self.hold(stretch, command, seconds, stamped=stamped, set_off=True)
+            self.hold(stretch, command, seconds, stamped=stamped, set_off=True, reach=reach)
             within = self.recording.stretches[stretch]
             arrivals = self.recording.received[within]
-            if len(arrivals) < 2 or np.max(np.diff(arrivals)) * 1e-9 < 0.5 * self._expected.command_timeout:
+            if len(arrivals) < 2 or np.max(np.diff(arrivals)) * 1e-9 < 0.5 * expected.command_timeout:
                 return
-            self.hold("rest before another attempt", [0.0], REST)
+            self.rest("rest before another attempt")
+
+    def rest(self, stretch: str) -> None:
+        """Command 0 after a move, then take out the motion that is left."""
+        self.hold(stretch, [0.0], REST)
+        self.brake()
+
+    def brake(self) -> None:
+        """Drive a motor that coasts at 0 A against its motion, until it turns back, at most for two moves."""
+        samples = max(1, round(0.02 * self._expected.rate))
+        if not self._expected.takes_current or len(self.recording.messages) <= samples:
+            return
+        way = self._position() - self._position(samples)
+        if way:
+            self._command = [-self._moved]
+            self._stamped, self._reach = False, math.inf
+            self._spin_until(lambda: (self._position() - self._position(samples)) * way <= 0, 2 * self._expected.move)
+        self._command = [0.0]
 
     @property
     def exit_code(self) -> int | None:
@@ -278,7 +344,7 @@ class Bench:
         return self._spin_until(lambda: self.exit_code is not None, END_LIMIT)
 
     def close(self) -> None:
-        """Command 0 V and end the drive, whatever happened."""
+        """Command 0 and end the drive, whatever happened."""
         self._command, self._reach = [0.0], math.inf
         self._publisher.publish(Float64MultiArray(data=self._command))
         if self.exit_code is None:

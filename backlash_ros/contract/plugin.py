@@ -44,13 +44,22 @@ def pytest_load_initial_conftests(parser: pytest.Parser, args: list[str]) -> Non
 
     group.addoption("--drive-command", help="command line that starts the drive; required")
     add("--drive-rate", 250.0, "rate of joint_states, Hz")
-    add("--drive-value", 1.0, "command of the test moves, V; once doubled")
+    group.addoption(
+        "--command-interface",
+        choices=("voltage", "current"),
+        default="voltage",
+        help="what a command is (default %(default)r)",
+    )
+    group.addoption(
+        "--drive-value", type=_positive, help="command of the test moves; once doubled (default 1.0 V, or 0.05 A)"
+    )
     add("--motor-joint", "motor", "name of the motor's joint; '' if the drive has none")
     add("--load-joint", "load", "name of the load's joint; '' if the drive has none")
     add("--gear-ratio", 0.1, "load angle per motor angle")
     add("--torque-constant", 0.05, "of the motor, N m/A")
     add("--resistance", 2.0, "of the motor's winding, ohm")
-    add("--command-timeout", 0.1, "silence on command after which the motor gets 0 V, s")
+    add("--inertia", 2.5e-5, "of the motor and what it turns, at the motor's shaft, kg m^2; used with a current")
+    add("--command-timeout", 0.1, "silence on command after which the motor gets 0 V or 0 A, s")
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

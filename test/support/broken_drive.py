@@ -1,4 +1,7 @@
-"""A simulated drive that breaks the contract in one way, ``--defect NAME``, or in none."""
+"""A simulated drive that breaks the contract in one way, ``--defect NAME``, or in none.
+
+It imports nothing of the package, whose compiled plant takes longer to load than the kit looks at most of these.
+"""
 
 import argparse
 import contextlib
@@ -15,11 +18,13 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
-
-RATE = 250.0
+RATE = 100.0
 COMMAND_TIMEOUT = 0.1
-RATIO = NOMINAL_DRIVE.gear.ratio
+TORQUE_CONSTANT, RESISTANCE = 0.05, 2.0
+INERTIA, FRICTION = 2.5e-5, 7e-5  # of motor and load, at the motor's shaft
+RATIO, BACKLASH = 0.1, 0.02
+VALUE = {"voltage": 1.0, "current": 0.05}
+FULL = {"voltage": 24.0, "current": 12.0}
 DEFECTS = {
     "none": "keeps the contract",
     "best_effort": "offers joint_states best effort only",
@@ -32,34 +37,58 @@ DEFECTS = {
     "frozen_stamps": "stamps every sample with its start",
     "stamps_backward": "stamps some samples earlier than the one before",
     "stamps_since_start": "stamps with the time since its start instead of the ROS clock",
-    "creeps": "turns at 0 V",
-    "sign_flipped": "turns back on a positive voltage",
+    "creeps": "turns at 0",
+    "sign_flipped": "turns back on a positive command",
     "load_sign_flipped": "counts the load's angle the other way",
     "load_before_gear": "measures the load at the motor's shaft",
     "degrees": "gives positions and velocities in degrees",
     "velocity_in_rpm": "gives velocities in revolutions per minute",
     "effort_in_amperes": "gives the motor's current as effort",
     "effort_sign_flipped": "gives the torque on the motor's housing",
-    "bang_bang": "takes the sign of the command for a fixed voltage",
-    "holds_at_zero": "keeps the last voltage that is not 0",
+    "bang_bang": "takes the sign of the command for a fixed one",
+    "holds_at_zero": "keeps the last command that is not 0",
     "strict_length": "ignores commands of more than one element",
-    "no_watchdog": "keeps the voltage when commands stop",
-    "keeps_voltage_on_nan": "keeps the voltage at a command that is not finite",
-    "full_voltage_on_inf": "clips an infinite command to the supply",
+    "no_watchdog": "keeps the command when commands stop",
+    "keeps_voltage_on_nan": "keeps the command at one that is not finite",
+    "full_voltage_on_inf": "clips an infinite command to the largest",
     "dies_on_empty_command": "ends at a command without elements",
     "ignores_sigterm": "goes on at SIGTERM",
 }
 
 
-class BrokenDrive(Node):
-    """The nominal plant behind the topics of a drive."""
+class Servo:
+    """About the nominal drive: a motor with the load's inertia and friction on its shaft, the load with play."""
 
-    def __init__(self, defect: str) -> None:
+    def __init__(self, interface: str) -> None:
+        self._takes_current = interface == "current"
+        self.motor_angle = self.motor_speed = self.motor_torque = self.load_angle = self.load_speed = 0.0
+
+    def advance(self, command: float, duration: float) -> None:
+        """Solve J w' = K i - B w, where i is the command or (command - K w)/R."""
+        gain = TORQUE_CONSTANT if self._takes_current else TORQUE_CONSTANT / RESISTANCE
+        back_emf = 0.0 if self._takes_current else TORQUE_CONSTANT * gain
+        time_constant = INERTIA / (FRICTION + back_emf)
+        final_speed = gain * command / (FRICTION + back_emf)
+        share = -math.expm1(-duration / time_constant)
+        above = self.motor_speed - final_speed
+        self.motor_angle += final_speed * duration + above * time_constant * share
+        self.motor_speed -= above * share
+        self.motor_torque = gain * command - back_emf * self.motor_speed
+        low, high = RATIO * self.motor_angle - BACKLASH / 2, RATIO * self.motor_angle + BACKLASH / 2
+        before, self.load_angle = self.load_angle, min(max(self.load_angle, low), high)
+        self.load_speed = (self.load_angle - before) / duration
+
+
+class BrokenDrive(Node):
+    """The servo behind the topics of a drive; the load's effort is not measured."""
+
+    def __init__(self, defect: str, interface: str) -> None:
         super().__init__("broken_drive")
         self._defect = defect
-        self._plant = Plant(NOMINAL_DRIVE)
-        self._plant.advance(0.0, 0.0, 1 / RATE)
-        self._voltage = 0.3 if defect == "creeps" else 0.0
+        self._servo = Servo(interface)
+        self._one, self._full = VALUE[interface], FULL[interface]
+        self._creep = 0.3 * self._one if defect == "creeps" else 0.0
+        self._command = self._creep
         self._last_command = time.monotonic()
         self._start = self.get_clock().now()
         self._beats = 0
@@ -82,25 +111,23 @@ class BrokenDrive(Node):
         if not math.isfinite(value):
             if defect == "keeps_voltage_on_nan":
                 return
-            value = math.copysign(24.0, value) if math.isinf(value) and defect == "full_voltage_on_inf" else 0.0
+            value = math.copysign(self._full, value) if math.isinf(value) and defect == "full_voltage_on_inf" else 0.0
         if defect == "sign_flipped":
             value = -value
         if defect == "bang_bang" and value:
-            value = math.copysign(1.0, value)
+            value = math.copysign(self._one, value)
         if defect == "holds_at_zero" and not value:
             return
-        if defect == "creeps" and not value:
-            value = 0.3
-        self._voltage = value
+        self._command = value or self._creep
 
     def _beat(self) -> None:
         if self._defect != "no_watchdog" and time.monotonic() - self._last_command > COMMAND_TIMEOUT:
-            self._voltage = 0.0
-        # Late beats are made good in the plant, not by extra samples.
+            self._command = 0.0
+        # Late beats are made good in the servo, not by extra samples.
         now = self.get_clock().now()
         due = max(1, round((now - self._start).nanoseconds * 1e-9 * RATE) - self._beats)
         self._beats += due
-        self._plant.advance(self._voltage, 0.0, due / RATE)
+        self._servo.advance(self._command, due / RATE)
         if self._defect == "half_rate" and self._beats % 2:
             return
         if self._defect == "drops_samples" and self._beats % 5 == 0:
@@ -111,13 +138,13 @@ class BrokenDrive(Node):
             self._publisher.publish(message)
 
     def _sample(self) -> JointState:
-        plant, defect = self._plant, self._defect
+        servo, defect = self._servo, self._defect
         message = JointState(name=["motor", "load"])
         now = self.get_clock().now()
         message.header.stamp = now.to_msg()
-        message.position = [plant.motor_angle, plant.load_angle]
-        message.velocity = [plant.motor_speed, plant.load_speed]
-        message.effort = [plant.motor_torque, plant.gear_torque]
+        message.position = [servo.motor_angle, servo.load_angle]
+        message.velocity = [servo.motor_speed, servo.load_speed]
+        message.effort = [servo.motor_torque, math.nan]
         if defect == "wrong_names":
             message.name = ["joint1", "joint2"]
         elif defect == "missing_positions":
@@ -132,16 +159,16 @@ class BrokenDrive(Node):
             since = (now - self._start).nanoseconds
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(since, 10**9)
         elif defect == "load_sign_flipped":
-            message.position[1], message.velocity[1] = -plant.load_angle, -plant.load_speed
+            message.position[1], message.velocity[1] = -servo.load_angle, -servo.load_speed
         elif defect == "load_before_gear":
-            message.position[1], message.velocity[1] = plant.load_angle / RATIO, plant.load_speed / RATIO
+            message.position[1], message.velocity[1] = servo.load_angle / RATIO, servo.load_speed / RATIO
         elif defect == "degrees":
             message.position = [math.degrees(angle) for angle in message.position]
             message.velocity = [math.degrees(speed) for speed in message.velocity]
         elif defect == "velocity_in_rpm":
             message.velocity = [speed * 30 / math.pi for speed in message.velocity]
         elif defect == "effort_in_amperes":
-            message.effort[0] /= NOMINAL_DRIVE.motor.torque_constant
+            message.effort[0] /= TORQUE_CONSTANT
         elif defect == "effort_sign_flipped":
             message.effort[0] *= -1
         return message
@@ -150,12 +177,14 @@ class BrokenDrive(Node):
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--defect", choices=DEFECTS, default="none")
-    defect = parser.parse_args().defect
+    parser.add_argument("--command-interface", choices=VALUE, default="voltage")
+    arguments = parser.parse_args()
+    defect = arguments.defect
     rclpy.init()
     if defect == "ignores_sigterm":
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
     with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-        rclpy.spin(BrokenDrive(defect))
+        rclpy.spin(BrokenDrive(defect, arguments.command_interface))
 
 
 if __name__ == "__main__":
