@@ -52,7 +52,7 @@ def page(measured: Mapping[str, Sequence[float]]) -> str:
     return HEAD + "\n".join(lines) + "\n"
 
 
-def tests_in(folder: Path) -> set[str]:
+def fault_tests_of(folder: Path) -> set[str]:
     """Return the names, without cases, of the tests in a folder that belong in the table."""
     names = re.findall(
         r"^def (test_\w+)\(", "\n".join(path.read_text() for path in folder.glob("test_*.py")), re.MULTILINE

@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-from faults_page import page, parts_of, tests_in
+from faults_page import page, parts_of, fault_tests_of
 
 ROOT = Path(__file__).parents[2]
 
 
 def test_page_lists_the_tests_that_there_are() -> None:
-    names = tests_in(ROOT / "test" / "nodes")
+    names = fault_tests_of(ROOT / "test" / "nodes")
     assert len(names) >= 20
     expected = {parts[0] for parts in map(parts_of, names) if parts}
     rows = [line.split(" | ") for line in (ROOT / "docs" / "faults.md").read_text().splitlines() if "---" not in line]
