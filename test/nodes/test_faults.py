@@ -66,7 +66,7 @@ def test_controller_is_terminated__it_puts_0_v_out_before_it_goes__restart_it(pa
     pair.controller.signal(signal.SIGTERM)
     measure(pair.unpowered(began))
     assert pair.controller.wait() == 0
-    assert pair.commands[-1][1] == [0.0]
+    pair.peer.wait("the last command", lambda: pair.commands[-1][1] == [0.0])
     pair.start_controller()
     pair.works()
     assert pair.value("plant_simulator", "fault") == ""

@@ -75,11 +75,11 @@ class Peer:
     def spin(self, seconds: float = 0.0) -> None:
         self._executor.spin_once(timeout_sec=seconds)
 
-    def wait(self, what: str, condition: Callable[[], Any], seconds: float = PATIENCE) -> Any:
+    def wait(self, what: str | Callable[[], str], condition: Callable[[], Any], seconds: float = PATIENCE) -> Any:
         """Spin until ``condition`` returns something true, and return that."""
         end = time.monotonic() + seconds
         while not (value := condition()):
-            assert time.monotonic() < end, f"waited {seconds:g} s for {what}"
+            assert time.monotonic() < end, f"waited {seconds:g} s for {what if isinstance(what, str) else what()}"
             self.spin(0.02)
         return value
 

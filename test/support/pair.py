@@ -100,8 +100,12 @@ class Pair:
             last = self.states[-1]
             return abs(voltage_of(last) - needed) < 0.1 and abs(last.velocity[1]) < 0.01
 
-        self.peer.wait("the load to be held", held)
+        self.peer.wait(lambda: f"the load to be held; {self.log()}", held)
         return self
+
+    def log(self) -> str:
+        """What both processes say, for a test that failed."""
+        return f"controller:\n{self.controller.output()}\nsimulator:\n{self.simulator.output()}"
 
     def unpowered(self, since: float) -> float:
         """Wait until the motor has 0 V, and return how long after ``since`` it had, by the sample's stamp."""

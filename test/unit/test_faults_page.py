@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from faults_page import page, parts_of, fault_tests_of
+from faults_page import fault_tests_of, page, parts_of
 
 ROOT = Path(__file__).parents[2]
 
