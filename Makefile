@@ -34,8 +34,13 @@ endif
 demo: $(READY)
 	$(BIN)/python -m backlash_ros.nodes.demo
 
+# What is judged in real time runs alone, the rest three at a time; plain pytest runs all of it, one after the other.
+ALONE := test/system/test_demo.py test/system/test_contract.py
+SIDE_BY_SIDE := -n 3 --dist worksteal
 test: $(READY)
-	$(BIN)/python -m pytest
+	$(BIN)/python -c 'import backlash_ros.simulation'  # compiles once for all
+	$(BIN)/python -m pytest $(SIDE_BY_SIDE) $(ALONE:%=--ignore=%)
+	$(BIN)/python -m pytest $(ALONE)
 
 # Faults injected into live processes: once for the page, and twenty times, four at once, on a machine that this loads.
 FAULTS := test/nodes/test_faults.py test/nodes/test_recorder.py -k __
@@ -46,7 +51,7 @@ test-repeat: $(READY)
 	$(BIN)/python test/support/repeat.py --times 20 --at-once 4 -- $(FAULTS)
 
 test-unit: $(READY)
-	$(BIN)/python -m pytest backlash_ros test/unit
+	$(BIN)/python -m pytest $(SIDE_BY_SIDE) backlash_ros test/unit
 
 lint: $(READY)
 	$(BIN)/ruff format --check .
@@ -70,7 +75,7 @@ soak: $(READY)
 # The pure tests on the oldest supported dependencies. numba 0.58 has wheels up to Python 3.11.
 FLOORS := .venv-floors
 test-floors: $(FLOORS)/.ready
-	$(FLOORS)/bin/python -m pytest backlash_ros test/unit
+	$(FLOORS)/bin/python -m pytest $(SIDE_BY_SIDE) backlash_ros test/unit
 
 $(FLOORS)/.ready: requirements/floors.txt
 	@echo "== $(FLOORS): Python environment with the oldest supported dependencies"
