@@ -49,30 +49,31 @@ def gap(recording_rows: NDArray[np.float64], drive: Drive) -> NDArray[np.float64
 
 
 def late_answers(samples: NDArray[np.float64], answers: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the times of the samples, in s, that had no answer before the next one."""
-    before = np.searchsorted(answers, samples)
-    late: NDArray[np.float64] = samples[:-1][np.diff(before) == 0]
+    """Return the times of the samples, in s, that had no answer before the next one, or whose next one came late."""
+    passed = np.diff(samples)
+    unanswered = np.diff(np.searchsorted(answers, samples)) == 0
+    late: NDArray[np.float64] = samples[:-1][unanswered | (passed > 1.5 * np.median(passed))]
     return late
 
 
-def quiet_end(recording: Recording, interval: Interval) -> float:
+def quiet_end(recording: Recording, interval: Interval) -> float | None:
     """Return the end of the last stretch in which the loop ran as it should: every sample answered in its period.
 
     A shared machine is late now and then, and a late answer widens a limit cycle for a while. The stretch lies in the
-    second half of the interval; where there is none, its end is the interval's.
+    second half of the interval; None where there is none.
     """
     samples = recording.joint_states.between(interval.start, interval.end).time
     late = late_answers(samples, recording.scalars["/command"].between(interval.start, interval.end).time)
     middle = 0.5 * (interval.start + interval.end)
     edges = np.array([middle, *late[late > middle], samples[-1]])
     long_enough = np.flatnonzero(np.diff(edges) >= TAIL + SETTLING)
-    return float(edges[long_enough[-1] + 1]) if long_enough.size else interval.end
+    return float(edges[long_enough[-1] + 1]) if long_enough.size else None
 
 
 def judge_step(recording: Recording, interval: Interval, drive: Drive) -> StepResponse:
-    """Return the metrics of the step response in ``interval``; its residual is taken at `quiet_end`."""
+    """Return the metrics of the step response in ``interval``; its residual is taken at a `quiet_end`, if any."""
     part = recording.joint_states.between(interval.start, interval.end)
-    end = quiet_end(recording, interval)
+    end = quiet_end(recording, interval) or interval.end
     tail = recording.joint_states.between(end - TAIL, end).values[:, 3]
     residual = float(np.ptp(tail)) / drive.gear.backlash_angle
     response = step_response(
@@ -84,6 +85,14 @@ def judge_step(recording: Recording, interval: Interval, drive: Drive) -> StepRe
         backlash_angle=drive.gear.backlash_angle,
     )
     return replace(response, residual=residual)
+
+
+def in_time(recording: Recording, interval: Interval, rising: float) -> dict[str, bool]:
+    """Return what of a response says something of the law: no sample was late while ``rising``, s, or at the end."""
+    samples = recording.joint_states.between(interval.start, interval.start + rising).time
+    answers = recording.scalars["/command"].between(interval.start, interval.start + rising).time
+    late = late_answers(samples, answers)
+    return {"rising": not late.size, "end": quiet_end(recording, interval) is not None}
 
 
 def judge_load_step(recording: Recording, interval: Interval, torque: float, drive: Drive) -> LoadStep:

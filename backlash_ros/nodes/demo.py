@@ -41,6 +41,7 @@ from backlash_ros.analysis.metrics import StepResponse
 from backlash_ros.analysis.session import (
     LABELS,
     Interval,
+    in_time,
     judge_load_step,
     judge_step,
     late_answers,
@@ -233,9 +234,12 @@ def perform(session: Session, say: Callable[[str], None]) -> dict[str, Any]:
     say("waiting for simulator, controller and recorder to find each other")
     session.ready()
     say("learning the backlash: the fast gains keep up a limit cycle in the gap")
-    valid, answer = session.learn()
-    say(f"  {answer}")
-    if not valid:
+    for _ in range(_ATTEMPTS):
+        valid, answer = session.learn()
+        say(f"  {answer}")
+        if valid:
+            break
+    else:
         raise DemoError(f"the backlash was not learned: {answer}")
     script: dict[str, Any] = {"learned": (valid, answer, session.get("backlash_angle")), "steps": {}}
     for law in LABELS:
@@ -276,6 +280,7 @@ def judge(script: dict[str, Any], folder: Path) -> dict[str, Any]:
             "method": "gap_travel" if "gap_travel" in answer else "load_amplitude",
             "valid": valid,
         },
+        "in_time": {law: in_time(recording, part, _RISING) for law, part in script["steps"].items()},
         "responses": {law: asdict(judge_step(recording, part, drive)) for law, part in script["steps"].items()},
         "gain_swap": {
             "accepted": accepted,
@@ -304,6 +309,9 @@ def show(summary: dict[str, Any], console: Console) -> None:
     console.print(table)
     learned, swap, load = summary["learned"], summary["gain_swap"], summary["load_torque"]
     true = learned["true_backlash_angle"]
+    for law, parts in summary["in_time"].items():
+        if late := [part for part, undisturbed in parts.items() if not undisturbed]:
+            console.print(f"{LABELS[law]}: this machine was too busy to answer in time ({', '.join(late)})")
     console.print(
         f"learned b = {learned['backlash_angle']:.5f} rad, true b = {true:.5f} rad "
         f"({100 * (learned['backlash_angle'] / true - 1):+.1f} %), by {learned['method']}"
