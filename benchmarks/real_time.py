@@ -44,6 +44,8 @@ NOTHING_LOST = [
     *("-p", "qos_overrides./joint_states.subscription.depth:=100"),
 ]
 """What makes the controller see every sample, however late: by default it takes the newest and leaves out the rest."""
+PATIENT = ["-p", "command_timeout:=0.5", "-p", "state_timeout:=0.5"]
+"""Watchdogs of the soak: a shared machine stops a process for more than the 0.1 s of the defaults now and then."""
 WARM_UP = 5.0
 """After the start discovery goes on and the interpreter settles, s."""
 GROWTH = 1024
@@ -195,7 +197,7 @@ def pair(simulator: Sequence[str], controller: Sequence[str]) -> Iterator[tuple[
 
 def soak(minutes: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
     """Run one axis for minutes; nothing may be lost and memory must not grow."""
-    words = ["--ros-args", "-p", "backlash_angle:=0.02", *extra]
+    words = ["--ros-args", "-p", "backlash_angle:=0.02", *PATIENT, *extra]
     with pair([*words, "-p", "autostart:=false"], words) as (graph, simulator, controller):
         # Counting begins with the first sample, once everybody has found everybody.
         graph.change("/plant_simulator", Transition.TRANSITION_CONFIGURE)

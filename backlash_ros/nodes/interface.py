@@ -101,7 +101,7 @@ def read_joint_state(
     for field in ("velocity", "effort"):
         if len(getattr(message, field)) not in (0, count):
             raise BadSampleError(f"{count} names but {len(getattr(message, field))} values of {field}")
-    measured = np.full(5, math.nan)
+    measured = [math.nan] * 5
     seen = False
     for joint, angle, speed in ((motor_joint, 0, 1), (load_joint, 3, 4)):
         places = [k for k, name in enumerate(message.name) if name == joint]
@@ -116,4 +116,4 @@ def read_joint_state(
                 measured[2] = _usable(f"effort of joint {joint!r}", message.effort[k], "N m") / torque_constant
     if not seen:
         raise BadSampleError(f"neither joint {motor_joint!r} nor {load_joint!r} among {list(message.name)}")
-    return measured
+    return np.array(measured)

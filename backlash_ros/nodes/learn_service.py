@@ -6,9 +6,11 @@ executor (ros2/rclpy issue 1473). So the service lives on a hidden node with an 
 
 import threading
 import time
+from contextlib import suppress
 
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from backlash_ros.control import BacklashEstimate
@@ -24,7 +26,7 @@ class LearnService:
         self._asked = threading.Event()
         self._answered = threading.Event()
         self._response = (False, "")
-        self._closed = False
+        self._closed: Future[None] = Future()
         self._asked_at = 0.0
         self._node = Node(
             f"_{owner.get_name()}_learn",
@@ -41,18 +43,15 @@ class LearnService:
         self._thread.start()
 
     def _spin(self) -> None:
-        try:
-            while not self._closed:
-                self._executor.spin_once(timeout_sec=0.2)
-        except ExternalShutdownException:
-            pass
+        with suppress(ExternalShutdownException):
+            self._executor.spin_until_future_complete(self._closed)
 
     def _serve(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._answered.clear()
         self._response = (False, "the controller is stopping")
         self._asked_at = time.monotonic()
         self._asked.set()
-        while not self._closed and not self._answered.wait(0.2):
+        while not self._closed.done() and not self._answered.wait(0.2):
             pass
         response.success, response.message = self._response
         return response
@@ -75,7 +74,7 @@ class LearnService:
 
     def close(self) -> None:
         """Refuse what is waiting and end the thread."""
-        self._closed = True
+        self._closed.set_result(None)
         self._thread.join()
         self._executor.remove_node(self._node)
         self._node.destroy_node()

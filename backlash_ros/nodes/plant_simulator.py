@@ -70,6 +70,7 @@ class PlantSimulator(ManagedNode):
         self._plant = Plant(self._drive)
         self._value = self._load_torque = 0.0
         self._ticks = 0
+        self._sample = JointState(name=list(self._joints))
         self._states = self.speak(JointState, "joint_states")
         self._clock_publisher = self.speak(Clock, "/clock") if self._own_time and self._leads else None
         self.listen(Float64MultiArray, "command", self._on_command)
@@ -82,14 +83,17 @@ class PlantSimulator(ManagedNode):
         self._label, self._waiting = "", False
         self._replied: deque[str] = deque(maxlen=16)
         self._last_command = self._last_answer = -math.inf
-        self._start = self._last_beat = now()
+        self._last_beat = now()
         self._due = 0
-        self._seen = self._start, self._beats, self._late, self._answered
+        self._seen = self._last_beat, self._beats, self._late, self._answered
         if self._lockstep:
             self._publish()
             self._timer = Timer(_REPEAT, self._repeat)
         else:
-            self._timer = Timer(self._beat_time, self._beat)
+            # Axes of one process take turns: at once, the last one would wait for all the others each time.
+            turn = self._together.index(self) / len(self._together)
+            self._timer = Timer(self._beat_time, self._beat, turn * self._beat_time)
+            self._start = self._timer.due - self._beat_time
         self.own_timers.append(self._timer)
         speed = "in lockstep" if self._lockstep else f"{self._period / self._beat_time:g} times real time"
         self.get_logger().info(
@@ -203,15 +207,14 @@ class PlantSimulator(ManagedNode):
         if stamp is None or self._own_time:
             seconds, nanoseconds = divmod(round((self._ticks + 1) * self._period * 1e9), 10**9)
             stamp = Time(sec=seconds, nanosec=nanoseconds)
-        message = JointState()
+        message = self._sample
         message.header.stamp = stamp
-        message.name = list(self._joints)
         message.position = [plant.motor_angle, plant.load_angle]
         message.velocity = [plant.motor_speed, plant.load_speed]
         message.effort = [plant.motor_torque, plant.gear_torque]
         if self._clock_publisher is not None:
             self._clock_publisher.publish(Clock(clock=stamp))
-        self._sample, self._label, self._waiting, self._last_beat = message, stamp_label(stamp), True, now()
+        self._label, self._waiting, self._last_beat = stamp_label(stamp), True, now()
         self._beats += 1
         self._states.publish(message)
 

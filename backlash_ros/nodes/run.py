@@ -97,14 +97,16 @@ def _stopped(node: Runnable) -> bool:
 
 
 def _turn(executor: EventsExecutor, nodes: Sequence[Runnable]) -> None:
-    """Call the timers that are due, then work off one event, which may come until the next timer is due.
+    """Call a timer that is due, or work off one event, which may come until the next timer is due.
 
-    When the timers are late it is one event more than timers were called: what has piled up goes down, and neither
-    starves the other.
+    Two events go with a timer that is due: what has piled up goes down, and neither starves the other.
     """
-    called, wait = call_due([timer for node in nodes for timer in node.own_timers])
-    for _ in range(1 if wait > 0 else called + 1):
-        executor.spin_once(timeout_sec=min(max(wait, 0.0), 0.1))
+    wait = call_due([timer for node in nodes for timer in node.own_timers])
+    if wait > 0:
+        executor.spin_once(timeout_sec=min(wait, 0.1))
+    else:
+        executor.spin_once(timeout_sec=0.0)
+        executor.spin_once(timeout_sec=0.0)
 
 
 def run(make: Callable[[str], Runnable], args: Sequence[str] | None) -> int:

@@ -7,29 +7,37 @@ others are added is queued again and again, and then called too early and too of
 import math
 import time
 from collections.abc import Callable, Sequence
+from operator import attrgetter
 
 now = time.monotonic
 """The steady clock, s: it neither jumps nor stops with ROS time. All beats and watchdogs go by it."""
 
 
 class Timer:
-    """Calls back every ``period`` s from now on; calls that were missed are left out, the phase is kept."""
+    """Calls back every ``period`` s from now on; calls that were missed are left out, the phase is kept.
 
-    def __init__(self, period: float, callback: Callable[[], None]) -> None:
+    ``phase``: the times are this much, s, after whole periods of the steady clock; without it they count from now.
+    """
+
+    def __init__(self, period: float, callback: Callable[[], None], phase: float | None = None) -> None:
         self._period = period
         self._callback = callback
-        self.due = now() + period
+        self.due = now() if phase is None else phase
+        self._move_on()
+
+    def _move_on(self) -> None:
+        self.due += self._period * (math.floor((now() - self.due) / self._period) + 1)
 
     def call(self) -> None:
         """Call back, and be due again."""
-        self.due += self._period * max(1, math.ceil((now() - self.due) / self._period))
+        self._move_on()
         self._callback()
 
 
-def call_due(timers: Sequence[Timer]) -> tuple[int, float]:
-    """Call each timer that is due; return how many were, and in how many seconds the next one will be."""
-    at = now()
-    due = [timer for timer in timers if timer.due <= at]
-    for timer in due:
-        timer.call()
-    return len(due), min(timer.due for timer in timers) - now()
+def call_due(timers: Sequence[Timer]) -> float:
+    """Call the timer that is the most overdue, if one is; return in how many seconds the first was, or is, due."""
+    first = min(timers, key=attrgetter("due"))
+    wait = first.due - now()
+    if wait <= 0:
+        first.call()
+    return wait
