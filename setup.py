@@ -34,7 +34,7 @@ setup(
         "numba>=0.58",
         "numpy>=1.26",
         "rich>=13",
-        "rosbags>=0.11",
+        "rosbags>=0.11,<0.12",  # the recorder extends its writer of mcap files
         "scipy>=1.11",
         *(ROS_WHEELS if find_spec("rclpy") is None else []),
     ],

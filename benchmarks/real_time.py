@@ -1,7 +1,7 @@
 """Does the pair of processes keep up with real time? Plain counts from their own diagnostics and from /proc.
 
     real_time.py soak       one axis for minutes: samples lost, answers late, memory grown; exit code 0 if it held
-    real_time.py axes       six axes in one pair of processes: answered within the period, processor time
+    real_time.py axes       six axes in one pair of processes, beside one axis alone: answered within the period
     real_time.py lockstep   how many times faster than real time a simulated minute runs
 
 Run with `make soak` and `make bench`. What else the machine does counts here, so how late a bare sleep wakes up stands
@@ -65,7 +65,9 @@ class Nodes:
         self._proc = Path("/proc") / str(self._process.pid)
 
     def memory(self) -> int:
-        """Return the resident memory, kB."""
+        """Return the resident memory, kB; RuntimeError where the process has ended."""
+        if self._process.poll() is not None:
+            raise RuntimeError(f"{self.name} has ended\n{self._log.read_text(errors='replace')}")
         status = (self._proc / "status").read_text()
         return int(next(line for line in status.splitlines() if line.startswith("VmRSS")).split()[1])
 
@@ -152,10 +154,17 @@ class Graph:
         self.context.try_shutdown()
 
 
+def stolen() -> tuple[int, int]:
+    """Return the ticks in which others on the same hardware ran instead of this machine, and all ticks that it ran."""
+    ticks = [int(word) for word in Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:9]]
+    return ticks[7], sum(ticks) - ticks[3] - ticks[4]
+
+
 class BareSleep:
     """A thread that only sleeps, a period at a time: what this machine loses without any of us."""
 
     def __init__(self) -> None:
+        self._began = stolen()
         self._late = self._count = 0
         self._longest = 0.0
         self._ended = threading.Event()
@@ -175,7 +184,9 @@ class BareSleep:
         """End and say what was seen."""
         self._ended.set()
         self._thread.join()
+        steal, ran = (b - a for a, b in zip(self._began, stolen(), strict=True))
         return {
+            "processor time stolen by other machines, %": round(100 * steal / ran, 1),
             "bare sleep late by more than a period, %": round(100 * self._late / self._count, 2),
             "bare sleep late at most, ms": round(1e3 * self._longest, 1),
         }
@@ -209,7 +220,8 @@ def soak(minutes: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
         before = simulator.memory(), controller.memory()
         graph.move([""], 60.0 * minutes - first)
         after = simulator.memory(), controller.memory()
-        graph.change("/plant_simulator", Transition.TRANSITION_DEACTIVATE)
+        faults = [said["fault"] for said in graph.fresh("/plant_simulator: drive", "/controller: servo")]
+        graph.change("/plant_simulator", Transition.TRANSITION_DEACTIVATE)  # so that both have counted the same
         graph.fresh("/plant_simulator: timing")
         sent, received = graph.fresh("/plant_simulator: timing", "/controller: servo")
     samples, answered = int(sent["samples"]), int(received["samples_answered"])
@@ -221,9 +233,9 @@ def soak(minutes: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
         "answered within the period": int(sent["answered_in_period"]),
         "answered late": int(sent["answered_late"]),
         "late beats": int(sent["late_beats"]),
-        "fault": received["fault"] or "none",
+        "faults": ", ".join(filter(None, faults)) or "none",
     }
-    held = figures["samples lost"] == 0 and not received["fault"]
+    held = figures["samples lost"] == 0 and not any(faults)
     for process, one, two in zip(("simulator", "controller"), before, after, strict=True):
         figures[f"memory of the {process} after {first:g} s, kB"] = one
         figures[f"memory of the {process} at the end, kB"] = two
@@ -231,31 +243,47 @@ def soak(minutes: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
     return figures, held
 
 
-def axes(seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
-    """Run six axes in one pair of processes."""
-    words = ["--axes", *AXES, "--ros-args", "--params-file", str(SIX_AXES), *extra]
-    names = [f"/{axis}/plant_simulator: timing" for axis in AXES]
+def answered(axes: Sequence[str], seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], float]:
+    """Run axes in one pair of processes; return figures and the share of samples answered by the worst, %."""
+    words = ["--axes", *axes, "--ros-args", "--params-file", str(SIX_AXES), *extra]
+    names = [f"/{axis}/plant_simulator: timing" for axis in axes]
     with pair(words, words) as (graph, simulator, controller):
         graph.wait("answers", lambda: all(int(graph.said.get(n, {}).get("answered_in_period", 0)) for n in names))
-        graph.move(AXES, WARM_UP)
+        graph.move(axes, WARM_UP)
         began = time.monotonic(), simulator.processor_time(), controller.processor_time()
         before = graph.fresh(*names)
-        graph.move(AXES, seconds)
+        graph.move(axes, seconds)
         after = graph.fresh(*names)
         ended = time.monotonic(), simulator.processor_time(), controller.processor_time()
         memory = simulator.memory(), controller.memory()
     passed, *spent = (b - a for a, b in zip(began, ended, strict=True))
-    figures: dict[str, Any] = {"seconds": seconds}
-    for axis, one, two in zip(AXES, before, after, strict=True):
-        samples, answered, late = (
+    figures: dict[str, Any] = {}
+    shares = []
+    for axis, one, two in zip(axes, before, after, strict=True):
+        samples, in_period, late = (
             int(two[key]) - int(one[key]) for key in ("samples", "answered_in_period", "late_beats")
         )
-        figures[f"{axis} answered within the period, %"] = round(100 * answered / samples, 2)
+        shares.append(100 * in_period / samples)
+        figures[f"{axis} answered within the period, %"] = round(shares[-1], 2)
         figures[f"{axis} late beats"] = late
     for process, used, size in zip(("simulator", "controller"), spent, memory, strict=True):
         figures[f"processor time of the {process}, %"] = round(100 * used / passed, 1)
         figures[f"memory of the {process}, kB"] = size
-    return figures, True
+    return figures, min(shares)
+
+
+def axes(seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
+    """Run six axes in one pair of processes, and, before and after them, one for half the time each."""
+    alone = [answered(AXES[:1], 0.5 * seconds, extra)[1]]
+    figures, worst = answered(AXES, seconds, extra)
+    alone.append(answered(AXES[:1], 0.5 * seconds, extra)[1])
+    one = sum(alone) / len(alone)
+    return {
+        "seconds": seconds,
+        **figures,
+        "one axis alone, before and after, %": ", ".join(f"{share:.2f}" for share in alone),
+        "worst of six over one alone": round(worst / one, 4),
+    }, True
 
 
 def lockstep(seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:

@@ -75,9 +75,9 @@ class BadSampleError(ValueError):
     """A message that cannot be used; the text says why."""
 
 
-def _usable(what: str, value: float, unit: str) -> float:
+def _usable(what: str, joint: str, value: float, unit: str) -> float:
     if not abs(value) <= LARGEST:
-        raise BadSampleError(f"{what} must be finite and within +-{LARGEST:g} {unit}, got {value}")
+        raise BadSampleError(f"{what} of joint {joint!r} must be finite and within +-{LARGEST:g} {unit}, got {value}")
     return value
 
 
@@ -102,18 +102,20 @@ def read_joint_state(
         if len(getattr(message, field)) not in (0, count):
             raise BadSampleError(f"{count} names but {len(getattr(message, field))} values of {field}")
     measured = [math.nan] * 5
+    names, positions, speeds, efforts = list(message.name), message.position, message.velocity, message.effort
     seen = False
     for joint, angle, speed in ((motor_joint, 0, 1), (load_joint, 3, 4)):
-        places = [k for k, name in enumerate(message.name) if name == joint]
-        if len(places) > 1:
-            raise BadSampleError(f"joint {joint!r} stands {len(places)} times in one message")
-        for k in places:
-            seen = True
-            measured[angle] = _usable(f"position of joint {joint!r}", message.position[k], "rad")
-            if message.velocity and not math.isnan(message.velocity[k]):
-                measured[speed] = _usable(f"velocity of joint {joint!r}", message.velocity[k], "rad/s")
-            if message.effort and joint == motor_joint and not math.isnan(message.effort[k]):
-                measured[2] = _usable(f"effort of joint {joint!r}", message.effort[k], "N m") / torque_constant
+        times = names.count(joint)
+        if times > 1:
+            raise BadSampleError(f"joint {joint!r} stands {times} times in one message")
+        if not times:
+            continue
+        seen, k = True, names.index(joint)
+        measured[angle] = _usable("position", joint, positions[k], "rad")
+        if speeds and not math.isnan(speeds[k]):
+            measured[speed] = _usable("velocity", joint, speeds[k], "rad/s")
+        if efforts and joint == motor_joint and not math.isnan(efforts[k]):
+            measured[2] = _usable("effort", joint, efforts[k], "N m") / torque_constant
     if not seen:
-        raise BadSampleError(f"neither joint {motor_joint!r} nor {load_joint!r} among {list(message.name)}")
+        raise BadSampleError(f"neither joint {motor_joint!r} nor {load_joint!r} among {names}")
     return np.array(measured)

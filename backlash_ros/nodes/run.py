@@ -97,16 +97,12 @@ def _stopped(node: Runnable) -> bool:
 
 
 def _turn(executor: EventsExecutor, nodes: Sequence[Runnable]) -> None:
-    """Call a timer that is due, or work off one event, which may come until the next timer is due.
+    """Call a timer that is due and work off one event, which may come until the next timer is due.
 
-    Two events go with a timer that is due: what has piled up goes down, and neither starves the other.
+    Neither starves the other: timers that are overdue leave beats out.
     """
     wait = call_due([timer for node in nodes for timer in node.own_timers])
-    if wait > 0:
-        executor.spin_once(timeout_sec=min(wait, 0.1))
-    else:
-        executor.spin_once(timeout_sec=0.0)
-        executor.spin_once(timeout_sec=0.0)
+    executor.spin_once(timeout_sec=min(max(wait, 0.0), 0.1))
 
 
 def run(make: Callable[[str], Runnable], args: Sequence[str] | None) -> int:

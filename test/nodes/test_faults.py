@@ -384,14 +384,17 @@ def test_quality_of_service_that_does_not_match__0_v_goes_on__mend_it(
 # References.
 
 
-@pytest.mark.parametrize("target", [2.5, -3.0, 1.6, math.nan], ids=lambda target: f"{target:g} rad")
+BEYOND = {"2.5 rad": 2.5, "-3 rad": -3.0, "a step of 1.6 rad": -0.6, "nan": math.nan}
+
+
+@pytest.mark.parametrize("target", BEYOND.values(), ids=BEYOND)
 def test_reference_beyond_the_limits__the_old_reference_is_kept__none_needed(
     start: Start, peer: Peer, measure: Measure, target: float
 ) -> None:
     watched = Watched(start, peer, limits__position_lower=-2.0, limits__position_upper=2.0, limits__step=1.2)
     drive = watched.drive
     drive.run(250)
-    drive._reference.publish(Float64(data=target if target != 1.6 else -0.6))
+    drive._reference.publish(Float64(data=target))
     peer.wait("the log", lambda: "messages dropped so far" in watched.process.output())
     assert "reference must be" in watched.process.output()
     assert drive.run(250)[-1] == pytest.approx(1.0, abs=0.05)
