@@ -88,7 +88,8 @@ class Controller(ManagedNode):
         self.listen(JointState, "joint_states", self._on_joint_states)
         self.listen(Float64, "reference", self._on_reference)
         self._learn = self.held(LearnService(self), LearnService.close)
-        self.own_timers.append(self.held(Timer(0.5 * self._state_timeout, self._watch), self.own_timers.remove))
+        self._watchdog = self.held(Timer(0.5 * self._state_timeout, self._watch), self.own_timers.remove)
+        self.own_timers.append(self._watchdog)
         self._publish_in_use()
         self._publish_estimate()
 
@@ -145,6 +146,7 @@ class Controller(ManagedNode):
             return
         elapsed = self._elapsed(stamp, began)
         self._last_stamp, self._last_sample, self._refused = stamp, began, ""
+        self._watchdog.due = began + self._state_timeout  # put off with every sample that can be used
         had_fault = self._servo.fault
         self._begin_learning()
         self._send(self._servo.update(measured, elapsed), label)
@@ -200,8 +202,6 @@ class Controller(ManagedNode):
         if not self.active:
             if self._learn.take_request():
                 self._learn.answer(False, "cannot learn: the controller is not active")
-            return
-        if self._last_sample is not None and now() - self._last_sample <= self._state_timeout:
             return
         if self._last_sample is not None:
             self._last_sample = None

@@ -17,6 +17,7 @@ class Timer:
     """Calls back every ``period`` s from now on; calls that were missed are left out, the phase is kept.
 
     ``phase``: the times are this much, s, after whole periods of the steady clock; without it they count from now.
+    ``due``: the next time; whoever sets it moves the beat, as a watchdog is put off.
     """
 
     def __init__(self, period: float, callback: Callable[[], None], phase: float | None = None) -> None:
