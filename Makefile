@@ -43,7 +43,7 @@ test: $(READY)
 	$(BIN)/python -m pytest $(ALONE)
 
 # Faults injected into live processes: once for the page, and twenty times, four at once, on a machine that this loads.
-FAULTS := test/nodes/test_faults.py test/nodes/test_recorder.py -k __
+FAULTS := test/nodes/test_faults.py test/nodes/test_parameter_storm.py test/nodes/test_recorder.py -k __
 faults: $(READY)
 	$(BIN)/python -m pytest $(FAULTS) --faults-page docs/faults.md
 

@@ -117,6 +117,13 @@ class Servo:
         """Torque on the output shaft, N m; 0 with the load encoder alone."""
         return float(self._estimate[LOAD_TORQUE])
 
+    def learning_refusal(self) -> str:
+        """Return why learning would go beyond the limits from where the load is held; empty where it would not."""
+        kick, limits = self.settings.learning.kick, self._monitor.limits
+        refusals = (limits.refusal(self.reference + swing, self.reference) for swing in (-kick, kick))
+        why = next(filter(None, refusals), "")
+        return why and f"it swings by learning.kick = {kick:g} rad to either side, but {why}"
+
     def start_learning(self) -> None:
         """Start to learn the backlash at the next sample; the result shows in `take_learned`."""
         if self._learner is not None:

@@ -1,9 +1,10 @@
-"""The controller as a node: joint states in, one call of the servo, voltage out at once.
+"""The controller as a node: joint states in, one call of the servo, a command out at once.
 
 Everything that decides is in `backlash_ros.control.Servo`. Here are the topics, the lifecycle, and the watchdog that
 latches a fault, and puts 0 V out, when no good sample comes.
 """
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -16,6 +17,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, UInt8
 
 from backlash_ros.control import LAWS, Servo
+from backlash_ros.control.limit_cycle import Array
+from backlash_ros.control.observer import THETA_L, THETA_M
 from backlash_ros.drivetrain import Quantity
 from backlash_ros.nodes.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
 from backlash_ros.nodes.interface import (
@@ -38,6 +41,9 @@ _LEARN_PATIENCE = 5.0
 
 _SHOWN = ("law", "gain_set", "gains.fast.k", "gains.overdamped.k", "backlash_angle")
 """Parameters that the diagnostics repeat; all of them are in ~/parameters_in_use."""
+
+_ACKNOWLEDGED = Duration(seconds=0.02)
+"""How long the last command waits for readers that acknowledge: a stalled one must not stop the other axes' loops."""
 
 _CLOCKS_DIFFER = 10.0
 """Age of a sample that says more of the clocks than of the sample, s."""
@@ -68,6 +74,7 @@ class Controller(ManagedNode):
         self._step_time, self._age = Window(), Window()
         self._last_stamp = 0
         self._last_sample: float | None = None
+        self._since = now()
         self._seen = now(), 0, 0, 0, 0
 
     # The lifecycle.
@@ -95,17 +102,17 @@ class Controller(ManagedNode):
 
     def activate(self) -> None:
         """Hold the position where the first sample finds the load."""
-        self._servo.reset()
+        self._servo.release("activated")
         self._last_stamp = self._dropped_stamp = 0
         self._last_sample = None
         self._refused = ""
         self.get_logger().info(f"ready at {self._rate:g} Hz with gain set {self._tunables.values['gain_set']!r}")
 
     def deactivate(self) -> None:
-        """Put 0 V out and wait until it has arrived."""
+        """Put 0 V out and see to it that it leaves."""
         self._servo.release("the controller is not active any more")
         self._send(0.0)
-        self._command.wait_for_all_acked(Duration(seconds=0.5))
+        self._command.wait_for_all_acked(_ACKNOWLEDGED)
         self._end_learning()
         self.get_logger().info(f"stopped after {self._answered} samples, {self._dropped} messages dropped")
 
@@ -139,11 +146,14 @@ class Controller(ManagedNode):
             return
         try:
             measured = read_joint_state(message, *self._joints, self._drive.motor.torque_constant)
+            self._expect_joints(measured)
         except BadSampleError as error:
             self._refuse(f"unusable joint_states: {error}")
             self._servo.command = 0.0
             self._send(0.0, label)
             return
+        if self._last_sample is None:
+            self._since = began
         elapsed = self._elapsed(stamp, began)
         self._last_stamp, self._last_sample, self._refused = stamp, began, ""
         self._watchdog.due = began + self._state_timeout  # put off with every sample that can be used
@@ -160,6 +170,16 @@ class Controller(ManagedNode):
             self._torque.publish(Float64(data=self._servo.load_torque_estimate))
         self._age.add(1e-9 * (self.get_clock().now().nanoseconds - stamp))
         self._step_time.add(now() - began)
+
+    def _expect_joints(self, measured: Array) -> None:
+        """Refuse a sample that has another joint than those by which the position is held: their zeros may differ."""
+        present = [not math.isnan(measured[angle]) for angle in (THETA_M, THETA_L)]
+        if not self._servo.holding:
+            self._present = present
+        for name, before, now_there in zip(self._joints, self._present, present, strict=True):
+            if before != now_there:
+                change = "has come, which the loop was begun without" if now_there else "is missing, which was there"
+                raise BadSampleError(f"joint {name!r} {change}")
 
     def _out_of_order(self, stamp: int, label: str) -> bool:
         """Whether a sample is not newer than the last one; a clock that was set back is told from a stray sample."""
@@ -230,13 +250,15 @@ class Controller(ManagedNode):
     # Learning.
 
     def _begin_learning(self) -> None:
-        if not self._learn.take_request():
+        if not (self._servo.holding or self._servo.fault) or not self._learn.take_request():
             return
         if self._servo.fault:
             self._learn.answer(False, f"cannot learn while a fault is latched: {self._servo.fault}")
-            return
-        self._servo.start_learning()
-        self.get_logger().info("learning the backlash")
+        elif refusal := self._servo.learning_refusal():
+            self._learn.answer(False, f"cannot learn: {refusal}")
+        else:
+            self._servo.start_learning()
+            self.get_logger().info("learning the backlash")
 
     def _end_learning(self) -> None:
         estimate = self._servo.take_learned()
@@ -284,7 +306,8 @@ class Controller(ManagedNode):
         age, step = self._age.take(), self._step_time.take()
         # By the stamps where they go on evenly: in simulated time the steady clock says nothing of the drive's rate.
         rate = answered / (1e-9 * stamped if before[1] and stamped > 0 else passed)
-        timing = [rate_level(rate, self._rate)] if self.active and before[2] and answered else [(OK, self.state)]
+        steady = self.active and self._last_sample is not None and self._since < before[0]
+        timing = [rate_level(rate, self._rate)] if steady and answered else [(OK, self.state)]
         if late:
             timing.append((WARN, f"{late} samples late within {passed:.1f} s"))
         if age[0] > _CLOCKS_DIFFER or age[0] < -_CLOCKS_DIFFER:

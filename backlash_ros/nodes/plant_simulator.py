@@ -20,7 +20,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
-from backlash_ros.drivetrain import Plant, Quantity
+from backlash_ros.drivetrain import IntegrationError, Plant, Quantity
 from backlash_ros.nodes.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
 from backlash_ros.nodes.interface import declare_joints, label_of, stamp_label
 from backlash_ros.nodes.managed import ManagedNode
@@ -28,8 +28,10 @@ from backlash_ros.nodes.parameters import declare_drive, declare_duration, decla
 from backlash_ros.nodes.run import run
 from backlash_ros.nodes.timer import Timer, now
 
-_REPEAT = 0.1
-"""Silence after which a sample in lockstep is sent again, s: best effort may lose it."""
+_REPEAT = 0.04
+"""Silence after which a sample in lockstep is sent again, s: best effort may lose it, and a watchdog waits for it."""
+
+_TWO = "two controllers on command: one sample was answered twice"
 
 
 class PlantSimulator(ManagedNode):
@@ -52,14 +54,13 @@ class PlantSimulator(ManagedNode):
             self, "command_timeout", 0.1, "silence on command after which the motor gets 0 V"
         )
         self._fault = ""
-        self._rejected = self._late = self._beats = self._answered = self._answered_late = 0
+        self._ticks = self._rejected = self._late = self._beats = self._answered = self._answered_late = 0
         self._step_time = Window()
         self._seen = now(), 0, 0, 0
         self._together = [] if together is None else together
         self._together.append(self)
         if self._lockstep and any(other._rate != self._rate or not other._lockstep for other in self._together):
             raise ValueError("lockstep must be the same, and rate too, for all axes of one process")
-        self._leads = self._together[0] is self
 
     # The lifecycle.
 
@@ -69,18 +70,18 @@ class PlantSimulator(ManagedNode):
         self._plant.advance(0.0, 0.0, self._period)  # compiles, or loads what was compiled before
         self._plant = Plant(self._drive)
         self._value = self._load_torque = 0.0
-        self._ticks = 0
         self._sample = JointState(name=list(self._joints))
         self._states = self.speak(JointState, "joint_states")
-        self._clock_publisher = self.speak(Clock, "/clock") if self._own_time and self._leads else None
+        self._clock_publisher = self.speak(Clock, "/clock") if self._own_time else None
+        self._fault = ""
         self.listen(Float64MultiArray, "command", self._on_command)
         self.listen(Float64, "load_torque", self._on_load_torque)
 
     def activate(self) -> None:
         """Begin to publish."""
         self._value = 0.0
-        self._fault = ""
-        self._label, self._waiting = "", False
+        self._ticks = max(axis._ticks for axis in self._together)  # one time for all
+        self._label, self._waiting, self._repeated = "", False, False
         self._replied: deque[str] = deque(maxlen=16)
         self._last_command = self._last_answer = -math.inf
         self._last_beat = now()
@@ -129,14 +130,18 @@ class PlantSimulator(ManagedNode):
 
     def _on_command(self, message: Float64MultiArray) -> None:
         label = label_of(message)
-        if not self.active or (self._lockstep and not (self._waiting and label == self._label)):
+        if not self.active:
+            return
+        if self._lockstep and not (self._waiting and label == self._label):
+            if label in self._replied:
+                self._fail(_TWO)
             return
         at = now()
         if not message.data or not math.isfinite(message.data[0]):
             self._rejected += 1
             self._fail(f"command must hold one finite number, in {self._drive.command_unit}, got {list(message.data)}")
         elif label in self._replied:
-            self._fail("two controllers on command: one sample was answered twice")
+            self._fail(_TWO)
         elif not label and message.data[0] and at - self._last_answer < self._command_timeout:
             foreign = f"{message.data[0]:g} {self._drive.command_unit}"
             self._fail(f"a second publisher on command: {foreign} between a controller's answers")
@@ -145,7 +150,8 @@ class PlantSimulator(ManagedNode):
         self._last_command = at
         if label:
             self._last_answer = at
-            self._replied.append(label)
+            if not self._repeated:  # one controller may well answer twice then
+                self._replied.append(label)
             in_period = label == self._label
             self._answered += in_period
             self._answered_late += not in_period
@@ -179,6 +185,7 @@ class PlantSimulator(ManagedNode):
         if not self._waiting:
             self._step_together()  # the axis that the others waited for may be active no more
         elif now() - self._last_beat > _REPEAT:
+            self._repeated = True
             self._states.publish(self._sample)
 
     def _beat(self) -> None:
@@ -198,7 +205,11 @@ class PlantSimulator(ManagedNode):
 
     def _advance(self, periods: int) -> None:
         began = now()
-        self._plant.advance(self._value, self._load_torque, periods * self._period)
+        try:
+            self._plant.advance(self._value, self._load_torque, periods * self._period)
+        except IntegrationError as error:
+            torque, self._load_torque = self._load_torque, 0.0
+            self._fail(f"cannot simulate with load_torque {torque:g} N m, which is 0 again: {error}")
         self._ticks += periods
         self._step_time.add(now() - began)
 
@@ -212,9 +223,10 @@ class PlantSimulator(ManagedNode):
         message.position = [plant.motor_angle, plant.load_angle]
         message.velocity = [plant.motor_speed, plant.load_speed]
         message.effort = [plant.motor_torque, plant.gear_torque]
-        if self._clock_publisher is not None:
+        before = self._together[: self._together.index(self)]
+        if self._clock_publisher is not None and not any(axis.active for axis in before):
             self._clock_publisher.publish(Clock(clock=stamp))
-        self._label, self._waiting, self._last_beat = stamp_label(stamp), True, now()
+        self._label, self._waiting, self._repeated, self._last_beat = stamp_label(stamp), True, False, now()
         self._beats += 1
         self._states.publish(message)
 

@@ -34,8 +34,11 @@ TOPICS = [
     "/diagnostics",
     "controller/backlash_estimate",
     "parameter_events",
+    "controller/transition_event",
+    "plant_simulator/transition_event",
+    "/clock",
 ]
-"""What is recorded by default: the whole interface, and each change of a parameter."""
+"""What is recorded by default: all topics of the interface, and each change of a parameter."""
 
 _QUEUE = 10_000
 """Messages of a topic that can wait for a slow disk: 40 s at 250 Hz. Fast DDS does not tell of what it drops beyond."""
@@ -161,7 +164,13 @@ class Recorder(StoppableNode):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the recorder."""
-    return run(lambda _namespace: Recorder(), args)
+    return run(_made, args)
+
+
+def _made(axis: str) -> Recorder:
+    if axis:
+        raise ValueError(f"the recorder takes no --axes: record one axis with --ros-args -r __ns:=/{axis.strip('/')}")
+    return Recorder()
 
 
 if __name__ == "__main__":

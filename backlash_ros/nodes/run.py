@@ -1,4 +1,4 @@
-"""How every node of this package runs: started from arguments, spun, and stopped in order on SIGINT or SIGTERM."""
+"""How every node of this package runs: started from arguments, spun, and stopped in order by a signal."""
 
 import argparse
 import gc
@@ -42,18 +42,18 @@ Runnable = ManagedNode | StoppableNode
 
 
 class Stop:
-    """Becomes true on SIGINT or SIGTERM."""
-
-    _NUMBERS = signal.SIGINT, signal.SIGTERM
+    """Becomes true on SIGINT, SIGTERM or, unless nohup had it ignored, SIGHUP: the terminal was closed."""
 
     def __init__(self) -> None:
         self._asked = False
-        for number in self._NUMBERS:
+        ignored = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+        self._numbers = [signal.SIGINT, signal.SIGTERM, *([] if ignored else [signal.SIGHUP])]
+        for number in self._numbers:
             signal.signal(number, self._ask)
 
     def ignore_more(self) -> None:
         """Let no further signal end the process before it ends well: `ros2 launch` passes on what the terminal sent."""
-        for number in self._NUMBERS:
+        for number in self._numbers:
             signal.signal(number, signal.SIG_IGN)
 
     def _ask(self, _signal: int, _frame: FrameType | None) -> None:

@@ -11,6 +11,7 @@ from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
@@ -103,19 +104,34 @@ def test_a_fault_of_one_axis_leaves_the_others_running(
     assert "limits.velocity" in answer.message
 
 
-def test_an_axis_that_is_deactivated_does_not_hold_up_the_others(
-    lockstep: Callable[[Sequence[str]], dict[str, Axis]], peer: Peer
+@pytest.mark.parametrize("stops", ["axis1", "axis3"])
+def test_an_axis_that_is_deactivated_holds_up_neither_the_others_nor_the_clock(
+    lockstep: Callable[[Sequence[str]], dict[str, Axis]], peer: Peer, stops: str
 ) -> None:
     axes = lockstep(["axis1", "axis2", "axis3"])
-    deactivate = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE))
-    assert peer.call(ChangeState, "axis3/plant_simulator/change_state", deactivate).success
+    clock: list[float] = []
+    peer.node.create_subscription(Clock, "/clock", lambda m: clock.append(m.clock.sec + 1e-9 * m.clock.nanosec), 100)
+    deactivate, activate = (
+        ChangeState.Request(transition=Transition(id=number))
+        for number in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE)
+    )
+    assert peer.call(ChangeState, f"{stops}/plant_simulator/change_state", deactivate).success
     for _ in range(10):
         peer.spin(0.01)  # what was still on its way
-    stopped = len(axes["axis3"].stamps)
+    stopped, stopped_at = len(axes[stops].stamps), max(axes[stops].stamps)
+    others = [axis for name, axis in axes.items() if name != stops]
     for axis in axes.values():
         axis.reference.publish(Float64(data=1.0))
-    peer.wait("two at their target", lambda: all(abs(axes[n].angle - 1.0) < 0.05 for n in ("axis1", "axis2")))
-    assert len(axes["axis3"].stamps) == stopped
+    peer.wait("two at their target", lambda: all(abs(axis.angle - 1.0) < 0.05 for axis in others))
+    assert len(axes[stops].stamps) == stopped
+    seen = len(clock)
+    peer.wait("the clock", lambda: len(clock) > seen + 10)
+    assert peer.call(ChangeState, f"{stops}/plant_simulator/change_state", activate).success
+    peer.wait("its samples", lambda: len(axes[stops].stamps) > stopped + 10)
+    peer.wait("two seconds", lambda: clock[-1] > clock[seen] + 2.0)
+    assert clock == sorted(clock)
+    again = min(stamp for stamp in axes[stops].stamps if stamp > stopped_at)
+    assert again[0] + 1e-9 * again[1] > clock[seen]  # its time has gone on with that of the others
 
 
 @pytest.mark.parametrize(

@@ -79,6 +79,25 @@ def test_learning_under_a_load_torque_keeps_the_old_estimate(start: Start, peer:
     assert Parameters(peer, "controller").get("backlash_angle") == [0.015]
 
 
+@pytest.mark.parametrize(
+    ("limits", "why"),
+    [
+        ({"limits__position_upper": 0.05}, "limits.position_upper = 0.05 rad"),
+        ({"limits__step": 0.02}, "limits.step = 0.02 rad"),
+    ],
+)
+def test_learning_beyond_the_limits_is_refused(start: Start, peer: Peer, limits: dict[str, float], why: str) -> None:
+    start("controller", **PATIENT, **limits)
+    drive = LockstepDrive(peer).matched()
+    answer = ask_to_learn(peer)
+    while not answer.done():
+        assert abs(drive.step()) < 1.0
+        assert drive.tick < 5000
+    assert not answer.result().success
+    assert answer.result().message.startswith("cannot learn: it swings by learning.kick = 0.1 rad")
+    assert why in answer.result().message
+
+
 def test_reference_is_not_taken_while_learning(start: Start, peer: Peer) -> None:
     process = start("controller", **PATIENT)
     drive = LockstepDrive(peer).matched()

@@ -61,9 +61,12 @@ def test_controller_stands_still_for_a_while__the_drive_takes_the_voltage_off__r
     pair.works()
 
 
-def test_controller_is_terminated__it_puts_0_v_out_before_it_goes__restart_it(pair: Pair, measure: Measure) -> None:
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP], ids=lambda number: number.name)
+def test_controller_is_terminated__it_puts_0_v_out_before_it_goes__restart_it(
+    pair: Pair, measure: Measure, number: signal.Signals
+) -> None:
     began = pair.now()
-    pair.controller.signal(signal.SIGTERM)
+    pair.controller.signal(number)
     measure(pair.unpowered(began))
     assert pair.controller.wait() == 0
     pair.peer.wait("the last command", lambda: pair.commands[-1][1] == [0.0])
@@ -263,6 +266,8 @@ BAD = {
     "empty": {"name": [], "position": [], "velocity": [], "effort": []},
     "names of another machine": {"name": ["a", "b"]},
     "arrays of different lengths": {"position": [0.0]},
+    "load's joint missing": {"name": ["motor"], "position": [0.0], "velocity": [0.0], "effort": [0.0]},
+    "motor's joint missing": {"name": ["load"], "position": [0.0], "velocity": [0.0], "effort": [0.0]},
 }
 
 

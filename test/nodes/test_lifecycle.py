@@ -10,6 +10,7 @@ from graph import Lifecycle, Peer, Process
 from lifecycle_msgs.msg import Transition
 from lockstep_drive import LockstepDrive
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 Start = Callable[..., Process]
@@ -85,6 +86,38 @@ def test_deactivation_puts_zero_volts_out_and_activation_holds_where_the_load_is
     angles = drive.run(200)
     assert abs(angles[-1] - held) < 0.1  # it was moving when it was let go
     assert abs(angles[-1] - 1.0) > 0.3
+
+
+@pytest.mark.parametrize("node", ["controller", "plant_simulator"])
+def test_fault_outlives_deactivation_and_ends_with_a_new_configuration(start: Start, peer: Peer, node: str) -> None:
+    process = start(node, **(PATIENT if node == "controller" else {}))
+    lifecycle = Lifecycle(peer, node)
+    command = peer.node.create_publisher(Float64MultiArray, "command", 1)
+    if node == "controller":
+        drive = LockstepDrive(peer).matched()
+
+    def fail() -> None:
+        before = process.output().count("until reset_fault")
+        if node == "controller":
+            drive.run(10)
+            drive.exchange(drive.sample(position=[0.0, 5.0]))
+        else:
+            peer.wait("the drive", command.get_subscription_count)
+            command.publish(Float64MultiArray())
+        peer.wait("the fault", lambda: process.output().count("until reset_fault") > before)
+
+    def reset() -> str:
+        return str(peer.call(Trigger, f"{node}/reset_fault", Trigger.Request()).message)
+
+    fail()
+    assert lifecycle.change(Transition.TRANSITION_DEACTIVATE)
+    assert lifecycle.change(Transition.TRANSITION_ACTIVATE)
+    assert reset().startswith("reset: ")
+    fail()
+    assert lifecycle.change(Transition.TRANSITION_DEACTIVATE)
+    assert lifecycle.change(Transition.TRANSITION_CLEANUP)
+    assert lifecycle.change(Transition.TRANSITION_CONFIGURE)
+    assert reset() == "there was no fault"
 
 
 def test_simulator_is_silent_and_still_while_not_active(start: Start, peer: Peer) -> None:

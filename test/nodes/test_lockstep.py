@@ -120,6 +120,25 @@ def test_axes_of_one_process_step_together_each_as_if_alone(start: Start, peer: 
         assert references[-1] == target
 
 
+def test_two_controllers_are_found_out_in_lockstep(start: Start, peer: Peer) -> None:
+    start("controller", state_timeout=10.0)
+    start("controller", "-r", "__node:=second", state_timeout=10.0)
+    simulator = start("plant_simulator", lockstep=True)
+    peer.wait("the fault", lambda: "two controllers on command" in simulator.output())
+
+
+def test_a_sample_without_an_answer_comes_again_before_a_watchdog_acts(start: Start, peer: Peer) -> None:
+    arrived: list[tuple[float, str]] = []
+    peer.node.create_subscription(
+        JointState, "joint_states", lambda m: arrived.append((time.monotonic(), stamp_label(m.header.stamp))), DEEP
+    )
+    simulator = start("plant_simulator", lockstep=True)
+    peer.wait("repeats", lambda: len(arrived) > 20)
+    assert len({label for _, label in arrived}) == 1
+    assert np.median(np.diff([at for at, _ in arrived])) < 0.1  # the controller's watchdog, by default
+    assert "until reset_fault" not in simulator.output()
+
+
 def test_simulated_time_runs_as_fast_as_asked(start: Start, peer: Peer) -> None:
     clocks: list[float] = []
     peer.node.create_subscription(Clock, "/clock", lambda m: clocks.append(m.clock.sec + 1e-9 * m.clock.nanosec), DEEP)

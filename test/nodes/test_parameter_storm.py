@@ -182,7 +182,9 @@ def judge(sent: tuple[bool, bool, list[Item]], response: Any) -> list[list[Item]
     return taken
 
 
-def test_a_storm_of_requests_never_leaves_a_partial_set(start: Callable[..., Process], peer: Peer, domain: int) -> None:
+def test_storm_of_parameter_requests__each_is_taken_whole_or_not_at_all__none_needed(
+    start: Callable[..., Process], peer: Peer, domain: int
+) -> None:
     process = start(
         "controller",
         law="fast",

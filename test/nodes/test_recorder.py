@@ -95,13 +95,20 @@ def test_existing_folder_is_refused_and_kept(start: Start, tmp_path: Path) -> No
     assert (tmp_path / "bag" / "precious").read_text() == "data"
 
 
+def test_axes_are_refused_before_anything_is_written(start: Start, tmp_path: Path) -> None:
+    recorder = start("recorder", non_ros=["--axes", "axis1", "axis2"], output=tmp_path / "bag")
+    assert recorder.wait() == 2
+    assert "the recorder takes no --axes: record one axis with --ros-args -r __ns:=/axis1" in recorder.output()
+    assert not (tmp_path / "bag").exists()
+
+
 def test_folder_that_cannot_be_made_is_refused(start: Start, tmp_path: Path) -> None:
     process = start("recorder", output=tmp_path / "no" / "bag")
     assert process.wait() == 2
     assert "output must lie in an existing folder" in process.output()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_bag_is_whole_after_a_signal(start: Start, peer: Peer, tmp_path: Path, number: signal.Signals) -> None:
     process = record(start, peer, tmp_path / "bag", 10)
     process.signal(number)

@@ -12,9 +12,9 @@ HEAD = """# Faults
 Each row is a test that injects the fault into live processes over DDS and watches what comes of it; `make faults`
 runs them and writes this page. The time is from the fault to the motor at 0 V (or to 0 V commanded, where the drive is
 what failed), with both watchdogs at 1 s (`command_timeout`, `state_timeout`; their default is 0.1 s). Where the test
-plays the drive the time is the drive's own. "Reset" is the service `~/reset_fault` of the node; until then the fault is
-latched, its reason is in `/diagnostics`, and the motor stays at 0 V. After a reset the controller holds the load where
-it finds it.
+plays the drive the time is the drive's own. "Reset" is the service `~/reset_fault` of the node; until then, or
+until the node is configured anew, the fault is latched, its reason is in `/diagnostics`, and the motor stays at 0 V.
+After a reset the controller holds the load where it finds it.
 
 | fault | the motor, or who acts | within | recovery |
 |---|---|---|---|
