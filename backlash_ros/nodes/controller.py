@@ -223,17 +223,17 @@ class Controller(ManagedNode):
             if self._learn.take_request():
                 self._learn.answer(False, "cannot learn: the controller is not active")
             return
+        had_fault = self._servo.fault
         if self._last_sample is not None:
             self._last_sample = None
-            had_fault = self._servo.fault
             why = f", only {self._refused}" if self._refused else ""
             self._servo.fail(f"no joint_states for {self._state_timeout:g} s{why}")
-            if not had_fault:
-                self._report(self._servo.fault)
-            self._end_learning()
+        self._send(0.0)  # first: the rest takes its time
+        if self._servo.fault != had_fault:
+            self._report(self._servo.fault)
+        self._end_learning()
         if self._learn.waiting() > _LEARN_PATIENCE and self._learn.take_request():
             self._learn.answer(False, f"cannot learn: no joint_states for {_LEARN_PATIENCE:g} s")
-        self._send(0.0)
 
     def _send(self, value: float, label: str = "") -> None:
         self._command.publish(answer(value, label))

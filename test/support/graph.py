@@ -29,6 +29,8 @@ class Process:
 
     def __init__(self, name: str, arguments: list[str], domain: int, log: Path, non_ros: Sequence[str] = ()) -> None:
         self.log = log
+        # Tests that were started by nohup would hand on that a hang-up is ignored.
+        inherited = signal.signal(signal.SIGHUP, signal.SIG_DFL)
         with log.open("wb") as output:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", f"backlash_ros.nodes.{name}", *non_ros, "--ros-args", *arguments],
@@ -36,6 +38,7 @@ class Process:
                 stdout=output,
                 stderr=subprocess.STDOUT,
             )
+        signal.signal(signal.SIGHUP, inherited)
         self.pid = self._process.pid
 
     @property
