@@ -58,7 +58,7 @@ def design_gains(name: str, drive: Drive, weights: Sequence[float]) -> Gains:
     Raises
     ------
     ValueError
-        Unless there are two finite weights, Q11 > 0 and Q22 >= 0.
+        Unless there are two finite weights, Q11 > 0 and Q22 >= 0, from which the Riccati equation can be solved.
 
     Examples
     --------
@@ -77,7 +77,11 @@ def design_gains(name: str, drive: Drive, weights: Sequence[float]) -> Gains:
     a, b = rigid_model(drive)
     if drive.takes_current:
         a, b = without_inductance(a, b[:, :1])
-    riccati = solve_continuous_are(a, b[:, :1], np.diag([q11, q22, 0.0][: len(a)]), np.eye(1))
+    try:
+        with np.errstate(invalid="ignore"):  # scipy casts what is not finite before it says so
+            riccati = solve_continuous_are(a, b[:, :1], np.diag([q11, q22, 0.0][: len(a)]), np.eye(1))
+    except ValueError as error:
+        raise ValueError(f"{name}: no gains can be computed from Q11 = {q11!r}, Q22 = {q22!r}: {error}") from error
     k = b[:, :1].T @ riccati
     return Gains(*(float(value) for value in (*np.asarray(k)[0], 0.0)[:3]))
 

@@ -64,6 +64,7 @@ def test_unusable_gains_are_refused_by_name(k: list[float], says: str) -> None:
         ([1.0, -1.0], "Q22 must be >= 0"),
         ([math.nan, 0.0], "Q11 must be > 0 .* got nan"),
         ([1.0, math.inf], "Q22 must be >= 0 .* got inf"),
+        ([1e-300, 0.0], "no gains can be computed from Q11 = 1e-300, Q22 = 0.0"),
     ],
 )
 def test_unusable_weights_are_refused_by_name(q: list[float], says: str) -> None:

@@ -1,5 +1,7 @@
 """The laws: eq 15, its switch, its limit; and what every law by name has to keep to."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -98,3 +100,12 @@ def test_every_law_is_at_rest_at_rest(gains: GainSet, name: str) -> None:
 def test_unknown_law_is_refused_with_the_names_there_are(gains: GainSet) -> None:
     with pytest.raises(ValueError, match=r"law must be one of \['cascade', .*'two_region'\], got 'bang_bang'"):
         make(gains, "bang_bang")
+
+
+def test_a_drive_for_which_a_law_has_no_design_is_refused_by_the_laws_name(gains: GainSet) -> None:
+    """The equations of the elastic model are too ill-conditioned: a weak motor at a very heavy load."""
+    motor, load = NOMINAL_DRIVE.motor, NOMINAL_DRIVE.load
+    weak = replace(motor, resistance=1000 * motor.resistance)
+    drive = replace(NOMINAL_DRIVE, motor=weak, load=replace(load, inertia=1000 * load.inertia))
+    with pytest.raises(ValueError, match="law = 'elastic_lqg' cannot be designed for this drive"):
+        design_law(drive, ServoSettings(gains, law="elastic_lqg"))

@@ -54,8 +54,11 @@ def elastic_lqg_step(law: Array, memory: Array, estimate: Array, reference: floa
 
 
 def optimal_gain(a: Array, b: Array, weight: Array, effort: Array) -> Array:
-    """Return K of the discrete LQR problem, u = -K x."""
-    riccati = solve_discrete_are(a, b, weight, effort)
+    """Return K of the discrete LQR problem, u = -K x; ValueError where it is too ill-conditioned."""
+    try:
+        riccati = solve_discrete_are(a, b, weight, effort)
+    except ValueError as error:
+        raise ValueError(f"law = 'elastic_lqg' cannot be designed for this drive: {error}") from error
     gain: Array = np.linalg.solve(effort + b.T @ riccati @ b, b.T @ riccati @ a)
     return gain
 
