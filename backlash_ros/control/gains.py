@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,14 +75,19 @@ def design_gains(name: str, drive: Drive, weights: Sequence[float]) -> Gains:
         raise ValueError(f"{name}: Q11 must be > 0 and <= 1e+12, got {q11!r}")
     if not 0 <= q22 <= 1e12:
         raise ValueError(f"{name}: Q22 must be >= 0 and <= 1e+12, got {q22!r}")
+    try:
+        return _optimal(drive, float(q11), float(q22))
+    except ValueError as error:
+        raise ValueError(f"{name}: no gains can be computed from Q11 = {q11!r}, Q22 = {q22!r}: {error}") from error
+
+
+@lru_cache(maxsize=64)  # a request for other parameters is validated with the same gains
+def _optimal(drive: Drive, q11: float, q22: float) -> Gains:
     a, b = rigid_model(drive)
     if drive.takes_current:
         a, b = without_inductance(a, b[:, :1])
-    try:
-        with np.errstate(invalid="ignore"):  # scipy casts what is not finite before it says so
-            riccati = solve_continuous_are(a, b[:, :1], np.diag([q11, q22, 0.0][: len(a)]), np.eye(1))
-    except ValueError as error:
-        raise ValueError(f"{name}: no gains can be computed from Q11 = {q11!r}, Q22 = {q22!r}: {error}") from error
+    with np.errstate(invalid="ignore"):  # scipy casts what is not finite before it says so
+        riccati = solve_continuous_are(a, b[:, :1], np.diag([q11, q22, 0.0][: len(a)]), np.eye(1))
     k = b[:, :1].T @ riccati
     return Gains(*(float(value) for value in (*np.asarray(k)[0], 0.0)[:3]))
 
@@ -90,18 +96,26 @@ def check_stable(name: str, drive: Drive, gains: Gains, period: float) -> None:
     """Raise ValueError unless ``gains``, sampled every ``period`` seconds, are stable in contact and inside the gap.
 
     In contact the drive is the rigid model (eq 9); inside the gap the motor turns alone, and k3 alone acts on it. The
-    loop is that of the drive's command interface: where the current is held, k3 sees the one before.
+    loop is that of the drive's command interface: where the current is held, k3 sees the one before. All signals are
+    taken as measured: speeds that come from positions lag, and gains near the bound are unstable with them.
     """
-    k = gains.as_array()[None, :]
-    loops = {
-        "even without backlash": (*rigid_model(drive), k),
-        "inside the gap, where the motor turns alone": (*motor_model(drive), np.array([[0.0, gains.k3]])),
-    }
-    for where, (a, b, feedback) in loops.items():
-        held, driven = sampled(drive, a, b[:, :1], period)
-        worst = float(np.max(np.abs(np.linalg.eigvals(held - driven @ feedback))))
+    for where, worst in _slowest_poles(drive, gains, period).items():
         if not worst < 1.0:
             raise ValueError(
                 f"{name} = [{gains.k1:g}, {gains.k2:g}, {gains.k3:g}] is unstable at {1 / period:g} Hz {where}: "
                 f"pole magnitude must be < 1, got {worst:.4g}"
             )
+
+
+@lru_cache(maxsize=64)
+def _slowest_poles(drive: Drive, gains: Gains, period: float) -> dict[str, float]:
+    """Return the largest magnitude of a sampled pole in each of the two loops."""
+    loops = {
+        "even without backlash": (*rigid_model(drive), gains.as_array()[None, :]),
+        "inside the gap, where the motor turns alone": (*motor_model(drive), np.array([[0.0, gains.k3]])),
+    }
+    worst = {}
+    for where, (a, b, feedback) in loops.items():
+        held, driven = sampled(drive, a, b[:, :1], period)
+        worst[where] = float(np.max(np.abs(np.linalg.eigvals(held - driven @ feedback))))
+    return worst
