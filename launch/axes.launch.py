@@ -1,6 +1,7 @@
 """Several axes in namespaces: a process of simulators and one of controllers; simulator:=false, the latter alone."""
 
 import json
+from pathlib import Path
 from tempfile import NamedTemporaryFile
 
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
@@ -23,7 +24,9 @@ def _file_of(axes: list[str], gain_set: str) -> str:
 def _nodes(context: LaunchContext) -> list[Node]:
     axes = LaunchConfiguration("axes").perform(context).replace(",", " ").split()
     gain_set = LaunchConfiguration("gain_set").perform(context)
-    config = LaunchConfiguration("config")
+    config = LaunchConfiguration("config").perform(context)
+    if not Path(config).is_file():  # launch_ros would only warn, and the drives be others
+        raise FileNotFoundError(f"config: there is no file {config!r}")
     # No name and no namespace here: each process makes one node per axis.
     common = {"package": "backlash_ros", "arguments": ["--axes", *axes], "output": "screen"}
     with_simulator = IfCondition(LaunchConfiguration("simulator"))

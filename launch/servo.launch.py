@@ -1,12 +1,20 @@
 """Simulator and controller; with simulator:=false the controller alone, for a real drive."""
 
-from launch.actions import DeclareLaunchArgument
+from pathlib import Path
+
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition, UnlessCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
-from launch import LaunchDescription
+from launch import LaunchContext, LaunchDescription
+
+
+def _check_config(context: LaunchContext) -> None:
+    """Start nothing without the parameter file: launch_ros would only warn, and the drive be another one."""
+    if not Path(config := LaunchConfiguration("config").perform(context)).is_file():
+        raise FileNotFoundError(f"config: there is no file {config!r}")
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -23,6 +31,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument("gain_set", default_value="", description="gain set, in place of the file's"),
             DeclareLaunchArgument("namespace", default_value="", description="namespace of both nodes"),
             DeclareLaunchArgument("simulator", default_value="true", description="false where there is a drive"),
+            OpaqueFunction(function=_check_config),
             Node(
                 executable="plant_simulator",
                 name="plant_simulator",

@@ -123,7 +123,7 @@ def _readable(bag: Path) -> Iterator[Path]:
         yield bag
 
 
-def read_bag(path: Path, *, motor_joint: str = "motor", load_joint: str = "load") -> Recording:
+def read_bag(path: str | Path, *, motor_joint: str = "motor", load_joint: str = "load") -> Recording:
     """Read a rosbag2 directory.
 
     Also one whose recorder was killed: such a bag holds everything up to about the last second.
@@ -139,7 +139,7 @@ def read_bag(path: Path, *, motor_joint: str = "motor", load_joint: str = "load"
     parameters: list[tuple[float, str, Any]] = []
     in_use: list[tuple[float, int, dict[str, Any]]] = []
     with (
-        _readable(path) as readable,
+        _readable(Path(path)) as readable,
         AnyReader([readable], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
     ):
         messages = {connection.topic: 0 for connection in reader.connections}

@@ -17,6 +17,9 @@ from backlash_ros.control.limit_cycle import Array, LimitCycle, find_limit_cycle
 from backlash_ros.control.observer import OMEGA_L, OMEGA_M, THETA_L, THETA_M
 from backlash_ros.drivetrain import Drive, Validated, quantity
 
+_FEWEST_STEPS = 4
+"""Steps of a load encoder that its cycle must span: teeth at rest on one flank flicker between two neighbours."""
+
 
 class Method(Enum):
     """How an estimate was made."""
@@ -116,7 +119,14 @@ class BacklashLearner:
         if cycle is None or cycle.amplitude < self._settings.resolution:
             self._last_refusal = (
                 f"the load comes to rest or moves less than {self._settings.resolution:g} rad; "
-                "a load torque or friction that keeps the teeth on one flank does this"
+                "a load torque or friction that keeps the teeth on one flank does this, or a drive without power"
+            )
+            return
+        step = _encoder_step(position)
+        if self._method is Method.LOAD_AMPLITUDE and cycle.amplitude < _FEWEST_STEPS * step:
+            self._last_refusal = (
+                f"the load moves by {cycle.amplitude:.3g} rad only, less than {_FEWEST_STEPS} steps of its encoder "
+                f"({step:.3g} rad each): it may be at rest on one flank, as under a load torque or friction"
             )
             return
         if self._method is Method.GAP_TRAVEL:
@@ -159,3 +169,9 @@ class BacklashLearner:
         self._attempt += 1
         self._tick = 0
         self._record.clear()
+
+
+def _encoder_step(position: Array) -> float:
+    """Return the smallest change between samples: an encoder's step, next to nothing where there is none."""
+    changes = np.abs(np.diff(position))
+    return float(np.min(changes[changes > 0], initial=math.inf))

@@ -233,7 +233,8 @@ class Controller(ManagedNode):
             self._report(self._servo.fault)
         self._end_learning()
         if self._learn.waiting() > _LEARN_PATIENCE and self._learn.take_request():
-            self._learn.answer(False, f"cannot learn: no joint_states for {_LEARN_PATIENCE:g} s")
+            why = f"a fault is latched, {self._servo.fault}" if self._servo.fault else "no joint_states came"
+            self._learn.answer(False, f"cannot learn: {why}, for {_LEARN_PATIENCE:g} s")
 
     def _send(self, value: float, label: str = "") -> None:
         self._command.publish(answer(value, label))

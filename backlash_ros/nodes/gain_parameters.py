@@ -23,8 +23,16 @@ def _given(weights: Sequence[float]) -> bool:
     return any(value != 0 for value in weights)
 
 
-def resolve_set(name: str, chosen: Mapping[str, Mapping[str, Sequence[float]]], drive: Drive) -> dict[str, list[float]]:
-    """Return the parameters that a named set stands for; ValueError where it gives no or two kinds of gains."""
+def resolve_set(
+    name: str, chosen: Mapping[str, Mapping[str, Sequence[float]]], drive: Drive, period: float
+) -> dict[str, list[float]]:
+    """Return the parameters that a named set stands for.
+
+    Raises
+    ------
+    ValueError
+        Where it gives no or two kinds of gains, and gains that are out of bounds or unstable.
+    """
     values: dict[str, list[float]] = {}
     for region in REGIONS:
         q, k = chosen[region]["q"], chosen[region]["k"]
@@ -32,6 +40,7 @@ def resolve_set(name: str, chosen: Mapping[str, Mapping[str, Sequence[float]]], 
         if _given(q) == any(value != 0 for value in k):
             raise ValueError(f"{where}: give either k (gains) or q (LQR weights), got k = {list(k)} and q = {list(q)}")
         gains = design_gains(f"{where}.q", drive, q) if _given(q) else Gains.from_sequence(f"{where}.k", k)
+        check_stable(f"{where}.k", drive, gains, period)
         values[f"gains.{region}.k"] = gains.as_array().tolist()
         values[f"gains.{region}.q"] = list(q)
     return values
@@ -68,6 +77,11 @@ def gain_set_of(
     name = values["gain_set"]
     if name != CUSTOM and name not in sets:
         raise ValueError(f"gain_set must be one of {[*sets, CUSTOM]}, got {name!r}")
+    for key, value in sets.get(name, {}).items():
+        if list(values[key]) != value:
+            raise ValueError(
+                f"{key} = {list(values[key])} is not that of gain_set {name!r}, {value}; set one of the two"
+            )
     gains = {}
     for region in REGIONS:
         k, q = f"gains.{region}.k", f"gains.{region}.q"
@@ -78,9 +92,5 @@ def gain_set_of(
                 raise ValueError(
                     f"{k} = {list(values[k])} does not follow from {q} = {list(values[q])}; set one of the two"
                 )
-        for key in (k, q):
-            if name != CUSTOM and list(values[key]) != list(sets[name][key]):
-                raise ValueError(f"{key} = {list(values[key])} is not that of gain_set {name!r}: {sets[name][key]}")
-        where = k if name == CUSTOM else f"gain_set {name!r}: gain_sets.{name}.{region}.k"
-        check_stable(where, drive, gains[region], period)
+        check_stable(k, drive, gains[region], period)
     return GainSet(gains["fast"], gains["overdamped"])

@@ -1,5 +1,6 @@
 """What simulator and controller share: the lifecycle, a latched fault with its reset, and diagnostics once a second."""
 
+import difflib
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -107,11 +108,21 @@ class ManagedNode(LifecycleNode):
 
     def prepare(self) -> None:
         """Configure where ``autostart`` says so; RuntimeError where that fails."""
+        self._warn_of_slips()
+        if not self.autostart:
+            self.get_logger().info("autostart is false: waiting to be configured and activated")
         self._come_up(self.trigger_configure)
 
     def start(self) -> None:
         """Activate where ``autostart`` says so; RuntimeError where that fails."""
         self._come_up(self.trigger_activate)
+
+    def _warn_of_slips(self) -> None:
+        """Name what was given and is no parameter, but nearly: ROS passes over it, as over what is for other nodes."""
+        known = list(self._parameters)
+        for name in set(self._parameter_overrides) - set(known):
+            if near := difflib.get_close_matches(name, known, 1, 0.85):
+                self.get_logger().warning(f"there is no parameter {name!r}: is {near[0]!r} meant?")
 
     def _come_up(self, transition: Callable[[], TransitionCallbackReturn]) -> None:
         if self.autostart and transition() != RESULT.SUCCESS:

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock as SystemClock
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
@@ -53,6 +54,7 @@ class PlantSimulator(ManagedNode):
         self._command_timeout = declare_duration(
             self, "command_timeout", 0.1, "silence on command after which the motor gets 0 V"
         )
+        self._wall = SystemClock()  # whatever use_sim_time says: time comes from a drive, not to it
         self._fault = ""
         self._ticks = self._rejected = self._late = self._beats = self._answered = self._answered_late = 0
         self._step_time = Window()
@@ -189,7 +191,7 @@ class PlantSimulator(ManagedNode):
             self._states.publish(self._sample)
 
     def _beat(self) -> None:
-        at, stamp = now(), self.get_clock().now().to_msg()  # when the plant is there, however long the rest takes
+        at, stamp = now(), self._wall.now().to_msg()  # when the plant is there, however long the rest takes
         due = max(1, round((at - self._start) / self._beat_time) - self._due)
         self._due += due
         self._late += due - 1

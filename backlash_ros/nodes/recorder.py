@@ -88,7 +88,9 @@ class Recorder(StoppableNode):
         default = time.strftime("backlash_%Y_%m_%d-%H_%M_%S")
         text = "folder to write, which must not exist yet"
         output = Path(self.declare_parameter("output", default, describe(text, read_only=True)).value)
-        topics = self.declare_parameter("topics", TOPICS, describe("topics to record", read_only=True)).value
+        topics = self.declare_parameter("topics", TOPICS, describe("topics to record", read_only=True)).value or []
+        if not topics:
+            raise ValueError("topics must name at least one topic, got none")
         if output.exists():
             raise ValueError(f"output must be a new folder, got {str(output)!r}, which exists")
         if not output.parent.is_dir():

@@ -64,14 +64,13 @@ class Stop:
 
 
 def _axes(args: Sequence[str] | None) -> list[str]:
-    """Return the namespaces that ``--axes`` gives, one node each; without it one, that of the process."""
-    parser = argparse.ArgumentParser(add_help=False)
-    parser.add_argument("--axes", nargs="+", default=[""], metavar="NAMESPACE")
-    words = remove_ros_args(sys.argv[1:] if args is None else list(args))
-    axes = list(parser.parse_known_args(words)[0].axes)
-    if len({axis.strip("/") for axis in axes}) < len(axes):
-        raise ValueError(f"--axes must be different from each other, got {axes}")
-    return axes
+    """Return the namespaces that ``--axes`` gives, one node each; without it one, that of the process.
+
+    Help, and words that nobody knows, end it: a parameter file without ``--ros-args`` before it must not be overlooked.
+    """
+    parser = argparse.ArgumentParser(epilog="parameters, remaps and the like stand behind --ros-args")
+    parser.add_argument("--axes", nargs="+", default=[""], metavar="NAMESPACE", help="one node in each")
+    return list(parser.parse_args(remove_ros_args(sys.argv[1:] if args is None else list(args))).axes)
 
 
 def _made(make: Callable[[str], Runnable], axis: str) -> Runnable:
@@ -111,6 +110,7 @@ def run(make: Callable[[str], Runnable], args: Sequence[str] | None) -> int:
     rclpy's own handlers would end the context before a last command could leave, so signals are taken here.
     A parameter out of bounds ends it at once with code 2 and a line that says which.
     """
+    axes = _axes(args)
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # arguments or a parameter file that cannot be read
@@ -123,7 +123,9 @@ def run(make: Callable[[str], Runnable], args: Sequence[str] | None) -> int:
     code = 0
     try:
         try:
-            nodes.extend(_made(make, axis) for axis in _axes(args))
+            if len({axis.strip("/") for axis in axes}) < len(axes):
+                raise ValueError(f"--axes must be different from each other, got {axes}")
+            nodes.extend(_made(make, axis) for axis in axes)
         except (ValueError, NameValidationException, ParameterException, InvalidParameterTypeException) as error:
             print(f"cannot start: {error}", file=sys.stderr)
             return 2

@@ -98,7 +98,7 @@ class Tunables:
                     "q": declare(node, f"{prefix}.q", NO_WEIGHTS if any(k) else defaults[region], text),
                     "k": k,
                 }
-            sets[name] = resolve_set(name, chosen, self._drive)
+            sets[name] = resolve_set(name, chosen, self._drive, self._period)
         return sets
 
     def _declare(self) -> dict[str, Any]:

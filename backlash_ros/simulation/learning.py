@@ -17,6 +17,7 @@ def learn_backlash(
     *,
     load_torque: float = 0.0,
     measured: Sequence[bool] = ALL_MEASURED,
+    encoder_bits: int | None = None,
 ) -> BacklashEstimate:
     """Let the learner measure a simulated drive and return what it found.
 
@@ -25,6 +26,7 @@ def learn_backlash(
     drive, settings : as for the controller node
     load_torque : on the output shaft throughout, N m
     measured : which of theta_m, omega_m, i, theta_l, omega_l the drive measures
+    encoder_bits : resolution of both encoders, counts per turn as a power of two; None for exact angles
 
     Examples
     --------
@@ -40,9 +42,12 @@ def learn_backlash(
     """
     servo, plant = Servo(drive, settings), Plant(drive)
     missing = np.array([0.0 if seen else math.nan for seen in measured])
+    count = 2 * math.pi / 2**encoder_bits if encoder_bits else 0.0
     servo.start_learning()
     while True:
         theta_m, omega_m, theta_l, omega_l, current = plant.state
+        if count:
+            theta_m, theta_l = round(theta_m / count) * count, round(theta_l / count) * count
         command = servo.update(np.array([theta_m, omega_m, current, theta_l, omega_l]) + missing)
         estimate = servo.take_learned()
         if estimate is not None:

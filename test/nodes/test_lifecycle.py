@@ -154,3 +154,27 @@ def test_signals_that_come_while_it_stops_do_not_keep_it_from_ending_well(start:
         process.signal(signal.SIGINT)
         time.sleep(0.001)
     assert process.wait() == 0
+
+
+@pytest.mark.parametrize("node", ["controller", "plant_simulator", "recorder"])
+def test_words_that_nobody_knows_end_the_start(start: Start, node: str) -> None:
+    """A parameter file without --ros-args before it would be passed over, and the drive be another one."""
+    process = start(node, non_ros=["--params-file", "my_drive.yaml"])
+    assert process.wait() == 2
+    assert "unrecognized arguments: --params-file my_drive.yaml" in process.output()
+
+
+def test_help_is_given_and_nothing_starts(start: Start) -> None:
+    process = start("controller", non_ros=["--help"])
+    assert process.wait() == 0
+    assert "--axes NAMESPACE" in process.output()
+    assert "ready" not in process.output()
+
+
+def test_misspelt_parameter_is_named(start: Start, peer: Peer) -> None:
+    process = start("controller", limit__command=3.0, autostart=False, command_timeout=1.0)
+    peer.wait(
+        "the line", lambda: "there is no parameter 'limit.command': is 'limits.command' meant?" in process.output()
+    )
+    peer.wait("the node", lambda: "autostart is false: waiting to be configured" in process.output())
+    assert "command_timeout" not in process.output()  # the simulator's, and nothing like it is ours

@@ -95,6 +95,13 @@ def test_existing_folder_is_refused_and_kept(start: Start, tmp_path: Path) -> No
     assert (tmp_path / "bag" / "precious").read_text() == "data"
 
 
+def test_recording_nothing_is_refused(start: Start, tmp_path: Path) -> None:
+    process = start("recorder", output=tmp_path / "bag", topics="[]")
+    assert process.wait() == 2
+    assert "cannot start: topics must name at least one topic" in process.output()
+    assert not (tmp_path / "bag").exists()
+
+
 def test_axes_are_refused_before_anything_is_written(start: Start, tmp_path: Path) -> None:
     recorder = start("recorder", non_ros=["--axes", "axis1", "axis2"], output=tmp_path / "bag")
     assert recorder.wait() == 2

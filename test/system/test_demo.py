@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -77,6 +78,14 @@ def test_load_torque_is_estimated_and_held(summary: dict) -> None:
     assert load["estimate"] == pytest.approx(0.1, rel=0.05)
     assert abs(load["final_error"]) < 0.1
     assert load["residual"] < 0.1
+
+
+def test_readme_reads_the_bag(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (example,) = re.findall(
+        r"```python\n(from backlash_ros.analysis.*?)```", (ROOT / "README.md").read_text(), re.DOTALL
+    )
+    exec(example.replace("results/demo", str(results)), {})
+    assert int(capsys.readouterr().out.split()[0]) > 1000
 
 
 def test_bag_has_every_topic_with_the_messages_that_the_run_implies(results: Path, summary: dict) -> None:

@@ -194,6 +194,15 @@ def test_launch_file_starts_both_nodes(
     assert rest.count("process has finished cleanly") == 2, printed + rest
 
 
+@pytest.mark.parametrize("command", [c for c in ROS_COMMANDS if "ros2 launch" in c])
+def test_launch_without_its_parameter_file_starts_nothing(command: str, ros2: dict[str, str], tmp_path: Path) -> None:
+    pytest.importorskip("launch_ros", reason="needs launch_ros")
+    process = begin(f"{command} config:=nosuch.yaml", ros2, tmp_path)
+    printed = read_until(process, "config: there is no file 'nosuch.yaml'")
+    printed += end(process)
+    assert "process started" not in printed
+
+
 @pytest.mark.parametrize("command", [c for c in ROS_COMMANDS if "ros2 run" in c and "--axes" in c])
 def test_one_process_runs_six_axes(command: str, ros2: dict[str, str]) -> None:
     process = begin(command, ros2, ROOT)

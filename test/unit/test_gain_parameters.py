@@ -8,9 +8,10 @@ from backlash_ros.nodes.gain_parameters import CUSTOM, expand, gain_set_of, reso
 
 WEIGHTS = {"fast": {"q": [1000.0, 1.0], "k": [0.0] * 3}, "overdamped": {"q": [4.0, 0.0], "k": [0.0] * 3}}
 NUMBERS = {"fast": {"q": [0.0, 0.0], "k": [20.0, 0.6, 0.1]}, "overdamped": {"q": [0.0, 0.0], "k": [1.5, 0.03, 0.0]}}
+PERIOD = 0.004
 SETS = {
-    "nominal": resolve_set("nominal", WEIGHTS, NOMINAL_DRIVE),
-    "gentle": resolve_set("gentle", NUMBERS, NOMINAL_DRIVE),
+    "nominal": resolve_set("nominal", WEIGHTS, NOMINAL_DRIVE, PERIOD),
+    "gentle": resolve_set("gentle", NUMBERS, NOMINAL_DRIVE, PERIOD),
 }
 START = {"gain_set": "nominal", **SETS["nominal"]}
 
@@ -20,7 +21,7 @@ def request(**changes: object) -> dict[str, object]:
 
 
 def check(values: dict[str, object]) -> object:
-    return gain_set_of(values, SETS, NOMINAL_DRIVE, 0.004)
+    return gain_set_of(values, SETS, NOMINAL_DRIVE, PERIOD)
 
 
 def test_choosing_a_set_sets_its_gains() -> None:
@@ -52,6 +53,10 @@ def test_setting_weights_designs_the_gains() -> None:
             {"gain_set": "gentle", "gains__fast__k": [1.0, 0.0, 0.0]},
             r"gains.fast.k = .* is not that of gain_set 'gentle'",
         ),
+        (
+            {"gain_set": "nominal", "gains__fast__q": [500.0, 1.0]},
+            r"gains.fast.q = \[500.0, 1.0\] is not that of gain_set 'nominal', \[1000.0, 1.0\]; set one of the two",
+        ),
         ({"gains__fast__k": [1.0, 0.1, 0.0], "gains__fast__q": [4.0, 0.0]}, "does not follow from gains.fast.q"),
         ({"gains__fast__k": [1e5, 0.0, 0.0]}, r"gains.fast.k = .* is unstable at 250 Hz"),
         ({"gains__overdamped__k": [1.0]}, "gains.overdamped.k must be three gains"),
@@ -65,4 +70,11 @@ def test_requests_that_contradict_themselves_are_refused(changes: dict[str, obje
 @pytest.mark.parametrize("chosen", [{"q": [0.0, 0.0], "k": [0.0] * 3}, {"q": [4.0, 0.0], "k": [1.0, 0.1, 0.0]}])
 def test_a_named_set_gives_either_gains_or_weights(chosen: dict[str, list[float]]) -> None:
     with pytest.raises(ValueError, match=r"gain_sets.odd.fast: give either k \(gains\) or q \(LQR weights\)"):
-        resolve_set("odd", {"fast": chosen, "overdamped": NUMBERS["overdamped"]}, NOMINAL_DRIVE)
+        resolve_set("odd", {"fast": chosen, "overdamped": NUMBERS["overdamped"]}, NOMINAL_DRIVE, PERIOD)
+
+
+@pytest.mark.parametrize("region", ["fast", "overdamped"])
+def test_a_named_set_that_is_unstable_is_refused_by_its_name(region: str) -> None:
+    wild = {**NUMBERS, region: {"q": [0.0, 0.0], "k": [1e5, 0.0, 0.0]}}
+    with pytest.raises(ValueError, match=rf"gain_sets.wild.{region}.k = \[100000, 0, 0\] is unstable at 250 Hz"):
+        resolve_set("wild", wild, NOMINAL_DRIVE, PERIOD)

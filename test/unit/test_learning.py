@@ -53,6 +53,22 @@ def test_learning_answers_no_cycle_under_load_torque(gains: GainSet) -> None:
     assert "after 3 kicks of 0.1 rad" in estimate.reason
 
 
+LOAD_POSITION = (False, False, False, True, False)
+
+
+@pytest.mark.parametrize("bits", [12, 14])
+@pytest.mark.parametrize("rate", [250, 1000])
+def test_flicker_of_the_load_encoder_is_not_taken_for_a_cycle(gains: GainSet, rate: int, bits: int) -> None:
+    """Under a load torque the teeth stay on one flank, and the loop drives the load to and fro between two counts."""
+    settings = ServoSettings(gains, period=1 / rate)
+    found = learn_backlash(NOMINAL_DRIVE, settings, load_torque=0.1, measured=LOAD_POSITION, encoder_bits=bits)
+    assert not found.valid
+    assert "less than 4 steps of its encoder" in found.reason
+    free = learn_backlash(NOMINAL_DRIVE, settings, measured=LOAD_POSITION, encoder_bits=bits)
+    assert free.valid
+    assert 1.0 < free.angle / 0.02 < 1.5  # the speed that is worked out lags: the cycle is larger than the gap
+
+
 def test_learning_answers_no_cycle_within_the_limit(gains: GainSet) -> None:
     impatient = LearningSettings(measure_time=0.1, attempts=1)
     estimate = learn_backlash(NOMINAL_DRIVE, ServoSettings(gains, learning=impatient))
