@@ -119,7 +119,8 @@ class BacklashLearner:
         if cycle is None or cycle.amplitude < self._settings.resolution:
             self._last_refusal = (
                 f"the load comes to rest or moves less than {self._settings.resolution:g} rad; "
-                "a load torque or friction that keeps the teeth on one flank does this, or a drive without power"
+                "a load torque or friction that keeps the teeth on one flank does this, fast gains too low to "
+                "rattle, or a drive without power"
             )
             return
         step = _encoder_step(position)

@@ -11,7 +11,7 @@ Where the command is the current, i is what was commanded and V what an ideal cu
 energy account is that at the terminals either way.
 
 Coulomb friction tau_c is the given torque times tanh(omega_l/omega_0), omega_0 = 1 mrad/s: a load that it holds creeps
-instead of sticking, by less than that.
+instead of sticking, at omega_0 atanh(torque/friction), which is omega_0 at three quarters of the friction.
 """
 
 import math

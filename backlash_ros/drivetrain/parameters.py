@@ -23,7 +23,7 @@ class Motor(Validated):
 
     section: ClassVar[str] = "motor"
 
-    resistance: float = quantity("armature resistance R", "ohm", above=0, at_most=1e4)
+    resistance: float = quantity("armature resistance R", "ohm", above=0, at_most=1e6)
     inductance: float = quantity("armature inductance L", "H", at_least=1e-7, at_most=10)
     torque_constant: float = quantity("torque constant K_m, also the back-EMF constant", "N m/A", above=0, at_most=1e3)
     inertia: float = quantity("rotor inertia J_m", "kg m^2", at_least=1e-9, at_most=1e3)

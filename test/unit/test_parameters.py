@@ -42,7 +42,7 @@ def test_each_field_refuses_what_is_out_of_bounds(part: Validated, name: str) ->
 
 
 def test_error_names_parameter_value_bound_and_unit() -> None:
-    with pytest.raises(ValueError, match=r"^motor\.resistance must be > 0 ohm and <= 10000 ohm, got -2\.0$"):
+    with pytest.raises(ValueError, match=r"^motor\.resistance must be > 0 ohm and <= 1e\+06 ohm, got -2\.0$"):
         replace(NOMINAL_DRIVE.motor, resistance=-2.0)
 
 
