@@ -198,8 +198,9 @@ def test_launch_file_starts_both_nodes(
 def test_launch_without_its_parameter_file_starts_nothing(command: str, ros2: dict[str, str], tmp_path: Path) -> None:
     pytest.importorskip("launch_ros", reason="needs launch_ros")
     process = begin(f"{command} config:=nosuch.yaml", ros2, tmp_path)
-    printed = read_until(process, "config: there is no file 'nosuch.yaml'")
-    printed += end(process)
+    printed = process.communicate(timeout=60)[0]
+    assert process.returncode == 1, printed
+    assert "config: there is no file 'nosuch.yaml'" in printed
     assert "process started" not in printed
 
 
