@@ -25,13 +25,23 @@ def imported(source: Path) -> set[str]:
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{source}: relative import"
-            names.add(node.module or "")
+            from_package = node.module == "backlash_ros"
+            names |= {f"backlash_ros.{alias.name}" for alias in node.names} if from_package else {node.module or ""}
     return names
+
+
+@pytest.mark.parametrize(
+    "line", ["import backlash_ros.nodes", "from backlash_ros.nodes import run", "from backlash_ros import nodes"]
+)
+def test_every_way_to_import_is_seen(line: str, tmp_path: Path) -> None:
+    source = tmp_path / "source.py"
+    source.write_text(line)
+    assert imported(source) == {"backlash_ros.nodes"}
 
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_imports_point_one_way(room: str) -> None:
-    sources = sorted((PACKAGE / room).glob("*.py"))
+    sources = sorted((PACKAGE / room).rglob("*.py"))
     assert sources
     for source in sources:
         for name in imported(source):

@@ -58,7 +58,12 @@ def test_setting_weights_designs_the_gains() -> None:
             r"gains.fast.q = \[500.0, 1.0\] is not that of gain_set 'nominal', \[1000.0, 1.0\]; set one of the two",
         ),
         ({"gains__fast__k": [1.0, 0.1, 0.0], "gains__fast__q": [4.0, 0.0]}, "does not follow from gains.fast.q"),
+        (
+            {"gains__fast__k": [1.001 * k for k in SETS["nominal"]["gains.fast.k"]], "gains__fast__q": [1000.0, 1.0]},
+            "does not follow from gains.fast.q",
+        ),
         ({"gains__fast__k": [1e5, 0.0, 0.0]}, r"gains.fast.k = .* is unstable at 250 Hz"),
+        ({"gains__overdamped__k": [1e5, 0.0, 0.0]}, r"gains.overdamped.k = .* is unstable at 250 Hz"),
         ({"gains__overdamped__k": [1.0]}, "gains.overdamped.k must be three gains"),
     ],
 )

@@ -1,11 +1,13 @@
 """The learning unit on the simulated drive: what it finds, by which method, and when it says that it found nothing."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from backlash_ros.control import GainSet, LearningSettings, Method, Servo, ServoSettings
+from backlash_ros.control.learning import BacklashEstimate, BacklashLearner
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.simulation import learn_backlash
 
@@ -130,3 +132,69 @@ def test_swing_without_a_gap_is_not_a_backlash_of_zero(gains: GainSet, resolutio
 def test_counts_are_whole_numbers(name: str) -> None:
     with pytest.raises(ValueError, match=rf"learning.{name} must be a whole number .*, got 4.5"):
         LearningSettings(**{name: 4.5})
+
+
+PERIOD = 0.004
+MEASURED_AT_ONCE = LearningSettings(kick_time=PERIOD, settle_time=0.0, attempts=1)
+
+
+def swings(cycles: Sequence[tuple[float, int]]) -> Iterator[np.ndarray]:
+    """Estimates of a load that swings by so much, rad peak to peak, in so many samples, while the motor rests."""
+    for amplitude, samples in cycles:
+        phase = 2 * np.pi * np.arange(samples) / samples
+        rate = 2 * np.pi / (samples * PERIOD)
+        for angle, speed in zip(0.5 * amplitude * np.sin(phase), 0.5 * amplitude * rate * np.cos(phase), strict=True):
+            yield np.array([0.0, 0.0, 0.0, angle, speed, 0.0])
+
+
+def learn_from(
+    cycles: Sequence[tuple[float, int]], settings: LearningSettings, motor_until: int = 10_000
+) -> BacklashEstimate:
+    learner = BacklashLearner(NOMINAL_DRIVE, settings, PERIOD)
+    for k, estimate in enumerate(swings(cycles)):
+        learner.update(estimate, has_motor=k < motor_until, has_load=True)
+    assert learner.result is not None
+    return learner.result
+
+
+@pytest.mark.parametrize("attempts", [1, 2, 5])
+def test_each_attempt_kicks_to_the_other_side(attempts: int) -> None:
+    learner = BacklashLearner(
+        NOMINAL_DRIVE, replace(MEASURED_AT_ONCE, measure_time=0.1, attempts=attempts), period=PERIOD
+    )
+    offsets = [learner.update(np.zeros(6), has_motor=True, has_load=True) for _ in range(200)]
+    assert [offset for offset in offsets if offset] == ([0.1, -0.1] * 3)[:attempts]
+    assert learner.result is not None
+    assert f"(after {attempts} kicks of 0.1 rad)" in learner.result.reason
+
+
+def test_cycles_of_one_attempt_do_not_count_in_the_next() -> None:
+    estimate = learn_from([(0.02, 20)] * 15, replace(MEASURED_AT_ONCE, measure_time=0.5, attempts=2))
+    assert not estimate.valid
+    assert "of 10 cycles within 0.5 s" in estimate.reason
+
+
+@pytest.mark.parametrize(
+    ("irregular", "text"),
+    [
+        ((0.03, 20), "differ by 0 % in period and 40 % in amplitude"),
+        ((0.02, 30), "40 % in period and 0 % in amplitude"),
+    ],
+)
+def test_cycles_that_differ_are_not_a_limit_cycle(irregular: tuple[float, int], text: str) -> None:
+    estimate = learn_from([(0.02, 20), irregular] * 15, MEASURED_AT_ONCE)
+    assert not estimate.valid
+    assert text in estimate.reason
+
+
+def test_bad_start_is_forgotten() -> None:
+    estimate = learn_from([*[(0.03, 20)] * 5, *[(0.02, 20)] * 21], MEASURED_AT_ONCE)
+    assert estimate.valid, estimate.reason
+    assert estimate.angle == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize(("motor_until", "method"), [(10_000, Method.GAP_TRAVEL), (50, Method.LOAD_AMPLITUDE)])
+def test_motor_encoder_lost_meanwhile_leaves_the_load_amplitude(motor_until: int, method: Method) -> None:
+    estimate = learn_from([(0.02, 20)] * 26, MEASURED_AT_ONCE, motor_until)
+    assert estimate.valid, estimate.reason
+    assert estimate.method is method

@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backlash_ros.control import FAST_REGION, OVERDAMPED_REGION, GainSet, Limits, Servo, ServoSettings
+from backlash_ros.control import FAST_REGION, LAWS, OVERDAMPED_REGION, GainSet, Limits, Servo, ServoSettings
 from backlash_ros.control.observer import LOAD_TORQUE, OMEGA_L, observer_memory, observer_step
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
 
 AT_REST = np.zeros(5)
+INSIDE_THE_HYSTERESIS = np.array([0.3, 0.0, 0.0, 0.03, 0.0])
 
 
 def sample_of(plant: Plant) -> np.ndarray:
@@ -78,13 +79,40 @@ def test_gains_are_changed_without_forgetting_the_region(gains: GainSet) -> None
     settings = ServoSettings(gains, backlash_angle=0.02, hysteresis=1.0)
     servo = Servo(NOMINAL_DRIVE, settings)
     servo.update(AT_REST)
-    inside_the_hysteresis = np.array([0.3, 0.0, 0.0, 0.03, 0.0])
     for _ in range(10):
-        servo.update(inside_the_hysteresis)
+        servo.update(INSIDE_THE_HYSTERESIS)
     assert servo.region == OVERDAMPED_REGION
     servo.use(replace(settings, gains=GainSet(gains.fast, replace(gains.overdamped, k1=1.5))))
-    servo.update(inside_the_hysteresis)
+    servo.update(INSIDE_THE_HYSTERESIS)
     assert servo.region == OVERDAMPED_REGION
+
+
+def test_law_starts_anew_after_learning(gains: GainSet) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains, backlash_angle=0.02, hysteresis=1.0))
+    servo.update(AT_REST)
+    assert servo.region == OVERDAMPED_REGION
+    servo.start_learning()
+    servo.update(np.array([0.0, 0.0, 0.0, math.nan, math.nan]))
+    assert servo.take_learned() is not None
+    servo.update(INSIDE_THE_HYSTERESIS)
+    assert servo.region == FAST_REGION
+
+
+@pytest.mark.parametrize("law", sorted(LAWS))
+def test_reset_with_the_load_elsewhere_is_no_kick(gains: GainSet, law: str) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains, law=law))
+    for angle in (0.0, 1.0):
+        servo.reset()
+        assert servo.update(np.array([10 * angle, math.nan, math.nan, angle, math.nan])) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("side", "end"), [("position_lower", -0.09), ("position_upper", 0.09), ("position_lower", -0.11)]
+)
+def test_learning_is_refused_where_it_swings_beyond_an_end(gains: GainSet, side: str, end: float) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains), replace(Limits.of(NOMINAL_DRIVE), **{side: end}))
+    servo.update(AT_REST)
+    assert (f"limits.{side} = {end:g} rad" in servo.learning_refusal()) == (abs(end) < 0.1)
 
 
 @pytest.mark.parametrize("rate", [250.0, 1000.0])

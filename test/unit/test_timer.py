@@ -53,3 +53,11 @@ def test_the_most_overdue_comes_first_and_all_have_their_turn(clock: Clock) -> N
     while call_due([fast, slow]) <= 0:
         pass
     assert called == ["fast", "slow"]
+
+
+def test_a_beat_is_due_again_before_it_calls_back(clock: Clock) -> None:
+    seen: list[float] = []
+    beat = Timer(0.25, lambda: seen.append(beat.due))
+    clock.at = 100.3
+    call_due([beat])
+    assert seen == [100.5]
