@@ -41,6 +41,12 @@ def with_load(drive: Drive, **changes: float) -> Drive:
     return replace(drive, load=replace(drive.load, **changes))
 
 
+def with_inertias(drive: Drive, factor: float) -> Drive:
+    """Of both shafts: the mechanical time constant times ``factor``."""
+    motor = replace(drive.motor, inertia=factor * drive.motor.inertia)
+    return with_load(replace(drive, motor=motor), inertia=factor * drive.load.inertia)
+
+
 def with_gear(drive: Drive, **changes: float | str) -> Drive:
     return replace(drive, gear=replace(drive.gear, **changes))
 
@@ -208,6 +214,13 @@ def test_reference_is_refused_where_nobody_would_follow_it(limited: Servo) -> No
     assert not limited.holding
 
 
+@pytest.mark.parametrize("change", [1.9, -1.9])
+def test_reference_that_changes_by_more_than_the_step_is_refused_either_way(change: float) -> None:
+    present = 0.5 - 0.5 * change
+    text = f"reference must be within limits.step = 1.5 rad of {present:g} rad, got {present + change:g}"
+    assert replace(Limits.of(NOMINAL_DRIVE), step=1.5).refusal(present + change, present) == text
+
+
 # The ends of the travel
 
 
@@ -371,6 +384,16 @@ def test_command_of_the_wrong_sign_is_found(drive: Drive, measured: Sequence[boo
     assert abs(rig.plant.load_angle) <= 1.5
 
 
+@BOTH
+@pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
+def test_runaway_of_a_slow_drive_is_found_long_before_its_time_constant(drive: Drive, measured: Sequence[bool]) -> None:
+    slow = with_inertias(drive, 100.0)
+    rig = started(slow, measured=measured)
+    rig.polarity = -1.0
+    assert rig.step(1.0, 0.25 * mechanical_time_constant(slow)).startswith("unexplained torque")
+    assert abs(rig.plant.load_angle) <= 1.0
+
+
 @pytest.mark.parametrize("law", sorted(LAWS))
 @pytest.mark.parametrize("torque_bandwidth", [0.0, 40.0])
 def test_runaway_is_found_with_every_law(law: str, torque_bandwidth: float) -> None:
@@ -446,6 +469,17 @@ def test_fault_is_latched_until_reset_and_then_the_present_position_is_held(driv
     assert rig.run(1.0) == ""
     assert rig.servo.reference == pytest.approx(angle)
     assert rig.plant.load_angle == pytest.approx(angle, abs=0.02)
+
+
+@BOTH
+@pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
+def test_unexplained_torque_is_forgotten_at_a_reset(drive: Drive, measured: Sequence[bool]) -> None:
+    rig = started(drive, measured=measured)
+    rig.polarity = -1.0
+    assert rig.step(1.0, 1.0, (1, 10)).startswith("unexplained torque")  # by far, with samples missing
+    rig.polarity, rig._elapsed = 1.0, None
+    rig.servo.reset()
+    assert rig.run(1.0) == ""
 
 
 @BOTH
@@ -542,12 +576,24 @@ def test_wrong_model_of_the_load_is_no_fault(drive: Drive, measured: Sequence[bo
     assert exercise(rig) == ""
 
 
-@pytest.mark.parametrize("factor", [0.25, 4.0])
+@BOTH
+@pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
+def test_knock_on_a_fast_drive_is_no_fault(drive: Drive, measured: Sequence[bool]) -> None:
+    """Over before it counts, though the drive's speed follows it."""
+    rig = started(with_inertias(drive, 0.1), measured=measured, period=0.001)
+    rig.load_torque = 2 * HELD
+    assert rig.run(0.003) == ""
+    rig.load_torque = 0.0
+    assert rig.run(0.3) == ""
+
+
+@pytest.mark.parametrize("factor", [0.25, 4.0, 10.0])
 @pytest.mark.parametrize("measured", [EVERYTHING, POSITIONS], ids=["everything", "positions"])
 def test_wrong_inertia_of_a_load_that_outweighs_the_motor_is_no_fault(factor: float, measured: Sequence[bool]) -> None:
     """The unexplained torque is more than any that the drive holds, yet the momentum goes the drive's way."""
     drive = with_load(NOMINAL_DRIVE, inertia=0.02)
-    rig = Rig(drive, settings_of(drive), plant=with_load(drive, inertia=0.02 * factor), measured=measured)
+    plant = with_load(drive, inertia=0.02 * factor)
+    rig = Rig(drive, settings_of(drive), plant=plant, limits=with_margin(drive, 0.5), measured=measured)
     assert exercise(rig) == ""
 
 
@@ -588,8 +634,20 @@ def test_missing_samples_are_no_fault(measured: Sequence[bool], periods: Sequenc
 @pytest.mark.parametrize("period", [0.01, 0.001])
 def test_start_while_the_drive_turns_at_full_speed_is_no_fault(measured: Sequence[bool], period: float) -> None:
     turning = [0.0, 10 * NO_LOAD_SPEED, 0.0, NO_LOAD_SPEED, 0.0]
-    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, period), measured=measured, state=turning)
+    limits = with_margin(NOMINAL_DRIVE, 0.5)
+    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, period), limits=limits, measured=measured, state=turning)
     assert rig.run(0.5) == ""
+
+
+@pytest.mark.parametrize("period", [0.01, 0.001])
+def test_samples_closer_together_than_a_period_do_not_look_like_speed(gains: GainSet, period: float) -> None:
+    """Stamps jitter; the way is that of a period all the same."""
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains, period=period))
+    limits = Limits.of(NOMINAL_DRIVE)
+    servo.update(np.zeros(5))
+    way = limits.gap + 0.9 * limits.velocity * period
+    servo.update(np.array([10 * way, math.nan, math.nan, way, math.nan]), 0.1 * period)
+    assert servo.fault == ""
 
 
 @pytest.mark.parametrize("error", [0.98, 1.02])
