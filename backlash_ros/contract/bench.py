@@ -309,11 +309,15 @@ class Bench:
             reach = REACH[expected.interface] * size * expected.ideal_travel(expected.joints[0])
         for _ in range(ATTEMPTS):
             self.hold(stretch, command, seconds, stamped=stamped, set_off=True, reach=reach)
-            within = self.recording.stretches[stretch]
-            arrivals = self.recording.received[within]
-            if len(arrivals) < 2 or np.max(np.diff(arrivals)) * 1e-9 < 0.5 * expected.command_timeout:
+            if not self.stalled(stretch):
                 return
             self.rest("rest before another attempt")
+
+    def stalled(self, stretch: str) -> bool:
+        """Whether samples stayed away, from just before the stretch on, for so long that commands may be missing."""
+        within = self.recording.stretches[stretch]
+        arrivals = self.recording.received[max(0, within.start - 1) : within.stop]
+        return len(arrivals) > 2 and bool(np.max(np.diff(arrivals)) * 1e-9 >= 0.5 * self._expected.command_timeout)
 
     def rest(self, stretch: str) -> None:
         """Command 0 after a move, then take out the motion that is left."""

@@ -6,15 +6,18 @@ It imports nothing of the package, whose compiled plant takes longer to load tha
 import argparse
 import contextlib
 import math
+import os
 import signal
 import sys
 import time
 
 import rclpy
-import rclpy.duration
+from builtin_interfaces.msg import Time as Stamp
+from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.time import Time
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
@@ -29,19 +32,26 @@ DEFECTS = {
     "none": "keeps the contract",
     "best_effort": "offers joint_states best effort only",
     "wrong_names": "calls the joints by other names",
+    "motor_twice": "names the motor's joint twice",
     "missing_positions": "names two joints and gives one position",
+    "missing_velocities": "names two joints and gives one velocity",
+    "missing_efforts": "names two joints and gives one effort",
     "nan_in_states": "publishes NaN for a velocity now and then",
     "half_rate": "publishes every other sample",
     "drops_samples": "leaves out every fifth sample",
+    "bursts": "publishes at twice the rate, half of the time",
+    "extra_samples": "puts a sample between every second and third",
     "double_publishing": "publishes every sample twice",
     "frozen_stamps": "stamps every sample with its start",
     "stamps_backward": "stamps some samples earlier than the one before",
     "stamps_since_start": "stamps with the time since its start instead of the ROS clock",
+    "stamps_ahead": "stamps with a time to come",
     "creeps": "turns at 0",
     "sign_flipped": "turns back on a positive command",
     "load_sign_flipped": "counts the load's angle the other way",
     "load_before_gear": "measures the load at the motor's shaft",
     "degrees": "gives positions and velocities in degrees",
+    "revolutions": "gives positions and velocities in revolutions",
     "velocity_in_rpm": "gives velocities in revolutions per minute",
     "effort_in_amperes": "gives the motor's current as effort",
     "effort_sign_flipped": "gives the torque on the motor's housing",
@@ -50,10 +60,14 @@ DEFECTS = {
     "strict_length": "ignores commands of more than one element",
     "no_watchdog": "keeps the command when commands stop",
     "keeps_voltage_on_nan": "keeps the command at one that is not finite",
+    "spreads_nan": "publishes NaN velocities after a command that is not finite",
     "full_voltage_on_inf": "clips an infinite command to the largest",
     "dies_on_empty_command": "ends at a command without elements",
     "ignores_sigterm": "goes on at SIGTERM",
+    "leaves_child": "ends at SIGTERM, its child goes on",
 }
+MISSING = {"missing_positions": "position", "missing_velocities": "velocity", "missing_efforts": "effort"}
+RADIAN = {"degrees": 180 / math.pi, "revolutions": 0.5 / math.pi}
 
 
 class Servo:
@@ -92,13 +106,15 @@ class BrokenDrive(Node):
         self._last_command = time.monotonic()
         self._start = self.get_clock().now()
         self._beats = 0
+        self._rate = 2 * RATE if defect in ("bursts", "extra_samples") else RATE
+        self._spreads_nan = False
         send = QoSProfile(depth=10)
         if defect == "best_effort":
             send.reliability = ReliabilityPolicy.BEST_EFFORT
         self._publisher = self.create_publisher(JointState, "joint_states", send)
         receive = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self.create_subscription(Float64MultiArray, "command", self._on_command, receive)
-        self.create_timer(1 / RATE, self._beat)
+        self.create_timer(1 / self._rate, self._beat)
 
     def _on_command(self, message: Float64MultiArray) -> None:
         defect = self._defect
@@ -109,6 +125,7 @@ class BrokenDrive(Node):
         self._last_command = time.monotonic()
         value = message.data[0] if message.data else 0.0
         if not math.isfinite(value):
+            self._spreads_nan = defect == "spreads_nan"
             if defect == "keeps_voltage_on_nan":
                 return
             value = math.copysign(self._full, value) if math.isinf(value) and defect == "full_voltage_on_inf" else 0.0
@@ -125,52 +142,65 @@ class BrokenDrive(Node):
             self._command = 0.0
         # Late beats are made good in the servo, not by extra samples.
         now = self.get_clock().now()
-        due = max(1, round((now - self._start).nanoseconds * 1e-9 * RATE) - self._beats)
+        due = max(1, round((now - self._start).nanoseconds * 1e-9 * self._rate) - self._beats)
         self._beats += due
-        self._servo.advance(self._command, due / RATE)
+        self._servo.advance(self._command, due / self._rate)
         if self._defect == "half_rate" and self._beats % 2:
             return
         if self._defect == "drops_samples" and self._beats % 5 == 0:
+            return
+        if self._defect == "bursts" and self._beats % 6 >= 3:
+            return
+        if self._defect == "extra_samples" and self._beats % 5 in (1, 3):
             return
         message = self._sample()
         self._publisher.publish(message)
         if self._defect == "double_publishing":
             self._publisher.publish(message)
 
+    def _stamp(self) -> Stamp:
+        defect, now = self._defect, self.get_clock().now()
+        if defect == "frozen_stamps":
+            now = self._start
+        elif defect == "stamps_backward" and self._beats % 25 == 0:
+            now -= Duration(seconds=0.02)
+        elif defect == "stamps_since_start":
+            now = Time(nanoseconds=(now - self._start).nanoseconds)
+        elif defect == "stamps_ahead":
+            now += Duration(seconds=1.0)
+        return now.to_msg()
+
     def _sample(self) -> JointState:
         servo, defect = self._servo, self._defect
         message = JointState(name=["motor", "load"])
-        now = self.get_clock().now()
-        message.header.stamp = now.to_msg()
+        message.header.stamp = self._stamp()
         message.position = [servo.motor_angle, servo.load_angle]
         message.velocity = [servo.motor_speed, servo.load_speed]
         message.effort = [servo.motor_torque, math.nan]
         if defect == "wrong_names":
             message.name = ["joint1", "joint2"]
-        elif defect == "missing_positions":
-            message.position = message.position[:1]
+        elif defect == "motor_twice":
+            for values in (message.name, message.position, message.velocity, message.effort):
+                values.append(values[0])
+        elif defect in MISSING:
+            setattr(message, MISSING[defect], getattr(message, MISSING[defect])[:1])
         elif defect == "nan_in_states" and self._beats % 50 == 0:
             message.velocity[0] = math.nan
-        elif defect == "frozen_stamps":
-            message.header.stamp = self._start.to_msg()
-        elif defect == "stamps_backward" and self._beats % 25 == 0:
-            message.header.stamp = (now - rclpy.duration.Duration(seconds=0.02)).to_msg()
-        elif defect == "stamps_since_start":
-            since = (now - self._start).nanoseconds
-            message.header.stamp.sec, message.header.stamp.nanosec = divmod(since, 10**9)
         elif defect == "load_sign_flipped":
             message.position[1], message.velocity[1] = -servo.load_angle, -servo.load_speed
         elif defect == "load_before_gear":
             message.position[1], message.velocity[1] = servo.load_angle / RATIO, servo.load_speed / RATIO
-        elif defect == "degrees":
-            message.position = [math.degrees(angle) for angle in message.position]
-            message.velocity = [math.degrees(speed) for speed in message.velocity]
+        elif defect in RADIAN:
+            message.position = [angle * RADIAN[defect] for angle in message.position]
+            message.velocity = [speed * RADIAN[defect] for speed in message.velocity]
         elif defect == "velocity_in_rpm":
             message.velocity = [speed * 30 / math.pi for speed in message.velocity]
         elif defect == "effort_in_amperes":
             message.effort[0] /= TORQUE_CONSTANT
         elif defect == "effort_sign_flipped":
             message.effort[0] *= -1
+        elif self._spreads_nan:
+            message.velocity[0] = math.nan
         return message
 
 
@@ -180,8 +210,10 @@ def main() -> None:
     parser.add_argument("--command-interface", choices=VALUE, default="voltage")
     arguments = parser.parse_args()
     defect = arguments.defect
+    if defect == "leaves_child" and os.fork():
+        signal.pause()
     rclpy.init()
-    if defect == "ignores_sigterm":
+    if defect in ("ignores_sigterm", "leaves_child"):
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
     with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(BrokenDrive(defect, arguments.command_interface))
