@@ -51,11 +51,13 @@ def start(domain: int, tmp_path: Path, request: pytest.FixtureRequest) -> Iterat
     """Start nodes; keyword arguments are parameters (double underscores for dots). All end with the test."""
     started: list[Process] = []
 
-    def start_node(name: str, *arguments: str, non_ros: Sequence[str] = (), **parameters: object) -> Process:
+    def start_node(
+        name: str, *arguments: str, non_ros: Sequence[str] = (), under: Sequence[str] = (), **parameters: object
+    ) -> Process:
         words = list(arguments)
         for key, value in parameters.items():
             words += ["-p", f"{key.replace('__', '.')}:={str(value).lower() if isinstance(value, bool) else value}"]
-        process = Process(name, words, domain, tmp_path / f"{name}{len(started)}.log", non_ros)
+        process = Process(name, words, domain, tmp_path / f"{name}{len(started)}.log", non_ros, under)
         started.append(process)
         return process
 

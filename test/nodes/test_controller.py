@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from graph import Parameters, Peer, Process
+from graph import Lifecycle, Parameters, Peer, Process
+from lifecycle_msgs.msg import Transition
 from lockstep_drive import LockstepDrive
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
@@ -15,6 +16,7 @@ from std_srvs.srv import Trigger
 
 from backlash_ros.control import LAWS, Gains, GainSet, ServoSettings, design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
+from backlash_ros.nodes.interface import stamp_label
 from backlash_ros.simulation import Scenario, run
 
 Start = Callable[..., Process]
@@ -64,6 +66,8 @@ def test_learning_over_the_service(start: Start, peer: Peer) -> None:
     assert learned == pytest.approx(0.02, rel=0.05)
     peer.wait("the latched estimate", lambda: estimates)
     assert estimates[-1] == learned
+    assert Parameters(peer, "controller").set(backlash_angle=0.0) == (True, "")
+    peer.wait("the estimate that is taken back", lambda: estimates[-1] == 0.0)
 
 
 def test_learning_under_a_load_torque_keeps_the_old_estimate(start: Start, peer: Peer) -> None:
@@ -96,6 +100,44 @@ def test_learning_beyond_the_limits_is_refused(start: Start, peer: Peer, limits:
     assert not answer.result().success
     assert answer.result().message.startswith("cannot learn: it swings by learning.kick = 0.1 rad")
     assert why in answer.result().message
+
+
+def test_learning_under_a_fault_is_refused_each_time(start: Start, peer: Peer) -> None:
+    start("controller", **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    drive.run(10)
+    assert drive.exchange(drive.sample(position=[0.0, 5.0])) == 0.0
+    for _ in range(2):
+        answer = ask_to_learn(peer)
+        while not answer.done():
+            drive.step()
+            assert drive.tick < 10_000
+        assert not answer.result().success
+        assert answer.result().message.startswith("cannot learn while a fault is latched: load encoder moved 5 rad")
+
+
+def test_silence_ends_learning(start: Start, peer: Peer) -> None:
+    process = start("controller", state_timeout=1.0)
+    drive = LockstepDrive(peer).matched()
+    answer = ask_to_learn(peer)
+    while "learning the backlash" not in process.output():
+        drive.step()
+    peer.wait("an answer", answer.done)
+    assert not answer.result().success
+    assert answer.result().message == "no valid cycle: no joint_states for 1 s"
+
+
+def test_deactivation_ends_learning(start: Start, peer: Peer) -> None:
+    process = start("controller", **PATIENT)
+    lifecycle = Lifecycle(peer, "controller")
+    drive = LockstepDrive(peer).matched()
+    answer = ask_to_learn(peer)
+    while "learning the backlash" not in process.output():
+        drive.step()
+    assert lifecycle.change(Transition.TRANSITION_DEACTIVATE)
+    peer.wait("an answer", answer.done)
+    assert not answer.result().success
+    assert answer.result().message == "no valid cycle: the controller is not active any more"
 
 
 def test_reference_is_not_taken_while_learning(start: Start, peer: Peer) -> None:
@@ -270,6 +312,7 @@ def test_gains_given_at_the_start_are_in_use(start: Start, peer: Peer) -> None:
         ({"rate": -5.0}, "rate must be > 0 Hz and <= 2000 Hz, got -5.0"),
         ({"gear__backlash": 0.0}, "gear.backlash must be >= 1e-09 m and <= 0.1 m, got 0.0"),
         ({"motor_joint": "load"}, "motor_joint and load_joint must be two different names"),
+        ({"load_joint": "''"}, "motor_joint and load_joint must be two different names, got 'motor' and ''"),
         ({"gains__fast__k": "[1.0e+5, 0.0, 0.0]"}, "gains.fast.k = [100000, 0, 0] is unstable at 250 Hz"),
         ({"rate": "quick"}, "rate must be a finite number in Hz, got 'quick'"),
         ({"gain_sets__nominal__fast__k": "[1, 2, 3]"}, "gain_sets.nominal.fast.k"),
@@ -302,7 +345,7 @@ def test_zero_volts_while_nothing_is_measured(start: Start, peer: Peer) -> None:
 
 
 def test_zero_volts_on_silence_and_hold_where_it_comes_back(start: Start, peer: Peer) -> None:
-    start("controller", state_timeout=0.5)
+    start("controller", state_timeout=1.0)
     drive = LockstepDrive(peer).matched()
     drive.refer(1.0)
     assert drive.step() > 1.0
@@ -314,9 +357,25 @@ def test_zero_volts_on_silence_and_hold_where_it_comes_back(start: Start, peer: 
     # Back with the load elsewhere: 0 V still, until somebody has looked; then it is held there, not driven away.
     drive.plant = Plant(NOMINAL_DRIVE, [5.0, 0.0, 0.5, 0.0, 0.0])
     assert drive.exchange(drive.sample()) == 0.0
-    assert peer.call(Trigger, "controller/reset_fault", Trigger.Request()).message == "reset: no joint_states for 0.5 s"
+    assert peer.call(Trigger, "controller/reset_fault", Trigger.Request()).message == "reset: no joint_states for 1 s"
     angles = drive.run(100)
     assert np.all(np.abs(angles - 0.5) < 0.02)
+    assert drive.follows(0.2)
+
+
+def test_silence_while_not_active_is_no_fault(start: Start, peer: Peer) -> None:
+    process = start("controller", state_timeout=5.0)
+    lifecycle = Lifecycle(peer, "controller")
+    drive = LockstepDrive(peer).matched()
+    drive.run(10)
+    assert lifecycle.change(Transition.TRANSITION_DEACTIVATE)
+    peer.wait("the last command", lambda: drive.commands[-1:] == [0.0])
+    assert lifecycle.change(Transition.TRANSITION_ACTIVATE)
+    drive.commands.clear()
+    peer.wait("0 V by the watchdog", lambda: drive.commands)
+    assert set(drive.commands) == {0.0}
+    assert "until reset_fault" not in process.output()
+    assert drive.follows(0.3)
 
 
 @pytest.mark.parametrize(
@@ -330,6 +389,7 @@ def test_zero_volts_on_silence_and_hold_where_it_comes_back(start: Start, peer: 
         {"velocity": [0.0, -1e306]},
         {"position": [0.0]},
         {"velocity": [0.0]},
+        {"effort": [0.0]},
         {"name": ["a", "b"]},
         {"name": ["load", "load"]},
         {"name": [], "position": [], "velocity": [], "effort": []},
@@ -340,8 +400,10 @@ def test_zero_volts_on_a_sample_that_cannot_be_used(start: Start, peer: Peer, ba
     process = start("controller", law="fast", **PATIENT)
     drive = LockstepDrive(peer).matched()
     drive.refer(1.0)
-    assert drive.exchange(drive.sample()) > 1.0
+    good = drive.sample()
+    assert drive.exchange(good) > 1.0
     assert drive.exchange(drive.sample(**bad)) == 0.0
+    assert drive.exchange(good) == 0.0  # a repeat is answered with what is on the motor
     peer.wait("the warning", lambda: "unusable joint_states" in process.output())
     assert drive.exchange(drive.sample()) > 1.0  # it goes on with the next good one
 
@@ -354,9 +416,11 @@ def test_sample_out_of_order_is_not_answered(start: Start, peer: Peer) -> None:
     drive.tick -= 3
     old = drive.sample(position=[0.0, -5.0])
     drive.tick += 3
+    drive.answers.clear()
     drive._states.publish(old)
     peer.wait("the warning", lambda: "out of order" in process.output())
     assert drive.exchange(drive.sample()) == pytest.approx(expected, rel=0.1)
+    assert not {"", stamp_label(old.header.stamp)} & set(drive.answers)
 
 
 def test_stamp_before_the_epoch_is_survived(start: Start, peer: Peer) -> None:

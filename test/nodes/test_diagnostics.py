@@ -3,10 +3,16 @@
 import re
 import signal
 from collections.abc import Callable
+from itertools import count
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from graph import Parameters, Peer, Process
+from lockstep_drive import LockstepDrive
+from rclpy.duration import Duration
+from std_msgs.msg import Float64MultiArray, Header
+
+from backlash_ros.nodes.interface import answer
 
 Start = Callable[..., Process]
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -33,8 +39,8 @@ class Diagnostics:
 
 def test_healthy_pair_is_ok_and_says_how_it_runs(start: Start, peer: Peer) -> None:
     diagnostics = Diagnostics(peer)
-    start("controller", backlash_angle=0.02, **PATIENT)
-    start("plant_simulator")
+    start("controller", backlash_angle=0.02, rate=50.0, **PATIENT)
+    start("plant_simulator", rate=50.0)
     waiting = diagnostics.wait("/controller: servo", "waiting or active", lambda s: s.level in {OK, WARN})
     assert waiting["state"] in {"active", "inactive"}
     values = diagnostics.wait("/controller: servo", "active and ok", lambda s: s.level == OK and s.message == "active")
@@ -42,13 +48,13 @@ def test_healthy_pair_is_ok_and_says_how_it_runs(start: Start, peer: Peer) -> No
     assert (values["law"], values["gain_set"], values["backlash_angle"]) == ("two_region", "nominal", "0.02")
     assert values["gains.fast.k"].startswith("[31.6")
     timing = diagnostics.wait(
-        "/controller: timing", "in time", lambda s: s.level == OK and "nominal 250 Hz" in s.message
+        "/controller: timing", "in time", lambda s: s.level == OK and "nominal 50 Hz" in s.message
     )
-    assert float(timing["rate_Hz"]) == pytest.approx(250, rel=0.05)
+    assert float(timing["rate_Hz"]) == pytest.approx(50, rel=0.05)
     for key in ("state_age", "step_time"):
         assert re.fullmatch(r"mean -?[\d.]+, p99 -?[\d.]+, max -?[\d.]+ ms", timing[key])
     drive = diagnostics.wait("/plant_simulator: timing", "in time", lambda s: s.level == OK and "Hz" in s.message)
-    assert float(drive["rate_Hz"]) == pytest.approx(250, rel=0.05)
+    assert float(drive["rate_Hz"]) == pytest.approx(50, rel=0.05)
     assert float(drive["answered_percent"]) > 0
     assert re.fullmatch(r"mean [\d.]+, p99 [\d.]+, max [\d.]+ ms", drive["integration"])
 
@@ -86,6 +92,57 @@ def test_late_beats_are_skipped_and_reported(start: Start, peer: Peer) -> None:
     process.signal(signal.SIGCONT)
     diagnostics.wait("/plant_simulator: timing", "late by about 250 beats", many_late)
     assert len(diagnostics.heard) > before
+
+
+def test_dropped_messages_are_a_warning(start: Start, peer: Peer) -> None:
+    diagnostics = Diagnostics(peer)
+    start("controller", **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    drive.exchange(drive.sample(position=[0.0]))
+    text = "1 messages dropped, the last one: unusable joint_states: 2 names but 1 positions"
+    values = diagnostics.wait("/controller: servo", "warning", lambda s: s.level == WARN and text in s.message)
+    assert values["messages_dropped"] == "1"
+
+
+def test_late_samples_are_a_warning(start: Start, peer: Peer) -> None:
+    diagnostics = Diagnostics(peer)
+    start("controller", **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    drive.run(20)
+    drive.tick += 1
+    drive.run(1)
+    values = diagnostics.wait(
+        "/controller: timing", "warning", lambda s: s.level >= WARN and "1 samples late within" in s.message
+    )
+    assert values["late_samples"] == "1"
+
+
+def test_samples_that_come_old_are_a_warning(start: Start, peer: Peer) -> None:
+    diagnostics = Diagnostics(peer)
+    start("controller", state_timeout=2.0)
+    drive = LockstepDrive(peer).matched()
+
+    def told() -> bool:
+        drive.exchange(drive.sample(header=Header(stamp=(peer.node.get_clock().now() - Duration(seconds=3)).to_msg())))
+        texts = [s.message for s in diagnostics.heard if s.name == "/controller: timing" and s.level >= WARN]
+        return any(re.search(r"joint_states are [3-9][.\d]* s old(;|$)", text) for text in texts)
+
+    peer.wait("a warning", told)
+
+
+def test_answers_to_another_sample_than_the_newest_are_counted_as_late(start: Start, peer: Peer) -> None:
+    diagnostics = Diagnostics(peer)
+    start("plant_simulator")
+    publisher, numbers = peer.node.create_publisher(Float64MultiArray, "command", 1), count()
+
+    def late() -> bool:
+        publisher.publish(answer(0.0, f"{next(numbers)}.000000000"))
+        newest = next((s.values for s in reversed(diagnostics.heard) if s.name == "/plant_simulator: timing"), [])
+        values = {entry.key: entry.value for entry in newest}
+        assert values.get("answered_in_period", "0") == "0"
+        return int(values.get("answered_late", "0")) > 0
+
+    peer.wait("a late answer", late)
 
 
 def test_clocks_that_differ_are_told(start: Start, peer: Peer) -> None:

@@ -228,13 +228,17 @@ class Watched:
         assert "until reset_fault" in self.process.output()
         assert self.drive.exchange(self.drive.sample()) == 0.0  # good samples do not bring the voltage back
 
-    def recovers(self) -> None:
-        """Reset: the load is held where it is, whatever the reference was."""
+    def reset(self) -> None:
         response = self.peer.call(Trigger, "controller/reset_fault", Trigger.Request())
         assert response.success
         assert response.message.startswith("reset: ")
+
+    def recovers(self) -> None:
+        """Reset: the load is held where it is, whatever the reference was, and goes where the next one says."""
+        self.reset()
         angles = self.drive.run(250)
         assert np.ptp(angles[150:]) < 0.05
+        assert self.drive.follows(angles[-1] - 0.3)
 
     def until_zero(self, message: Callable[[], JointState], measure: Measure, most: float) -> None:
         """Play the drive with ``message`` as its joint states until the command is 0; measured in the drive's time."""
@@ -419,8 +423,9 @@ def test_load_is_pushed_beyond_the_end_of_its_travel__0_v__move_it_back_and_rese
     assert drive.plant.load_angle > 1.2
     drive.load_torque = 0.0
     watched.latched("beyond limits.position_upper = 1.2 rad")
-    watched.recovers()
+    watched.reset()
     assert drive.run(500)[-1] == pytest.approx(1.2, abs=0.05)  # who starts outside is led back to the end
+    assert drive.follows(0.9)
 
 
 # Encoders.

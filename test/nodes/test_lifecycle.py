@@ -3,15 +3,21 @@
 import re
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 
 import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
 from graph import Lifecycle, Peer, Process
 from lifecycle_msgs.msg import Transition
 from lockstep_drive import LockstepDrive
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
+
+from backlash_ros.nodes.managed import ManagedNode
+from backlash_ros.nodes.run import _stopped
 
 Start = Callable[..., Process]
 PATIENT = {"state_timeout": 10.0, "law": "fast", "torque_bandwidth": 0.0}
@@ -178,3 +184,77 @@ def test_misspelt_parameter_is_named(start: Start, peer: Peer) -> None:
     )
     peer.wait("the node", lambda: "autostart is false: waiting to be configured" in process.output())
     assert "command_timeout" not in process.output()  # the simulator's, and nothing like it is ours
+
+
+def test_node_that_cannot_be_configured_ends_with_a_line_that_says_so(start: Start) -> None:
+    process = start("controller", **{"qos_overrides./joint_states.subscription.reliability": "nosuch"})
+    assert process.wait() == 1
+    assert "controller did not come up: still unconfigured" in process.output()
+
+
+class Failing(ManagedNode):
+    """A node that does not get through one of its transitions."""
+
+    def __init__(self, hindered: str, error: Exception) -> None:
+        super().__init__("failing", "")
+        self._hindered, self._error = hindered, error
+
+    def _go(self, transition: str) -> None:
+        if transition == self._hindered:
+            raise self._error
+
+    def configure(self) -> None:
+        self.speak(Float64MultiArray, "command")
+        self._go("configure")
+
+    def activate(self) -> None:
+        self._go("activate")
+
+    def deactivate(self) -> None:
+        self._go("deactivate")
+
+    def statuses(self) -> Sequence[DiagnosticStatus]:
+        return []
+
+
+@pytest.fixture
+def failing(domain: int) -> Iterator[type[Failing]]:
+    rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+    yield Failing
+    rclpy.shutdown()
+
+
+@pytest.mark.parametrize(
+    ("hindered", "error"),
+    [
+        ("configure", ValueError("refused")),
+        ("configure", OSError("broken")),
+        ("activate", OSError("broken")),
+        ("deactivate", OSError("broken")),
+    ],
+    ids=str,
+)
+def test_transition_that_fails_leaves_no_topics(failing: type[Failing], hindered: str, error: Exception) -> None:
+    node = failing(hindered, error)
+    for trigger in {
+        "configure": [node.trigger_configure],
+        "activate": [node.trigger_configure, node.trigger_activate],
+        "deactivate": [node.trigger_configure, node.trigger_activate, node.trigger_deactivate],
+    }[hindered]:
+        trigger()
+    assert node.state == "unconfigured"
+    assert not node.active
+    assert "/command" not in {publisher.topic_name for publisher in node.publishers}
+    node.destroy_node()
+
+
+def test_node_that_cannot_be_stopped_does_not_keep_the_others_from_it(failing: type[Failing]) -> None:
+    class Stubborn(Failing):
+        def stop(self) -> None:
+            raise OSError("broken")
+
+    nodes = [Stubborn("", OSError()), failing("", OSError())]
+    assert [_stopped(node) for node in nodes] == [False, True]
+    assert nodes[1].state == "finalized"
+    for node in nodes:
+        node.destroy_node()

@@ -1,12 +1,16 @@
 """The simulator on real DDS: the interface of a drive, its beat, its watchdog."""
 
+import json
 import math
 import signal
+import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 from graph import Peer, Process
+from pair import stamp_of
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
@@ -109,6 +113,27 @@ def test_motor_gets_no_voltage_on_silence(start: Start, peer: Peer) -> None:
     listener.drive_until(6.0, "it to go on", lambda: listener.last.velocity[1] > 5.0)
 
 
+def test_motor_of_a_simulator_that_stood_still_had_voltage_until_the_watchdog_took_it_off(
+    start: Start, peer: Peer
+) -> None:
+    process = start("plant_simulator", command_timeout=3.0)
+    listener = Listener(peer).ready()
+    listener.drive_until(6.0, "speed", lambda: listener.last.velocity[1] > 5.0)
+    told = stamp_of(listener.last)
+    peer.wait("what was on its way", lambda: stamp_of(listener.last) > told + 0.2)
+    process.signal(signal.SIGSTOP)
+    end = time.monotonic() + 6.0
+    peer.wait("a long pause", lambda: time.monotonic() > end)
+    last = listener.last
+    listener.states.clear()
+    process.signal(signal.SIGCONT)
+    first = peer.wait("a sample after it", lambda: listener.states)[0]
+    assert stamp_of(first) - stamp_of(last) > 5.0
+    way = first.position[1] - last.position[1]
+    assert way / last.velocity[1] == pytest.approx(told + 3.0 - stamp_of(last), abs=1.0)
+    assert "no command for 3 s" in process.output()
+
+
 @pytest.mark.parametrize("bad", [[math.nan], [math.inf], []], ids=str)
 def test_motor_gets_no_voltage_on_a_command_that_is_not_finite(start: Start, peer: Peer, bad: list[float]) -> None:
     process = start("plant_simulator", command_timeout=10.0)
@@ -117,6 +142,11 @@ def test_motor_gets_no_voltage_on_a_command_that_is_not_finite(start: Start, pee
     listener.command(*bad)
     peer.wait("the motor to stop", lambda: abs(listener.last.velocity[1]) < 0.05)
     assert "command must hold one finite number, in V" in process.output()
+    listener.states.clear()
+    listener.drive_until(6.0, "good commands to be of no use", lambda: len(listener.states) > 100)
+    assert max(abs(state.velocity[1]) for state in listener.states) < 0.5
+    assert peer.call(Trigger, "plant_simulator/reset_fault", Trigger.Request()).success
+    listener.drive_until(6.0, "it to go on", lambda: listener.last.velocity[1] > 5.0)
 
 
 def test_load_torque_that_is_not_finite_changes_nothing(start: Start, peer: Peer) -> None:
@@ -155,6 +185,15 @@ def test_stops_cleanly(start: Start, peer: Peer, number: signal.Signals) -> None
     assert "stopped after" in process.output()
 
 
+def test_goes_on_when_the_terminal_is_closed_under_nohup(start: Start, peer: Peer) -> None:
+    process = start("plant_simulator", under=["nohup"])
+    listener = Listener(peer).ready()
+    process.signal(signal.SIGHUP)
+    later = peer.node.get_clock().now().nanoseconds * 1e-9 + 1.0
+    peer.wait("samples of a second later", lambda: stamp_of(listener.last) > later)
+    assert process.stop() == 0
+
+
 def test_quality_of_service_can_be_overridden_and_a_mismatch_is_reported(start: Start, peer: Peer) -> None:
     process = start("plant_simulator", **{"qos_overrides./joint_states.publisher.reliability": "best_effort"})
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -163,3 +202,18 @@ def test_quality_of_service_can_be_overridden_and_a_mismatch_is_reported(start: 
     peer.wait("a sample", lambda: heard)
     peer.node.create_subscription(JointState, "joint_states", heard.append, QoSProfile(depth=10))
     peer.wait("the report", lambda: "incompatible QoS" in process.output())
+
+
+@pytest.mark.parametrize("second", [{"lockstep": True, "rate": 100.0}, {"lockstep": True, "rate": 250.0}], ids=str)
+def test_axes_in_lockstep_that_cannot_step_together_are_refused(
+    start: Start, tmp_path: Path, second: dict[str, object]
+) -> None:
+    first = {"lockstep": second["rate"] != 250.0, "rate": 250.0}
+    file = tmp_path / "axes.yaml"
+    axes = {"a": first, "b": second}
+    file.write_text(
+        json.dumps({f"/{axis}/plant_simulator": {"ros__parameters": values} for axis, values in axes.items()})
+    )
+    process = start("plant_simulator", "--params-file", str(file), non_ros=["--axes", *axes])
+    assert process.wait() == 2
+    assert "lockstep must be the same, and rate too, for all axes of one process" in process.output()

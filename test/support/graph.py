@@ -27,13 +27,21 @@ PATIENCE = 60.0
 class Process:
     """A node of the package in a process of its own, its output kept."""
 
-    def __init__(self, name: str, arguments: list[str], domain: int, log: Path, non_ros: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        name: str,
+        arguments: list[str],
+        domain: int,
+        log: Path,
+        non_ros: Sequence[str] = (),
+        under: Sequence[str] = (),
+    ) -> None:
         self.log = log
         # Tests that were started by nohup would hand on that a hang-up is ignored.
         inherited = signal.signal(signal.SIGHUP, signal.SIG_DFL)
         with log.open("wb") as output:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", f"backlash_ros.nodes.{name}", *non_ros, "--ros-args", *arguments],
+                [*under, sys.executable, "-m", f"backlash_ros.nodes.{name}", *non_ros, "--ros-args", *arguments],
                 env={**os.environ, **isolated_environment(domain)},
                 stdout=output,
                 stderr=subprocess.STDOUT,

@@ -33,11 +33,11 @@ class LockstepDrive:
         self._states = node.create_publisher(JointState, "joint_states", QoSProfile(depth=10))
         self._reference = node.create_publisher(Float64, "reference", QoSProfile(depth=10))
         node.create_subscription(Float64MultiArray, "command", self._on_command, QoSProfile(depth=100))
-        self._answers: dict[str, float] = {}
+        self.answers: dict[str, float] = {}
 
     def _on_command(self, message: Float64MultiArray) -> None:
         self.commands.append(message.data[0])
-        self._answers[label_of(message)] = message.data[0]
+        self.answers[label_of(message)] = message.data[0]
 
     def matched(self) -> "LockstepDrive":
         """Send the sample at rest, which changes nothing, until the controller answers."""
@@ -77,19 +77,19 @@ class LockstepDrive:
     def exchange(self, message: JointState) -> float:
         """Send one sample, again while it may have been lost, and return the command that answers it."""
         self.commands.clear()
-        self._answers.clear()
         self.tick += 1
         label, due = stamp_label(message.header.stamp), 0.0
+        self.answers.pop(label, None)
 
         def answered() -> bool:
             nonlocal due
             if time.monotonic() >= due:
                 self._states.publish(message)
                 due = time.monotonic() + 2.0
-            return label in self._answers
+            return label in self.answers
 
         self.peer.wait("a command", answered)
-        return self._answers[label]
+        return self.answers[label]
 
     def refer(self, target: float) -> None:
         """Send a reference while at rest, wait until it is answered, and make that period."""
@@ -115,3 +115,8 @@ class LockstepDrive:
             self.step()
             angles[k] = self.plant.load_angle
         return angles
+
+    def follows(self, target: float) -> bool:
+        """Send a reference and make periods until the load is there; return whether it comes there."""
+        self._reference.publish(Float64(data=target))
+        return any(abs(self.run(1)[0] - target) < 0.02 for _ in range(3000))
