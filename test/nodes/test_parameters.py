@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from graph import PATIENCE, Parameters, Peer, Process
 from lockstep_drive import LockstepDrive
 from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterEvent, ParameterType, ParameterValue
@@ -257,7 +258,10 @@ def test_every_version_in_use_is_in_the_bag(start: Start, peer: Peer, tmp_path: 
     for k1 in (20.0, 25.0):
         assert parameters.set(gains__fast__k=[k1, 0.6, 0.1]) == (True, "")
     in_use.version(3)
+    heard: list[DiagnosticArray] = []
+    peer.node.create_subscription(DiagnosticArray, "/diagnostics", heard.append, QoSProfile(depth=10))
+    peer.wait("diagnostics", lambda: len(heard) > 1)
     assert recorder.stop() == 0
     recording = read_bag(tmp_path / "bag")
     assert [(version, values) for _, version, values in recording.in_use][-2:] == in_use.heard[-2:]
-    assert recording.messages["/diagnostics"] >= 0
+    assert recording.messages["/diagnostics"] > 0

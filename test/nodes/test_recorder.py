@@ -9,13 +9,15 @@ from pathlib import Path
 
 import pytest
 import yaml
-from graph import PATIENCE, Peer, Process
+from graph import PATIENCE, Lifecycle, Peer, Process
+from lifecycle_msgs.msg import Transition
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
@@ -81,9 +83,54 @@ def test_the_bag_is_what_ros2_bag_writes(start: Start, peer: Peer, tmp_path: Pat
     with AnyReader([folder]) as reader:
         assert {connection.topic for connection in reader.connections} >= {"/joint_states", "/command"}
     with (folder / "bag.mcap").open("rb") as stream:
-        decoded = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(["/joint_states"])
-        positions = [message.position[1] for _, _, _, message in decoded]
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        positions = [message.position[1] for _, _, _, message in reader.iter_decoded_messages(["/joint_states"])]
+        times = [message.log_time for _, _, message in reader.iter_messages()]
     assert positions == [float(k) for k in range(20)]
+    assert information["starting_time"]["nanoseconds_since_epoch"] == min(times)
+    assert information["duration"]["nanoseconds"] == max(times) - min(times) > 0
+
+
+def test_transitions_and_simulated_time_are_in_the_bag(start: Start, peer: Peer, tmp_path: Path) -> None:
+    recorder = start("recorder", output=tmp_path / "bag")
+    start("controller", autostart=False, state_timeout=10.0)
+    start("plant_simulator", autostart=False, lockstep=True)
+    clocks: list[Clock] = []
+    peer.node.create_subscription(Clock, "/clock", clocks.append, QoSProfile(depth=1000))
+    for node in ("controller", "plant_simulator"):
+        topic = f"/{node}/transition_event"
+        peer.wait(topic, lambda said=f"recording {topic}": said in recorder.output())
+        lifecycle = Lifecycle(peer, node)
+        assert lifecycle.change(Transition.TRANSITION_CONFIGURE)
+        assert lifecycle.change(Transition.TRANSITION_ACTIVATE)
+    peer.wait("/clock", lambda: "recording /clock" in recorder.output())
+    clocks.clear()
+    peer.wait("simulated time", lambda: len(clocks) > 100)
+    assert recorder.stop() == 0
+    messages = read_bag(tmp_path / "bag").messages
+    assert messages["/controller/transition_event"] > 0
+    assert messages["/plant_simulator/transition_event"] > 0
+    assert messages["/clock"] > 0
+
+
+def test_messages_that_a_publisher_could_not_keep_are_told(start: Start, peer: Peer, tmp_path: Path) -> None:
+    publisher = peer.node.create_publisher(JointState, "joint_states", QoSProfile(depth=1))
+    recorder = start("recorder", output=tmp_path / "bag")
+    peer.wait("the recorder", lambda: publisher.get_subscription_count() > 0)
+    peer.wait("the recorder", lambda: "recording /joint_states" in recorder.output())
+    recorder.signal(signal.SIGSTOP)
+    large = JointState(name=["x" * 100_000])
+    for _ in range(200):
+        publisher.publish(large)
+    recorder.signal(signal.SIGCONT)
+
+    def told() -> bool:
+        publisher.publish(large)
+        return re.search(r"lost \d+ /joint_states", recorder.output()) is not None
+
+    peer.wait("the loss to be told", told)
+    assert recorder.stop() == 0
+    assert re.search(r"\[ERROR\].* lost \d+ /joint_states", recorder.output())
 
 
 def test_existing_folder_is_refused_and_kept(start: Start, tmp_path: Path) -> None:
