@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import rclpy
 from faults_page import page
 from graph import Peer, Process
+from rclpy.signals import SignalHandlerOptions
 
 from backlash_ros.nodes.domain import own_domain
 
@@ -36,6 +38,14 @@ def measure(request: pytest.FixtureRequest) -> Callable[[float], None]:
 def domain() -> Iterator[int]:
     with own_domain() as number:
         yield number
+
+
+@pytest.fixture
+def in_process(domain: int) -> Iterator[None]:
+    """Let the test make nodes of the package in its own process."""
+    rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+    yield
+    rclpy.shutdown()
 
 
 @pytest.fixture

@@ -3,15 +3,13 @@
 import re
 import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from graph import Lifecycle, Peer, Process
 from lifecycle_msgs.msg import Transition
 from lockstep_drive import LockstepDrive
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
@@ -217,13 +215,6 @@ class Failing(ManagedNode):
         return []
 
 
-@pytest.fixture
-def failing(domain: int) -> Iterator[type[Failing]]:
-    rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-    yield Failing
-    rclpy.shutdown()
-
-
 @pytest.mark.parametrize(
     ("hindered", "error"),
     [
@@ -234,8 +225,8 @@ def failing(domain: int) -> Iterator[type[Failing]]:
     ],
     ids=str,
 )
-def test_transition_that_fails_leaves_no_topics(failing: type[Failing], hindered: str, error: Exception) -> None:
-    node = failing(hindered, error)
+def test_transition_that_fails_leaves_no_topics(in_process: None, hindered: str, error: Exception) -> None:
+    node = Failing(hindered, error)
     for trigger in {
         "configure": [node.trigger_configure],
         "activate": [node.trigger_configure, node.trigger_activate],
@@ -248,12 +239,12 @@ def test_transition_that_fails_leaves_no_topics(failing: type[Failing], hindered
     node.destroy_node()
 
 
-def test_node_that_cannot_be_stopped_does_not_keep_the_others_from_it(failing: type[Failing]) -> None:
+def test_node_that_cannot_be_stopped_does_not_keep_the_others_from_it(in_process: None) -> None:
     class Stubborn(Failing):
         def stop(self) -> None:
             raise OSError("broken")
 
-    nodes = [Stubborn("", OSError()), failing("", OSError())]
+    nodes = [Stubborn("", OSError()), Failing("", OSError())]
     assert [_stopped(node) for node in nodes] == [False, True]
     assert nodes[1].state == "finalized"
     for node in nodes:

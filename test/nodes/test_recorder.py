@@ -23,6 +23,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.analysis import read_bag
 from backlash_ros.nodes.bag_writer import BagWriter
+from backlash_ros.nodes.recorder import Recorder
 
 Start = Callable[..., Process]
 
@@ -131,6 +132,29 @@ def test_messages_that_a_publisher_could_not_keep_are_told(start: Start, peer: P
     peer.wait("the loss to be told", told)
     assert recorder.stop() == 0
     assert re.search(r"\[ERROR\].* lost \d+ /joint_states", recorder.output())
+
+
+def test_topic_of_a_type_that_the_recorder_does_not_know_is_told_and_left_out(
+    in_process: None, peer: Peer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("backlash_ros.nodes.recorder.get_typestore", lambda _: get_typestore(Stores.EMPTY))
+    publisher = peer.node.create_publisher(Float64, "reference", 1)
+    monkeypatch.chdir(tmp_path)
+    recorder = Recorder()
+    said = ""
+
+    def left_out() -> bool:
+        nonlocal said
+        recorder._look()
+        said += capfd.readouterr().err
+        return "not recorded: /reference has the type std_msgs/msg/Float64" in said
+
+    peer.wait("the topic to be left out", left_out)
+    assert publisher.get_subscription_count() == 0
+    recorder.stop()
+    recorder.destroy_node()
+    (bag,) = tmp_path.glob("backlash_*")
+    assert "/reference" not in read_bag(bag).messages
 
 
 def test_existing_folder_is_refused_and_kept(start: Start, tmp_path: Path) -> None:
