@@ -375,6 +375,7 @@ def test_silence_while_not_active_is_no_fault(start: Start, peer: Peer) -> None:
     peer.wait("0 V by the watchdog", lambda: drive.commands)
     assert set(drive.commands) == {0.0}
     assert "until reset_fault" not in process.output()
+    drive.run(10)
     assert drive.follows(0.3)
 
 
