@@ -99,9 +99,9 @@ def test_dropped_messages_are_a_warning(start: Start, peer: Peer) -> None:
     start("controller", **PATIENT)
     drive = LockstepDrive(peer).matched()
     drive.exchange(drive.sample(position=[0.0]))
-    text = "1 messages dropped, the last one: unusable joint_states: 2 names but 1 positions"
+    text = "messages dropped, the last one: unusable joint_states: 2 names but 1 positions"
     values = diagnostics.wait("/controller: servo", "warning", lambda s: s.level == WARN and text in s.message)
-    assert values["messages_dropped"] == "1"
+    assert int(values["messages_dropped"]) > 0
 
 
 def test_late_samples_are_a_warning(start: Start, peer: Peer) -> None:
@@ -112,9 +112,9 @@ def test_late_samples_are_a_warning(start: Start, peer: Peer) -> None:
     drive.tick += 1
     drive.run(1)
     values = diagnostics.wait(
-        "/controller: timing", "warning", lambda s: s.level >= WARN and "1 samples late within" in s.message
+        "/controller: timing", "warning", lambda s: s.level >= WARN and "samples late within" in s.message
     )
-    assert values["late_samples"] == "1"
+    assert int(values["late_samples"]) > 0
 
 
 def test_samples_that_come_old_are_a_warning(start: Start, peer: Peer) -> None:

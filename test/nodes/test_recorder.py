@@ -84,10 +84,16 @@ def test_the_bag_is_what_ros2_bag_writes(start: Start, peer: Peer, tmp_path: Pat
     with AnyReader([folder]) as reader:
         assert {connection.topic for connection in reader.connections} >= {"/joint_states", "/command"}
     with (folder / "bag.mcap").open("rb") as stream:
-        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        positions = [message.position[1] for _, _, _, message in reader.iter_decoded_messages(["/joint_states"])]
-        times = [message.log_time for _, _, message in reader.iter_messages()]
+        decoded = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(["/joint_states"])
+        positions = [message.position[1] for _, _, _, message in decoded]
     assert positions == [float(k) for k in range(20)]
+    assert_says_its_span(folder)
+
+
+def assert_says_its_span(folder: Path) -> None:
+    information = yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    with (folder / "bag.mcap").open("rb") as stream:
+        times = [message.log_time for _, _, message in make_reader(stream).iter_messages()]
     assert information["starting_time"]["nanoseconds_since_epoch"] == min(times)
     assert information["duration"]["nanoseconds"] == max(times) - min(times) > 0
 
@@ -270,6 +276,7 @@ def test_other_tools_read_what_a_killed_recorder_leaves(start: Start, peer: Peer
     stream.assert_saved()
     count = read_bag(tmp_path / "bag").messages["/joint_states"]
     assert read_by_other_tools(tmp_path / "bag") == [count] * 3
+    assert_says_its_span(tmp_path / "bag")
 
 
 def test_recorder_killed_while_it_writes_loses_only_that(tmp_path: Path) -> None:
