@@ -233,8 +233,9 @@ class Controller(ManagedNode):
             self._report(self._servo.fault)
         self._end_learning()
         if self._learn.waiting() > _LEARN_PATIENCE and self._learn.take_request():
-            why = f"a fault is latched, {self._servo.fault}" if self._servo.fault else "no joint_states came"
-            self._learn.answer(False, f"cannot learn: {why}, for {_LEARN_PATIENCE:g} s")
+            self._learn.answer(
+                False, f"cannot learn{self._faulted() or f': no joint_states for {_LEARN_PATIENCE:g} s'}"
+            )
 
     def _send(self, value: float, label: str = "") -> None:
         self._command.publish(answer(value, label))
@@ -254,12 +255,15 @@ class Controller(ManagedNode):
         if not (self._servo.holding or self._servo.fault) or not self._learn.take_request():
             return
         if self._servo.fault:
-            self._learn.answer(False, f"cannot learn while a fault is latched: {self._servo.fault}")
+            self._learn.answer(False, f"cannot learn{self._faulted()}")
         elif refusal := self._servo.learning_refusal():
             self._learn.answer(False, f"cannot learn: {refusal}")
         else:
             self._servo.start_learning()
             self.get_logger().info("learning the backlash")
+
+    def _faulted(self) -> str:
+        return f" while a fault is latched: {self._servo.fault}" if self._servo.fault else ""
 
     def _end_learning(self) -> None:
         estimate = self._servo.take_learned()

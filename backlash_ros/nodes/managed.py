@@ -154,8 +154,8 @@ class ManagedNode(LifecycleNode):
 
     def _end(self) -> None:
         if self._active:
-            self._active = False
             self.deactivate()
+            self._active = False
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Compile, design, take up the topics."""
@@ -181,8 +181,11 @@ class ManagedNode(LifecycleNode):
         return self._guarded("shut down", self._end, self._held.close)
 
     def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """After a transition that failed, which the log tells: put 0 V out, let go of the topics."""
-        return self._guarded("recover", self._end, self._held.close)
+        """After a transition that failed, which the log tells: put 0 V out, again if need be; let go of the topics."""
+        ended = self._guarded("recover", self._end)
+        self._active = False
+        closed = self._guarded("recover", self._held.close)
+        return closed if ended == RESULT.SUCCESS else ended
 
     def _LifecycleNodeMixin__on_change_state(  # noqa: N802
         self, request: ChangeState.Request, response: ChangeState.Response

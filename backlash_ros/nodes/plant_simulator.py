@@ -61,7 +61,8 @@ class PlantSimulator(ManagedNode):
         self._seen = now(), 0, 0, 0
         self._together = [] if together is None else together
         self._together.append(self)
-        if self._lockstep and any(other._rate != self._rate or not other._lockstep for other in self._together):
+        alike = {(axis._lockstep, axis._rate) for axis in self._together}
+        if len(alike) > 1 and any(lockstep for lockstep, _ in alike):
             raise ValueError("lockstep must be the same, and rate too, for all axes of one process")
 
     # The lifecycle.

@@ -110,8 +110,8 @@ def run(make: Callable[[str], Runnable], args: Sequence[str] | None) -> int:
     rclpy's own handlers would end the context before a last command could leave, so signals are taken here.
     A parameter out of bounds ends it at once with code 2 and a line that says which.
     """
-    axes = _axes(args)
     try:
+        axes = _axes(args)
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # arguments or a parameter file that cannot be read
         print(f"cannot start: {error}", file=sys.stderr)

@@ -197,8 +197,11 @@ class Failing(ManagedNode):
         super().__init__("failing", "")
         self._hindered, self._error = hindered, error
 
+        self.ended = 0
+
     def _go(self, transition: str) -> None:
         if transition == self._hindered:
+            self._hindered = ""
             raise self._error
 
     def configure(self) -> None:
@@ -210,6 +213,7 @@ class Failing(ManagedNode):
 
     def deactivate(self) -> None:
         self._go("deactivate")
+        self.ended += 1
 
     def statuses(self) -> Sequence[DiagnosticStatus]:
         return []
@@ -235,6 +239,7 @@ def test_transition_that_fails_leaves_no_topics(in_process: None, hindered: str,
         trigger()
     assert node.state == "unconfigured"
     assert not node.active
+    assert node.ended == (hindered == "deactivate")  # 0 V goes out in the end
     assert "/command" not in {publisher.topic_name for publisher in node.publishers}
     node.destroy_node()
 

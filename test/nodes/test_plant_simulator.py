@@ -204,13 +204,16 @@ def test_quality_of_service_can_be_overridden_and_a_mismatch_is_reported(start: 
     peer.wait("the report", lambda: "incompatible QoS" in process.output())
 
 
-@pytest.mark.parametrize("second", [{"lockstep": True, "rate": 100.0}, {"lockstep": True, "rate": 250.0}], ids=str)
+@pytest.mark.parametrize(
+    ("a", "b"),
+    [((True, 250.0), (True, 100.0)), ((False, 250.0), (True, 250.0)), ((True, 250.0), (False, 100.0))],
+    ids=str,
+)
 def test_axes_in_lockstep_that_cannot_step_together_are_refused(
-    start: Start, tmp_path: Path, second: dict[str, object]
+    start: Start, tmp_path: Path, a: tuple[bool, float], b: tuple[bool, float]
 ) -> None:
-    first = {"lockstep": second["rate"] != 250.0, "rate": 250.0}
     file = tmp_path / "axes.yaml"
-    axes = {"a": first, "b": second}
+    axes = {axis: dict(zip(("lockstep", "rate"), values, strict=True)) for axis, values in {"a": a, "b": b}.items()}
     file.write_text(
         json.dumps({f"/{axis}/plant_simulator": {"ros__parameters": values} for axis, values in axes.items()})
     )
