@@ -233,9 +233,8 @@ class Controller(ManagedNode):
             self._report(self._servo.fault)
         self._end_learning()
         if self._learn.waiting() > _LEARN_PATIENCE and self._learn.take_request():
-            self._learn.answer(
-                False, f"cannot learn{self._faulted() or f': no joint_states for {_LEARN_PATIENCE:g} s'}"
-            )
+            why = self._faulted() or f": no joint_states for {_LEARN_PATIENCE:g} s"
+            self._learn.answer(False, f"cannot learn{why}")
 
     def _send(self, value: float, label: str = "") -> None:
         self._command.publish(answer(value, label))

@@ -129,6 +129,11 @@ def _loop(
     return DONE, reference.shape[0] * observer.period, states.shape[0] - 1
 
 
+def encoder_step(bits: int | None) -> float:
+    """Return the smallest angle that an encoder of 2**bits counts per turn tells apart, rad; 0 for exact angles."""
+    return 2 * np.pi / 2**bits if bits else 0.0
+
+
 @functools.cache
 def _compiled_loop(plant_type: Any, observer_type: Any, output_type: Any) -> Callable[..., tuple[int, float, int]]:
     """Compile the loop once for every law: a law's step is an argument, so that a new law needs no new loop."""
@@ -190,7 +195,7 @@ def run(
         samples("reference", scenario.reference),
         samples("load_torque", scenario.load_torque),
         samples("angle_noise", scenario.angle_noise),
-        2 * np.pi / 2**scenario.encoder_bits if scenario.encoder_bits else 0.0,
+        encoder_step(scenario.encoder_bits),
         np.where(scenario.measured, 0.0, np.nan),
         scenario.known_load_torque,
         substeps,

@@ -7,6 +7,7 @@ import numpy as np
 
 from backlash_ros.control import BacklashEstimate, Servo, ServoSettings
 from backlash_ros.drivetrain import Drive, Plant
+from backlash_ros.simulation.closed_loop import encoder_step
 
 ALL_MEASURED = (True, True, True, True, True)
 
@@ -42,12 +43,12 @@ def learn_backlash(
     """
     servo, plant = Servo(drive, settings), Plant(drive)
     missing = np.array([0.0 if seen else math.nan for seen in measured])
-    count = 2 * math.pi / 2**encoder_bits if encoder_bits else 0.0
+    step = encoder_step(encoder_bits)
     servo.start_learning()
     while True:
         theta_m, omega_m, theta_l, omega_l, current = plant.state
-        if count:
-            theta_m, theta_l = round(theta_m / count) * count, round(theta_l / count) * count
+        if step:
+            theta_m, theta_l = round(theta_m / step) * step, round(theta_l / step) * step
         command = servo.update(np.array([theta_m, omega_m, current, theta_l, omega_l]) + missing)
         estimate = servo.take_learned()
         if estimate is not None:

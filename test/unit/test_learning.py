@@ -12,6 +12,7 @@ from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.simulation import learn_backlash
 
 LOAD_ONLY = (False, False, False, True, True)
+LOAD_POSITION = (False, False, False, True, False)
 
 
 def with_inertia(factor: float) -> Drive:
@@ -53,9 +54,6 @@ def test_learning_answers_no_cycle_under_load_torque(gains: GainSet) -> None:
     assert estimate.angle == 0.0
     assert estimate.reason.startswith("no valid cycle: the load comes to rest or moves less than 0.0002 rad")
     assert "after 3 kicks of 0.1 rad" in estimate.reason
-
-
-LOAD_POSITION = (False, False, False, True, False)
 
 
 @pytest.mark.parametrize("bits", [12, 14])
