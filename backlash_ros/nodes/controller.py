@@ -137,7 +137,7 @@ class Controller(ManagedNode):
     # The loop.
 
     def _on_joint_states(self, message: JointState) -> None:
-        if not self.active:
+        if not self.active or not (self._servo.holding or self._heard):
             return
         began = now()
         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
@@ -170,6 +170,11 @@ class Controller(ManagedNode):
             self._torque.publish(Float64(data=self._servo.load_torque_estimate))
         self._age.add(1e-9 * (self.get_clock().now().nanoseconds - stamp))
         self._step_time.add(now() - began)
+
+    @property
+    def _heard(self) -> bool:
+        """Whether anybody listens to the command: until then the load may move, and holding it is not begun."""
+        return self._command.get_subscription_count() > 0
 
     def _expect_joints(self, measured: Array) -> None:
         """Refuse a sample that has another joint than those by which the position is held: their zeros may differ."""
@@ -233,7 +238,8 @@ class Controller(ManagedNode):
             self._report(self._servo.fault)
         self._end_learning()
         if self._learn.waiting() > _LEARN_PATIENCE and self._learn.take_request():
-            why = self._faulted() or f": no joint_states for {_LEARN_PATIENCE:g} s"
+            silence = "no joint_states" if self._heard else "nobody listens to command"
+            why = self._faulted() or f": {silence} for {_LEARN_PATIENCE:g} s"
             self._learn.answer(False, f"cannot learn{why}")
 
     def _send(self, value: float, label: str = "") -> None:
@@ -301,6 +307,8 @@ class Controller(ManagedNode):
             state.append((ERROR, servo.fault))
         if self.active and self._last_sample is None:
             state.append((WARN, "waiting for joint_states"))
+        if self.active and not self._heard:
+            state.append((WARN, "nobody listens to command"))
         if dropped:
             state.append((WARN, f"{dropped} messages dropped, the last one: {self._last_drop}"))
         if self.mismatches:

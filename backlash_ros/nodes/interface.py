@@ -1,6 +1,7 @@
 """The interface between drive and controller: topics, quality of service, and what a JointState says."""
 
 import math
+import re
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -49,6 +50,9 @@ def declare_joints(node: Node) -> tuple[str, str]:
     return motor, load
 
 
+_STAMP = re.compile(r"-?\d+\.\d{9}")
+
+
 def stamp_label(stamp: Time) -> str:
     """Return how an answer names the sample that it is for: the sample's stamp."""
     return f"{stamp.sec}.{stamp.nanosec:09d}"
@@ -63,8 +67,9 @@ def answer(value: float, label: str = "") -> Float64MultiArray:
 
 
 def label_of(command: Float64MultiArray) -> str:
-    """Return the name of the sample that a command answers, empty where it does not say."""
-    return command.layout.dim[0].label if command.layout.dim else ""
+    """Return the name of the sample that a command answers, empty where it does not say or the label is none."""
+    label: str = command.layout.dim[0].label if command.layout.dim else ""
+    return label if _STAMP.fullmatch(label) else ""
 
 
 LARGEST = 1e9

@@ -6,12 +6,12 @@ as long as every answer comes within its period. A beat that comes late is made 
 extra samples. In ``lockstep`` the next sample waits for the answer to the last one, and time is the plant's alone: the
 loop then equals the offline one whatever the machine does, and runs as fast as the graph allows.
 
-An answer says which sample it is for, in the label of its layout. That is how lockstep knows its answer, and how a
-second controller is found out.
+An answer says which sample it is for, in the label of its layout. That is how lockstep knows its answer, how a second
+controller is found out, and how old a command is: as old as that sample, however long it waited on the way.
 """
 
 import math
-from collections import deque
+from collections import OrderedDict, deque
 from collections.abc import Sequence
 
 from builtin_interfaces.msg import Time
@@ -52,8 +52,12 @@ class PlantSimulator(ManagedNode):
         text = "wait for the answer to each sample; time is then the plant's, published on /clock"
         self._lockstep = bool(self.declare_parameter("lockstep", False, describe(text, read_only=True)).value)
         self._command_timeout = declare_duration(
-            self, "command_timeout", 0.1, "silence on command after which the motor gets 0 V"
+            self,
+            "command_timeout",
+            0.1,
+            "silence on command after which the motor gets 0 V; an answer is as old as the sample that it names",
         )
+        self._remembered = math.ceil(self._command_timeout / self._beat_time) + 1
         self._wall = SystemClock()  # whatever use_sim_time says: time comes from a drive, not to it
         self._fault = ""
         self._ticks = self._rejected = self._late = self._beats = self._answered = self._answered_late = 0
@@ -86,6 +90,7 @@ class PlantSimulator(ManagedNode):
         self._ticks = max(axis._ticks for axis in self._together)  # one time for all
         self._label, self._waiting, self._repeated = "", False, False
         self._replied: deque[str] = deque(maxlen=16)
+        self._sent: OrderedDict[str, float] = OrderedDict()
         self._last_command = self._last_answer = -math.inf
         self._last_beat = now()
         self._due = 0
@@ -140,6 +145,7 @@ class PlantSimulator(ManagedNode):
                 self._fail(_TWO)
             return
         at = now()
+        sent = self._sent.get(label, -math.inf) if label else at
         if not message.data or not math.isfinite(message.data[0]):
             self._rejected += 1
             self._fail(f"command must hold one finite number, in {self._drive.command_unit}, got {list(message.data)}")
@@ -148,9 +154,9 @@ class PlantSimulator(ManagedNode):
         elif not label and message.data[0] and at - self._last_answer < self._command_timeout:
             foreign = f"{message.data[0]:g} {self._drive.command_unit}"
             self._fail(f"a second publisher on command: {foreign} between a controller's answers")
-        elif not self._fault:
+        elif not self._fault and sent > -math.inf:
             self._value = message.data[0]
-        self._last_command = at
+        self._last_command = max(self._last_command, sent)
         if label:
             self._last_answer = at
             if not self._repeated:  # one controller may well answer twice then
@@ -230,6 +236,9 @@ class PlantSimulator(ManagedNode):
         if self._clock_publisher is not None and not any(axis.active for axis in before):
             self._clock_publisher.publish(Clock(clock=stamp))
         self._label, self._waiting, self._repeated, self._last_beat = stamp_label(stamp), True, False, now()
+        self._sent[self._label] = self._last_beat
+        if len(self._sent) > self._remembered:
+            self._sent.popitem(last=False)
         self._beats += 1
         self._states.publish(message)
 

@@ -2,6 +2,7 @@
 
 import argparse
 import gc
+import os
 import signal
 import sys
 import traceback
@@ -110,6 +111,8 @@ def run(make: Callable[[str], Runnable], args: Sequence[str] | None) -> int:
     rclpy's own handlers would end the context before a last command could leave, so signals are taken here.
     A parameter out of bounds ends it at once with code 2 and a line that says which.
     """
+    # Fast DDS' shared memory lets a listener that is stopped hold up who publishes, for 1 s (docs/faults.md).
+    os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     try:
         axes = _axes(args)
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)

@@ -1,6 +1,5 @@
-"""Real DDS for tests: each test has a domain and a context of its own, and its processes end with it."""
+"""Real DDS for tests: each has a context of its own, and its processes end with it."""
 
-import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -11,8 +10,6 @@ import rclpy
 from faults_page import page
 from graph import Peer, Process
 from rclpy.signals import SignalHandlerOptions
-
-from backlash_ros.nodes.domain import own_domain
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -35,12 +32,6 @@ def measure(request: pytest.FixtureRequest) -> Callable[[float], None]:
 
 
 @pytest.fixture
-def domain() -> Iterator[int]:
-    with own_domain() as number:
-        yield number
-
-
-@pytest.fixture
 def in_process(domain: int) -> Iterator[None]:
     """Let the test make nodes of the package in its own process."""
     rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
@@ -50,7 +41,6 @@ def in_process(domain: int) -> Iterator[None]:
 
 @pytest.fixture
 def peer(domain: int) -> Iterator[Peer]:
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     made = Peer(domain)
     yield made
     made.close()
@@ -67,7 +57,7 @@ def start(domain: int, tmp_path: Path, request: pytest.FixtureRequest) -> Iterat
         words = list(arguments)
         for key, value in parameters.items():
             words += ["-p", f"{key.replace('__', '.')}:={str(value).lower() if isinstance(value, bool) else value}"]
-        process = Process(name, words, domain, tmp_path / f"{name}{len(started)}.log", non_ros, under)
+        process = Process(name, words, tmp_path / f"{name}{len(started)}.log", non_ros, under)
         started.append(process)
         return process
 

@@ -3,15 +3,19 @@
 import math
 import signal
 from collections.abc import Callable
+from itertools import count
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
 from graph import Lifecycle, Parameters, Peer, Process
 from lifecycle_msgs.msg import Transition
 from lockstep_drive import LockstepDrive
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
-from std_msgs.msg import Float64, UInt8
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray, Header, UInt8
 from std_srvs.srv import Trigger
 
 from backlash_ros.control import LAWS, Gains, GainSet, ServoSettings, design_gains
@@ -168,11 +172,42 @@ def test_shutdown_answers_who_waits_for_learning(start: Start, peer: Peer) -> No
     assert process.wait() == 0
 
 
-def test_learning_without_joint_states_is_refused(start: Start, peer: Peer) -> None:
+@pytest.mark.parametrize(
+    ("listening", "why"), [(True, "no joint_states"), (False, "nobody listens to command")], ids=["silent", "deaf"]
+)
+def test_learning_without_a_drive_is_refused(start: Start, peer: Peer, listening: bool, why: str) -> None:
     start("controller")
+    if listening:
+        peer.node.create_subscription(Float64MultiArray, "command", lambda _message: None, 1)
     response = peer.call(Trigger, "controller/learn", Trigger.Request())
     assert not response.success
-    assert response.message == "cannot learn: no joint_states for 5 s"
+    assert response.message == f"cannot learn: {why} for 5 s"
+
+
+def test_holding_begins_where_the_load_is_when_somebody_listens_to_the_command(start: Start, peer: Peer) -> None:
+    """A drive whose command interface comes up after its joint states: until then the load may move."""
+    start("controller", **PATIENT)
+    told: list[str] = []
+    peer.node.create_subscription(
+        DiagnosticArray, "/diagnostics", lambda m: told.extend(s.message for s in m.status if "servo" in s.name), 10
+    )
+    states = peer.node.create_publisher(JointState, "joint_states", 1)
+    clock = count(1)
+    peer.wait("the controller", states.get_subscription_count)
+
+    def warned() -> bool:
+        header = Header(stamp=Time(sec=next(clock)))
+        states.publish(JointState(header=header, name=["motor", "load"], position=[0.0, 0.0]))
+        return len(told) > 3 and "nobody listens to command" in told[-1]
+
+    peer.wait("a warning", warned)
+    assert "waiting for joint_states" in told[-1]
+    seen = len(told)
+    peer.wait("what was on its way", lambda: len(told) > seen + 1)
+    drive = LockstepDrive(peer)
+    drive.plant = Plant(NOMINAL_DRIVE, [5.0, 0.0, 0.5, 0.0, 0.0])
+    drive.matched()
+    np.testing.assert_allclose(drive.run(50), 0.5, atol=1e-3)
 
 
 def test_joints_are_found_by_name_in_any_order_and_others_ignored(start: Start, peer: Peer) -> None:

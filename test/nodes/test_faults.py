@@ -3,6 +3,7 @@
 import math
 import signal
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from graph import Peer, Process
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from lockstep_drive import LockstepDrive
-from pair import TIMEOUT, Pair
+from pair import TIMEOUT, Pair, stamp_of
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
@@ -41,7 +42,7 @@ def test_controller_is_killed__the_drive_takes_the_voltage_off__restart_it_and_r
     measure(took := pair.unpowered(began))
     assert took < TIMEOUT + SLACK
     pair.faulty("plant_simulator", "no command for 1 s")
-    pair.start_controller()
+    pair.restart_controller()
     assert pair.reset("plant_simulator") == "reset: no command for 1 s"
     pair.works()
 
@@ -70,7 +71,7 @@ def test_controller_is_terminated__it_puts_0_v_out_before_it_goes__restart_it(
     measure(pair.unpowered(began))
     assert pair.controller.wait() == 0
     pair.peer.wait("the last command", lambda: pair.commands[-1][1] == [0.0])
-    pair.start_controller()
+    pair.restart_controller()
     pair.works()
     assert pair.value("plant_simulator", "fault") == ""
 
@@ -113,6 +114,20 @@ def test_drive_is_terminated__the_controller_commands_0_v__restart_it_and_reset_
     pair.start_simulator()
     pair.reset("controller")
     pair.works()
+
+
+def test_listener_stands_still__the_loop_goes_on__none_needed(pair: Pair, start: Start, tmp_path: Path) -> None:
+    listener = start("recorder", output=tmp_path / "bag")
+    for topic in ("/joint_states", "/command"):
+        pair.peer.wait(f"the recorder on {topic}", lambda t=topic: f"recording {t}\n" in listener.output())
+    pair.works()
+    stopped = pair.now()
+    listener.signal(signal.SIGSTOP)
+    pair.peer.wait("two seconds of samples", lambda: stamp_of(pair.states[-1]) > stopped + 2.0)
+    listener.signal(signal.SIGCONT)
+    pair.works()
+    for node in ("controller", "plant_simulator"):
+        assert pair.value(node, "fault") == ""
 
 
 def change(pair: Pair, node: str, transition: int) -> None:

@@ -12,9 +12,12 @@ import pytest
 from graph import Peer, Process
 from pair import stamp_of
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.utilities import get_rmw_implementation_identifier
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
+
+from backlash_ros.nodes.interface import answer, stamp_label
 
 Start = Callable[..., Process]
 
@@ -38,6 +41,9 @@ class Listener:
 
     def command(self, *data: float) -> None:
         self._command.publish(Float64MultiArray(data=data))
+
+    def answer(self, voltage: float, sample: JointState) -> None:
+        self._command.publish(answer(voltage, stamp_label(sample.header.stamp)))
 
     def torque(self, value: float) -> None:
         self._torque.publish(Float64(data=value))
@@ -108,9 +114,43 @@ def test_motor_gets_no_voltage_on_silence(start: Start, peer: Peer) -> None:
     peer.wait("the motor to stop", lambda: abs(listener.last.velocity[1]) < 0.05)
     assert abs(listener.last.effort[0]) < 1e-3
     assert "no command for 0.3 s: motor at 0 V" in process.output()
-    answer = peer.call(Trigger, "plant_simulator/reset_fault", Trigger.Request())
-    assert answer.success
+    assert peer.call(Trigger, "plant_simulator/reset_fault", Trigger.Request()).success
     listener.drive_until(6.0, "it to go on", lambda: listener.last.velocity[1] > 5.0)
+
+
+def test_answer_is_as_old_as_the_sample_that_it_names(start: Start, peer: Peer) -> None:
+    """What waited on the way, here for a second, must not put the watchdog off once more."""
+    process = start("plant_simulator", command_timeout=1.0)
+    listener = Listener(peer).ready()
+    delay, answered = 0.4, 0.0
+
+    def turns(condition: Callable[[], bool]) -> bool:
+        nonlocal answered
+        due = [m for m in listener.states if answered < stamp_of(m) <= stamp_of(listener.last) - delay]
+        if due:
+            listener.answer(6.0, due[-1])
+            answered = stamp_of(due[-1])
+        return condition()
+
+    listener.states.clear()
+    begun = peer.wait("a sample", lambda: listener.states and stamp_of(listener.last))
+    later = lambda: listener.last.velocity[1] > 5.0 and stamp_of(listener.last) > begun + 3.0  # noqa: E731
+    peer.wait("speed, and to go on at it", lambda: turns(later))
+    assert "until reset_fault" not in process.output()
+    delay = 1.2
+    peer.wait("the fault", lambda: turns(lambda: "no command for 1 s: motor at 0 V" in process.output()))
+
+
+def test_label_that_names_no_sample_means_nothing(start: Start, peer: Peer) -> None:
+    process = start("plant_simulator", command_timeout=10.0)
+    listener = Listener(peer).ready()
+
+    def commanded() -> bool:
+        listener._command.publish(answer(6.0, "voltage"))
+        return listener.last.velocity[1] > 5.0
+
+    peer.wait("speed", commanded)
+    assert "until reset_fault" not in process.output()
 
 
 def test_motor_of_a_simulator_that_stood_still_had_voltage_until_the_watchdog_took_it_off(
@@ -183,6 +223,21 @@ def test_stops_cleanly(start: Start, peer: Peer, number: signal.Signals) -> None
     assert process.wait() == 0
     assert "Traceback" not in process.output()
     assert "stopped after" in process.output()
+
+
+@pytest.mark.skipif(not get_rmw_implementation_identifier().startswith("rmw_fastrtps"), reason="is of Fast DDS")
+@pytest.mark.parametrize(("transports", "shared"), [(None, False), ("DEFAULT", True)], ids=["by itself", "told to"])
+def test_a_stopped_listener_cannot_hold_it_up_through_shared_memory(
+    start: Start, peer: Peer, monkeypatch: pytest.MonkeyPatch, transports: str | None, shared: bool
+) -> None:
+    for name in ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"):
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")  # alone, but with the transports of SUBNET
+    if transports is not None:
+        monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", transports)
+    process = start("plant_simulator")
+    peer.wait("it", lambda: "simulating" in process.output())
+    assert ("/dev/shm/fast" in Path(f"/proc/{process.pid}/maps").read_text()) == shared
 
 
 def test_goes_on_when_the_terminal_is_closed_under_nohup(start: Start, peer: Peer) -> None:

@@ -1,6 +1,5 @@
 """The test's hold on a ROS graph: node processes, a peer that waits for conditions, parameter clients."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -17,21 +16,31 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import get_rmw_implementation_identifier
 
 from backlash_ros.nodes.domain import isolated_environment
 
+LOOPBACK = Path(__file__).parents[2] / "config" / "loopback_udp.xml"
 PATIENCE = 60.0
 """Seconds after which a condition counts as never met: far more than discovery on a loaded machine takes."""
 
 
+def environment(domain: int) -> dict[str, str]:
+    """Return what keeps a process in ``domain`` and on this machine, with Fast DDS not by shared memory."""
+    isolated = isolated_environment(domain)
+    if get_rmw_implementation_identifier().startswith("rmw_fastrtps"):
+        isolated["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SUBNET"
+        isolated |= dict.fromkeys(("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"), str(LOOPBACK))
+    return isolated
+
+
 class Process:
-    """A node of the package in a process of its own, its output kept."""
+    """A node of the package in a process of its own, in the domain of the test, its output kept."""
 
     def __init__(
         self,
         name: str,
         arguments: list[str],
-        domain: int,
         log: Path,
         non_ros: Sequence[str] = (),
         under: Sequence[str] = (),
@@ -42,7 +51,6 @@ class Process:
         with log.open("wb") as output:
             self._process = subprocess.Popen(
                 [*under, sys.executable, "-m", f"backlash_ros.nodes.{name}", *non_ros, "--ros-args", *arguments],
-                env={**os.environ, **isolated_environment(domain)},
                 stdout=output,
                 stderr=subprocess.STDOUT,
             )

@@ -45,14 +45,26 @@ class Pair:
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, DEEP)
         self._torque = node.create_publisher(Float64, "load_torque", 10)
         self.reference = node.create_publisher(Float64, "reference", 10)
-        self.start_controller()
+        self.controller = self._start("controller", state_timeout=TIMEOUT)
         self.start_simulator()
 
-    def start_controller(self) -> None:
-        self.controller = self._start("controller", state_timeout=TIMEOUT)
-
     def start_simulator(self) -> None:
+        self._values.clear()
+        self._answered = 0
         self.simulator = self._start("plant_simulator", command_timeout=TIMEOUT)
+
+    def restart_controller(self) -> None:
+        """Start a controller where the old one has ended, with the load at rest, so that it may take its time."""
+
+        def at_rest() -> bool:
+            self._torque.publish(Float64(data=0.0))
+            return abs(self.states[-1].velocity[1]) < 0.01
+
+        self.peer.wait("the load to stand still", at_rest)
+        self._values.clear()
+        self.peer.wait("diagnostics", self.answered)
+        self._answered = self.answered()
+        self.controller = self._start("controller", state_timeout=TIMEOUT)
 
     def _on_state(self, message: JointState) -> None:
         self.states.append(message)
@@ -73,6 +85,10 @@ class Pair:
         """What the newest diagnostics say, empty before there are any."""
         return self._values.get(f"/{node}: {STATUS[node]}", {}).get(key, "")
 
+    def answered(self) -> int:
+        """How many of its samples the simulator has had an answer to within the period, by its newest diagnostics."""
+        return int(self._values.get("/plant_simulator: timing", {}).get("answered_in_period", 0))
+
     def level(self, status: str) -> tuple[bytes, str]:
         return self._levels.get(status, (b"", ""))
 
@@ -88,10 +104,15 @@ class Pair:
         return response.message
 
     def loaded(self) -> "Pair":
-        """Wait until the load is held against a torque and the voltage that this takes is on the motor."""
+        """Wait until the load is held against a torque and the voltage that this takes is on the motor.
+
+        The torque comes when both hear each other: a load that falls, whatever is commanded, is a fault.
+        """
         self.peer.wait("the simulator", lambda: self._torque.get_subscription_count() > 0)
         self.peer.wait("the controller", lambda: self.reference.get_subscription_count() > 0)
-        self.peer.wait("answers", lambda: self.commands and self.states)
+        self.peer.wait(
+            lambda: f"answers; {self.log()}", lambda: self.states and self.commands and self.answered() > self._answered
+        )
         needed = -LOAD_TORQUE * NOMINAL_DRIVE.gear.ratio * NOMINAL_DRIVE.motor.resistance
         needed /= NOMINAL_DRIVE.motor.torque_constant
 

@@ -5,14 +5,11 @@ import shutil
 import subprocess
 import sys
 import venv
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from graph import Peer
+from graph import Peer, environment
 from std_msgs.msg import Float64
-
-from backlash_ros.nodes.domain import isolated_environment, own_domain
 
 ROOT = Path(__file__).parents[2]
 ROS_WHEELS = not os.environ.get("ROS_DISTRO")
@@ -43,15 +40,8 @@ def clean() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name not in mine or not ROS_WHEELS}
 
 
-@pytest.fixture
-def domain() -> Iterator[int]:
-    with own_domain() as number:
-        yield number
-
-
-def starts_and_talks(executables: Path, domain: int, environment: dict[str, str], log: Path) -> None:
+def starts_and_talks(executables: Path, domain: int, variables: dict[str, str], log: Path) -> None:
     """Start simulator and controller; the controller's telemetry says that both hear each other."""
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     peer = Peer(domain)
     errors: list[float] = []
     peer.node.create_subscription(Float64, "controller/tracking_error", lambda m: errors.append(m.data), 10)
@@ -61,7 +51,7 @@ def starts_and_talks(executables: Path, domain: int, environment: dict[str, str]
             processes = [
                 subprocess.Popen(
                     [executables / name],
-                    env={**environment, **isolated_environment(domain)},
+                    env={**variables, **environment(domain)},
                     stdout=output,
                     stderr=subprocess.STDOUT,
                     cwd=log.parent,
@@ -100,9 +90,9 @@ def test_colcon_build_installs_executables_that_talk(
         text=True,
         check=True,
     )
-    environment = dict(entry.split("=", 1) for entry in sourced.stdout.split("\0") if "=" in entry)
-    assert str(prefix) in environment["AMENT_PREFIX_PATH"]
-    starts_and_talks(prefix / "lib" / "backlash_ros", domain, environment, tmp_path / "colcon.log")
+    variables = dict(entry.split("=", 1) for entry in sourced.stdout.split("\0") if "=" in entry)
+    assert str(prefix) in variables["AMENT_PREFIX_PATH"]
+    starts_and_talks(prefix / "lib" / "backlash_ros", domain, variables, tmp_path / "colcon.log")
 
 
 @pytest.mark.skipif(not ROS_WHEELS, reason="a fresh environment has no ROS but the wheels")
