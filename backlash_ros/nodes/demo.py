@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
@@ -89,12 +90,13 @@ class Session:
         self.speed = math.nan
         self.reference = node.create_publisher(Float64, "reference", SEND)
         self.load_torque = node.create_publisher(Float64, "load_torque", SEND)
-        self._closed = False
+        self._closed = self._obeyed = False
         self._samples: list[float] = []
         self._answers: list[float] = []
         node.create_subscription(JointState, "joint_states", self._on_joint_states, WATCH)
         node.create_subscription(Float64MultiArray, "command", self._on_command, WATCH)
         node.create_subscription(Float64, "controller/tracking_error", self._on_error, RECEIVE)
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, WATCH)
         self._learn = node.create_client(Trigger, "controller/learn")
         self._parameters = AsyncParameterClient(node, "controller")
 
@@ -108,6 +110,11 @@ class Session:
 
     def _on_error(self, _message: Float64) -> None:
         self._closed = True
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == "/plant_simulator: timing":
+                self._obeyed = any(entry.key == "answered_in_period" and entry.value != "0" for entry in status.values)
 
     def wait(self, what: str, condition: Callable[[], bool], seconds: float = _PATIENCE) -> None:
         """Spin until ``condition`` holds; DemoError when it does not within ``seconds`` or a process has ended."""
@@ -142,6 +149,7 @@ class Session:
         """Wait until every process takes part."""
         self.wait("the drive's joint states", lambda: not math.isnan(self.angle))
         self.wait("the controller to answer them", lambda: self._closed)
+        self.wait("the drive to hear the answers", lambda: self._obeyed)
         self.wait("the controller's services", self._learn.service_is_ready)
         self.wait("the controller's parameters", self._parameters.services_are_ready)
         for topic in TOPICS[:-2]:

@@ -17,8 +17,8 @@ until the node is configured anew, the fault is latched, its reason is in `/diag
 After a reset the controller holds the load where it finds it.
 
 The nodes use Fast DDS by UDP alone unless `FASTDDS_BUILTIN_TRANSPORTS` says otherwise: by shared memory a listener that
-is stopped (Ctrl-Z, a debugger) while it has a lock holds up whoever publishes to it, for 1 s at a time. On two busy cores
-46 of 348 stops did, and none of 1441 by UDP (`benchmarks/stopped_listener.py`). With
+is stopped (Ctrl-Z, a debugger) while it has a lock holds up whoever publishes to it, for 1 s at a time. On two busy
+cores 46 of 348 stops did, and none of 1441 by UDP (`benchmarks/stopped_listener.py`). With
 `ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` rmw_fastrtps takes shared memory whatever the variable says;
 `config/loopback_udp.xml`, which these tests use, stays on the machine without it.
 
