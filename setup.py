@@ -28,6 +28,7 @@ setup(
     maintainer="backlash_ros maintainers",
     maintainer_email="maintainers@backlash-ros.example.org",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={f"{NAME}.nodes": ["*.xml"]},
     python_requires=">=3.10",
     install_requires=[
         "matplotlib>=3.6",
@@ -42,7 +43,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/config", glob("config/*")),
+        (f"share/{NAME}/config", [*glob("config/*.yaml"), f"{NAME}/nodes/loopback_udp.xml"]),
         (f"share/{NAME}/launch", glob("launch/*.launch.py")),
     ],
     entry_points={

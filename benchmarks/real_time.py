@@ -31,7 +31,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64
 
-from backlash_ros.nodes.domain import isolated_environment, own_domain
+from backlash_ros.nodes.domain import isolated
 
 SIX_AXES = Path(__file__).parents[1] / "config" / "six_axes.yaml"
 AXES = [f"axis{k}" for k in range(1, 7)]
@@ -55,13 +55,11 @@ GROWTH = 1024
 class Nodes:
     """A process of this package's nodes, and what /proc says of it."""
 
-    def __init__(self, name: str, domain: int, log: Path, words: Sequence[str]) -> None:
+    def __init__(self, name: str, log: Path, words: Sequence[str]) -> None:
         self.name, self._log = name, log
         command = [sys.executable, "-m", f"backlash_ros.nodes.{name}", *words]
         with log.open("wb") as output:
-            self._process = subprocess.Popen(
-                command, env={**os.environ, **isolated_environment(domain)}, stdout=output, stderr=subprocess.STDOUT
-            )
+            self._process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
         self._proc = Path("/proc") / str(self._process.pid)
 
     def memory(self) -> int:
@@ -92,9 +90,9 @@ class Nodes:
 class Graph:
     """Where the benchmark listens: the diagnostics as they were last said, and the references."""
 
-    def __init__(self, domain: int) -> None:
+    def __init__(self) -> None:
         self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
         self.node = Node("benchmark", context=self.context)
         self.said: dict[str, dict[str, Any]] = {}
         self._executor = SingleThreadedExecutor(context=self.context)
@@ -195,13 +193,12 @@ class BareSleep:
 @contextlib.contextmanager
 def pair(simulator: Sequence[str], controller: Sequence[str]) -> Iterator[tuple[Graph, Nodes, Nodes]]:
     """Run simulator and controller with these arguments on a domain of their own."""
-    with own_domain() as domain, tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
-        os.environ.update(isolated_environment(domain))
-        graph = Graph(domain)
+    with isolated(), tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
+        graph = Graph()
         stack.callback(graph.close)
         made = []
         for name, words in (("controller", controller), ("plant_simulator", simulator)):
-            made.append(Nodes(name, domain, Path(folder) / name, words))
+            made.append(Nodes(name, Path(folder) / name, words))
             stack.callback(made[-1].stop)
         yield graph, made[1], made[0]
 

@@ -21,7 +21,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
-from backlash_ros.nodes.domain import isolated_environment, own_domain
+from backlash_ros.nodes.domain import isolated
 
 START_LIMIT = 60.0
 """Time a drive has from its start to its first sample, s."""
@@ -175,13 +175,11 @@ class Recording:
 class Bench:
     """A drive in a process group of its own, and the node that commands and records it."""
 
-    def __init__(self, expected: Expected, domain: int) -> None:
+    def __init__(self, expected: Expected) -> None:
         self._expected = expected
-        self._domain = domain
         self._join()
         self._process = subprocess.Popen(
             shlex.split(expected.command),
-            env={**os.environ, **isolated_environment(domain)},
             stdin=subprocess.DEVNULL,
             start_new_session=True,
         )
@@ -194,7 +192,7 @@ class Bench:
 
     def _join(self) -> None:
         self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=self._domain, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node("drive_contract", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
@@ -363,10 +361,8 @@ class Bench:
 @contextlib.contextmanager
 def running(expected: Expected) -> Iterator[Bench]:
     """Start the drive on a bench and end it: the next one may need the same machine."""
-    with own_domain() as domain, pytest.MonkeyPatch.context() as patch:
-        for name, value in isolated_environment(domain).items():
-            patch.setenv(name, value)
-        bench = Bench(expected, domain)
+    with isolated():
+        bench = Bench(expected)
         try:
             bench.connect()
             yield bench

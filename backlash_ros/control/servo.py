@@ -78,7 +78,7 @@ class Servo:
         for hindered, why in (
             (bool(self.fault), "while a fault is latched"),
             (self.learning, "while learning"),
-            (not self.holding, "while there are no joint states"),
+            (not self.holding, "while no position is held"),
         ):
             if hindered:
                 return f"reference {reference:g} rad came {why}"

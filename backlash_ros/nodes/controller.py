@@ -74,6 +74,7 @@ class Controller(ManagedNode):
         self._step_time, self._age = Window(), Window()
         self._last_stamp = 0
         self._last_sample: float | None = None
+        self._unheard = False
         self._since = now()
         self._seen = now(), 0, 0, 0, 0
 
@@ -101,11 +102,12 @@ class Controller(ManagedNode):
         self._publish_estimate()
 
     def activate(self) -> None:
-        """Hold the position where the first sample finds the load."""
+        """Hold the position where the first sample finds the load whose answer somebody listens to."""
         self._servo.release("activated")
         self._last_stamp = self._dropped_stamp = 0
         self._last_sample = None
         self._refused = ""
+        self._unheard = False
         self.get_logger().info(f"ready at {self._rate:g} Hz with gain set {self._tunables.values['gain_set']!r}")
 
     def deactivate(self) -> None:
@@ -137,7 +139,11 @@ class Controller(ManagedNode):
     # The loop.
 
     def _on_joint_states(self, message: JointState) -> None:
-        if not self.active or not (self._servo.holding or self._heard):
+        if not self.active:
+            return
+        self._unheard = not (self._servo.holding or self._heard)
+        if self._unheard:
+            self._last_sample = None
             return
         began = now()
         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
@@ -173,7 +179,7 @@ class Controller(ManagedNode):
 
     @property
     def _heard(self) -> bool:
-        """Whether anybody listens to the command: until then the load may move, and holding it is not begun."""
+        """Whether anybody listens to the command, be it the drive or a recorder: before, no position is held."""
         return self._command.get_subscription_count() > 0
 
     def _expect_joints(self, measured: Array) -> None:
@@ -238,7 +244,7 @@ class Controller(ManagedNode):
             self._report(self._servo.fault)
         self._end_learning()
         if self._learn.waiting() > _LEARN_PATIENCE and self._learn.take_request():
-            silence = "no joint_states" if self._heard else "nobody listens to command"
+            silence = "nobody listens to command" if self._unheard else "no joint_states"
             why = self._faulted() or f": {silence} for {_LEARN_PATIENCE:g} s"
             self._learn.answer(False, f"cannot learn{why}")
 
@@ -305,10 +311,10 @@ class Controller(ManagedNode):
         state = [(OK, self.state)]
         if servo.fault:
             state.append((ERROR, servo.fault))
-        if self.active and self._last_sample is None:
-            state.append((WARN, "waiting for joint_states"))
-        if self.active and not self._heard:
+        if self.active and not self._heard and (self._unheard or servo.holding):
             state.append((WARN, "nobody listens to command"))
+        elif self.active and self._last_sample is None:
+            state.append((WARN, "waiting for joint_states"))
         if dropped:
             state.append((WARN, f"{dropped} messages dropped, the last one: {self._last_drop}"))
         if self.mismatches:

@@ -7,7 +7,6 @@ All figures come from the bag that was recorded.
 import argparse
 import json
 import math
-import os
 import shutil
 import signal
 import subprocess
@@ -51,7 +50,7 @@ from backlash_ros.analysis.session import (
 )
 from backlash_ros.control import design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.nodes.domain import isolated_environment, own_domain
+from backlash_ros.nodes.domain import isolated
 from backlash_ros.nodes.interface import RECEIVE, SEND
 from backlash_ros.nodes.recorder import TOPICS
 
@@ -217,13 +216,11 @@ def _parameters(*assignments: str) -> list[str]:
     return [word for assignment in assignments for word in ("-p", assignment)]
 
 
-def start_node(name: str, domain: int, log: Path, *ros_arguments: str) -> subprocess.Popen[bytes]:
+def start_node(name: str, log: Path, *ros_arguments: str) -> subprocess.Popen[bytes]:
     """Start a node of this package as a process of its own."""
     command = [sys.executable, "-m", f"backlash_ros.nodes.{name}", "--ros-args", *ros_arguments]
     with log.open("wb") as output:
-        return subprocess.Popen(
-            command, env={**os.environ, **isolated_environment(domain)}, stdout=output, stderr=subprocess.STDOUT
-        )
+        return subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
 
 
 def stop_node(process: subprocess.Popen[bytes]) -> int:
@@ -339,8 +336,7 @@ def record(folder: Path, console: Console) -> dict[str, Any]:
         console.print(f"[{time.monotonic() - began:5.1f} s] {text}", markup=False, highlight=False)
 
     with ExitStack() as stack:
-        domain = stack.enter_context(own_domain())
-        os.environ.update(isolated_environment(domain))
+        domain = stack.enter_context(isolated())
         say(f"starting simulator, controller and recorder on ROS domain {domain}, this machine only")
         children: dict[str, subprocess.Popen[bytes]] = {}
         brisk = [f"gain_sets.brisk.{region}.q:={weights}" for region, weights in BRISK.items()]
@@ -349,11 +345,11 @@ def record(folder: Path, console: Console) -> dict[str, Any]:
             ("plant_simulator", [f"command_timeout:={_TIMEOUT}"]),
             ("controller", [f"state_timeout:={_TIMEOUT}", "gain_set_names:=[nominal, brisk]", *brisk]),
         ):
-            child = start_node(name, domain, folder / f"{name}.log", *_parameters(*parameters))
+            child = start_node(name, folder / f"{name}.log", *_parameters(*parameters))
             children[name] = child
             stack.callback(stop_node, child)
         context = rclpy.Context()
-        rclpy.init(context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
         stack.callback(context.try_shutdown)
         node = Node("demo", context=context)
         stack.callback(node.destroy_node)

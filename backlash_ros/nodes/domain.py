@@ -8,6 +8,12 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from rclpy.utilities import get_rmw_implementation_identifier
+
+_LOOPBACK = str(Path(__file__).with_name("loopback_udp.xml"))
+_PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"
+"""Where Fast DDS 2 and 3 look for a profile."""
+
 _DOMAINS = range(1, 101)
 """Domain ids whose ports are free of the ephemeral range on every platform, without 0, which is everybody's."""
 
@@ -34,6 +40,33 @@ def own_domain() -> Iterator[int]:
     raise RuntimeError(f"no ROS domain is free between {_DOMAINS.start} and {_DOMAINS.stop - 1}")
 
 
-def isolated_environment(domain: int) -> dict[str, str]:
-    """Return the environment variables that keep a process in ``domain`` and on this machine."""
-    return {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+def _variables(domain: int) -> dict[str, str]:
+    """Return what keeps a process in ``domain`` and on this machine.
+
+    With Fast DDS by a profile without shared memory, by which a process that is stopped may hold up the others
+    (docs/faults.md), unless the user has a profile of his own.
+    """
+    variables = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    if get_rmw_implementation_identifier().startswith("rmw_fastrtps") and not any(map(os.environ.get, _PROFILES)):
+        variables |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_LOCALHOST_ONLY": "0"}
+        variables |= dict.fromkeys(_PROFILES, _LOOPBACK)
+    return variables
+
+
+@contextlib.contextmanager
+def isolated() -> Iterator[int]:
+    """Keep this process, and what it starts, on this machine and in a domain of its own, and give the domain's id.
+
+    It does so by environment variables, and puts them back in the end; RuntimeError when all domains are taken.
+    """
+    with own_domain() as domain:
+        variables = _variables(domain)
+        before = {name: os.environ.get(name) for name in variables}
+        os.environ.update(variables)
+        try:
+            yield domain
+        finally:
+            for name, value in before.items():
+                os.environ.pop(name, None)
+                if value is not None:
+                    os.environ[name] = value

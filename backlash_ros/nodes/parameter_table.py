@@ -1,7 +1,6 @@
 """Writes docs/parameters.md: every parameter of simulator and controller, as the running nodes describe it."""
 
 import argparse
-import os
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,7 +12,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from backlash_ros.nodes.controller import Controller
-from backlash_ros.nodes.domain import isolated_environment, own_domain
+from backlash_ros.nodes.domain import isolated
 from backlash_ros.nodes.plant_simulator import PlantSimulator
 
 Described = dict[str, tuple[ParameterDescriptor, Any]]
@@ -64,9 +63,8 @@ LEARNING = "A learning run keeps the values that it was started with; changes ho
 
 def describe_nodes() -> tuple[Described, Described]:
     """Return the parameters of simulator and controller, by name: descriptor and default."""
-    with own_domain() as domain:
-        os.environ.update(isolated_environment(domain))
-        rclpy.init(args=[], domain_id=domain)
+    with isolated():
+        rclpy.init(args=[])
         try:
             return _described(PlantSimulator), _described(Controller)
         finally:

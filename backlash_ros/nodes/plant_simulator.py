@@ -57,7 +57,6 @@ class PlantSimulator(ManagedNode):
             0.1,
             "silence on command after which the motor gets 0 V; an answer is as old as the sample that it names",
         )
-        self._remembered = math.ceil(self._command_timeout / self._beat_time) + 1
         self._wall = SystemClock()  # whatever use_sim_time says: time comes from a drive, not to it
         self._fault = ""
         self._ticks = self._rejected = self._late = self._beats = self._answered = self._answered_late = 0
@@ -91,7 +90,9 @@ class PlantSimulator(ManagedNode):
         self._label, self._waiting, self._repeated = "", False, False
         self._replied: deque[str] = deque(maxlen=16)
         self._sent: OrderedDict[str, float] = OrderedDict()
+        self._first = math.inf
         self._last_command = self._last_answer = -math.inf
+        self._outdated = ""
         self._last_beat = now()
         self._due = 0
         self._seen = self._last_beat, self._beats, self._late, self._answered
@@ -145,6 +146,8 @@ class PlantSimulator(ManagedNode):
                 self._fail(_TWO)
             return
         at = now()
+        if label not in self._sent and not self._first <= float(label or "nan") <= float(self._label):
+            label = ""  # it names no sample of this drive: a recording that is played, say
         sent = self._sent.get(label, -math.inf) if label else at
         if not message.data or not math.isfinite(message.data[0]):
             self._rejected += 1
@@ -154,8 +157,11 @@ class PlantSimulator(ManagedNode):
         elif not label and message.data[0] and at - self._last_answer < self._command_timeout:
             foreign = f"{message.data[0]:g} {self._drive.command_unit}"
             self._fail(f"a second publisher on command: {foreign} between a controller's answers")
-        elif not self._fault and sent > -math.inf:
-            self._value = message.data[0]
+        elif message.data[0] and at - sent >= self._command_timeout:
+            self._outdated = ", only answers to samples that are older"
+            self._reject(f"command answers a sample that is older than command_timeout = {self._command_timeout:g} s")
+        elif not self._fault:
+            self._value, self._outdated = message.data[0], ""
         self._last_command = max(self._last_command, sent)
         if label:
             self._last_answer = at
@@ -208,7 +214,7 @@ class PlantSimulator(ManagedNode):
             powered = max(0, due - math.floor(silence / self._beat_time))
             self._advance(powered)
             due -= powered
-            self._fail(f"no command for {self._command_timeout:g} s")
+            self._fail(f"no command for {self._command_timeout:g} s{self._outdated}")
         self._advance(due)
         self._publish(stamp)
 
@@ -236,8 +242,9 @@ class PlantSimulator(ManagedNode):
         if self._clock_publisher is not None and not any(axis.active for axis in before):
             self._clock_publisher.publish(Clock(clock=stamp))
         self._label, self._waiting, self._repeated, self._last_beat = stamp_label(stamp), True, False, now()
+        self._first = min(self._first, float(self._label))
         self._sent[self._label] = self._last_beat
-        if len(self._sent) > self._remembered:
+        while next(iter(self._sent.values())) < self._last_beat - self._command_timeout:
             self._sent.popitem(last=False)
         self._beats += 1
         self._states.publish(message)

@@ -11,6 +11,8 @@ from faults_page import page
 from graph import Peer, Process
 from rclpy.signals import SignalHandlerOptions
 
+from backlash_ros.nodes.domain import isolated
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--faults-page", type=Path, help="write the fault table there")
@@ -32,16 +34,22 @@ def measure(request: pytest.FixtureRequest) -> Callable[[float], None]:
 
 
 @pytest.fixture
+def domain() -> Iterator[int]:
+    with isolated() as number:
+        yield number
+
+
+@pytest.fixture
 def in_process(domain: int) -> Iterator[None]:
     """Let the test make nodes of the package in its own process."""
-    rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     yield
     rclpy.shutdown()
 
 
 @pytest.fixture
 def peer(domain: int) -> Iterator[Peer]:
-    made = Peer(domain)
+    made = Peer()
     yield made
     made.close()
 

@@ -3,16 +3,16 @@
 import re
 import signal
 from collections.abc import Callable
-from itertools import count
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from graph import Parameters, Peer, Process
 from lockstep_drive import LockstepDrive
 from rclpy.duration import Duration
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header
 
-from backlash_ros.nodes.interface import answer
+from backlash_ros.nodes.interface import answer, stamp_label
 
 Start = Callable[..., Process]
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -132,11 +132,14 @@ def test_samples_that_come_old_are_a_warning(start: Start, peer: Peer) -> None:
 
 def test_answers_to_another_sample_than_the_newest_are_counted_as_late(start: Start, peer: Peer) -> None:
     diagnostics = Diagnostics(peer)
-    start("plant_simulator")
-    publisher, numbers = peer.node.create_publisher(Float64MultiArray, "command", 1), count()
+    start("plant_simulator", command_timeout=10.0)
+    publisher = peer.node.create_publisher(Float64MultiArray, "command", 1)
+    samples: list[JointState] = []
+    peer.node.create_subscription(JointState, "joint_states", samples.append, 100)
 
     def late() -> bool:
-        publisher.publish(answer(0.0, f"{next(numbers)}.000000000"))
+        if len(samples) > 100:
+            publisher.publish(answer(0.0, stamp_label(samples[-100].header.stamp)))
         newest = next((s.values for s in reversed(diagnostics.heard) if s.name == "/plant_simulator: timing"), [])
         values = {entry.key: entry.value for entry in newest}
         assert values.get("answered_in_period", "0") == "0"

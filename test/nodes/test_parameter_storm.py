@@ -183,7 +183,7 @@ def judge(sent: tuple[bool, bool, list[Item]], response: Any) -> list[list[Item]
 
 
 def test_storm_of_parameter_requests__each_is_taken_whole_or_not_at_all__none_needed(
-    start: Callable[..., Process], peer: Peer, domain: int
+    start: Callable[..., Process], peer: Peer
 ) -> None:
     process = start(
         "controller",
@@ -195,7 +195,7 @@ def test_storm_of_parameter_requests__each_is_taken_whole_or_not_at_all__none_ne
         gain_sets__gentle__fast__k="[10.0, 0.4, 0.1]",
         gain_sets__gentle__overdamped__q="[4.0, 0.0]",
     )
-    other = Peer(domain)
+    other = Peer()
     storm = Storm(peer, other)
 
     @settings(

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import signal
 import time
 from collections.abc import Callable
@@ -118,35 +119,60 @@ def test_motor_gets_no_voltage_on_silence(start: Start, peer: Peer) -> None:
     listener.drive_until(6.0, "it to go on", lambda: listener.last.velocity[1] > 5.0)
 
 
+class Answering:
+    """Answers the samples of a simulator with 6 V, each ``delay`` s after its stamp."""
+
+    def __init__(self, listener: Listener, delay: float) -> None:
+        self._listener, self.delay = listener, delay
+        self._answered = 0.0
+
+    def until(self, what: str, condition: Callable[[], bool], seconds: float = 0.0) -> None:
+        """Answer until ``condition`` holds, and for ``seconds`` by the stamps."""
+        states = self._listener.states
+        begun = stamp_of(states[-1])
+
+        def answered() -> bool:
+            newest = stamp_of(states[-1])
+            due = next((m for m in reversed(states) if stamp_of(m) <= newest - self.delay), None)
+            if due is not None and stamp_of(due) > self._answered:
+                self._listener.answer(6.0, due)
+                self._answered = stamp_of(due)
+            return newest > begun + seconds and condition()
+
+        self._listener.peer.wait(what, answered)
+
+
 def test_answer_is_as_old_as_the_sample_that_it_names(start: Start, peer: Peer) -> None:
-    """What waited on the way, here for a second, must not put the watchdog off once more."""
-    process = start("plant_simulator", command_timeout=1.0)
+    """What waited on the way for longer than the watchdog's time moves nothing, and puts the watchdog off no more."""
+    process = start("plant_simulator", command_timeout=2.0)
     listener = Listener(peer).ready()
-    delay, answered = 0.4, 0.0
-
-    def turns(condition: Callable[[], bool]) -> bool:
-        nonlocal answered
-        due = [m for m in listener.states if answered < stamp_of(m) <= stamp_of(listener.last) - delay]
-        if due:
-            listener.answer(6.0, due[-1])
-            answered = stamp_of(due[-1])
-        return condition()
-
-    listener.states.clear()
-    begun = peer.wait("a sample", lambda: listener.states and stamp_of(listener.last))
-    later = lambda: listener.last.velocity[1] > 5.0 and stamp_of(listener.last) > begun + 3.0  # noqa: E731
-    peer.wait("speed, and to go on at it", lambda: turns(later))
+    Answering(listener, delay=2.5).until("the warning", lambda: "older than command_timeout" in process.output(), 4.0)
+    assert listener.last.velocity[1] == 0.0
     assert "until reset_fault" not in process.output()
-    delay = 1.2
-    peer.wait("the fault", lambda: turns(lambda: "no command for 1 s: motor at 0 V" in process.output()))
+    Answering(listener, delay=0.2).until("speed", lambda: listener.last.velocity[1] > 5.0, 4.0)
+    assert "until reset_fault" not in process.output()
+    Answering(listener, delay=2.5).until("the fault", lambda: "until reset_fault" in process.output())
+    assert "no command for 2 s, only answers to samples that are older: motor at 0 V" in process.output()
 
 
-def test_label_that_names_no_sample_means_nothing(start: Start, peer: Peer) -> None:
+def test_zero_is_obeyed_however_old_it_is(start: Start, peer: Peer) -> None:
+    process = start("plant_simulator", command_timeout=0.5)
+    listener = Listener(peer).ready()
+    old = listener.states[0]
+    peer.wait("a while", lambda: stamp_of(listener.last) > stamp_of(old) + 1.0)
+    listener.drive_until(6.0, "speed", lambda: listener.last.velocity[1] > 5.0)
+    listener.answer(0.0, old)
+    peer.wait("the motor to stop", lambda: abs(listener.last.velocity[1]) < 0.05)
+    assert "until reset_fault" not in process.output()
+
+
+@pytest.mark.parametrize("label", ["voltage", "5.000000000"], ids=["a word", "a sample of another drive"])
+def test_label_that_names_no_sample_means_nothing(start: Start, peer: Peer, label: str) -> None:
     process = start("plant_simulator", command_timeout=10.0)
     listener = Listener(peer).ready()
 
     def commanded() -> bool:
-        listener._command.publish(answer(6.0, "voltage"))
+        listener._command.publish(answer(6.0, label))
         return listener.last.velocity[1] > 5.0
 
     peer.wait("speed", commanded)
@@ -225,19 +251,40 @@ def test_stops_cleanly(start: Start, peer: Peer, number: signal.Signals) -> None
     assert "stopped after" in process.output()
 
 
-@pytest.mark.skipif(not get_rmw_implementation_identifier().startswith("rmw_fastrtps"), reason="is of Fast DDS")
+of_fast_dds = pytest.mark.skipif(
+    not get_rmw_implementation_identifier().startswith("rmw_fastrtps"), reason="is of Fast DDS"
+)
+
+
+def shares_memory(process: Process) -> bool:
+    return "/dev/shm/fast" in Path(f"/proc/{process.pid}/maps").read_text()
+
+
+@of_fast_dds
 @pytest.mark.parametrize(("transports", "shared"), [(None, False), ("DEFAULT", True)], ids=["by itself", "told to"])
 def test_a_stopped_listener_cannot_hold_it_up_through_shared_memory(
     start: Start, peer: Peer, monkeypatch: pytest.MonkeyPatch, transports: str | None, shared: bool
 ) -> None:
-    for name in ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"):
-        monkeypatch.delenv(name)
+    for name in ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS"):
+        monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")  # alone, but with the transports of SUBNET
     if transports is not None:
         monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", transports)
     process = start("plant_simulator")
     peer.wait("it", lambda: "simulating" in process.output())
-    assert ("/dev/shm/fast" in Path(f"/proc/{process.pid}/maps").read_text()) == shared
+    assert shares_memory(process) == shared
+
+
+@of_fast_dds
+def test_in_these_tests_it_stays_on_the_machine_without_shared_memory(start: Start, peer: Peer) -> None:
+    process = start("plant_simulator")
+    Listener(peer).ready()
+    assert not shares_memory(process)
+    table = Path(f"/proc/{process.pid}/net/udp").read_text().splitlines()[1:]
+    inodes = {os.readlink(entry) for entry in Path(f"/proc/{process.pid}/fd").iterdir() if entry.is_symlink()}
+    addresses = {words[1].split(":")[0] for words in map(str.split, table) if f"socket:[{words[9]}]" in inodes}
+    assert "0100007F" in addresses  # 127.0.0.1
+    assert addresses <= {"0100007F", "0100FFEF"}  # 239.255.0.1, joined on the loopback device
 
 
 def test_goes_on_when_the_terminal_is_closed_under_nohup(start: Start, peer: Peer) -> None:

@@ -16,11 +16,12 @@ plays the drive the time is the drive's own. "Reset" is the service `~/reset_fau
 until the node is configured anew, the fault is latched, its reason is in `/diagnostics`, and the motor stays at 0 V.
 After a reset the controller holds the load where it finds it.
 
-The nodes use Fast DDS by UDP alone unless `FASTDDS_BUILTIN_TRANSPORTS` says otherwise: by shared memory a listener that
-is stopped (Ctrl-Z, a debugger) while it has a lock holds up whoever publishes to it, for 1 s at a time. On two busy
-cores 46 of 348 stops did, and none of 1441 by UDP (`benchmarks/stopped_listener.py`). With
-`ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` rmw_fastrtps takes shared memory whatever the variable says;
-`config/loopback_udp.xml`, which these tests use, stays on the machine without it.
+By Fast DDS' shared memory a listener that is stopped (Ctrl-Z, a debugger) may hold up whoever publishes to it: if it
+just then holds the lock of its queue, each `publish()` waits 1 s. `taskset -c 0,1 python benchmarks/stopped_listener.py`
+counted that after @SHM@ stops, and after @UDP@ where the messages went by UDP. So the nodes use UDP alone, unless the
+variable `FASTDDS_BUILTIN_TRANSPORTS` or a profile says otherwise. With `ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` (or
+`ROS_LOCALHOST_ONLY`) rmw_fastrtps takes shared memory all the same; `loopback_udp.xml`, which is installed beside the
+configuration and says how it is used, is UDP on this machine alone. Tests, demo and benchmarks run by it.
 
 | fault | the motor, or who acts | within | recovery |
 |---|---|---|---|

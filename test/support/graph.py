@@ -16,22 +16,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import get_rmw_implementation_identifier
 
-from backlash_ros.nodes.domain import isolated_environment
-
-LOOPBACK = Path(__file__).parents[2] / "config" / "loopback_udp.xml"
 PATIENCE = 60.0
 """Seconds after which a condition counts as never met: far more than discovery on a loaded machine takes."""
-
-
-def environment(domain: int) -> dict[str, str]:
-    """Return what keeps a process in ``domain`` and on this machine, with Fast DDS not by shared memory."""
-    isolated = isolated_environment(domain)
-    if get_rmw_implementation_identifier().startswith("rmw_fastrtps"):
-        isolated["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SUBNET"
-        isolated |= dict.fromkeys(("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"), str(LOOPBACK))
-    return isolated
 
 
 class Process:
@@ -82,11 +69,11 @@ class Process:
 
 
 class Peer:
-    """The test's own side of the graph: a node, and waiting for conditions while it spins."""
+    """The test's own side of the graph, in its domain: a node, and waiting for conditions while it spins."""
 
-    def __init__(self, domain: int) -> None:
+    def __init__(self) -> None:
         self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
         self.node = Node("peer", context=self.context)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)

@@ -5,11 +5,14 @@ import shutil
 import subprocess
 import sys
 import venv
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from graph import Peer, environment
+from graph import Peer
 from std_msgs.msg import Float64
+
+from backlash_ros.nodes.domain import isolated
 
 ROOT = Path(__file__).parents[2]
 ROS_WHEELS = not os.environ.get("ROS_DISTRO")
@@ -34,15 +37,16 @@ def source(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def clean() -> dict[str, str]:
-    """The environment of a shell that knows nothing of this one's."""
+def clean() -> Iterator[dict[str, str]]:
+    """The environment of a shell that knows nothing of this one's but the domain."""
     mine = ("VIRTUAL_ENV", "PYTHONPATH", "PYTHONHOME", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
-    return {name: value for name, value in os.environ.items() if name not in mine or not ROS_WHEELS}
+    with isolated():
+        yield {name: value for name, value in os.environ.items() if name not in mine or not ROS_WHEELS}
 
 
-def starts_and_talks(executables: Path, domain: int, variables: dict[str, str], log: Path) -> None:
+def starts_and_talks(executables: Path, variables: dict[str, str], log: Path) -> None:
     """Start simulator and controller; the controller's telemetry says that both hear each other."""
-    peer = Peer(domain)
+    peer = Peer()
     errors: list[float] = []
     peer.node.create_subscription(Float64, "controller/tracking_error", lambda m: errors.append(m.data), 10)
     processes = []
@@ -51,7 +55,7 @@ def starts_and_talks(executables: Path, domain: int, variables: dict[str, str], 
             processes = [
                 subprocess.Popen(
                     [executables / name],
-                    env={**variables, **environment(domain)},
+                    env=variables,
                     stdout=output,
                     stderr=subprocess.STDOUT,
                     cwd=log.parent,
@@ -70,9 +74,7 @@ def starts_and_talks(executables: Path, domain: int, variables: dict[str, str], 
         print(log.read_text())
 
 
-def test_colcon_build_installs_executables_that_talk(
-    source: Path, tmp_path: Path, domain: int, clean: dict[str, str]
-) -> None:
+def test_colcon_build_installs_executables_that_talk(source: Path, tmp_path: Path, clean: dict[str, str]) -> None:
     workspace = tmp_path / "workspace"
     colcon = [sys.executable, "-m", "colcon", "build", "--event-handlers", "console_direct+"]
     built = subprocess.run(colcon, cwd=workspace, env=clean, capture_output=True, text=True, check=False)
@@ -92,12 +94,12 @@ def test_colcon_build_installs_executables_that_talk(
     )
     variables = dict(entry.split("=", 1) for entry in sourced.stdout.split("\0") if "=" in entry)
     assert str(prefix) in variables["AMENT_PREFIX_PATH"]
-    starts_and_talks(prefix / "lib" / "backlash_ros", domain, variables, tmp_path / "colcon.log")
+    starts_and_talks(prefix / "lib" / "backlash_ros", variables, tmp_path / "colcon.log")
 
 
 @pytest.mark.skipif(not ROS_WHEELS, reason="a fresh environment has no ROS but the wheels")
 def test_pip_install_in_a_fresh_environment_gives_executables_that_talk(
-    source: Path, tmp_path: Path, domain: int, clean: dict[str, str]
+    source: Path, tmp_path: Path, clean: dict[str, str]
 ) -> None:
     fresh = tmp_path / "fresh"
     venv.create(fresh, with_pip=True)
@@ -105,7 +107,7 @@ def test_pip_install_in_a_fresh_environment_gives_executables_that_talk(
     installed = subprocess.run(pip, cwd=source, env=clean, capture_output=True, text=True, check=False)
     assert installed.returncode == 0, installed.stdout + installed.stderr
     assert (fresh / "share/backlash_ros/config/nominal_drive.yaml").is_file()
-    starts_and_talks(fresh / "bin", domain, clean, tmp_path / "pip.log")
+    starts_and_talks(fresh / "bin", clean, tmp_path / "pip.log")
     kit = [fresh / "bin" / "python", "-m", "pytest", "--pyargs", "backlash_ros.contract", "--collect-only", "-q"]
     collected = subprocess.run(
         [*kit, "--drive-command", "true"], cwd=tmp_path, env=clean, capture_output=True, text=True, check=False

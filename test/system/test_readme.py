@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from backlash_ros.nodes.domain import isolated_environment, own_domain
+from backlash_ros.nodes.domain import isolated
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
@@ -52,8 +52,8 @@ def test_make_runs_what_the_tests_run() -> None:
 
 @pytest.fixture
 def environment() -> Iterator[dict[str, str]]:
-    with own_domain() as domain:
-        yield {**os.environ, **isolated_environment(domain)}
+    with isolated():
+        yield dict(os.environ)
 
 
 def end(process: subprocess.Popen[str]) -> str:

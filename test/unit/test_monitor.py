@@ -203,7 +203,7 @@ def test_reference_is_taken_up_to_the_limits(limited: Servo) -> None:
 
 
 def test_reference_is_refused_where_nobody_would_follow_it(limited: Servo) -> None:
-    assert limited.refer(0.1) == "reference 0.1 rad came while there are no joint states"
+    assert limited.refer(0.1) == "reference 0.1 rad came while no position is held"
     assert not limited.holding
     limited.update(np.zeros(5))
     limited.start_learning()
