@@ -5,7 +5,7 @@ import fcntl
 import os
 import random
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from rclpy.utilities import get_rmw_implementation_identifier
@@ -40,17 +40,24 @@ def own_domain() -> Iterator[int]:
     raise RuntimeError(f"no ROS domain is free between {_DOMAINS.start} and {_DOMAINS.stop - 1}")
 
 
-def _variables(domain: int) -> dict[str, str]:
-    """Return what keeps a process in ``domain`` and on this machine.
+def _variables(domain: int) -> dict[str, str | None]:
+    """Return what keeps a process in ``domain`` and on this machine; None is for what must not be there.
 
     With Fast DDS by a profile without shared memory, by which a process that is stopped may hold up the others
     (docs/faults.md), unless the user has a profile of his own.
     """
-    variables = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    variables: dict[str, str | None] = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     if get_rmw_implementation_identifier().startswith("rmw_fastrtps") and not any(map(os.environ.get, _PROFILES)):
-        variables |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_LOCALHOST_ONLY": "0"}
+        variables |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_LOCALHOST_ONLY": None}
         variables |= dict.fromkeys(_PROFILES, _LOOPBACK)
     return variables
+
+
+def _set(variables: Mapping[str, str | None]) -> None:
+    for name, value in variables.items():
+        os.environ.pop(name, None)
+        if value is not None:
+            os.environ[name] = value
 
 
 @contextlib.contextmanager
@@ -62,11 +69,8 @@ def isolated() -> Iterator[int]:
     with own_domain() as domain:
         variables = _variables(domain)
         before = {name: os.environ.get(name) for name in variables}
-        os.environ.update(variables)
+        _set(variables)
         try:
             yield domain
         finally:
-            for name, value in before.items():
-                os.environ.pop(name, None)
-                if value is not None:
-                    os.environ[name] = value
+            _set(before)

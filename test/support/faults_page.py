@@ -17,11 +17,12 @@ until the node is configured anew, the fault is latched, its reason is in `/diag
 After a reset the controller holds the load where it finds it.
 
 By Fast DDS' shared memory a listener that is stopped (Ctrl-Z, a debugger) may hold up whoever publishes to it: if it
-just then holds the lock of its queue, each `publish()` waits 1 s. `taskset -c 0,1 python benchmarks/stopped_listener.py`
-counted that after @SHM@ stops, and after @UDP@ where the messages went by UDP. So the nodes use UDP alone, unless the
-variable `FASTDDS_BUILTIN_TRANSPORTS` or a profile says otherwise. With `ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` (or
-`ROS_LOCALHOST_ONLY`) rmw_fastrtps takes shared memory all the same; `loopback_udp.xml`, which is installed beside the
-configuration and says how it is used, is UDP on this machine alone. Tests, demo and benchmarks run by it.
+just then holds the lock of its queue, each `publish()` waits 1 s. That came of 45 of 389 stops, and of none of 1442
+where the messages went by UDP (`taskset -c 0,1 python benchmarks/stopped_listener.py`). So the nodes use UDP alone,
+unless the variable `FASTDDS_BUILTIN_TRANSPORTS` or a profile says otherwise. With
+`ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` (or `ROS_LOCALHOST_ONLY`) rmw_fastrtps takes shared memory all the same;
+`loopback_udp.xml`, which is installed beside the configuration and says how it is used, is UDP on this machine alone.
+Tests, demo and benchmarks run by it.
 
 | fault | the motor, or who acts | within | recovery |
 |---|---|---|---|
