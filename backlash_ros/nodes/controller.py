@@ -31,7 +31,7 @@ from backlash_ros.nodes.interface import (
 )
 from backlash_ros.nodes.learn_service import LearnService, describe_estimate
 from backlash_ros.nodes.managed import ManagedNode
-from backlash_ros.nodes.parameters import declare_drive, declare_duration, declare_number, declare_rate
+from backlash_ros.nodes.parameters import declare_drive, declare_number, declare_rate, declare_timeout
 from backlash_ros.nodes.run import run
 from backlash_ros.nodes.timer import Timer, now
 from backlash_ros.nodes.tunables import Tunables
@@ -57,9 +57,8 @@ class Controller(ManagedNode):
         self._drive = declare_drive(self)
         self._joints = declare_joints(self)
         self._rate = declare_rate(self)
-        self._state_timeout = declare_duration(
-            self, "state_timeout", 0.1, "silence on joint_states after which the command is 0 V and a fault is latched"
-        )
+        text = "silence on joint_states after which the command is 0 V and a fault is latched"
+        self._state_timeout = declare_timeout(self, "state_timeout", text, 1.0 / self._rate)
         telemetry = Quantity(
             "rate of tracking error, region and load torque, at most rate", "Hz", 0.0, self._rate, True
         )
@@ -247,6 +246,7 @@ class Controller(ManagedNode):
             silence = "nobody listens to command" if self._unheard else "no joint_states"
             why = self._faulted() or f": {silence} for {_LEARN_PATIENCE:g} s"
             self._learn.answer(False, f"cannot learn{why}")
+        self._unheard = False  # unless the next sample finds it so
 
     def _send(self, value: float, label: str = "") -> None:
         self._command.publish(answer(value, label))
@@ -312,7 +312,7 @@ class Controller(ManagedNode):
         if servo.fault:
             state.append((ERROR, servo.fault))
         if self.active and not self._heard and (self._unheard or servo.holding):
-            state.append((WARN, "nobody listens to command"))
+            state.append((WARN, f"nobody listens to command{' any more' if servo.holding else ''}"))
         elif self.active and self._last_sample is None:
             state.append((WARN, "waiting for joint_states"))
         if dropped:

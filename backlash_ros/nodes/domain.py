@@ -10,7 +10,9 @@ from pathlib import Path
 
 from rclpy.utilities import get_rmw_implementation_identifier
 
-_LOOPBACK = str(Path(__file__).with_name("loopback_udp.xml"))
+LOOPBACK = Path(__file__).with_name("loopback_udp.xml")
+"""Profile of Fast DDS: UDP on this machine alone."""
+
 _PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"
 """Where Fast DDS 2 and 3 look for a profile."""
 
@@ -47,9 +49,11 @@ def _variables(domain: int) -> dict[str, str | None]:
     (docs/faults.md), unless the user has a profile of his own.
     """
     variables: dict[str, str | None] = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    if get_rmw_implementation_identifier().startswith("rmw_fastrtps") and not any(map(os.environ.get, _PROFILES)):
+    profiles = {Path(os.environ.get(name, "")).name for name in _PROFILES}
+    fast_dds = get_rmw_implementation_identifier().startswith("rmw_fastrtps")
+    if fast_dds and profiles <= {"", LOOPBACK.name} and LOOPBACK.is_file():
         variables |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_LOCALHOST_ONLY": None}
-        variables |= dict.fromkeys(_PROFILES, _LOOPBACK)
+        variables |= dict.fromkeys(_PROFILES, str(LOOPBACK))
     return variables
 
 
@@ -64,7 +68,8 @@ def _set(variables: Mapping[str, str | None]) -> None:
 def isolated() -> Iterator[int]:
     """Keep this process, and what it starts, on this machine and in a domain of its own, and give the domain's id.
 
-    It does so by environment variables, and puts them back in the end; RuntimeError when all domains are taken.
+    It does so by environment variables, which it puts back in the end, and so before the first participant: Fast DDS
+    reads its profile once in a process. RuntimeError when all domains are taken.
     """
     with own_domain() as domain:
         variables = _variables(domain)

@@ -114,6 +114,9 @@ def declare_rate(node: Node) -> float:
     return float(declare_number(node, "rate", 250.0, Quantity("rate of the samples", "Hz", 0.0, 2000.0, True)))
 
 
-def declare_duration(node: Node, name: str, default: float, text: str) -> float:
-    """Declare a read-only time and return it, > 0 s and <= 10 s."""
-    return float(declare_number(node, name, default, Quantity(text, "s", 0.0, 10.0, True)))
+def declare_timeout(node: Node, name: str, text: str, period: float) -> float:
+    """Declare the read-only time of a watchdog and return it, two periods of the samples (s) to 10 s."""
+    timeout = float(declare_number(node, name, 0.1, Quantity(f"{text}; two periods at least", "s", 0.0, 10.0, True)))
+    if timeout < 2 * period:
+        raise ValueError(f"{name} must be two periods of the samples at least, {2 * period:g} s, got {timeout:g}")
+    return timeout

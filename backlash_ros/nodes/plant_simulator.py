@@ -25,7 +25,7 @@ from backlash_ros.drivetrain import IntegrationError, Plant, Quantity
 from backlash_ros.nodes.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
 from backlash_ros.nodes.interface import declare_joints, label_of, stamp_label
 from backlash_ros.nodes.managed import ManagedNode
-from backlash_ros.nodes.parameters import declare_drive, declare_duration, declare_number, declare_rate, describe
+from backlash_ros.nodes.parameters import declare_drive, declare_number, declare_rate, declare_timeout, describe
 from backlash_ros.nodes.run import run
 from backlash_ros.nodes.timer import Timer, now
 
@@ -51,12 +51,8 @@ class PlantSimulator(ManagedNode):
         self._beat_time = self._period / declare_number(self, "real_time_factor", 1.0, factor)
         text = "wait for the answer to each sample; time is then the plant's, published on /clock"
         self._lockstep = bool(self.declare_parameter("lockstep", False, describe(text, read_only=True)).value)
-        self._command_timeout = declare_duration(
-            self,
-            "command_timeout",
-            0.1,
-            "silence on command after which the motor gets 0 V; an answer is as old as the sample that it names",
-        )
+        text = "silence on command after which the motor gets 0 V; an answer is as old as the sample that it names"
+        self._command_timeout = declare_timeout(self, "command_timeout", text, self._beat_time)
         self._wall = SystemClock()  # whatever use_sim_time says: time comes from a drive, not to it
         self._fault = ""
         self._ticks = self._rejected = self._late = self._beats = self._answered = self._answered_late = 0
@@ -80,6 +76,7 @@ class PlantSimulator(ManagedNode):
         self._states = self.speak(JointState, "joint_states")
         self._clock_publisher = self.speak(Clock, "/clock") if self._own_time else None
         self._fault = ""
+        self._first = math.inf
         self.listen(Float64MultiArray, "command", self._on_command)
         self.listen(Float64, "load_torque", self._on_load_torque)
 
@@ -90,7 +87,7 @@ class PlantSimulator(ManagedNode):
         self._label, self._waiting, self._repeated = "", False, False
         self._replied: deque[str] = deque(maxlen=16)
         self._sent: OrderedDict[str, float] = OrderedDict()
-        self._first = math.inf
+        self._oldest = math.inf
         self._last_command = self._last_answer = -math.inf
         self._outdated = ""
         self._last_beat = now()
@@ -146,9 +143,10 @@ class PlantSimulator(ManagedNode):
                 self._fail(_TWO)
             return
         at = now()
-        if label not in self._sent and not self._first <= float(label or "nan") <= float(self._label):
+        outdated = bool(label) and self._first <= float(label) < self._oldest
+        if not outdated and label not in self._sent:
             label = ""  # it names no sample of this drive: a recording that is played, say
-        sent = self._sent.get(label, -math.inf) if label else at
+        sent = -math.inf if outdated else self._sent.get(label, at)
         if not message.data or not math.isfinite(message.data[0]):
             self._rejected += 1
             self._fail(f"command must hold one finite number, in {self._drive.command_unit}, got {list(message.data)}")
@@ -157,14 +155,14 @@ class PlantSimulator(ManagedNode):
         elif not label and message.data[0] and at - self._last_answer < self._command_timeout:
             foreign = f"{message.data[0]:g} {self._drive.command_unit}"
             self._fail(f"a second publisher on command: {foreign} between a controller's answers")
-        elif message.data[0] and at - sent >= self._command_timeout:
+        elif message.data[0] and at - sent >= self._command_timeout and not self._lockstep:
             self._outdated = ", only answers to samples that are older"
             self._reject(f"command answers a sample that is older than command_timeout = {self._command_timeout:g} s")
         elif not self._fault:
             self._value, self._outdated = message.data[0], ""
         self._last_command = max(self._last_command, sent)
         if label:
-            self._last_answer = at
+            self._last_answer = max(self._last_answer, sent)
             if not self._repeated:  # one controller may well answer twice then
                 self._replied.append(label)
             in_period = label == self._label
@@ -242,10 +240,11 @@ class PlantSimulator(ManagedNode):
         if self._clock_publisher is not None and not any(axis.active for axis in before):
             self._clock_publisher.publish(Clock(clock=stamp))
         self._label, self._waiting, self._repeated, self._last_beat = stamp_label(stamp), True, False, now()
-        self._first = min(self._first, float(self._label))
         self._sent[self._label] = self._last_beat
         while next(iter(self._sent.values())) < self._last_beat - self._command_timeout:
             self._sent.popitem(last=False)
+        self._oldest = float(next(iter(self._sent)))
+        self._first = min(self._first, self._oldest)
         self._beats += 1
         self._states.publish(message)
 

@@ -121,12 +121,10 @@ def test_listener_stands_still__the_loop_goes_on__none_needed(pair: Pair, start:
     for topic in ("/joint_states", "/command"):
         pair.peer.wait(f"the recorder on {topic}", lambda t=topic: f"recording {t}\n" in listener.output())
     pair.works()
-    for _ in range(100):
-        stopped = stamp_of(pair.states[-1])
-        listener.signal(signal.SIGSTOP)
-        pair.peer.wait("samples", lambda since=stopped: stamp_of(pair.states[-1]) > since + 0.02)
-        listener.signal(signal.SIGCONT)
-        pair.peer.wait("samples", lambda since=stopped: stamp_of(pair.states[-1]) > since + 0.04)
+    for number in (signal.SIGSTOP, signal.SIGCONT) * 100:
+        listener.signal(number)
+        later = pair.now() + 0.02
+        pair.peer.wait("samples", lambda later=later: stamp_of(pair.states[-1]) > later)
     pair.works()
     for node in ("controller", "plant_simulator"):
         assert pair.value(node, "fault") == ""

@@ -15,7 +15,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.control import GainSet, ServoSettings, design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.nodes.interface import label_of, stamp_label
+from backlash_ros.nodes.interface import answer, label_of, stamp_label
 from backlash_ros.simulation import Scenario, run
 
 Start = Callable[..., Process]
@@ -137,6 +137,28 @@ def test_a_sample_without_an_answer_comes_again_before_a_watchdog_acts(start: St
     assert len({label for _, label in arrived}) == 1
     assert np.median(np.diff([at for at, _ in arrived])) < 0.1  # the controller's watchdog, by default
     assert "until reset_fault" not in simulator.output()
+
+
+def test_answer_may_take_longer_than_the_watchdog(start: Start, peer: Peer) -> None:
+    """In lockstep time waits for the answer, however long that takes."""
+    speeds: dict[str, float] = {}
+    peer.node.create_subscription(
+        JointState, "joint_states", lambda m: speeds.setdefault(stamp_label(m.header.stamp), m.velocity[0]), DEEP
+    )
+    publisher = peer.node.create_publisher(Float64MultiArray, "command", 10)
+    start("plant_simulator", lockstep=True, command_timeout=0.1)
+    peer.wait("the simulator", lambda: speeds and publisher.get_subscription_count())
+    end = time.monotonic() + 0.5
+    peer.wait("a while", lambda: time.monotonic() > end)
+    (label,) = speeds
+
+    def next_sample() -> bool:
+        publisher.publish(answer(6.0, label))
+        return len(speeds) > 1
+
+    peer.wait("the next sample", next_sample)
+    assert min(speeds.values()) == 0.0
+    assert max(speeds.values()) > 1.0
 
 
 def test_simulated_time_runs_as_fast_as_asked(start: Start, peer: Peer) -> None:

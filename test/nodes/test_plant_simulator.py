@@ -155,24 +155,39 @@ def test_answer_is_as_old_as_the_sample_that_it_names(start: Start, peer: Peer) 
     assert "no command for 2 s, only answers to samples that are older: motor at 0 V" in process.output()
 
 
+@pytest.mark.parametrize(("node", "name"), [("plant_simulator", "command_timeout"), ("controller", "state_timeout")])
+def test_watchdog_that_a_healthy_loop_would_trip_is_refused(start: Start, node: str, name: str) -> None:
+    process = start(node, rate=15.0)
+    assert process.wait() == 2
+    assert f"{name} must be two periods of the samples at least, 0.133333 s, got 0.1" in process.output()
+
+
 def test_zero_is_obeyed_however_old_it_is(start: Start, peer: Peer) -> None:
-    process = start("plant_simulator", command_timeout=0.5)
+    process = start("plant_simulator", command_timeout=3.0)
     listener = Listener(peer).ready()
-    old = listener.states[0]
-    peer.wait("a while", lambda: stamp_of(listener.last) > stamp_of(old) + 1.0)
+    later = stamp_of(listener.last) + 3.5
+    peer.wait("a while", lambda: stamp_of(listener.last) > later)
+    old = iter(listener.states)
     listener.drive_until(6.0, "speed", lambda: listener.last.velocity[1] > 5.0)
-    listener.answer(0.0, old)
-    peer.wait("the motor to stop", lambda: abs(listener.last.velocity[1]) < 0.05)
+
+    def stopped() -> bool:
+        listener.answer(0.0, next(old))
+        return abs(listener.last.velocity[1]) < 0.05
+
+    peer.wait("the motor to stop", stopped)
     assert "until reset_fault" not in process.output()
 
 
-@pytest.mark.parametrize("label", ["voltage", "5.000000000"], ids=["a word", "a sample of another drive"])
+@pytest.mark.parametrize("label", ["voltage", "5.000000000", "later"], ids=["a word", "long ago", "one ns later"])
 def test_label_that_names_no_sample_means_nothing(start: Start, peer: Peer, label: str) -> None:
+    """Somebody plays a recording, or stamps the samples anew on their way to the controller."""
     process = start("plant_simulator", command_timeout=10.0)
     listener = Listener(peer).ready()
 
     def commanded() -> bool:
-        listener._command.publish(answer(6.0, label))
+        stamp = listener.last.header.stamp
+        stamp.nanosec = min(stamp.nanosec + 1, 999_999_999)
+        listener._command.publish(answer(6.0, stamp_label(stamp) if label == "later" else label))
         return listener.last.velocity[1] > 5.0
 
     peer.wait("speed", commanded)

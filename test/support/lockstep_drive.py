@@ -2,6 +2,7 @@
 
 import math
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -51,7 +52,8 @@ class LockstepDrive:
             self.peer.spin(0.05)
             return bool(self.commands)
 
-        self.peer.wait("the controller to answer", answered)
+        publishers = partial(self.peer.node.count_publishers, "command")
+        self.peer.wait(lambda: f"the controller to answer; publishers of command found: {publishers()}", answered)
         self.peer.wait("late answers", self._quiet)
         return self
 

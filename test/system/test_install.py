@@ -84,6 +84,7 @@ def test_colcon_build_installs_executables_that_talk(source: Path, tmp_path: Pat
     assert (prefix / "share/backlash_ros/package.xml").is_file()
     assert (prefix / "share/backlash_ros/config/nominal_drive.yaml").is_file()
     assert (prefix / "share/backlash_ros/launch/servo.launch.py").is_file()
+    assert (prefix / "share/backlash_ros/config/loopback_udp.xml").is_file()
     sourced = subprocess.run(
         ["bash", "-c", ". install/setup.bash && env -0"],
         cwd=workspace,
@@ -107,6 +108,16 @@ def test_pip_install_in_a_fresh_environment_gives_executables_that_talk(
     installed = subprocess.run(pip, cwd=source, env=clean, capture_output=True, text=True, check=False)
     assert installed.returncode == 0, installed.stdout + installed.stderr
     assert (fresh / "share/backlash_ros/config/nominal_drive.yaml").is_file()
+    profile = subprocess.run(
+        [fresh / "bin" / "python", "-c", "from backlash_ros.nodes.domain import LOOPBACK; print(LOOPBACK)"],
+        cwd=tmp_path,
+        env=clean,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert Path(profile.stdout.strip()).is_file()
+    assert Path(profile.stdout.strip()).is_relative_to(fresh)
     starts_and_talks(fresh / "bin", clean, tmp_path / "pip.log")
     kit = [fresh / "bin" / "python", "-m", "pytest", "--pyargs", "backlash_ros.contract", "--collect-only", "-q"]
     collected = subprocess.run(
