@@ -297,26 +297,29 @@ def test_stamp_and_further_elements_are_no_obstacle(recording: Recording, expect
     )
 
 
-def stops(bench: Bench, command: list[float] | None, recording: Recording, expected: Expected) -> None:
-    """Assert that the drive, moving, slows down on ``command`` as it does at 0, within the command timeout."""
+def stops(command: list[float] | None, recording: Recording, expected: Expected) -> Recording:
+    """Assert that the drive, moving, slows down on ``command`` as it does at 0, within the command timeout.
+
+    Each attempt has a drive that has just started: the one before may have taken the command for a fault.
+    """
     what = "silence" if command is None else f"command {command}"
     joint = expected.joints[0]
     allowed = 0.2 + left_of_speed(recording, expected, "forward", "forward rest")
-    for attempt in range(ATTEMPTS):
-        if attempt:
-            bench.rest("rest before another attempt")
-        bench.move("forward", [expected.value], expected.move)
-        travel = abs(bench.recording.motion(joint, "forward").travel)
-        bench.hold("after", command, expected.command_timeout + REST, reach=REACH[expected.interface] * travel)
-        bench.brake()
+    for _ in range(ATTEMPTS):
+        with running(expected) as bench:
+            bench.move("forward", [expected.value], expected.move)
+            travel = abs(bench.recording.motion(joint, "forward").travel)
+            bench.hold("after", command, expected.command_timeout + REST, reach=REACH[expected.interface] * travel)
+            bench.brake()
+            code = bench.exit_code
         # Where samples stayed away the watchdog may have stopped the motor, and not what was commanded.
-        if command is None or bench.runaway or bench.exit_code is not None or not bench.stalled("after"):
+        if command is None or bench.runaway or code is not None or not bench.stalled("after"):
             break
     heard = bench.recording.stretches["after"]
     assert heard.stop - heard.start >= FEWEST, (
         f"the drive fell silent on {what}: {heard.stop - heard.start} samples in {expected.command_timeout + REST:g} s"
     )
-    assert bench.exit_code is None, f"the drive ended with code {bench.exit_code} on {what}"
+    assert code is None, f"the drive ended with code {code} on {what}"
     assert not bench.runaway, (
         f"on {what} joint {joint!r} travelled {bench.runaway:.3g} rad before the kit commanded 0 {expected.unit},"
         f" after a move of {travel:.3g} rad"
@@ -326,18 +329,19 @@ def stops(bench: Bench, command: list[float] | None, recording: Recording, expec
         f"{expected.command_timeout + REST:g} s of {what} leave {left:.0%} of the speed of joint {joint!r},"
         f" {REST:g} s of 0 {expected.unit} with 20 % to spare leave {allowed:.0%}"
     )
+    return bench.recording
 
 
-def test_stops_when_commands_stop(fresh: Bench, recording: Recording, expected: Expected) -> None:
+def test_stops_when_commands_stop(recording: Recording, expected: Expected) -> None:
     """The drive has a watchdog of its own: a controller that died cannot stop it."""
-    stops(fresh, None, recording, expected)
+    stops(None, recording, expected)
 
 
 @pytest.mark.parametrize("bad", [[math.nan], [math.inf], []], ids=["nan", "inf", "empty"])
-def test_stops_on_a_bad_command(fresh: Bench, recording: Recording, expected: Expected, bad: list[float]) -> None:
+def test_stops_on_a_bad_command(recording: Recording, expected: Expected, bad: list[float]) -> None:
     """What is no number is 0, not the old command, and the drive goes on publishing."""
-    stops(fresh, bad, recording, expected)
-    assert not not_finite(fresh.recording), f"after command {bad} {not_finite(fresh.recording)}"
+    heard = stops(bad, recording, expected)
+    assert not not_finite(heard), f"after command {bad} {not_finite(heard)}"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
