@@ -21,7 +21,7 @@ import rclpy
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64
 
-from backlash_ros.nodes.domain import isolated
+from backlash_ros.nodes.domain import PROFILES, isolated
 
 STOPPED = 0.02
 HELD_UP = 0.5
@@ -81,7 +81,7 @@ def measure(shared: bool, core: int, seconds: float) -> None:
     """Count for one transport, on a domain of its own, and print it."""
     with isolated():
         if shared:
-            for name in ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"):
+            for name in PROFILES:
                 os.environ.pop(name, None)
             os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"  # for which rmw_fastrtps takes shared memory
         listener = CONTEXT.Process(target=listen, args=(core,), daemon=True)
@@ -105,7 +105,8 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=60.0)
     seconds = parser.parse_args().seconds
     cores = sorted(os.sched_getaffinity(0))
-    runs = [CONTEXT.Process(target=measure, args=(shared, cores[-shared], seconds)) for shared in (True, False)]
+    each = (True, cores[-1]), (False, cores[0])
+    runs = [CONTEXT.Process(target=measure, args=(shared, core, seconds)) for shared, core in each]
     for run in runs:
         run.start()
     for run in runs:

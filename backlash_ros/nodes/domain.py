@@ -13,7 +13,7 @@ from rclpy.utilities import get_rmw_implementation_identifier
 LOOPBACK = Path(__file__).with_name("loopback_udp.xml")
 """Profile of Fast DDS: UDP on this machine alone."""
 
-_PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"
+PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"
 """Where Fast DDS 2 and 3 look for a profile."""
 
 _DOMAINS = range(1, 101)
@@ -49,11 +49,11 @@ def _variables(domain: int) -> dict[str, str | None]:
     (docs/faults.md), unless the user has a profile of his own.
     """
     variables: dict[str, str | None] = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    profiles = {Path(os.environ.get(name, "")).name for name in _PROFILES}
+    profiles = {Path(os.environ.get(name, "")).name for name in PROFILES}
     fast_dds = get_rmw_implementation_identifier().startswith("rmw_fastrtps")
     if fast_dds and profiles <= {"", LOOPBACK.name} and LOOPBACK.is_file():
         variables |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_LOCALHOST_ONLY": None}
-        variables |= dict.fromkeys(_PROFILES, str(LOOPBACK))
+        variables |= dict.fromkeys(PROFILES, str(LOOPBACK))
     return variables
 
 

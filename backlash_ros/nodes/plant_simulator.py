@@ -87,7 +87,6 @@ class PlantSimulator(ManagedNode):
         self._label, self._waiting, self._repeated = "", False, False
         self._replied: deque[str] = deque(maxlen=16)
         self._sent: OrderedDict[str, float] = OrderedDict()
-        self._oldest = math.inf
         self._last_command = self._last_answer = -math.inf
         self._outdated = ""
         self._last_beat = now()
@@ -143,7 +142,7 @@ class PlantSimulator(ManagedNode):
                 self._fail(_TWO)
             return
         at = now()
-        outdated = bool(label) and self._first <= float(label) < self._oldest
+        outdated = label not in self._sent and self._forgotten(label)
         if not outdated and label not in self._sent:
             label = ""  # it names no sample of this drive: a recording that is played, say
         sent = -math.inf if outdated else self._sent.get(label, at)
@@ -171,6 +170,10 @@ class PlantSimulator(ManagedNode):
         if self._lockstep:
             self._waiting = False
             self._step_together()
+
+    def _forgotten(self, label: str) -> bool:
+        """Whether a label that is not remembered is that of a sample sent since `configure`."""
+        return bool(label) and self._first <= float(label) < float(next(iter(self._sent), math.inf))
 
     def _on_load_torque(self, message: Float64) -> None:
         if not math.isfinite(message.data):
@@ -243,8 +246,7 @@ class PlantSimulator(ManagedNode):
         self._sent[self._label] = self._last_beat
         while next(iter(self._sent.values())) < self._last_beat - self._command_timeout:
             self._sent.popitem(last=False)
-        self._oldest = float(next(iter(self._sent)))
-        self._first = min(self._first, self._oldest)
+        self._first = min(self._first, float(self._label))
         self._beats += 1
         self._states.publish(message)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from graph import Peer, Process
 from pair import stamp_of
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -18,7 +19,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
+from backlash_ros.nodes.domain import PROFILES
 from backlash_ros.nodes.interface import answer, stamp_label
+from backlash_ros.nodes.plant_simulator import PlantSimulator
 
 Start = Callable[..., Process]
 
@@ -155,6 +158,24 @@ def test_answer_is_as_old_as_the_sample_that_it_names(start: Start, peer: Peer) 
     assert "no command for 2 s, only answers to samples that are older: motor at 0 V" in process.output()
 
 
+def test_answers_are_obeyed_when_the_clock_of_the_stamps_is_set_back(in_process: None) -> None:
+    """By less than the loop has run, so that the new stamps are among the old ones."""
+    node = PlantSimulator()
+    try:
+        node.configure()
+        node.activate()
+        node._active = True
+        node._publish(Time(sec=100))
+        node._sent.clear()  # as it is forgotten after command_timeout
+        for second in (200, 150):
+            node._publish(Time(sec=second))
+            node._on_command(answer(float(second), stamp_label(Time(sec=second))))
+            assert node._value == second
+        assert node._rejected == 0
+    finally:
+        node.destroy_node()
+
+
 @pytest.mark.parametrize(("node", "name"), [("plant_simulator", "command_timeout"), ("controller", "state_timeout")])
 def test_watchdog_that_a_healthy_loop_would_trip_is_refused(start: Start, node: str, name: str) -> None:
     process = start(node, rate=15.0)
@@ -280,7 +301,7 @@ def shares_memory(process: Process) -> bool:
 def test_a_stopped_listener_cannot_hold_it_up_through_shared_memory(
     start: Start, peer: Peer, monkeypatch: pytest.MonkeyPatch, transports: str | None, shared: bool
 ) -> None:
-    for name in ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS"):
+    for name in (*PROFILES, "FASTDDS_BUILTIN_TRANSPORTS"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")  # alone, but with the transports of SUBNET
     if transports is not None:
