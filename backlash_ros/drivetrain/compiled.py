@@ -1,19 +1,25 @@
 """The one way this package compiles a function, so that a stale machine-code cache cannot run.
 
-numba keys its disk cache on the file that holds the function, not on the functions it calls: after an
-update of ``contact.py`` a cached ``integrator.py`` would go on running the old contact law. Here the
-cache folder is named after the text of every source file of the package, so any change starts afresh.
+numba keys its disk cache on the file that holds the function, not on the functions it calls: after an update of one
+file a cached caller would go on running the old code. Here the cache folder is named after the text of every source
+file that is compiled, so any change starts afresh. Where nothing can be cached, functions are compiled every time.
 """
 
 import hashlib
+import inspect
 import os
+import re
 import shutil
 import tempfile
+import types
+import warnings
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numba
+from numba.core.caching import FunctionCache
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -21,52 +27,101 @@ R = TypeVar("R")
 _config: Any = numba.config
 
 _PACKAGE = Path(__file__).resolve().parent.parent
+_FOLDER = "backlash_ros_compiled"
+_OURS = re.compile(r"source-[0-9a-f]{16}")
+"""Name of a folder of machine code: only what is called so is ever deleted."""
 
 
 def _source_digest() -> str:
     digest = hashlib.sha256()
     for room in ("drivetrain", "control", "simulation"):
         for source in sorted((_PACKAGE / room).rglob("*.py")):
-            digest.update(source.name.encode())
+            digest.update(str(source.relative_to(_PACKAGE)).encode())
             digest.update(source.read_bytes())
-    return digest.hexdigest()[:16]
+    return f"source-{digest.hexdigest()[:16]}"
 
 
 def _usable(folder: Path) -> bool:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"room for a byte")
+            file.flush()
             return True
     except OSError:
         return False
 
 
+def _cache_places() -> list[Path]:
+    places = [Path(_config.CACHE_DIR)] if _config.CACHE_DIR else []  # the user's NUMBA_CACHE_DIR
+    places.append(_PACKAGE / "__pycache__")
+    try:
+        places.append(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"))
+    except RuntimeError:  # this user has no home
+        pass
+    return [place / _FOLDER for place in places]
+
+
 def _cache_folder() -> Path | None:
-    """Return the first writable place for this source digest; None when there is none: compile every time."""
-    user_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    places = [_PACKAGE / "__pycache__" / "compiled", user_cache / "backlash_ros" / "compiled"]
-    if _config.CACHE_DIR:  # the user's NUMBA_CACHE_DIR
-        places.insert(0, Path(_config.CACHE_DIR) / "backlash_ros")
+    """Return the first writable place for this source digest; None where there is none."""
     digest = _source_digest()
-    for place in places:
+    for place in _cache_places():
         if _usable(place / digest):
             for stale in place.iterdir():
-                if stale.name != digest:
+                if stale.name != digest and _OURS.fullmatch(stale.name) and not stale.is_symlink():
                     shutil.rmtree(stale, ignore_errors=True)
             return place / digest
+    _warn_uncached("no folder for compiled code is writable")
     return None
+
+
+@cache
+def _warn_uncached(why: str) -> None:
+    """Say once that the next start will take as long as this one."""
+    text = f"backlash_ros: {why}; compiling takes about a minute at every start. Set NUMBA_CACHE_DIR to a writable folder"
+    warnings.warn(text, RuntimeWarning, stacklevel=3)
+
+
+class _Cache(FunctionCache):  # type: ignore[misc]
+    """A cache that does without itself where the disk is full or a file cannot be read."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # noqa: BLE001  a file that was cut short raises whatever its bytes happen to mean
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            _warn_uncached(f"compiled code cannot be stored: {error}")
 
 
 _CACHE = _cache_folder()
 
 
-def compiled(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile ``function`` with numba on its first call, cached on disk.
+def _dispatcher(function: Callable[..., Any]) -> Any:
+    """Return numba's dispatcher for ``function``, cached on disk where possible.
 
-    Division by zero and overflow follow IEEE 754 (inf and nan), as numpy has them: the callers look at
-    the results. No fast-math: a mirrored input must give the mirrored output, bit for bit.
+    Division by zero and overflow follow IEEE 754 (inf and nan), as numpy has them: the callers look at the results. No
+    fast-math: a mirrored input must give the mirrored output, bit for bit.
     """
-    result: Callable[P, R] = _cached(numba.njit(error_model="numpy")(function))
+    dispatcher: Any = numba.njit(error_model="numpy")(function)
+    if _CACHE is not None:
+        chosen, _config.CACHE_DIR = _config.CACHE_DIR, str(_CACHE)
+        try:
+            dispatcher._cache = _Cache(function)
+        except (OSError, RuntimeError) as error:
+            _warn_uncached(f"compiled code cannot be stored: {error}")
+        finally:
+            _config.CACHE_DIR = chosen
+    return dispatcher
+
+
+def compiled(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile ``function`` with numba on its first call."""
+    result: Callable[P, R] = _dispatcher(function)
     return result
 
 
@@ -74,7 +129,7 @@ def compiled_as(signature: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Compile for one numba signature, at once, so that the function can be handed to a compiled one as a value."""
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        dispatcher = _cached(numba.njit(error_model="numpy")(function))
+        dispatcher = _dispatcher(function)
         dispatcher.compile(signature)
         dispatcher.disable_compile()
         result: Callable[P, R] = dispatcher
@@ -83,11 +138,25 @@ def compiled_as(signature: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:
     return decorate
 
 
-def _cached(dispatcher: Any) -> Any:
-    if _CACHE is not None:
-        chosen, _config.CACHE_DIR = _config.CACHE_DIR, str(_CACHE)
-        try:
-            dispatcher.enable_caching()
-        finally:
-            _config.CACHE_DIR = chosen
-    return dispatcher
+def specialize(template: Callable[P, R], signature: Any = None, **bound: Any) -> Callable[P, R]:
+    """Compile a copy of ``template`` in which the global names ``bound`` stand for other compiled functions.
+
+    So a tick is compiled once for each control law, an integrator once for each contact law, and neither pays for a
+    call through a pointer. The cached copy is named after the text of the bound functions' files: a law outside of this
+    package that is edited is compiled again.
+
+    Parameters
+    ----------
+    template : a plain function, not compiled
+    signature : to compile for at once, so that the copy can be handed to a compiled function as a value
+    """
+    digest = hashlib.sha256()
+    for name, function in sorted(bound.items()):
+        source = getattr(function, "py_func", function)
+        digest.update(f"{name} {source.__module__} {source.__qualname__}".encode())
+        digest.update(Path(inspect.getfile(source)).read_bytes())
+    copy = types.FunctionType(template.__code__, {**template.__globals__, **bound}, template.__name__)
+    copy.__qualname__ = f"{template.__qualname__}_{digest.hexdigest()[:16]}"
+    copy.__module__ = template.__module__
+    result: Callable[P, R] = _dispatcher(copy) if signature is None else compiled_as(signature)(copy)
+    return result

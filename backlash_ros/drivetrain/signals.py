@@ -1,0 +1,51 @@
+"""The four signals that pass between plant, sensors, observer and law: one type and one order each, defined only here.
+
+Plant state, measurement and estimate begin alike, so one index finds the same quantity in all three:
+
+    index       quantity                            unit
+    THETA_M     motor angle, before the gear        rad
+    OMEGA_M     motor speed                         rad/s
+    THETA_L     load angle, behind the gear         rad
+    OMEGA_L     load speed                          rad/s
+    CURRENT     motor current                       A
+
+    `PlantState`   (7,)  these five, then the energy account: SUPPLIED and LOST since the start, J
+    `Measurement`  (5,)  these five, nan where the drive does not measure; never all of them
+    `Estimate`     (6,)  these five, then LOAD_TORQUE on the output shaft, N m
+    `Setpoint`     (3,)  POSITION, VELOCITY, ACCELERATION of the wanted load angle: rad, rad/s, rad/s^2
+
+The types are arrays of float64 to numba and at run time; mypy does not take one for another.
+"""
+
+from typing import NewType
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+"""Any array of numbers that is none of the signals."""
+
+THETA_M, OMEGA_M, THETA_L, OMEGA_L, CURRENT = range(5)
+SUPPLIED, LOST = 5, 6
+LOAD_TORQUE = 5
+POSITION, VELOCITY, ACCELERATION = range(3)
+
+STATE_NAMES = ("theta_m", "omega_m", "theta_l", "omega_l", "current")
+"""Names of what the first three signals have in common, in their order."""
+
+PlantState = NewType("PlantState", np.ndarray[tuple[int, ...], np.dtype[np.float64]])
+Measurement = NewType("Measurement", np.ndarray[tuple[int, ...], np.dtype[np.float64]])
+Estimate = NewType("Estimate", np.ndarray[tuple[int, ...], np.dtype[np.float64]])
+Setpoint = NewType("Setpoint", np.ndarray[tuple[int, ...], np.dtype[np.float64]])
+
+
+def at_rest(load_angle: float = 0.0, motor_angle: float = 0.0) -> PlantState:
+    """Return the state of a drive that stands still without current: angles in rad, each at its own shaft."""
+    state = np.zeros(7)
+    state[THETA_M], state[THETA_L] = motor_angle, load_angle
+    return PlantState(state)
+
+
+def measure_exactly(state: PlantState) -> Measurement:
+    """Return what sensors without any error read in ``state``: all five signals."""
+    return Measurement(state[:5].copy())
