@@ -1,30 +1,37 @@
-"""The law: gains, two-region state feedback, observer, learning unit, and the servo made of them."""
+"""The controller: gains, laws, observer, monitor, experiments, the tick that strings them together, and the servo."""
 
+from backlash_ros.control.experiments import EXPERIMENTS
+from backlash_ros.control.experiments.limit_cycle import BacklashEstimate, LearningSettings, Method
 from backlash_ros.control.gains import Gains, GainSet, check_stable, design_gains
 from backlash_ros.control.law import FAST_REGION, OVERDAMPED_REGION, ControlLaw
 from backlash_ros.control.laws import LAWS, design_law
-from backlash_ros.control.learning import BacklashEstimate, LearningSettings, Method
 from backlash_ros.control.limit_cycle import LimitCycle, find_limit_cycle
-from backlash_ros.control.monitor import NO_LIMIT, DriveMonitor, Limits
+from backlash_ros.control.limits import NO_LIMIT, Limits
+from backlash_ros.control.monitor import Fault
 from backlash_ros.control.servo import Servo
 from backlash_ros.control.settings import ServoSettings
+from backlash_ros.control.setpoint import AtRest, Polynomials, Source
 
 __all__ = [
+    "EXPERIMENTS",
     "FAST_REGION",
     "LAWS",
     "NO_LIMIT",
     "OVERDAMPED_REGION",
+    "AtRest",
     "BacklashEstimate",
     "ControlLaw",
-    "DriveMonitor",
+    "Fault",
     "GainSet",
     "Gains",
     "LearningSettings",
     "LimitCycle",
     "Limits",
     "Method",
+    "Polynomials",
     "Servo",
     "ServoSettings",
+    "Source",
     "check_stable",
     "design_gains",
     "design_law",

@@ -1,48 +1,56 @@
-"""What a control law is: a value with constants, a memory and one compiled step. The laws themselves are in `laws`."""
+"""What a control law is: parameters of its own, a design for a drive, a state and one compiled step.
+
+The laws themselves are in `laws`, a file each. The step may act within the range that it is given, and nothing changes
+its voltage afterwards: what it remembers is what was applied.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
 from numba import float64
-from numpy.typing import NDArray
 
-from backlash_ros.control.settings import ServoSettings
-from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain import Drive, Validated
+from backlash_ros.drivetrain.signals import Array, Estimate, Setpoint
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    from backlash_ros.control.settings import ServoSettings
 
 FAST_REGION, OVERDAMPED_REGION = 1, 2
 REGION = 0
-"""Where every law's memory says which region acts; a law without regions leaves 1 there."""
+"""Where every law's state says which region acts; a law without regions leaves 1 there."""
 
-LawStep = Callable[[Array, Array, Array, float, float, float], float]
-LAW_SIGNATURE = float64(float64[::1], float64[::1], float64[::1], float64, float64, float64)
-"""Of every law's step: constants, memory, the observer's estimate, reference in rad, least and largest voltage that the
-drive can follow, in V; returns the voltage within them, V.
-
-The estimate is theta_m, omega_m, i, theta_l, omega_l, load torque (rad, rad/s, A, N m), as `observer` orders it.
-"""
+LawStep = Callable[[Array, Array, Estimate, Setpoint, float, float], float]
+_flat = float64[::1]
+LAW_SIGNATURE = float64(_flat, _flat, _flat, _flat, float64, float64)
+"""Of every law's step: constants, state, estimate, setpoint, least and largest voltage that the drive can follow, in V;
+returns the voltage within them, V."""
 
 
 @dataclass(frozen=True, eq=False)
 class ControlLaw:
-    """A controller: the same compiled ``step`` drives the motor and runs offline.
+    """A law that was designed for a drive: the same compiled ``step`` drives the motor and runs offline.
 
-    ``constants`` and the ``memory`` to start with are arrays of one dimension; the memory's first entry is the region.
+    ``constants`` and the ``state`` to start with are arrays of one dimension; the state's first entry is the region.
     """
 
     step: LawStep
     constants: Array
-    memory: Array
+    state: Array
+
+
+@dataclass(frozen=True)
+class NoParameters(Validated):
+    """The parameters of a law that has none."""
 
 
 class NamedLaw(NamedTuple):
-    """A law that can be chosen: its title in figures and tables, and what designs it for a drive.
+    """A law that can be chosen: its title in figures and tables, what designs it for a drive, its parameters' defaults.
 
-    ``design`` raises ValueError where the settings do not allow it.
+    ``design`` takes the drive, the servo's settings and the law's own parameters, and raises ValueError where they do
+    not allow it.
     """
 
     title: str
-    design: Callable[[Drive, ServoSettings], ControlLaw]
+    design: "Callable[[Drive, ServoSettings, Any], ControlLaw]"
+    parameters: Validated = NoParameters()

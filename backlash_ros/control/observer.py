@@ -19,21 +19,30 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from backlash_ros.drivetrain import Drive, compiled
-
-THETA_M, OMEGA_M, CURRENT, THETA_L, OMEGA_L, LOAD_TORQUE = range(6)
-"""Order of the estimate. A measurement is its first five, nan where the drive does not measure."""
+from backlash_ros.drivetrain.signals import (
+    CURRENT,
+    LOAD_TORQUE,
+    OMEGA_L,
+    OMEGA_M,
+    THETA_L,
+    THETA_M,
+    Array,
+    Estimate,
+    Measurement,
+)
 
 _STARTED, _MOMENTUM = 6, 7
+MEMORY = 8
+"""Length of the observer's memory: the estimate, then what goes with it."""
 
 
 class ObserverConstants(NamedTuple):
     """The observer as the compiled step reads it.
 
     ``back_emf`` and ``resistance`` are those of the winding between command and current: K_m and R, or 0 and 1 where
-    the command is the current.
+    the command is the current; ``electrical_rate`` is R/L in 1/s, infinite where the current is imposed.
     """
 
     period: float
@@ -41,55 +50,70 @@ class ObserverConstants(NamedTuple):
     K_m: float
     back_emf: float
     resistance: float
+    electrical_rate: float
     J_m: float
     B_m: float
     J_l: float
     B_l: float
-    decay: float
-    weight_before: float
-    speed_gain: float
-    torque_gain: float
+    velocity_bandwidth: float
+    torque_bandwidth: float
 
 
 def observer_constants(
     drive: Drive, period: float, *, velocity_bandwidth: float, torque_bandwidth: float
 ) -> ObserverConstants:
     """Return the observer for one drive, sampled every ``period`` seconds; bandwidths in rad/s."""
-    takes_current = drive.takes_current
-    electrical = math.inf if takes_current else period * drive.motor.resistance / drive.motor.inductance
-    decay = math.exp(-electrical)
-    pole = math.exp(-velocity_bandwidth * period)
+    motor, takes_current = drive.motor, drive.takes_current
     return ObserverConstants(
         period=float(period),
         ratio=drive.gear.ratio,
-        K_m=float(drive.motor.torque_constant),
-        back_emf=0.0 if takes_current else float(drive.motor.torque_constant),
-        resistance=1.0 if takes_current else float(drive.motor.resistance),
-        J_m=float(drive.motor.inertia),
-        B_m=float(drive.motor.viscous_friction),
+        K_m=float(motor.torque_constant),
+        back_emf=0.0 if takes_current else float(motor.torque_constant),
+        resistance=1.0 if takes_current else float(motor.resistance),
+        electrical_rate=math.inf if takes_current else motor.resistance / motor.inductance,
+        J_m=float(motor.inertia),
+        B_m=float(motor.viscous_friction),
         J_l=float(drive.load.inertia),
         B_l=float(drive.load.viscous_friction),
-        decay=decay,
-        # The mean current of a period in which it relaxes with L/R: so much of the sample at its start.
-        weight_before=1.0 - (1.0 + math.expm1(-electrical) / electrical) / -math.expm1(-electrical),
-        speed_gain=(1.0 - pole) / period,
-        torque_gain=-math.expm1(-torque_bandwidth * period) / period,
+        velocity_bandwidth=float(velocity_bandwidth),
+        torque_bandwidth=float(torque_bandwidth),
     )
 
 
-def observer_memory() -> NDArray[np.float64]:
+def observer_memory() -> Array:
     """Return an observer that has seen nothing: shape (8,), the estimate and what goes with it."""
-    return np.zeros(8)
+    return np.zeros(MEMORY)
 
 
 @compiled
-def _track(
-    constants: ObserverConstants, memory: NDArray[np.float64], angle: int, speed: int, position: float, measured: float
-) -> None:
+def low_pass_gain(bandwidth: float, period: float) -> float:
+    """Return the share by which a first-order low-pass of a bandwidth (rad/s) follows within a period, s."""
+    return -math.expm1(-bandwidth * period)
+
+
+@compiled
+def next_current(constants: ObserverConstants, before: float, command: float, omega_m: float, period: float) -> float:
+    """Return the current (A) after ``period`` under a command (V or A) at a mean motor speed (rad/s): eq 7."""
+    settled = (command - constants.back_emf * omega_m) / constants.resistance
+    decay = math.exp(-constants.electrical_rate * period)
+    return decay * before + (1.0 - decay) * settled
+
+
+@compiled
+def _mean_weight(electrical_rate: float, period: float) -> float:
+    """Return how much of the current before is in the mean of a period in which it relaxes with L/R."""
+    electrical = electrical_rate * period
+    if math.isinf(electrical):
+        return 0.0
+    return 1.0 - (1.0 + math.expm1(-electrical) / electrical) / -math.expm1(-electrical)
+
+
+@compiled
+def _track(memory: Array, angle: int, speed: int, position: float, measured: float, gain: float, period: float) -> None:
     """Update one shaft: the measured speed where there is one, else the filtered difference quotient."""
     if math.isnan(measured):
-        predicted = memory[angle] + constants.period * memory[speed]
-        memory[speed] += constants.speed_gain * (position - predicted)
+        predicted = memory[angle] + period * memory[speed]
+        memory[speed] += gain / period * (position - predicted)
     else:
         memory[speed] = measured
     memory[angle] = position
@@ -97,15 +121,16 @@ def _track(
 
 @compiled
 def observer_step(
-    constants: ObserverConstants, memory: NDArray[np.float64], measured: NDArray[np.float64], command: float
+    constants: ObserverConstants, memory: Array, measured: Measurement, command: float, period: float
 ) -> None:
-    """Take one sample into ``memory``, whose first six entries are then the estimate.
+    """Take one sample into ``memory``, whose first six entries are then the `Estimate`.
 
     Parameters
     ----------
     memory : from `observer_memory`, updated in place
-    measured : shape (5,), THETA_M to OMEGA_L (rad, rad/s, A), nan where not measured; at least one angle
+    measured : nan where not measured; at least one angle
     command : held since the sample before, V or A
+    period : since the sample before, s
     """
     n = constants.ratio
     theta_m, theta_l = measured[THETA_M], measured[THETA_L]
@@ -125,21 +150,27 @@ def observer_step(
         memory[_MOMENTUM] = constants.J_l * memory[OMEGA_L] + constants.J_m * memory[OMEGA_M] / n
         memory[_STARTED] = 1.0
         return
-    _track(constants, memory, THETA_M, OMEGA_M, theta_m, omega_m)
-    _track(constants, memory, THETA_L, OMEGA_L, theta_l, omega_l)
+    gain = low_pass_gain(constants.velocity_bandwidth, period)
+    _track(memory, THETA_M, OMEGA_M, theta_m, omega_m, gain, period)
+    _track(memory, THETA_L, OMEGA_L, theta_l, omega_l, gain, period)
+    mean_speed_m = 0.5 * (speed_before_m + memory[OMEGA_M])
     if math.isnan(measured[CURRENT]):
-        settled = (command - constants.back_emf * 0.5 * (speed_before_m + memory[OMEGA_M])) / constants.resistance
-        memory[CURRENT] = constants.decay * before + (1.0 - constants.decay) * settled
+        memory[CURRENT] = next_current(constants, before, command, mean_speed_m, period)
     else:
         memory[CURRENT] = measured[CURRENT]
-    mean_current = constants.weight_before * before + (1.0 - constants.weight_before) * memory[CURRENT]
-    friction = constants.B_l * 0.5 * (speed_before_l + memory[OMEGA_L])
-    friction += constants.B_m / n * 0.5 * (speed_before_m + memory[OMEGA_M])
-    drive_torque = constants.K_m * mean_current / n
+    weight = _mean_weight(constants.electrical_rate, period)
+    mean_current = weight * before + (1.0 - weight) * memory[CURRENT]
+    friction = constants.B_l * 0.5 * (speed_before_l + memory[OMEGA_L]) + constants.B_m / n * mean_speed_m
     momentum = constants.J_l * memory[OMEGA_L] + constants.J_m * memory[OMEGA_M] / n
-    unexplained = momentum - memory[_MOMENTUM] - constants.period * (drive_torque - friction + memory[LOAD_TORQUE])
+    drive_torque = constants.K_m * mean_current / n
+    unexplained = momentum - memory[_MOMENTUM] - period * (drive_torque - friction + memory[LOAD_TORQUE])
     memory[_MOMENTUM] = momentum
-    if math.isnan(measured[THETA_M]) or constants.torque_gain == 0.0:
+    if math.isnan(measured[THETA_M]) or constants.torque_bandwidth == 0.0:
         memory[LOAD_TORQUE] = 0.0
     else:
-        memory[LOAD_TORQUE] += constants.torque_gain * unexplained
+        memory[LOAD_TORQUE] += low_pass_gain(constants.torque_bandwidth, period) / period * unexplained
+
+
+def estimate_of(memory: Array) -> Estimate:
+    """Return the estimate in an observer's memory, as a view."""
+    return Estimate(memory[: LOAD_TORQUE + 1])

@@ -1,65 +1,131 @@
 """The controller without ROS: samples in, commands out. What the node and an offline session both call."""
 
 import math
-from dataclasses import replace
 
-from backlash_ros.control.command import command_constants, command_of, voltage_range
+import numpy as np
+
+from backlash_ros.control.command_range import range_constants
+from backlash_ros.control.experiment import Excitation, Experiment, Outcome
+from backlash_ros.control.experiments import EXPERIMENTS
 from backlash_ros.control.law import REGION, ControlLaw
 from backlash_ros.control.laws import design_law
-from backlash_ros.control.learning import BacklashEstimate, BacklashLearner
-from backlash_ros.control.limit_cycle import Array
-from backlash_ros.control.monitor import DriveMonitor, Limits
-from backlash_ros.control.observer import LOAD_TORQUE, THETA_L, THETA_M, observer_memory, observer_step
+from backlash_ros.control.limits import Limits
+from backlash_ros.control.monitor import Fault, describe_fault, forget_ends, monitor_constants, monitor_memory
+from backlash_ros.control.observer import estimate_of
+from backlash_ros.control.setpoint import AtRest, Source, extent
 from backlash_ros.control.settings import ServoSettings
-from backlash_ros.drivetrain import Drive
+from backlash_ros.control.tick import (
+    COMMAND,
+    ELAPSED,
+    FAULT,
+    INPUTS,
+    KNOWN_LOAD_TORQUE,
+    OFFSET,
+    PLAN_TIME,
+    TORQUE,
+    Tick,
+    TickConstants,
+    fault_details,
+    tick_memory,
+    tick_with,
+)
+from backlash_ros.drivetrain import Drive, Validated
+from backlash_ros.drivetrain.signals import LOAD_TORQUE, THETA_L, Array, Estimate, Measurement, Setpoint
+
+
+class _Acting:
+    """A designed law with its state and the tick that has it inside."""
+
+    def __init__(self, law: ControlLaw) -> None:
+        self.law = law
+        self.state = law.state.copy()
+        self.tick = tick_with(law.step)
+
+    def redesign(self, law: ControlLaw) -> None:
+        """Take another design of the same law; its state is kept."""
+        self.law, self.tick = law, tick_with(law.step)
+
+    def start(self) -> None:
+        """Begin anew: the state is updated in place."""
+        self.state[:] = self.law.state
 
 
 class Servo:
-    """The servo of one axis: observer, law and learner around one reference.
+    """The servo of one axis: the tick around one plan of the setpoint, and an experiment beside it.
 
     After construction and after every `release` it holds the position of the first sample it sees. A ``fault``, found
-    by its `DriveMonitor` or told by `fail`, is latched: 0 V until `reset`.
+    by the tick or told by `fail`, is latched: 0 V until `reset`.
+
+    Parameters
+    ----------
+    drive : what the controller takes the drive for
+    limits : `Limits.of` the drive by default
+    watched : whether the monitor looks on; offline runs may do without it
     """
 
     settings: ServoSettings
-    _law: ControlLaw
+    limits: Limits
+    constants: TickConstants
+    _chosen: _Acting
 
-    def __init__(self, drive: Drive, settings: ServoSettings, limits: Limits | None = None) -> None:
+    def __init__(
+        self, drive: Drive, settings: ServoSettings, limits: Limits | None = None, *, watched: bool = True
+    ) -> None:
         self.drive = drive
-        self.command = 0.0
-        self.reference = math.nan
         self.fault = ""
-        self._learner: BacklashLearner | None = None
-        self._estimate = observer_memory()
-        self._monitor = DriveMonitor(drive)
+        self.memory = tick_memory()
+        self.estimate: Estimate = estimate_of(self.memory.observer)
+        self._inputs = np.zeros(INPUTS)
+        self._inputs[KNOWN_LOAD_TORQUE] = math.nan
+        self._watched = watched
+        self._experiment: Experiment | None = None
+        self._excited: _Acting | None = None
+        self._hold()
         self.use(settings, limits or Limits.of(drive))
 
-    def use(self, settings: ServoSettings, limits: Limits | None = None) -> None:
-        """Use ``settings`` from the next sample on; what the observer, and the same law, remember is kept."""
-        self._monitor.use(settings, limits or self._monitor.limits)
-        law, fast = design_law(self.drive, settings), design_law(self.drive, replace(settings, law="fast"))
-        if not (hasattr(self, "settings") and self.settings.law == settings.law):
-            self._memory = law.memory.copy()
-        self._law, self._fast = law, fast
-        self._fast_memory = fast.memory.copy()
-        self._observer = settings.observer(self.drive)
-        output, own = command_constants(self.drive), self._monitor.limits.command
-        self._output = output._replace(limit=min(output.limit, own))
-        self.settings = settings
+    def _hold(self) -> None:
+        """Hold the position where the next sample finds the load."""
+        self.segments = AtRest(math.nan).segments(Setpoint(self.memory.setpoint))
+        self._end: float | None = None
 
-    def hindrance(self, limits: Limits) -> str:
+    # Tuning.
+
+    def use(self, settings: ServoSettings, limits: Limits | None = None) -> None:
+        """Use ``settings`` from the next sample on; what the observer, and the same law, remember is kept.
+
+        Raises
+        ------
+        ValueError
+            If the law cannot be designed; nothing is changed then.
+        """
+        limits = limits or self.limits
+        law = design_law(self.drive, settings)
+        observer = settings.observer(self.drive)
+        monitor, own = monitor_constants(self.drive, limits, settings.period, settings.velocity_bandwidth)
+        self.constants = TickConstants(observer, monitor, own, range_constants(self.drive, limits), self._watched)
+        if hasattr(self, "settings") and self.settings.law == settings.law:
+            self._chosen.redesign(law)
+        else:
+            self._chosen = _Acting(law)
+        if limits != getattr(self, "limits", None):
+            forget_ends(self.memory.monitor)
+        self.settings, self.limits = settings, limits
+
+    def rejection_reason(self, limits: Limits) -> str:
         """Return why ``limits`` cannot be used now: the reference is outside of them; empty where they can."""
-        return limits.refusal(self.reference, self.reference) if self.holding else ""
+        return limits.rejection_reason(self.reference, self.reference) if self.holding else ""
+
+    # Holding and faults.
 
     def release(self, reason: str) -> None:
-        """Let go of the drive: command 0, forget what was observed, give up learning; hold where it next shows up."""
-        self.command = 0.0
-        self.reference = math.nan
-        self._estimate = observer_memory()
-        self._memory = self._law.memory.copy()
-        self._monitor.start()
-        if self._learner is not None and self._learner.result is None:
-            self._learner.give_up(reason)
+        """Let go of the drive: command 0, forget what was observed, cancel an experiment; hold where it next shows."""
+        self.memory.observer[:] = 0.0
+        self.memory.monitor[:] = monitor_memory()
+        self.memory.out[:] = 0.0
+        self._chosen.start()
+        self._hold()
+        if self._experiment is not None:
+            self._experiment.cancel(reason)
 
     def fail(self, fault: str) -> None:
         """Latch a fault, unless there is one: let go of the drive, 0 V until `reset`."""
@@ -71,106 +137,179 @@ class Servo:
         self.fault = ""
         self.release("reset")
 
-    def refer(self, reference: float) -> str:
-        """Take a reference, rad, and return an empty text; or why it is refused, which changes nothing."""
+    # The reference.
+
+    def set_reference(self, reference: float) -> str:
+        """Take a reference at rest, rad, and return an empty text; or why it is refused, which changes nothing."""
         if not math.isfinite(reference):
             return f"reference must be finite, in rad, got {reference}"
+        return self.follow(AtRest(reference))
+
+    def follow(self, source: Source) -> str:
+        """Plan ``source`` from the present setpoint on; return an empty text, or why it is refused."""
+        segments = np.ascontiguousarray(source.segments(Setpoint(self.memory.setpoint.copy())), dtype=np.float64)
+        start, end, least, largest = extent(segments)
         for hindered, why in (
             (bool(self.fault), "while a fault is latched"),
-            (self.learning, "while learning"),
+            (self.experimenting, "while learning"),
             (not self.holding, "while no position is held"),
         ):
             if hindered:
-                return f"reference {reference:g} rad came {why}"
-        refusal = self._monitor.limits.refusal(reference, self.reference)
-        if not refusal:
-            self.reference = reference
-        return refusal
+                return f"reference {end:g} rad came {why}"
+        for position, present in ((start, self._position), (least, least), (largest, largest)):
+            if reason := self.limits.rejection_reason(position, present):
+                return reason
+        self.segments, self._end = segments, end
+        self.memory.out[PLAN_TIME] = 0.0
+        return ""
+
+    @property
+    def _position(self) -> float:
+        """Where the setpoint stands, rad: the reference, or on the way to it."""
+        return self.reference if self.segments.shape[0] == 1 else float(self.memory.setpoint[0])
+
+    @property
+    def reference(self) -> float:
+        """Where the plan ends, rad; nan while no position is held."""
+        return float(self.segments[0, 0]) if self._end is None else self._end
 
     @property
     def holding(self) -> bool:
         """Whether a sample has been seen since the last `release`."""
-        return not math.isnan(self.reference)
+        return not math.isnan(self.segments[0, 0])
+
+    # What the tick left.
 
     @property
-    def learning(self) -> bool:
-        """Whether a learning run is under way."""
-        return self._learner is not None
+    def command(self) -> float:
+        """The command in force, V or A."""
+        return float(self.memory.out[COMMAND])
+
+    @command.setter
+    def command(self, value: float) -> None:
+        self.memory.out[COMMAND] = value
 
     @property
     def load_angle(self) -> float:
         """theta_l, rad."""
-        return float(self._estimate[THETA_L])
+        return float(self.estimate[THETA_L])
 
     @property
     def tracking_error(self) -> float:
-        """theta_l - reference, rad."""
-        return self.load_angle - self.reference
+        """Setpoint - theta_l, rad; an experiment's offset does not count."""
+        return float(self.memory.setpoint[0] - self._inputs[OFFSET] - self.estimate[THETA_L])
 
     @property
     def region(self) -> int:
         """1 where the fast gains act, 2 where the over-damped ones do."""
-        return int((self._fast_memory if self.learning else self._memory)[REGION])
+        return int((self._excited or self._chosen).state[REGION])
 
     @property
     def load_torque_estimate(self) -> float:
         """Torque on the output shaft, N m; 0 with the load encoder alone."""
-        return float(self._estimate[LOAD_TORQUE])
+        return float(self.estimate[LOAD_TORQUE])
 
-    def learning_refusal(self) -> str:
-        """Return why learning would go beyond the limits from where the load is held; empty where it would not."""
-        kick, limits = self.settings.learning.kick, self._monitor.limits
-        refusals = (limits.refusal(self.reference + swing, self.reference) for swing in (-kick, kick))
-        why = next(filter(None, refusals), "")
-        return why and f"it swings by learning.kick = {kick:g} rad to either side, but {why}"
+    # Experiments.
 
-    def start_learning(self) -> None:
-        """Start to learn the backlash at the next sample; the result shows in `take_learned`."""
-        if self._learner is not None:
+    @property
+    def experimenting(self) -> bool:
+        """Whether an experiment is under way, or its outcome not yet taken."""
+        return self._experiment is not None
+
+    @property
+    def progress(self) -> float:
+        """How far the experiment is, from 0 to 1; 0 where there is none."""
+        return 0.0 if self._experiment is None else self._experiment.progress
+
+    def experiment_refusal(self, name: str = "limit_cycle", parameters: Validated | None = None) -> str:
+        """Return why an experiment would go beyond the limits from where the load is held; empty where not."""
+        chosen = EXPERIMENTS.choose("learning.experiment", name)
+        swing = chosen.swing(parameters or self._parameters_of(name))
+        reasons = (self.limits.rejection_reason(self.reference + way, self.reference) for way in (-swing, swing))
+        why = next(filter(None, reasons), "")
+        return why and f"it swings by learning.kick = {swing:g} rad to either side, but {why}"
+
+    def _parameters_of(self, name: str) -> Validated:
+        return self.settings.learning if name == "limit_cycle" else EXPERIMENTS[name].parameters
+
+    def start_experiment(self, name: str = "limit_cycle", parameters: Validated | None = None) -> None:
+        """Start an experiment at the next sample; its outcome shows in `take_outcome`.
+
+        Raises
+        ------
+        RuntimeError
+            If one is under way.
+        ValueError
+            If there is none of that name, its parameters are of another, or its law cannot be designed.
+        """
+        if self._experiment is not None:
             raise RuntimeError("already learning")
-        self._learner = BacklashLearner(self.drive, self.settings.learning, self.settings.period)
+        chosen = EXPERIMENTS.choose("learning.experiment", name)
+        parameters = parameters or self._parameters_of(name)
+        if type(parameters) is not type(chosen.parameters):
+            raise ValueError(
+                f"{name} takes {type(chosen.parameters).__name__} as its parameters, got {type(parameters).__name__}"
+            )
+        self._excited = _Acting(design_law(self.drive, self.settings.with_law(chosen.law)))
+        self._experiment = chosen.make(self.drive, parameters, self.settings.period)
 
-    def take_learned(self) -> BacklashEstimate | None:
-        """Return the result of a learning run that has ended, once; None while there is none."""
-        if self._learner is None or self._learner.result is None:
+    def cancel(self, reason: str) -> None:
+        """End the experiment, if any, without a result."""
+        if self._experiment is not None:
+            self._experiment.cancel(reason)
+
+    def take_outcome(self) -> Outcome | None:
+        """Return how an experiment ended, once; None while there is none that has."""
+        if self._experiment is None or self._experiment.outcome is None:
             return None
-        result, self._learner = self._learner.result, None
-        self._memory = self._law.memory.copy()  # it has not seen what the learner did
-        return result
+        outcome, self._experiment, self._excited = self._experiment.outcome, None, None
+        self._inputs[OFFSET] = self._inputs[TORQUE] = 0.0
+        self._chosen.start()  # it has not seen what the experiment did
+        return outcome
 
-    def update(self, measured: Array, elapsed: float | None = None) -> float:
+    # The loop.
+
+    def update(self, measured: Measurement, elapsed: float | None = None) -> float:
         """Take one sample and return the command, V or A; 0 while a fault is latched and where no finite one follows.
 
         Parameters
         ----------
-        measured : shape (5,): theta_m, omega_m, i, theta_l, omega_l (rad, rad/s, A), nan where not measured
+        measured : this sample; nan where not measured
         elapsed : since the sample before, s; the period by default
         """
         if self.fault:
             return 0.0
-        fault = self._monitor.check(measured, self.command, elapsed or self.settings.period)
-        if fault:
-            self.fail(fault)
-            return 0.0
-        observer = self._observer
-        if elapsed is not None and elapsed > 1.5 * observer.period:  # samples are missing
-            observer = replace(self.settings, period=elapsed).observer(self.drive)
-        observer_step(observer, self._estimate, measured, self.command)
-        if not self.holding:
-            self.reference = self._monitor.limits.clip(self.load_angle)
-        offset = 0.0
-        law, memory = self._law, self._memory
-        if self._learner is not None:
-            law, memory = self._fast, self._fast_memory
-            offset = self._learner.update(
-                self._estimate,
-                has_motor=not math.isnan(measured[THETA_M]),
-                has_load=not math.isnan(measured[THETA_L]),
+        inputs, acting = self._inputs, self._chosen
+        inputs[ELAPSED] = elapsed or self.settings.period
+        if self._experiment is not None and self._excited is not None:
+            acting = self._excited
+            self._excite(measured)
+        command = acting.tick(
+            self.constants, self.memory, acting.law.constants, acting.state, self.segments, measured, inputs
+        )
+        if self.memory.out[FAULT]:
+            self.fail(describe_fault(Fault(int(self.memory.out[FAULT])), fault_details(self.memory), self.limits))
+        return command
+
+    def _excite(self, measured: Measurement) -> None:
+        """Step the experiment and take its excitation for this sample."""
+        assert self._experiment is not None
+        wanted = self._experiment.step(measured, self.estimate, self.command) if self.holding else Excitation()
+        if not (math.isfinite(wanted.offset) and math.isfinite(wanted.torque)):
+            self._experiment.cancel(
+                f"it asked for an offset of {wanted.offset} rad and a torque of {wanted.torque} N m"
             )
-        low, high = voltage_range(self._output, self._estimate)
-        voltage = law.step(law.constants, memory, self._estimate[:6], self.reference + offset, low, high)
-        command = command_of(self._output, self._estimate, voltage)
-        self.command = self._monitor.limits.soften(command, self.load_angle)
-        if not math.isfinite(self.command + sum(self._estimate.tolist())):  # finite if and only if all are
-            self.fail("no finite command follows from the joint states")
-        return self.command
+            wanted = Excitation()
+        self._inputs[OFFSET], self._inputs[TORQUE] = wanted
+
+    # For compiled loops, which call the tick themselves.
+
+    @property
+    def tick(self) -> Tick:
+        """The tick with the law in it."""
+        return self._chosen.tick
+
+    @property
+    def law_arrays(self) -> tuple[Array, Array]:
+        """Constants and state of the law, the state updated in place."""
+        return self._chosen.law.constants, self._chosen.state

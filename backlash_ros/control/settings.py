@@ -1,25 +1,27 @@
 """Everything about the servo that can be tuned, as one immutable value."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+from backlash_ros.control.experiments.limit_cycle import LearningSettings
 from backlash_ros.control.gains import GainSet
-from backlash_ros.control.learning import LearningSettings
 from backlash_ros.control.observer import ObserverConstants, observer_constants
 from backlash_ros.drivetrain import Drive, Validated, quantity
 
 
 @dataclass(frozen=True)
 class ServoSettings(Validated):
-    """One immutable choice of everything that can be tuned: gains, regions, rate, observer and learning.
+    """One immutable choice of everything that can be tuned: gains, law, rate, observer and learning.
 
     ``backlash_angle`` is b as learned; while it is 0, not known, the fast gains act alone. ``period`` is the time
-    between samples, s; ``law`` names one of `laws.LAWS`.
+    between samples, s; ``law`` names one of `laws.LAWS`; ``law_parameters`` has the parameters of each law whose
+    defaults do not hold, as pairs of name and value.
     """
 
     gains: GainSet
     law: str = "two_region"
     period: float = 0.004
     learning: LearningSettings = field(default_factory=LearningSettings)
+    law_parameters: tuple[tuple[str, Validated], ...] = ()
     backlash_angle: float = quantity(
         "backlash at the output shaft, within which the over-damped gains act; 0 while not known",
         "rad",
@@ -27,10 +29,6 @@ class ServoSettings(Validated):
         at_most=3.2,
         default=0.0,
     )
-    hysteresis: float = quantity(
-        "the over-damped region is left at (1 + hysteresis) backlash_angle", "", at_least=0, at_most=10, default=0.1
-    )
-    min_dwell: float = quantity("least time in a region", "s", at_least=0, at_most=10, default=0.02)
     velocity_bandwidth: float = quantity(
         "bandwidth of the low-pass where a speed is found from position", "rad/s", above=0, at_most=1e5, default=800.0
     )
@@ -41,6 +39,11 @@ class ServoSettings(Validated):
         at_most=1e4,
         default=40.0,
     )
+
+    def with_law(self, law: str, parameters: Validated | None = None) -> "ServoSettings":
+        """Return the same settings with another law and, where given, its parameters."""
+        own = {**dict(self.law_parameters), **({law: parameters} if parameters is not None else {})}
+        return replace(self, law=law, law_parameters=tuple(sorted(own.items())))
 
     def observer(self, drive: Drive) -> ObserverConstants:
         """Return the compiled observer's constants for ``drive``."""

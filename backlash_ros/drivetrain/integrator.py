@@ -7,7 +7,9 @@ they are solved by eliminating down to one unknown, the contact force.
 """
 
 import math
+from typing import Any
 
+import numba
 import numpy as np
 
 from backlash_ros.drivetrain.compiled import compiled
@@ -211,3 +213,33 @@ def advance(
             h = used * (max(0.2, 0.9 * error**-0.25) if math.isfinite(error) else 0.1)
             rejected = True
     return TOO_MANY_STEPS, time
+
+
+def integration_memory() -> State:
+    """Return what `advance` keeps from call to call."""
+    return np.zeros(2)
+
+
+_SIGNATURES: dict[int, Any] = {}
+
+
+def _signature() -> Any:
+    from backlash_ros.drivetrain.constants import plant_constants
+    from backlash_ros.drivetrain.parameters import NOMINAL_DRIVE
+
+    types: Any = numba.types
+    flat = types.float64[::1]
+    return types.Tuple((types.int64, types.float64))(
+        numba.typeof(plant_constants(NOMINAL_DRIVE)), flat, flat, *[types.float64] * 4
+    )
+
+
+Advance = Any
+ADVANCE_SIGNATURE = _signature()
+
+
+def integrator_for(drive: Any) -> Any:
+    """Return the integrator."""
+    if ADVANCE_SIGNATURE.args not in advance.overloads:
+        advance.compile(ADVANCE_SIGNATURE)
+    return advance

@@ -1,6 +1,7 @@
-"""The closed loop offline: single runs and learning, with the compiled functions that the nodes run."""
+"""The closed loop offline: single runs and experiments, with the compiled functions that the nodes run."""
 
 from backlash_ros.simulation.closed_loop import Run, Scenario, run
-from backlash_ros.simulation.learning import learn_backlash
+from backlash_ros.simulation.experiment import learn_backlash, run_experiment
+from backlash_ros.simulation.simulated_drive import SimulatedDrive
 
-__all__ = ["Run", "Scenario", "learn_backlash", "run"]
+__all__ = ["Run", "Scenario", "SimulatedDrive", "learn_backlash", "run", "run_experiment"]

@@ -1,29 +1,55 @@
-"""The closed loop offline: plant, observer and law, the compiled functions that the nodes run."""
+"""The closed loop offline: the simulated drive against the tick, the compiled functions that the nodes run."""
 
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-from backlash_ros.control import ServoSettings, design_law
-from backlash_ros.control.command import CommandConstants, command_constants, command_of, voltage_range
-from backlash_ros.control.law import LAW_SIGNATURE, REGION, LawStep
-from backlash_ros.control.observer import LOAD_TORQUE, ObserverConstants, observer_memory, observer_step
+from backlash_ros.control import Limits, Servo, ServoSettings
+from backlash_ros.control.law import REGION
+from backlash_ros.control.monitor import Fault, describe_fault
+from backlash_ros.control.setpoint import Source
+from backlash_ros.control.tick import (
+    ELAPSED,
+    FAULT,
+    INPUTS,
+    KNOWN_LOAD_TORQUE,
+    TICK_SIGNATURE,
+    Tick,
+    TickConstants,
+    TickMemory,
+    fault_details,
+)
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.compiled import compiled_as
-from backlash_ros.drivetrain.constants import plant_constants
-from backlash_ros.drivetrain.dynamics import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, State
-from backlash_ros.drivetrain.integrator import DEFAULT_TOLERANCE, DONE, PEAK_FORCE, REASONS, advance
-from backlash_ros.drivetrain.parameters import PlantConstants
+from backlash_ros.drivetrain.constants import PlantConstants, plant_constants
+from backlash_ros.drivetrain.delay import (
+    Delay,
+    DelayConstants,
+    DelayMemory,
+    delay_constants,
+    delay_memory,
+    play_period,
+)
+from backlash_ros.drivetrain.integrator import (
+    ADVANCE_SIGNATURE,
+    DEFAULT_TOLERANCE,
+    DONE,
+    PEAK_FORCE,
+    REASONS,
+    Advance,
+    integration_memory,
+    integrator_for,
+)
+from backlash_ros.drivetrain.sensors import SensorConstants, Sensors, sensor_constants, sensor_memory
+from backlash_ros.drivetrain.signals import LOAD_TORQUE, THETA_L, THETA_M, Array, PlantState, Setpoint, at_rest
+from backlash_ros.simulation.simulated_drive import take_sample
 
-Array = NDArray[np.float64]
-
-_numba: Any = numba
 _types: Any = numba.types
+_typeof: Any = numba.typeof
 
 
 @dataclass(frozen=True)
@@ -32,22 +58,22 @@ class Scenario:
 
     Parameters
     ----------
-    reference : rad, shape (N,)
+    reference : rad, shape (N,): a reference at rest at each sample
     load_torque : N m, shape (N,), or () for one that holds throughout
-    initial_state : shape (5,), as `dynamics.STATE_NAMES`
-    measured : which of theta_m, omega_m, i, theta_l, omega_l the drive measures
-    angle_noise : added to the measured load angle, rad, shape (N,) or ()
-    encoder_bits : resolution of both encoders, counts per turn as a power of two; None for exact angles
+    initial_state : of the plant
+    sensors, delay, seed : between plant and controller, and of what is random there
+    source : planned from the first sample on, in place of the reference, whose length says how long
     known_load_torque : feed the true load torque forward in place of the observer's estimate
     substeps : plant samples recorded per controller sample
     """
 
     reference: Array
     load_torque: Array = field(default_factory=lambda: np.zeros(()))
-    initial_state: State = field(default_factory=lambda: np.zeros(5))
-    measured: Sequence[bool] = (True, True, True, True, True)
-    angle_noise: Array = field(default_factory=lambda: np.zeros(()))
-    encoder_bits: int | None = None
+    initial_state: PlantState = field(default_factory=at_rest)
+    sensors: Sensors = field(default_factory=Sensors)
+    delay: Delay = field(default_factory=Delay)
+    seed: int = 0
+    source: Source | None = None
     known_load_torque: bool = False
     substeps: int = 1
 
@@ -57,7 +83,8 @@ class Run:
     """A closed-loop run: ``substeps`` plant samples per controller sample, from t = 0 on.
 
     ``state`` (N * substeps + 1, 5) at ``time``; ``command`` (V or A), ``region`` and ``load_torque_estimate`` (N,) per
-    controller sample; ``peak_force`` (N,), the largest contact force within each controller period, N.
+    controller sample; ``peak_force`` (N,), the largest contact force within each controller period, N. ``fault`` is the
+    text of what the controller latched at sample ``fault_sample``, from which on the command is 0; "" and -1 for none.
     """
 
     time: Array
@@ -66,6 +93,8 @@ class Run:
     region: Array
     load_torque_estimate: Array
     peak_force: Array
+    fault: str = ""
+    fault_sample: int = -1
 
     @property
     def load_angle(self) -> Array:
@@ -78,70 +107,71 @@ class Run:
 
 
 def _loop(
+    advance: Advance,
+    tick: Tick,
     plant: PlantConstants,
-    law_step: LawStep,
-    constants: Array,
-    memory: Array,
-    observer: ObserverConstants,
-    output: CommandConstants,
-    reference: Array,
+    sensors: SensorConstants,
+    sensed: Array,
+    delay: DelayConstants,
+    line: DelayMemory,
+    constants: TickConstants,
+    memory: TickMemory,
+    law: Array,
+    law_state: Array,
+    segments: Array,
+    references: Array,
     load_torque: Array,
-    angle_noise: Array,
-    resolution: float,
-    missing: Array,
     known_load_torque: bool,
-    substeps: int,
+    command_limit: float,
     tolerance: float,
+    state: PlantState,
+    step: Array,
     states: Array,
     signals: Array,
-    estimate: Array,
 ) -> tuple[int, float, int]:
-    """Fill ``states`` after its first and ``signals``: command, region, load torque estimate, peak force."""
-    state = np.zeros(7)
-    state[:5] = states[0]
-    step = np.zeros(2)
-    measured, seen = np.empty(5), np.empty(6)
-    command = 0.0
-    part = observer.period / substeps
-    for k in range(reference.shape[0]):
-        measured[0], measured[1], measured[2] = state[THETA_M], state[OMEGA_M], state[CURRENT]
-        measured[3], measured[4] = state[THETA_L] + angle_noise[k], state[OMEGA_L]
-        if resolution > 0.0:
-            measured[0] = np.round(measured[0] / resolution) * resolution
-            measured[3] = np.round(measured[3] / resolution) * resolution
-        for j in range(5):
-            measured[j] += missing[j]
-        observer_step(observer, estimate, measured, command)
-        seen[:] = estimate[:6]
+    """Fill ``states`` and ``signals``: command, region, load torque estimate, peak force. The one loop body offline.
+
+    Returns status, time reached (s) and the sample at which a fault was latched, or -1.
+    """
+    inputs = np.zeros(INPUTS)
+    inputs[KNOWN_LOAD_TORQUE] = np.nan
+    measured = np.empty(5)
+    fault_sample = -1
+    substeps = (states.shape[0] - 1) // load_torque.shape[0]
+    for k in range(load_torque.shape[0]):
+        inputs[ELAPSED] = take_sample(sensors, sensed, delay, line, k, measured)
         if known_load_torque:
-            seen[LOAD_TORQUE] = load_torque[k]
-        low, high = voltage_range(output, seen)
-        voltage = law_step(constants, memory, seen, reference[k], low, high)
-        command = command_of(output, seen, voltage)
-        signals[k, 0], signals[k, 1], signals[k, 2] = command, memory[REGION], estimate[LOAD_TORQUE]
+            inputs[KNOWN_LOAD_TORQUE] = load_torque[k]
+        if references.shape[0] > 0:
+            segments[0, 0] = references[k]
+        command = 0.0
+        if fault_sample < 0:
+            command = tick(constants, memory, law, law_state, segments, measured, inputs)
+            if memory.out[FAULT] != 0.0:
+                fault_sample = k
+        signals[k, 0], signals[k, 1], signals[k, 2] = command, law_state[REGION], memory.observer[LOAD_TORQUE]
         step[PEAK_FORCE] = 0.0
-        for j in range(substeps):
-            status, passed = advance(plant, state, step, command, load_torque[k], part, tolerance)
-            states[k * substeps + j + 1] = state[:5]
-            if status != DONE:
-                return status, k * observer.period + j * part + passed, k * substeps + j + 1
+        rows = states[k * substeps + 1 : (k + 1) * substeps + 1]
+        command = min(max(command, -command_limit), command_limit)
+        status, passed = play_period(advance, plant, state, step, delay, line, command, load_torque[k], tolerance, rows)
+        if status != 0:
+            return status, k * delay.period + passed, fault_sample
         signals[k, 3] = step[PEAK_FORCE]
-    return DONE, reference.shape[0] * observer.period, states.shape[0] - 1
+    return 0, load_torque.shape[0] * delay.period, fault_sample
 
 
-def encoder_step(bits: int | None) -> float:
-    """Return the smallest angle that an encoder of 2**bits counts per turn tells apart, rad; 0 for exact angles."""
-    return 2 * np.pi / 2**bits if bits else 0.0
-
-
-@functools.cache
-def _compiled_loop(plant_type: Any, observer_type: Any, output_type: Any) -> Callable[..., tuple[int, float, int]]:
-    """Compile the loop once for every law: a law's step is an argument, so that a new law needs no new loop."""
-    integer, number, boolean = _types.int64, _types.float64, _types.boolean
-    flat, table = number[::1], number[:, ::1]
-    signature = _types.Tuple((integer, number, integer))(
-        *(plant_type, _types.FunctionType(LAW_SIGNATURE), flat, flat, observer_type, output_type),
-        *(flat, flat, flat, number, flat, boolean, integer, number, table, table, flat),
+@cache
+def _compiled_loop() -> Callable[..., tuple[int, float, int]]:
+    """Compile the loop once for every law and contact: tick and integrator are arguments."""
+    number, flat, table = _types.float64, _types.float64[::1], _types.float64[:, ::1]
+    delay = delay_constants(Delay(), 1.0)
+    tick = TICK_SIGNATURE.args
+    signature = _types.Tuple((_types.int64, number, _types.int64))(
+        _types.FunctionType(ADVANCE_SIGNATURE),
+        _types.FunctionType(TICK_SIGNATURE),
+        ADVANCE_SIGNATURE.args[0],
+        *(_typeof(sensor_constants(Sensors())), flat, _typeof(delay), _typeof(delay_memory(at_rest()))),
+        *(*tick[:5], flat, flat, _types.boolean, number, number, flat, flat, table, table),
     )
     return compiled_as(signature)(_loop)
 
@@ -152,14 +182,22 @@ def run(
     scenario: Scenario,
     tolerance: float = DEFAULT_TOLERANCE,
     model: Drive | None = None,
+    limits: Limits | None = None,
+    *,
+    watched: bool = True,
 ) -> Run:
     """Run one closed loop: ``drive`` is what moves, ``model`` (the same by default) what the controller takes it for.
+
+    Parameters
+    ----------
+    limits : of the controller; those that follow from the model by default
+    watched : whether the monitor looks on; what it would latch ends nothing otherwise
 
     Raises
     ------
     ValueError
-        If the law that ``settings`` names does not exist or cannot be designed, an input is not finite, or the model
-        takes another command than the drive.
+        If the law that ``settings`` names does not exist or cannot be designed, an input is not finite, the source
+        is refused, or the model takes another command than the drive.
     IntegrationError
         If the plant cannot be integrated; names the time and the state.
     """
@@ -170,41 +208,46 @@ def run(
             f"command_interface of the model must be the drive's, {drive.command_interface!r}, "
             f"got {model.command_interface!r}"
         )
-    law = design_law(model, settings)
-    states = np.empty((count * substeps + 1, 5))
-    states[0] = scenario.initial_state
-    signals = np.zeros((count, 4))
+    servo = Servo(model, settings, limits, watched=watched)
+    segments = servo.segments
+    if scenario.source is not None:
+        segments = np.ascontiguousarray(scenario.source.segments(Setpoint(np.zeros(3))), dtype=np.float64)
+    state = PlantState(np.zeros(7))
+    state[: scenario.initial_state.size] = scenario.initial_state
+    states, signals = np.empty((count * substeps + 1, 5)), np.zeros((count, 4))
+    states[0] = state[:5]
 
     def samples(name: str, values: Array) -> Array:
         if not np.all(np.isfinite(values)):
             raise ValueError(f"{name} must be finite throughout")
         return np.array(np.broadcast_to(values, (count,)), dtype=np.float64)
 
-    plant, observer, output = (
+    references = samples("reference", scenario.reference)
+    status, reached, fault_sample = _compiled_loop()(
+        integrator_for(drive),
+        servo.tick,
         plant_constants(drive),
-        settings.observer(model),
-        command_constants(model),
-    )
-    status, reached, row = _compiled_loop(*(_numba.typeof(each) for each in (plant, observer, output)))(
-        plant,
-        law.step,
-        law.constants,
-        law.memory.copy(),
-        observer,
-        output,
-        samples("reference", scenario.reference),
+        sensor_constants(scenario.sensors, scenario.seed),
+        sensor_memory(),
+        delay_constants(scenario.delay, settings.period, scenario.seed),
+        delay_memory(state),
+        servo.constants,
+        servo.memory,
+        *servo.law_arrays,
+        segments,
+        references if scenario.source is None else np.empty(0),
         samples("load_torque", scenario.load_torque),
-        samples("angle_noise", scenario.angle_noise),
-        encoder_step(scenario.encoder_bits),
-        np.where(scenario.measured, 0.0, np.nan),
         scenario.known_load_torque,
-        substeps,
+        drive.command_limit,
         tolerance,
+        state,
+        integration_memory(),
         states,
         signals,
-        observer_memory(),
     )
     if status != DONE:
-        raise IntegrationError(REASONS[status], reached, states[row])
+        raise IntegrationError(REASONS[status], reached, state)
+    fault = Fault(int(servo.memory.out[FAULT]))
+    text = describe_fault(fault, fault_details(servo.memory), servo.limits) if fault_sample >= 0 else ""
     time = np.arange(count * substeps + 1, dtype=np.float64) * (settings.period / substeps)
-    return Run(time, states, *np.ascontiguousarray(signals.T))
+    return Run(time, states, *np.ascontiguousarray(signals.T), fault=text, fault_sample=fault_sample)

@@ -1,29 +1,32 @@
-"""The control laws by name. A law is one file here with a table ``LAWS`` of its names, found by itself."""
+"""The control laws by name. A law is one file here, or anywhere, with a table ``LAWS`` of its names."""
 
 from functools import lru_cache
-from importlib import import_module
-from pkgutil import iter_modules
 
 from backlash_ros.control.law import ControlLaw, NamedLaw
 from backlash_ros.control.settings import ServoSettings
 from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain.registry import Registry
 
-_FIRST = "two_region"  # the paper's laws lead every table
-
-LAWS: dict[str, NamedLaw] = {
-    name: law
-    for module in sorted(iter_modules(__path__), key=lambda module: (module.name != _FIRST, module.name))
-    for name, law in import_module(f"{__name__}.{module.name}").LAWS.items()
-}
-"""Every law by the name that the parameter ``law`` takes."""
+LAWS: Registry[NamedLaw] = Registry(__name__, __path__, "LAWS", first="two_region")
+"""Every law by the name that the parameter ``law`` takes; the paper's laws lead every table."""
 
 
 @lru_cache(maxsize=16)
 def design_law(drive: Drive, settings: ServoSettings) -> ControlLaw:
-    """Design the law that ``settings`` names; ValueError for a name that is not in `LAWS`.
+    """Design the law that ``settings`` names, with its parameters there or else their defaults.
 
     Remembered, so that what was designed to validate a request is not designed again between two samples.
+
+    Raises
+    ------
+    ValueError
+        For a name that is not in `LAWS`, parameters of another law, and where the law cannot be designed.
     """
-    if settings.law not in LAWS:
-        raise ValueError(f"law must be one of {sorted(LAWS)}, got {settings.law!r}")
-    return LAWS[settings.law].design(drive, settings)
+    law = LAWS.choose("law", settings.law)
+    parameters = dict(settings.law_parameters).get(settings.law, law.parameters)
+    if type(parameters) is not type(law.parameters):
+        raise ValueError(
+            f"laws.{settings.law} takes {type(law.parameters).__name__} as its parameters, "
+            f"got {type(parameters).__name__}"
+        )
+    return law.design(drive, settings, parameters)

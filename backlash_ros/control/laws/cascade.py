@@ -1,52 +1,67 @@
 """What industry uses: a P position loop on the load with a dead band, around a PI speed loop on the motor.
 
 The dead band is the backlash: within it the position loop asks for nothing. The speed loop has the inertia of motor
-and load as its plant and cancels the back-EMF.
+and load as its plant and cancels the back-EMF. The setpoint's speed is fed forward.
 """
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from backlash_ros.control.command import within
-from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, Array, ControlLaw, NamedLaw
-from backlash_ros.control.observer import OMEGA_M, THETA_L
-from backlash_ros.control.settings import ServoSettings
-from backlash_ros.drivetrain import Drive
+from backlash_ros.control.command_range import clamp
+from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, ControlLaw, NamedLaw
+from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.compiled import compiled_as
+from backlash_ros.drivetrain.signals import OMEGA_M, POSITION, THETA_L, VELOCITY, Array, Estimate, Setpoint
+
+if TYPE_CHECKING:
+    from backlash_ros.control.settings import ServoSettings
 
 _INTEGRAL = 1
-_POSITION_GAIN, _DEAD_BAND, _SPEED_GAIN, _RESET, _BACK_EMF, _PERIOD = range(6)
+_POSITION_GAIN, _DEAD_BAND, _SPEED_GAIN, _RESET, _BACK_EMF, _PERIOD, _TO_MOTOR = range(7)
 
-SPEED_BANDWIDTH = 100.0
-POSITION_BANDWIDTH = 25.0
-"""Bandwidths of the loops, rad/s: where the rise time is that of the fast state feedback on the nominal drive."""
+
+@dataclass(frozen=True)
+class CascadeParameters(Validated):
+    """Bandwidths; by default the rise time is that of the fast state feedback on the nominal drive."""
+
+    section: ClassVar[str] = "laws.cascade"
+
+    position_bandwidth: float = quantity("of the position loop", "rad/s", above=0, at_most=1e4, default=25.0)
+    speed_bandwidth: float = quantity("of the speed loop", "rad/s", above=0, at_most=1e4, default=100.0)
+    dead_band: float = quantity(
+        "error to either side without effect, over backlash_angle", "", at_least=0, at_most=10, default=0.5
+    )
 
 
 @compiled_as(LAW_SIGNATURE)
-def cascade_step(law: Array, memory: Array, estimate: Array, reference: float, low: float, high: float) -> float:
-    """Position error beyond the dead band to motor speed, speed error to voltage; the integrator stops at the limit."""
-    error = reference - estimate[THETA_L]
+def cascade_step(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, low: float, high: float) -> float:
+    """Position error beyond the dead band to motor speed, speed error to voltage; the integrator stops at the range."""
+    error = setpoint[POSITION] - estimate[THETA_L]
     beyond = max(error - law[_DEAD_BAND], 0.0) + min(error + law[_DEAD_BAND], 0.0)
-    speed_error = law[_POSITION_GAIN] * beyond - estimate[OMEGA_M]
-    integral = memory[_INTEGRAL] + law[_RESET] * law[_PERIOD] * speed_error
+    speed_error = law[_POSITION_GAIN] * beyond + law[_TO_MOTOR] * setpoint[VELOCITY] - estimate[OMEGA_M]
+    integral = state[_INTEGRAL] + law[_RESET] * law[_PERIOD] * speed_error
     wanted = law[_SPEED_GAIN] * (speed_error + integral) + law[_BACK_EMF] * estimate[OMEGA_M]
-    voltage = within(wanted, low, high)
+    voltage = clamp(wanted, low, high)
     if voltage == wanted:
-        memory[_INTEGRAL] = integral
+        state[_INTEGRAL] = integral
     return voltage
 
 
-def cascade(drive: Drive, settings: ServoSettings) -> ControlLaw:
+def cascade(drive: Drive, settings: "ServoSettings", parameters: CascadeParameters) -> ControlLaw:
     """Design the cascade: K_m i = n^2 J_e domega_m/dt with i = V/R past the electrical pole."""
     inertia = drive.gear.ratio**2 * drive.effective_inertia
     constants = [
-        POSITION_BANDWIDTH / drive.gear.ratio,
-        0.5 * settings.backlash_angle,
-        SPEED_BANDWIDTH * inertia * drive.motor.resistance / drive.motor.torque_constant,
-        0.25 * SPEED_BANDWIDTH,
+        parameters.position_bandwidth / drive.gear.ratio,
+        parameters.dead_band * settings.backlash_angle,
+        parameters.speed_bandwidth * inertia * drive.motor.resistance / drive.motor.torque_constant,
+        0.25 * parameters.speed_bandwidth,
         drive.motor.torque_constant,
         settings.period,
+        1.0 / drive.gear.ratio,
     ]
     return ControlLaw(cascade_step, np.array(constants, dtype=float), np.array([float(FAST_REGION), 0.0]))
 
 
-LAWS = {"cascade": NamedLaw("P/PI cascade with dead band", cascade)}
+LAWS = {"cascade": NamedLaw("P/PI cascade with dead band", cascade, CascadeParameters())}

@@ -6,34 +6,50 @@ claimed to be the original: LQG on motor and load joined by a spring, from the l
 reference that makes up for the slow pole, and more. The spring is the teeth's secant stiffness at the edge of the gap.
 """
 
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from backlash_ros.control.command import within
-from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, Array, ControlLaw, NamedLaw
-from backlash_ros.control.observer import THETA_L
-from backlash_ros.control.settings import ServoSettings
-from backlash_ros.drivetrain import Drive, sampled
+from backlash_ros.control.command_range import clamp
+from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, ControlLaw, NamedLaw
+from backlash_ros.drivetrain import Drive, Validated, quantity, sampled
 from backlash_ros.drivetrain.compiled import compiled_as
+from backlash_ros.drivetrain.signals import POSITION, THETA_L, Array, Estimate, Setpoint
+
+if TYPE_CHECKING:
+    from backlash_ros.control.settings import ServoSettings
 
 _STATES = 5
 _A, _B, _L, _K, _RATIO, _LEAD, _FORGET = 0, 25, 30, 35, 40, 41, 42
 _STARTED, _SLOW_REFERENCE = 1 + _STATES, 2 + _STATES
 
-POSITION_WEIGHT = 25.0
-"""LQR weight on the load's angle: low enough for the nominal drive to come to rest."""
-TORQUE_NOISE, ANGLE_NOISE = 1e-3, 1e-3
-"""What the Kalman filter expects: noise on the motor torque in N m and on the angle in rad."""
-LEAD, LAG_TIME = 1.1, 0.03
-"""Zero of the reference's lead over the slowest pole's time constant, and its lag, s."""
+
+@dataclass(frozen=True)
+class ElasticLqgParameters(Validated):
+    """What the compensator weighs and expects; by default the nominal drive comes to rest."""
+
+    section: ClassVar[str] = "laws.elastic_lqg"
+
+    position_weight: float = quantity(
+        "LQR weight on the load's angle", "V^2/rad^2", above=0, at_most=1e12, default=25.0
+    )
+    torque_noise: float = quantity("noise on the motor torque", "N m", above=0, at_most=1e3, default=1e-3)
+    angle_noise: float = quantity("noise on the load's angle", "rad", above=0, at_most=1, default=1e-3)
+    lead: float = quantity(
+        "zero of the reference's lead over the slowest pole's time constant", "", at_least=0, at_most=10, default=1.1
+    )
+    lag_time: float = quantity("lag of the reference's lead", "s", above=0, at_most=10, default=0.03)
 
 
 @compiled_as(LAW_SIGNATURE)
-def elastic_lqg_step(law: Array, memory: Array, estimate: Array, reference: float, low: float, high: float) -> float:
-    """Kalman predictor in ``memory[1:6]``: theta_m, omega_m, theta_l, omega_l, i; V = -K (state - target)."""
+def elastic_lqg_step(
+    law: Array, memory: Array, estimate: Estimate, setpoint: Setpoint, low: float, high: float
+) -> float:
+    """Kalman predictor in ``memory[1:6]``: theta_m, omega_m, theta_l, omega_l, i; V = K (target - state)."""
     state = memory[1 : 1 + _STATES]
+    reference = setpoint[POSITION]
     if memory[_STARTED] == 0.0:
         state[0], state[2] = estimate[THETA_L] / law[_RATIO], estimate[THETA_L]
         memory[_SLOW_REFERENCE] = estimate[THETA_L]
@@ -42,7 +58,7 @@ def elastic_lqg_step(law: Array, memory: Array, estimate: Array, reference: floa
     memory[_SLOW_REFERENCE] += law[_FORGET] * (reference - memory[_SLOW_REFERENCE])
     wanted = law[_K] * (target / law[_RATIO] - state[0]) + law[_K + 2] * (target - state[2])
     wanted -= law[_K + 1] * state[1] + law[_K + 3] * state[3] + law[_K + 4] * state[4]
-    voltage = within(wanted, low, high)
+    voltage = clamp(wanted, low, high)
     innovation = estimate[THETA_L] - state[2]
     following = np.empty(_STATES)
     for i in range(_STATES):
@@ -63,7 +79,7 @@ def optimal_gain(a: Array, b: Array, weight: Array, effort: Array) -> Array:
     return gain
 
 
-def elastic_lqg(drive: Drive, settings: ServoSettings) -> ControlLaw:
+def elastic_lqg(drive: Drive, settings: "ServoSettings", parameters: ElasticLqgParameters) -> ControlLaw:
     """Design the compensator for ``drive`` at the sample period."""
     motor, gear, load = drive.motor, drive.gear, drive.load
     spring = gear.contact_stiffness / (0.5 * gear.backlash)
@@ -79,16 +95,21 @@ def elastic_lqg(drive: Drive, settings: ServoSettings) -> ControlLaw:
     b = np.array([[0.0], [0.0], [0.0], [0.0], [1.0 / motor.inductance]])
     c = np.array([[0.0, 0.0, 1.0, 0.0, 0.0]])
     a_held, b_held = sampled(drive, a, b, settings.period)
-    k = optimal_gain(a_held, b_held, np.diag([0.0, 0.0, POSITION_WEIGHT, 0.0, 0.0]), np.eye(1))
+    k = optimal_gain(a_held, b_held, np.diag([0.0, 0.0, parameters.position_weight, 0.0, 0.0]), np.eye(1))
     poles = np.linalg.eigvals(a_held - b_held @ k)
     slowest = -settings.period / np.log(np.max(np.abs(poles)))
     torque = np.array([[0.0], [settings.period / motor.inertia], [0.0], [0.0], [0.0]])
     # The Kalman predictor is the dual problem.
-    predictor = optimal_gain(a_held.T, c.T, TORQUE_NOISE**2 * torque @ torque.T, np.eye(1) * ANGLE_NOISE**2).T
-    reference = [LEAD * slowest / LAG_TIME - 1.0, -np.expm1(-settings.period / LAG_TIME)]
+    predictor = optimal_gain(
+        a_held.T, c.T, parameters.torque_noise**2 * torque @ torque.T, np.eye(1) * parameters.angle_noise**2
+    ).T
+    reference = [
+        parameters.lead * slowest / parameters.lag_time - 1.0,
+        -np.expm1(-settings.period / parameters.lag_time),
+    ]
     parts: list[Any] = [a_held, b_held, predictor, k, [gear.ratio], reference]
     constants = np.concatenate([np.ravel(part) for part in parts])
     return ControlLaw(elastic_lqg_step, constants, np.array([float(FAST_REGION), *np.zeros(_STATES + 2)]))
 
 
-LAWS = {"elastic_lqg": NamedLaw("linear compensator (after Mohan)", elastic_lqg)}
+LAWS = {"elastic_lqg": NamedLaw("linear compensator (after Mohan)", elastic_lqg, ElasticLqgParameters())}

@@ -5,38 +5,51 @@ compensator acts with a lower gain. It sees position and speed of the load only,
 torque, and switches without hysteresis.
 """
 
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
 import numpy as np
 
-from backlash_ros.control.command import within
-from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, OVERDAMPED_REGION, REGION, Array, ControlLaw, NamedLaw
-from backlash_ros.control.observer import OMEGA_L, THETA_L
-from backlash_ros.control.settings import ServoSettings
-from backlash_ros.drivetrain import Drive
+from backlash_ros.control.command_range import clamp
+from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, OVERDAMPED_REGION, REGION, ControlLaw, NamedLaw
+from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.compiled import compiled_as
+from backlash_ros.drivetrain.signals import OMEGA_L, POSITION, THETA_L, VELOCITY, Array, Estimate, Setpoint
+
+if TYPE_CHECKING:
+    from backlash_ros.control.settings import ServoSettings
 
 _K1, _K2, _NEAR, _REDUCTION = range(4)
 
-REDUCTION = 0.3
-"""Gain near the target over gain far from it."""
+
+@dataclass(frozen=True)
+class SwitchedLinearParameters(Validated):
+    """How much softer it is near the target."""
+
+    section: ClassVar[str] = "laws.switched_linear"
+
+    reduction: float = quantity("gain near the target over gain far from it", "", above=0, at_most=1, default=0.3)
 
 
 @compiled_as(LAW_SIGNATURE)
 def switched_linear_step(
-    law: Array, memory: Array, estimate: Array, reference: float, low: float, high: float
+    law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, low: float, high: float
 ) -> float:
-    """V = -g (k1 error + k2 omega_l), with the reduced g where the error is within the backlash."""
-    error = estimate[THETA_L] - reference
+    """V = g (k1 error + k2 speed error), with the reduced g where the error is smaller than the backlash."""
+    error = setpoint[POSITION] - estimate[THETA_L]
     near = abs(error) < law[_NEAR]
-    memory[REGION] = OVERDAMPED_REGION if near else FAST_REGION
-    voltage = -(law[_K1] * error + law[_K2] * estimate[OMEGA_L]) * (law[_REDUCTION] if near else 1.0)
-    return within(voltage, low, high)
+    state[REGION] = OVERDAMPED_REGION if near else FAST_REGION
+    voltage = law[_K1] * error + law[_K2] * (setpoint[VELOCITY] - estimate[OMEGA_L])
+    return clamp(voltage * (law[_REDUCTION] if near else 1.0), low, high)
 
 
-def switched_linear(_drive: Drive, settings: ServoSettings) -> ControlLaw:
+def switched_linear(_drive: Drive, settings: "ServoSettings", parameters: SwitchedLinearParameters) -> ControlLaw:
     """Design it from the fast gains' position and speed gain."""
-    fast = settings.gains.fast
-    constants = [fast.k1, fast.k2, settings.backlash_angle, REDUCTION]
+    k1, k2, _ = settings.gains.fast.as_array().tolist()
+    constants = [k1, k2, settings.backlash_angle, parameters.reduction]
     return ControlLaw(switched_linear_step, np.array(constants, dtype=float), np.array([float(FAST_REGION)]))
 
 
-LAWS = {"switched_linear": NamedLaw("switched linear (after Boneh & Yaniv)", switched_linear)}
+LAWS = {
+    "switched_linear": NamedLaw("switched linear (after Boneh & Yaniv)", switched_linear, SwitchedLinearParameters())
+}

@@ -1,4 +1,4 @@
-"""The learning unit: what to excite, what to wait for, when to stop, and what the backlash then is.
+"""Learning the backlash from the limit cycle: what to excite, what to wait for, when to stop, what the backlash then is.
 
 The fast gains keep a limit cycle in the gap (paper, fig 4). The learner starts it with a step of the reference
 there and back, since a load at rest on one flank stays quiet, and measures it over several cycles. With both encoders
@@ -13,9 +13,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from backlash_ros.control.limit_cycle import Array, LimitCycle, find_limit_cycle, refine
-from backlash_ros.control.observer import OMEGA_L, OMEGA_M, THETA_L, THETA_M
+from backlash_ros.control.experiment import Excitation, NamedExperiment
+from backlash_ros.control.limit_cycle import LimitCycle, find_limit_cycle, refine
 from backlash_ros.drivetrain import Drive, Validated, quantity
+from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array, Estimate, Measurement
 
 _FEWEST_STEPS = 4
 """Steps of a load encoder that its cycle must span: teeth at rest on one flank flicker between two neighbours."""
@@ -60,7 +61,7 @@ class LearningSettings(Validated):
 
 
 class BacklashLearner:
-    """One run of the learning protocol: fed each sample's estimate, it answers the offset to put on the reference.
+    """One run of the learning protocol, an `Experiment`.
 
     Parameters
     ----------
@@ -69,7 +70,7 @@ class BacklashLearner:
     """
 
     def __init__(self, drive: Drive, settings: LearningSettings, period: float) -> None:
-        self.result: BacklashEstimate | None = None
+        self.outcome: BacklashEstimate | None = None
         self._drive = drive
         self._settings = settings
         self._period = period
@@ -79,36 +80,43 @@ class BacklashLearner:
         self._record: list[Array] = []
         self._last_refusal = ""
 
-    def give_up(self, reason: str) -> None:
+    @property
+    def progress(self) -> float:
+        """How far it is, from 0 to 1, as if all attempts were needed."""
+        if self.outcome is not None:
+            return 1.0
+        settings = self._settings
+        attempt = settings.kick_time + settings.settle_time + settings.measure_time
+        return min(1.0, (self._attempt - 1 + self._tick * self._period / attempt) / settings.attempts)
+
+    def cancel(self, reason: str) -> None:
         """End without an estimate, for ``reason``."""
-        self.result = BacklashEstimate(0.0, self._method, 0.0, 0.0, 0, False, f"no valid cycle: {reason}")
+        if self.outcome is None:
+            self.outcome = BacklashEstimate(0.0, self._method, 0.0, 0.0, 0, False, f"no valid cycle: {reason}")
 
-    def update(self, estimate: Array, *, has_motor: bool, has_load: bool) -> float:
-        """Take the observer's estimate of one sample and return the reference offset, rad; 0 once there is a result.
-
-        ``has_motor`` and ``has_load`` say which encoders gave this sample.
-        """
-        if not has_load and self.result is None:
-            self.give_up("the load encoder is missing, and a motor encoder alone does not see the gap")
-        if self.result is not None:
-            return 0.0
-        if not has_motor:
+    def step(self, measured: Measurement, estimate: Estimate, _command: float) -> Excitation:
+        """Take a sample; see `Experiment`."""
+        if math.isnan(measured[THETA_L]):
+            self.cancel("the load encoder is missing, and a motor encoder alone does not see the gap")
+        if self.outcome is not None:
+            return Excitation()
+        if math.isnan(measured[THETA_M]):
             self._method = Method.LOAD_AMPLITUDE
         settings = self._settings
         time = self._tick * self._period
         self._tick += 1
         if time < settings.kick_time:
-            return settings.kick if self._attempt % 2 else -settings.kick
+            return Excitation(offset=settings.kick if self._attempt % 2 else -settings.kick)
         since = time - settings.kick_time - settings.settle_time
         if since >= 0:
-            self._record.append(estimate[: OMEGA_L + 1].copy())
+            self._record.append(estimate.copy())
             if self._tick % max(1, round(0.1 / self._period)) == 0:
                 self._judge()
-            if self.result is None and since >= settings.measure_time:
+            if self.outcome is None and since >= settings.measure_time:
                 self._judge()
-                if self.result is None:
+                if self.outcome is None:
                     self._next_attempt()
-        return 0.0
+        return Excitation()
 
     def _judge(self) -> None:
         record = np.array(self._record)
@@ -160,13 +168,13 @@ class BacklashLearner:
             reason = (
                 f"{cycle.cycles} cycles of {cycle.period:.4g} s, {cycle.amplitude:.4g} rad peak to peak at the load"
             )
-            self.result = BacklashEstimate(
+            self.outcome = BacklashEstimate(
                 angle, self._method, cycle.amplitude, cycle.period, cycle.cycles, True, reason
             )
 
     def _next_attempt(self) -> None:
         if self._attempt >= self._settings.attempts:
-            self.give_up(f"{self._last_refusal} (after {self._attempt} kicks of {self._settings.kick:g} rad)")
+            self.cancel(f"{self._last_refusal} (after {self._attempt} kicks of {self._settings.kick:g} rad)")
         self._attempt += 1
         self._tick = 0
         self._record.clear()
@@ -176,3 +184,13 @@ def _encoder_step(position: Array) -> float:
     """Return the smallest change between samples: an encoder's step, next to nothing where there is none."""
     changes = np.abs(np.diff(position))
     return float(np.min(changes[changes > 0], initial=math.inf))
+
+
+EXPERIMENTS = {
+    "limit_cycle": NamedExperiment(
+        "backlash from the limit cycle of the fast gains",
+        BacklashLearner,
+        LearningSettings(),
+        swing=lambda settings: float(settings.kick),
+    )
+}

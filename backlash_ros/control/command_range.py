@@ -1,0 +1,90 @@
+"""Between the law's voltage and the drive's command: the range that the drive really has, told to the law before it acts.
+
+Every law is written for the voltage V. A drive that takes a voltage gets it. For one that takes a current the
+controller emulates the winding without its inductance, i = (V - K_m omega_m)/R: gains keep their meaning, and the motor
+the damping of its back-EMF. Inside the gap that takes the motor's encoder: the speed of a load through the rigid gear
+damps nothing there, and the limit cycle stays.
+
+Nothing changes the command behind the law: supply, current limit, ``limits.command`` and the soft zones before the ends
+of the travel are all in the range, so that what a law remembers is what was applied.
+"""
+
+from typing import NamedTuple
+
+from backlash_ros.control.limits import Limits
+from backlash_ros.drivetrain import Drive, compiled
+from backlash_ros.drivetrain.signals import OMEGA_M, THETA_L, Estimate
+
+
+class RangeConstants(NamedTuple):
+    """The winding that the controller emulates (none: back-EMF 0 V s/rad, resistance 1), and what limits the command.
+
+    ``limit`` is in the command's unit, V or A; ``voltage_limit`` in V; ends and soft zone in rad at the load.
+    ``feedforward``: volts that make 1 N m at the output shaft, at standstill.
+    """
+
+    back_emf: float
+    resistance: float
+    limit: float
+    voltage_limit: float
+    lower_end: float
+    upper_end: float
+    soft_zone: float
+    feedforward: float
+
+
+def range_constants(drive: Drive, limits: Limits) -> RangeConstants:
+    """Return what turns the law's voltage into the command of ``drive`` within ``limits``."""
+    motor = drive.motor
+    return RangeConstants(
+        back_emf=float(motor.torque_constant) if drive.takes_current else 0.0,
+        resistance=float(motor.resistance) if drive.takes_current else 1.0,
+        limit=float(min(drive.command_limit, limits.command)),
+        voltage_limit=float(motor.voltage_limit),
+        lower_end=float(limits.position_lower),
+        upper_end=float(limits.position_upper),
+        soft_zone=float(limits.soft_zone),
+        feedforward=drive.gear.ratio * motor.resistance / motor.torque_constant,
+    )
+
+
+@compiled
+def clamp(value: float, low: float, high: float) -> float:
+    """Return ``value``, or the bound that it is beyond."""
+    return float(min(max(value, low), high))
+
+
+@compiled
+def command_range(constants: RangeConstants, estimate: Estimate) -> tuple[float, float]:
+    """Return the least and the largest command that the drive has at this sample, V or A.
+
+    Towards an end of the travel it fades out over the soft zone; beyond the end only the way back is left.
+    """
+    angle = estimate[THETA_L]
+    upward = clamp((constants.upper_end - angle) / constants.soft_zone, 0.0, 1.0)
+    downward = clamp((angle - constants.lower_end) / constants.soft_zone, 0.0, 1.0)
+    return -downward * constants.limit, upward * constants.limit
+
+
+@compiled
+def voltage_range(constants: RangeConstants, estimate: Estimate) -> tuple[float, float]:
+    """Return the least and the largest voltage that the drive can follow at this sample, V.
+
+    Where the motor is so fast that the supply cannot make any allowed current, the nearest allowed current is left.
+    """
+    least, largest = command_range(constants, estimate)
+    induced = constants.back_emf * estimate[OMEGA_M]
+    low, high = induced + constants.resistance * least, induced + constants.resistance * largest
+    supplied_low, supplied_high = max(low, -constants.voltage_limit), min(high, constants.voltage_limit)
+    if supplied_low <= supplied_high:
+        return supplied_low, supplied_high
+    if low > constants.voltage_limit:
+        return low, low
+    return high, high
+
+
+@compiled
+def command_of(constants: RangeConstants, estimate: Estimate, voltage: float) -> float:
+    """Return the command (V or A) for a voltage (V) within the range: rounding alone is clamped."""
+    least, largest = command_range(constants, estimate)
+    return clamp((voltage - constants.back_emf * estimate[OMEGA_M]) / constants.resistance, least, largest)

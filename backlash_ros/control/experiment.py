@@ -1,0 +1,84 @@
+"""What an experiment is: plain Python beside the tick, which excites the drive and ends in a result or a refusal.
+
+The experiments themselves are in `experiments`, a file each.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+from backlash_ros.drivetrain import Drive, Validated
+from backlash_ros.drivetrain.signals import Estimate, Measurement
+
+
+class Excitation(NamedTuple):
+    """What an experiment asks of one sample: an ``offset`` on the setpoint, rad, and a ``torque`` at the output, N m.
+
+    The torque is the motor's, at standstill, added to what the law asks for; both together keep to the range.
+    """
+
+    offset: float = 0.0
+    torque: float = 0.0
+
+
+class Outcome(Protocol):
+    """How an experiment ended: whether it found what it looked for, and from what, or why not."""
+
+    @property
+    def valid(self) -> bool:
+        """Whether there is a result."""
+        ...
+
+    @property
+    def reason(self) -> str:
+        """What the result is made from, or why there is none."""
+        ...
+
+
+class Experiment(Protocol):
+    """One run of an experiment.
+
+    It is stepped before each tick, so that its excitation acts on the sample that it has just seen.
+    """
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """How it ended; None while it runs."""
+        ...
+
+    @property
+    def progress(self) -> float:
+        """How far it is, from 0 to 1."""
+        ...
+
+    def step(self, measured: Measurement, estimate: Estimate, command: float) -> Excitation:
+        """Take a sample and return the excitation for it; none once there is an outcome.
+
+        Parameters
+        ----------
+        measured : this sample
+        estimate, command : the observer's estimate at the sample before, and the command since then, V or A
+        """
+        ...
+
+    def cancel(self, reason: str) -> None:
+        """End at once, without a result, for ``reason``."""
+        ...
+
+
+class NamedExperiment(NamedTuple):
+    """An experiment that can be chosen.
+
+    Parameters
+    ----------
+    title : in words
+    make : starts a run for a drive, its own parameters and the period of the samples, s
+    parameters : the defaults
+    swing : largest offset that these parameters ask for to either side, rad
+    law : the law that acts meanwhile, with a state of its own
+    """
+
+    title: str
+    make: Callable[[Drive, Any, float], Experiment]
+    parameters: Validated
+    swing: Callable[[Any], float]
+    law: str = "fast"

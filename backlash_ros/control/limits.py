@@ -1,0 +1,129 @@
+"""What the servo must not go beyond: values, their defaults from the drive, and which references they allow."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from backlash_ros.drivetrain import Drive, Validated, quantity
+
+NO_LIMIT = 1e9
+"""Stands for no limit: beyond any angle, rad."""
+
+_EXPECTED = 0.6
+"""Share of the torque at standstill that the default takes for a load: no motor bears more for long, and a runaway
+shows more."""
+
+_LEAST_GAP = 0.1
+"""Of the default limits.gap, rad: gears have less backlash, and ``gear.backlash_angle`` may be a guess."""
+
+
+def standstill_torque(drive: Drive, command: float) -> float:
+    """Return the torque on the output shaft that a command (V or A) makes at standstill, N m.
+
+    A current is at most what the law's voltage, within its limit, drives through the winding that is emulated.
+    """
+    motor = drive.motor
+    voltage = min(command * motor.resistance if drive.takes_current else command, motor.voltage_limit)
+    return motor.torque_constant * voltage / motor.resistance / drive.gear.ratio
+
+
+def mechanical_time_constant(drive: Drive) -> float:
+    """Return in what time the drive without friction gets to 63 % of its speed at a constant voltage, s."""
+    motor = drive.motor
+    return drive.effective_inertia * motor.resistance * (drive.gear.ratio / motor.torque_constant) ** 2
+
+
+def wind_up(drive: Drive, torque: float) -> float:
+    """Return by how much a torque on the output shaft (N m) presses the teeth in, as an angle there, rad."""
+    gear, force = drive.gear, torque / drive.gear.load_radius
+    if gear.contact_law in ("elastic", "restitution"):
+        return force / gear.tooth_stiffness / gear.load_radius
+    depth: float = (force / gear.contact_stiffness) ** (1 / gear.contact_exponent) - 1.0
+    return max(0.0, 0.5 * depth * gear.backlash_angle)
+
+
+@dataclass(frozen=True)
+class Limits(Validated):
+    """What the servo must not go beyond; the defaults that depend on the drive come from `Limits.of`.
+
+    A reference outside the positions or further away than ``step`` is refused; towards an end the command fades out
+    over ``soft_zone``; beyond the others the servo latches a fault.
+    """
+
+    section: ClassVar[str] = "limits"
+
+    velocity: float = quantity("speed of the load that is a fault", "rad/s", above=0, at_most=NO_LIMIT)
+    load_torque: float = quantity(
+        "unexplained torque on the output shaft that is a fault; at most 90 % of what limits.command makes there",
+        "N m",
+        above=0,
+        at_most=NO_LIMIT,
+    )
+    command: float = quantity("largest command; its unit is that of command_interface", "V or A", above=0, at_most=1e6)
+    gap: float = quantity(
+        "travel of both shafts against each other, at the output, that is a fault",
+        "rad",
+        above=0,
+        at_most=NO_LIMIT,
+    )
+    position_lower: float = quantity(
+        "lower end of the load's travel", "rad", at_least=-NO_LIMIT, at_most=NO_LIMIT, default=-NO_LIMIT
+    )
+    position_upper: float = quantity(
+        "upper end of the load's travel", "rad", at_least=-NO_LIMIT, at_most=NO_LIMIT, default=NO_LIMIT
+    )
+    soft_zone: float = quantity(
+        "way before an end over which the command towards it fades out; as far beyond it is a fault",
+        "rad",
+        above=0,
+        at_most=10,
+        default=0.05,
+    )
+    step: float = quantity(
+        "largest change of the reference at once", "rad", above=0, at_most=NO_LIMIT, default=NO_LIMIT
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.position_lower < self.position_upper:
+            raise ValueError(
+                f"limits.position_lower must be < limits.position_upper = {self.position_upper:g} rad, "
+                f"got {self.position_lower!r}"
+            )
+
+    @classmethod
+    def of(cls, drive: Drive) -> "Limits":
+        """Return limits that a healthy drive stays within.
+
+        Load: 60 % of the torque at standstill. Speed: a load torque as large as the drive's own doubles the speed
+        without load and pulls the load through the gap; and a quarter more. Gap: five times the backlash that
+        ``drive`` has, and the teeth pressed in, to either side, as by twice the torque at standstill (a reversal at
+        full speed) that has worked all the way through the gap; 0.1 rad at least.
+        """
+        motor, gear = drive.motor, drive.gear
+        torque = standstill_torque(drive, drive.command_limit)
+        fall = math.sqrt(2 * torque * gear.backlash_angle / drive.load.inertia)
+        no_load = gear.ratio * motor.voltage_limit / motor.torque_constant
+        gap, wound = gear.backlash_angle, wind_up(drive, 2 * torque)
+        pressed = wound + math.sqrt(wound * (wound + 2 * gap))  # torque (gap + pressed) = torque/wound pressed^2/2
+        return cls(
+            velocity=float(f"{1.25 * (2 * no_load + fall):.3g}"),
+            load_torque=float(f"{_EXPECTED * torque:.3g}"),
+            command=drive.command_limit,
+            gap=float(f"{max(_LEAST_GAP, 5 * gap + 2 * pressed):.3g}"),
+        )
+
+    def rejection_reason(self, reference: float, present: float) -> str:
+        """Return why a ``reference`` (rad) is refused where ``present`` is the one in use; empty where it is not."""
+        if not self.position_lower <= reference <= self.position_upper:
+            return (
+                f"reference must be within limits.position_lower = {self.position_lower:g} rad and "
+                f"limits.position_upper = {self.position_upper:g} rad, got {reference:g}"
+            )
+        if abs(reference - present) > self.step:
+            return f"reference must be within limits.step = {self.step:g} rad of {present:g} rad, got {reference:g}"
+        return ""
+
+    def clamp(self, reference: float) -> float:
+        """Return ``reference`` (rad), or the end of the travel that it is beyond."""
+        return min(max(reference, self.position_lower), self.position_upper)

@@ -1,0 +1,104 @@
+"""The setpoint: what the load is to do now, and the sources that plan it.
+
+A source plans when it is chosen, outside of the tick, and leaves polynomial segments, which the tick evaluates at each
+sample: position, velocity and acceleration of the load (rad, rad/s, rad/s^2). The last segment's end is held.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from backlash_ros.drivetrain import compiled
+from backlash_ros.drivetrain.signals import ACCELERATION, POSITION, VELOCITY, Array, Setpoint
+
+ORDER = 5
+"""Largest power of time in a segment."""
+
+DURATION = ORDER + 1
+"""Column of a segment that holds how long it lasts, s; before it the coefficients, c0 first."""
+
+
+class Source(Protocol):
+    """What plans setpoints: a reference at rest, a profile, a trajectory."""
+
+    def segments(self, start: Setpoint) -> Array:
+        """Return the plan from ``start`` on: shape (segments, 7).
+
+        Each row has the coefficients c0 ... c5 of position = sum c_k t^k, t from the row's own start (rad/s^k), then
+        its duration in s. What follows the last one is rest where it ends.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class AtRest:
+    """The setpoint that `reference` stands for: one position (rad), at rest, from now on."""
+
+    position: float
+
+    def segments(self, start: Setpoint) -> Array:  # noqa: ARG002  whatever was before
+        """Return one segment without an end."""
+        return np.array([[self.position, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf]])
+
+
+@dataclass(frozen=True, eq=False)
+class Polynomials:
+    """Segments that were planned elsewhere, as `Source.segments` returns them.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or a number in them is not finite (but the last duration), or a duration is not > 0 s.
+    """
+
+    rows: Array
+
+    def __post_init__(self) -> None:
+        rows = self.rows
+        if rows.ndim != 2 or rows.shape[0] == 0 or rows.shape[1] != DURATION + 1:
+            raise ValueError(f"segments must have the shape (segments, {DURATION + 1}), got {rows.shape}")
+        if not np.all(np.isfinite(rows[:, :DURATION])) or not np.all(np.isfinite(rows[:-1, DURATION])):
+            raise ValueError("segments must be finite, in rad/s^k and s; only the last duration may be infinite")
+        if not np.all(rows[:, DURATION] > 0):
+            raise ValueError(f"segments must last > 0 s each, got {rows[:, DURATION].tolist()}")
+
+    def segments(self, start: Setpoint) -> Array:  # noqa: ARG002  they say themselves where they start
+        """Return the rows."""
+        return np.ascontiguousarray(self.rows, dtype=np.float64)
+
+
+def extent(segments: Array) -> tuple[float, float, float, float]:
+    """Return where a plan starts, where it ends, and its least and largest position, rad."""
+    extremes = []
+    for row in segments:
+        position = np.polynomial.Polynomial(row[:DURATION])
+        duration = float(row[DURATION])
+        if math.isinf(duration):
+            duration = 0.0  # a last segment without an end rests, or has no bound
+            if np.any(row[1:DURATION]):
+                return float(segments[0, 0]), math.inf, -math.inf, math.inf
+        turns = [float(t.real) for t in position.deriv().roots() if abs(t.imag) < 1e-9 and 0 < t.real < duration]
+        extremes += [float(position(t)) for t in (0.0, *turns, duration)]
+    return float(segments[0, 0]), extremes[-1], min(extremes), max(extremes)
+
+
+@compiled
+def evaluate(segments: Array, time: float, out: Setpoint) -> None:
+    """Write the setpoint at ``time`` (s from the start of the plan) into ``out``."""
+    row = 0
+    while row < segments.shape[0] - 1 and time >= segments[row, DURATION]:
+        time -= segments[row, DURATION]
+        row += 1
+    over = time >= segments[row, DURATION]
+    if over:
+        time = segments[row, DURATION]
+    position = velocity = half_acceleration = 0.0
+    for k in range(ORDER, -1, -1):
+        half_acceleration = half_acceleration * time + velocity
+        velocity = velocity * time + position
+        position = position * time + segments[row, k]
+    out[POSITION] = position
+    out[VELOCITY] = 0.0 if over else velocity
+    out[ACCELERATION] = 0.0 if over else 2.0 * half_acceleration

@@ -1,0 +1,166 @@
+"""A drive that answers late: its samples are old when they arrive, and its commands act some time after they were sent.
+
+Sample k arrives at k T and was taken at k T - d_s; the command that answers it acts from k T + d_c on. Both delays may
+be any number of periods, whole or broken, and jitter evenly. A command never acts before an older one.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from backlash_ros.drivetrain.compiled import compiled
+from backlash_ros.drivetrain.constants import PlantConstants
+from backlash_ros.drivetrain.integrator import Advance
+from backlash_ros.drivetrain.quantity import Validated, quantity
+from backlash_ros.drivetrain.sensors import NOISE_STREAMS, uniform
+from backlash_ros.drivetrain.signals import Array, PlantState
+
+LINE = 64
+"""Samples and commands that may be on their way at once."""
+
+_SAMPLE_STREAM, _COMMAND_STREAM = NOISE_STREAMS, NOISE_STREAMS + 1
+
+
+@dataclass(frozen=True)
+class Delay(Validated):
+    """How late a drive is, both ways; 0 by default."""
+
+    section: ClassVar[str] = "delay"
+
+    sample: float = quantity("from measuring to the controller's tick", "s", at_most=1.0, default=0.0)
+    command: float = quantity("from the controller's tick to the motor", "s", at_most=1.0, default=0.0)
+    sample_jitter: float = quantity("by which a sample may be later, evenly", "s", at_most=1.0, default=0.0)
+    command_jitter: float = quantity("by which a command may be later, evenly", "s", at_most=1.0, default=0.0)
+
+    @property
+    def mean(self) -> float:
+        """Both together, s: what a design takes into account."""
+        return self.sample + self.command + 0.5 * (self.sample_jitter + self.command_jitter)
+
+    def check_line(self, period: float) -> None:
+        """Raise ValueError where more would be on its way than a simulation keeps, at a period in s."""
+        for way in ("sample", "command"):
+            longest = getattr(self, way) + getattr(self, f"{way}_jitter")
+            if longest > (LINE - 2) * period:
+                raise ValueError(
+                    f"delay.{way} + delay.{way}_jitter must be <= {LINE - 2} periods, {(LINE - 2) * period:g} s, "
+                    f"got {longest:g}"
+                )
+
+
+class DelayConstants(NamedTuple):
+    """The delay as the compiled step reads it, s."""
+
+    period: float
+    sample: float
+    command: float
+    sample_jitter: float
+    command_jitter: float
+    seed: int
+
+
+def delay_constants(delay: Delay, period: float, seed: int = 0) -> DelayConstants:
+    """Return the delay for the compiled step, at a period in s."""
+    delay.check_line(period)
+    return DelayConstants(
+        float(period),
+        float(delay.sample),
+        float(delay.command),
+        float(delay.sample_jitter),
+        float(delay.command_jitter),
+        int(seed),
+    )
+
+
+class DelayMemory(NamedTuple):
+    """What is on its way.
+
+    ``taken`` (LINE, 7): states at which the next samples are taken, by number modulo LINE. ``sent`` (LINE, 2): commands
+    and when they act, s. ``force`` (3,): the command that acts, its number, and the number of the next to be sent.
+    """
+
+    taken: Array
+    sent: Array
+    force: Array
+
+
+def delay_memory(state: PlantState) -> DelayMemory:
+    """Return a line on which every sample that was taken before the start shows ``state``, and nothing acts."""
+    return DelayMemory(np.tile(state, (LINE, 1)), np.zeros((LINE, 2)), np.array([0.0, -1.0, 0.0]))
+
+
+@compiled
+def taken_at(delay: DelayConstants, sample: int) -> float:
+    """Return when a sample was taken, s from the start."""
+    late = delay.sample
+    if delay.sample_jitter > 0.0:
+        late += delay.sample_jitter * (0.5 + 0.5 * uniform(delay.seed, sample, _SAMPLE_STREAM))
+    return sample * delay.period - late
+
+
+@compiled
+def acts_at(delay: DelayConstants, sample: int) -> float:
+    """Return when the command that answers a sample begins to act, s from the start."""
+    late = delay.command
+    if delay.command_jitter > 0.0:
+        late += delay.command_jitter * (0.5 + 0.5 * uniform(delay.seed, sample, _COMMAND_STREAM))
+    return sample * delay.period + late
+
+
+@compiled
+def play_period(
+    advance: Advance,
+    plant: PlantConstants,
+    state: PlantState,
+    step: Array,
+    delay: DelayConstants,
+    memory: DelayMemory,
+    command: float,
+    load_torque: float,
+    tolerance: float,
+    rows: Array,
+) -> tuple[int, float]:
+    """Send a command and move the plant on by one period, in place.
+
+    Parameters
+    ----------
+    advance : of the drive's contact law, `integrator_for`
+    rows : shape (substeps, 5): the states at the ends of so many even parts of the period
+
+    Returns
+    -------
+    (status, passed) : as `advance`
+    """
+    k = int(memory.force[2])
+    memory.force[2] = k + 1
+    begin, substeps = k * delay.period, rows.shape[0]
+    memory.sent[k % LINE, 0], memory.sent[k % LINE, 1] = command, acts_at(delay, k)
+    ahead = 2 + int((delay.sample + delay.sample_jitter) / delay.period)
+    slack = 1e-9 * delay.period
+    now, row = 0.0, 0
+    while True:
+        # What acts from here on, and what comes next.
+        following = (row + 1) * delay.period / substeps
+        for j in range(max(int(memory.force[1]) + 1, k - LINE + 1), k + 1):
+            due = memory.sent[j % LINE, 1] - begin
+            if due <= now + slack:
+                memory.force[0], memory.force[1] = memory.sent[j % LINE, 0], j
+            elif due < following:
+                following = due
+        for j in range(k + 1, k + 1 + ahead):
+            due = taken_at(delay, j) - begin
+            if now + slack < due < following:
+                following = due
+        status, passed = advance(plant, state, step, memory.force[0], load_torque, following - now, tolerance)
+        if status != 0:
+            return status, now + passed
+        now = following
+        for j in range(k + 1, k + 1 + ahead):
+            if abs(taken_at(delay, j) - begin - now) <= slack:
+                memory.taken[j % LINE, :] = state
+        if now >= (row + 1) * delay.period / substeps - slack:
+            rows[row, :] = state[:5]
+            row += 1
+            if row == substeps:
+                return 0, delay.period

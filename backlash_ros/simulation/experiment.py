@@ -1,0 +1,78 @@
+"""An experiment offline: the servo with its experiment against the simulated drive."""
+
+from typing import cast
+
+from backlash_ros.control import BacklashEstimate, Limits, Servo, ServoSettings
+from backlash_ros.control.experiment import Outcome
+from backlash_ros.drivetrain import Drive, Validated
+from backlash_ros.drivetrain.delay import Delay
+from backlash_ros.drivetrain.sensors import Sensors
+from backlash_ros.simulation.simulated_drive import SimulatedDrive
+
+
+def run_experiment(
+    drive: Drive,
+    settings: ServoSettings,
+    name: str = "limit_cycle",
+    parameters: Validated | None = None,
+    *,
+    model: Drive | None = None,
+    limits: Limits | None = None,
+    load_torque: float = 0.0,
+    sensors: Sensors | None = None,
+    delay: Delay | None = None,
+    seed: int = 0,
+) -> Outcome:
+    """Run one of `EXPERIMENTS` on a simulated drive and return how it ended.
+
+    Parameters
+    ----------
+    drive, model : what moves, and what the controller takes it for (the same by default)
+    settings, limits : as for the controller node
+    parameters : of the experiment; by default those of the settings, or its own defaults
+    load_torque : on the output shaft throughout, N m
+    sensors, delay, seed : between plant and controller, and of what is random there
+
+    Raises
+    ------
+    ValueError
+        If there is no such experiment, or its parameters are of another.
+    IntegrationError
+        If the plant cannot be integrated.
+    """
+    servo = Servo(model or drive, settings, limits)
+    plant = SimulatedDrive(drive, settings.period, sensors=sensors, delay=delay, seed=seed)
+    servo.start_experiment(name, parameters)
+    while True:
+        command = servo.update(plant.sample(), plant.elapsed)
+        outcome = servo.take_outcome()
+        if outcome is not None:
+            return outcome
+        plant.advance(command, load_torque)
+
+
+def learn_backlash(
+    drive: Drive,
+    settings: ServoSettings,
+    *,
+    load_torque: float = 0.0,
+    sensors: Sensors | None = None,
+    delay: Delay | None = None,
+    seed: int = 0,
+) -> BacklashEstimate:
+    """Let the limit cycle measure a simulated drive and return what was learned; see `run_experiment`.
+
+    Examples
+    --------
+    >>> from backlash_ros.control import GainSet, design_gains
+    >>> from backlash_ros.drivetrain import NOMINAL_DRIVE
+    >>> gains = GainSet(
+    ...     fast=design_gains("fast", NOMINAL_DRIVE, [1000, 1]),
+    ...     overdamped=design_gains("overdamped", NOMINAL_DRIVE, [4, 0]),
+    ... )
+    >>> estimate = learn_backlash(NOMINAL_DRIVE, ServoSettings(gains))
+    >>> estimate.valid, round(estimate.angle, 3)
+    (True, 0.02)
+    """
+    outcome = run_experiment(drive, settings, load_torque=load_torque, sensors=sensors, delay=delay, seed=seed)
+    return cast(BacklashEstimate, outcome)

@@ -1,0 +1,132 @@
+"""A drive as a controller sees it: the plant behind its sensors and its delay, sample by sample."""
+
+import math
+
+import numpy as np
+
+from backlash_ros.drivetrain import Drive, IntegrationError
+from backlash_ros.drivetrain.constants import plant_constants
+from backlash_ros.drivetrain.delay import (
+    LINE,
+    Delay,
+    DelayConstants,
+    DelayMemory,
+    delay_constants,
+    delay_memory,
+    play_period,
+    taken_at,
+)
+from backlash_ros.drivetrain.integrator import (
+    DEFAULT_TOLERANCE,
+    DONE,
+    PEAK_FORCE,
+    REASONS,
+    Advance,
+    integration_memory,
+    integrator_for,
+)
+from backlash_ros.drivetrain.constants import PlantConstants
+from backlash_ros.drivetrain.compiled import compiled
+from backlash_ros.drivetrain.sensors import SensorConstants, Sensors, read_sensors, sensor_constants, sensor_memory
+from backlash_ros.drivetrain.signals import Array, Measurement, PlantState, at_rest
+
+
+@compiled
+def take_sample(
+    sensors: SensorConstants,
+    sensed: Array,
+    delay: DelayConstants,
+    memory: DelayMemory,
+    sample: int,
+    out: Measurement,
+) -> float:
+    """Write the sample that arrives now into ``out``; return the time since the one before was taken, s."""
+    elapsed = delay.period if sample == 0 else taken_at(delay, sample) - taken_at(delay, sample - 1)
+    read_sensors(sensors, sensed, memory.taken[sample % LINE], sample, elapsed, out)
+    return elapsed
+
+
+class SimulatedDrive:
+    """A simulated drive with sensors and delay, stepped by periods from Python.
+
+    Parameters
+    ----------
+    drive, sensors, delay : what is simulated
+    period : of the samples, s
+    seed : of noise and jitter
+    state : to start from; at rest in the middle of the gap by default
+    tolerance : of the integrator, per step
+    """
+
+    def __init__(
+        self,
+        drive: Drive,
+        period: float,
+        *,
+        sensors: Sensors | None = None,
+        delay: Delay | None = None,
+        seed: int = 0,
+        state: PlantState | None = None,
+        tolerance: float = DEFAULT_TOLERANCE,
+    ) -> None:
+        self.drive = drive
+        self.state = PlantState((at_rest() if state is None else state).copy())
+        self.elapsed = period
+        self.measured = Measurement(np.zeros(5))
+        self._sample = 0
+        self._plant: PlantConstants = plant_constants(drive)
+        self._advance: Advance = integrator_for(drive)
+        self._step = integration_memory()
+        self._sensors, self._sensed = sensor_constants(sensors or Sensors(), seed), sensor_memory()
+        self._delay = delay_constants(delay or Delay(), period, seed)
+        self._line = delay_memory(self.state)
+        self._row = np.zeros((1, 5))
+        self._tolerance = tolerance
+
+    @property
+    def time(self) -> float:
+        """Since the start, s."""
+        return self._sample * self._delay.period
+
+    @property
+    def peak_force(self) -> float:
+        """Largest magnitude of the contact force in the last period, N."""
+        return float(self._step[PEAK_FORCE])
+
+    def sample(self) -> Measurement:
+        """Return the sample that arrives now, which the next call overwrites; ``elapsed`` is since the one before."""
+        self.elapsed = take_sample(self._sensors, self._sensed, self._delay, self._line, self._sample, self.measured)
+        return self.measured
+
+    def advance(self, command: float, load_torque: float = 0.0) -> None:
+        """Send a command (V or A, limited as the drive does) and go on to the next sample.
+
+        Raises
+        ------
+        ValueError
+            If an input is not finite; the state is unchanged.
+        IntegrationError
+            If the equations cannot be integrated; the state is the last good one.
+        """
+        if not math.isfinite(command) or not math.isfinite(load_torque):
+            raise ValueError(
+                f"command ({self.drive.command_unit}) and load_torque (N m) must be finite, "
+                f"got {command!r} and {load_torque!r}"
+            )
+        limit = self.drive.command_limit
+        self._step[PEAK_FORCE] = 0.0
+        status, passed = play_period(
+            self._advance,
+            self._plant,
+            self.state,
+            self._step,
+            self._delay,
+            self._line,
+            min(max(command, -limit), limit),
+            load_torque,
+            self._tolerance,
+            self._row,
+        )
+        if status != DONE:
+            raise IntegrationError(REASONS[status], self.time + passed, self.state)
+        self._sample += 1
