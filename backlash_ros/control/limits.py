@@ -42,6 +42,15 @@ def wind_up(drive: Drive, torque: float) -> float:
     return max(0.0, 0.5 * depth * gear.backlash_angle)
 
 
+def pressed(drive: Drive) -> float:
+    """Return how far beyond the gap the teeth go at most, to one side, as an angle at the output, rad.
+
+    By twice the torque at standstill, a reversal at full speed, that has worked all the way through the gap.
+    """
+    gap, wound = drive.gear.backlash_angle, wind_up(drive, 2 * standstill_torque(drive, drive.command_limit))
+    return wound + math.sqrt(wound * (wound + 2 * gap))  # torque (gap + pressed) = torque/wound pressed^2/2
+
+
 @dataclass(frozen=True)
 class Limits(Validated):
     """What the servo must not go beyond; the defaults that depend on the drive come from `Limits.of`.
@@ -97,20 +106,17 @@ class Limits(Validated):
 
         Load: 60 % of the torque at standstill. Speed: a load torque as large as the drive's own doubles the speed
         without load and pulls the load through the gap; and a quarter more. Gap: five times the backlash that
-        ``drive`` has, and the teeth pressed in, to either side, as by twice the torque at standstill (a reversal at
-        full speed) that has worked all the way through the gap; 0.1 rad at least.
+        ``drive`` has, and the teeth `pressed` in, to either side; 0.1 rad at least.
         """
         motor, gear = drive.motor, drive.gear
         torque = standstill_torque(drive, drive.command_limit)
         fall = math.sqrt(2 * torque * gear.backlash_angle / drive.load.inertia)
         no_load = gear.ratio * motor.voltage_limit / motor.torque_constant
-        gap, wound = gear.backlash_angle, wind_up(drive, 2 * torque)
-        pressed = wound + math.sqrt(wound * (wound + 2 * gap))  # torque (gap + pressed) = torque/wound pressed^2/2
         return cls(
             velocity=float(f"{1.25 * (2 * no_load + fall):.3g}"),
             load_torque=float(f"{_EXPECTED * torque:.3g}"),
             command=drive.command_limit,
-            gap=float(f"{max(_LEAST_GAP, 5 * gap + 2 * pressed):.3g}"),
+            gap=float(f"{max(_LEAST_GAP, 5 * gear.backlash_angle + 2 * pressed(drive)):.3g}"),
         )
 
     def rejection_reason(self, reference: float, present: float) -> str:

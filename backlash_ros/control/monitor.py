@@ -28,8 +28,8 @@ from typing import NamedTuple
 import numpy as np
 
 from backlash_ros.control import observer as observing
-from backlash_ros.control.limits import Limits, mechanical_time_constant, standstill_torque
-from backlash_ros.control.observer import ObserverConstants, low_pass_gain, observer_constants, observer_step
+from backlash_ros.control.limits import Limits, mechanical_time_constant, pressed, standstill_torque
+from backlash_ros.control.observer import ObserverConstants, low_pass_gain, observer_step
 from backlash_ros.drivetrain import Drive, compiled
 from backlash_ros.drivetrain.signals import (
     CURRENT,
@@ -40,6 +40,7 @@ from backlash_ros.drivetrain.signals import (
     THETA_M,
     Array,
     Measurement,
+    as_measurement,
 )
 
 _BANDWIDTHS = 5.0, 50.0
@@ -56,6 +57,10 @@ _RATIO_ERROR = 0.02
 """Of the gear ratio: of so much of the travel the shafts may come apart without end."""
 
 
+_COUNT = 2 * math.pi / 2**12
+"""Of a coarse load encoder, rad."""
+
+
 class Fault(IntEnum):
     """What the tick latches. The names are stable; the numbers are not."""
 
@@ -69,11 +74,14 @@ class Fault(IntEnum):
     LOWER_END = 7
     UPPER_END = 8
     NOT_FINITE = 9
+    MOTOR_SPEED = 10
+    LOAD_SPEED = 11
+    MOTOR_CURRENT = 12
 
 
 _NONE = int(Fault.NONE)
 _MOTOR_JUMP, _LOAD_JUMP = int(Fault.MOTOR_JUMP), int(Fault.LOAD_JUMP)
-_MOTOR_OVERSPEED, _LOAD_OVERSPEED = int(Fault.MOTOR_OVERSPEED), int(Fault.LOAD_OVERSPEED)
+_OVERSPEED = int(Fault.MOTOR_OVERSPEED) - _MOTOR_JUMP
 _DISAGREE, _UNEXPLAINED_TORQUE = int(Fault.ENCODERS_DISAGREE), int(Fault.UNEXPLAINED_TORQUE)
 _LOWER_END, _UPPER_END = int(Fault.LOWER_END), int(Fault.UPPER_END)
 
@@ -92,34 +100,38 @@ class MonitorConstants(NamedTuple):
 
 
 def monitor_constants(
-    drive: Drive, limits: Limits, period: float, velocity_bandwidth: float
-) -> tuple[MonitorConstants, ObserverConstants]:
-    """Return the monitor of one drive, and the observer of its own: by what the command should make."""
+    drive: Drive, limits: Limits, period: float, velocity_bandwidth: float, backlash_angle: float
+) -> MonitorConstants:
+    """Return the monitor of one drive.
+
+    A backlash that was learned (rad, > 0) narrows the gap: one and a half of the larger of that and the drive's own
+    (eccentric encoders, a gap that varies), the teeth pressed in, and two counts.
+    """
+    known = 1.5 * max(backlash_angle, drive.gear.backlash_angle) + 2.0 * pressed(drive) + 2.0 * _COUNT
     own = 1.0 / mechanical_time_constant(drive)
     bandwidth = min(max(own, _BANDWIDTHS[0]), _BANDWIDTHS[1])
-    constants = MonitorConstants(
+    return MonitorConstants(
         velocity=float(limits.velocity),
         held_torque=float(min(limits.load_torque, _HELD * standstill_torque(drive, limits.command))),
-        gap=float(limits.gap),
+        gap=float(min(limits.gap, known) if backlash_angle > 0 else limits.gap),
         lower_end=float(limits.position_lower),
         upper_end=float(limits.position_upper),
         soft_zone=float(limits.soft_zone),
         torque_bandwidth=bandwidth,
         start_time=5.0 / velocity_bandwidth + 2.0 * period,
     )
-    observer = observer_constants(drive, period, velocity_bandwidth=velocity_bandwidth, torque_bandwidth=bandwidth)
-    return constants, observer
 
 
 _MOTOR, _LOAD, _NEAREST, _FARTHEST, _LOWER, _UPPER, _MAKES, _DRIVES, _UNEXPLAINED, _SEEN = range(10)
 _OBSERVER = 10
+_SAMPLE = _OBSERVER + observing.MEMORY
 DETAILS = 3
 """How many numbers go with a fault, for its text."""
 
 
 def monitor_memory() -> Array:
     """Return a monitor that has seen nothing."""
-    memory = np.zeros(_OBSERVER + observing.MEMORY)
+    memory = np.zeros(_SAMPLE + 5)
     memory[[_MOTOR, _LOAD]] = math.nan
     memory[[_NEAREST, _FARTHEST, _LOWER, _UPPER]] = math.inf, -math.inf, -math.inf, math.inf
     return memory
@@ -132,22 +144,22 @@ def forget_ends(memory: Array) -> None:
 
 @compiled
 def _speed(
-    limits: MonitorConstants, before: float, angle: float, measured: float, elapsed: float, details: Array
+    limits: MonitorConstants, before: float, angle: float, measured: float, elapsed: float, details: Array, jump: int
 ) -> int:
-    """Return 1 for an encoder that moved too far, 2 for a measured speed beyond the limit; at the output."""
+    """Return ``jump`` for an encoder that moved too far, the overspeed after it for a measured speed; at the output."""
     moved = abs(angle - before)
     # One count may be much in a short period. False for nan.
     if moved > limits.velocity * elapsed + limits.gap:
         details[0], details[1] = moved, elapsed
-        return 1
+        return jump
     if abs(measured) > limits.velocity:
         details[0] = abs(measured)
-        return 2
-    return 0
+        return jump + _OVERSPEED
+    return _NONE
 
 
 @compiled
-def _gap_travel(limits: MonitorConstants, memory: Array, apart: float, moved: float) -> float:
+def _gap_travel(memory: Array, apart: float, moved: float) -> float:
     """Return how far the shafts have moved apart (rad), less what a gear ratio that is slightly off explains."""
     if math.isnan(apart):
         return 0.0
@@ -168,12 +180,13 @@ def _unexplained_torque(
     period: float,
 ) -> float:
     """Return the torque that the drive does not explain, N m; 0 where it may be a wrong parameter."""
-    sample = measured.copy()
+    sample = as_measurement(memory[_SAMPLE : _SAMPLE + 5])
+    sample[:] = measured
     sample[CURRENT] = math.nan  # what the command should make, not what the drive reports
     if math.isnan(sample[THETA_M]):  # through the rigid gear: good enough for a limit
         sample[THETA_M], sample[OMEGA_M] = sample[THETA_L] / observer.ratio, sample[OMEGA_L] / observer.ratio
-    seen = memory[_OBSERVER:]
-    observer_step(observer, seen, sample, command, period)
+    seen = memory[_OBSERVER:_SAMPLE]
+    observer_step(observer, seen, sample, command, period, limits.torque_bandwidth)
     memory[_SEEN] += elapsed
     if memory[_SEEN] < limits.start_time:
         seen[LOAD_TORQUE] = 0.0  # the first speeds have no momentum before them
@@ -184,6 +197,19 @@ def _unexplained_torque(
     memory[_UNEXPLAINED] += weight * (seen[LOAD_TORQUE] - memory[_UNEXPLAINED])
     drives, torque = memory[_DRIVES], memory[_UNEXPLAINED]
     return float(torque) if (drives + torque) * drives <= _FOLLOWS * drives**2 else 0.0
+
+
+@compiled
+def _ends(limits: MonitorConstants, memory: Array, angle: float, details: Array) -> int:
+    """Return the fault of a load angle (rad) beyond an end; who starts outside may come back in, and not out again."""
+    details[0] = angle
+    if memory[_LOWER] - angle > limits.soft_zone:
+        return _LOWER_END
+    if angle - memory[_UPPER] > limits.soft_zone:
+        return _UPPER_END
+    memory[_LOWER] = min(limits.lower_end, max(memory[_LOWER], angle))
+    memory[_UPPER] = max(limits.upper_end, min(memory[_UPPER], angle))
+    return _NONE
 
 
 @compiled
@@ -201,7 +227,7 @@ def monitor_step(
 
     Parameters
     ----------
-    observer : the monitor's own, from `monitor_constants`
+    observer : of the drive; the monitor has one of its own, by what the command should make
     memory : from `monitor_memory`, updated in place
     command : in force since the sample before, V or A
     elapsed : since the sample before, at least a period, s
@@ -211,57 +237,53 @@ def monitor_step(
     n = observer.ratio
     motor, load = n * measured[THETA_M], measured[THETA_L]
     before = memory[_MOTOR]
-    found = _speed(limits, before, motor, n * measured[OMEGA_M], elapsed, details)
-    memory[_MOTOR] = motor
-    if found:
-        return _MOTOR_JUMP if found == 1 else _MOTOR_OVERSPEED
-    found = _speed(limits, memory[_LOAD], load, measured[OMEGA_L], elapsed, details)
-    memory[_LOAD] = load
-    if found:
-        return _LOAD_JUMP if found == 1 else _LOAD_OVERSPEED
-    travel = _gap_travel(limits, memory, motor - load, abs(motor - before))
+    found = _speed(limits, before, motor, n * measured[OMEGA_M], elapsed, details, _MOTOR_JUMP)
+    if found == _NONE:
+        found = _speed(limits, memory[_LOAD], load, measured[OMEGA_L], elapsed, details, _LOAD_JUMP)
+    memory[_MOTOR], memory[_LOAD] = motor, load
+    if found != _NONE:
+        return found
+    travel = _gap_travel(memory, motor - load, abs(motor - before))
     if travel > limits.gap:
-        details[0] = travel
+        details[0], details[1] = travel, limits.gap
         return _DISAGREE
     torque = _unexplained_torque(limits, observer, memory, measured, command, elapsed, period)
     if abs(torque) > limits.held_torque:
         details[0], details[1] = abs(torque), limits.held_torque
         return _UNEXPLAINED_TORQUE
-    angle = motor if math.isnan(load) else load
-    details[0] = angle
-    if memory[_LOWER] - angle > limits.soft_zone:
-        return _LOWER_END
-    if angle - memory[_UPPER] > limits.soft_zone:
-        return _UPPER_END
-    # Who starts outside may come back in, and not out again.
-    memory[_LOWER] = min(limits.lower_end, max(memory[_LOWER], angle))
-    memory[_UPPER] = max(limits.upper_end, min(memory[_UPPER], angle))
-    return _NONE
+    return _ends(limits, memory, motor if math.isnan(load) else load, details)
 
 
 def describe_fault(fault: Fault, details: Array, limits: Limits) -> str:
     """Return the text of a fault: what was seen, and beyond which bound."""
-    a, b, _ = details.tolist()
-    side = "motor" if fault in {Fault.MOTOR_JUMP, Fault.MOTOR_OVERSPEED} else "load"
+    a, b, c = details.tolist()
+    side = "motor" if fault in {Fault.MOTOR_JUMP, Fault.MOTOR_OVERSPEED, Fault.MOTOR_SPEED} else "load"
     end = "lower" if fault is Fault.LOWER_END else "upper"
     texts = {
-        Fault.ENCODERS_DISAGREE: f"encoders disagree: the shafts moved {a:.3g} rad apart, limits.gap = {limits.gap:g} "
-        "rad; an encoder stands still, jumps or counts backwards, or the gear slips",
+        Fault.ENCODERS_DISAGREE: f"encoders disagree: the shafts moved {a:.3g} rad apart, more than {b:.3g} rad by "
+        "limits.gap or backlash_angle; an encoder stands still, jumps or counts backwards, or the gear slips",
         Fault.UNEXPLAINED_TORQUE: f"unexplained torque of {a:.3g} N m, more than {b:.3g} N m by limits.load_torque or "
         "limits.command; the motor does not follow its command, the load is blocked, or encoders stand still or count "
         "backwards",
         Fault.NOT_FINITE: "no finite command follows from the joint states",
+        Fault.MOTOR_CURRENT: f"motor current of {a:.3g} A, which the command cannot make: from {b:.3g} to {c:.3g} A "
+        "follow from it; effort in the wrong unit (it is N m at the motor's shaft), of the wrong sign, or broken",
     }
     jump = (
         f"{side} encoder moved {a:.3g} rad at the output within {b:.3g} s, faster than "
         f"limits.velocity = {limits.velocity:g} rad/s"
     )
     overspeed = f"{side} speed of {a:.3g} rad/s at the output, limits.velocity = {limits.velocity:g} rad/s"
+    contradiction = (
+        f"{side} speed of {a:.3g} rad/s at the output contradicts its encoder, which moves at {b:.3g} +- {c:.3g} "
+        "rad/s; velocity in the wrong unit, of the wrong sign, or broken, or an encoder that stands still"
+    )
     beyond = (
         f"load at {a:.4g} rad, further than limits.soft_zone = {limits.soft_zone:g} rad "
         f"beyond limits.position_{end} = {getattr(limits, f'position_{end}'):g} rad"
     )
     texts |= dict.fromkeys((Fault.MOTOR_JUMP, Fault.LOAD_JUMP), jump)
     texts |= dict.fromkeys((Fault.MOTOR_OVERSPEED, Fault.LOAD_OVERSPEED), overspeed)
+    texts |= dict.fromkeys((Fault.MOTOR_SPEED, Fault.LOAD_SPEED), contradiction)
     texts |= dict.fromkeys((Fault.LOWER_END, Fault.UPPER_END), beyond)
     return texts[fault]

@@ -121,7 +121,12 @@ def _track(memory: Array, angle: int, speed: int, position: float, measured: flo
 
 @compiled
 def observer_step(
-    constants: ObserverConstants, memory: Array, measured: Measurement, command: float, period: float
+    constants: ObserverConstants,
+    memory: Array,
+    measured: Measurement,
+    command: float,
+    period: float,
+    torque_bandwidth: float,
 ) -> None:
     """Take one sample into ``memory``, whose first six entries are then the `Estimate`.
 
@@ -131,6 +136,7 @@ def observer_step(
     measured : nan where not measured; at least one angle
     command : held since the sample before, V or A
     period : since the sample before, s
+    torque_bandwidth : of the load torque estimate, rad/s; 0 for none
     """
     n = constants.ratio
     theta_m, theta_l = measured[THETA_M], measured[THETA_L]
@@ -165,10 +171,10 @@ def observer_step(
     drive_torque = constants.K_m * mean_current / n
     unexplained = momentum - memory[_MOMENTUM] - period * (drive_torque - friction + memory[LOAD_TORQUE])
     memory[_MOMENTUM] = momentum
-    if math.isnan(measured[THETA_M]) or constants.torque_bandwidth == 0.0:
+    if math.isnan(measured[THETA_M]) or torque_bandwidth == 0.0:
         memory[LOAD_TORQUE] = 0.0
     else:
-        memory[LOAD_TORQUE] += low_pass_gain(constants.torque_bandwidth, period) / period * unexplained
+        memory[LOAD_TORQUE] += low_pass_gain(torque_bandwidth, period) / period * unexplained
 
 
 def estimate_of(memory: Array) -> Estimate:

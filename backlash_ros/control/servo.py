@@ -10,8 +10,9 @@ from backlash_ros.control.experiments import EXPERIMENTS
 from backlash_ros.control.law import REGION, ControlLaw
 from backlash_ros.control.laws import design_law
 from backlash_ros.control.limits import Limits
-from backlash_ros.control.monitor import Fault, describe_fault, forget_ends, monitor_constants, monitor_memory
+from backlash_ros.control.monitor import Fault, describe_fault, forget_ends, monitor_constants
 from backlash_ros.control.observer import estimate_of
+from backlash_ros.control.plausibility import plausibility_constants
 from backlash_ros.control.setpoint import AtRest, Source, extent
 from backlash_ros.control.settings import ServoSettings
 from backlash_ros.control.tick import (
@@ -25,8 +26,9 @@ from backlash_ros.control.tick import (
     TORQUE,
     Tick,
     TickConstants,
+    TickMemory,
     fault_details,
-    tick_memory,
+    pack,
     tick_with,
 )
 from backlash_ros.drivetrain import Drive, Validated
@@ -65,7 +67,7 @@ class Servo:
 
     settings: ServoSettings
     limits: Limits
-    constants: TickConstants
+    constants: Array
     _chosen: _Acting
 
     def __init__(
@@ -73,7 +75,7 @@ class Servo:
     ) -> None:
         self.drive = drive
         self.fault = ""
-        self.memory = tick_memory()
+        self.memory = TickMemory()
         self.estimate: Estimate = estimate_of(self.memory.observer)
         self._inputs = np.zeros(INPUTS)
         self._inputs[KNOWN_LOAD_TORQUE] = math.nan
@@ -85,7 +87,7 @@ class Servo:
 
     def _hold(self) -> None:
         """Hold the position where the next sample finds the load."""
-        self.segments = AtRest(math.nan).segments(Setpoint(self.memory.setpoint))
+        self.segments = AtRest(math.nan).segments(self.memory.setpoint)
         self._end: float | None = None
 
     # Tuning.
@@ -100,9 +102,15 @@ class Servo:
         """
         limits = limits or self.limits
         law = design_law(self.drive, settings)
-        observer = settings.observer(self.drive)
-        monitor, own = monitor_constants(self.drive, limits, settings.period, settings.velocity_bandwidth)
-        self.constants = TickConstants(observer, monitor, own, range_constants(self.drive, limits), self._watched)
+        constants = TickConstants(
+            settings.observer(self.drive),
+            monitor_constants(
+                self.drive, limits, settings.period, settings.velocity_bandwidth, settings.backlash_angle
+            ),
+            plausibility_constants(self.drive),
+            range_constants(self.drive, limits),
+        )
+        self.constants = pack(constants, watched=self._watched)
         if hasattr(self, "settings") and self.settings.law == settings.law:
             self._chosen.redesign(law)
         else:
@@ -119,9 +127,7 @@ class Servo:
 
     def release(self, reason: str) -> None:
         """Let go of the drive: command 0, forget what was observed, cancel an experiment; hold where it next shows."""
-        self.memory.observer[:] = 0.0
-        self.memory.monitor[:] = monitor_memory()
-        self.memory.out[:] = 0.0
+        self.memory.forget()
         self._chosen.start()
         self._hold()
         if self._experiment is not None:
@@ -285,7 +291,7 @@ class Servo:
             acting = self._excited
             self._excite(measured)
         command = acting.tick(
-            self.constants, self.memory, acting.law.constants, acting.state, self.segments, measured, inputs
+            self.constants, self.memory.row, acting.law.constants, acting.state, self.segments, measured, inputs
         )
         if self.memory.out[FAULT]:
             self.fail(describe_fault(Fault(int(self.memory.out[FAULT])), fault_details(self.memory), self.limits))

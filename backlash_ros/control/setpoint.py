@@ -69,6 +69,13 @@ class Polynomials:
         return np.ascontiguousarray(self.rows, dtype=np.float64)
 
 
+def _turns(position: np.polynomial.Polynomial, duration: float) -> list[float]:
+    """Return the times within a segment at which its speed is 0, s."""
+    roots = np.asarray(position.deriv().roots(), dtype=complex)
+    inside = (np.abs(roots.imag) < 1e-9) & (roots.real > 0) & (roots.real < duration)
+    return [float(root) for root in roots.real[inside]]
+
+
 def extent(segments: Array) -> tuple[float, float, float, float]:
     """Return where a plan starts, where it ends, and its least and largest position, rad."""
     extremes = []
@@ -79,7 +86,7 @@ def extent(segments: Array) -> tuple[float, float, float, float]:
             duration = 0.0  # a last segment without an end rests, or has no bound
             if np.any(row[1:DURATION]):
                 return float(segments[0, 0]), math.inf, -math.inf, math.inf
-        turns = [float(t.real) for t in position.deriv().roots() if abs(t.imag) < 1e-9 and 0 < t.real < duration]
+        turns = _turns(position, duration)
         extremes += [float(position(t)) for t in (0.0, *turns, duration)]
     return float(segments[0, 0]), extremes[-1], min(extremes), max(extremes)
 

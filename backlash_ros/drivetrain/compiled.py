@@ -14,6 +14,7 @@ import tempfile
 import types
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -55,10 +56,8 @@ def _usable(folder: Path) -> bool:
 def _cache_places() -> list[Path]:
     places = [Path(_config.CACHE_DIR)] if _config.CACHE_DIR else []  # the user's NUMBA_CACHE_DIR
     places.append(_PACKAGE / "__pycache__")
-    try:
+    with suppress(RuntimeError):  # of a user who has no home
         places.append(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"))
-    except RuntimeError:  # this user has no home
-        pass
     return [place / _FOLDER for place in places]
 
 
@@ -84,13 +83,16 @@ def _warn_uncached(why: str) -> None:
     warnings.warn(text, RuntimeWarning, stacklevel=3)
 
 
-class _Cache(FunctionCache):  # type: ignore[misc]
+_FunctionCache: Any = FunctionCache
+
+
+class _Cache(_FunctionCache):  # type: ignore[misc]
     """A cache that does without itself where the disk is full or a file cannot be read."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
             return super().load_overload(sig, target_context)
-        except Exception:  # noqa: BLE001  a file that was cut short raises whatever its bytes happen to mean
+        except Exception:  # a file that was cut short raises whatever its bytes happen to mean
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:

@@ -1,7 +1,8 @@
 """What can be added as one new file: control laws, contact laws and experiments, found by name.
 
 A file of such a room has a table, say ``LAWS = {"name": ...}``. The room finds its own files by itself; others are
-added with `Registry.add`, or for every process with the variable BACKLASH_ROS_PLUGINS: paths of files, joined as in PATH.
+added with `Registry.add`, or for every process with the variable BACKLASH_ROS_PLUGINS: paths of
+files, joined as in PATH.
 """
 
 import importlib.util

@@ -1,7 +1,7 @@
 """What a drive's sensors show of its state: which signals there are, counts, zero, eccentricity, noise, speeds.
 
-Offline runs, experiments and the simulator share it. Every random number is a function of seed, sample and signal alone,
-so that a run does not depend on what ran before it or beside it.
+Offline runs, experiments and the simulator share it. Every random number is a function of seed, sample and signal
+alone, so that a run does not depend on what ran before it or beside it.
 """
 
 import math
@@ -100,8 +100,13 @@ def sensor_constants(sensors: Sensors, seed: int = 0) -> SensorConstants:
     def count(per_turn: float) -> float:
         return _TURN / per_turn if per_turn else 0.0
 
+    missing = {name: 0.0 if name in sensors.measured else math.nan for name in STATE_NAMES}
     return SensorConstants(
-        *(0.0 if name in sensors.measured else math.nan for name in STATE_NAMES),
+        missing_theta_m=missing["theta_m"],
+        missing_omega_m=missing["omega_m"],
+        missing_theta_l=missing["theta_l"],
+        missing_omega_l=missing["omega_l"],
+        missing_current=missing["current"],
         speeds_from_positions=sensors.speeds_from_positions,
         motor_count=count(sensors.motor_counts),
         load_count=count(sensors.load_counts),

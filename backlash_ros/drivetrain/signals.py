@@ -22,6 +22,8 @@ from typing import NewType
 import numpy as np
 from numpy.typing import NDArray
 
+from backlash_ros.drivetrain.compiled import compiled
+
 Array = NDArray[np.float64]
 """Any array of numbers that is none of the signals."""
 
@@ -37,6 +39,27 @@ PlantState = NewType("PlantState", np.ndarray[tuple[int, ...], np.dtype[np.float
 Measurement = NewType("Measurement", np.ndarray[tuple[int, ...], np.dtype[np.float64]])
 Estimate = NewType("Estimate", np.ndarray[tuple[int, ...], np.dtype[np.float64]])
 Setpoint = NewType("Setpoint", np.ndarray[tuple[int, ...], np.dtype[np.float64]])
+
+
+# How compiled code says that a row of numbers is a signal: NewType is not to be called there.
+
+
+@compiled
+def as_measurement(row: Array) -> Measurement:
+    """Return ``row``, shape (5,), as a measurement."""
+    return row  # type: ignore[return-value]
+
+
+@compiled
+def as_estimate(row: Array) -> Estimate:
+    """Return ``row``, shape (6,), as an estimate."""
+    return row  # type: ignore[return-value]
+
+
+@compiled
+def as_setpoint(row: Array) -> Setpoint:
+    """Return ``row``, shape (3,), as a setpoint."""
+    return row  # type: ignore[return-value]
 
 
 def at_rest(load_angle: float = 0.0, motor_angle: float = 0.0) -> PlantState:

@@ -19,9 +19,9 @@ from backlash_ros.control.tick import (
     KNOWN_LOAD_TORQUE,
     TICK_SIGNATURE,
     Tick,
-    TickConstants,
-    TickMemory,
     fault_details,
+    tick_estimate,
+    tick_out,
 )
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.compiled import compiled_as
@@ -45,7 +45,16 @@ from backlash_ros.drivetrain.integrator import (
     integrator_for,
 )
 from backlash_ros.drivetrain.sensors import SensorConstants, Sensors, sensor_constants, sensor_memory
-from backlash_ros.drivetrain.signals import LOAD_TORQUE, THETA_L, THETA_M, Array, PlantState, Setpoint, at_rest
+from backlash_ros.drivetrain.signals import (
+    LOAD_TORQUE,
+    THETA_L,
+    THETA_M,
+    Array,
+    PlantState,
+    Setpoint,
+    as_measurement,
+    at_rest,
+)
 from backlash_ros.simulation.simulated_drive import take_sample
 
 _types: Any = numba.types
@@ -114,8 +123,8 @@ def _loop(
     sensed: Array,
     delay: DelayConstants,
     line: DelayMemory,
-    constants: TickConstants,
-    memory: TickMemory,
+    constants: Array,
+    memory: Array,
     law: Array,
     law_state: Array,
     segments: Array,
@@ -135,7 +144,7 @@ def _loop(
     """
     inputs = np.zeros(INPUTS)
     inputs[KNOWN_LOAD_TORQUE] = np.nan
-    measured = np.empty(5)
+    measured = as_measurement(np.empty(5))
     fault_sample = -1
     substeps = (states.shape[0] - 1) // load_torque.shape[0]
     for k in range(load_torque.shape[0]):
@@ -147,9 +156,9 @@ def _loop(
         command = 0.0
         if fault_sample < 0:
             command = tick(constants, memory, law, law_state, segments, measured, inputs)
-            if memory.out[FAULT] != 0.0:
+            if tick_out(memory)[FAULT] != 0.0:
                 fault_sample = k
-        signals[k, 0], signals[k, 1], signals[k, 2] = command, law_state[REGION], memory.observer[LOAD_TORQUE]
+        signals[k, 0], signals[k, 1], signals[k, 2] = command, law_state[REGION], tick_estimate(memory)[LOAD_TORQUE]
         step[PEAK_FORCE] = 0.0
         rows = states[k * substeps + 1 : (k + 1) * substeps + 1]
         command = min(max(command, -command_limit), command_limit)
@@ -232,7 +241,7 @@ def run(
         delay_constants(scenario.delay, settings.period, scenario.seed),
         delay_memory(state),
         servo.constants,
-        servo.memory,
+        servo.memory.row,
         *servo.law_arrays,
         segments,
         references if scenario.source is None else np.empty(0),
@@ -250,4 +259,5 @@ def run(
     fault = Fault(int(servo.memory.out[FAULT]))
     text = describe_fault(fault, fault_details(servo.memory), servo.limits) if fault_sample >= 0 else ""
     time = np.arange(count * substeps + 1, dtype=np.float64) * (settings.period / substeps)
-    return Run(time, states, *np.ascontiguousarray(signals.T), fault=text, fault_sample=fault_sample)
+    command, region, torque, force = np.ascontiguousarray(signals.T)
+    return Run(time, states, command, region, torque, force, text, fault_sample)

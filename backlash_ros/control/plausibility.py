@@ -1,0 +1,190 @@
+"""What physics lets a sample be: currents and speeds that cannot be are not used, and after three samples are a fault.
+
+Pure computation, compiled into the tick, before anything else uses the sample. Positions are what the machine is judged
+by; a current and two speeds that are measured beside them are held against what follows from positions and commands:
+
+current  follows the armature equation (eq 7) from the commands that may act, the last three (a drive may be late), and
+         from the motor's speed. What is measured may leave that by a share of the stall current, and by shares of the
+         largest current and back-EMF lately: resistance and torque constant that are off.
+speed    has the encoder's way over a period as its mean. What is measured may leave the mean by as much as that changed
+         lately from sample to sample and from shaft to shaft (acceleration, impacts), by what the current makes of a
+         motor that turns alone, and by a count. Summed up over a while, ways and speeds must agree but for a lag: a
+         speed of the wrong unit or sign does not, however slow the axis moves.
+
+A signal that is not plausible counts as not measured, so that the observer finds it from position or from the command.
+At the third sample in a row it is a fault, which names signal, value and bound.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from backlash_ros.control.observer import ObserverConstants, low_pass_gain, next_current
+from backlash_ros.drivetrain import Drive, compiled
+from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array, Measurement
+
+PATIENCE = 3
+"""Samples in a row, this one included, in which a signal is not plausible until it is a fault."""
+
+_STALL_SHARE = 0.03
+"""Of the stall current: how far a current may be off at rest."""
+_CURRENT_SHARE = 0.35
+"""Of the largest current lately: a winding that is a quarter less than told."""
+_BACK_EMF_SHARE = 0.15
+"""Of the current that the largest back-EMF lately would drive: a torque constant that is off."""
+_LATELY = 0.05
+"""Time in which what was seen lately is forgotten, s."""
+_LAG = 0.004
+"""Time by which a drive may report its speed late, s, beside two periods."""
+_COUNT = 2 * math.pi / 2**11
+"""Coarsest count that a measured speed may come from, rad at its shaft."""
+
+
+class PlausibilityConstants(NamedTuple):
+    """What a current makes of a motor that turns alone, rad/s^2 per A at the output; and the current's margin, A."""
+
+    acceleration: float
+    current_margin: float
+
+
+def plausibility_constants(drive: Drive) -> PlausibilityConstants:
+    """Return the constants for one drive."""
+    motor = drive.motor
+    stall = min(motor.voltage_limit / motor.resistance, motor.current_limit if drive.takes_current else math.inf)
+    return PlausibilityConstants(
+        acceleration=drive.gear.ratio * motor.torque_constant / motor.inertia, current_margin=_STALL_SHARE * stall
+    )
+
+
+# What is remembered: of each side the angle, the mean and the measured speed, at the output, the sum of what they
+# disagree on, and samples in a row without plausibility; how fast and how unsteady it was lately; of the current its
+# hull, peak and samples; the commands before.
+_ANGLE, _MEAN, _SPEED, _DRIFT, _FAILED = range(5)
+_MOTOR, _LOAD = 0, 5
+_FASTEST, _UNSTEADY, _LEAST, _LARGEST, _PEAK, _CURRENT_FAILED, _BEFORE, _BEFORE_THAT = range(10, 18)
+
+
+def plausibility_memory() -> Array:
+    """Return the memory of one that has seen nothing."""
+    memory = np.zeros(18)
+    memory[[side + part for side in (_MOTOR, _LOAD) for part in (_ANGLE, _MEAN, _SPEED)]] = math.nan
+    return memory
+
+
+@compiled
+def _follow_encoder(memory: Array, side: int, angle: float, period: float) -> float:
+    """Take an angle (rad at the output); return by how much the mean speed changed since the sample before, rad/s."""
+    mean = (angle - memory[side + _ANGLE]) / period
+    change = abs(mean - memory[side + _MEAN])
+    memory[side + _ANGLE], memory[side + _MEAN] = angle, mean
+    return 0.0 if math.isnan(change) else change
+
+
+@compiled
+def _speed_is_plausible(
+    memory: Array, side: int, measured: float, bound: float, count: float, period: float, details: Array
+) -> bool:
+    """Whether a measured speed agrees with the encoder's way since the sample before, and lately; at the output."""
+    mean, before = memory[side + _MEAN], memory[side + _SPEED]
+    memory[side + _SPEED] = measured
+    if math.isnan(mean) or math.isnan(measured) or math.isnan(before):
+        memory[side + _FAILED] = 0.0
+        return True
+    fine = abs(measured - mean) <= bound
+    if fine:
+        drift = memory[side + _DRIFT]
+        drift += period * (mean - 0.5 * (before + measured)) - low_pass_gain(1.0 / _LATELY, period) * drift
+        memory[side + _DRIFT] = drift
+        fine = abs(drift) <= 2.0 * count + (_LAG + 2.0 * period) * memory[_FASTEST]
+    else:
+        memory[side + _SPEED] = mean  # one that is wrong by far says nothing of those that follow
+    if fine:
+        memory[side + _FAILED] = 0.0
+        return True
+    memory[side + _FAILED] += 1.0
+    details[0], details[1], details[2] = measured, mean, bound
+    return False
+
+
+@compiled
+def _current_is_plausible(
+    constants: PlausibilityConstants,
+    observer: ObserverConstants,
+    memory: Array,
+    omega_m: float,
+    measured: float,
+    command: float,
+    period: float,
+    details: Array,
+) -> bool:
+    """Whether a measured current can come of the last three commands at a motor speed, rad/s."""
+    least = min(command, memory[_BEFORE], memory[_BEFORE_THAT])
+    largest = max(command, memory[_BEFORE], memory[_BEFORE_THAT])
+    memory[_BEFORE_THAT], memory[_BEFORE] = memory[_BEFORE], command
+    memory[_LEAST] = next_current(observer, memory[_LEAST], least, omega_m, period)
+    memory[_LARGEST] = next_current(observer, memory[_LARGEST], largest, omega_m, period)
+    peak = max(abs(memory[_LEAST]), abs(memory[_LARGEST]))
+    memory[_PEAK] = max(peak, memory[_PEAK] * (1.0 - low_pass_gain(1.0 / _LATELY, period)))
+    induced = observer.back_emf * memory[_FASTEST] / observer.ratio / observer.resistance
+    margin = constants.current_margin + _CURRENT_SHARE * memory[_PEAK] + _BACK_EMF_SHARE * induced
+    low, high = min(memory[_LEAST], 0.0) - margin, max(memory[_LARGEST], 0.0) + margin
+    if math.isnan(measured) or low <= measured <= high:
+        memory[_CURRENT_FAILED] = 0.0
+        return True
+    memory[_CURRENT_FAILED] += 1.0
+    details[0], details[1], details[2] = measured, low, high
+    return False
+
+
+@compiled
+def plausibility_step(
+    constants: PlausibilityConstants,
+    observer: ObserverConstants,
+    memory: Array,
+    measured: Measurement,
+    command: float,
+    period: float,
+    details: Array,
+) -> int:
+    """Put nan in place of what is not plausible in ``measured``; return the signal that is a fault by now, or -1.
+
+    Parameters
+    ----------
+    memory : from `plausibility_memory`, updated in place
+    command : in force since the sample before, V or A
+    period : since the sample before, s
+    details : shape (3,): of the fault: the value; for a speed the encoder's mean and the bound around it, rad/s at the
+        output; for a current the least and the largest that is plausible, A
+    """
+    n = observer.ratio
+    unsteady = _follow_encoder(memory, _MOTOR, n * measured[THETA_M], period)
+    unsteady = max(unsteady, _follow_encoder(memory, _LOAD, measured[THETA_L], period))
+    motor, load = memory[_MOTOR + _MEAN], memory[_LOAD + _MEAN]
+    if not math.isnan(motor - load):
+        unsteady = max(unsteady, abs(motor - load))
+    left = 1.0 - low_pass_gain(1.0 / _LATELY, period)
+    memory[_UNSTEADY] = max(left * memory[_UNSTEADY], unsteady)
+    memory[_FASTEST] *= left
+    for speed in (motor, load):
+        if not math.isnan(speed):
+            memory[_FASTEST] = max(memory[_FASTEST], abs(speed))
+    omega_m = (load if math.isnan(motor) else motor) / n
+    if math.isnan(omega_m):
+        omega_m = 0.0
+    current_fine = _current_is_plausible(
+        constants, observer, memory, omega_m, measured[CURRENT], command, period, details
+    )
+    if not current_fine:
+        measured[CURRENT] = math.nan
+        if memory[_CURRENT_FAILED] >= PATIENCE:
+            return CURRENT
+    bound = 2.0 * memory[_UNSTEADY] + constants.acceleration * memory[_PEAK] * period
+    for side, speed_index, to_output in ((_MOTOR, OMEGA_M, n), (_LOAD, OMEGA_L, 1.0)):
+        count = to_output * _COUNT
+        shown = to_output * measured[speed_index]
+        if not _speed_is_plausible(memory, side, shown, bound + count / period, count, period, details):
+            measured[speed_index] = math.nan
+            if memory[side + _FAILED] >= PATIENCE:
+                return speed_index
+    return -1
