@@ -57,6 +57,12 @@ def plausibility_constants(drive: Drive) -> PlausibilityConstants:
     )
 
 
+@compiled
+def speed_lag(period: float) -> float:
+    """Return by how much a drive may report its speeds late, s."""
+    return _LAG + 2.0 * period
+
+
 # What is remembered: of each side the angle, the mean and the measured speed, at the output, the sum of what they
 # disagree on, and samples in a row without plausibility; how fast and how unsteady it was lately; of the current its
 # hull, peak and samples; the commands before.
@@ -96,7 +102,7 @@ def _speed_is_plausible(
         drift = memory[side + _DRIFT]
         drift += period * (mean - 0.5 * (before + measured)) - low_pass_gain(1.0 / _LATELY, period) * drift
         memory[side + _DRIFT] = drift
-        fine = abs(drift) <= 2.0 * count + (_LAG + 2.0 * period) * memory[_FASTEST]
+        fine = abs(drift) <= 2.0 * count + speed_lag(period) * memory[_FASTEST]
     else:
         memory[side + _SPEED] = mean  # one that is wrong by far says nothing of those that follow
     if fine:
