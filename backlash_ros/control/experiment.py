@@ -73,12 +73,12 @@ class NamedExperiment(NamedTuple):
     title : in words
     make : starts a run for a drive, its own parameters and the period of the samples, s
     parameters : the defaults
-    swing : largest offset that these parameters ask for to either side, rad
+    swing : name of the parameter that is the largest offset to either side, rad; "" for none
     law : the law that acts meanwhile, with a state of its own
     """
 
     title: str
     make: Callable[[Drive, Any, float], Experiment]
     parameters: Validated
-    swing: Callable[[Any], float]
+    swing: str = ""
     law: str = "fast"

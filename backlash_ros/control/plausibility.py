@@ -27,7 +27,7 @@ from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, 
 PATIENCE = 3
 """Samples in a row, this one included, in which a signal is not plausible until it is a fault."""
 
-_STALL_SHARE = 0.03
+_STALL_SHARE = 0.02
 """Of the stall current: how far a current may be off at rest."""
 _CURRENT_SHARE = 0.35
 """Of the largest current lately: a winding that is a quarter less than told."""

@@ -230,10 +230,14 @@ class Servo:
     def experiment_refusal(self, name: str = "limit_cycle", parameters: Validated | None = None) -> str:
         """Return why an experiment would go beyond the limits from where the load is held; empty where not."""
         chosen = EXPERIMENTS.choose("learning.experiment", name)
-        swing = chosen.swing(parameters or self._parameters_of(name))
+        if not chosen.swing:
+            return ""
+        parameters = parameters or self._parameters_of(name)
+        swing: float = getattr(parameters, chosen.swing)
         reasons = (self.limits.rejection_reason(self.reference + way, self.reference) for way in (-swing, swing))
         why = next(filter(None, reasons), "")
-        return why and f"it swings by learning.kick = {swing:g} rad to either side, but {why}"
+        where = f"{parameters.section}.{chosen.swing}"
+        return why and f"it swings by {where} = {swing:g} rad to either side, but {why}"
 
     def _parameters_of(self, name: str) -> Validated:
         return self.settings.learning if name == "limit_cycle" else EXPERIMENTS[name].parameters

@@ -32,6 +32,7 @@ class Registry(Mapping[str, T], Generic[T]):
     """
 
     def __init__(self, package: str, path: list[str], table: str, first: str) -> None:
+        self.path = path
         self._table = table
         self._entries: dict[str, T] = {}
         names = sorted((module.name for module in iter_modules(path)), key=lambda name: (name != first, name))

@@ -191,6 +191,6 @@ EXPERIMENTS = {
         "backlash from the limit cycle of the fast gains",
         BacklashLearner,
         LearningSettings(),
-        swing=lambda settings: float(settings.kick),
+        swing="kick",
     )
 }
