@@ -33,7 +33,7 @@ _CURRENT_SHARE = 0.35
 """Of the largest current lately: a winding that is a quarter less than told."""
 _BACK_EMF_SHARE = 0.15
 """Of the current that the largest back-EMF lately would drive: a torque constant that is off."""
-_LATELY = 0.05
+LATELY = 0.05
 """Time in which what was seen lately is forgotten, s."""
 _LAG = 0.004
 """Time by which a drive may report its speed late, s, beside two periods."""
@@ -100,7 +100,7 @@ def _speed_is_plausible(
     fine = abs(measured - mean) <= bound
     if fine:
         drift = memory[side + _DRIFT]
-        drift += period * (mean - 0.5 * (before + measured)) - low_pass_gain(1.0 / _LATELY, period) * drift
+        drift += period * (mean - 0.5 * (before + measured)) - low_pass_gain(1.0 / LATELY, period) * drift
         memory[side + _DRIFT] = drift
         fine = abs(drift) <= 2.0 * count + speed_lag(period) * memory[_FASTEST]
     else:
@@ -131,7 +131,7 @@ def _current_is_plausible(
     memory[_LEAST] = next_current(observer, memory[_LEAST], least, omega_m, period)
     memory[_LARGEST] = next_current(observer, memory[_LARGEST], largest, omega_m, period)
     peak = max(abs(memory[_LEAST]), abs(memory[_LARGEST]))
-    memory[_PEAK] = max(peak, memory[_PEAK] * (1.0 - low_pass_gain(1.0 / _LATELY, period)))
+    memory[_PEAK] = max(peak, memory[_PEAK] * (1.0 - low_pass_gain(1.0 / LATELY, period)))
     induced = observer.back_emf * memory[_FASTEST] / observer.ratio / observer.resistance
     margin = constants.current_margin + _CURRENT_SHARE * memory[_PEAK] + _BACK_EMF_SHARE * induced
     low, high = min(memory[_LEAST], 0.0) - margin, max(memory[_LARGEST], 0.0) + margin
@@ -169,7 +169,7 @@ def plausibility_step(
     motor, load = memory[_MOTOR + _MEAN], memory[_LOAD + _MEAN]
     if not math.isnan(motor - load):
         unsteady = max(unsteady, abs(motor - load))
-    left = 1.0 - low_pass_gain(1.0 / _LATELY, period)
+    left = 1.0 - low_pass_gain(1.0 / LATELY, period)
     memory[_UNSTEADY] = max(left * memory[_UNSTEADY], unsteady)
     memory[_FASTEST] *= left
     for speed in (motor, load):

@@ -16,7 +16,7 @@ import numpy as np
 
 from backlash_ros.control import LAWS, GainSet, Servo, ServoSettings, design_gains
 from backlash_ros.control.limits import mechanical_time_constant
-from backlash_ros.control.plausibility import PATIENCE, speed_lag
+from backlash_ros.control.plausibility import LATELY, PATIENCE, speed_lag
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.drivetrain.signals import OMEGA_L, STATE_NAMES, THETA_L
@@ -130,10 +130,10 @@ def harm(law: str, situation: Situation, sensors: Sensors, period: float, bad: B
 def allowed(situation: Situation, law: str, sensors: Sensors, period: float) -> tuple[float, float]:
     """Return how far the load may stray, and how far it may go on after a fault: physics beside 2 b and 0.2 rad.
 
-    A speed that a drive reports late cannot be told from a wrong one that is off by no more: at speed v that hides
-    v times the lag. A load that moves when its motor goes to 0 V runs on by v times the mechanical time constant.
+    A speed that a drive reports late cannot be told from a wrong one that is off by no more: after a speed of v that
+    hides v times the lag. A load that moves when its motor goes to 0 V runs on by v times the mechanical time constant.
     """
-    speed = undisturbed(law, situation, sensors, period).speed[round(BAD_FROM / period) - 2 :]
+    speed = undisturbed(law, situation, sensors, period).speed[round((BAD_FROM - LATELY) / period) :]
     fastest = float(np.max(np.abs(speed)))
     moving = fastest > 3.0  # rad/s; a limit cycle has no more
     lag, coast = speed_lag(period), mechanical_time_constant(NOMINAL_DRIVE)
