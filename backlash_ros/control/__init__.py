@@ -1,6 +1,6 @@
 """The law: gains, two-region state feedback, observer, learning unit, and the servo made of them."""
 
-from backlash_ros.control.gains import Gains, GainSet, check_stable, design_gains
+from backlash_ros.control.gains import Gains, GainSet, design_gains
 from backlash_ros.control.law import FAST_REGION, OVERDAMPED_REGION, ControlLaw
 from backlash_ros.control.laws import LAWS, design_law
 from backlash_ros.control.learning import BacklashEstimate, LearningSettings, Method
@@ -8,6 +8,7 @@ from backlash_ros.control.limit_cycle import LimitCycle, find_limit_cycle
 from backlash_ros.control.monitor import NO_LIMIT, DriveMonitor, Limits
 from backlash_ros.control.servo import Servo
 from backlash_ros.control.settings import ServoSettings
+from backlash_ros.control.stability import Margins, check_stable, stability_margins
 
 __all__ = [
     "FAST_REGION",
@@ -22,6 +23,7 @@ __all__ = [
     "LearningSettings",
     "LimitCycle",
     "Limits",
+    "Margins",
     "Method",
     "Servo",
     "ServoSettings",
@@ -29,4 +31,5 @@ __all__ = [
     "design_gains",
     "design_law",
     "find_limit_cycle",
+    "stability_margins",
 ]

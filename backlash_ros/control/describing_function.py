@@ -47,16 +47,16 @@ def _linear_part(drive: Drive, gains: Gains, period: float, frequency: float) ->
     s = 1j * frequency
     hold = (1 - np.exp(-s * period)) / (s * period)
     if drive.takes_current:  # the whole answer is held, and k3 sees the one before
-        back_emf, winding = hold * motor.torque_constant, motor.resistance + np.exp(-s * period) * gains.k3
+        back_emf, winding = hold * motor.torque_constant, motor.resistance + np.exp(-s * period) * gains.current
     else:
-        back_emf, winding = motor.torque_constant, s * motor.inductance + motor.resistance + hold * gains.k3
+        back_emf, winding = motor.torque_constant, s * motor.inductance + motor.resistance + hold * gains.current
     balance = np.array(
         [
             [s, -1.0, 0.0, 0.0, 0.0],
             [0.0, s * motor.inertia + motor.viscous_friction, 0.0, 0.0, -motor.torque_constant],
             [0.0, 0.0, s, -1.0, 0.0],
             [0.0, 0.0, 0.0, s * load.inertia + load.viscous_friction, 0.0],
-            [0.0, back_emf, hold * gains.k1, hold * gains.k2, winding],
+            [0.0, back_emf, hold * gains.position, hold * gains.velocity, winding],
         ]
     )
     push = np.array([0.0, -gear.motor_radius, 0.0, gear.load_radius, 0.0], dtype=complex)

@@ -9,13 +9,12 @@ reference that makes up for the slow pole, and more. The spring is the teeth's s
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
 from backlash_ros.control.command import within
 from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, Array, ControlLaw, NamedLaw
 from backlash_ros.control.observer import THETA_L
 from backlash_ros.control.settings import ServoSettings
-from backlash_ros.drivetrain import Drive, sampled
+from backlash_ros.drivetrain import Drive, discretize
 from backlash_ros.drivetrain.compiled import compiled_as
 
 _STATES = 5
@@ -53,18 +52,11 @@ def elastic_lqg_step(law: Array, memory: Array, estimate: Array, reference: floa
     return voltage
 
 
-def optimal_gain(a: Array, b: Array, weight: Array, effort: Array) -> Array:
-    """Return K of the discrete LQR problem, u = -K x; ValueError where it is too ill-conditioned."""
-    try:
-        riccati = solve_discrete_are(a, b, weight, effort)
-    except ValueError as error:
-        raise ValueError(f"law = 'elastic_lqg' cannot be designed for this drive: {error}") from error
-    gain: Array = np.linalg.solve(effort + b.T @ riccati @ b, b.T @ riccati @ a)
-    return gain
+def _elastic_model(drive: Drive) -> tuple[Array, Array]:
+    """Return (A, B) of motor and load joined by a spring.
 
-
-def elastic_lqg(drive: Drive, settings: ServoSettings) -> ControlLaw:
-    """Design the compensator for ``drive`` at the sample period."""
+    States theta_m (rad), omega_m (rad/s), theta_l, omega_l, i (A); input the voltage, V. Shape (5, 5) and (5, 1).
+    """
     motor, gear, load = drive.motor, drive.gear, drive.load
     spring = gear.contact_stiffness / (0.5 * gear.backlash)
     r1, r2 = gear.motor_radius, gear.load_radius
@@ -76,17 +68,31 @@ def elastic_lqg(drive: Drive, settings: ServoSettings) -> ControlLaw:
     a[3] /= load.inertia
     a[4] = [0.0, -motor.torque_constant, 0.0, 0.0, -motor.resistance]
     a[4] /= motor.inductance
-    b = np.array([[0.0], [0.0], [0.0], [0.0], [1.0 / motor.inductance]])
-    c = np.array([[0.0, 0.0, 1.0, 0.0, 0.0]])
-    a_held, b_held = sampled(drive, a, b, settings.period)
-    k = optimal_gain(a_held, b_held, np.diag([0.0, 0.0, POSITION_WEIGHT, 0.0, 0.0]), np.eye(1))
-    poles = np.linalg.eigvals(a_held - b_held @ k)
+    return a, np.array([[0.0], [0.0], [0.0], [0.0], [1.0 / motor.inductance]])
+
+
+def elastic_lqg(drive: Drive, settings: ServoSettings) -> ControlLaw:
+    """Design the compensator for ``drive`` at the sample period, with python-control's ``dlqr`` and ``dlqe``.
+
+    Raises
+    ------
+    ValueError
+        Where a Riccati equation is too ill-conditioned for the drive.
+    """
+    import control  # noqa: PLC0415 - takes more than a second
+
+    a, b = discretize(drive, *_elastic_model(drive), settings.period)
+    angle = np.array([[0.0, 0.0, 1.0, 0.0, 0.0]])
+    torque = np.array([[0.0], [settings.period / drive.motor.inertia], [0.0], [0.0], [0.0]])
+    weight, noise = np.diag([0.0, 0.0, POSITION_WEIGHT, 0.0, 0.0]), np.eye(1) * ANGLE_NOISE**2
+    try:
+        k, _, poles = control.dlqr(a, b, weight, np.eye(1), method="scipy")
+        predictor, _, _ = control.dlqe(a, torque, angle, np.eye(1) * TORQUE_NOISE**2, noise, method="scipy")
+    except (ValueError, control.ControlArgument) as error:
+        raise ValueError(f"law = 'elastic_lqg' cannot be designed for this drive: {error}") from error
     slowest = -settings.period / np.log(np.max(np.abs(poles)))
-    torque = np.array([[0.0], [settings.period / motor.inertia], [0.0], [0.0], [0.0]])
-    # The Kalman predictor is the dual problem.
-    predictor = optimal_gain(a_held.T, c.T, TORQUE_NOISE**2 * torque @ torque.T, np.eye(1) * ANGLE_NOISE**2).T
     reference = [LEAD * slowest / LAG_TIME - 1.0, -np.expm1(-settings.period / LAG_TIME)]
-    parts: list[Any] = [a_held, b_held, predictor, k, [gear.ratio], reference]
+    parts: list[Any] = [a, b, predictor, k, [drive.gear.ratio], reference]
     constants = np.concatenate([np.ravel(part) for part in parts])
     return ControlLaw(elastic_lqg_step, constants, np.array([float(FAST_REGION), *np.zeros(_STATES + 2)]))
 

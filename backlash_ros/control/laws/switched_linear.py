@@ -35,7 +35,7 @@ def switched_linear_step(
 def switched_linear(_drive: Drive, settings: ServoSettings) -> ControlLaw:
     """Design it from the fast gains' position and speed gain."""
     fast = settings.gains.fast
-    constants = [fast.k1, fast.k2, settings.backlash_angle, REDUCTION]
+    constants = [fast.position, fast.velocity, settings.backlash_angle, REDUCTION]
     return ControlLaw(switched_linear_step, np.array(constants, dtype=float), np.array([float(FAST_REGION)]))
 
 

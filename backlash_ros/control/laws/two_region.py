@@ -35,8 +35,8 @@ def two_region_step(law: Array, memory: Array, estimate: Array, reference: float
 
 def _with_torque(drive: Drive, gains: Gains) -> list[float]:
     """Return k1, k2, k3 and k_tau = -n (R + k3)/K_m."""
-    k_tau = -drive.gear.ratio * (drive.motor.resistance + gains.k3) / drive.motor.torque_constant
-    return [gains.k1, gains.k2, gains.k3, k_tau]
+    k_tau = -drive.gear.ratio * (drive.motor.resistance + gains.current) / drive.motor.torque_constant
+    return [gains.position, gains.velocity, gains.current, k_tau]
 
 
 def _law(drive: Drive, settings: ServoSettings, enter: float, leave: float) -> ControlLaw:
