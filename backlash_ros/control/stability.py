@@ -161,7 +161,7 @@ def stability_margins(drive: Drive, gains: Gains, period: float, delay: float = 
     >>> from backlash_ros.drivetrain import NOMINAL_DRIVE
     >>> margins = stability_margins(NOMINAL_DRIVE, Gains(31.6, 0.872, 0.167), period=0.004)
     >>> print(f"{margins.phase:.2f} rad at {margins.crossover:.0f} rad/s, {1e3 * margins.delay:.1f} ms")
-    1.57 rad at 81 rad/s, 19.4 ms
+    1.57 rad at 81 rad/s, 19.5 ms
     """
     import control  # noqa: PLC0415 - takes more than a second
 
