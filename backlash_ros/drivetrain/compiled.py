@@ -78,9 +78,7 @@ def _cache_folder() -> Path | None:
 @cache
 def _warn_uncached(why: str) -> None:
     """Say once that the next start will take as long as this one."""
-    text = (
-        f"backlash_ros: {why}; compiling takes about a minute at every start. Set NUMBA_CACHE_DIR to a writable folder"
-    )
+    text = f"backlash_ros: {why}; compiling takes about a minute at every start. Set NUMBA_CACHE_DIR to a writable folder"
     warnings.warn(text, RuntimeWarning, stacklevel=3)
 
 
