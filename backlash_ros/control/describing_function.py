@@ -22,6 +22,8 @@ from backlash_ros.drivetrain.parameters import PlantConstants
 _POINTS = 400
 """Of the sinusoid that the contact law is evaluated at."""
 _FREQUENCIES_PER_DECADE = 40
+_SLOWEST = 1e-8
+"""Over half the sample rate: the lowest frequency that is looked at."""
 _LARGEST_RATIO = 1e3
 """Of the gap's amplitude to d/2, up and down: beyond it the teeth are linear, or do not touch."""
 
@@ -129,7 +131,7 @@ def _frequency_range(drive: Drive, gains: Gains, period: float) -> tuple[float, 
     a, b = rigid_model(drive)
     poles = np.linalg.eigvals(a - b[:, :1] @ gains.as_array()[None, :])
     highest = math.pi / period
-    return min(0.3 * float(np.min(np.abs(poles))), 0.1 * highest), highest
+    return highest * float(np.clip(0.3 * np.min(np.abs(poles)) / highest, _SLOWEST, 0.1)), highest
 
 
 def predict_limit_cycle(drive: Drive, gains: Gains, period: float) -> PredictedCycle | None:

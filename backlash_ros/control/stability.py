@@ -12,6 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from backlash_ros.control.gains import Gains
 from backlash_ros.drivetrain import Drive, command_from_voltage, discretize_from_command, motor_model, rigid_model
@@ -22,7 +23,8 @@ LONGEST_DELAY = 10
 """In periods."""
 
 _POINTS_PER_DECADE = 100
-_STEPS_PER_PERIOD = 8
+_LONG = 100
+"""In periods: beyond it the poles of the delayed loop take long to compute, and a broken period matters little."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +78,12 @@ def _motor_loop(drive: Drive, gains: Gains, period: float, delay: float) -> tupl
 
 
 def _closed_poles(loop: tuple[Array, Array, Array]) -> NDArray[np.complex128]:
+    """Return the poles of the closed loop; nan where its model overflows."""
     a, b, c = loop
-    return np.linalg.eigvals(a - b @ c).astype(complex)
+    closed = a - b @ c
+    if not np.all(np.isfinite(closed)):
+        return np.full(len(a), complex(math.nan))
+    return np.linalg.eigvals(closed).astype(complex)
 
 
 def _spectral_radius(loop: tuple[Array, Array, Array]) -> float:
@@ -152,9 +158,9 @@ def stability_margins(drive: Drive, gains: Gains, period: float, delay: float = 
     Notes
     -----
     Crossings are those of python-control's ``stability_margins``, from the frequency response up to half the sample
-    rate. A part of a period delays not quite like exp(-jwd), since the hold is split: up to 10 periods the delay margin
-    is therefore found from the poles of the loop with that delay, to 1e-9 of a period; beyond from the lag at each
-    crossover, to some percent.
+    rate. A part of a period delays not quite like exp(-jwd), since the hold is split: up to 100 periods the margin is
+    therefore found from the poles of the loop with that delay; beyond from the lag at each crossover, within 1 %
+    and more exact the longer it is.
 
     Examples
     --------
@@ -199,19 +205,20 @@ def _frequencies(loop: object, poles: NDArray[np.complex128], period: float) -> 
 
 
 def _delay_margin(drive: Drive, gains: Gains, period: float, delay: float, estimate: float) -> float:
-    """Return the least further delay with which a pole leaves the unit circle; ``estimate`` beyond 10 periods."""
-    if math.isfinite(estimate) and estimate > LONGEST_DELAY * period:
+    """Return the least further delay with which a pole leaves the unit circle; ``estimate`` where that is long."""
+    near = estimate if math.isfinite(estimate) else 0.0
+    if near > _LONG * period:
         return estimate
 
-    def unstable(further: float) -> bool:
-        return not _spectral_radius(_rigid_loop(drive, gains, period, delay + further)) < 1.0
+    def excess(further: float) -> float:
+        return _spectral_radius(_rigid_loop(drive, gains, period, delay + further)) - 1.0
 
-    for step in range(1, _STEPS_PER_PERIOD * (LONGEST_DELAY + 1)):
-        high = step * period / _STEPS_PER_PERIOD
-        if unstable(high):
-            low = high - period / _STEPS_PER_PERIOD
-            for _ in range(30):
-                middle = 0.5 * (low + high)
-                low, high = (low, middle) if unstable(middle) else (middle, high)
-            return high
+    low = 0.5 * near
+    if not excess(low) < 0:
+        low = 0.0
+    while low <= max(1.5 * near, LONGEST_DELAY * period):
+        high = low + max(0.25 * period, 0.05 * near)
+        if not excess(high) < 0:
+            return float(brentq(excess, low, high, xtol=1e-9 * period))
+        low = high
     return estimate

@@ -148,7 +148,7 @@ def stable(drive: Drive, gains: Gains, period: float, delay: float) -> bool:
     return True
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(loops())
 def test_delay_margin_is_where_the_loop_turns_unstable(loop: tuple[Drive, Gains, float, float]) -> None:
     drive, gains, period, delay = loop
@@ -157,12 +157,12 @@ def test_delay_margin_is_where_the_loop_turns_unstable(loop: tuple[Drive, Gains,
     assert margins.phase > 0
     assert margins.gain > 1
     assert margins.delay > 0
-    assume(margins.delay < 60 * period)  # the poles of longer delays take long to compute
+    assume(margins.delay < 15 * period)  # the poles of longer delays take long to compute
     for factor in (0.3, 0.9, 0.99, 1.01, 1.1):
         assert stable(drive, gains, period, delay + factor * margins.delay) == (factor < 1)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(loops(), st.floats(-0.5, 0.5))
 def test_margin_with_a_current_gain_on_an_imposed_current(loop: tuple[Drive, Gains, float, float], k3: float) -> None:
     """At whole periods a sample sees the current of an earlier command, and some such loops are stable again there."""
@@ -171,15 +171,14 @@ def test_margin_with_a_current_gain_on_an_imposed_current(loop: tuple[Drive, Gai
     gains = replace(gains, current=k3 * drive.motor.resistance)
     assume(stable(drive, gains, period, delay))
     margin = stability_margins(drive, gains, period, delay).delay
-    assume(margin < 60 * period)
+    assume(margin < 15 * period)
     for factor in (0.3, 0.6, 0.9):
         assert stable(drive, gains, period, delay + factor * margin)
-    if margin <= 10 * period:
-        assert stable(drive, gains, period, delay + 0.9999 * margin)
-        assert not stable(drive, gains, period, delay + 1.0001 * margin)
+    assert stable(drive, gains, period, delay + 0.9999 * margin)
+    assert not stable(drive, gains, period, delay + 1.0001 * margin)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(loops())
 def test_gain_margin_is_where_the_loop_turns_unstable(loop: tuple[Drive, Gains, float, float]) -> None:
     """Where the drive takes a voltage all of the command is the gains', and a factor on it is one on them."""
