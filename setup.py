@@ -31,6 +31,7 @@ setup(
     package_data={f"{NAME}.nodes": ["*.xml"]},
     python_requires=">=3.10",
     install_requires=[
+        "control>=0.10",
         "matplotlib>=3.6",
         "numba>=0.58",
         "numpy>=1.26",

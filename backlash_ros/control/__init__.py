@@ -2,7 +2,7 @@
 
 from backlash_ros.control.experiments import EXPERIMENTS
 from backlash_ros.control.experiments.limit_cycle import BacklashEstimate, LearningSettings, Method
-from backlash_ros.control.gains import Gains, GainSet, check_stable, design_gains
+from backlash_ros.control.gains import DEFAULT_WEIGHTS, Gains, GainSet, design_gains
 from backlash_ros.control.law import FAST_REGION, OVERDAMPED_REGION, ControlLaw
 from backlash_ros.control.laws import LAWS, design_law
 from backlash_ros.control.limit_cycle import LimitCycle, find_limit_cycle
@@ -11,8 +11,10 @@ from backlash_ros.control.monitor import Fault
 from backlash_ros.control.servo import Servo
 from backlash_ros.control.setpoint import AtRest, Polynomials, Source
 from backlash_ros.control.settings import ServoSettings
+from backlash_ros.control.stability import Margins, check_stable, stability_margins
 
 __all__ = [
+    "DEFAULT_WEIGHTS",
     "EXPERIMENTS",
     "FAST_REGION",
     "LAWS",
@@ -27,6 +29,7 @@ __all__ = [
     "LearningSettings",
     "LimitCycle",
     "Limits",
+    "Margins",
     "Method",
     "Polynomials",
     "Servo",
@@ -36,4 +39,5 @@ __all__ = [
     "design_gains",
     "design_law",
     "find_limit_cycle",
+    "stability_margins",
 ]

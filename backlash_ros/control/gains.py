@@ -1,4 +1,4 @@
-"""State-feedback gains: values, their design from LQR weights (eq 14), and the check that they are safe to use."""
+"""State-feedback gains as values, and their design from LQR weights (eq 14)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,36 +6,60 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_continuous_are
 
-from backlash_ros.drivetrain import Drive, motor_model, rigid_model, sampled, without_inductance
+from backlash_ros.drivetrain import Drive, rigid_model, without_inductance
 
 _LARGEST = 1e6
+
+DEFAULT_WEIGHTS: dict[str, list[float]] = {"fast": [1000.0, 1.0], "overdamped": [4.0, 0.0]}
+"""LQR weights [Q11, Q22] by region, with which each of the paper's qualitative claims holds on the nominal drive."""
 
 
 @dataclass(frozen=True)
 class Gains:
-    """State-feedback gains of eq 15: k1 (V/rad), k2 (V s/rad), k3 (V/A)."""
+    """State-feedback gains of eq 15, V = k_tau tau_l - k1 (theta_l - reference) - k2 omega_l - k3 i.
 
-    k1: float
-    k2: float
-    k3: float
+    Parameters
+    ----------
+    position : k1, on the error of the load's angle, V/rad
+    velocity : k2, on the load's speed, V s/rad
+    current : k3, on the motor's current, V/A
+    """
+
+    position: float
+    velocity: float
+    current: float
 
     @classmethod
     def from_sequence(cls, name: str, k: Sequence[float]) -> "Gains":
-        """Build from ``[k1, k2, k3]``; a ValueError names ``name``, the offending gain and its bound."""
+        """Return the gains ``[k1, k2, k3]``.
+
+        Raises
+        ------
+        ValueError
+            Names ``name``, the gain, its bound and its unit: three finite gains, k1 > 0.
+
+        Examples
+        --------
+        >>> Gains.from_sequence("gains.fast.k", [20.0, 0.6, 0.1])
+        Gains(position=20.0, velocity=0.6, current=0.1)
+        >>> Gains.from_sequence("gains.fast.k", [0.0, 0.6, 0.1])
+        Traceback (most recent call last):
+        ValueError: gains.fast.k: k1 (position) must be > 0 V/rad, got 0.0
+        """
         if len(k) != 3:
             raise ValueError(f"{name} must be three gains [k1 V/rad, k2 V s/rad, k3 V/A], got {len(k)}")
-        for label, unit, value in zip(("k1", "k2", "k3"), ("V/rad", "V s/rad", "V/A"), k, strict=True):
+        labels = ("k1 (position)", "k2 (velocity)", "k3 (current)")
+        for label, unit, value in zip(labels, ("V/rad", "V s/rad", "V/A"), k, strict=True):
             if not abs(value) <= _LARGEST:
                 raise ValueError(f"{name}: {label} must be finite and within +-{_LARGEST:g} {unit}, got {value!r}")
         if not k[0] > 0:
-            raise ValueError(f"{name}: k1 must be > 0 V/rad, got {k[0]!r}")
+            raise ValueError(f"{name}: k1 (position) must be > 0 V/rad, got {k[0]!r}")
         return cls(*(float(value) for value in k))
 
     def as_array(self) -> NDArray[np.float64]:
-        """Return ``[k1, k2, k3]``, shape (3,)."""
-        return np.array([self.k1, self.k2, self.k3])
+        """Return ``[k1, k2, k3]``: position, velocity, current, shape (3,)."""
+        return np.array([self.position, self.velocity, self.current])
 
 
 @dataclass(frozen=True)
@@ -47,9 +71,9 @@ class GainSet:
 
 
 def design_gains(name: str, drive: Drive, weights: Sequence[float]) -> Gains:
-    """Design gains that minimise eq 14 on the rigid model (eq 9), control weight 1.
+    """Design gains that minimize eq 14 on the rigid model (eq 9), control weight 1, with python-control's ``lqr``.
 
-    Where the drive takes a current the electrical pole is its own: the model is that of L = 0, and k3 is 0.
+    Where the drive takes a current the electrical pole is its own: the model is that of L = 0, and the current gain 0.
 
     Parameters
     ----------
@@ -65,7 +89,7 @@ def design_gains(name: str, drive: Drive, weights: Sequence[float]) -> Gains:
     --------
     >>> from backlash_ros.drivetrain import NOMINAL_DRIVE
     >>> gains = design_gains("fast", NOMINAL_DRIVE, [1000.0, 1.0])
-    >>> print(f"{gains.k1:.3f} {gains.k2:.4f} {gains.k3:.4f}")
+    >>> print(f"{gains.position:.3f} {gains.velocity:.4f} {gains.current:.4f}")
     31.623 0.8718 0.1674
     """
     if len(weights) != 2:
@@ -77,45 +101,18 @@ def design_gains(name: str, drive: Drive, weights: Sequence[float]) -> Gains:
         raise ValueError(f"{name}: Q22 must be >= 0 and <= 1e+12, got {q22!r}")
     try:
         return _optimal(drive, float(q11), float(q22))
-    except ValueError as error:
+    except (ValueError, ArithmeticError) as error:
         raise ValueError(f"{name}: no gains can be computed from Q11 = {q11!r}, Q22 = {q22!r}: {error}") from error
 
 
 @lru_cache(maxsize=64)  # a request for other parameters is validated with the same gains
 def _optimal(drive: Drive, q11: float, q22: float) -> Gains:
+    import control  # noqa: PLC0415 - takes more than a second
+
     a, b = rigid_model(drive)
+    b = b[:, :1]
     if drive.takes_current:
-        a, b = without_inductance(a, b[:, :1])
+        a, b = without_inductance(a, b)
     with np.errstate(invalid="ignore"):  # scipy casts what is not finite before it says so
-        riccati = solve_continuous_are(a, b[:, :1], np.diag([q11, q22, 0.0][: len(a)]), np.eye(1))
-    k = b[:, :1].T @ riccati
+        k, _, _ = control.lqr(a, b, np.diag([q11, q22, 0.0][: len(a)]), np.eye(1), method="scipy")
     return Gains(*(float(value) for value in (*np.asarray(k)[0], 0.0)[:3]))
-
-
-def check_stable(name: str, drive: Drive, gains: Gains, period: float) -> None:
-    """Raise ValueError unless ``gains``, sampled every ``period`` seconds, are stable in contact and inside the gap.
-
-    In contact the drive is the rigid model (eq 9); inside the gap the motor turns alone, and k3 alone acts on it. The
-    loop is that of the drive's command interface: where the current is held, k3 sees the one before. All signals are
-    taken as measured: speeds that come from positions lag, and gains near the bound are unstable with them.
-    """
-    for where, worst in _slowest_poles(drive, gains, period).items():
-        if not worst < 1.0:
-            raise ValueError(
-                f"{name} = [{gains.k1:g}, {gains.k2:g}, {gains.k3:g}] is unstable at {1 / period:g} Hz {where}: "
-                f"pole magnitude must be < 1, got {worst:.4g}"
-            )
-
-
-@lru_cache(maxsize=64)
-def _slowest_poles(drive: Drive, gains: Gains, period: float) -> dict[str, float]:
-    """Return the largest magnitude of a sampled pole in each of the two loops."""
-    loops = {
-        "even without backlash": (*rigid_model(drive), gains.as_array()[None, :]),
-        "inside the gap, where the motor turns alone": (*motor_model(drive), np.array([[0.0, gains.k3]])),
-    }
-    worst = {}
-    for where, (a, b, feedback) in loops.items():
-        held, driven = sampled(drive, a, b[:, :1], period)
-        worst[where] = float(np.max(np.abs(np.linalg.eigvals(held - driven @ feedback))))
-    return worst

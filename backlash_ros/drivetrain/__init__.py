@@ -1,7 +1,15 @@
-"""The plant: parameters, contact, equations of motion, integrator and the rigid linear model."""
+"""The plant: parameters, contact, equations of motion, integrator and linear models."""
 
 from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.integrator import IntegrationError
+from backlash_ros.drivetrain.linear import (
+    command_from_voltage,
+    discretize,
+    discretize_from_command,
+    motor_model,
+    rigid_model,
+    without_inductance,
+)
 from backlash_ros.drivetrain.parameters import (
     COMMAND_INTERFACES,
     CONTACT_LAWS,
@@ -13,8 +21,6 @@ from backlash_ros.drivetrain.parameters import (
 )
 from backlash_ros.drivetrain.plant import Plant
 from backlash_ros.drivetrain.quantity import Quantity, Validated, quantities, quantity
-from backlash_ros.drivetrain.rigid import motor_model, rigid_model
-from backlash_ros.drivetrain.winding import sampled, without_inductance
 
 __all__ = [
     "COMMAND_INTERFACES",
@@ -28,11 +34,13 @@ __all__ = [
     "Plant",
     "Quantity",
     "Validated",
+    "command_from_voltage",
     "compiled",
+    "discretize",
+    "discretize_from_command",
     "motor_model",
     "quantities",
     "quantity",
     "rigid_model",
-    "sampled",
     "without_inductance",
 ]

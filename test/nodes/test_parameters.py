@@ -110,7 +110,7 @@ def test_the_next_command_follows_what_is_published(start: Start, peer: Peer) ->
         for k1 in (10.0 + version, 20.0 + version):
             assert parameters.set(gains__fast__k=[k1, 0.6, 0.1]) == (True, "")
         gains = Gains.from_sequence("k", in_use.version(version)["gains.fast.k"])
-        assert gains.k1 == 20.0 + version
+        assert gains.position == 20.0 + version
         assert drive.exchange(drive.sample()) == pytest.approx(fast_command(gains, drive, 0.2), rel=1e-9)
 
 

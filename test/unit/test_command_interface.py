@@ -27,8 +27,8 @@ from backlash_ros.drivetrain import (
     NOMINAL_DRIVE,
     Drive,
     Plant,
+    discretize,
     rigid_model,
-    sampled,
     without_inductance,
 )
 from backlash_ros.simulation import Run, Scenario, learn_backlash, run
@@ -97,7 +97,7 @@ def test_rate_too_slow_for_the_motor_inside_the_gap_is_refused() -> None:
     light, period = with_motor(CURRENT_DRIVE, inertia=1e-6), 0.004
     gains = gains_of(light).overdamped
     a, b = rigid_model(light)
-    held, driven = sampled(light, a, b[:, :1], period)
+    held, driven = discretize(light, a, b[:, :1], period)
     assert np.max(np.abs(np.linalg.eigvals(held - driven @ gains.as_array()[None, :]))) < 1
     check_stable("k", replace(light, command_interface="voltage"), gains, period)
     check_stable("k", light, gains, 0.001)
@@ -235,7 +235,7 @@ def test_poles_agree_in_the_limit_of_a_fast_winding_and_fast_samples() -> None:
     for period in (4e-4, 2e-4, 1e-4):
         poles = []
         for drive in (NOMINAL_DRIVE, CURRENT_DRIVE):
-            held, driven = sampled(drive, a, b[:, :1], period)
+            held, driven = discretize(drive, a, b[:, :1], period)
             z = np.sort(np.abs(np.linalg.eigvals(held - driven @ k)))[-2:]
             poles.append(np.log(z) / period)
         differences.append(float(np.max(np.abs(poles[0] - poles[1]) / np.abs(poles[0]))))

@@ -28,7 +28,7 @@ def test_choosing_a_set_sets_its_gains() -> None:
     values = request(gain_set="gentle")
     assert values["gains.fast.k"] == [20.0, 0.6, 0.1]
     assert values["gains.fast.q"] == [0.0, 0.0]
-    assert check(values).overdamped.k1 == 1.5
+    assert check(values).overdamped.position == 1.5
 
 
 def test_setting_gains_makes_the_set_custom_and_the_weights_void() -> None:
@@ -36,7 +36,7 @@ def test_setting_gains_makes_the_set_custom_and_the_weights_void() -> None:
     assert values["gain_set"] == CUSTOM
     assert values["gains.fast.q"] == [0.0, 0.0]
     assert values["gains.overdamped.q"] == [4.0, 0.0]
-    assert check(values).fast.k1 == 25.0
+    assert check(values).fast.position == 25.0
 
 
 def test_setting_weights_designs_the_gains() -> None:

@@ -81,7 +81,7 @@ def test_limit_cycle_agrees_with_scipy_over_one_second(gains: GainSet) -> None:
 
     x, error = np.zeros(5), 0.0
     for k in range(count):
-        voltage = -gains.fast.k1 * (x[2] - 1.0) - gains.fast.k2 * x[3] - gains.fast.k3 * x[4]
+        voltage = -gains.fast.position * (x[2] - 1.0) - gains.fast.velocity * x[3] - gains.fast.current * x[4]
         x = scipy_state(NOMINAL_DRIVE, x, min(max(voltage, -24.0), 24.0), 0.0, period)
         error = max(error, abs(x[2] - ours.load_angle[k + 1]))
     assert error <= 1e-6

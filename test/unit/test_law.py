@@ -41,8 +41,8 @@ def regions(law: ControlLaw, errors: list[float]) -> list[int]:
 def test_voltage_is_that_of_eq_15(gains: GainSet, error: float, region: str) -> None:
     k = getattr(gains, region)
     omega, current, torque = 0.3, -0.2, 0.04
-    k_tau = -0.1 * (2.0 + k.k3) / 0.05
-    expected = k_tau * torque - k.k1 * error - k.k2 * omega - k.k3 * current
+    k_tau = -0.1 * (2.0 + k.current) / 0.05
+    expected = k_tau * torque - k.position * error - k.velocity * omega - k.current * current
     assert answer(make(gains), error, omega, current, torque) == pytest.approx(expected, rel=1e-12)
 
 

@@ -82,7 +82,7 @@ def test_gains_are_changed_without_forgetting_the_region(gains: GainSet) -> None
     for _ in range(10):
         servo.update(INSIDE_THE_HYSTERESIS)
     assert servo.region == OVERDAMPED_REGION
-    servo.use(replace(settings, gains=GainSet(gains.fast, replace(gains.overdamped, k1=1.5))))
+    servo.use(replace(settings, gains=GainSet(gains.fast, replace(gains.overdamped, position=1.5))))
     servo.update(INSIDE_THE_HYSTERESIS)
     assert servo.region == OVERDAMPED_REGION
 

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, ControlLaw, NamedLaw
-from backlash_ros.drivetrain import Drive, Validated, quantity, sampled
+from backlash_ros.drivetrain import Drive, Validated, discretize, quantity
 from backlash_ros.drivetrain.compiled import compiled_as
 from backlash_ros.drivetrain.signals import POSITION, THETA_L, Array, Estimate, Setpoint
 
@@ -69,18 +68,11 @@ def elastic_lqg_step(
     return voltage
 
 
-def optimal_gain(a: Array, b: Array, weight: Array, effort: Array) -> Array:
-    """Return K of the discrete LQR problem, u = -K x; ValueError where it is too ill-conditioned."""
-    try:
-        riccati = solve_discrete_are(a, b, weight, effort)
-    except ValueError as error:
-        raise ValueError(f"law = 'elastic_lqg' cannot be designed for this drive: {error}") from error
-    gain: Array = np.linalg.solve(effort + b.T @ riccati @ b, b.T @ riccati @ a)
-    return gain
+def _elastic_model(drive: Drive) -> tuple[Array, Array]:
+    """Return (A, B) of motor and load joined by a spring.
 
-
-def elastic_lqg(drive: Drive, settings: "ServoSettings", parameters: ElasticLqgParameters) -> ControlLaw:
-    """Design the compensator for ``drive`` at the sample period."""
+    States theta_m (rad), omega_m (rad/s), theta_l, omega_l, i (A); input the voltage, V. Shape (5, 5) and (5, 1).
+    """
     motor, gear, load = drive.motor, drive.gear, drive.load
     spring = gear.contact_stiffness / (0.5 * gear.backlash)
     r1, r2 = gear.motor_radius, gear.load_radius
@@ -92,22 +84,34 @@ def elastic_lqg(drive: Drive, settings: "ServoSettings", parameters: ElasticLqgP
     a[3] /= load.inertia
     a[4] = [0.0, -motor.torque_constant, 0.0, 0.0, -motor.resistance]
     a[4] /= motor.inductance
-    b = np.array([[0.0], [0.0], [0.0], [0.0], [1.0 / motor.inductance]])
-    c = np.array([[0.0, 0.0, 1.0, 0.0, 0.0]])
-    a_held, b_held = sampled(drive, a, b, settings.period)
-    k = optimal_gain(a_held, b_held, np.diag([0.0, 0.0, parameters.position_weight, 0.0, 0.0]), np.eye(1))
-    poles = np.linalg.eigvals(a_held - b_held @ k)
+    return a, np.array([[0.0], [0.0], [0.0], [0.0], [1.0 / motor.inductance]])
+
+
+def elastic_lqg(drive: Drive, settings: "ServoSettings", parameters: ElasticLqgParameters) -> ControlLaw:
+    """Design the compensator for ``drive`` at the sample period, with python-control's ``dlqr`` and ``dlqe``.
+
+    Raises
+    ------
+    ValueError
+        Where a Riccati equation is too ill-conditioned for the drive.
+    """
+    import control  # noqa: PLC0415 - takes more than a second
+
+    a, b = discretize(drive, *_elastic_model(drive), settings.period)
+    angle = np.array([[0.0, 0.0, 1.0, 0.0, 0.0]])
+    torque = np.array([[0.0], [settings.period / drive.motor.inertia], [0.0], [0.0], [0.0]])
+    weight, noise = np.diag([0.0, 0.0, parameters.position_weight, 0.0, 0.0]), np.eye(1) * parameters.angle_noise**2
+    try:
+        k, _, poles = control.dlqr(a, b, weight, np.eye(1), method="scipy")
+        predictor, _, _ = control.dlqe(a, torque, angle, np.eye(1) * parameters.torque_noise**2, noise, method="scipy")
+    except (ValueError, control.ControlArgument) as error:
+        raise ValueError(f"law = 'elastic_lqg' cannot be designed for this drive: {error}") from error
     slowest = -settings.period / np.log(np.max(np.abs(poles)))
-    torque = np.array([[0.0], [settings.period / motor.inertia], [0.0], [0.0], [0.0]])
-    # The Kalman predictor is the dual problem.
-    predictor = optimal_gain(
-        a_held.T, c.T, parameters.torque_noise**2 * torque @ torque.T, np.eye(1) * parameters.angle_noise**2
-    ).T
     reference = [
         parameters.lead * slowest / parameters.lag_time - 1.0,
         -np.expm1(-settings.period / parameters.lag_time),
     ]
-    parts: list[Any] = [a_held, b_held, predictor, k, [gear.ratio], reference]
+    parts: list[Any] = [a, b, predictor, k, [drive.gear.ratio], reference]
     constants = np.concatenate([np.ravel(part) for part in parts])
     return ControlLaw(elastic_lqg_step, constants, np.array([float(FAST_REGION), *np.zeros(_STATES + 2)]))
 

@@ -45,8 +45,8 @@ def switched_linear_step(
 
 def switched_linear(_drive: Drive, settings: "ServoSettings", parameters: SwitchedLinearParameters) -> ControlLaw:
     """Design it from the fast gains' position and speed gain."""
-    k1, k2, _ = settings.gains.fast.as_array().tolist()
-    constants = [k1, k2, settings.backlash_angle, parameters.reduction]
+    fast = settings.gains.fast
+    constants = [fast.position, fast.velocity, settings.backlash_angle, parameters.reduction]
     return ControlLaw(switched_linear_step, np.array(constants, dtype=float), np.array([float(FAST_REGION)]))
 
 

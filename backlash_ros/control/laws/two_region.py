@@ -66,8 +66,8 @@ def two_region_step(law: Array, state: Array, estimate: Estimate, setpoint: Setp
 
 def _with_torque(drive: Drive, gains: Gains) -> list[float]:
     """Return k1, k2, k3 and k_tau = -n (R + k3)/K_m."""
-    k = gains.as_array().tolist()
-    return [*k, -drive.gear.ratio * (drive.motor.resistance + k[2]) / drive.motor.torque_constant]
+    k_tau = -drive.gear.ratio * (drive.motor.resistance + gains.current) / drive.motor.torque_constant
+    return [gains.position, gains.velocity, gains.current, k_tau]
 
 
 def _law(drive: Drive, settings: "ServoSettings", enter: float, leave: float, min_dwell: float = 0.0) -> ControlLaw:

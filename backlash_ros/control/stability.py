@@ -1,0 +1,224 @@
+"""Is the sampled loop stable, and how far from unstable: linear, with the delay of the loop, for both interfaces.
+
+The delay is all that passes from the instant of a measurement to the instant at which its command acts on the motor,
+beyond the ideal 0: transport both ways, computation, a drive that waits for its own next cycle. All signals are taken
+as measured at that instant, the current as it is just before a new command acts. Speeds that come from positions lag,
+which is not counted here.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from backlash_ros.control.gains import Gains
+from backlash_ros.drivetrain import Drive, command_from_voltage, discretize_from_command, motor_model, rigid_model
+
+Array = NDArray[np.float64]
+
+LONGEST_DELAY = 10
+"""In periods."""
+
+_POINTS_PER_DECADE = 100
+_LONG = 100
+"""In periods: beyond it the poles of the delayed loop take long to compute, and a broken period matters little."""
+
+
+@dataclass(frozen=True)
+class Margins:
+    """How far a stable loop is from unstable. Infinite where no change of the kind makes it unstable.
+
+    Parameters
+    ----------
+    phase : least lag at a frequency of crossover that makes it unstable, rad
+    delay : least further delay of the loop that makes it unstable, s
+    gain : least factor above 1 on the command that makes it unstable
+    crossover : frequency at which the loop's gain is 1, that of ``phase``, rad/s; infinite where it stays above 1
+    """
+
+    phase: float
+    delay: float
+    gain: float
+    crossover: float
+
+
+def _check_delay(name: str, period: float, delay: float) -> None:
+    longest = LONGEST_DELAY * period
+    if not 0 <= delay <= longest * (1 + 1e-9):
+        raise ValueError(
+            f"{name}: delay must be >= 0 s and at most {LONGEST_DELAY} periods, {longest:g} s, got {delay!r}"
+        )
+
+
+def _open_loop(
+    drive: Drive, model: tuple[Array, Array], feedback: Array, period: float, delay: float
+) -> tuple[Array, Array, Array]:
+    """Return (A, B, C) from the drive's command to minus the command that the law answers with.
+
+    The law's voltage is -``feedback`` x, with the states x of the continuous ``model``.
+    """
+    a, b = model
+    from_states, from_voltage = command_from_voltage(drive, a, b)
+    following, effect = discretize_from_command(drive, a, b, period, delay)
+    answer = np.zeros((1, len(following)))
+    answer[:, : len(a)] = from_voltage @ feedback - from_states
+    return following, effect, answer
+
+
+def _rigid_loop(drive: Drive, gains: Gains, period: float, delay: float) -> tuple[Array, Array, Array]:
+    a, b = rigid_model(drive)
+    return _open_loop(drive, (a, b[:, :1]), gains.as_array()[None, :], period, delay)
+
+
+def _motor_loop(drive: Drive, gains: Gains, period: float, delay: float) -> tuple[Array, Array, Array]:
+    return _open_loop(drive, motor_model(drive), np.array([[0.0, gains.current]]), period, delay)
+
+
+def _closed_poles(loop: tuple[Array, Array, Array]) -> NDArray[np.complex128]:
+    """Return the poles of the closed loop; nan where its model overflows."""
+    a, b, c = loop
+    closed = a - b @ c
+    if not np.all(np.isfinite(closed)):
+        return np.full(len(a), complex(math.nan))
+    return np.linalg.eigvals(closed).astype(complex)
+
+
+def _spectral_radius(loop: tuple[Array, Array, Array]) -> float:
+    return float(np.max(np.abs(_closed_poles(loop))))
+
+
+def _label(gains: Gains, period: float, delay: float) -> str:
+    late = f" with a delay of {delay:g} s" if delay else ""
+    return f"[{gains.position:g}, {gains.velocity:g}, {gains.current:g}] is unstable at {1 / period:g} Hz{late}"
+
+
+def check_stable(name: str, drive: Drive, gains: Gains, period: float, delay: float = 0.0) -> None:
+    """Raise ValueError unless the sampled loop is stable in contact and inside the gap.
+
+    In contact the drive is the rigid model (eq 9); inside the gap the motor turns alone, and the current gain alone
+    acts on it. The loop is that of the drive's command interface: where the current is imposed, the current gain sees
+    the one before.
+
+    Parameters
+    ----------
+    name : how errors name the gains
+    period : of the samples, s
+    delay : from the instant of a measurement to that at which its command acts on the motor, s, >= 0 and at most 10
+        periods; whole periods and parts of one are exact
+
+    Examples
+    --------
+    >>> from backlash_ros.drivetrain import NOMINAL_DRIVE
+    >>> check_stable("fast", NOMINAL_DRIVE, Gains(31.6, 0.872, 0.167), period=0.004, delay=0.016)
+    >>> check_stable("fast", NOMINAL_DRIVE, Gains(31.6, 0.872, 0.167), period=0.004, delay=0.022)
+    Traceback (most recent call last):
+    ValueError: fast = [31.6, 0.872, 0.167] is unstable at 250 Hz with a delay of 0.022 s even without backlash: ...
+    """
+    _check_delay(name, period, delay)
+    for where, worst in _slowest_poles(drive, gains, period, delay).items():
+        if not worst < 1.0:
+            raise ValueError(
+                f"{name} = {_label(gains, period, delay)} {where}: pole magnitude must be < 1, got {worst:.4g}"
+            )
+
+
+@lru_cache(maxsize=64)
+def _slowest_poles(drive: Drive, gains: Gains, period: float, delay: float) -> dict[str, float]:
+    """Return the largest magnitude of a pole in each of the two sampled loops."""
+    return {
+        "even without backlash": _spectral_radius(_rigid_loop(drive, gains, period, delay)),
+        "inside the gap, where the motor turns alone": _spectral_radius(_motor_loop(drive, gains, period, delay)),
+    }
+
+
+@lru_cache(maxsize=64)
+def stability_margins(drive: Drive, gains: Gains, period: float, delay: float = 0.0) -> Margins:
+    """Return the margins of the sampled loop in contact (rigid model, eq 9).
+
+    The loop is broken in one place: at the drive's command, between the controller and the motor. Its transfer function
+    L(z) leads from the command that acts on the motor, held and late by ``delay``, through motor and load, the samples
+    of all states and the law, to minus the command that the law answers with; L(z) = -1 is the limit of stability.
+    Under the voltage interface the winding and its back-EMF belong to the drive, and L(z) = K (zI - A)^-1 B. Under the
+    current interface the controller computes the back-EMF and the winding, i = (V - K_m omega_m)/R: that part of the
+    feedback is in L(z) too, so that its gain and delay are changed with the rest.
+
+    Parameters
+    ----------
+    period : of the samples, s
+    delay : the one that is there already, as for `check_stable`, s
+
+    Raises
+    ------
+    ValueError
+        Where ``delay`` is out of its bounds or the loop is unstable.
+
+    Notes
+    -----
+    Crossings are those of python-control's ``stability_margins``, from the frequency response up to half the sample
+    rate. A part of a period delays not quite like exp(-jwd), since the hold is split: up to 100 periods the margin is
+    therefore found from the poles of the loop with that delay; beyond from the lag at each crossover, within 1 %
+    and more exact the longer it is.
+
+    Examples
+    --------
+    >>> from backlash_ros.drivetrain import NOMINAL_DRIVE
+    >>> margins = stability_margins(NOMINAL_DRIVE, Gains(31.6, 0.872, 0.167), period=0.004)
+    >>> print(f"{margins.phase:.2f} rad at {margins.crossover:.0f} rad/s, {1e3 * margins.delay:.1f} ms")
+    1.57 rad at 81 rad/s, 19.5 ms
+    """
+    import control  # noqa: PLC0415 - takes more than a second
+
+    _check_delay("stability_margins", period, delay)
+    matrices = _rigid_loop(drive, gains, period, delay)
+    poles = _closed_poles(matrices)
+    if not np.max(np.abs(poles)) < 1.0:
+        raise ValueError(f"no margins: {_label(gains, period, delay)} even without backlash")
+    loop = control.ss(*matrices, [[0.0]], period)
+    omega = _frequencies(loop, poles, period)
+    response = np.asarray(loop(np.exp(1j * period * omega)))
+    data = (np.abs(response), np.angle(response, deg=True), omega)
+    factors, phases, _, _, crossovers, _ = control.stability_margins(data, returnall=True)
+    at_half_rate = response[-1].real  # real there, and the frequency at which it crosses is the end of the range
+    if at_half_rate < 0:
+        factors = np.append(factors, -1.0 / at_half_rate)
+    lags = np.radians(np.remainder(phases, 360.0))
+    nearest = int(np.argmin(lags)) if lags.size else None
+    return Margins(
+        phase=math.inf if nearest is None else float(lags[nearest]),
+        delay=_delay_margin(drive, gains, period, delay, float(np.min(lags / crossovers, initial=math.inf))),
+        gain=float(np.min(factors[factors > 1.0], initial=math.inf)),
+        crossover=math.inf if nearest is None else float(crossovers[nearest]),
+    )
+
+
+def _frequencies(loop: object, poles: NDArray[np.complex128], period: float) -> Array:
+    """Return frequencies up to half the sample rate, from one at which the integrator makes the loop's gain large."""
+    assert callable(loop)
+    lowest = min(1.0, *np.abs(np.log(poles[poles != 0]))) / period
+    while abs(loop(np.exp(1j * period * lowest))) < 10.0:
+        lowest /= 10.0
+    highest = math.pi / period
+    return np.geomspace(lowest, highest, math.ceil(_POINTS_PER_DECADE * math.log10(highest / lowest)) + 1)
+
+
+def _delay_margin(drive: Drive, gains: Gains, period: float, delay: float, estimate: float) -> float:
+    """Return the least further delay with which a pole leaves the unit circle; ``estimate`` where that is long."""
+    near = estimate if math.isfinite(estimate) else 0.0
+    if near > _LONG * period:
+        return estimate
+
+    def excess(further: float) -> float:
+        return _spectral_radius(_rigid_loop(drive, gains, period, delay + further)) - 1.0
+
+    low = 0.5 * near
+    if not excess(low) < 0:
+        low = 0.0
+    while low <= max(1.5 * near, LONGEST_DELAY * period):
+        high = low + max(0.25 * period, 0.05 * near)
+        if not excess(high) < 0:
+            return float(brentq(excess, low, high, xtol=1e-9 * period))
+        low = high
+    return estimate
