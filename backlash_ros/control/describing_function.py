@@ -16,7 +16,6 @@ from scipy.optimize import least_squares
 from backlash_ros.control.gains import Gains
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.constants import plant_constants
-from backlash_ros.drivetrain.contact import contact
 
 _POINTS = 400
 _BOUNDS = (np.log([0.5, 10.0]), np.log([20.0, 3000.0]))
@@ -36,7 +35,13 @@ def describing_function(drive: Drive, amplitude: float, frequency: float) -> com
     """Return N(A, w) in N/m of the drive's contact law: amplitude of the gap in m, frequency in rad/s."""
     plant = plant_constants(drive)
     phase = 2 * np.pi * (np.arange(_POINTS) + 0.5) / _POINTS
-    force = np.array([contact(plant, amplitude * math.sin(p), amplitude * frequency * math.cos(p))[0] for p in phase])
+    contact = drive.gear.contact.force
+    force = np.array(
+        [
+            contact(plant.contact, plant.half_gap, amplitude * math.sin(p), amplitude * frequency * math.cos(p))[0]
+            for p in phase
+        ]
+    )
     in_phase, quadrature = np.mean(force * np.sin(phase)), np.mean(force * np.cos(phase))
     return complex(2 * in_phase / amplitude, 2 * quadrature / amplitude)
 

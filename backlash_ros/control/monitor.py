@@ -63,7 +63,7 @@ _RATIO_ERROR = 0.02
 """Of the gear ratio: of so much of the travel the shafts may come apart without end."""
 
 _LEAST_GAP = 0.1
-"""Of the default limits.gap, rad: gears have less backlash, and ``gear.backlash`` may be a guess."""
+"""Of the default limits.gap, rad: gears have less backlash, and ``gear.backlash_angle`` may be a guess."""
 
 
 def standstill_torque(drive: Drive, command: float) -> float:
@@ -84,11 +84,7 @@ def mechanical_time_constant(drive: Drive) -> float:
 
 def wind_up(drive: Drive, torque: float) -> float:
     """Return by how much a torque on the output shaft (N m) presses the teeth in, as an angle there, rad."""
-    gear, force = drive.gear, torque / drive.gear.load_radius
-    if gear.contact_law in ("elastic", "restitution"):
-        return force / gear.tooth_stiffness / gear.load_radius
-    depth: float = (force / gear.contact_stiffness) ** (1 / gear.contact_exponent) - 1.0
-    return max(0.0, 0.5 * depth * gear.backlash_angle)
+    return drive.gear.wind_up(torque)
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,11 @@
 """The plant: parameters, contact, equations of motion, integrator and the rigid linear model."""
 
 from backlash_ros.drivetrain.compiled import compiled
+from backlash_ros.drivetrain.contact import Contact
+from backlash_ros.drivetrain.contacts import CONTACTS
 from backlash_ros.drivetrain.integrator import IntegrationError
 from backlash_ros.drivetrain.parameters import (
     COMMAND_INTERFACES,
-    CONTACT_LAWS,
     NOMINAL_DRIVE,
     Drive,
     Gear,
@@ -18,8 +19,9 @@ from backlash_ros.drivetrain.winding import sampled, without_inductance
 
 __all__ = [
     "COMMAND_INTERFACES",
-    "CONTACT_LAWS",
+    "CONTACTS",
     "NOMINAL_DRIVE",
+    "Contact",
     "Drive",
     "Gear",
     "IntegrationError",

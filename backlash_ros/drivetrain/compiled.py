@@ -5,6 +5,7 @@ file a cached caller would go on running the old code. Here the cache folder is 
 file that is compiled, so any change starts afresh. Where nothing can be cached, functions are compiled every time.
 """
 
+import contextlib
 import hashlib
 import inspect
 import os
@@ -25,6 +26,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 _config: Any = numba.config
+_FunctionCache: Any = FunctionCache
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 _FOLDER = "backlash_ros_compiled"
@@ -55,10 +57,8 @@ def _usable(folder: Path) -> bool:
 def _cache_places() -> list[Path]:
     places = [Path(_config.CACHE_DIR)] if _config.CACHE_DIR else []  # the user's NUMBA_CACHE_DIR
     places.append(_PACKAGE / "__pycache__")
-    try:
+    with contextlib.suppress(RuntimeError):  # this user has no home
         places.append(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"))
-    except RuntimeError:  # this user has no home
-        pass
     return [place / _FOLDER for place in places]
 
 
@@ -78,17 +78,19 @@ def _cache_folder() -> Path | None:
 @cache
 def _warn_uncached(why: str) -> None:
     """Say once that the next start will take as long as this one."""
-    text = f"backlash_ros: {why}; compiling takes about a minute at every start. Set NUMBA_CACHE_DIR to a writable folder"
+    text = (
+        f"backlash_ros: {why}; compiling takes about a minute at every start. Set NUMBA_CACHE_DIR to a writable folder"
+    )
     warnings.warn(text, RuntimeWarning, stacklevel=3)
 
 
-class _Cache(FunctionCache):  # type: ignore[misc]
+class _Cache(_FunctionCache):  # type: ignore[misc]
     """A cache that does without itself where the disk is full or a file cannot be read."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
             return super().load_overload(sig, target_context)
-        except Exception:  # noqa: BLE001  a file that was cut short raises whatever its bytes happen to mean
+        except Exception:  # a file that was cut short raises whatever its bytes happen to mean
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:

@@ -4,14 +4,26 @@ RODAS4P, a linearly implicit (Rosenbrock) method of order 4 with an embedded thi
 accurate and L-stable (Steinebach, 1995; in Hairer & Wanner, Solving ODEs II, sect. IV.7). Each step costs six
 evaluations of the equations of motion and no iteration. The stage equations have the drive's structure, so
 they are solved by eliminating down to one unknown, the contact force.
+
+Dry friction makes the equations change where a shaft comes to rest, reverses or breaks away. No step goes across such
+an event: its time is found from the cubic through speed and acceleration at both ends of the step, and the step is
+taken again, to there. A shaft that sticks has a speed of exactly 0.
 """
 
 import math
+from collections.abc import Callable
+from functools import cache
+from typing import Any
 
+import numba
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled
-from backlash_ros.drivetrain.dynamics import (
+from backlash_ros.drivetrain.compiled import compiled, specialize
+from backlash_ros.drivetrain.constants import PLANT_TYPE, PlantConstants
+from backlash_ros.drivetrain.contact import Contact, ToothForce
+from backlash_ros.drivetrain.dynamics import SLIDES, Array, Slopes, equations_with, load_rubs, motor_rubs
+from backlash_ros.drivetrain.parameters import Drive
+from backlash_ros.drivetrain.signals import (
     CURRENT,
     LOST,
     OMEGA_L,
@@ -20,13 +32,10 @@ from backlash_ros.drivetrain.dynamics import (
     SUPPLIED,
     THETA_L,
     THETA_M,
-    State,
-    contact_of,
-    coulomb,
-    derivative,
-    gap_of,
+    PlantState,
 )
-from backlash_ros.drivetrain.parameters import PlantConstants
+
+_types: Any = numba.types
 
 DEFAULT_TOLERANCE = 1e-9
 """Error allowed per step: in units of the backlash for angles, relative for speeds and current."""
@@ -36,7 +45,17 @@ DONE, STEP_TOO_SMALL, TOO_MANY_STEPS = range(3)
 STEP_SIZE, PEAK_FORCE = range(2)
 """What `advance` keeps from call to call."""
 
+Advance = Callable[[PlantConstants, PlantState, Array, float, float, float, float], tuple[int, float]]
+ADVANCE_SIGNATURE: Any = _types.Tuple((_types.int64, _types.float64))(
+    PLANT_TYPE, *[_types.float64[::1]] * 2, *[_types.float64] * 4
+)
+"""numba's signature of `Advance`."""
+
 _STEPS_AT_MOST = 200_000
+_SHORTEST = 1e-13
+"""Step, as a share of the duration, below which time does not pass."""
+_TRIES = 20
+"""Steps towards one event before the shaft is taken to be there."""
 _GAMMA = 0.25
 _A = np.array(
     [
@@ -59,67 +78,69 @@ _C = np.array(
     ]
 )
 
-
 REASONS = {STEP_TOO_SMALL: "the step size fell below rounding", TOO_MANY_STEPS: "too many steps"}
 
 
 class IntegrationError(RuntimeError):
     """The equations of motion could not be integrated to the wanted accuracy."""
 
-    def __init__(self, reason: str, time: float, state: State) -> None:
+    def __init__(self, reason: str, time: float, state: Array) -> None:
         listed = ", ".join(f"{name} = {value:.9g}" for name, value in zip(STATE_NAMES, state[:5], strict=True))
         super().__init__(f"integration stopped at t = {time:.9g} s: {reason} ({listed})")
         self.time = time
         self.state = state.copy()
 
 
+def integration_memory() -> Array:
+    """Return what `Advance` keeps from call to call, as it is at the start: STEP_SIZE (s) and PEAK_FORCE (N)."""
+    return np.zeros(2)
+
+
 @compiled
 def _solve_stage(
     plant: PlantConstants,
-    at: State,
+    s: Slopes,
     g: float,
+    current: float,
     command: float,
     load_torque: float,
-    residual: State,
-    out: State,
+    residual: Array,
+    out: Array,
 ) -> None:
-    """Solve (g I - J) out = residual, with J the Jacobian of the equations of motion at ``at``, g = 1/(h gamma)."""
-    force_now, stiffness, damping, elastic, elastic_stiffness = contact_of(plant, at)
-    friction, friction_slope = coulomb(plant, at[OMEGA_L])
-    theta_m, omega_m, theta_l = residual[THETA_M], residual[OMEGA_M], residual[THETA_L]
+    """Solve (g I - J) out = residual, with J the Jacobian that ``s`` makes, g = 1/(h gamma)."""
+    theta_m, theta_l = residual[THETA_M], residual[THETA_L]
     inverse_i = 1.0 / (g + plant.R / plant.L)
-    inverse_m = 1.0 / (g + plant.B_m / plant.J_m + plant.K_m * plant.K_m * inverse_i / (plant.J_m * plant.L))
-    inverse_l = 1.0 / (g + (plant.B_l + friction_slope) / plant.J_l)
+    inverse_m = 1.0 / (g + s.drag_m + s.per_current * plant.K_m * inverse_i / plant.L)
+    inverse_l = 1.0 / (g + s.drag_l - s.per_torque * s.torque_l / g)
     # Speeds without the change of the contact force, and what one newton of it takes away or adds.
-    free_m = (omega_m + plant.K_m * inverse_i * residual[CURRENT] / plant.J_m) * inverse_m
-    free_l = residual[OMEGA_L] * inverse_l
-    per_force = plant.R1 * plant.R1 * inverse_m / plant.J_m + plant.R2 * plant.R2 * inverse_l / plant.J_l
-    coupling = stiffness / g + damping
-    force = coupling * (plant.R1 * free_m - plant.R2 * free_l)
-    force += stiffness / g * (plant.R1 * theta_m - plant.R2 * theta_l)
-    force /= 1.0 + coupling * per_force
-    out[OMEGA_M] = free_m - plant.R1 * inverse_m / plant.J_m * force
-    out[OMEGA_L] = free_l + plant.R2 * inverse_l / plant.J_l * force
+    free_m = (residual[OMEGA_M] + s.per_current * inverse_i * residual[CURRENT]) * inverse_m
+    push_m = s.per_force_m * inverse_m
+    pull = s.per_torque * s.torque_m / g
+    free_l = (residual[OMEGA_L] + pull * (theta_m + free_m) + s.per_torque * s.torque_l / g * theta_l) * inverse_l
+    push_l = (s.per_force_l - pull * push_m) * inverse_l
+    coupling_m, coupling_l = s.force_m / g + s.force_rate * plant.R1, s.force_l / g - s.force_rate * plant.R2
+    force = coupling_m * free_m + coupling_l * free_l + (s.force_m * theta_m + s.force_l * theta_l) / g
+    force /= 1.0 + coupling_m * push_m - coupling_l * push_l
+    out[OMEGA_M] = free_m - push_m * force
+    out[OMEGA_L] = free_l + push_l * force
     out[THETA_M] = (theta_m + out[OMEGA_M]) / g
     out[THETA_L] = (theta_l + out[OMEGA_L]) / g
     out[CURRENT] = (residual[CURRENT] - plant.K_m / plant.L * out[OMEGA_M]) * inverse_i
     # The energy account follows from the motion and does not act back on it.
-    _, gap_rate = gap_of(plant, at)
-    gap_change = plant.R1 * out[THETA_M] - plant.R2 * out[THETA_L]
-    rate_change = plant.R1 * out[OMEGA_M] - plant.R2 * out[OMEGA_L]
-    lost = 2.0 * (plant.R * at[CURRENT] * out[CURRENT] + plant.B_m * at[OMEGA_M] * out[OMEGA_M])
-    lost += (2.0 * plant.B_l * at[OMEGA_L] + friction + friction_slope * at[OMEGA_L]) * out[OMEGA_L]
-    lost += (stiffness - elastic_stiffness) * gap_rate * gap_change
-    lost += (damping * gap_rate + force_now - elastic) * rate_change
-    electrical = plant.K_m * at[CURRENT] * out[OMEGA_M] if math.isinf(plant.L) else command * out[CURRENT]
+    rate = plant.R1 * out[OMEGA_M] - plant.R2 * out[OMEGA_L]
+    elastic = s.elastic_m * out[THETA_M] + s.elastic_l * out[THETA_L]
+    force = s.force_m * out[THETA_M] + s.force_l * out[THETA_L] + s.force_rate * rate
+    lost = s.lost_m * out[OMEGA_M] + s.lost_l * out[OMEGA_L] + s.lost_current * out[CURRENT]
+    lost += s.lost_force * force + s.gap_rate * (force - elastic) + s.lost_rate * rate
+    electrical = plant.K_m * current * out[OMEGA_M] if math.isinf(plant.L) else command * out[CURRENT]
     out[SUPPLIED] = (residual[SUPPLIED] + electrical + load_torque * out[OMEGA_L]) / g
     out[LOST] = (residual[LOST] + lost) / g
 
 
 @compiled
-def _error(plant: PlantConstants, before: State, after: State, difference: State, tolerance: float) -> float:
+def _error(plant: PlantConstants, before: Array, after: Array, difference: Array, tolerance: float) -> float:
     """Largest error over its allowance; angles are judged against the backlash wherever the shaft stands."""
-    angle = 2.0 * plant.half_gap
+    angle = 2.0 * plant.half_gap * (1.0 - plant.variation)
     motor = abs(difference[THETA_M]) / (angle / plant.R1)
     load = abs(difference[THETA_L]) / (angle / plant.R2)
     error = max(motor, load)
@@ -139,10 +160,206 @@ def _error(plant: PlantConstants, before: State, after: State, difference: State
 
 
 @compiled
-def advance(
+def _growth(error: float, rejected: bool) -> float:
+    """Return next step over this one, for its error over the allowance and whether the one before was rejected."""
+    if error > 1.0:
+        return max(0.2, 0.9 * float(error**-0.25)) if math.isfinite(error) else 0.1
+    growth = min(5.0, 0.9 * float(max(error, 1e-9) ** -0.25))
+    return min(growth, 1.0) if rejected else growth
+
+
+@compiled
+def _first_zero(before: float, after: float, slope_before: float, slope_after: float) -> float:
+    """Return where in a step, 0 to 1, the cubic through values and slopes first goes below 0; 2 where it does not.
+
+    ``before`` is not below 0; slopes are changes over a whole step.
+    """
+    bend = 3.0 * (after - before) - 2.0 * slope_before - slope_after
+    twist = slope_before + slope_after - 2.0 * (after - before)
+    low, high = 0.0, 1.0
+    if after >= 0.0:
+        if slope_before >= 0.0 or slope_after <= 0.0:
+            return 2.0
+        # Down and up again: is the lowest point between below 0?
+        high = -slope_before / (bend + math.sqrt(max(0.0, bend * bend - 3.0 * twist * slope_before)))
+        if not (0.0 < high < 1.0 and before + high * (slope_before + high * (bend + high * twist)) < 0.0):
+            return 2.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if before + middle * (slope_before + middle * (bend + middle * twist)) < 0.0:
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+@compiled
+def _rest(torque: float, least: float, most: float, allowance: float) -> float:
+    """Return the slip of a shaft at rest: 0 where friction can hold ``torque``, otherwise the way it breaks away."""
+    if torque > most + allowance:
+        return 1.0
+    return -1.0 if torque < least - allowance else 0.0
+
+
+@compiled
+def _broken_away(excess: float, beyond: float, allowance: float) -> float:
+    """Return where in a step, 0 to 1, a shaft that sticks breaks away: 1 is near enough, 2 is not at all.
+
+    ``excess`` and ``beyond`` are what acts on it more than friction can hold, before and after, N m. It breaks away
+    between one allowance and two.
+    """
+    if beyond <= allowance:
+        return 2.0
+    if beyond <= 2.0 * allowance:
+        return 1.0
+    return max(0.0, (1.5 * allowance - excess) / (beyond - excess))
+
+
+@compiled
+def _stopped(before: float, after: float, slope_before: float, slope_after: float, speed: float) -> float:
+    """Return where in a step, 0 to 1, a shaft that slides comes to rest: 1 is near enough, 2 is not at all.
+
+    Speeds in the direction of the slip, slopes as changes over a whole step; ``speed`` is what counts as rest.
+    """
+    if abs(after) <= speed and (after < 0.0 or (slope_after < 0.0 and after < before)):
+        return 1.0
+    return _first_zero(before, after, slope_before, slope_after)
+
+
+def _derivative(
     plant: PlantConstants,
-    state: State,
-    step: State,
+    state: Array,
+    command: float,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+    out: Array,
+) -> None:
+    """Stand for `dynamics.derivative` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+def _linearize(plant: PlantConstants, state: Array, slip_m: float, slip_l: float) -> Slopes:
+    """Stand for `dynamics.linearize` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+def _contact_of(plant: PlantConstants, state: Array) -> ToothForce:
+    """Stand for `dynamics.contact_of` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+def _held_torque(plant: PlantConstants, state: Array, load_torque: float) -> tuple[float, float, float, float]:
+    """Stand for `dynamics.held_torque` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+def _allowances(plant: PlantConstants, state: Array, load_torque: float, tolerance: float) -> tuple[float, float]:
+    """Return how exactly the torque at which motor and load break away is found, N m."""
+    torque_m, least, most, torque_l = _held_torque(plant, state, load_torque)
+    stall = plant.K_m * plant.current_scale
+    allowance_m = tolerance * (1e-3 * stall + max(abs(torque_m), abs(least), abs(most)))
+    allowance_l = tolerance * (1e-3 * stall * plant.R2 / plant.R1 + max(abs(torque_l), plant.coulomb_l))
+    return allowance_m, allowance_l
+
+
+def _slips(plant: PlantConstants, state: Array, load_torque: float, tolerance: float) -> tuple[float, float]:
+    """Return the slip of motor and load in ``state``."""
+    slip_m = slip_l = SLIDES
+    torque_m, least, most, torque_l = _held_torque(plant, state, load_torque)
+    allowance_m, allowance_l = _allowances(plant, state, load_torque, tolerance)
+    if motor_rubs(plant):
+        if state[OMEGA_M] == 0.0:
+            slip_m = _rest(torque_m, least, most, allowance_m)
+        else:
+            slip_m = math.copysign(1.0, state[OMEGA_M])
+    if load_rubs(plant):
+        if state[OMEGA_L] == 0.0:
+            slip_l = _rest(torque_l, -plant.coulomb_l, plant.coulomb_l, allowance_l)
+        else:
+            slip_l = math.copysign(1.0, state[OMEGA_L])
+    return slip_m, slip_l
+
+
+def _event(
+    plant: PlantConstants,
+    before: Array,
+    after: Array,
+    slope_before: Array,
+    slope_after: Array,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+    used: float,
+    tolerance: float,
+) -> tuple[float, bool, bool]:
+    """Find the first event of friction in a step.
+
+    Returns
+    -------
+    (share, motor, load) : where in the step it is, 0 to 1, or 2 where there is none; and for either shaft whether at
+        the end of the step its event has come: its speed is 0 or beyond, or friction holds it no longer. A speed or a
+        torque that is within its allowance is there, so that 1 is what steps towards an event end with.
+    """
+    allowance_m, allowance_l = _allowances(plant, after, load_torque, tolerance)
+    torque, least, most, load = _held_torque(plant, before, load_torque)
+    excess_m, excess_l = max(torque - most, least - torque), abs(load) - plant.coulomb_l
+    torque, least, most, load = _held_torque(plant, after, load_torque)
+    beyond_m, beyond_l = max(torque - most, least - torque), abs(load) - plant.coulomb_l
+    speed = 1e-3 * tolerance * plant.speed_scale
+    share_m = share_l = 2.0
+    if motor_rubs(plant):
+        if slip_m == 0.0:
+            share_m = _broken_away(excess_m, beyond_m, allowance_m)
+        else:
+            slopes = used * slip_m * slope_before[OMEGA_M], used * slip_m * slope_after[OMEGA_M]
+            share_m = _stopped(slip_m * before[OMEGA_M], slip_m * after[OMEGA_M], slopes[0], slopes[1], speed)
+    if load_rubs(plant):
+        if slip_l == 0.0:
+            share_l = _broken_away(excess_l, beyond_l, allowance_l)
+        else:
+            slopes = used * slip_l * slope_before[OMEGA_L], used * slip_l * slope_after[OMEGA_L]
+            speed *= plant.R1 / plant.R2
+            share_l = _stopped(slip_l * before[OMEGA_L], slip_l * after[OMEGA_L], slopes[0], slopes[1], speed)
+    come_m = share_m == 1.0 or (beyond_m > allowance_m if slip_m == 0.0 else slip_m * after[OMEGA_M] < 0.0)
+    come_l = share_l == 1.0 or (beyond_l > allowance_l if slip_l == 0.0 else slip_l * after[OMEGA_L] < 0.0)
+    return min(share_m, share_l), motor_rubs(plant) and come_m, load_rubs(plant) and come_l
+
+
+def _switch(
+    plant: PlantConstants,
+    state: Array,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+    come_m: bool,
+    come_l: bool,
+    tolerance: float,
+) -> tuple[float, float]:
+    """Return the slips after an event of friction and stop, in ``state``, the shaft that has come to rest.
+
+    ``come_m`` and ``come_l`` tell whose event it is: a shaft that slid stops, one that stuck breaks away. What is left
+    of the speed is lost.
+    """
+    if come_m and slip_m != 0.0:
+        state[LOST] += 0.5 * plant.J_m * state[OMEGA_M] ** 2
+        state[OMEGA_M] = 0.0
+    if come_l and slip_l != 0.0:
+        state[LOST] += 0.5 * plant.J_l * state[OMEGA_L] ** 2
+        state[OMEGA_L] = 0.0
+    allowance_m, allowance_l = _allowances(plant, state, load_torque, tolerance)
+    torque, least, most, load = _held_torque(plant, state, load_torque)
+    if come_m:
+        slip_m = _rest(torque, least, most, allowance_m)
+    if come_l:
+        slip_l = _rest(load, -plant.coulomb_l, plant.coulomb_l, allowance_l)
+    return slip_m, slip_l
+
+
+def _advance(
+    plant: PlantConstants,
+    state: PlantState,
+    step: Array,
     command: float,
     load_torque: float,
     duration: float,
@@ -153,10 +370,10 @@ def advance(
     Parameters
     ----------
     plant : PlantConstants
+    state : shape (7,); on failure the last good one
+    step : of `integration_memory`, shape (2,): the step size to try first, s, updated, so that the next call starts
+        well; and the largest magnitude of the contact force since the caller last set it to 0, N
     command : voltage, V, or where the inductance is infinite the current, A, which it then is from the start
-    state : array, shape (7,), in the order of `dynamics`; on failure the last good state
-    step : array, shape (2,): the step size to try first, s, updated, so that the next call starts well; and the
-        largest magnitude of the contact force since the caller last set it to 0, N
     tolerance : see `DEFAULT_TOLERANCE`
 
     Returns
@@ -166,48 +383,98 @@ def advance(
     stages = np.empty((6, 7))
     trial = np.empty(7)
     residual = np.empty(7)
+    slope = np.empty(7)
     if math.isinf(plant.L):
         state[CURRENT] = command
+    rubs = motor_rubs(plant) or load_rubs(plant)
+    slip_m = slip_l = SLIDES
+    if rubs:
+        slip_m, slip_l = _slips(plant, state, load_torque, tolerance)
     time = 0.0
     h = step[STEP_SIZE]
     if not 0.0 < h <= duration:
         h = duration
     rejected = False
+    tries, size = 0, 0.0  # steps towards the next event, and the step to go on with behind it
     for _ in range(_STEPS_AT_MOST):
         remaining = duration - time
         if remaining <= 1e-12 * duration:
             return DONE, duration
         last = h >= remaining * (1.0 - 1e-9)
         used = remaining if last else h
-        if used <= 1e-13 * duration:
+        if used <= _SHORTEST * duration:
             return STEP_TOO_SMALL, time
         g = 1.0 / (used * _GAMMA)
+        slopes = _linearize(plant, state, slip_m, slip_l)
         for j in range(6):
             for k in range(7):
                 value = state[k]
                 for m in range(j):
                     value += _A[j, m] * stages[m, k]
                 trial[k] = value
-            derivative(plant, trial, command, load_torque, residual)
+            _derivative(plant, trial, command, load_torque, slip_m, slip_l, residual)
+            if j == 0:
+                slope[:] = residual
             for k in range(7):
                 for m in range(j):
                     residual[k] += _C[j, m] / used * stages[m, k]
-            _solve_stage(plant, state, g, command, load_torque, residual, stages[j])
+            _solve_stage(plant, slopes, g, state[CURRENT], command, load_torque, residual, stages[j])
         for k in range(7):
             trial[k] += stages[5, k]
         error = _error(plant, state, trial, stages[5], tolerance)
-        if error <= 1.0:
-            state[:] = trial
-            time = duration if last else time + used
-            growth = min(5.0, 0.9 * max(error, 1e-9) ** -0.25)
-            if rejected:
-                growth = min(growth, 1.0)
-            # A last step that was cut short to end on time says little about the size that would do.
-            h = used * growth if growth < 1.0 or not last else max(h, used * growth)
-            step[STEP_SIZE] = h
-            step[PEAK_FORCE] = max(step[PEAK_FORCE], abs(contact_of(plant, state)[0]))
-            rejected = False
-        else:
-            h = used * (max(0.2, 0.9 * error**-0.25) if math.isfinite(error) else 0.1)
+        if error > 1.0:
+            h = used * _growth(error, rejected)
             rejected = True
+            continue
+        come_m = come_l = False
+        if rubs:
+            _derivative(plant, trial, command, load_torque, slip_m, slip_l, residual)
+            share, come_m, come_l = _event(
+                plant, state, trial, slope, residual, load_torque, slip_m, slip_l, used, tolerance
+            )
+            if share < 1.0 - 1e-9 and tries < _TRIES:
+                tries += 1
+                if tries > 4:  # the curve is no cubic: close in from both sides
+                    share = min(max(share, 0.1), 0.9)
+                size = max(size, used)
+                h = used * share
+                if h <= 2.0 * _SHORTEST * duration:
+                    h, tries = 2.0 * _SHORTEST * duration, _TRIES
+                continue
+        state[:] = trial
+        time = duration if last else time + used
+        growth = _growth(error, rejected)
+        # A last step that was cut short to end on time says little about the size that would do.
+        h = used * growth if growth < 1.0 or not last else max(h, used * growth)
+        if size > 0.0:  # this step was cut short for an event
+            h, size, tries = max(h, size), 0.0, 0
+        if come_m or come_l:
+            slip_m, slip_l = _switch(plant, state, load_torque, slip_m, slip_l, come_m, come_l, tolerance)
+        step[STEP_SIZE] = h
+        step[PEAK_FORCE] = max(step[PEAK_FORCE], abs(_contact_of(plant, state)[0]))
+        rejected = False
     return TOO_MANY_STEPS, time
+
+
+def integrator_for(drive: Drive) -> Advance:
+    """Return `_advance` compiled for the contact law of ``drive``: a value that a compiled loop can take."""
+    return integrator_with(type(drive.gear.contact))  # type: ignore[arg-type]
+
+
+@cache
+def integrator_with(law: type[Contact]) -> Advance:
+    """Return `_advance` compiled for a contact law."""
+    equations = equations_with(law)  # type: ignore[arg-type]
+    held = {"_held_torque": equations.held_torque}
+    allowances = specialize(_allowances, **held)
+    friction = {**held, "_allowances": allowances}
+    return specialize(
+        _advance,
+        ADVANCE_SIGNATURE,
+        _derivative=equations.derivative,
+        _linearize=equations.linearize,
+        _contact_of=equations.contact_of,
+        _slips=specialize(_slips, **friction),
+        _event=specialize(_event, **friction),
+        _switch=specialize(_switch, **friction),
+    )

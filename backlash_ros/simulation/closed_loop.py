@@ -15,10 +15,17 @@ from backlash_ros.control.law import LAW_SIGNATURE, REGION, LawStep
 from backlash_ros.control.observer import LOAD_TORQUE, ObserverConstants, observer_memory, observer_step
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.compiled import compiled_as
-from backlash_ros.drivetrain.constants import plant_constants
-from backlash_ros.drivetrain.dynamics import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, State
-from backlash_ros.drivetrain.integrator import DEFAULT_TOLERANCE, DONE, PEAK_FORCE, REASONS, advance
-from backlash_ros.drivetrain.parameters import PlantConstants
+from backlash_ros.drivetrain.constants import PlantConstants, plant_constants
+from backlash_ros.drivetrain.integrator import (
+    ADVANCE_SIGNATURE,
+    DEFAULT_TOLERANCE,
+    DONE,
+    PEAK_FORCE,
+    REASONS,
+    Advance,
+    integrator_for,
+)
+from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, PlantState
 
 Array = NDArray[np.float64]
 
@@ -44,7 +51,7 @@ class Scenario:
 
     reference: Array
     load_torque: Array = field(default_factory=lambda: np.zeros(()))
-    initial_state: State = field(default_factory=lambda: np.zeros(5))
+    initial_state: Array = field(default_factory=lambda: np.zeros(5))
     measured: Sequence[bool] = (True, True, True, True, True)
     angle_noise: Array = field(default_factory=lambda: np.zeros(()))
     encoder_bits: int | None = None
@@ -79,6 +86,7 @@ class Run:
 
 def _loop(
     plant: PlantConstants,
+    advance: Advance,
     law_step: LawStep,
     constants: Array,
     memory: Array,
@@ -97,7 +105,7 @@ def _loop(
     estimate: Array,
 ) -> tuple[int, float, int]:
     """Fill ``states`` after its first and ``signals``: command, region, load torque estimate, peak force."""
-    state = np.zeros(7)
+    state: PlantState = np.zeros(7)  # type: ignore[assignment]
     state[:5] = states[0]
     step = np.zeros(2)
     measured, seen = np.empty(5), np.empty(6)
@@ -140,7 +148,15 @@ def _compiled_loop(plant_type: Any, observer_type: Any, output_type: Any) -> Cal
     integer, number, boolean = _types.int64, _types.float64, _types.boolean
     flat, table = number[::1], number[:, ::1]
     signature = _types.Tuple((integer, number, integer))(
-        *(plant_type, _types.FunctionType(LAW_SIGNATURE), flat, flat, observer_type, output_type),
+        *(
+            plant_type,
+            _types.FunctionType(ADVANCE_SIGNATURE),
+            _types.FunctionType(LAW_SIGNATURE),
+            flat,
+            flat,
+            observer_type,
+            output_type,
+        ),
         *(flat, flat, flat, number, flat, boolean, integer, number, table, table, flat),
     )
     return compiled_as(signature)(_loop)
@@ -187,6 +203,7 @@ def run(
     )
     status, reached, row = _compiled_loop(*(_numba.typeof(each) for each in (plant, observer, output)))(
         plant,
+        integrator_for(drive),
         law.step,
         law.constants,
         law.memory.copy(),

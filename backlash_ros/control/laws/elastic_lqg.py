@@ -66,7 +66,7 @@ def optimal_gain(a: Array, b: Array, weight: Array, effort: Array) -> Array:
 def elastic_lqg(drive: Drive, settings: ServoSettings) -> ControlLaw:
     """Design the compensator for ``drive`` at the sample period."""
     motor, gear, load = drive.motor, drive.gear, drive.load
-    spring = gear.contact_stiffness / (0.5 * gear.backlash)
+    spring = gear.edge_stiffness
     r1, r2 = gear.motor_radius, gear.load_radius
     a = np.zeros((_STATES, _STATES))
     a[0, 1] = a[2, 3] = 1.0
