@@ -162,10 +162,10 @@ def _error(plant: PlantConstants, before: Array, after: Array, difference: Array
 @compiled
 def _growth(error: float, rejected: bool) -> float:
     """Return next step over this one, for its error over the allowance and whether the one before was rejected."""
-    if error > 1.0:
-        return max(0.2, 0.9 * float(error**-0.25)) if math.isfinite(error) else 0.1
-    growth = min(5.0, 0.9 * float(max(error, 1e-9) ** -0.25))
-    return min(growth, 1.0) if rejected else growth
+    if error <= 1.0:
+        growth = min(5.0, 0.9 * float(max(error, 1e-9) ** -0.25))
+        return min(growth, 1.0) if rejected else growth
+    return max(0.2, 0.9 * float(error**-0.25)) if math.isfinite(error) else 0.1
 
 
 @compiled
@@ -181,7 +181,8 @@ def _first_zero(before: float, after: float, slope_before: float, slope_after: f
         if slope_before >= 0.0 or slope_after <= 0.0:
             return 2.0
         # Down and up again: is the lowest point between below 0?
-        high = -slope_before / (bend + math.sqrt(max(0.0, bend * bend - 3.0 * twist * slope_before)))
+        root = math.sqrt(max(0.0, bend * bend - 3.0 * twist * slope_before))
+        high = (root - bend) / (3.0 * twist) if bend < 0.0 else -slope_before / (bend + root)
         if not (0.0 < high < 1.0 and before + high * (slope_before + high * (bend + high * twist)) < 0.0):
             return 2.0
     for _ in range(60):
@@ -422,7 +423,7 @@ def _advance(
         for k in range(7):
             trial[k] += stages[5, k]
         error = _error(plant, state, trial, stages[5], tolerance)
-        if error > 1.0:
+        if not error <= 1.0:  # nan too
             h = used * _growth(error, rejected)
             rejected = True
             continue
