@@ -15,7 +15,6 @@ import tempfile
 import types
 import warnings
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
@@ -75,9 +74,14 @@ def _cache_folder() -> Path | None:
     return None
 
 
-@cache
+_warned: list[str] = []
+
+
 def _warn_uncached(why: str) -> None:
-    """Say once that the next start will take as long as this one."""
+    """Say once, for however many functions, that the next start will take as long as this one."""
+    if _warned:
+        return
+    _warned.append(why)
     text = (
         f"backlash_ros: {why}; compiling takes about a minute at every start. Set NUMBA_CACHE_DIR to a writable folder"
     )
@@ -91,6 +95,8 @@ class _Cache(_FunctionCache):  # type: ignore[misc]
         try:
             return super().load_overload(sig, target_context)
         except Exception:  # a file that was cut short raises whatever its bytes happen to mean
+            with contextlib.suppress(OSError):
+                self.flush()  # a broken index would be in the way of storing, too
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:

@@ -4,7 +4,6 @@ Symbols and signs are the paper's (Kalantari & Saadat Foomani, Scientia Iranica 
 is its n = R1/R2 and the exponent of `contacts.power` the n of its eq 11.
 """
 
-import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -69,8 +68,8 @@ class Gear(Validated):
     backlash_phase: float = quantity(
         "where in its cycle the backlash is at a load angle of 0; at phase 0 it is widest",
         "rad",
-        at_least=-2 * math.pi,
-        at_most=2 * math.pi,
+        at_least=-6.3,
+        at_most=6.3,
         default=0.0,
     )
     efficiency_forward: float = quantity(
@@ -136,8 +135,8 @@ class Load(Validated):
     gravity_offset: float = quantity(
         "angle of the load from hanging straight down where its encoder reads 0",
         "rad",
-        at_least=-2 * math.pi,
-        at_most=2 * math.pi,
+        at_least=-6.3,
+        at_most=6.3,
         default=0.0,
     )
 

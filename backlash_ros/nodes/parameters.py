@@ -101,10 +101,12 @@ def take(kind: type[V], values: dict[str, Any], **others: Any) -> V:
 def declare_drive(node: Node) -> Drive:
     """Declare the drive's parameters, read-only and by default the nominal drive's, and return the drive."""
     values: dict[str, Any] = {}
-    for part in (NOMINAL_DRIVE.motor, NOMINAL_DRIVE.gear, NOMINAL_DRIVE.load, *(kind() for kind in CONTACTS.values())):
+    for part in (NOMINAL_DRIVE.motor, NOMINAL_DRIVE.gear, NOMINAL_DRIVE.load):
         values |= declare_quantities(node, part, read_only=True)
     text = describe("force law of the teeth", constraint=f"one of {list(CONTACTS)}", read_only=True)
     law = node.declare_parameter("contact.law", law_name(NOMINAL_DRIVE.gear.contact), text).value
+    for kind in CONTACTS.values():
+        values |= declare_quantities(node, kind(), read_only=True)
     contact = take(CONTACTS.choose("contact.law", law), values)
     text = describe("what the command is", constraint=f"one of {list(COMMAND_INTERFACES)}", read_only=True)
     interface = node.declare_parameter("command_interface", NOMINAL_DRIVE.command_interface, text).value
