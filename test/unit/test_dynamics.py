@@ -1,6 +1,10 @@
 """The Jacobian against differences, the integrator's stage solve against the Jacobian, and the step control."""
 
 import math
+import os
+import subprocess
+import sys
+import types
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,15 +12,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Contact, Drive, IntegrationError, Plant, quantities
+from backlash_ros.drivetrain import (
+    CONTACTS,
+    NOMINAL_DRIVE,
+    Contact,
+    Drive,
+    IntegrationError,
+    Plant,
+    integrator,
+    quantities,
+)
 from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.dynamics import equations_of
 from backlash_ros.drivetrain.integrator import (
     ADVANCE_SIGNATURE,
     DEFAULT_TOLERANCE,
+    DONE,
     PEAK_FORCE,
     STEP_SIZE,
+    Advance,
     _error,
     _growth,
     _solve_stage,
@@ -205,6 +220,15 @@ def test_contact_law_from_a_file_owns_its_parameters(cubic: type[Contact], tmp_p
         CONTACTS.add(tmp_path / "again.py")
 
 
+def test_plugins_are_there_for_every_process_and_may_import_all_of_the_package(tmp_path: Path) -> None:
+    file = tmp_path / "cubic.py"
+    file.write_text(f"{CUBIC}\n\nfrom backlash_ros.control import ServoSettings\n")
+    command = [sys.executable, "-c", "from backlash_ros.drivetrain import CONTACTS; print(*CONTACTS)"]
+    environment = {**os.environ, "BACKLASH_ROS_PLUGINS": str(file)}
+    output = subprocess.run(command, env=environment, check=True, capture_output=True, text=True, timeout=120).stdout
+    assert output.split() == LAWS
+
+
 def test_one_integrator_for_each_contact_law_of_one_signature() -> None:
     stiff = replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, contact=ElasticContact()))
     soft = replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, contact=ElasticContact(wind_up=0.1)))
@@ -231,6 +255,20 @@ def test_each_component_has_an_error_of_its_own() -> None:
         assert allowance_of(k, 1e-6, 7.0) == pytest.approx(1e-6 * (allowed + (7.0 if k not in (0, 2) else 0.0)))
 
 
+def test_angles_are_judged_against_the_narrowest_backlash() -> None:
+    drive = replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, backlash_variation=0.75))
+    difference = np.zeros(7)
+    difference[2] = 0.005
+    assert _error(plant_constants(drive), np.zeros(7), np.zeros(7), difference, 1.0) == pytest.approx(1.0)
+
+
+def test_last_step_that_is_cut_short_to_end_on_time_leaves_the_size_as_it_was() -> None:
+    advance, memory, plant = integrator_for(NOMINAL_DRIVE), integration_memory(), plant_constants(NOMINAL_DRIVE)
+    memory[STEP_SIZE] = 1e-5
+    assert advance(plant, at_rest(), memory, 0.1, 0.0, 1.0001e-5, 1e-6) == (DONE, 1.0001e-5)
+    assert memory[STEP_SIZE] >= 1e-5
+
+
 @pytest.mark.parametrize("k", range(7))
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_state_that_is_not_finite_is_never_accurate_enough(k: int, bad: float) -> None:
@@ -249,13 +287,64 @@ def test_step_grows_with_accuracy_but_not_after_a_rejection() -> None:
     assert _growth(math.inf, False) == _growth(math.nan, True) == 0.1
 
 
-def test_step_size_is_kept_between_calls_and_is_none_too_long_after_a_rejection() -> None:
-    """An impact rejects steps: the last size that did is not outgrown at once."""
-    advance, memory, state = integrator_for(NOMINAL_DRIVE), integration_memory(), at_rest()
+def watched(drive: Drive) -> tuple[Advance, list[float], list[float]]:
+    """The integrator as plain Python, and the lists of the steps that it tries (s) and of their errors."""
+    steps: list[float] = []
+    errors: list[float] = []
+
+    def solve(plant: Any, slopes: Any, g: float, *others: Any) -> None:
+        if not steps or len(errors) == len(steps):
+            steps.append(4.0 / g)
+        _solve_stage(plant, slopes, g, *others)
+
+    def error(*arguments: Any) -> float:
+        errors.append(float(_error(*arguments)))
+        return errors[-1]
+
+    equations = equations_of(drive)
+    bound = {f"_{name}": getattr(equations, name) for name in ("derivative", "linearize", "contact_of")}
+    template: Any = integrator._advance
+    names = {**template.__globals__, **bound, "_solve_stage": solve, "_error": error}
+    return types.FunctionType(template.__code__, names), steps, errors
+
+
+def test_no_step_that_follows_a_rejection_and_a_success_is_longer_than_that() -> None:
+    """Through impacts, which reject steps; and none is taken whose error is too large."""
+    advance, steps, errors = watched(NOMINAL_DRIVE)
+    state, memory, plant = at_rest(), integration_memory(), plant_constants(NOMINAL_DRIVE)
     state[1] = 50.0
-    assert advance(plant_constants(NOMINAL_DRIVE), state, memory, 0.0, 0.0, 0.01, DEFAULT_TOLERANCE)[0] == 0
-    assert 0.0 < memory[STEP_SIZE] < 0.01
-    assert memory[PEAK_FORCE] > 10.0
+    assert advance(plant, state, memory, 0.0, 0.0, 0.02, 1e-6) == (DONE, 0.02)
+    assert sum(step for step, error in zip(steps, errors, strict=True) if error <= 1) == pytest.approx(0.02)
+    braked = grown = 0
+    for k in range(len(steps) - 2):
+        if errors[k] > 1.0:
+            assert steps[k + 1] <= 0.9 * steps[k]
+            if errors[k + 1] <= 1.0:
+                braked += 1
+                assert steps[k + 2] <= steps[k + 1] * (1 + 1e-9)
+        elif errors[k + 1] <= 1.0:
+            grown += steps[k + 2] > steps[k + 1]
+    assert braked > 3
+    assert grown > 10
+    assert memory[STEP_SIZE] > 0.0
+    compiled, again = integrator_for(NOMINAL_DRIVE), at_rest()
+    again[1] = 50.0
+    compiled(plant, again, integration_memory(), 0.0, 0.0, 0.02, 1e-6)
+    np.testing.assert_allclose(again, state, rtol=1e-9, atol=1e-12)
+
+
+def test_largest_force_is_kept_until_the_caller_forgets_it() -> None:
+    advance, memory, state = integrator_for(NOMINAL_DRIVE), integration_memory(), at_rest()
+    plant, state[1] = plant_constants(NOMINAL_DRIVE), 50.0
+    seen = []
+    for _ in range(400):
+        assert advance(plant, state, memory, 0.0, 0.0, 5e-5, DEFAULT_TOLERANCE)[0] == DONE
+        seen.append(abs(equations_of(NOMINAL_DRIVE).contact_of(plant, state)[0]))
+    assert max(seen) <= memory[PEAK_FORCE] <= 1.5 * max(seen)
+    assert max(seen) > 100.0
+    memory[PEAK_FORCE] = 0.0
+    advance(plant, at_rest(), memory, 0.0, 0.0, 1e-3, DEFAULT_TOLERANCE)
+    assert memory[PEAK_FORCE] == 0.0
 
 
 @pytest.mark.parametrize("part", [{"coulomb_friction": 0.1}, {"gravity_torque": 0.3}])

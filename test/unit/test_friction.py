@@ -223,6 +223,24 @@ def test_first_zero_of_a_cubic(before: float, after: float, slope_before: float,
         assert after < 0 or np.min(cubic) <= 1e-12
 
 
+@pytest.mark.parametrize("law", ["power", "elastic"])
+def test_mirrored_commands_give_the_mirrored_motion(law: str) -> None:
+    """Bit for bit, events and all."""
+    drive = drive_with(
+        motor_coulomb_friction=0.02,
+        load_coulomb_friction=0.1,
+        gear_efficiency_forward=0.7,
+        gear_efficiency_backward=0.4,
+        load_gravity_torque=0.3,
+        gear_contact=CONTACTS[law](),
+    )
+    one, other = Plant(drive), Plant(drive)
+    for voltage, torque in pieces():
+        one.advance(voltage, torque, 0.005)
+        other.advance(-voltage, -torque, 0.005)
+        np.testing.assert_array_equal(one.state, -other.state)
+
+
 SHARES = st.sampled_from([0.0, 0.01, 0.1, 0.5])
 
 
