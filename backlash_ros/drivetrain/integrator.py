@@ -6,8 +6,8 @@ evaluations of the equations of motion and no iteration. The stage equations hav
 they are solved by eliminating down to one unknown, the contact force.
 
 Dry friction makes the equations change where a shaft comes to rest, reverses or breaks away. No step goes across such
-an event: its time is found from the cubic through speed and acceleration at both ends of the step, and the step is
-taken again, to there. A shaft that sticks has a speed of exactly 0.
+an event: `friction` tells where in the step it is, and the step is taken again, to there. A shaft that sticks has a
+speed of exactly 0.
 """
 
 import math
@@ -22,6 +22,7 @@ from backlash_ros.drivetrain.compiled import compiled, specialize
 from backlash_ros.drivetrain.constants import PLANT_TYPE, PlantConstants
 from backlash_ros.drivetrain.contact import Contact, ToothForce
 from backlash_ros.drivetrain.dynamics import SLIDES, Array, Slopes, equations_with, load_rubs, motor_rubs
+from backlash_ros.drivetrain.friction import friction_with
 from backlash_ros.drivetrain.parameters import Drive
 from backlash_ros.drivetrain.signals import (
     CURRENT,
@@ -168,65 +169,6 @@ def _growth(error: float, rejected: bool) -> float:
     return max(0.2, 0.9 * float(error**-0.25)) if math.isfinite(error) else 0.1
 
 
-@compiled
-def _first_zero(before: float, after: float, slope_before: float, slope_after: float) -> float:
-    """Return where in a step, 0 to 1, the cubic through values and slopes first goes below 0; 2 where it does not.
-
-    ``before`` is not below 0; slopes are changes over a whole step.
-    """
-    bend = 3.0 * (after - before) - 2.0 * slope_before - slope_after
-    twist = slope_before + slope_after - 2.0 * (after - before)
-    low, high = 0.0, 1.0
-    if after >= 0.0:
-        if slope_before >= 0.0 or slope_after <= 0.0:
-            return 2.0
-        # Down and up again: is the lowest point between below 0?
-        root = math.sqrt(max(0.0, bend * bend - 3.0 * twist * slope_before))
-        high = (root - bend) / (3.0 * twist) if bend < 0.0 else -slope_before / (bend + root)
-        if not (0.0 < high < 1.0 and before + high * (slope_before + high * (bend + high * twist)) < 0.0):
-            return 2.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if before + middle * (slope_before + middle * (bend + middle * twist)) < 0.0:
-            high = middle
-        else:
-            low = middle
-    return high
-
-
-@compiled
-def _rest(torque: float, least: float, most: float, allowance: float) -> float:
-    """Return the slip of a shaft at rest: 0 where friction can hold ``torque``, otherwise the way it breaks away."""
-    if torque > most + allowance:
-        return 1.0
-    return -1.0 if torque < least - allowance else 0.0
-
-
-@compiled
-def _broken_away(excess: float, beyond: float, allowance: float) -> float:
-    """Return where in a step, 0 to 1, a shaft that sticks breaks away: 1 is near enough, 2 is not at all.
-
-    ``excess`` and ``beyond`` are what acts on it more than friction can hold, before and after, N m. It breaks away
-    between one allowance and two.
-    """
-    if beyond <= allowance:
-        return 2.0
-    if beyond <= 2.0 * allowance:
-        return 1.0
-    return max(0.0, (1.5 * allowance - excess) / (beyond - excess))
-
-
-@compiled
-def _stopped(before: float, after: float, slope_before: float, slope_after: float, speed: float) -> float:
-    """Return where in a step, 0 to 1, a shaft that slides comes to rest: 1 is near enough, 2 is not at all.
-
-    Speeds in the direction of the slip, slopes as changes over a whole step; ``speed`` is what counts as rest.
-    """
-    if abs(after) <= speed and (after < 0.0 or (slope_after < 0.0 and after < before)):
-        return 1.0
-    return _first_zero(before, after, slope_before, slope_after)
-
-
 def _derivative(
     plant: PlantConstants,
     state: Array,
@@ -250,39 +192,12 @@ def _contact_of(plant: PlantConstants, state: Array) -> ToothForce:
     raise NotImplementedError
 
 
-def _held_torque(plant: PlantConstants, state: Array, load_torque: float) -> tuple[float, float, float, float]:
-    """Stand for `dynamics.held_torque` of a contact law, which `integrator_with` binds."""
+def _slips(plant: PlantConstants, state: Array, load_torque: float, tolerance: float) -> tuple[float, float]:
+    """Stand for `friction.slips` of a contact law, which `integrator_with` binds."""
     raise NotImplementedError
 
 
-def _allowances(plant: PlantConstants, state: Array, load_torque: float, tolerance: float) -> tuple[float, float]:
-    """Return how exactly the torque at which motor and load break away is found, N m."""
-    torque_m, least, most, torque_l = _held_torque(plant, state, load_torque)
-    stall = plant.K_m * plant.current_scale
-    allowance_m = tolerance * (1e-3 * stall + max(abs(torque_m), abs(least), abs(most)))
-    allowance_l = tolerance * (1e-3 * stall * plant.R2 / plant.R1 + max(abs(torque_l), plant.coulomb_l))
-    return allowance_m, allowance_l
-
-
-def _slips(plant: PlantConstants, state: Array, load_torque: float, tolerance: float) -> tuple[float, float]:
-    """Return the slip of motor and load in ``state``."""
-    slip_m = slip_l = SLIDES
-    torque_m, least, most, torque_l = _held_torque(plant, state, load_torque)
-    allowance_m, allowance_l = _allowances(plant, state, load_torque, tolerance)
-    if motor_rubs(plant):
-        if state[OMEGA_M] == 0.0:
-            slip_m = _rest(torque_m, least, most, allowance_m)
-        else:
-            slip_m = math.copysign(1.0, state[OMEGA_M])
-    if load_rubs(plant):
-        if state[OMEGA_L] == 0.0:
-            slip_l = _rest(torque_l, -plant.coulomb_l, plant.coulomb_l, allowance_l)
-        else:
-            slip_l = math.copysign(1.0, state[OMEGA_L])
-    return slip_m, slip_l
-
-
-def _event(
+def _first_event(
     plant: PlantConstants,
     before: Array,
     after: Array,
@@ -294,37 +209,8 @@ def _event(
     used: float,
     tolerance: float,
 ) -> tuple[float, bool, bool]:
-    """Find the first event of friction in a step.
-
-    Returns
-    -------
-    (share, motor, load) : where in the step it is, 0 to 1, or 2 where there is none; and for either shaft whether at
-        the end of the step its event has come: its speed is 0 or beyond, or friction holds it no longer. A speed or a
-        torque that is within its allowance is there, so that 1 is what steps towards an event end with.
-    """
-    allowance_m, allowance_l = _allowances(plant, after, load_torque, tolerance)
-    torque, least, most, load = _held_torque(plant, before, load_torque)
-    excess_m, excess_l = max(torque - most, least - torque), abs(load) - plant.coulomb_l
-    torque, least, most, load = _held_torque(plant, after, load_torque)
-    beyond_m, beyond_l = max(torque - most, least - torque), abs(load) - plant.coulomb_l
-    speed = 1e-3 * tolerance * plant.speed_scale
-    share_m = share_l = 2.0
-    if motor_rubs(plant):
-        if slip_m == 0.0:
-            share_m = _broken_away(excess_m, beyond_m, allowance_m)
-        else:
-            slopes = used * slip_m * slope_before[OMEGA_M], used * slip_m * slope_after[OMEGA_M]
-            share_m = _stopped(slip_m * before[OMEGA_M], slip_m * after[OMEGA_M], slopes[0], slopes[1], speed)
-    if load_rubs(plant):
-        if slip_l == 0.0:
-            share_l = _broken_away(excess_l, beyond_l, allowance_l)
-        else:
-            slopes = used * slip_l * slope_before[OMEGA_L], used * slip_l * slope_after[OMEGA_L]
-            speed *= plant.R1 / plant.R2
-            share_l = _stopped(slip_l * before[OMEGA_L], slip_l * after[OMEGA_L], slopes[0], slopes[1], speed)
-    come_m = share_m == 1.0 or (beyond_m > allowance_m if slip_m == 0.0 else slip_m * after[OMEGA_M] < 0.0)
-    come_l = share_l == 1.0 or (beyond_l > allowance_l if slip_l == 0.0 else slip_l * after[OMEGA_L] < 0.0)
-    return min(share_m, share_l), motor_rubs(plant) and come_m, load_rubs(plant) and come_l
+    """Stand for `friction.first_event` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
 
 
 def _switch(
@@ -337,24 +223,8 @@ def _switch(
     come_l: bool,
     tolerance: float,
 ) -> tuple[float, float]:
-    """Return the slips after an event of friction and stop, in ``state``, the shaft that has come to rest.
-
-    ``come_m`` and ``come_l`` tell whose event it is: a shaft that slid stops, one that stuck breaks away. What is left
-    of the speed is lost.
-    """
-    if come_m and slip_m != 0.0:
-        state[LOST] += 0.5 * plant.J_m * state[OMEGA_M] ** 2
-        state[OMEGA_M] = 0.0
-    if come_l and slip_l != 0.0:
-        state[LOST] += 0.5 * plant.J_l * state[OMEGA_L] ** 2
-        state[OMEGA_L] = 0.0
-    allowance_m, allowance_l = _allowances(plant, state, load_torque, tolerance)
-    torque, least, most, load = _held_torque(plant, state, load_torque)
-    if come_m:
-        slip_m = _rest(torque, least, most, allowance_m)
-    if come_l:
-        slip_l = _rest(load, -plant.coulomb_l, plant.coulomb_l, allowance_l)
-    return slip_m, slip_l
+    """Stand for `friction.switch` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
 
 
 def _advance(
@@ -430,7 +300,7 @@ def _advance(
         come_m = come_l = False
         if rubs:
             _derivative(plant, trial, command, load_torque, slip_m, slip_l, residual)
-            share, come_m, come_l = _event(
+            share, come_m, come_l = _first_event(
                 plant, state, trial, slope, residual, load_torque, slip_m, slip_l, used, tolerance
             )
             if share < 1.0 - 1e-9 and tries < _TRIES:
@@ -466,16 +336,14 @@ def integrator_for(drive: Drive) -> Advance:
 def integrator_with(law: type[Contact]) -> Advance:
     """Return `_advance` compiled for a contact law."""
     equations = equations_with(law)  # type: ignore[arg-type]
-    held = {"_held_torque": equations.held_torque}
-    allowances = specialize(_allowances, **held)
-    friction = {**held, "_allowances": allowances}
+    friction = friction_with(law)  # type: ignore[arg-type]
     return specialize(
         _advance,
         ADVANCE_SIGNATURE,
         _derivative=equations.derivative,
         _linearize=equations.linearize,
         _contact_of=equations.contact_of,
-        _slips=specialize(_slips, **friction),
-        _event=specialize(_event, **friction),
-        _switch=specialize(_switch, **friction),
+        _slips=friction.slips,
+        _first_event=friction.first_event,
+        _switch=friction.switch,
     )

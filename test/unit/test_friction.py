@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Plant
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
-from backlash_ros.drivetrain.integrator import _first_zero
+from backlash_ros.drivetrain.friction import first_zero
 
 
 def drive_with(**changes: Any) -> Drive:
@@ -212,7 +212,7 @@ def test_first_zero_of_a_cubic(before: float, after: float, slope_before: float,
     x = np.linspace(0, 1, 2001)
     cubic = before * (1 + 2 * x) * (1 - x) ** 2 + slope_before * x * (1 - x) ** 2
     cubic += after * x**2 * (3 - 2 * x) - slope_after * x**2 * (1 - x)
-    share = _first_zero(before, after, slope_before, slope_after)
+    share = first_zero(before, after, slope_before, slope_after)
     if share == 2.0:
         assert after >= 0
         if slope_before < 0 < slope_after:
