@@ -4,6 +4,7 @@ import math
 from typing import Any, NamedTuple
 
 import numba
+import numpy as np
 
 from backlash_ros.drivetrain.contact import Array
 from backlash_ros.drivetrain.parameters import NOMINAL_DRIVE, Drive
@@ -60,7 +61,7 @@ def plant_constants(drive: Drive) -> PlantConstants:
         variation=float(gear.backlash_variation),
         cycles=float(gear.backlash_cycles),
         phase=float(gear.backlash_phase),
-        contact=gear.contact.constants(gear.load_radius, drive.contact_mass),
+        contact=np.array(gear.contact.constants(gear.load_radius, drive.contact_mass), dtype=np.float64),
         forward=1.0 / gear.efficiency_forward,
         backward=float(gear.efficiency_backward),
         J_l=float(load.inertia),

@@ -349,6 +349,11 @@ def test_gains_given_at_the_start_are_in_use(start: Start, peer: Peer) -> None:
     [
         ({"rate": -5.0}, "rate must be > 0 Hz and <= 2000 Hz, got -5.0"),
         ({"gear__backlash_angle": 0.0}, "gear.backlash_angle must be >= 1e-09 rad and <= 3.2 rad, got 0.0"),
+        ({"contact__law": "soft"}, "contact.law must be one of ['elastic', 'power', 'power_no_pull', 'restitution']"),
+        (
+            {"contact__elastic__wind_up": 0.0},
+            "contact.elastic.wind_up must be >= 1e-09 rad/(N m) and <= 1000 rad/(N m)",
+        ),
         ({"motor_joint": "load"}, "motor_joint and load_joint must be two different names"),
         ({"load_joint": "''"}, "motor_joint and load_joint must be two different names, got 'motor' and ''"),
         ({"gains__fast__k": "[1.0e+5, 0.0, 0.0]"}, "gains.fast.k = [100000, 0, 0] is unstable at 250 Hz"),
