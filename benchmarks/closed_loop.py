@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from backlash_ros.control import GainSet, ServoSettings, design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.constants import plant_constants
-from backlash_ros.drivetrain.dynamics import derivative
+from backlash_ros.drivetrain.dynamics import SLIDES, equations_of
 from backlash_ros.simulation import Scenario, run
 
 PERIOD, COUNT, REPEATS = 0.001, 500, 5
@@ -33,11 +33,11 @@ def ours(tolerance: float = 1e-9) -> np.ndarray:
 def scipys() -> np.ndarray:
     """Run the same loop with scipy's LSODA on the package's compiled equations of motion."""
     plant, gains, limit = plant_constants(NOMINAL_DRIVE), GAINS.fast.as_array(), NOMINAL_DRIVE.motor.voltage_limit
-    slope, full = np.empty(7), np.zeros(7)
+    derivative, slope, full = equations_of(NOMINAL_DRIVE).derivative, np.empty(7), np.zeros(7)
 
     def equations(_t: float, state: np.ndarray, voltage: float) -> np.ndarray:
         full[:5] = state
-        derivative(plant, full, voltage, 0.0, slope)
+        derivative(plant, full, voltage, 0.0, SLIDES, SLIDES, slope)
         return slope[:5]
 
     state, angles = np.zeros(5), [0.0]

@@ -253,7 +253,7 @@ def write_page(numbers: Mapping[str, Any]) -> str:
         f" {1e3 * max(r['coulomb_friction_Nm'] for r in friction):.0f} mN m over the backlashes tried.",
         _verdict(all(row["coulomb_friction_Nm"] < FRICTION_TRIED for row in friction), "does not hold."),
     )
-    lines += ["## Contact laws", "", "The cycle of the fast gains with each law (`gear.contact_law`):", ""]
+    lines += ["## Contact laws", "", "The cycle of the fast gains with each law (`contact.law`):", ""]
     lines += ["| law | amplitude/b | gap travel/d | period, s |", "|---|---:|---:|---:|"]
     for law, row in numbers["contact_laws"].items():
         period = _format("{:.4f}", row["period_s"])

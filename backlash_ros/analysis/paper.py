@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from backlash_ros.analysis.metrics import settling_time, step_response
 from backlash_ros.control import LAWS, GainSet, ServoSettings, design_gains, find_limit_cycle
 from backlash_ros.control.describing_function import predict_limit_cycle
-from backlash_ros.drivetrain import CONTACT_LAWS, NOMINAL_DRIVE, Drive
+from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive
+from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.simulation import Run, Scenario, learn_backlash, run
 from backlash_ros.simulation.open_loop import OpenLoop, drive_with_torque
 
@@ -56,9 +57,8 @@ def friction(factor: float) -> Drive:
 
 def backlash(factor: float, **gear: Any) -> Drive:
     """Return the nominal drive with another backlash, and other changes to its gear."""
-    return replace(
-        NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, backlash=NOMINAL_DRIVE.gear.backlash * factor, **gear)
-    )
+    angle = NOMINAL_DRIVE.gear.backlash_angle * factor
+    return replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, backlash_angle=angle, **gear))
 
 
 CASES: dict[str, Case] = {
@@ -176,14 +176,14 @@ def sweep_damping() -> list[dict[str, Number]]:
     """Return limit cycle and prediction for elastic teeth, from little to much damping: the gap's shape decides."""
     rows: list[dict[str, Number]] = []
     for damping in (0.2, 2.0, 10.0, 50.0):
-        drive = backlash(1.0, contact_law="elastic", tooth_damping=damping)
+        drive = backlash(1.0, contact=ElasticContact(damping=damping))
         rows.append({"tooth_damping": damping, **cycle_of(drive), **prediction(drive)})
     return rows
 
 
 def sweep_contact_laws() -> dict[str, dict[str, Number]]:
     """Return the limit cycle with each contact law."""
-    return {law: cycle_of(backlash(1.0, contact_law=law)) for law in CONTACT_LAWS}
+    return {law: cycle_of(backlash(1.0, contact=kind())) for law, kind in CONTACTS.items()}
 
 
 def sweep_inertia() -> list[dict[str, Number]]:

@@ -7,17 +7,20 @@ cycle has G(jw) N(A, w) = 1. It assumes that the gap is close to a sinusoid.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from backlash_ros.control.gains import Gains
-from backlash_ros.drivetrain import Drive, compiled, rigid_model
-from backlash_ros.drivetrain.constants import plant_constants
-from backlash_ros.drivetrain.contact import contact
-from backlash_ros.drivetrain.parameters import PlantConstants
+from backlash_ros.drivetrain import Drive, rigid_model
+from backlash_ros.drivetrain.compiled import specialize
+from backlash_ros.drivetrain.constants import PlantConstants, plant_constants
+from backlash_ros.drivetrain.contact import Contact, ToothForce
+from backlash_ros.drivetrain.signals import Array
 
 _POINTS = 400
 """Of the sinusoid that the contact law is evaluated at."""
@@ -44,16 +47,27 @@ class PredictedCycle:
     period: float
 
 
-@compiled
+def _force(_constants: Array, _half_gap: float, _gap: float, _gap_rate: float) -> ToothForce:
+    """Stand for the force of a contact law."""
+    raise NotImplementedError
+
+
 def _fundamental(plant: PlantConstants, amplitude: float, frequency: float) -> complex:
     in_phase, quadrature = 0.0, 0.0
     for point in range(_POINTS):
         phase = 2.0 * math.pi * (point + 0.5) / _POINTS
         sine, cosine = math.sin(phase), math.cos(phase)
-        force = contact(plant, amplitude * sine, amplitude * frequency * cosine)[0]
+        rate = amplitude * frequency * cosine
+        force = _force(plant.contact, plant.half_gap, amplitude * sine, rate)[0]
         in_phase += force * sine
         quadrature += force * cosine
     return complex(in_phase, quadrature) * 2.0 / (_POINTS * amplitude)
+
+
+@cache
+def _fundamental_with(law: type[Contact]) -> Callable[[PlantConstants, float, float], complex]:
+    """Return `_fundamental` compiled for a contact law."""
+    return specialize(_fundamental, _force=law.force)
 
 
 def describing_function(drive: Drive, amplitude: float, frequency: float) -> complex:
@@ -73,7 +87,8 @@ def describing_function(drive: Drive, amplitude: float, frequency: float) -> com
     >>> shallow.real < deep.real
     True
     """
-    return complex(_fundamental(plant_constants(drive), float(amplitude), float(frequency)))
+    fundamental = _fundamental_with(type(drive.gear.contact))  # type: ignore[arg-type]
+    return complex(fundamental(plant_constants(drive), float(amplitude), float(frequency)))
 
 
 def _linear_part(drive: Drive, gains: Gains, period: float, frequency: float) -> NDArray[np.complex128]:

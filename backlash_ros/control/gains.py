@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from backlash_ros.drivetrain import Drive, rigid_model, without_inductance
+from backlash_ros.drivetrain.signals import Array
 
 _LARGEST = 1e6
 
@@ -57,7 +57,7 @@ class Gains:
             raise ValueError(f"{name}: k1 (position) must be > 0 V/rad, got {k[0]!r}")
         return cls(*(float(value) for value in k))
 
-    def as_array(self) -> NDArray[np.float64]:
+    def as_array(self) -> Array:
         """Return ``[k1, k2, k3]``: position, velocity, current, shape (3,)."""
         return np.array([self.position, self.velocity, self.current])
 

@@ -33,21 +33,12 @@ def mechanical_time_constant(drive: Drive) -> float:
     return drive.effective_inertia * motor.resistance * (drive.gear.ratio / motor.torque_constant) ** 2
 
 
-def wind_up(drive: Drive, torque: float) -> float:
-    """Return by how much a torque on the output shaft (N m) presses the teeth in, as an angle there, rad."""
-    gear, force = drive.gear, torque / drive.gear.load_radius
-    if gear.contact_law in ("elastic", "restitution"):
-        return force / gear.tooth_stiffness / gear.load_radius
-    depth: float = (force / gear.contact_stiffness) ** (1 / gear.contact_exponent) - 1.0
-    return max(0.0, 0.5 * depth * gear.backlash_angle)
-
-
 def pressed(drive: Drive) -> float:
     """Return how far beyond the gap the teeth go at most, to one side, as an angle at the output, rad.
 
     By twice the torque at standstill, a reversal at full speed, that has worked all the way through the gap.
     """
-    gap, wound = drive.gear.backlash_angle, wind_up(drive, 2 * standstill_torque(drive, drive.command_limit))
+    gap, wound = drive.gear.backlash_angle, drive.gear.wind_up(2 * standstill_torque(drive, drive.command_limit))
     return wound + math.sqrt(wound * (wound + 2 * gap))  # torque (gap + pressed) = torque/wound pressed^2/2
 
 

@@ -1,6 +1,8 @@
 """The plant: parameters, contact, equations of motion, integrator and linear models."""
 
 from backlash_ros.drivetrain.compiled import compiled
+from backlash_ros.drivetrain.contact import Contact
+from backlash_ros.drivetrain.contacts import CONTACTS
 from backlash_ros.drivetrain.integrator import IntegrationError
 from backlash_ros.drivetrain.linear import (
     command_from_voltage,
@@ -12,7 +14,6 @@ from backlash_ros.drivetrain.linear import (
 )
 from backlash_ros.drivetrain.parameters import (
     COMMAND_INTERFACES,
-    CONTACT_LAWS,
     NOMINAL_DRIVE,
     Drive,
     Gear,
@@ -24,8 +25,9 @@ from backlash_ros.drivetrain.quantity import Quantity, Validated, quantities, qu
 
 __all__ = [
     "COMMAND_INTERFACES",
-    "CONTACT_LAWS",
+    "CONTACTS",
     "NOMINAL_DRIVE",
+    "Contact",
     "Drive",
     "Gear",
     "IntegrationError",

@@ -5,6 +5,7 @@ file a cached caller would go on running the old code. Here the cache folder is 
 file that is compiled, so any change starts afresh. Where nothing can be cached, functions are compiled every time.
 """
 
+import contextlib
 import hashlib
 import inspect
 import os
@@ -14,8 +15,6 @@ import tempfile
 import types
 import warnings
 from collections.abc import Callable
-from contextlib import suppress
-from functools import cache
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
@@ -26,6 +25,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 _config: Any = numba.config
+_FunctionCache: Any = FunctionCache
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 _FOLDER = "backlash_ros_compiled"
@@ -56,7 +56,7 @@ def _usable(folder: Path) -> bool:
 def _cache_places() -> list[Path]:
     places = [Path(_config.CACHE_DIR)] if _config.CACHE_DIR else []  # the user's NUMBA_CACHE_DIR
     places.append(_PACKAGE / "__pycache__")
-    with suppress(RuntimeError):  # of a user who has no home
+    with contextlib.suppress(RuntimeError):  # this user has no home
         places.append(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"))
     return [place / _FOLDER for place in places]
 
@@ -74,16 +74,18 @@ def _cache_folder() -> Path | None:
     return None
 
 
-@cache
+_warned: list[str] = []
+
+
 def _warn_uncached(why: str) -> None:
-    """Say once that the next start will take as long as this one."""
+    """Say once, for however many functions, that the next start will take as long as this one."""
+    if _warned:
+        return
+    _warned.append(why)
     text = (
         f"backlash_ros: {why}; compiling takes about a minute at every start. Set NUMBA_CACHE_DIR to a writable folder"
     )
     warnings.warn(text, RuntimeWarning, stacklevel=3)
-
-
-_FunctionCache: Any = FunctionCache
 
 
 class _Cache(_FunctionCache):  # type: ignore[misc]
@@ -93,6 +95,8 @@ class _Cache(_FunctionCache):  # type: ignore[misc]
         try:
             return super().load_overload(sig, target_context)
         except Exception:  # a file that was cut short raises whatever its bytes happen to mean
+            with contextlib.suppress(OSError):
+                self.flush()  # a broken index would be in the way of storing, too
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:

@@ -1,106 +1,105 @@
-"""Tooth contact: the force between the gears as a function of the gap and its rate, by four laws with one interface.
+"""What a tooth contact is: a validated value with one compiled force. The laws are in `contacts`, one a file.
 
-Every law answers ``(force, stiffness, damping, elastic, elastic_stiffness)``: the force F in N, positive when the
-motor's gear drives the load forward, its derivatives by the gap (N/m) and by the gap rate (N s/m), the part of the
-force that stores energy (N) and its derivative by the gap (N/m). What F has beyond the elastic part is lost.
+A law answers for a gap (m), its rate (m/s) and half the backlash where the teeth are (m), in this order:
 
-power           F = beta s^n + alpha dv s^(n+1), s = gap/(d/2): eq 13 of the paper, verbatim. Small but not zero inside
-                the gap, and it pulls while the teeth part fast.
-power_no_pull   The same, zero where it would pull.
-elastic         Dead zone and linear spring, F = k delta + c ddelta/dt with delta the depth beyond the gap, the damping
-                part never larger than the spring's: no jump at contact, no pull (Nordin, Galic & Gutman, Int. J. Adapt.
-                Control Signal Process. 11, 1997; Modelica.Mechanics.Rotational.Components.ElastoBacklash2).
-restitution     Dead zone and linear spring-damper that lets go when its force is zero, with the damping that makes two
-                free gears part with a given share e of the speed at which they met (Schwager & Poeschel, Granular
-                Matter 9, 2007), as an impact with restitution has it (Sarkar, Ellis & Moore, MSSP 11(3), 1997).
+    force              F, N, positive where the motor's gear drives the load forward
+    stiffness          its derivative by the gap, N/m
+    damping            its derivative by the gap rate, N s/m
+    elastic            the part of F that stores energy, N: the derivative of that energy by the gap
+    elastic_stiffness  its derivative by the gap, N/m
+
+What F has beyond the elastic part is lost as heat. Where the backlash varies along the turn, the stored energy also
+depends on the half gap, and what that costs turns the load: see `dynamics`.
 """
 
-import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
 
-from scipy.optimize import brentq
+import numpy as np
 
 from backlash_ros.drivetrain.compiled import compiled
-from backlash_ros.drivetrain.parameters import ELASTIC, POWER, PlantConstants
+from backlash_ros.drivetrain.quantity import Validated
+from backlash_ros.drivetrain.signals import Array
 
-Contact = tuple[float, float, float, float, float]
+ToothForce = tuple[float, float, float, float, float]
+"""force, stiffness, damping, elastic, elastic_stiffness."""
 
-
-def restitution_of(damping_ratio: float) -> float:
-    """Return the share of its speed that a linear spring-damper contact leaves which lets go at zero force.
-
-    ``damping_ratio`` is c/(2 sqrt(k m)) with the reduced mass m of the two bodies, 0 <= ratio < 1.
-    """
-    root = math.sqrt(1.0 - damping_ratio**2)
-    # The phase, in the damped oscillation, at which k delta + c ddelta/dt first vanishes.
-    phase = math.atan2(2.0 * damping_ratio * root, 2.0 * damping_ratio**2 - 1.0)
-    return math.exp(-damping_ratio / root * phase)
+HalfGapSlopes = tuple[float, float, float, float]
+"""Derivatives by the half gap: of the stored energy (N), of the elastic force (N/m), of the force (N/m), and the second
+one of the stored energy (N/m)."""
 
 
-def damping_ratio_of(restitution: float) -> float:
-    """Return the damping ratio that leaves ``restitution``, above 0.19 (nearly critical damping) and at most 1."""
-    return float(brentq(lambda ratio: restitution_of(ratio) - restitution, 0.0, 0.999, xtol=1e-14))
+class ForceFunction(Protocol):
+    """A compiled function: the force of the teeth and its derivatives."""
+
+    def __call__(self, constants: Array, half_gap: float, gap: float, gap_rate: float, /) -> ToothForce:
+        """Return them for half the backlash (m), a gap (m) and its rate (m/s)."""
 
 
-@compiled
-def _integer_power(base: float, exponent: int) -> float:
-    result = 1.0
-    while exponent > 0:
-        if exponent & 1:
-            result *= base
-        base *= base
-        exponent >>= 1
-    return result
+class EnergyFunction(Protocol):
+    """A compiled function: what the teeth store."""
+
+    def __call__(self, constants: Array, half_gap: float, gap: float, /) -> float:
+        """Return it for half the backlash (m) and a gap (m), J."""
 
 
-@compiled
-def _power(plant: PlantConstants, gap: float, gap_rate: float) -> Contact:
-    s = gap / plant.half_gap
-    n = plant.exponent
-    below = _integer_power(s, n - 1)
-    at = below * s
-    above = at * s
-    elastic = plant.beta * at
-    elastic_stiffness = plant.beta * n * below / plant.half_gap
-    force = elastic + plant.alpha * gap_rate * above
-    stiffness = elastic_stiffness + plant.alpha * gap_rate * (n + 1) * at / plant.half_gap
-    return force, stiffness, plant.alpha * above, elastic, elastic_stiffness
+class SlopesFunction(Protocol):
+    """A compiled function: derivatives by the half gap."""
+
+    def __call__(self, constants: Array, half_gap: float, gap: float, tooth: ToothForce, /) -> HalfGapSlopes:
+        """Return them for half the backlash (m) and a gap (m), at which the force function answered ``tooth``."""
 
 
 @compiled
-def _linear(plant: PlantConstants, gap: float, gap_rate: float) -> Contact:
-    depth = abs(gap) - plant.half_gap
-    if depth <= 0.0:
-        return 0.0, 0.0, 0.0, 0.0, 0.0
+def dead_zone_slopes(constants: Array, half_gap: float, gap: float, tooth: ToothForce) -> HalfGapSlopes:  # noqa: ARG001
+    """Return the derivatives by the half gap of any law that depends on the depth abs(gap) - half_gap alone."""
+    _, stiffness, _, elastic, elastic_stiffness = tooth
     side = 1.0 if gap > 0.0 else -1.0
-    spring = plant.tooth_stiffness * depth
-    damper = plant.tooth_damping * gap_rate * side
-    if plant.law == ELASTIC:
-        if damper > spring:
-            return 2.0 * side * spring, 2.0 * plant.tooth_stiffness, 0.0, side * spring, plant.tooth_stiffness
-        if damper < -spring:
-            return 0.0, 0.0, 0.0, side * spring, plant.tooth_stiffness
-    elif spring + damper < 0.0:
-        return 0.0, 0.0, 0.0, side * spring, plant.tooth_stiffness
-    force = side * (spring + damper)
-    return force, plant.tooth_stiffness, plant.tooth_damping, side * spring, plant.tooth_stiffness
+    return -side * elastic, -side * elastic_stiffness, -side * stiffness, elastic_stiffness
 
 
-@compiled
-def contact(plant: PlantConstants, gap: float, gap_rate: float) -> Contact:
-    """Return force, stiffness, damping, elastic force and its stiffness at a gap (m) and gap rate (m/s)."""
-    if plant.law >= ELASTIC:
-        return _linear(plant, gap, gap_rate)
-    force, stiffness, damping, elastic, elastic_stiffness = _power(plant, gap, gap_rate)
-    if plant.law != POWER and force * gap < 0.0:
-        return 0.0, 0.0, 0.0, elastic, elastic_stiffness
-    return force, stiffness, damping, elastic, elastic_stiffness
+@dataclass(frozen=True)
+class Contact(Validated):
+    """Base of the contact laws: a subclass adds its parameters, each with a default, and its compiled functions.
+
+    ``section`` is ``contact.`` and the law's name: the prefix of its ROS parameters and in its errors.
+
+    Attributes
+    ----------
+    force : compiled, ``(constants, half_gap, gap, gap_rate) -> ToothForce``
+    energy : compiled, ``(constants, half_gap, gap)`` -> what the teeth store, J
+    half_gap_slopes : compiled, ``(constants, half_gap, gap, tooth) -> HalfGapSlopes``, with what ``force`` answered;
+        right as it is for every law in which only the depth beyond the gap counts
+    """
+
+    force: ClassVar[ForceFunction]
+    energy: ClassVar[EnergyFunction]
+    half_gap_slopes: ClassVar[SlopesFunction] = staticmethod(dead_zone_slopes)
+
+    def constants(self, load_radius: float, mass: float) -> Array:
+        """Return what the compiled functions take as ``constants``, one dimension.
+
+        Parameters
+        ----------
+        load_radius : pitch radius R2 of the load's gear, m
+        mass : reduced mass of both gears along the pitch line, kg
+        """
+        raise NotImplementedError
+
+    def deflection(self, torque: float, half_gap: float, load_radius: float) -> float:
+        """Return by how much a torque on the output shaft (N m) presses the teeth in beyond the gap, rad there."""
+        raise NotImplementedError
+
+    def edge_stiffness(self, half_gap: float, load_radius: float) -> float:
+        """Return the spring that stands for the teeth at the edge of the gap, N/m along the pitch line."""
+        raise NotImplementedError
 
 
-@compiled
-def elastic_energy(plant: PlantConstants, gap: float) -> float:
-    """Return the energy that the teeth store at a gap, J."""
-    if plant.law >= ELASTIC:
-        depth = max(0.0, abs(gap) - plant.half_gap)
-        return 0.5 * plant.tooth_stiffness * depth * depth
-    n = plant.exponent + 1
-    return plant.beta * plant.half_gap / n * _integer_power(gap / plant.half_gap, n)
+def law_name(contact: Contact) -> str:
+    """Return the name of the law of ``contact``, as it stands in `contacts.CONTACTS`."""
+    return contact.section.removeprefix("contact.")
+
+
+def as_constants(*values: Any) -> Array:
+    """Return numbers as the array that the compiled functions take."""
+    return np.array(values, dtype=np.float64)

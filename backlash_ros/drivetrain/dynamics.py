@@ -1,84 +1,317 @@
 """Equations of motion of the geared servo: five states, command and load torque in; and the energy account.
 
-State order: theta_m (rad), omega_m (rad/s), theta_l (rad), omega_l (rad/s), i (A), then the energy account:
-supplied and lost since the start (J).
+State order: `signals.PlantState`.
 
-    L di/dt         = V - R i - K_m omega_m                             eq 7
-    J_m domega_m/dt = K_m i - B_m omega_m - R1 F                        eqs 2, 8
-    J_l domega_l/dt = R2 F - B_l omega_l - tau_c(omega_l) + tau_l       eq 1, with the dots it lost in print
+    L di/dt         = V - R i - K_m omega_m                                                      eq 7
+    J_m domega_m/dt = K_m i - B_m omega_m - tau_m - R1 F                                         eqs 2, 8
+    J_l domega_l/dt = R2 F - B_l omega_l - tau_c - m g l sin(theta_l + offset) - dU/dh h' + tau_l
+                                                              eq 1, with the dots it lost in print
 
 Where the command is the current, i is what was commanded and V what an ideal current loop applies for it: the
 energy account is that at the terminals either way.
 
-Coulomb friction tau_c is the given torque times tanh(omega_l/omega_0), omega_0 = 1 mrad/s: a load that it holds creeps
-instead of sticking, at omega_0 atanh(torque/friction), which is omega_0 at three quarters of the friction.
+Friction. A shaft with dry friction slides forward, slides backward or sticks: its *slip* is 1, -1 or 0. A sliding load
+is braked by slip tau_c. A sliding motor is braked by its own Coulomb friction and by that of the teeth, by which their
+torque at its shaft is R1 F/efficiency_forward while power flows to the load and R1 F efficiency_backward while it flows
+to the motor. A shaft that sticks does not move, whatever acts on it, up to the limits that
+`held_torque` tells. Who integrates says when the slip changes: see `integrator`.
+
+Backlash that varies. h(theta_l) is half the backlash and U(gap, h) the energy in the teeth. By virtual work a gap that
+narrows as the load turns brakes it, by dU/dh h'.
+
+The functions here are templates, plain Python; `equations_of` compiles them for a contact law.
 """
 
 import math
+from collections.abc import Callable
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from backlash_ros.drivetrain.compiled import compiled
-from backlash_ros.drivetrain.contact import Contact, contact, elastic_energy
-from backlash_ros.drivetrain.parameters import PlantConstants
+from backlash_ros.drivetrain.compiled import compiled, specialize
+from backlash_ros.drivetrain.constants import PlantConstants
+from backlash_ros.drivetrain.contact import Contact, ToothForce
+from backlash_ros.drivetrain.parameters import Drive
+from backlash_ros.drivetrain.signals import CURRENT, LOST, OMEGA_L, OMEGA_M, SUPPLIED, THETA_L, THETA_M, Array
 
-THETA_M, OMEGA_M, THETA_L, OMEGA_L, CURRENT, SUPPLIED, LOST = range(7)
-STATE_NAMES = ("theta_m", "omega_m", "theta_l", "omega_l", "current")
-
-State = NDArray[np.float64]
-
-_STICTION_SPEED = 1e-3
+SLIDES = 1.0
+"""The slip of a shaft without dry friction, which it does not depend on."""
 
 
 @compiled
-def gap_of(plant: PlantConstants, state: State) -> tuple[float, float]:
+def gap_of(plant: PlantConstants, state: Array) -> tuple[float, float]:
     """Return the gap R1 theta_m - R2 theta_l (m) and its rate (m/s)."""
     gap = plant.R1 * state[THETA_M] - plant.R2 * state[THETA_L]
     return gap, plant.R1 * state[OMEGA_M] - plant.R2 * state[OMEGA_L]
 
 
 @compiled
-def contact_of(plant: PlantConstants, state: State) -> Contact:
+def half_gap_of(plant: PlantConstants, theta_l: float) -> tuple[float, float, float]:
+    """Return half the backlash where the load stands (m) and its first two derivatives by theta_l (m/rad, m/rad^2)."""
+    if plant.variation == 0.0:
+        return plant.half_gap, 0.0, 0.0
+    angle, swing = plant.cycles * theta_l + plant.phase, plant.half_gap * plant.variation
+    cosine = math.cos(angle)
+    return (
+        plant.half_gap + swing * cosine,
+        -swing * plant.cycles * math.sin(angle),
+        -swing * plant.cycles * plant.cycles * cosine,
+    )
+
+
+@compiled
+def motor_rubs(plant: PlantConstants) -> bool:
+    """Return whether the motor's shaft has dry friction, of its own or by the teeth."""
+    return plant.coulomb_m > 0.0 or plant.forward != 1.0 or plant.backward != 1.0
+
+
+@compiled
+def load_rubs(plant: PlantConstants) -> bool:
+    """Return whether the load has dry friction."""
+    return plant.coulomb_l > 0.0
+
+
+def _contact_force(constants: Array, half_gap: float, gap: float, gap_rate: float) -> ToothForce:
+    """Stand for the force of a contact law, which `equations_of` binds."""
+    raise NotImplementedError
+
+
+def _contact_energy(constants: Array, half_gap: float, gap: float) -> float:
+    """Stand for the energy of a contact law, which `equations_of` binds."""
+    raise NotImplementedError
+
+
+def _contact_slopes(
+    constants: Array, half_gap: float, gap: float, tooth: ToothForce
+) -> tuple[float, float, float, float]:
+    """Stand for the half-gap slopes of a contact law, which `equations_of` binds."""
+    raise NotImplementedError
+
+
+def contact_of(plant: PlantConstants, state: Array) -> ToothForce:
     """Return force, stiffness, damping, elastic force and its stiffness at ``state``."""
     gap, gap_rate = gap_of(plant, state)
-    return contact(plant, gap, gap_rate)
+    half_gap, _, _ = half_gap_of(plant, state[THETA_L])
+    return _contact_force(plant.contact, half_gap, gap, gap_rate)
 
 
-@compiled
-def coulomb(plant: PlantConstants, omega_l: float) -> tuple[float, float]:
-    """Return the Coulomb friction (N m) that brakes the load at a speed (rad/s), and its slope (N m s/rad)."""
-    if plant.coulomb == 0.0:
-        return 0.0, 0.0
-    share = math.tanh(omega_l / _STICTION_SPEED)
-    return plant.coulomb * share, plant.coulomb / _STICTION_SPEED * (1.0 - share * share)
+def held_torque(plant: PlantConstants, state: Array, load_torque: float) -> tuple[float, float, float, float]:
+    """Return what friction has to hold so that the shafts stay at rest, and what it can hold at the motor.
+
+    Returns
+    -------
+    (motor, least, most, load) : N m. What acts on the motor's shaft, teeth apart, and the least and the most of it at
+        which the shaft sticks; what acts on the load, teeth included: it sticks up to its Coulomb friction
+    """
+    gap, gap_rate = gap_of(plant, state)
+    half_gap, slope, _ = half_gap_of(plant, state[THETA_L])
+    tooth = _contact_force(plant.contact, half_gap, gap, gap_rate)
+    on_load = plant.R2 * tooth[0] + load_torque
+    if plant.variation != 0.0:
+        on_load -= _contact_slopes(plant.contact, half_gap, gap, tooth)[0] * slope
+    if plant.gravity != 0.0:
+        on_load -= plant.gravity * math.sin(state[THETA_L] + plant.gravity_offset)
+    teeth = plant.R1 * tooth[0]
+    forward, backward = plant.forward * teeth, plant.backward * teeth
+    least, most = min(forward, backward) - plant.coulomb_m, max(forward, backward) + plant.coulomb_m
+    return plant.K_m * state[CURRENT], least, most, on_load
 
 
-@compiled
-def derivative(plant: PlantConstants, state: State, command: float, load_torque: float, out: State) -> None:
-    """Write d(state)/dt into ``out``, shape (7,), for a command and a load torque (N m).
+def derivative(
+    plant: PlantConstants,
+    state: Array,
+    command: float,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+    out: Array,
+) -> None:
+    """Write d(state)/dt into ``out``, shape (7,), for a command, a load torque (N m) and the slip of motor and load.
 
     The command is the voltage, V; without effect where the current is imposed.
     """
-    _, gap_rate = gap_of(plant, state)
-    force, _, _, elastic, _ = contact_of(plant, state)
+    gap, gap_rate = gap_of(plant, state)
+    half_gap, slope, _ = half_gap_of(plant, state[THETA_L])
+    tooth = _contact_force(plant.contact, half_gap, gap, gap_rate)
+    force, elastic = tooth[0], tooth[3]
     omega_m, omega_l, current = state[OMEGA_M], state[OMEGA_L], state[CURRENT]
-    friction, _ = coulomb(plant, omega_l)
     voltage = plant.R * current + plant.K_m * omega_m if math.isinf(plant.L) else command
+    on_load = load_torque
+    if plant.variation != 0.0:
+        on_load -= _contact_slopes(plant.contact, half_gap, gap, tooth)[0] * slope
+    if plant.gravity != 0.0:
+        on_load -= plant.gravity * math.sin(state[THETA_L] + plant.gravity_offset)
+    friction_m, friction_l = slip_m * plant.coulomb_m, slip_l * plant.coulomb_l
+    if plant.forward != 1.0 or plant.backward != 1.0:
+        friction_m += ((plant.forward if force * slip_m > 0.0 else plant.backward) - 1.0) * plant.R1 * force
     out[THETA_M] = omega_m
-    out[OMEGA_M] = (plant.K_m * current - plant.B_m * omega_m - plant.R1 * force) / plant.J_m
+    out[OMEGA_M] = 0.0
+    if slip_m != 0.0:
+        out[OMEGA_M] = (plant.K_m * current - plant.B_m * omega_m - friction_m - plant.R1 * force) / plant.J_m
     out[THETA_L] = omega_l
-    out[OMEGA_L] = (plant.R2 * force - plant.B_l * omega_l - friction + load_torque) / plant.J_l
+    out[OMEGA_L] = 0.0
+    if slip_l != 0.0:
+        out[OMEGA_L] = (plant.R2 * force - plant.B_l * omega_l - friction_l + on_load) / plant.J_l
     out[CURRENT] = (voltage - plant.R * current - plant.K_m * omega_m) / plant.L
     out[SUPPLIED] = voltage * current + load_torque * omega_l
-    rubbed = plant.B_m * omega_m * omega_m + (plant.B_l * omega_l + friction) * omega_l
+    rubbed = (plant.B_m * omega_m + friction_m) * omega_m + (plant.B_l * omega_l + friction_l) * omega_l
     out[LOST] = plant.R * current * current + rubbed + (force - elastic) * gap_rate
 
 
-@compiled
-def stored_energy(plant: PlantConstants, state: State) -> float:
-    """Return the kinetic, magnetic and elastic energy, J; the magnetic one of an imposed current is the drive's."""
+class Slopes(NamedTuple):
+    """The Jacobian of the equations of motion, in the parts that it has: see `jacobian` for how they make it.
+
+    ``force_*`` are derivatives of F, ``elastic_*`` of its elastic part and ``torque_*`` of the load's own torques, by
+    theta_m, theta_l (N/rad, N m/rad) and by the gap rate (N s/m). ``per_force_*``, ``per_torque``, ``per_current`` and
+    ``drag_*`` are accelerations for each newton, newton metre, ampere and rad/s: 0 for a shaft that sticks. ``lost_*``
+    are derivatives of the power lost.
+    """
+
+    force_m: float
+    force_l: float
+    force_rate: float
+    elastic_m: float
+    elastic_l: float
+    torque_m: float
+    torque_l: float
+    per_force_m: float
+    per_force_l: float
+    per_torque: float
+    per_current: float
+    drag_m: float
+    drag_l: float
+    lost_m: float
+    lost_l: float
+    lost_current: float
+    lost_force: float
+    lost_rate: float
+    gap_rate: float
+
+
+def linearize(plant: PlantConstants, state: Array, slip_m: float, slip_l: float) -> Slopes:
+    """Return the parts of the Jacobian at ``state``, for the slip of motor and load."""
+    gap, gap_rate = gap_of(plant, state)
+    half_gap, slope, bend = half_gap_of(plant, state[THETA_L])
+    tooth = _contact_force(plant.contact, half_gap, gap, gap_rate)
+    force, stiffness, damping, elastic, elastic_stiffness = tooth
+    omega_m, omega_l = state[OMEGA_M], state[OMEGA_L]
+    force_l, elastic_l = -plant.R2 * stiffness, -plant.R2 * elastic_stiffness
+    torque_m = torque_l = 0.0
+    if plant.variation != 0.0:
+        energy_h, elastic_h, force_h, energy_hh = _contact_slopes(plant.contact, half_gap, gap, tooth)
+        force_l += force_h * slope
+        elastic_l += elastic_h * slope
+        torque_m -= plant.R1 * elastic_h * slope
+        torque_l += plant.R2 * elastic_h * slope - energy_hh * slope * slope - energy_h * bend
+    if plant.gravity != 0.0:
+        torque_l -= plant.gravity * math.cos(state[THETA_L] + plant.gravity_offset)
+    friction_m, mesh = slip_m * plant.coulomb_m, 1.0
+    if plant.forward != 1.0 or plant.backward != 1.0:
+        mesh = plant.forward if force * slip_m > 0.0 else plant.backward
+        friction_m += (mesh - 1.0) * plant.R1 * force
+    moves_m, moves_l = abs(slip_m), abs(slip_l)
+    return Slopes(
+        plant.R1 * stiffness,
+        force_l,
+        damping,
+        plant.R1 * elastic_stiffness,
+        elastic_l,
+        torque_m,
+        torque_l,
+        moves_m * plant.R1 * mesh / plant.J_m,
+        moves_l * plant.R2 / plant.J_l,
+        moves_l / plant.J_l,
+        moves_m * plant.K_m / plant.J_m,
+        moves_m * plant.B_m / plant.J_m,
+        moves_l * plant.B_l / plant.J_l,
+        2.0 * plant.B_m * omega_m + friction_m,
+        2.0 * plant.B_l * omega_l + slip_l * plant.coulomb_l,
+        2.0 * plant.R * state[CURRENT],
+        plant.R1 * (mesh - 1.0) * omega_m,
+        force - elastic,
+        gap_rate,
+    )
+
+
+def jacobian(
+    plant: PlantConstants,
+    state: Array,
+    command: float,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+    out: Array,
+) -> None:
+    """Write the derivatives of what `derivative` answers, by the state, into ``out``, shape (7, 7)."""
+    s = linearize(plant, state, slip_m, slip_l)
+    out[:] = 0.0
+    force, elastic, rate = np.zeros(7), np.zeros(7), np.zeros(7)
+    rate[OMEGA_M], rate[OMEGA_L] = plant.R1, -plant.R2
+    force[THETA_M], force[THETA_L] = s.force_m, s.force_l
+    force += s.force_rate * rate
+    elastic[THETA_M], elastic[THETA_L] = s.elastic_m, s.elastic_l
+    out[THETA_M, OMEGA_M] = out[THETA_L, OMEGA_L] = 1.0
+    out[OMEGA_M] = -s.per_force_m * force
+    out[OMEGA_M, OMEGA_M] -= s.drag_m
+    out[OMEGA_M, CURRENT] += s.per_current
+    out[OMEGA_L] = s.per_force_l * force
+    out[OMEGA_L, OMEGA_L] -= s.drag_l
+    out[OMEGA_L, THETA_M] += s.per_torque * s.torque_m
+    out[OMEGA_L, THETA_L] += s.per_torque * s.torque_l
+    out[LOST] = s.lost_force * force + s.gap_rate * (force - elastic) + s.lost_rate * rate
+    out[LOST, OMEGA_M] += s.lost_m
+    out[LOST, OMEGA_L] += s.lost_l
+    out[LOST, CURRENT] += s.lost_current
+    out[SUPPLIED, OMEGA_L] = load_torque
+    if math.isinf(plant.L):
+        out[SUPPLIED, CURRENT] = 2.0 * plant.R * state[CURRENT] + plant.K_m * state[OMEGA_M]
+        out[SUPPLIED, OMEGA_M] = plant.K_m * state[CURRENT]
+    else:
+        out[CURRENT, OMEGA_M], out[CURRENT, CURRENT] = -plant.K_m / plant.L, -plant.R / plant.L
+        out[SUPPLIED, CURRENT] = command
+
+
+def stored_energy(plant: PlantConstants, state: Array) -> float:
+    """Return the kinetic, magnetic, elastic and potential energy, J; a weight that hangs straight down has none.
+
+    The magnetic energy of an imposed current is the drive's.
+    """
     gap, _ = gap_of(plant, state)
+    half_gap, _, _ = half_gap_of(plant, state[THETA_L])
     kinetic = plant.J_m * state[OMEGA_M] ** 2 + plant.J_l * state[OMEGA_L] ** 2
     magnetic = 0.0 if math.isinf(plant.L) else plant.L * state[CURRENT] ** 2
-    return float(0.5 * (kinetic + magnetic) + elastic_energy(plant, gap))
+    potential = plant.gravity * (1.0 - math.cos(state[THETA_L] + plant.gravity_offset))
+    return float(0.5 * (kinetic + magnetic) + _contact_energy(plant.contact, half_gap, gap) + potential)
+
+
+class Equations(NamedTuple):
+    """The functions of this file, compiled for one contact law; each is described where it stands here."""
+
+    contact_of: Callable[[PlantConstants, Array], ToothForce]
+    held_torque: Callable[[PlantConstants, Array, float], tuple[float, float, float, float]]
+    derivative: Callable[[PlantConstants, Array, float, float, float, float, Array], None]
+    linearize: Callable[[PlantConstants, Array, float, float], Slopes]
+    jacobian: Callable[[PlantConstants, Array, float, float, float, float, Array], None]
+    stored_energy: Callable[[PlantConstants, Array], float]
+
+
+def equations_of(drive: Drive) -> Equations:
+    """Return the equations of motion, compiled for the contact law of ``drive``."""
+    return equations_with(type(drive.gear.contact))  # type: ignore[arg-type]
+
+
+@cache
+def equations_with(law: type[Contact]) -> Equations:
+    """Return the equations of motion, compiled for a contact law."""
+    force = {"_contact_force": law.force}
+    both = {**force, "_contact_slopes": law.half_gap_slopes}
+    linear = specialize(linearize, **both)
+    return Equations(
+        contact_of=specialize(contact_of, **force),
+        held_torque=specialize(held_torque, **both),
+        derivative=specialize(derivative, **both),
+        linearize=linear,
+        jacobian=specialize(jacobian, linearize=linear),
+        stored_energy=specialize(stored_energy, _contact_energy=law.energy),
+    )

@@ -4,16 +4,27 @@ RODAS4P, a linearly implicit (Rosenbrock) method of order 4 with an embedded thi
 accurate and L-stable (Steinebach, 1995; in Hairer & Wanner, Solving ODEs II, sect. IV.7). Each step costs six
 evaluations of the equations of motion and no iteration. The stage equations have the drive's structure, so
 they are solved by eliminating down to one unknown, the contact force.
+
+Dry friction makes the equations change where a shaft comes to rest, reverses or breaks away. No step goes across such
+an event: `friction` tells where in the step it is, and the step is taken again, to there. A shaft that sticks has a
+speed of exactly 0.
 """
 
 import math
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numba
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled
-from backlash_ros.drivetrain.dynamics import (
+from backlash_ros.drivetrain.compiled import compiled, specialize
+from backlash_ros.drivetrain.constants import PLANT_TYPE, PlantConstants
+from backlash_ros.drivetrain.contact import Contact, ToothForce
+from backlash_ros.drivetrain.dynamics import SLIDES, Slopes, equations_with, load_rubs, motor_rubs
+from backlash_ros.drivetrain.friction import friction_with
+from backlash_ros.drivetrain.parameters import Drive
+from backlash_ros.drivetrain.signals import (
     CURRENT,
     LOST,
     OMEGA_L,
@@ -22,13 +33,11 @@ from backlash_ros.drivetrain.dynamics import (
     SUPPLIED,
     THETA_L,
     THETA_M,
-    State,
-    contact_of,
-    coulomb,
-    derivative,
-    gap_of,
+    Array,
+    PlantState,
 )
-from backlash_ros.drivetrain.parameters import PlantConstants
+
+_types: Any = numba.types
 
 DEFAULT_TOLERANCE = 1e-9
 """Error allowed per step: in units of the backlash for angles, relative for speeds and current."""
@@ -38,7 +47,17 @@ DONE, STEP_TOO_SMALL, TOO_MANY_STEPS = range(3)
 STEP_SIZE, PEAK_FORCE = range(2)
 """What `advance` keeps from call to call."""
 
+Advance = Callable[[PlantConstants, PlantState, Array, float, float, float, float], tuple[int, float]]
+ADVANCE_SIGNATURE: Any = _types.Tuple((_types.int64, _types.float64))(
+    PLANT_TYPE, *[_types.float64[::1]] * 2, *[_types.float64] * 4
+)
+"""numba's signature of `Advance`."""
+
 _STEPS_AT_MOST = 200_000
+_SHORTEST = 1e-13
+"""Step, as a share of the duration, below which time does not pass."""
+_TRIES = 20
+"""Steps towards one event before the shaft is taken to be there."""
 _GAMMA = 0.25
 _A = np.array(
     [
@@ -61,67 +80,69 @@ _C = np.array(
     ]
 )
 
-
 REASONS = {STEP_TOO_SMALL: "the step size fell below rounding", TOO_MANY_STEPS: "too many steps"}
 
 
 class IntegrationError(RuntimeError):
     """The equations of motion could not be integrated to the wanted accuracy."""
 
-    def __init__(self, reason: str, time: float, state: State) -> None:
+    def __init__(self, reason: str, time: float, state: Array) -> None:
         listed = ", ".join(f"{name} = {value:.9g}" for name, value in zip(STATE_NAMES, state[:5], strict=True))
         super().__init__(f"integration stopped at t = {time:.9g} s: {reason} ({listed})")
         self.time = time
         self.state = state.copy()
 
 
+def integration_memory() -> Array:
+    """Return what `Advance` keeps from call to call, as it is at the start: STEP_SIZE (s) and PEAK_FORCE (N)."""
+    return np.zeros(2)
+
+
 @compiled
 def _solve_stage(
     plant: PlantConstants,
-    at: State,
+    s: Slopes,
     g: float,
+    current: float,
     command: float,
     load_torque: float,
-    residual: State,
-    out: State,
+    residual: Array,
+    out: Array,
 ) -> None:
-    """Solve (g I - J) out = residual, with J the Jacobian of the equations of motion at ``at``, g = 1/(h gamma)."""
-    force_now, stiffness, damping, elastic, elastic_stiffness = contact_of(plant, at)
-    friction, friction_slope = coulomb(plant, at[OMEGA_L])
-    theta_m, omega_m, theta_l = residual[THETA_M], residual[OMEGA_M], residual[THETA_L]
+    """Solve (g I - J) out = residual, with J the Jacobian that ``s`` makes, g = 1/(h gamma)."""
+    theta_m, theta_l = residual[THETA_M], residual[THETA_L]
     inverse_i = 1.0 / (g + plant.R / plant.L)
-    inverse_m = 1.0 / (g + plant.B_m / plant.J_m + plant.K_m * plant.K_m * inverse_i / (plant.J_m * plant.L))
-    inverse_l = 1.0 / (g + (plant.B_l + friction_slope) / plant.J_l)
+    inverse_m = 1.0 / (g + s.drag_m + s.per_current * plant.K_m * inverse_i / plant.L)
+    inverse_l = 1.0 / (g + s.drag_l - s.per_torque * s.torque_l / g)
     # Speeds without the change of the contact force, and what one newton of it takes away or adds.
-    free_m = (omega_m + plant.K_m * inverse_i * residual[CURRENT] / plant.J_m) * inverse_m
-    free_l = residual[OMEGA_L] * inverse_l
-    per_force = plant.R1 * plant.R1 * inverse_m / plant.J_m + plant.R2 * plant.R2 * inverse_l / plant.J_l
-    coupling = stiffness / g + damping
-    force = coupling * (plant.R1 * free_m - plant.R2 * free_l)
-    force += stiffness / g * (plant.R1 * theta_m - plant.R2 * theta_l)
-    force /= 1.0 + coupling * per_force
-    out[OMEGA_M] = free_m - plant.R1 * inverse_m / plant.J_m * force
-    out[OMEGA_L] = free_l + plant.R2 * inverse_l / plant.J_l * force
+    free_m = (residual[OMEGA_M] + s.per_current * inverse_i * residual[CURRENT]) * inverse_m
+    push_m = s.per_force_m * inverse_m
+    pull = s.per_torque * s.torque_m / g
+    free_l = (residual[OMEGA_L] + pull * (theta_m + free_m) + s.per_torque * s.torque_l / g * theta_l) * inverse_l
+    push_l = (s.per_force_l - pull * push_m) * inverse_l
+    coupling_m, coupling_l = s.force_m / g + s.force_rate * plant.R1, s.force_l / g - s.force_rate * plant.R2
+    force = coupling_m * free_m + coupling_l * free_l + (s.force_m * theta_m + s.force_l * theta_l) / g
+    force /= 1.0 + coupling_m * push_m - coupling_l * push_l
+    out[OMEGA_M] = free_m - push_m * force
+    out[OMEGA_L] = free_l + push_l * force
     out[THETA_M] = (theta_m + out[OMEGA_M]) / g
     out[THETA_L] = (theta_l + out[OMEGA_L]) / g
     out[CURRENT] = (residual[CURRENT] - plant.K_m / plant.L * out[OMEGA_M]) * inverse_i
     # The energy account follows from the motion and does not act back on it.
-    _, gap_rate = gap_of(plant, at)
-    gap_change = plant.R1 * out[THETA_M] - plant.R2 * out[THETA_L]
-    rate_change = plant.R1 * out[OMEGA_M] - plant.R2 * out[OMEGA_L]
-    lost = 2.0 * (plant.R * at[CURRENT] * out[CURRENT] + plant.B_m * at[OMEGA_M] * out[OMEGA_M])
-    lost += (2.0 * plant.B_l * at[OMEGA_L] + friction + friction_slope * at[OMEGA_L]) * out[OMEGA_L]
-    lost += (stiffness - elastic_stiffness) * gap_rate * gap_change
-    lost += (damping * gap_rate + force_now - elastic) * rate_change
-    electrical = plant.K_m * at[CURRENT] * out[OMEGA_M] if math.isinf(plant.L) else command * out[CURRENT]
+    rate = plant.R1 * out[OMEGA_M] - plant.R2 * out[OMEGA_L]
+    elastic = s.elastic_m * out[THETA_M] + s.elastic_l * out[THETA_L]
+    force = s.force_m * out[THETA_M] + s.force_l * out[THETA_L] + s.force_rate * rate
+    lost = s.lost_m * out[OMEGA_M] + s.lost_l * out[OMEGA_L] + s.lost_current * out[CURRENT]
+    lost += s.lost_force * force + s.gap_rate * (force - elastic) + s.lost_rate * rate
+    electrical = plant.K_m * current * out[OMEGA_M] if math.isinf(plant.L) else command * out[CURRENT]
     out[SUPPLIED] = (residual[SUPPLIED] + electrical + load_torque * out[OMEGA_L]) / g
     out[LOST] = (residual[LOST] + lost) / g
 
 
 @compiled
-def _error(plant: PlantConstants, before: State, after: State, difference: State, tolerance: float) -> float:
+def _error(plant: PlantConstants, before: Array, after: Array, difference: Array, tolerance: float) -> float:
     """Largest error over its allowance; angles are judged against the backlash wherever the shaft stands."""
-    angle = 2.0 * plant.half_gap
+    angle = 2.0 * plant.half_gap * (1.0 - plant.variation)
     motor = abs(difference[THETA_M]) / (angle / plant.R1)
     load = abs(difference[THETA_L]) / (angle / plant.R2)
     error = max(motor, load)
@@ -141,10 +162,76 @@ def _error(plant: PlantConstants, before: State, after: State, difference: State
 
 
 @compiled
-def advance(
+def _growth(error: float, rejected: bool) -> float:
+    """Return next step over this one, for its error over the allowance and whether the one before was rejected."""
+    if error <= 1.0:
+        growth = min(5.0, 0.9 * float(max(error, 1e-9) ** -0.25))
+        return min(growth, 1.0) if rejected else growth
+    return max(0.2, 0.9 * float(error**-0.25)) if math.isfinite(error) else 0.1
+
+
+def _derivative(
     plant: PlantConstants,
-    state: State,
-    step: State,
+    state: Array,
+    command: float,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+    out: Array,
+) -> None:
+    """Stand for `dynamics.derivative` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+def _linearize(plant: PlantConstants, state: Array, slip_m: float, slip_l: float) -> Slopes:
+    """Stand for `dynamics.linearize` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+def _contact_of(plant: PlantConstants, state: Array) -> ToothForce:
+    """Stand for `dynamics.contact_of` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+def _slips(plant: PlantConstants, state: Array, load_torque: float, tolerance: float) -> tuple[float, float]:
+    """Stand for `friction.slips` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+def _first_event(
+    plant: PlantConstants,
+    before: Array,
+    after: Array,
+    slope_before: Array,
+    slope_after: Array,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+    used: float,
+    tolerance: float,
+) -> tuple[float, bool, bool]:
+    """Stand for `friction.first_event` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+def _switch(
+    plant: PlantConstants,
+    state: Array,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+    come_m: bool,
+    come_l: bool,
+    tolerance: float,
+) -> tuple[float, float]:
+    """Stand for `friction.switch` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+def _advance(
+    plant: PlantConstants,
+    state: PlantState,
+    step: Array,
     command: float,
     load_torque: float,
     duration: float,
@@ -155,10 +242,10 @@ def advance(
     Parameters
     ----------
     plant : PlantConstants
+    state : shape (7,); on failure the last good one
+    step : of `integration_memory`, shape (2,): the step size to try first, s, updated, so that the next call starts
+        well; and the largest magnitude of the contact force since the caller last set it to 0, N
     command : voltage, V, or where the inductance is infinite the current, A, which it then is from the start
-    state : array, shape (7,), in the order of `dynamics`; on failure the last good state
-    step : array, shape (2,): the step size to try first, s, updated, so that the next call starts well; and the
-        largest magnitude of the contact force since the caller last set it to 0, N
     tolerance : see `DEFAULT_TOLERANCE`
 
     Returns
@@ -168,78 +255,96 @@ def advance(
     stages = np.empty((6, 7))
     trial = np.empty(7)
     residual = np.empty(7)
+    slope = np.empty(7)
     if math.isinf(plant.L):
         state[CURRENT] = command
+    rubs = motor_rubs(plant) or load_rubs(plant)
+    slip_m = slip_l = SLIDES
+    if rubs:
+        slip_m, slip_l = _slips(plant, state, load_torque, tolerance)
     time = 0.0
     h = step[STEP_SIZE]
     if not 0.0 < h <= duration:
         h = duration
     rejected = False
+    tries, size = 0, 0.0  # steps towards the next event, and the step to go on with behind it
     for _ in range(_STEPS_AT_MOST):
         remaining = duration - time
         if remaining <= 1e-12 * duration:
             return DONE, duration
         last = h >= remaining * (1.0 - 1e-9)
         used = remaining if last else h
-        if used <= 1e-13 * duration:
+        if used <= _SHORTEST * duration:
             return STEP_TOO_SMALL, time
         g = 1.0 / (used * _GAMMA)
+        slopes = _linearize(plant, state, slip_m, slip_l)
         for j in range(6):
             for k in range(7):
                 value = state[k]
                 for m in range(j):
                     value += _A[j, m] * stages[m, k]
                 trial[k] = value
-            derivative(plant, trial, command, load_torque, residual)
+            _derivative(plant, trial, command, load_torque, slip_m, slip_l, residual)
+            if j == 0:
+                slope[:] = residual
             for k in range(7):
                 for m in range(j):
                     residual[k] += _C[j, m] / used * stages[m, k]
-            _solve_stage(plant, state, g, command, load_torque, residual, stages[j])
+            _solve_stage(plant, slopes, g, state[CURRENT], command, load_torque, residual, stages[j])
         for k in range(7):
             trial[k] += stages[5, k]
         error = _error(plant, state, trial, stages[5], tolerance)
-        if error <= 1.0:
-            state[:] = trial
-            time = duration if last else time + used
-            growth = min(5.0, 0.9 * max(error, 1e-9) ** -0.25)
-            if rejected:
-                growth = min(growth, 1.0)
-            # A last step that was cut short to end on time says little about the size that would do.
-            h = used * growth if growth < 1.0 or not last else max(h, used * growth)
-            step[STEP_SIZE] = h
-            step[PEAK_FORCE] = max(step[PEAK_FORCE], abs(contact_of(plant, state)[0]))
-            rejected = False
-        else:
-            h = used * (max(0.2, 0.9 * error**-0.25) if math.isfinite(error) else 0.1)
+        if not error <= 1.0:  # nan too
+            h = used * _growth(error, rejected)
             rejected = True
+            continue
+        come_m = come_l = False
+        if rubs:
+            _derivative(plant, trial, command, load_torque, slip_m, slip_l, residual)
+            share, come_m, come_l = _first_event(
+                plant, state, trial, slope, residual, load_torque, slip_m, slip_l, used, tolerance
+            )
+            if share < 1.0 - 1e-9 and tries < _TRIES:
+                tries += 1
+                if tries > 4:  # the curve is no cubic: close in from both sides
+                    share = min(max(share, 0.1), 0.9)
+                size = max(size, used)
+                h = used * share
+                if h <= 2.0 * _SHORTEST * duration:
+                    h, tries = 2.0 * _SHORTEST * duration, _TRIES
+                continue
+        state[:] = trial
+        time = duration if last else time + used
+        growth = _growth(error, rejected)
+        # A last step that was cut short to end on time says little about the size that would do.
+        h = used * growth if growth < 1.0 or not last else max(h, used * growth)
+        if size > 0.0:  # this step was cut short for an event
+            h, size, tries = max(h, size), 0.0, 0
+        if come_m or come_l:
+            slip_m, slip_l = _switch(plant, state, load_torque, slip_m, slip_l, come_m, come_l, tolerance)
+        step[STEP_SIZE] = h
+        step[PEAK_FORCE] = max(step[PEAK_FORCE], abs(_contact_of(plant, state)[0]))
+        rejected = False
     return TOO_MANY_STEPS, time
 
 
-def integration_memory() -> State:
-    """Return what `advance` keeps from call to call."""
-    return np.zeros(2)
+def integrator_for(drive: Drive) -> Advance:
+    """Return `_advance` compiled for the contact law of ``drive``: a value that a compiled loop can take."""
+    return integrator_with(type(drive.gear.contact))  # type: ignore[arg-type]
 
 
-_SIGNATURES: dict[int, Any] = {}
-
-
-def _signature() -> Any:
-    from backlash_ros.drivetrain.constants import plant_constants
-    from backlash_ros.drivetrain.parameters import NOMINAL_DRIVE
-
-    types: Any = numba.types
-    flat = types.float64[::1]
-    return types.Tuple((types.int64, types.float64))(
-        numba.typeof(plant_constants(NOMINAL_DRIVE)), flat, flat, *[types.float64] * 4
+@cache
+def integrator_with(law: type[Contact]) -> Advance:
+    """Return `_advance` compiled for a contact law."""
+    equations = equations_with(law)  # type: ignore[arg-type]
+    friction = friction_with(law)  # type: ignore[arg-type]
+    return specialize(
+        _advance,
+        ADVANCE_SIGNATURE,
+        _derivative=equations.derivative,
+        _linearize=equations.linearize,
+        _contact_of=equations.contact_of,
+        _slips=friction.slips,
+        _first_event=friction.first_event,
+        _switch=friction.switch,
     )
-
-
-Advance = Any
-ADVANCE_SIGNATURE = _signature()
-
-
-def integrator_for(drive: Any) -> Any:
-    """Return the integrator."""
-    if ADVANCE_SIGNATURE.args not in advance.overloads:
-        advance.compile(ADVANCE_SIGNATURE)
-    return advance

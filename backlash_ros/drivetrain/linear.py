@@ -7,11 +7,9 @@ sample. `discretize` gives the model from sample to sample under either.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from backlash_ros.drivetrain.parameters import Drive
-
-Array = NDArray[np.float64]
+from backlash_ros.drivetrain.signals import Array
 
 _WHOLE = 1e-9
 """A delay this close to whole periods, in periods, is whole."""

@@ -1,17 +1,15 @@
 """The drive as values: motor, gear and load parameters, validated once, in SI units.
 
-Symbols and signs are the paper's (Kalantari & Saadat Foomani, Scientia Iranica B 16(6), 2009), except
-that ``gear_ratio`` is its n = R1/R2 and ``contact_exponent`` the n of its eq 11.
+Symbols and signs are the paper's (Kalantari & Saadat Foomani, Scientia Iranica B 16(6), 2009), except that ``ratio``
+is its n = R1/R2 and the exponent of `contacts.power` the n of its eq 11.
 """
 
-from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from dataclasses import dataclass, field
+from typing import ClassVar
 
+from backlash_ros.drivetrain.contact import Contact
+from backlash_ros.drivetrain.contacts.power import PowerContact
 from backlash_ros.drivetrain.quantity import Validated, quantity
-
-POWER, POWER_NO_PULL, ELASTIC, RESTITUTION = range(4)
-CONTACT_LAWS = ("power", "power_no_pull", "elastic", "restitution")
-"""Names of the contact laws, see `contact`."""
 
 COMMAND_INTERFACES = ("voltage", "current")
 """What the drive takes as its command: the motor's voltage, V, or its current, A, which its own inner loop closes."""
@@ -30,45 +28,90 @@ class Motor(Validated):
     viscous_friction: float = quantity("rotor viscous friction B_m", "N m s/rad", at_least=0, at_most=1e3)
     voltage_limit: float = quantity("largest magnitude of the voltage", "V", above=0, at_most=1e4)
     current_limit: float = quantity("largest magnitude of a commanded current", "A", above=0, at_most=1e5, default=12.0)
+    coulomb_friction: float = quantity(
+        "Coulomb friction of the rotor, before the gear", "N m", at_least=0, at_most=1e5, default=0.0
+    )
 
 
 @dataclass(frozen=True)
 class Gear(Validated):
-    """Spur gear pair with backlash and the contact law of its teeth (eqs 10 to 13).
+    """Spur gear pair with backlash, its losses, and the contact of its teeth (eqs 10 to 13).
 
-    The power laws use beta, alpha and the exponent, `elastic` the tooth stiffness and damping, `restitution` the
-    stiffness and the coefficient of restitution.
+    Half the backlash, where the output stands at theta_l, is d/2 (1 + variation cos(cycles theta_l + phase)).
     """
 
     section: ClassVar[str] = "gear"
 
-    motor_radius: float = quantity("pitch radius R1 of the motor's gear", "m", at_least=1e-4, at_most=10)
-    load_radius: float = quantity("pitch radius R2 of the load's gear", "m", at_least=1e-4, at_most=10)
-    backlash: float = quantity("backlash d along the pitch line", "m", at_least=1e-9, at_most=0.1)
-    contact_stiffness: float = quantity("elastic force beta at |gap| = d/2", "N", above=0, at_most=1e7)
-    contact_damping: float = quantity("contact damping alpha at |gap| = d/2", "N s/m", at_least=0, at_most=1e8)
-    contact_exponent: int = quantity("exponent n of the elastic force, odd", "", at_least=1, at_most=101, whole=True)
-    tooth_stiffness: float = quantity("stiffness k of the linear laws", "N/m", above=0, at_most=1e12, default=4e5)
-    tooth_damping: float = quantity("damping c of the elastic law", "N s/m", at_least=0, at_most=1e8, default=50.0)
-    restitution: float = quantity("coefficient of restitution e", "", at_least=0.2, at_most=1, default=0.5)
-    contact_law: str = "power"
+    reduction: float = quantity(
+        "turns of the motor for one turn of the load: 10 for 10:1", "", at_least=1e-3, at_most=1e5
+    )
+    backlash_angle: float = quantity(
+        "backlash b at the output shaft, its mean over a turn", "rad", at_least=1e-9, at_most=3.2
+    )
+    load_radius: float = quantity(
+        "pitch radius R2 of the load's gear; only the tooth forces depend on it",
+        "m",
+        at_least=1e-4,
+        at_most=10,
+        default=0.05,
+    )
+    backlash_variation: float = quantity(
+        "how far the backlash rises and falls along the output's turn, as a share of its mean",
+        "",
+        at_least=0,
+        at_most=0.9,
+        default=0.0,
+    )
+    backlash_cycles: int = quantity(
+        "how often it does so in one turn", "", at_least=1, at_most=1000, whole=True, default=1
+    )
+    backlash_phase: float = quantity(
+        "where in its cycle the backlash is at a load angle of 0; at phase 0 it is widest",
+        "rad",
+        at_least=-6.3,
+        at_most=6.3,
+        default=0.0,
+    )
+    efficiency_forward: float = quantity(
+        "share of the power that the teeth let through from motor to load", "", at_least=1e-3, at_most=1, default=1.0
+    )
+    efficiency_backward: float = quantity(
+        "share of the power that the teeth let through from load to motor; 0 is self-locking",
+        "",
+        at_least=0,
+        at_most=1,
+        default=1.0,
+    )
+    contact: Contact = field(default_factory=PowerContact)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.contact_exponent % 2 != 1:
-            raise ValueError(f"gear.contact_exponent must be an odd integer, got {self.contact_exponent!r}")
-        if self.contact_law not in CONTACT_LAWS:
-            raise ValueError(f"gear.contact_law must be one of {list(CONTACT_LAWS)}, got {self.contact_law!r}")
+        if not isinstance(self.contact, Contact):
+            raise ValueError(f"gear.contact must be a Contact, such as PowerContact(), got {self.contact!r}")
 
     @property
     def ratio(self) -> float:
         """Gear ratio n = R1/R2: theta_l = n theta_m while the teeth are in contact."""
-        return self.motor_radius / self.load_radius
+        return 1.0 / self.reduction
 
     @property
-    def backlash_angle(self) -> float:
-        """Backlash b = d/R2 as an angle of the output shaft, rad."""
-        return self.backlash / self.load_radius
+    def motor_radius(self) -> float:
+        """Pitch radius R1 of the motor's gear, m."""
+        return self.load_radius / self.reduction
+
+    @property
+    def backlash(self) -> float:
+        """Backlash d = b R2 along the pitch line, its mean over a turn, m."""
+        return self.backlash_angle * self.load_radius
+
+    @property
+    def edge_stiffness(self) -> float:
+        """The spring that stands for the teeth at the edge of the gap, N/m along the pitch line."""
+        return self.contact.edge_stiffness(0.5 * self.backlash, self.load_radius)
+
+    def wind_up(self, torque: float) -> float:
+        """Return by how much a torque on the output shaft (N m) presses the teeth in, as an angle there, rad."""
+        return self.contact.deflection(torque, 0.5 * self.backlash, self.load_radius)
 
 
 @dataclass(frozen=True)
@@ -79,35 +122,23 @@ class Load(Validated):
 
     inertia: float = quantity("load inertia J_l", "kg m^2", at_least=1e-9, at_most=1e5)
     viscous_friction: float = quantity("load viscous friction B_l", "N m s/rad", at_least=0, at_most=1e5)
-    coulomb_friction: float = quantity("load Coulomb friction", "N m", at_least=0, at_most=1e5, default=0.0)
-
-
-class PlantConstants(NamedTuple):
-    """The drive as the compiled functions read it; field names are the equations' symbols.
-
-    An infinite L is an imposed current.
-    """
-
-    R: float
-    L: float
-    K_m: float
-    J_m: float
-    B_m: float
-    R1: float
-    R2: float
-    half_gap: float
-    beta: float
-    alpha: float
-    exponent: int
-    law: int
-    tooth_stiffness: float
-    tooth_damping: float
-    J_l: float
-    B_l: float
-    coulomb: float
-    current_scale: float
-    speed_scale: float
-    energy_scale: float
+    coulomb_friction: float = quantity(
+        "Coulomb friction of the load, behind the gear", "N m", at_least=0, at_most=1e5, default=0.0
+    )
+    gravity_torque: float = quantity(
+        "largest torque of the load's weight, m g l; it pulls by gravity_torque sin(theta_l + gravity_offset)",
+        "N m",
+        at_least=0,
+        at_most=1e5,
+        default=0.0,
+    )
+    gravity_offset: float = quantity(
+        "angle of the load from hanging straight down where its encoder reads 0",
+        "rad",
+        at_least=-6.3,
+        at_most=6.3,
+        default=0.0,
+    )
 
 
 @dataclass(frozen=True)
@@ -177,14 +208,7 @@ NOMINAL_DRIVE = Drive(
         voltage_limit=24.0,
         current_limit=12.0,
     ),
-    gear=Gear(
-        motor_radius=0.005,
-        load_radius=0.05,
-        backlash=1.0e-3,
-        contact_stiffness=10.0,
-        contact_damping=200.0,
-        contact_exponent=21,
-    ),
+    gear=Gear(reduction=10.0, backlash_angle=0.02),
     load=Load(inertia=5.0e-4, viscous_friction=5.0e-3),
 )
 """The reference drive. The paper prints no parameter values; with these each of its qualitative claims holds."""

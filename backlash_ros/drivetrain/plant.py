@@ -6,7 +6,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from backlash_ros.drivetrain.constants import plant_constants
-from backlash_ros.drivetrain.dynamics import (
+from backlash_ros.drivetrain.dynamics import equations_of
+from backlash_ros.drivetrain.integrator import (
+    DEFAULT_TOLERANCE,
+    DONE,
+    REASONS,
+    IntegrationError,
+    integration_memory,
+    integrator_for,
+)
+from backlash_ros.drivetrain.parameters import Drive
+from backlash_ros.drivetrain.signals import (
     CURRENT,
     LOST,
     OMEGA_L,
@@ -14,12 +24,9 @@ from backlash_ros.drivetrain.dynamics import (
     SUPPLIED,
     THETA_L,
     THETA_M,
-    State,
-    contact_of,
-    stored_energy,
+    Array,
+    PlantState,
 )
-from backlash_ros.drivetrain.integrator import DEFAULT_TOLERANCE, DONE, REASONS, IntegrationError, advance
-from backlash_ros.drivetrain.parameters import Drive
 
 
 class Plant:
@@ -45,12 +52,13 @@ class Plant:
     ) -> None:
         self.drive = drive
         self.time = 0.0
-        self._constants = plant_constants(drive)
+        self._constants, self._equations = plant_constants(drive), equations_of(drive)
+        self._advance = integrator_for(drive)
         motion = np.zeros(5) if state is None else np.array(state, dtype=float)
         if motion.shape != (5,) or not np.all(np.isfinite(motion)):
             raise ValueError(f"state must be five finite numbers, got {state!r}")
-        self._state = np.append(motion, [0.0, 0.0])
-        self._step = np.zeros(2)
+        self._state = PlantState(np.append(motion, [0.0, 0.0]))
+        self._step = integration_memory()
         self._tolerance = tolerance
 
     def advance(self, command: float, load_torque: float, duration: float) -> None:
@@ -70,7 +78,7 @@ class Plant:
             raise ValueError(f"duration must be >= 0 s and finite, got {duration!r}")
         limit = self.drive.command_limit
         limited = min(max(command, -limit), limit)
-        status, passed = advance(
+        status, passed = self._advance(
             self._constants, self._state, self._step, limited, load_torque, duration, self._tolerance
         )
         self.time += passed
@@ -78,8 +86,8 @@ class Plant:
             raise IntegrationError(REASONS[status], self.time, self._state)
 
     @property
-    def state(self) -> State:
-        """A copy of the state, shape (5,), in the order of `dynamics.STATE_NAMES`."""
+    def state(self) -> Array:
+        """A copy of the state, shape (5,), in the order of `signals.STATE_NAMES`."""
         return self._state[:5].copy()
 
     @property
@@ -109,8 +117,8 @@ class Plant:
 
     @property
     def energy_stored(self) -> float:
-        """Kinetic, magnetic and elastic energy, J; without the magnetic one where the current is imposed."""
-        return float(stored_energy(self._constants, self._state))
+        """Kinetic, magnetic, elastic and potential energy, J; no magnetic one where the current is imposed."""
+        return float(self._equations.stored_energy(self._constants, self._state))
 
     @property
     def energy_supplied(self) -> float:
@@ -125,4 +133,4 @@ class Plant:
     @property
     def gear_torque(self) -> float:
         """Torque R2 F that the teeth put on the load, N m."""
-        return self.drive.gear.load_radius * contact_of(self._constants, self._state)[0]
+        return self.drive.gear.load_radius * self._equations.contact_of(self._constants, self._state)[0]

@@ -1,8 +1,8 @@
 """What can be added as one new file: control laws, contact laws and experiments, found by name.
 
 A file of such a room has a table, say ``LAWS = {"name": ...}``. The room finds its own files by itself; others are
-added with `Registry.add`, or for every process with the variable BACKLASH_ROS_PLUGINS: paths of
-files, joined as in PATH.
+added with `Registry.add`, or for every process with the variable BACKLASH_ROS_PLUGINS: paths of files, joined as in
+PATH, which are imported when a registry is first asked.
 """
 
 import importlib.util
@@ -32,14 +32,20 @@ class Registry(Mapping[str, T], Generic[T]):
     """
 
     def __init__(self, package: str, path: list[str], table: str, first: str) -> None:
-        self.path = path
         self._table = table
         self._entries: dict[str, T] = {}
         names = sorted((module.name for module in iter_modules(path)), key=lambda name: (name != first, name))
         for name in names:
             self._take(import_module(f"{package}.{name}"))
-        for file in filter(None, os.environ.get(PLUGINS, "").split(os.pathsep)):
-            self.add(Path(file), must=False)
+        self._complete = False
+
+    def _all(self) -> dict[str, T]:
+        """Return the entries; the first time, with those of the plugins, which may import all of the package."""
+        if not self._complete:
+            self._complete = True
+            for file in filter(None, os.environ.get(PLUGINS, "").split(os.pathsep)):
+                self.add(Path(file), must=False)
+        return self._entries
 
     def add(self, file: Path, *, must: bool = True) -> list[str]:
         """Import ``file`` and take the entries of its table; return their names.
@@ -74,18 +80,18 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def choose(self, parameter: str, name: str) -> T:
         """Return the entry called ``name``; a ValueError names ``parameter`` and the names that there are."""
-        if name not in self._entries:
-            raise ValueError(f"{parameter} must be one of {sorted(self._entries)}, got {name!r}")
-        return self._entries[name]
+        if name not in self._all():
+            raise ValueError(f"{parameter} must be one of {sorted(self._all())}, got {name!r}")
+        return self._all()[name]
 
     def __getitem__(self, name: str) -> T:
         """Return the entry called ``name``."""
-        return self._entries[name]
+        return self._all()[name]
 
     def __iter__(self) -> Iterator[str]:
         """Iterate over the names."""
-        return iter(self._entries)
+        return iter(self._all())
 
     def __len__(self) -> int:
         """Return how many entries there are."""
-        return len(self._entries)
+        return len(self._all())

@@ -10,7 +10,7 @@ from rclpy.parameter import Parameter
 
 from backlash_ros.drivetrain import (
     COMMAND_INTERFACES,
-    CONTACT_LAWS,
+    CONTACTS,
     NOMINAL_DRIVE,
     Drive,
     Gear,
@@ -20,6 +20,7 @@ from backlash_ros.drivetrain import (
     Validated,
     quantities,
 )
+from backlash_ros.drivetrain.contact import law_name
 
 V = TypeVar("V", bound=Validated)
 
@@ -102,11 +103,14 @@ def declare_drive(node: Node) -> Drive:
     values: dict[str, Any] = {}
     for part in (NOMINAL_DRIVE.motor, NOMINAL_DRIVE.gear, NOMINAL_DRIVE.load):
         values |= declare_quantities(node, part, read_only=True)
-    text = describe("force law of the teeth", constraint=f"one of {list(CONTACT_LAWS)}", read_only=True)
-    law = node.declare_parameter("gear.contact_law", NOMINAL_DRIVE.gear.contact_law, text).value
+    text = describe("force law of the teeth", constraint=f"one of {list(CONTACTS)}", read_only=True)
+    law = node.declare_parameter("contact.law", law_name(NOMINAL_DRIVE.gear.contact), text).value
+    for kind in CONTACTS.values():
+        values |= declare_quantities(node, kind(), read_only=True)
+    contact = take(CONTACTS.choose("contact.law", law), values)
     text = describe("what the command is", constraint=f"one of {list(COMMAND_INTERFACES)}", read_only=True)
     interface = node.declare_parameter("command_interface", NOMINAL_DRIVE.command_interface, text).value
-    return Drive(take(Motor, values), take(Gear, values, contact_law=law), take(Load, values), interface)
+    return Drive(take(Motor, values), take(Gear, values, contact=contact), take(Load, values), interface)
 
 
 def declare_rate(node: Node) -> float:

@@ -3,14 +3,12 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.constants import plant_constants
-from backlash_ros.drivetrain.dynamics import contact_of, gap_of
-from backlash_ros.drivetrain.integrator import DEFAULT_TOLERANCE, DONE, REASONS, advance
-
-Array = NDArray[np.float64]
+from backlash_ros.drivetrain.dynamics import equations_of, gap_of
+from backlash_ros.drivetrain.integrator import DEFAULT_TOLERANCE, DONE, REASONS, integration_memory, integrator_for
+from backlash_ros.drivetrain.signals import Array, at_rest
 
 
 @dataclass(frozen=True)
@@ -29,7 +27,8 @@ def drive_with_torque(drive: Drive, torque: Array, load_torque: float, period: f
     The current is imposed, whatever the drive's command interface, and not limited.
     """
     plant = plant_constants(replace(drive, command_interface="current"))
-    state, step = np.zeros(7), np.zeros(2)
+    advance, contact_of = integrator_for(drive), equations_of(drive).contact_of
+    state, step = at_rest(), integration_memory()
     rows = np.zeros((torque.size + 1, 3))
     for k, value in enumerate(torque):
         current = value / drive.motor.torque_constant

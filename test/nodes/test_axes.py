@@ -24,12 +24,12 @@ Start = Callable[..., Process]
 CONFIG = Path(__file__).parents[2] / "config" / "six_axes.yaml"
 # What the file says of each: backlash, m; load inertia, kg m^2; law; gain set; weights or gains of the fast region.
 SIX = {
-    "axis1": (1.0e-3, 5.0e-4, "two_region", "nominal", [1000.0, 1.0]),
-    "axis2": (1.2e-3, 5.0e-4, "two_region", "stiff", [1500.0, 1.0]),
-    "axis3": (1.5e-3, 8.0e-4, "two_region", "gentle", [20.0, 0.5, 0.1]),
-    "axis4": (2.0e-3, 8.0e-4, "two_region", "custom", [500.0, 1.0]),
-    "axis5": (1.0e-3, 8.0e-4, "two_region", "nominal", [1000.0, 1.0]),
-    "axis6": (0.6e-3, 5.0e-4, "cascade", "nominal", [1000.0, 1.0]),
+    "axis1": (0.02, 5.0e-4, "two_region", "nominal", [1000.0, 1.0]),
+    "axis2": (0.024, 5.0e-4, "two_region", "stiff", [1500.0, 1.0]),
+    "axis3": (0.03, 8.0e-4, "two_region", "gentle", [20.0, 0.5, 0.1]),
+    "axis4": (0.04, 8.0e-4, "two_region", "custom", [500.0, 1.0]),
+    "axis5": (0.02, 8.0e-4, "two_region", "nominal", [1000.0, 1.0]),
+    "axis6": (0.012, 5.0e-4, "cascade", "nominal", [1000.0, 1.0]),
 }
 
 
@@ -81,7 +81,7 @@ def test_six_axes_learn_at_once_each_its_own_backlash(
     for answer in answers:
         assert answer.result().success, answer.result().message
     for name, (backlash, inertia, law, gain_set, fast) in SIX.items():
-        gear, load = replace(NOMINAL_DRIVE.gear, backlash=backlash), replace(NOMINAL_DRIVE.load, inertia=inertia)
+        gear, load = replace(NOMINAL_DRIVE.gear, backlash_angle=backlash), replace(NOMINAL_DRIVE.load, inertia=inertia)
         drive = replace(NOMINAL_DRIVE, gear=gear, load=load)
         peer.wait("what was learned", lambda n=name: axes[n].in_use["backlash_angle"])
         in_use = axes[name].in_use

@@ -305,7 +305,7 @@ WATCHED = ("law", "gain_set", "gains.fast.k", "gains.fast.q", "gains.overdamped.
         ({"gains__fast__q": [-1.0, 0.0], "backlash_angle": 0.03}, "gains.fast.q: Q11 must be > 0"),
         ({"gain_set": "nosuch", "law": "fast"}, "gain_set must be one of ['nominal', 'custom'], got 'nosuch'"),
         ({"law": "bang_bang", "backlash_angle": 0.03}, "law must be one of"),
-        ({"gear__backlash": 2e-3, "backlash_angle": 0.03}, "gear.backlash"),
+        ({"gear__backlash_angle": 0.04, "backlash_angle": 0.03}, "gear.backlash_angle"),
         ({"backlash_angle": "wide"}, "backlash_angle must be a number, >= 0 rad and <= 3.2 rad, got 'wide'"),
     ],
 )
@@ -348,7 +348,12 @@ def test_gains_given_at_the_start_are_in_use(start: Start, peer: Peer) -> None:
     ("parameters", "says"),
     [
         ({"rate": -5.0}, "rate must be > 0 Hz and <= 2000 Hz, got -5.0"),
-        ({"gear__backlash": 0.0}, "gear.backlash must be >= 1e-09 m and <= 0.1 m, got 0.0"),
+        ({"gear__backlash_angle": 0.0}, "gear.backlash_angle must be >= 1e-09 rad and <= 3.2 rad, got 0.0"),
+        ({"contact__law": "soft"}, "contact.law must be one of ['elastic', 'power', 'power_no_pull', 'restitution']"),
+        (
+            {"contact__elastic__wind_up": 0.0},
+            "contact.elastic.wind_up must be >= 1e-09 rad/(N m) and <= 1000 rad/(N m)",
+        ),
         ({"motor_joint": "load"}, "motor_joint and load_joint must be two different names"),
         ({"load_joint": "''"}, "motor_joint and load_joint must be two different names, got 'motor' and ''"),
         ({"gains__fast__k": "[1.0e+5, 0.0, 0.0]"}, "gains.fast.k = [100000, 0, 0] is unstable at 250 Hz"),
@@ -368,7 +373,7 @@ def test_unusable_start_parameter_ends_the_node_with_a_line_that_names_it(
 
 
 def test_whole_numbers_stand_for_floats(start: Start, peer: Peer) -> None:
-    start("controller", rate=500, gear__backlash="0.002", learning__kick=1, **PATIENT)
+    start("controller", rate=500, gear__backlash_angle="0.04", learning__kick=1, **PATIENT)
     parameters = Parameters(peer, "controller")
     accepted, reason = parameters.set(backlash_angle=1)
     assert accepted, reason

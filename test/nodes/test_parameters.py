@@ -66,7 +66,10 @@ def test_every_parameter_is_described_and_every_number_bounded(start: Start, pee
     described = {
         name: d for name, d in described.items() if d.type != ParameterType.PARAMETER_BOOL or not d.description
     }
-    without_unit = {"gear.contact_exponent", "gear.restitution", "real_time_factor", "hysteresis", "learning.cycles"}
+    without_unit = {"real_time_factor", "hysteresis", "learning.cycles", "contact.restitution.restitution"}
+    without_unit |= {"contact.power.exponent", "contact.power_no_pull.exponent", "gear.reduction"}
+    without_unit |= {"gear.backlash_variation", "gear.backlash_cycles"}
+    without_unit |= {"gear.efficiency_forward", "gear.efficiency_backward"}
     without_unit |= {"learning.attempts", "learning.spread"}
     for name, descriptor in described.items():
         assert descriptor.description, name

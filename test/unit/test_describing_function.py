@@ -9,6 +9,7 @@ from backlash_ros.analysis.paper import backlash, cycle_of
 from backlash_ros.control import Gains, GainSet, ServoSettings, design_gains, find_limit_cycle
 from backlash_ros.control.describing_function import describing_function, predict_limit_cycle
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
+from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.simulation import Scenario, run
 
 PERIOD = 0.001
@@ -36,7 +37,7 @@ def heavier(motor: float, load: float) -> Drive:
 
 @pytest.mark.parametrize("damping", [0.2, 2.0, 10.0])
 def test_elastic_teeth_are_predicted_within_15_percent(gains: GainSet, damping: float) -> None:
-    drive = backlash(1.0, contact_law="elastic", tooth_damping=damping)
+    drive = backlash(1.0, contact=ElasticContact(damping=damping))
     predicted, seen = predict_limit_cycle(drive, gains.fast, 0.001), cycle_of(drive)
     assert predicted is not None
     assert predicted.amplitude / 0.02 == pytest.approx(seen["amplitude_b"], rel=0.15)
@@ -93,7 +94,7 @@ def test_overdamped_gains_keep_up_no_cycle(gains: GainSet) -> None:
 
 def test_dead_zone_has_its_textbook_describing_function() -> None:
     """Slotine & Li, sect. 5.3: N = 2k/pi (pi/2 - asin(a) - a sqrt(1 - a^2)), a = (d/2)/A."""
-    gear = replace(NOMINAL_DRIVE.gear, contact_law="elastic", tooth_damping=0.0, tooth_stiffness=1e4)
+    gear = replace(NOMINAL_DRIVE.gear, contact=ElasticContact(damping=0.0, wind_up=0.04))
     drive = replace(NOMINAL_DRIVE, gear=gear)
     for ratio in (1.1, 2.0, 10.0):
         a = 1 / ratio

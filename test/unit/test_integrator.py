@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from scipy.linalg import expm
 from backlash_ros.control import GainSet, ServoSettings
 from backlash_ros.drivetrain import (
     COMMAND_INTERFACES,
+    CONTACTS,
     NOMINAL_DRIVE,
     Drive,
     Gear,
@@ -24,6 +26,7 @@ from backlash_ros.drivetrain import (
     quantities,
     rigid_model,
 )
+from backlash_ros.drivetrain.contacts.power import PowerContact
 from backlash_ros.simulation import Scenario, run
 
 
@@ -33,8 +36,9 @@ def equations(_t: float, x: np.ndarray, drive: Drive, voltage: float, load_torqu
     theta_m, omega_m, theta_l, omega_l, i = x
     s = (gear.motor_radius * theta_m - gear.load_radius * theta_l) / (gear.backlash / 2)
     dv = gear.motor_radius * omega_m - gear.load_radius * omega_l
-    n = gear.contact_exponent
-    force = gear.contact_stiffness * s**n + gear.contact_damping * dv * s ** (n + 1)
+    teeth: Any = gear.contact
+    n = teeth.exponent
+    force = teeth.stiffness * s**n + teeth.damping * dv * s ** (n + 1)
     return [
         omega_m,
         (motor.torque_constant * i - motor.viscous_friction * omega_m - gear.motor_radius * force) / motor.inertia,
@@ -99,8 +103,9 @@ def energy(drive: Drive, x: np.ndarray) -> float:
     """Kinetic, magnetic and elastic energy, J."""
     gear = drive.gear
     s = (gear.motor_radius * x[0] - gear.load_radius * x[2]) / (gear.backlash / 2)
-    n = gear.contact_exponent
-    elastic = gear.contact_stiffness * gear.backlash / 2 / (n + 1) * s ** (n + 1)
+    teeth: Any = gear.contact
+    n = teeth.exponent
+    elastic = teeth.stiffness * gear.backlash / 2 / (n + 1) * s ** (n + 1)
     kinetic = 0.5 * drive.motor.inertia * x[1] ** 2 + 0.5 * drive.load.inertia * x[3] ** 2
     return float(kinetic + elastic + 0.5 * drive.motor.inductance * x[4] ** 2)
 
@@ -114,7 +119,7 @@ def energy(drive: Drive, x: np.ndarray) -> float:
     damping=st.sampled_from([0.0, 20.0, 200.0, 20000.0]),
 )
 def test_contact_never_creates_energy(s: float, omega_m: float, omega_l: float, current: float, damping: float) -> None:
-    drive = replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, contact_damping=damping))
+    drive = replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, contact=PowerContact(damping=damping)))
     plant = Plant(drive, [s * 0.5e-3 / 0.005, omega_m, 0.0, omega_l, current])
     before = energy(drive, plant.state)
     for _ in range(50):
@@ -140,8 +145,8 @@ def test_vanishing_backlash_approaches_the_rigid_model() -> None:
     held = expm(np.block([[a, b], [np.zeros((2, 5))]]) * 0.3)
     rigid = (held[:3, 3:] @ np.array([3.0, 0.1]))[0]
     errors = []
-    for backlash in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7):
-        plant = Plant(replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, backlash=backlash)))
+    for backlash in (2e-2, 2e-3, 2e-4, 2e-5, 2e-6):
+        plant = Plant(replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, backlash_angle=backlash)))
         plant.advance(3.0, 0.1, 0.3)
         errors.append(abs(plant.load_angle - rigid))
         assert errors[-1] < 2.0 * plant.drive.gear.backlash_angle
@@ -150,6 +155,8 @@ def test_vanishing_backlash_approaches_the_rigid_model() -> None:
 
 def quantity_values(described: Quantity) -> st.SearchStrategy[float]:
     """Values over the whole of a quantity's range, evenly in their logarithm, its ends among them."""
+    if described.lower < 0:
+        return st.floats(described.lower, described.upper)
     low = described.lower if described.lower > 0 else described.upper * 1e-9
     spread = st.floats(math.log(low), math.log(described.upper)).map(
         lambda value: min(max(math.exp(value), described.lower), described.upper)
@@ -160,8 +167,13 @@ def quantity_values(described: Quantity) -> st.SearchStrategy[float]:
 
 def part(kind: type) -> st.SearchStrategy:
     fields = {name: quantity_values(described) for name, described in quantities(kind).items()}
+    for name, described in quantities(kind).items():
+        if described.whole:
+            fields[name] = st.integers(int(described.lower), int(described.upper))
+    if "exponent" in fields:
+        fields["exponent"] = st.integers(0, 50).map(lambda k: 2 * k + 1)
     if kind is Gear:
-        fields["contact_exponent"] = st.integers(0, 50).map(lambda k: 2 * k + 1)
+        fields["contact"] = st.one_of(part(each) for each in CONTACTS.values())
     return st.builds(kind, **fields)
 
 

@@ -20,7 +20,7 @@ def with_inertia(factor: float) -> Drive:
 
 
 def with_backlash(factor: float) -> Drive:
-    return replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, backlash=1e-3 * factor))
+    return replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, backlash_angle=0.02 * factor))
 
 
 @pytest.mark.parametrize("rate", [250, 500, 1000])

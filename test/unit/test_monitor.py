@@ -12,7 +12,10 @@ from hypothesis import strategies as st
 
 from backlash_ros.control import LAWS, NO_LIMIT, GainSet, Limits, Servo, ServoSettings, design_gains
 from backlash_ros.control.monitor import mechanical_time_constant, standstill_torque
-from backlash_ros.drivetrain import CONTACT_LAWS, NOMINAL_DRIVE, Drive, Plant
+from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Contact, Drive, Plant
+from backlash_ros.drivetrain.contacts.elastic import ElasticContact
+from backlash_ros.drivetrain.contacts.power import PowerContact, PowerNoPullContact
+from backlash_ros.drivetrain.contacts.restitution import RestitutionContact
 
 CURRENT_DRIVE = replace(NOMINAL_DRIVE, command_interface="current")
 BOTH = pytest.mark.parametrize("drive", [NOMINAL_DRIVE, CURRENT_DRIVE], ids=["voltage", "current"])
@@ -47,7 +50,7 @@ def with_inertias(drive: Drive, factor: float) -> Drive:
     return with_load(replace(drive, motor=motor), inertia=factor * drive.load.inertia)
 
 
-def with_gear(drive: Drive, **changes: float | str) -> Drive:
+def with_gear(drive: Drive, **changes: float | Contact) -> Drive:
     return replace(drive, gear=replace(drive.gear, **changes))
 
 
@@ -154,13 +157,13 @@ def test_default_limit_on_the_load_is_what_the_law_can_make_of_the_current() -> 
 
 
 def test_default_gap_takes_a_tiny_nominal_backlash_for_a_guess() -> None:
-    assert Limits.of(with_gear(NOMINAL_DRIVE, backlash=1e-6, contact_law="elastic")).gap == 0.1
+    assert Limits.of(with_gear(NOMINAL_DRIVE, backlash_angle=2e-5, contact=ElasticContact())).gap == 0.1
 
 
 def test_time_constant_is_the_plants() -> None:
     """Without friction and inductance to speak of, 63 % of the speed at a constant voltage."""
     motor = replace(NOMINAL_DRIVE.motor, viscous_friction=0.0, inductance=1e-6)
-    drive = with_gear(with_load(replace(NOMINAL_DRIVE, motor=motor), viscous_friction=0.0), backlash=1e-7)
+    drive = with_gear(with_load(replace(NOMINAL_DRIVE, motor=motor), viscous_friction=0.0), backlash_angle=2e-6)
     plant = Plant(drive)
     plant.advance(10.0, 0.0, mechanical_time_constant(drive))
     assert plant.load_speed == pytest.approx((1 - math.exp(-1)) * 20.0, rel=0.01)
@@ -598,11 +601,19 @@ def test_wrong_inertia_of_a_load_that_outweighs_the_motor_is_no_fault(factor: fl
 
 
 @BOTH
-@pytest.mark.parametrize("contact_law", CONTACT_LAWS)
-@pytest.mark.parametrize("stiffness", [1e5, 4e5])
-def test_impacts_of_the_limit_cycle_are_no_fault(drive: Drive, contact_law: str, stiffness: float) -> None:
+@pytest.mark.parametrize(
+    "contact",
+    [
+        PowerContact(),
+        PowerNoPullContact(),
+        *(ElasticContact(wind_up=give, damping=0.0) for give in (4e-3, 1e-3)),
+        *(RestitutionContact(wind_up=give, restitution=1.0) for give in (4e-3, 1e-3)),
+    ],
+    ids=str,
+)
+def test_impacts_of_the_limit_cycle_are_no_fault(drive: Drive, contact: Contact) -> None:
     """With hard teeth and soft ones, without loss; the fast gains keep the cycle up."""
-    drive = with_gear(drive, contact_law=contact_law, tooth_stiffness=stiffness, tooth_damping=0.0, restitution=1.0)
+    drive = with_gear(drive, contact=contact)
     rig = Rig(drive, settings_of(drive, law="fast"), limits=with_margin(drive, 0.8))
     assert exercise(rig) == ""
     assert rig.run(1.0) == ""
@@ -652,7 +663,7 @@ def test_samples_closer_together_than_a_period_do_not_look_like_speed(gains: Gai
 
 @pytest.mark.parametrize("error", [0.98, 1.02])
 def test_gear_ratio_that_is_slightly_wrong_is_no_fault_on_a_long_way(error: float) -> None:
-    model = with_gear(NOMINAL_DRIVE, motor_radius=0.005 * error)
+    model = with_gear(NOMINAL_DRIVE, reduction=10 / error)
     rig = Rig(model, settings_of(model), plant=NOMINAL_DRIVE)
     rig.run(0.1)
     for target in (20.0, 40.0, 0.0):
@@ -668,7 +679,7 @@ def test_gear_ratio_that_is_slightly_wrong_is_no_fault_on_a_long_way(error: floa
     resistance=st.floats(0.5, 4),
     interface=st.sampled_from([NOMINAL_DRIVE, CURRENT_DRIVE]),
     law=st.sampled_from(["fast", "two_region"]),
-    contact_law=st.sampled_from(CONTACT_LAWS),
+    contact_law=st.sampled_from(list(CONTACTS)),
     measured=st.sampled_from([EVERYTHING, POSITIONS]),
     bits=st.sampled_from([None, 12, 16]),
     share=st.floats(-0.5, 0.5),
@@ -689,7 +700,7 @@ def test_practical_drive_shows_no_fault(
     """Load over reflected inertia, mechanical time constant and backlash over the nominal one's are given."""
     rotor = time_constant * 0.05**2 / resistance / (1 + inertia)
     motor = replace(interface.motor, resistance=resistance, inertia=rotor, current_limit=24.0 / resistance)
-    gear = replace(interface.gear, motor_radius=0.05 * ratio, backlash=1e-3 * backlash, contact_law=contact_law)
+    gear = replace(interface.gear, reduction=1 / ratio, backlash_angle=0.02 * backlash, contact=CONTACTS[contact_law]())
     drive = replace(interface, motor=motor, gear=gear, load=replace(interface.load, inertia=inertia * rotor / ratio**2))
     rig = Rig(drive, settings_of(drive, 0.002, law=law), measured=measured, bits=bits)
     rig.run(0.02)

@@ -8,22 +8,27 @@ import pytest
 import yaml
 
 from backlash_ros.control import LearningSettings, ServoSettings
-from backlash_ros.drivetrain import NOMINAL_DRIVE, Gear, Load, Motor, Validated, quantities
+from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Gear, Load, Motor, Validated, quantities
+from backlash_ros.drivetrain.constants import plant_constants
+from backlash_ros.drivetrain.contacts.power import PowerContact
 
-PARTS = [NOMINAL_DRIVE.motor, NOMINAL_DRIVE.gear, NOMINAL_DRIVE.load, LearningSettings()]
+CONTACT_VALUES = [kind() for kind in CONTACTS.values()]
+PARTS = [NOMINAL_DRIVE.motor, NOMINAL_DRIVE.gear, NOMINAL_DRIVE.load, *CONTACT_VALUES, LearningSettings()]
 FIELDS = [(part, name) for part in PARTS for name in quantities(type(part))]
 
 
 def test_nominal_drive_is_the_reference_drive() -> None:
     reference = yaml.safe_load((Path(__file__).parent / "data" / "nominal_drive.yaml").read_text())
     assert Motor(**reference["motor"]) == NOMINAL_DRIVE.motor
-    assert Gear(**reference["gear"]) == NOMINAL_DRIVE.gear
+    assert Gear(**reference["gear"], contact=PowerContact(**reference["contact"])) == NOMINAL_DRIVE.gear
     assert Load(**reference["load"]) == NOMINAL_DRIVE.load
 
 
 def test_derived_values_of_the_nominal_drive() -> None:
     assert NOMINAL_DRIVE.gear.ratio == pytest.approx(0.1)
     assert NOMINAL_DRIVE.gear.backlash_angle == pytest.approx(0.02)
+    assert NOMINAL_DRIVE.gear.backlash == pytest.approx(1e-3)
+    assert (NOMINAL_DRIVE.gear.motor_radius, NOMINAL_DRIVE.gear.load_radius) == (0.005, 0.05)
     assert NOMINAL_DRIVE.reflected_inertia == pytest.approx(2e-3)
     assert NOMINAL_DRIVE.motor_share == pytest.approx(0.8)
 
@@ -46,16 +51,53 @@ def test_error_names_parameter_value_bound_and_unit() -> None:
         replace(NOMINAL_DRIVE.motor, resistance=-2.0)
 
 
-def test_contact_exponent_must_be_odd() -> None:
-    with pytest.raises(ValueError, match=r"gear\.contact_exponent must be an odd integer, got 20"):
-        replace(NOMINAL_DRIVE.gear, contact_exponent=20)
-    with pytest.raises(ValueError, match=r"gear\.contact_exponent must be a whole number .*, got 3\.5"):
-        replace(NOMINAL_DRIVE.gear, contact_exponent=3.5)
+@pytest.mark.parametrize("name", ["power", "power_no_pull"])
+def test_contact_exponent_must_be_odd(name: str) -> None:
+    with pytest.raises(ValueError, match=rf"^contact\.{name}\.exponent must be an odd integer, got 20"):
+        CONTACTS[name](exponent=20)
+    with pytest.raises(ValueError, match=rf"^contact\.{name}\.exponent must be a whole number .*, got 3\.5"):
+        CONTACTS[name](exponent=3.5)
 
 
 def test_contact_law_is_one_of_those_there_are() -> None:
-    with pytest.raises(ValueError, match=r"gear\.contact_law must be one of \['power', .*'restitution'\], got 'soft'"):
-        replace(NOMINAL_DRIVE.gear, contact_law="soft")
+    with pytest.raises(ValueError, match=r"^contact\.law must be one of \[.*'elastic', .*\], got 'soft'"):
+        CONTACTS.choose("contact.law", "soft")
+    with pytest.raises(ValueError, match=r"^gear\.contact must be a Contact, such as PowerContact\(\), got 'elastic'"):
+        replace(NOMINAL_DRIVE.gear, contact="elastic")
+
+
+def test_error_about_a_contact_names_its_law() -> None:
+    with pytest.raises(ValueError, match=r"^contact\.elastic\.wind_up must be >= 1e-09 rad/\(N m\) and <= 1000 rad"):
+        CONTACTS["elastic"](wind_up=0.0)
+    for name, kind in CONTACTS.items():
+        assert kind.section == f"contact.{name}"
+        kind()  # every parameter has a default, by which the nodes declare it
+
+
+@pytest.mark.parametrize("name", ["elastic", "restitution"])
+def test_stiffness_of_elastic_teeth_is_their_wind_up(name: str) -> None:
+    """1e-3 rad/(N m) is 4e5 N/m at a radius of 0.05 m; the wind-up at the output is the same at any radius."""
+    gear = replace(NOMINAL_DRIVE.gear, contact=CONTACTS[name]())
+    assert gear.edge_stiffness == pytest.approx(4e5)
+    for radius in (0.05, 0.2):
+        at = replace(gear, load_radius=radius)
+        constants = plant_constants(replace(NOMINAL_DRIVE, gear=at))
+        depth = at.wind_up(3.0) * radius
+        force = at.contact.force(constants.contact, constants.half_gap, constants.half_gap + depth, 0.0)[0]
+        assert force * radius == pytest.approx(3.0)
+        assert at.wind_up(3.0) == pytest.approx(3e-3)
+
+
+@pytest.mark.parametrize("name", ["power", "power_no_pull"])
+def test_wind_up_of_the_power_law_is_what_its_force_needs_beyond_the_gap(name: str) -> None:
+    gear = replace(NOMINAL_DRIVE.gear, contact=CONTACTS[name]())
+    constants = plant_constants(replace(NOMINAL_DRIVE, gear=gear))
+    at = constants.half_gap + gear.wind_up(2.0) * gear.load_radius
+    assert gear.contact.force(constants.contact, constants.half_gap, at, 0.0)[0] * gear.load_radius == pytest.approx(
+        2.0
+    )
+    assert gear.wind_up(0.1) == 0.0  # carried inside the gap
+    assert gear.edge_stiffness == pytest.approx(10.0 / 0.5e-3)
 
 
 def test_servo_settings_are_validated(gains) -> None:

@@ -57,7 +57,7 @@ def test_motor_may_be_described_as_seen_from_the_output(drive: Drive) -> None:
             inertia=motor.inertia / n**2,
             viscous_friction=motor.viscous_friction / n**2,
         ),
-        gear=replace(drive.gear, motor_radius=drive.gear.load_radius),
+        gear=replace(drive.gear, reduction=1.0),
     )
     expected, result = step_of(drive), step_of(reflected)
     np.testing.assert_allclose(result.load_angle, expected.load_angle, rtol=0, atol=1e-6)

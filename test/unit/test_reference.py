@@ -30,7 +30,7 @@ def drive_of(case: str) -> tuple[Drive, float]:
         elif what.strip() == "Bl":
             load = replace(load, viscous_friction=load.viscous_friction * float(factor))
         else:
-            gear = replace(gear, backlash=gear.backlash * float(factor))
+            gear = replace(gear, backlash_angle=gear.backlash_angle * float(factor))
     return Drive(NOMINAL_DRIVE.motor, gear, load), torque
 
 

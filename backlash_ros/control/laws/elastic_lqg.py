@@ -74,7 +74,7 @@ def _elastic_model(drive: Drive) -> tuple[Array, Array]:
     States theta_m (rad), omega_m (rad/s), theta_l, omega_l, i (A); input the voltage, V. Shape (5, 5) and (5, 1).
     """
     motor, gear, load = drive.motor, drive.gear, drive.load
-    spring = gear.contact_stiffness / (0.5 * gear.backlash)
+    spring = gear.edge_stiffness
     r1, r2 = gear.motor_radius, gear.load_radius
     a = np.zeros((_STATES, _STATES))
     a[0, 1] = a[2, 3] = 1.0

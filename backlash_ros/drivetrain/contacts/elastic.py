@@ -1,0 +1,74 @@
+"""Elastic contact: a dead zone, and beyond it a linear spring and damper that neither jumps at contact nor pulls.
+
+    F = k delta + c ddelta/dt, delta = abs(gap) - d/2, the damping part never larger than the spring's
+
+As in Nordin, Galic & Gutman, Int. J. Adapt. Control Signal Process. 11, 1997, and in
+Modelica.Mechanics.Rotational.Components.ElastoBacklash2. The rate of delta is the gap's, where the backlash varies too.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from backlash_ros.drivetrain.compiled import compiled
+from backlash_ros.drivetrain.contact import Contact, EnergyFunction, ForceFunction, ToothForce, as_constants
+from backlash_ros.drivetrain.quantity import quantity
+from backlash_ros.drivetrain.signals import Array
+
+STIFFNESS, DAMPING = range(2)
+
+
+@compiled
+def elastic_force(constants: Array, half_gap: float, gap: float, gap_rate: float) -> ToothForce:
+    """Return the force and its derivatives."""
+    depth = abs(gap) - half_gap
+    if depth <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    k, c = constants[STIFFNESS], constants[DAMPING]
+    side = 1.0 if gap > 0.0 else -1.0
+    spring = k * depth
+    damper = c * gap_rate * side
+    if damper > spring:
+        return 2.0 * side * spring, 2.0 * k, 0.0, side * spring, k
+    if damper < -spring:
+        return 0.0, 0.0, 0.0, side * spring, k
+    return side * (spring + damper), k, c, side * spring, k
+
+
+@compiled
+def elastic_energy(constants: Array, half_gap: float, gap: float) -> float:
+    """Return k delta^2/2, J."""
+    depth = max(0.0, abs(gap) - half_gap)
+    return float(0.5 * constants[STIFFNESS] * depth * depth)
+
+
+@dataclass(frozen=True)
+class ElasticContact(Contact):
+    """Linear spring and damper beyond the gap."""
+
+    section: ClassVar[str] = "contact.elastic"
+    force: ClassVar[ForceFunction] = staticmethod(elastic_force)
+    energy: ClassVar[EnergyFunction] = staticmethod(elastic_energy)
+
+    wind_up: float = quantity(
+        "twist of the output by the teeth's give, for each newton metre there",
+        "rad/(N m)",
+        at_least=1e-9,
+        at_most=1e3,
+        default=1e-3,
+    )
+    damping: float = quantity("damping c along the pitch line", "N s/m", at_least=0, at_most=1e8, default=50.0)
+
+    def constants(self, load_radius: float, mass: float) -> Array:  # noqa: ARG002
+        """Return k (N/m) and c (N s/m)."""
+        return as_constants(self.edge_stiffness(0.0, load_radius), self.damping)
+
+    def deflection(self, torque: float, half_gap: float, load_radius: float) -> float:  # noqa: ARG002
+        """Return how far beyond the gap the teeth carry ``torque`` (N m), rad at the output."""
+        return abs(torque) * self.wind_up
+
+    def edge_stiffness(self, half_gap: float, load_radius: float) -> float:  # noqa: ARG002
+        """Return k, N/m."""
+        return 1.0 / (self.wind_up * load_radius**2)
+
+
+CONTACTS = {"elastic": ElasticContact}

@@ -1,0 +1,121 @@
+"""The paper's contact: a force that rises with a high power of the gap, eqs 11 to 13.
+
+    F = beta s^n + alpha dv s^(n+1), s = gap/(d/2)
+
+`power` is eq 13 verbatim: small but not zero inside the gap, and it pulls while the teeth part fast. `power_no_pull` is
+zero where it would pull.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from backlash_ros.drivetrain.compiled import compiled
+from backlash_ros.drivetrain.contact import (
+    Contact,
+    EnergyFunction,
+    ForceFunction,
+    HalfGapSlopes,
+    SlopesFunction,
+    ToothForce,
+    as_constants,
+)
+from backlash_ros.drivetrain.quantity import quantity
+from backlash_ros.drivetrain.signals import Array
+
+BETA, ALPHA, EXPONENT = range(3)
+
+
+@compiled
+def integer_power(base: float, exponent: int) -> float:
+    """Return base^exponent for a whole exponent >= 0."""
+    result = 1.0
+    while exponent > 0:
+        if exponent & 1:
+            result *= base
+        base *= base
+        exponent >>= 1
+    return result
+
+
+@compiled
+def power_force(constants: Array, half_gap: float, gap: float, gap_rate: float) -> ToothForce:
+    """Return eq 13 and its derivatives."""
+    beta, alpha, n = constants[BETA], constants[ALPHA], int(constants[EXPONENT])
+    s = gap / half_gap
+    below = integer_power(s, n - 1)
+    at = below * s
+    above = at * s
+    elastic = beta * at
+    elastic_stiffness = beta * n * below / half_gap
+    force = elastic + alpha * gap_rate * above
+    stiffness = elastic_stiffness + alpha * gap_rate * (n + 1) * at / half_gap
+    return force, stiffness, alpha * above, elastic, elastic_stiffness
+
+
+@compiled
+def no_pull_force(constants: Array, half_gap: float, gap: float, gap_rate: float) -> ToothForce:
+    """Return eq 13 and its derivatives, without force where it would pull."""
+    force, stiffness, damping, elastic, elastic_stiffness = power_force(constants, half_gap, gap, gap_rate)
+    if force * gap < 0.0:
+        return 0.0, 0.0, 0.0, elastic, elastic_stiffness
+    return force, stiffness, damping, elastic, elastic_stiffness
+
+
+@compiled
+def power_energy(constants: Array, half_gap: float, gap: float) -> float:
+    """Return beta (d/2) s^(n+1)/(n+1), J."""
+    n = int(constants[EXPONENT]) + 1
+    return float(constants[BETA] * half_gap / n * integer_power(gap / half_gap, n))
+
+
+@compiled
+def power_slopes(constants: Array, half_gap: float, gap: float, tooth: ToothForce) -> HalfGapSlopes:
+    """Return the derivatives by the half gap: the force depends on gap/half_gap alone."""
+    _, stiffness, _, elastic, elastic_stiffness = tooth
+    s, n = gap / half_gap, constants[EXPONENT]
+    return -n / (n + 1.0) * s * elastic, -s * elastic_stiffness, -s * stiffness, s * s * elastic_stiffness
+
+
+@dataclass(frozen=True)
+class PowerContact(Contact):
+    """Eq 13 of the paper: beta, alpha and the exponent."""
+
+    section: ClassVar[str] = "contact.power"
+    force: ClassVar[ForceFunction] = staticmethod(power_force)
+    energy: ClassVar[EnergyFunction] = staticmethod(power_energy)
+    half_gap_slopes: ClassVar[SlopesFunction] = staticmethod(power_slopes)
+
+    stiffness: float = quantity("elastic force beta at |gap| = d/2", "N", above=0, at_most=1e7, default=10.0)
+    damping: float = quantity("damping alpha at |gap| = d/2", "N s/m", at_least=0, at_most=1e8, default=200.0)
+    exponent: int = quantity(
+        "exponent n of the elastic force, odd", "", at_least=1, at_most=101, whole=True, default=21
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.exponent % 2 != 1:
+            raise ValueError(f"{self.section}.exponent must be an odd integer, got {self.exponent!r}")
+
+    def constants(self, load_radius: float, mass: float) -> Array:  # noqa: ARG002
+        """Return beta, alpha and the exponent."""
+        return as_constants(self.stiffness, self.damping, self.exponent)
+
+    def deflection(self, torque: float, half_gap: float, load_radius: float) -> float:
+        """Return how far beyond the gap the teeth carry ``torque`` (N m), rad at the output; 0 where within it."""
+        s: float = (abs(torque) / load_radius / self.stiffness) ** (1.0 / self.exponent)
+        return max(0.0, s - 1.0) * half_gap / load_radius
+
+    def edge_stiffness(self, half_gap: float, load_radius: float) -> float:  # noqa: ARG002
+        """Return beta/(d/2), N/m: the straight line from the middle of the gap to its edge."""
+        return self.stiffness / half_gap
+
+
+@dataclass(frozen=True)
+class PowerNoPullContact(PowerContact):
+    """Eq 13 of the paper, zero where it would pull."""
+
+    section: ClassVar[str] = "contact.power_no_pull"
+    force: ClassVar[ForceFunction] = staticmethod(no_pull_force)
+
+
+CONTACTS = {"power": PowerContact, "power_no_pull": PowerNoPullContact}

@@ -1,0 +1,82 @@
+"""Contact with a coefficient of restitution: a linear spring and damper that lets go when its force is zero.
+
+The damping is the one that makes two free gears part with a given share e of the speed at which they met (Schwager &
+Poeschel, Granular Matter 9, 2007), as an impact with restitution has it (Sarkar, Ellis & Moore, MSSP 11(3), 1997).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from scipy.optimize import brentq
+
+from backlash_ros.drivetrain.compiled import compiled
+from backlash_ros.drivetrain.contact import Contact, EnergyFunction, ForceFunction, ToothForce, as_constants
+from backlash_ros.drivetrain.contacts.elastic import DAMPING, STIFFNESS, elastic_energy
+from backlash_ros.drivetrain.quantity import quantity
+from backlash_ros.drivetrain.signals import Array
+
+
+def restitution_of(damping_ratio: float) -> float:
+    """Return the share of its speed that a linear spring-damper contact leaves which lets go at zero force.
+
+    ``damping_ratio`` is c/(2 sqrt(k m)) with the reduced mass m of the two bodies, 0 <= ratio < 1.
+    """
+    root = math.sqrt(1.0 - damping_ratio**2)
+    # The phase, in the damped oscillation, at which k delta + c ddelta/dt first vanishes.
+    phase = math.atan2(2.0 * damping_ratio * root, 2.0 * damping_ratio**2 - 1.0)
+    return math.exp(-damping_ratio / root * phase)
+
+
+def damping_ratio_of(restitution: float) -> float:
+    """Return the damping ratio that leaves ``restitution``, above 0.19 (nearly critical damping) and at most 1."""
+    return float(brentq(lambda ratio: restitution_of(ratio) - restitution, 0.0, 0.999, xtol=1e-14))
+
+
+@compiled
+def restitution_force(constants: Array, half_gap: float, gap: float, gap_rate: float) -> ToothForce:
+    """Return the force and its derivatives."""
+    depth = abs(gap) - half_gap
+    if depth <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    k, c = constants[STIFFNESS], constants[DAMPING]
+    side = 1.0 if gap > 0.0 else -1.0
+    spring = k * depth
+    damper = c * gap_rate * side
+    if spring + damper < 0.0:
+        return 0.0, 0.0, 0.0, side * spring, k
+    return side * (spring + damper), k, c, side * spring, k
+
+
+@dataclass(frozen=True)
+class RestitutionContact(Contact):
+    """Linear spring beyond the gap, damped for a coefficient of restitution."""
+
+    section: ClassVar[str] = "contact.restitution"
+    force: ClassVar[ForceFunction] = staticmethod(restitution_force)
+    energy: ClassVar[EnergyFunction] = staticmethod(elastic_energy)
+
+    wind_up: float = quantity(
+        "twist of the output by the teeth's give, for each newton metre there",
+        "rad/(N m)",
+        at_least=1e-9,
+        at_most=1e3,
+        default=1e-3,
+    )
+    restitution: float = quantity("coefficient of restitution e", "", at_least=0.2, at_most=1, default=0.5)
+
+    def constants(self, load_radius: float, mass: float) -> Array:
+        """Return k (N/m) and c (N s/m)."""
+        k = self.edge_stiffness(0.0, load_radius)
+        return as_constants(k, 2.0 * damping_ratio_of(self.restitution) * math.sqrt(k * mass))
+
+    def deflection(self, torque: float, half_gap: float, load_radius: float) -> float:  # noqa: ARG002
+        """Return how far beyond the gap the teeth carry ``torque`` (N m), rad at the output."""
+        return abs(torque) * self.wind_up
+
+    def edge_stiffness(self, half_gap: float, load_radius: float) -> float:  # noqa: ARG002
+        """Return k, N/m."""
+        return 1.0 / (self.wind_up * load_radius**2)
+
+
+CONTACTS = {"restitution": RestitutionContact}

@@ -1,0 +1,208 @@
+"""Dry friction in time: where in a step a shaft stops or breaks away, and how it goes on.
+
+A *slip* says what a shaft does, as in `dynamics`: 1 and -1 slide, 0 sticks. An event is what changes it. The integrator
+ends a step at each event. Which slip a state has needs no memory: a shaft slides the way it turns, and one whose speed
+is exactly 0 sticks unless more acts on it than friction can hold.
+
+The functions with a plant are templates, plain Python; `friction_with` compiles them for a contact law.
+"""
+
+import math
+from collections.abc import Callable
+from functools import cache
+from typing import NamedTuple
+
+from backlash_ros.drivetrain.compiled import compiled, specialize
+from backlash_ros.drivetrain.constants import PlantConstants
+from backlash_ros.drivetrain.contact import Contact
+from backlash_ros.drivetrain.dynamics import SLIDES, equations_with, load_rubs, motor_rubs
+from backlash_ros.drivetrain.signals import LOST, OMEGA_L, OMEGA_M, Array
+
+
+@compiled
+def first_zero(before: float, after: float, slope_before: float, slope_after: float) -> float:
+    """Return where in a step, 0 to 1, the cubic through values and slopes first goes below 0; 2 where it does not.
+
+    ``before`` is not below 0; slopes are changes over a whole step.
+    """
+    bend = 3.0 * (after - before) - 2.0 * slope_before - slope_after
+    twist = slope_before + slope_after - 2.0 * (after - before)
+    low, high = 0.0, 1.0
+    if after >= 0.0:
+        if slope_before >= 0.0 or slope_after <= 0.0:
+            return 2.0
+        # Down and up again: is the lowest point between below 0?
+        root = math.sqrt(max(0.0, bend * bend - 3.0 * twist * slope_before))
+        high = (root - bend) / (3.0 * twist) if bend < 0.0 else -slope_before / (bend + root)
+        if not (0.0 < high < 1.0 and before + high * (slope_before + high * (bend + high * twist)) < 0.0):
+            return 2.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if before + middle * (slope_before + middle * (bend + middle * twist)) < 0.0:
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+@compiled
+def rest_slip(torque: float, least: float, most: float, allowance: float) -> float:
+    """Return the slip of a shaft at rest: 0 where friction can hold ``torque``, otherwise the way it breaks away."""
+    if torque > most + allowance:
+        return 1.0
+    return -1.0 if torque < least - allowance else 0.0
+
+
+@compiled
+def _broken_away(excess: float, beyond: float, allowance: float) -> float:
+    """Return where in a step, 0 to 1, a shaft that sticks breaks away: 1 is near enough, 2 is not at all.
+
+    ``excess`` and ``beyond`` are what acts on it more than friction can hold, before and after, N m. It breaks away
+    between one allowance and two.
+    """
+    if beyond <= allowance:
+        return 2.0
+    if beyond <= 2.0 * allowance:
+        return 1.0
+    return max(0.0, (1.5 * allowance - excess) / (beyond - excess))
+
+
+@compiled
+def _stopped(before: float, after: float, slope_before: float, slope_after: float, speed: float) -> float:
+    """Return where in a step, 0 to 1, a shaft that slides comes to rest: 1 is near enough, 2 is not at all.
+
+    Speeds in the direction of the slip, slopes as changes over a whole step; ``speed`` is what counts as rest.
+    """
+    if abs(after) <= speed and (after < 0.0 or (slope_after < 0.0 and after < before)):
+        return 1.0
+    return first_zero(before, after, slope_before, slope_after)
+
+
+def _held_torque(plant: PlantConstants, state: Array, load_torque: float) -> tuple[float, float, float, float]:
+    """Stand for `dynamics.held_torque` of a contact law, which `friction_with` binds."""
+    raise NotImplementedError
+
+
+def _allowances(plant: PlantConstants, state: Array, load_torque: float, tolerance: float) -> tuple[float, float]:
+    """Return how exactly the torque at which motor and load break away is found, N m."""
+    torque_m, least, most, torque_l = _held_torque(plant, state, load_torque)
+    stall = plant.K_m * plant.current_scale
+    allowance_m = tolerance * (1e-3 * stall + max(abs(torque_m), abs(least), abs(most)))
+    allowance_l = tolerance * (1e-3 * stall * plant.R2 / plant.R1 + max(abs(torque_l), plant.coulomb_l))
+    return allowance_m, allowance_l
+
+
+def slips(plant: PlantConstants, state: Array, load_torque: float, tolerance: float) -> tuple[float, float]:
+    """Return the slip of motor and load in ``state``."""
+    slip_m = slip_l = SLIDES
+    torque_m, least, most, torque_l = _held_torque(plant, state, load_torque)
+    allowance_m, allowance_l = _allowances(plant, state, load_torque, tolerance)
+    if motor_rubs(plant):
+        if state[OMEGA_M] == 0.0:
+            slip_m = rest_slip(torque_m, least, most, allowance_m)
+        else:
+            slip_m = math.copysign(1.0, state[OMEGA_M])
+    if load_rubs(plant):
+        if state[OMEGA_L] == 0.0:
+            slip_l = rest_slip(torque_l, -plant.coulomb_l, plant.coulomb_l, allowance_l)
+        else:
+            slip_l = math.copysign(1.0, state[OMEGA_L])
+    return slip_m, slip_l
+
+
+def first_event(
+    plant: PlantConstants,
+    before: Array,
+    after: Array,
+    slope_before: Array,
+    slope_after: Array,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+    used: float,
+    tolerance: float,
+) -> tuple[float, bool, bool]:
+    """Find the first event of friction in a step.
+
+    Returns
+    -------
+    (share, motor, load) : where in the step it is, 0 to 1, or 2 where there is none; and for either shaft whether at
+        the end of the step its event has come: its speed is 0 or beyond, or friction holds it no longer. A speed or a
+        torque that is within its allowance is there, so that 1 is what steps towards an event end with.
+    """
+    allowance_m, allowance_l = _allowances(plant, after, load_torque, tolerance)
+    torque, least, most, load = _held_torque(plant, before, load_torque)
+    excess_m, excess_l = max(torque - most, least - torque), abs(load) - plant.coulomb_l
+    torque, least, most, load = _held_torque(plant, after, load_torque)
+    beyond_m, beyond_l = max(torque - most, least - torque), abs(load) - plant.coulomb_l
+    speed = 1e-3 * tolerance * plant.speed_scale
+    share_m = share_l = 2.0
+    if motor_rubs(plant):
+        if slip_m == 0.0:
+            share_m = _broken_away(excess_m, beyond_m, allowance_m)
+        else:
+            slopes = used * slip_m * slope_before[OMEGA_M], used * slip_m * slope_after[OMEGA_M]
+            share_m = _stopped(slip_m * before[OMEGA_M], slip_m * after[OMEGA_M], slopes[0], slopes[1], speed)
+    if load_rubs(plant):
+        if slip_l == 0.0:
+            share_l = _broken_away(excess_l, beyond_l, allowance_l)
+        else:
+            slopes = used * slip_l * slope_before[OMEGA_L], used * slip_l * slope_after[OMEGA_L]
+            speed *= plant.R1 / plant.R2
+            share_l = _stopped(slip_l * before[OMEGA_L], slip_l * after[OMEGA_L], slopes[0], slopes[1], speed)
+    come_m = share_m == 1.0 or (beyond_m > allowance_m if slip_m == 0.0 else slip_m * after[OMEGA_M] < 0.0)
+    come_l = share_l == 1.0 or (beyond_l > allowance_l if slip_l == 0.0 else slip_l * after[OMEGA_L] < 0.0)
+    return min(share_m, share_l), motor_rubs(plant) and come_m, load_rubs(plant) and come_l
+
+
+def switch(
+    plant: PlantConstants,
+    state: Array,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+    come_m: bool,
+    come_l: bool,
+    tolerance: float,
+) -> tuple[float, float]:
+    """Return the slips after an event of friction and stop, in ``state``, the shaft that has come to rest.
+
+    ``come_m`` and ``come_l`` tell whose event it is: a shaft that slid stops, one that stuck breaks away. What is left
+    of the speed is lost.
+    """
+    if come_m and slip_m != 0.0:
+        state[LOST] += 0.5 * plant.J_m * state[OMEGA_M] ** 2
+        state[OMEGA_M] = 0.0
+    if come_l and slip_l != 0.0:
+        state[LOST] += 0.5 * plant.J_l * state[OMEGA_L] ** 2
+        state[OMEGA_L] = 0.0
+    allowance_m, allowance_l = _allowances(plant, state, load_torque, tolerance)
+    torque, least, most, load = _held_torque(plant, state, load_torque)
+    if come_m:
+        slip_m = rest_slip(torque, least, most, allowance_m)
+    if come_l:
+        slip_l = rest_slip(load, -plant.coulomb_l, plant.coulomb_l, allowance_l)
+    return slip_m, slip_l
+
+
+class Friction(NamedTuple):
+    """The functions of this file, compiled for one contact law; each is described where it stands here."""
+
+    slips: Callable[[PlantConstants, Array, float, float], tuple[float, float]]
+    first_event: Callable[
+        [PlantConstants, Array, Array, Array, Array, float, float, float, float, float], tuple[float, bool, bool]
+    ]
+    switch: Callable[
+        [PlantConstants, Array, float, float, float, bool, bool, float],
+        tuple[float, float],
+    ]
+
+
+@cache
+def friction_with(law: type[Contact]) -> Friction:
+    """Return the events of friction, compiled for a contact law."""
+    held = {"_held_torque": equations_with(law).held_torque}  # type: ignore[arg-type]
+    both = {**held, "_allowances": specialize(_allowances, **held)}
+    return Friction(
+        slips=specialize(slips, **both), first_event=specialize(first_event, **both), switch=specialize(switch, **both)
+    )

@@ -1,0 +1,195 @@
+"""Compiled code on disk: never stale, never in the way, and nothing but our own folders is ever deleted."""
+
+import errno
+import os
+import subprocess
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from numba import float64
+
+from backlash_ros.drivetrain import compiled as _compiled  # noqa: F401  the function; the module is below
+from backlash_ros.drivetrain.compiled import compiled, compiled_as, specialize
+
+module: Any = sys.modules["backlash_ros.drivetrain.compiled"]
+
+SHAPES = """
+from backlash_ros.drivetrain.compiled import compiled
+
+
+def inner(x):
+    raise NotImplementedError
+
+
+def template(x):
+    return inner(x) + 1.0
+
+
+@compiled
+def double(x):
+    return 2.0 * x
+
+
+@compiled
+def square(x):
+    return x * x
+"""
+
+SCRIPT = """
+import sys
+from numba import float64
+sys.path.insert(0, sys.argv[1])
+import shapes
+from backlash_ros.drivetrain.compiled import specialize
+for bound in (shapes.double, shapes.square):
+    function = specialize(shapes.template, float64(float64), inner=bound)
+    print(function(5.0), sum(function.stats.cache_hits.values()))
+"""
+
+
+@pytest.fixture(autouse=True)
+def fresh(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Nothing has been warned of yet."""
+    monkeypatch.setattr(module, "_warned", [])
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        yield
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache folder of this test's own, in use."""
+    monkeypatch.setattr(module._config, "CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(module, "_CACHE", module._cache_folder())
+    return Path(module._CACHE)
+
+
+def offset() -> Any:
+    """A new function to compile."""
+
+    def add_three(x: float) -> float:
+        return x + 3.0
+
+    return compiled(add_three)
+
+
+def test_only_our_own_outdated_folders_are_deleted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    kept = [
+        *(".git/config", "docs/page.md", "backlash_ros/__init__.py", "source-0123456789abcdef/mine"),
+        *(f"backlash_ros_compiled/{name}/mine" for name in ("source-0123", "source-0123456789ABCDEF", "results")),
+        "elsewhere/mine",
+    ]
+    stale = tmp_path / "backlash_ros_compiled" / "source-0123456789abcdef"
+    for name in (*kept, "backlash_ros_compiled/source-0123456789abcdef/index.nbi"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("something")
+    link = tmp_path / "backlash_ros_compiled" / "source-fedcba9876543210"
+    link.symlink_to(elsewhere)
+    monkeypatch.setattr(module._config, "CACHE_DIR", str(tmp_path))
+    folder = module._cache_folder()
+    assert folder == tmp_path / "backlash_ros_compiled" / module._source_digest()
+    assert folder.is_dir()
+    assert not stale.exists()
+    assert all((tmp_path / name).read_text() == "something" for name in kept)
+    assert link.is_symlink()
+
+
+def test_full_disk_compiles_all_the_same_and_warns_once(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(self: Any, name: str, _data: Any) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), name)
+
+    monkeypatch.setattr("numba.core.caching.IndexDataCacheFile._save_data", full)
+    with warnings.catch_warnings(record=True) as seen:
+        functions = [offset(), compiled_as(float64(float64))(lambda x: x + 3.0)]
+        assert [function(1.0) for function in functions] == [4.0, 4.0]
+    (warning,) = seen
+    assert "cannot be stored: [Errno 28] No space left" in str(warning.message)
+    assert "Set NUMBA_CACHE_DIR to a writable folder" in str(warning.message)
+
+
+def test_without_any_writable_folder_nothing_is_cached_and_it_warns_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No home, and the package where nothing can be made."""
+
+    def no_home() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    file = tmp_path / "file"
+    file.write_text("")
+    monkeypatch.setattr(module._config, "CACHE_DIR", "")
+    monkeypatch.setattr(module, "_PACKAGE", file)
+    monkeypatch.setattr(Path, "home", no_home)
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    with warnings.catch_warnings(record=True) as seen:
+        monkeypatch.setattr(module, "_CACHE", module._cache_folder())
+        assert module._CACHE is None
+        assert offset()(1.0) == 4.0
+        assert module._cache_folder() is None
+    (warning,) = seen
+    assert "no folder for compiled code is writable" in str(warning.message)
+
+
+def test_folder_that_cannot_be_used_gives_way_to_the_next(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "file"
+    file.write_text("")
+    monkeypatch.setattr(module._config, "CACHE_DIR", str(file))
+    monkeypatch.setattr(module, "_PACKAGE", file)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
+    assert module._cache_folder().is_relative_to(tmp_path / "home" / "backlash_ros_compiled")
+
+
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+@pytest.mark.parametrize("left", [0, 10, 100])
+def test_cache_file_that_was_cut_short_is_compiled_anew(cache: Path, suffix: str, left: int) -> None:
+    assert offset()(1.0) == 4.0
+    files = list(cache.rglob(f"*add_three*.{suffix}"))
+    assert files
+    for file in files:
+        file.write_bytes(file.read_bytes()[:left])
+    again = offset()
+    assert again(1.0) == 4.0
+    assert not sum(again.stats.cache_hits.values())
+    third = offset()
+    assert third(1.0) == 4.0
+    assert sum(third.stats.cache_hits.values()) == 1
+
+
+def run_shapes(folder: Path, cache: Path) -> list[tuple[float, int]]:
+    """Results of the template with either function bound, and how often it came from the cache, in a new process."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+    command = [sys.executable, "-c", SCRIPT, str(folder)]
+    output = subprocess.run(command, env=environment, check=True, capture_output=True, text=True, timeout=120).stdout
+    return [(float(value), int(hits)) for value, hits in (line.split() for line in output.splitlines())]
+
+
+def test_functions_bound_to_a_template_are_told_apart_and_compiled_again_when_edited(tmp_path: Path) -> None:
+    """In one process, from the cache of a second one, and after a change of the same length."""
+    shapes, cache = tmp_path / "shapes.py", tmp_path / "cache"
+    shapes.write_text(SHAPES)
+    assert run_shapes(tmp_path, cache) == [(11.0, 0), (26.0, 0)]
+    assert run_shapes(tmp_path, cache) == [(11.0, 1), (26.0, 1)]
+    shapes.write_text(SHAPES.replace("2.0 * x", "4.0 * x"))
+    assert run_shapes(tmp_path, cache) == [(21.0, 0), (26.0, 0)]
+
+
+def test_copies_of_a_template_are_independent() -> None:
+    @compiled
+    def halve(x: float) -> float:
+        return 0.5 * x
+
+    @compiled
+    def square(x: float) -> float:
+        return x * x
+
+    def template(x: float) -> float:
+        return inner(x)  # type: ignore[name-defined]  # noqa: F821
+
+    halved, squared = specialize(template, inner=halve), specialize(template, float64(float64), inner=square)
+    assert (halved(16.0), squared(16.0)) == (8.0, 256.0)
+    assert halved.__name__ == squared.__name__ == "template"

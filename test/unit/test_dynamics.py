@@ -1,0 +1,355 @@
+"""The Jacobian against differences, the integrator's stage solve against the Jacobian, and the step control."""
+
+import math
+import os
+import subprocess
+import sys
+import types
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from backlash_ros.drivetrain import (
+    CONTACTS,
+    NOMINAL_DRIVE,
+    Contact,
+    Drive,
+    IntegrationError,
+    Plant,
+    integrator,
+    quantities,
+)
+from backlash_ros.drivetrain.constants import plant_constants
+from backlash_ros.drivetrain.contacts.elastic import ElasticContact
+from backlash_ros.drivetrain.dynamics import equations_of
+from backlash_ros.drivetrain.integrator import (
+    ADVANCE_SIGNATURE,
+    DEFAULT_TOLERANCE,
+    DONE,
+    PEAK_FORCE,
+    STEP_SIZE,
+    Advance,
+    _error,
+    _growth,
+    _solve_stage,
+    integration_memory,
+    integrator_for,
+)
+from backlash_ros.drivetrain.signals import LOST, SUPPLIED, at_rest
+
+CUBIC = '''
+"""Teeth whose stiffness rises with their depth: F = k delta^3 (1 + c ddelta/dt)."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from backlash_ros.drivetrain.compiled import compiled
+from backlash_ros.drivetrain.contact import Contact, as_constants
+from backlash_ros.drivetrain.quantity import quantity
+
+
+@compiled
+def cubic_force(constants, half_gap, gap, gap_rate):
+    depth, side = abs(gap) - half_gap, 1.0 if gap > 0.0 else -1.0
+    if depth <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    k, loss = constants[0], 1.0 + constants[1] * gap_rate * side
+    if loss <= 0.0:
+        return 0.0, 0.0, 0.0, side * k * depth**3, 3.0 * k * depth**2
+    spring = k * depth**3
+    return side * spring * loss, 3.0 * k * depth**2 * loss, constants[1] * spring, side * spring, 3.0 * k * depth**2
+
+
+@compiled
+def cubic_energy(constants, half_gap, gap):
+    return constants[0] * max(0.0, abs(gap) - half_gap) ** 4 / 4.0
+
+
+@dataclass(frozen=True)
+class CubicContact(Contact):
+    section: ClassVar[str] = "contact.cubic"
+    force: ClassVar = staticmethod(cubic_force)
+    energy: ClassVar = staticmethod(cubic_energy)
+
+    stiffness: float = quantity("force at a depth of 1 m", "N/m^3", above=0, at_most=1e20, default=1e15)
+    loss: float = quantity("share of the force for each m/s", "s/m", at_least=0, at_most=100, default=0.5)
+
+    def constants(self, load_radius, mass):
+        return as_constants(self.stiffness, self.loss)
+
+    def deflection(self, torque, half_gap, load_radius):
+        return (abs(torque) / load_radius / self.stiffness) ** (1 / 3) / load_radius
+
+    def edge_stiffness(self, half_gap, load_radius):
+        return self.stiffness * (0.1 * half_gap) ** 2
+
+
+CONTACTS = {"cubic": CubicContact}
+'''
+
+
+@pytest.fixture(scope="module")
+def cubic(tmp_path_factory: pytest.TempPathFactory) -> type[Contact]:
+    if "cubic" not in CONTACTS:
+        file: Path = tmp_path_factory.mktemp("teeth") / "cubic.py"
+        file.write_text(CUBIC)
+        assert CONTACTS.add(file) == ["cubic"]
+    return CONTACTS["cubic"]
+
+
+LAWS = ["power", "power_no_pull", "elastic", "restitution", "cubic"]
+
+
+def everything(law: str, interface: str = "voltage") -> Drive:
+    """A drive with all that the equations of motion have."""
+    return Drive(
+        replace(NOMINAL_DRIVE.motor, coulomb_friction=0.02),
+        replace(
+            NOMINAL_DRIVE.gear,
+            contact=CONTACTS[law](),
+            efficiency_forward=0.7,
+            efficiency_backward=0.4,
+            backlash_variation=0.6,
+            backlash_cycles=5,
+            backlash_phase=0.3,
+        ),
+        replace(NOMINAL_DRIVE.load, coulomb_friction=0.1, gravity_torque=0.3, gravity_offset=1.0),
+        interface,
+    )
+
+
+SLIPS = [(1.0, 1.0), (-1.0, 1.0), (0.0, -1.0), (1.0, 0.0), (0.0, 0.0)]
+
+
+def states(drive: Drive) -> list[np.ndarray]:
+    """Well inside the gap and in contact at either flank, teeth closing and parting, away from every corner."""
+    random, rows = np.random.default_rng(3), []
+    for s in (-1.15, -1.05, -0.4, 0.4, 1.05, 1.15):
+        for omega_l in (-0.3, 0.05, 0.3):
+            theta_l = random.uniform(-3, 3)
+            half = 0.5e-3 * (1 + 0.6 * math.cos(5 * theta_l + 0.3))
+            theta_m = (s * half + 0.05 * theta_l) / 0.005
+            rows.append(np.array([theta_m, 8 * omega_l, theta_l, omega_l, random.uniform(-2, 2), 0.1, 0.2]))
+    return rows
+
+
+@pytest.mark.parametrize("interface", ["voltage", "current"])
+@pytest.mark.parametrize("slips", SLIPS, ids=str)
+@pytest.mark.parametrize("law", LAWS)
+def test_jacobian_is_the_derivative_of_the_derivative(
+    law: str, slips: tuple[float, float], interface: str, cubic: type[Contact]
+) -> None:
+    drive = everything(law, interface)
+    plant, equations = plant_constants(drive), equations_of(drive)
+    steps = [1e-8, 1e-5, 1e-9, 1e-6, 1e-5, 1e-5, 1e-5]
+    for state in states(drive):
+        ours, differences, ends = np.empty((7, 7)), np.empty((7, 7)), np.empty((2, 7))
+        equations.jacobian(plant, state, 3.0, 0.2, *slips, ours)
+        for k, step in enumerate(steps):
+            for end, sign in zip(ends, (1, -1), strict=True):
+                moved = state.copy()
+                moved[k] += sign * step
+                equations.derivative(plant, moved, 3.0, 0.2, *slips, end)
+            differences[:, k] = (ends[0] - ends[1]) / (2 * step)
+        scale = np.max(np.abs(differences), axis=1, keepdims=True)
+        assert np.all(np.abs(ours - differences) < 3e-6 * scale + 1e-4)
+
+
+@pytest.mark.parametrize("interface", ["voltage", "current"])
+@pytest.mark.parametrize("slips", SLIPS, ids=str)
+@pytest.mark.parametrize("law", LAWS)
+def test_stage_solve_is_that_of_the_jacobian(
+    law: str, slips: tuple[float, float], interface: str, cubic: type[Contact]
+) -> None:
+    drive = everything(law, interface)
+    plant, equations = plant_constants(drive), equations_of(drive)
+    random = np.random.default_rng(5)
+    for state in states(drive):
+        for g in (1e2, 1e4, 1e6):
+            residual, solved, matrix = random.normal(size=7), np.empty(7), np.empty((7, 7))
+            if interface == "current":
+                residual[4] = 0.0  # an imposed current does not change
+            slopes = equations.linearize(plant, state, *slips)
+            _solve_stage(plant, slopes, g, state[4], 3.0, 0.2, residual, solved)
+            equations.jacobian(plant, state, 3.0, 0.2, *slips, matrix)
+            expected = np.linalg.solve(g * np.eye(7) - matrix, residual)
+            np.testing.assert_allclose(solved, expected, rtol=1e-7, atol=1e-12)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_stored_energy_and_the_account_agree_at_every_state(law: str, cubic: type[Contact]) -> None:
+    """The rate of the stored energy is what is supplied less what is lost, and nothing is gained by loss."""
+    drive = everything(law)
+    plant, equations = plant_constants(drive), equations_of(drive)
+    for state in states(drive):
+        rate = np.empty(7)
+        slips = math.copysign(1.0, state[1]), math.copysign(1.0, state[3])
+        equations.derivative(plant, state, 3.0, 0.2, *slips, rate)
+        after, before = (equations.stored_energy(plant, state + time * rate) for time in (1e-8, -1e-8))
+        stored = (after - before) / 2e-8
+        assert stored == pytest.approx(rate[SUPPLIED] - rate[LOST], rel=1e-5, abs=1e-5)
+        assert rate[LOST] >= 0.0
+
+
+def test_contact_law_from_a_file_integrates_and_keeps_its_energy_account(cubic: type[Contact]) -> None:
+    plant = Plant(everything("cubic"), [0.0, 50.0, 0.0, -2.0, 0.3], tolerance=1e-11)
+    before, turnover = plant.energy_stored, 0.0
+    for k in range(200):
+        supplied = plant.energy_supplied
+        plant.advance(6.0 * math.sin(k / 7.0), 0.1 * math.cos(k / 11.0), 0.001)
+        turnover += abs(plant.energy_supplied - supplied)
+    balance = plant.energy_supplied - plant.energy_lost - (plant.energy_stored - before)
+    assert turnover > 0.05
+    assert abs(balance) <= 1e-9 * turnover
+
+
+def test_contact_law_from_a_file_owns_its_parameters(cubic: type[Contact], tmp_path: Path) -> None:
+    assert list(quantities(cubic)) == ["stiffness", "loss"]
+    with pytest.raises(ValueError, match=r"^contact\.cubic\.loss must be >= 0 s/m and <= 100 s/m, got -1"):
+        cubic(loss=-1)
+    gear = replace(NOMINAL_DRIVE.gear, contact=cubic())
+    assert gear.wind_up(1.0) == pytest.approx((20 / 1e15) ** (1 / 3) / 0.05)
+    (tmp_path / "empty.py").write_text('"""Nothing."""\n')
+    with pytest.raises(ValueError, match=r"empty\.py must have a table CONTACTS"):
+        CONTACTS.add(tmp_path / "empty.py")
+    (tmp_path / "again.py").write_text(CUBIC.replace('"cubic": Cubic', '"elastic": Cubic'))
+    with pytest.raises(ValueError, match=r"'elastic' in .*again\.py is the name of another entry"):
+        CONTACTS.add(tmp_path / "again.py")
+
+
+def test_plugins_are_there_for_every_process_and_may_import_all_of_the_package(tmp_path: Path) -> None:
+    file = tmp_path / "cubic.py"
+    file.write_text(f"{CUBIC}\n\nfrom backlash_ros.control import ServoSettings\n")
+    command = [sys.executable, "-c", "from backlash_ros.drivetrain import CONTACTS; print(*CONTACTS)"]
+    environment = {**os.environ, "BACKLASH_ROS_PLUGINS": str(file)}
+    output = subprocess.run(command, env=environment, check=True, capture_output=True, text=True, timeout=120).stdout
+    assert output.split() == LAWS
+
+
+def test_one_integrator_for_each_contact_law_of_one_signature() -> None:
+    stiff = replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, contact=ElasticContact()))
+    soft = replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, contact=ElasticContact(wind_up=0.1)))
+    assert integrator_for(stiff) is integrator_for(soft) is not integrator_for(NOMINAL_DRIVE)
+    for drive in (stiff, NOMINAL_DRIVE):
+        assert [ADVANCE_SIGNATURE.args] == integrator_for(drive).signatures  # type: ignore[attr-defined]
+
+
+# Step control
+
+
+def allowance_of(k: int, tolerance: float, before: float = 0.0) -> float:
+    """What `_error` lets pass, found from its answer to an error in one component alone."""
+    plant, state, difference = plant_constants(NOMINAL_DRIVE), np.zeros(7), np.zeros(7)
+    state[k], difference[k] = before, 1.0
+    return 1.0 / float(_error(plant, state, state, difference, tolerance))
+
+
+def test_each_component_has_an_error_of_its_own() -> None:
+    b, speed, energy = 0.02, 24 / 0.05, 0.5 * 2e-5 * 480**2
+    full = [b / 0.1, 1e-3 * speed, b, 1e-4 * speed, 1e-3 * 12.0, energy, energy]
+    for k, allowed in enumerate(full):
+        assert allowance_of(k, 1e-6) == pytest.approx(1e-6 * allowed)
+        assert allowance_of(k, 1e-6, 7.0) == pytest.approx(1e-6 * (allowed + (7.0 if k not in (0, 2) else 0.0)))
+
+
+def test_angles_are_judged_against_the_narrowest_backlash() -> None:
+    drive = replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, backlash_variation=0.75))
+    difference = np.zeros(7)
+    difference[2] = 0.005
+    assert _error(plant_constants(drive), np.zeros(7), np.zeros(7), difference, 1.0) == pytest.approx(1.0)
+
+
+def test_last_step_that_is_cut_short_to_end_on_time_leaves_the_size_as_it_was() -> None:
+    advance, memory, plant = integrator_for(NOMINAL_DRIVE), integration_memory(), plant_constants(NOMINAL_DRIVE)
+    memory[STEP_SIZE] = 1e-5
+    assert advance(plant, at_rest(), memory, 0.1, 0.0, 1.0001e-5, 1e-6) == (DONE, 1.0001e-5)
+    assert memory[STEP_SIZE] >= 1e-5
+
+
+@pytest.mark.parametrize("k", range(7))
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_state_that_is_not_finite_is_never_accurate_enough(k: int, bad: float) -> None:
+    state = np.zeros(7)
+    state[k] = bad
+    assert _error(plant_constants(NOMINAL_DRIVE), np.zeros(7), state, np.zeros(7), 1e-9) == math.inf
+
+
+def test_step_grows_with_accuracy_but_not_after_a_rejection() -> None:
+    assert _growth(1e-12, False) == 5.0
+    assert _growth(1e-12, True) == _growth(0.01, True) == 1.0
+    assert _growth(0.5, False) == pytest.approx(0.9 * 2**0.25)
+    assert _growth(1.0, True) == pytest.approx(0.9)
+    assert _growth(16.0, False) == pytest.approx(0.45)
+    assert _growth(1e9, False) == 0.2
+    assert _growth(math.inf, False) == _growth(math.nan, True) == 0.1
+
+
+def watched(drive: Drive) -> tuple[Advance, list[float], list[float]]:
+    """The integrator as plain Python, and the lists of the steps that it tries (s) and of their errors."""
+    steps: list[float] = []
+    errors: list[float] = []
+
+    def solve(plant: Any, slopes: Any, g: float, *others: Any) -> None:
+        if not steps or len(errors) == len(steps):
+            steps.append(4.0 / g)
+        _solve_stage(plant, slopes, g, *others)
+
+    def error(*arguments: Any) -> float:
+        errors.append(float(_error(*arguments)))
+        return errors[-1]
+
+    equations = equations_of(drive)
+    bound = {f"_{name}": getattr(equations, name) for name in ("derivative", "linearize", "contact_of")}
+    template: Any = integrator._advance
+    names = {**template.__globals__, **bound, "_solve_stage": solve, "_error": error}
+    return types.FunctionType(template.__code__, names), steps, errors
+
+
+def test_no_step_that_follows_a_rejection_and_a_success_is_longer_than_that() -> None:
+    """Through impacts, which reject steps; and none is taken whose error is too large."""
+    advance, steps, errors = watched(NOMINAL_DRIVE)
+    state, memory, plant = at_rest(), integration_memory(), plant_constants(NOMINAL_DRIVE)
+    state[1] = 50.0
+    assert advance(plant, state, memory, 0.0, 0.0, 0.02, 1e-6) == (DONE, 0.02)
+    assert sum(step for step, error in zip(steps, errors, strict=True) if error <= 1) == pytest.approx(0.02)
+    braked = grown = 0
+    for k in range(len(steps) - 2):
+        if errors[k] > 1.0:
+            assert steps[k + 1] <= 0.9 * steps[k]
+            if errors[k + 1] <= 1.0:
+                braked += 1
+                assert steps[k + 2] <= steps[k + 1] * (1 + 1e-9)
+        elif errors[k + 1] <= 1.0:
+            grown += steps[k + 2] > steps[k + 1]
+    assert braked > 3
+    assert grown > 10
+    assert memory[STEP_SIZE] > 0.0
+    compiled, again = integrator_for(NOMINAL_DRIVE), at_rest()
+    again[1] = 50.0
+    compiled(plant, again, integration_memory(), 0.0, 0.0, 0.02, 1e-6)
+    np.testing.assert_allclose(again, state, rtol=1e-9, atol=1e-12)
+
+
+def test_largest_force_is_kept_until_the_caller_forgets_it() -> None:
+    advance, memory, state = integrator_for(NOMINAL_DRIVE), integration_memory(), at_rest()
+    plant, state[1] = plant_constants(NOMINAL_DRIVE), 50.0
+    seen = []
+    for _ in range(400):
+        assert advance(plant, state, memory, 0.0, 0.0, 5e-5, DEFAULT_TOLERANCE)[0] == DONE
+        seen.append(abs(equations_of(NOMINAL_DRIVE).contact_of(plant, state)[0]))
+    assert max(seen) <= memory[PEAK_FORCE] <= 1.5 * max(seen)
+    assert max(seen) > 100.0
+    memory[PEAK_FORCE] = 0.0
+    advance(plant, at_rest(), memory, 0.0, 0.0, 1e-3, DEFAULT_TOLERANCE)
+    assert memory[PEAK_FORCE] == 0.0
+
+
+@pytest.mark.parametrize("part", [{"coulomb_friction": 0.1}, {"gravity_torque": 0.3}])
+def test_no_nan_whatever_is_pushed(part: dict[str, Any]) -> None:
+    plant = Plant(replace(NOMINAL_DRIVE, load=replace(NOMINAL_DRIVE.load, **part)))
+    with pytest.raises(IntegrationError):
+        plant.advance(0.0, 1e300, 0.01)
+    assert np.all(np.isfinite(plant.state))
