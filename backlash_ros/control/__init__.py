@@ -9,8 +9,8 @@ from backlash_ros.control.limit_cycle import LimitCycle, find_limit_cycle
 from backlash_ros.control.limits import NO_LIMIT, Limits
 from backlash_ros.control.monitor import Fault
 from backlash_ros.control.servo import Servo
-from backlash_ros.control.settings import ServoSettings
 from backlash_ros.control.setpoint import AtRest, Polynomials, Source
+from backlash_ros.control.settings import ServoSettings
 
 __all__ = [
     "EXPERIMENTS",

@@ -1,4 +1,4 @@
-"""Between the law's voltage and the drive's command: the range that the drive really has, told to the law before it acts.
+"""Between the law's voltage and the drive's command: the range that the drive really has, told to the law first.
 
 Every law is written for the voltage V. A drive that takes a voltage gets it. For one that takes a current the
 controller emulates the winding without its inductance, i = (V - K_m omega_m)/R: gains keep their meaning, and the motor

@@ -79,7 +79,8 @@ def extent(segments: Array) -> tuple[float, float, float, float]:
             duration = 0.0  # a last segment without an end rests, or has no bound
             if np.any(row[1:DURATION]):
                 return float(segments[0, 0]), math.inf, -math.inf, math.inf
-        turns = [float(t.real) for t in position.deriv().roots() if abs(t.imag) < 1e-9 and 0 < t.real < duration]
+        roots = np.asarray(position.deriv().roots(), dtype=complex)
+        turns = [float(t.real) for t in roots if abs(t.imag) < 1e-9 and 0 < t.real < duration]
         extremes += [float(position(t)) for t in (0.0, *turns, duration)]
     return float(segments[0, 0]), extremes[-1], min(extremes), max(extremes)
 

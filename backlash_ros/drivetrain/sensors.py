@@ -101,7 +101,7 @@ def sensor_constants(sensors: Sensors, seed: int = 0) -> SensorConstants:
         return _TURN / per_turn if per_turn else 0.0
 
     return SensorConstants(
-        *(0.0 if name in sensors.measured else math.nan for name in STATE_NAMES),
+        **{f"missing_{name}": 0.0 if name in sensors.measured else math.nan for name in STATE_NAMES},
         speeds_from_positions=sensors.speeds_from_positions,
         motor_count=count(sensors.motor_counts),
         load_count=count(sensors.load_counts),

@@ -45,7 +45,16 @@ from backlash_ros.drivetrain.integrator import (
     integrator_for,
 )
 from backlash_ros.drivetrain.sensors import SensorConstants, Sensors, sensor_constants, sensor_memory
-from backlash_ros.drivetrain.signals import LOAD_TORQUE, THETA_L, THETA_M, Array, PlantState, Setpoint, at_rest
+from backlash_ros.drivetrain.signals import (
+    LOAD_TORQUE,
+    THETA_L,
+    THETA_M,
+    Array,
+    Measurement,
+    PlantState,
+    Setpoint,
+    at_rest,
+)
 from backlash_ros.simulation.simulated_drive import take_sample
 
 _types: Any = numba.types
@@ -112,6 +121,7 @@ def _loop(
     plant: PlantConstants,
     sensors: SensorConstants,
     sensed: Array,
+    measured: Measurement,
     delay: DelayConstants,
     line: DelayMemory,
     constants: TickConstants,
@@ -135,7 +145,6 @@ def _loop(
     """
     inputs = np.zeros(INPUTS)
     inputs[KNOWN_LOAD_TORQUE] = np.nan
-    measured = np.empty(5)
     fault_sample = -1
     substeps = (states.shape[0] - 1) // load_torque.shape[0]
     for k in range(load_torque.shape[0]):
@@ -170,7 +179,7 @@ def _compiled_loop() -> Callable[..., tuple[int, float, int]]:
         _types.FunctionType(ADVANCE_SIGNATURE),
         _types.FunctionType(TICK_SIGNATURE),
         ADVANCE_SIGNATURE.args[0],
-        *(_typeof(sensor_constants(Sensors())), flat, _typeof(delay), _typeof(delay_memory(at_rest()))),
+        *(_typeof(sensor_constants(Sensors())), flat, flat, _typeof(delay), _typeof(delay_memory(at_rest()))),
         *(*tick[:5], flat, flat, _types.boolean, number, number, flat, flat, table, table),
     )
     return compiled_as(signature)(_loop)
@@ -229,6 +238,7 @@ def run(
         plant_constants(drive),
         sensor_constants(scenario.sensors, scenario.seed),
         sensor_memory(),
+        Measurement(np.empty(5)),
         delay_constants(scenario.delay, settings.period, scenario.seed),
         delay_memory(state),
         servo.constants,
@@ -250,4 +260,5 @@ def run(
     fault = Fault(int(servo.memory.out[FAULT]))
     text = describe_fault(fault, fault_details(servo.memory), servo.limits) if fault_sample >= 0 else ""
     time = np.arange(count * substeps + 1, dtype=np.float64) * (settings.period / substeps)
-    return Run(time, states, *np.ascontiguousarray(signals.T), fault=text, fault_sample=fault_sample)
+    command, region, torque, force = np.ascontiguousarray(signals.T)
+    return Run(time, states, command, region, torque, force, text, fault_sample)

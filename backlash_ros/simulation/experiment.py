@@ -75,4 +75,4 @@ def learn_backlash(
     (True, 0.02)
     """
     outcome = run_experiment(drive, settings, load_torque=load_torque, sensors=sensors, delay=delay, seed=seed)
-    return cast(BacklashEstimate, outcome)
+    return cast("BacklashEstimate", outcome)

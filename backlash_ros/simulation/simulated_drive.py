@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from backlash_ros.drivetrain import Drive, IntegrationError
-from backlash_ros.drivetrain.constants import plant_constants
+from backlash_ros.drivetrain.compiled import compiled
+from backlash_ros.drivetrain.constants import PlantConstants, plant_constants
 from backlash_ros.drivetrain.delay import (
     LINE,
     Delay,
@@ -25,8 +26,6 @@ from backlash_ros.drivetrain.integrator import (
     integration_memory,
     integrator_for,
 )
-from backlash_ros.drivetrain.constants import PlantConstants
-from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.sensors import SensorConstants, Sensors, read_sensors, sensor_constants, sensor_memory
 from backlash_ros.drivetrain.signals import Array, Measurement, PlantState, at_rest
 

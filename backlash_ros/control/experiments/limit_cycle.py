@@ -1,4 +1,4 @@
-"""Learning the backlash from the limit cycle: what to excite, what to wait for, when to stop, what the backlash then is.
+"""Learning the backlash from the limit cycle: what to excite, what to wait for, when to stop, what the backlash is.
 
 The fast gains keep a limit cycle in the gap (paper, fig 4). The learner starts it with a step of the reference
 there and back, since a load at rest on one flank stays quiet, and measures it over several cycles. With both encoders
