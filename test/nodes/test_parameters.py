@@ -24,7 +24,8 @@ from backlash_ros.nodes.parameter_table import FROM_ROS
 
 Start = Callable[..., Process]
 PATIENT = {"state_timeout": 10.0}
-LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+HYSTERESIS = "laws.two_region.hysteresis"
+TRANSIENT_LOCAL = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class InUse:
@@ -33,7 +34,7 @@ class InUse:
     def __init__(self, peer: Peer) -> None:
         self.heard: list[tuple[int, dict[str, Any]]] = []
         self._peer = peer
-        peer.node.create_subscription(ParameterEvent, "controller/parameters_in_use", self._on, LATCHED)
+        peer.node.create_subscription(ParameterEvent, "controller/parameters_in_use", self._on, TRANSIENT_LOCAL)
         peer.wait("what is in use", lambda: self.heard)
 
     def _on(self, message: ParameterEvent) -> None:
@@ -66,8 +67,9 @@ def test_every_parameter_is_described_and_every_number_bounded(start: Start, pee
     described = {
         name: d for name, d in described.items() if d.type != ParameterType.PARAMETER_BOOL or not d.description
     }
-    without_unit = {"gear.contact_exponent", "gear.restitution", "real_time_factor", "hysteresis", "learning.cycles"}
-    without_unit |= {"learning.attempts", "learning.spread"}
+    without_unit = {"gear.contact_exponent", "gear.restitution", "real_time_factor", "learning.cycles"}
+    without_unit |= {"learning.attempts", "learning.spread", "laws.two_region.hysteresis", "laws.cascade.dead_band"}
+    without_unit |= {"laws.switched_linear.reduction", "laws.elastic_lqg.lead"}
     for name, descriptor in described.items():
         assert descriptor.description, name
         assert descriptor.additional_constraints, name
@@ -79,22 +81,22 @@ def test_every_parameter_is_described_and_every_number_bounded(start: Start, pee
 
 def test_what_may_change_is_what_is_published_as_in_use(start: Start, peer: Peer) -> None:
     start("controller")
-    hot = {name for name, described in descriptors(peer, "controller").items() if not described.read_only}
-    assert set(InUse(peer).version(1)) == hot
+    dynamic = {name for name, described in descriptors(peer, "controller").items() if not described.read_only}
+    assert set(InUse(peer).version(1)) == dynamic
 
 
 def test_in_use_has_a_new_version_for_each_request_that_is_taken(start: Start, peer: Peer) -> None:
     start("controller", **PATIENT)
     in_use, parameters = InUse(peer), Parameters(peer, "controller")
-    for number, changes in enumerate(({"gains__fast__k": [20.0, 0.6, 0.1]}, {"law": "fast", "hysteresis": 0.2}), 2):
+    for number, changes in enumerate(({"gains__fast__k": [20.0, 0.6, 0.1]}, {"law": "fast", HYSTERESIS: 0.2}), 2):
         assert parameters.set(**changes) == (True, "")
-        assert not parameters.set(hysteresis=-1.0)[0]
+        assert not parameters.set(**{HYSTERESIS: -1.0})[0]
         assert not parameters.set(law="fast", nosuch=1.0)[0]
         values = in_use.version(number)
         assert list(values.values()) == parameters.get(*values)
         assert values["gain_set"] == "custom"
     assert [version for version, _ in in_use.heard] == [1, 2, 3]
-    assert (values["law"], values["hysteresis"], values["gains.fast.k"]) == ("fast", 0.2, [20.0, 0.6, 0.1])
+    assert (values["law"], values[HYSTERESIS], values["gains.fast.k"]) == ("fast", 0.2, [20.0, 0.6, 0.1])
     late = InUse(peer)
     assert late.heard == in_use.heard[-1:]
 
@@ -104,7 +106,7 @@ def test_the_next_command_follows_what_is_published(start: Start, peer: Peer) ->
     start("controller", law="fast", torque_bandwidth=0.0, **PATIENT)
     drive = LockstepDrive(peer).matched()
     in_use, parameters = InUse(peer), Parameters(peer, "controller")
-    drive.refer(0.2)
+    drive.set_reference(0.2)
     drive.run(3)
     for version in (3, 5, 7):
         for k1 in (10.0 + version, 20.0 + version):
@@ -153,7 +155,7 @@ def test_whatever_is_sent_is_refused_by_name(start: Start, peer: Peer) -> None:
     """A value of an unknown type ended the node; a wrong type, a deletion and an unknown name were not named."""
     process = start("controller", **PATIENT)
     in_use = InUse(peer)
-    good = {"hysteresis": value(ParameterType.PARAMETER_DOUBLE, double_value=0.3)}
+    good = {HYSTERESIS: value(ParameterType.PARAMETER_DOUBLE, double_value=0.3)}
     for name, given, says in (
         ("backlash_angle", value(42), "backlash_angle: unexpected parameter type 42"),
         ("backlash_angle", value(0), "backlash_angle must be a number"),
@@ -178,18 +180,18 @@ def test_whatever_is_sent_is_refused_by_name(start: Start, peer: Peer) -> None:
     ):
         accepted, reason = atomically(peer, "controller", **good, **{name: given})
         assert (accepted, reason[: len(says)]) == (False, says)
-    twice = [Parameter(name="hysteresis", value=good["hysteresis"])] * 2
+    twice = [Parameter(name=HYSTERESIS, value=good[HYSTERESIS])] * 2
     answer = peer.call(
         SetParametersAtomically,
         "/controller/set_parameters_atomically",
         SetParametersAtomically.Request(parameters=twice),
     )
-    assert answer.result.reason == "hysteresis stands 2 times in one request"
+    assert answer.result.reason == f"{HYSTERESIS} stands 2 times in one request"
     assert process.running
     assert atomically(peer, "controller", **good) == (True, "")
-    assert in_use.version(2)["hysteresis"] == 0.3
+    assert in_use.version(2)[HYSTERESIS] == 0.3
     assert in_use.heard[-1][0] == 2
-    assert {**in_use.version(2), "hysteresis": 0.1} == in_use.version(1)
+    assert {**in_use.version(2), HYSTERESIS: 0.1} == in_use.version(1)
 
 
 def test_one_by_one_each_parameter_is_a_request_of_its_own(start: Start, peer: Peer) -> None:
@@ -239,7 +241,7 @@ def test_ends_of_the_travel_that_leave_the_reference_outside_are_refused(start: 
     start("controller", **PATIENT)
     drive = LockstepDrive(peer).matched()
     parameters = Parameters(peer, "controller")
-    drive.refer(0.3)
+    drive.set_reference(0.3)
     command = drive.exchange(drive.sample())
     accepted, reason = parameters.set(limits__position_upper=0.2)
     assert not accepted
