@@ -79,8 +79,15 @@ def extent(segments: Array) -> tuple[float, float, float, float]:
             duration = 0.0  # a last segment without an end rests, or has no bound
             if np.any(row[1:DURATION]):
                 return float(segments[0, 0]), math.inf, -math.inf, math.inf
-        roots = np.asarray(position.deriv().roots(), dtype=complex)
-        turns = [float(t.real) for t in roots if abs(t.imag) < 1e-9 and 0 < t.real < duration]
+        # In units of the duration, and without powers that do not count: their roots would overflow.
+        with np.errstate(over="ignore", invalid="ignore"):
+            scaled = np.where(row[:DURATION] == 0.0, 0.0, row[:DURATION] * duration ** np.arange(DURATION))
+        rate = np.polynomial.Polynomial(scaled).deriv()
+        largest = float(np.max(np.abs(rate.coef)))
+        if not math.isfinite(largest):
+            return float(segments[0, 0]), math.inf, -math.inf, math.inf
+        roots = np.asarray(rate.trim(1e-12 * largest).roots(), dtype=complex)
+        turns = [duration * float(t.real) for t in roots if abs(t.imag) < 1e-9 and 0 < t.real < 1]
         extremes += [float(position(t)) for t in (0.0, *turns, duration)]
     return float(segments[0, 0]), extremes[-1], min(extremes), max(extremes)
 

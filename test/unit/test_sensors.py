@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors, read_sensors, sensor_constants, sensor_memory
@@ -54,6 +54,7 @@ def test_sensors_without_an_angle_or_of_an_unknown_name_are_refused(measured: tu
         Sensors(measured=measured)
 
 
+@settings(deadline=None)  # compiles
 @given(ANGLES, ANGLES, st.integers(4, 2**20), st.integers(4, 2**20))
 def test_counted_angle_is_the_nearest_count(theta_m: float, theta_l: float, motor: int, load: int) -> None:
     (shown,) = read(Sensors(motor_counts=float(motor), load_counts=float(load)), [at(theta_m, theta_l)])
@@ -63,6 +64,7 @@ def test_counted_angle_is_the_nearest_count(theta_m: float, theta_l: float, moto
         assert value / count == pytest.approx(round(value / count), abs=1e-6)
 
 
+@settings(deadline=None)  # compiles
 @given(ANGLES, st.floats(-10, 10), st.sampled_from([0.0, 4096.0]))
 def test_offset_is_what_is_shown_at_zero(theta: float, offset: float, counts: float) -> None:
     sensors = Sensors(motor_offset=offset, load_offset=-offset, motor_counts=counts, load_counts=counts)
@@ -72,6 +74,7 @@ def test_offset_is_what_is_shown_at_zero(theta: float, offset: float, counts: fl
     assert shown[THETA_L] == pytest.approx(theta - offset, abs=within * (1 + 1e-9))
 
 
+@settings(deadline=None)  # compiles
 @given(ANGLES, st.floats(1e-4, 0.1), st.floats(-math.pi, math.pi))
 def test_eccentricity_is_an_error_once_per_turn(theta: float, amplitude: float, phase: float) -> None:
     sensors = Sensors(motor_eccentricity=amplitude, load_eccentricity=2 * amplitude, eccentricity_phase=phase)
@@ -116,6 +119,7 @@ def noise(seed: int, count: int = 1, first: int = 0) -> np.ndarray:
     return (shown - STATE[[THETA_M, THETA_L]]) / [0.2, 0.05]
 
 
+@settings(deadline=None)  # compiles
 @given(st.integers(0, 2**31), st.integers(0, 10**6), st.integers(1, 20))
 def test_noise_depends_on_seed_and_sample_alone(seed: int, sample: int, before: int) -> None:
     """Not on what was read before, nor on the state, nor on how large the noise is."""
@@ -151,6 +155,7 @@ def test_noise_of_samples_signals_and_seeds_has_nothing_in_common() -> None:
         assert abs(float(np.corrcoef(a, b)[0, 1])) < 5 / math.sqrt(count)
 
 
+@settings(deadline=None)  # compiles
 @given(ANGLES, ANGLES, st.floats(-1, 1), st.floats(-3, 3), st.sampled_from([0.0, 1024.0]), st.booleans())
 def test_mirrored_state_is_shown_mirrored(
     theta_m: float, theta_l: float, offset: float, phase: float, counts: float, from_positions: bool
