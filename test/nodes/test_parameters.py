@@ -194,6 +194,59 @@ def test_whatever_is_sent_is_refused_by_name(start: Start, peer: Peer) -> None:
     assert {**in_use.version(2), HYSTERESIS: 0.1} == in_use.version(1)
 
 
+PLUGIN = '''
+"""A law of somebody else's: the position error times a gain of its own."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from backlash_ros.control.law import LAW_SIGNATURE, ControlLaw, NamedLaw
+from backlash_ros.drivetrain import Validated, quantity
+from backlash_ros.drivetrain.compiled import compiled_as
+
+
+@dataclass(frozen=True)
+class Parameters(Validated):
+    section: ClassVar[str] = "laws.proportional"
+
+    gain: float = quantity("volts for an error of 1 rad", "V/rad", above=0, at_most=50, default=5.0)
+
+
+@compiled_as(LAW_SIGNATURE)
+def step(law, state, estimate, setpoint, low, high):
+    return min(max(law[0] * (setpoint[0] - estimate[2]), low), high)
+
+
+def design(drive, settings, parameters):
+    return ControlLaw(step, np.array([parameters.gain]), np.array([1.0]))
+
+
+LAWS = {"proportional": NamedLaw("proportional", design, Parameters())}
+'''
+
+
+def test_a_law_that_is_added_brings_its_parameters(
+    start: Start, peer: Peer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "proportional.py").write_text(PLUGIN)
+    monkeypatch.setenv("BACKLASH_ROS_PLUGINS", str(tmp_path / "proportional.py"))
+    start("controller", law="proportional", laws__proportional__gain=4.0, **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    in_use, parameters = InUse(peer), Parameters(peer, "controller")
+    drive.set_reference(0.2)
+    assert in_use.version(1)["laws.proportional.gain"] == 4.0
+    for number, gain in enumerate((10.0, 20.0), 2):
+        assert parameters.set(laws__proportional__gain=gain) == (True, "")
+        assert in_use.version(number)["laws.proportional.gain"] == gain
+        error = 0.2 - drive.plant.load_angle
+        assert drive.step() == pytest.approx(gain * error, rel=1e-9)
+    accepted, reason = parameters.set(laws__proportional__gain=0.0, law="fast")
+    assert not accepted
+    assert reason == "laws.proportional.gain must be > 0 V/rad and <= 50 V/rad, got 0.0"
+
+
 def test_one_by_one_each_parameter_is_a_request_of_its_own(start: Start, peer: Peer) -> None:
     start("controller", **PATIENT)
     in_use = InUse(peer)
