@@ -15,6 +15,7 @@ from backlash_ros.control import GainSet, ServoSettings, design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.dynamics import SLIDES, equations_of
+from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, THETA_L
 from backlash_ros.simulation import Scenario, run
 
 PERIOD, COUNT, REPEATS = 0.001, 500, 5
@@ -42,10 +43,10 @@ def scipys() -> np.ndarray:
 
     state, angles = np.zeros(5), [0.0]
     for _ in range(COUNT):
-        voltage = float(-gains @ (state[[2, 3, 4]] - [1.0, 0.0, 0.0]))
+        voltage = float(-gains @ (state[[THETA_L, OMEGA_L, CURRENT]] - [1.0, 0.0, 0.0]))
         held = (min(max(voltage, -limit), limit),)
         state = solve_ivp(equations, (0, PERIOD), state, "LSODA", args=held, rtol=1e-9, atol=1e-12).y[:, -1]
-        angles.append(state[2])
+        angles.append(state[THETA_L])
     return np.array(angles)
 
 

@@ -21,7 +21,7 @@ GAINS = GainSet(**{region: design_gains(region, NOMINAL_DRIVE, weights) for regi
 
 
 @compiled_as(TICK_SIGNATURE)
-def nothing(_packed, _memory, _law, _state, _segments, _measured, _inputs):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201, D103
+def nothing(_packed, _memory, _law, _state, _segments, _measured, _inputs):  # type: ignore[no-untyped-def]  # noqa: D103
     return 0.0
 
 

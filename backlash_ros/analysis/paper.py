@@ -2,21 +2,21 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from backlash_ros.analysis.metrics import settling_time, step_response
 from backlash_ros.control import LAWS, GainSet, ServoSettings, design_gains, find_limit_cycle
 from backlash_ros.control.describing_function import predict_limit_cycle
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
+from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
+from backlash_ros.drivetrain.signals import OMEGA_L, THETA_L
 from backlash_ros.simulation import Run, Scenario, learn_backlash, run
 from backlash_ros.simulation.open_loop import OpenLoop, drive_with_torque
 
-Array = NDArray[np.float64]
 Number = float | int | bool | str | None
 
 PERIOD = 0.001
@@ -26,22 +26,24 @@ GAINS = GainSet(
     fast=design_gains("fast", NOMINAL_DRIVE, [1000.0, 1.0]),
     overdamped=design_gains("overdamped", NOMINAL_DRIVE, [4.0, 0.0]),
 )
-ENCODER_BITS = 12
-NOISE = 0.01
-"""Amplitude of the noise on the measured angle, rad: 1 % of the step."""
+NOISY = Sensors(load_noise=0.01)
+"""Noise on the measured load angle, even within 0.01 rad: 1 % of the step."""
+ENCODERS = Sensors(measured=(*POSITIONS, "current"), motor_counts=2.0**12, load_counts=2.0**12)
+"""12-bit encoders on both shafts, speeds from them."""
+SEED = 2009
+"""Of the noise."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One condition: the drive that moves, the load torque (N m), noise (rad), encoders.
+    """One condition: the drive that moves, the load torque (N m), the sensors.
 
     The controller knows the nominal drive, and the backlash of the one that moves.
     """
 
     drive: Drive = NOMINAL_DRIVE
     load_torque: float = 0.0
-    noise: float = 0.0
-    encoder_bits: int | None = None
+    sensors: Sensors = field(default_factory=Sensors)
 
 
 def inertia(factor: float) -> Drive:
@@ -68,8 +70,8 @@ CASES: dict[str, Case] = {
     "backlash x5": Case(backlash(5)),
     "load torque 0.1 N m": Case(load_torque=0.1),
     "load torque 0.5 N m": Case(load_torque=0.5),
-    "1 % noise": Case(noise=NOISE),
-    "12-bit encoders": Case(encoder_bits=ENCODER_BITS),
+    "1 % noise": Case(sensors=NOISY),
+    "12-bit encoders": Case(sensors=ENCODERS),
 }
 VARIATIONS: dict[str, dict[str, Case]] = {
     "moment of inertia": {f"load inertia x{k:g}": Case(inertia(k)) for k in (0.5, 1, 2)},
@@ -89,15 +91,7 @@ INERTIA_RATIOS = (0.25, 0.5, 1.0, 2.0, 4.0, 10.0, 25.0)
 def respond(law: str, case: Case, seconds: float = SECONDS) -> Run:
     """Run a step of 1 rad with the law called ``law``."""
     count = round(seconds / PERIOD)
-    noise = case.noise * np.random.default_rng(2009).uniform(-1.0, 1.0, count)
-    positions_only = case.encoder_bits is not None
-    scenario = Scenario(
-        np.ones(count),
-        np.array(case.load_torque),
-        measured=(True, not positions_only, True, True, not positions_only),
-        angle_noise=noise,
-        encoder_bits=case.encoder_bits,
-    )
+    scenario = Scenario(np.ones(count), np.array(case.load_torque), sensors=case.sensors, seed=SEED)
     settings = ServoSettings(GAINS, law=law, backlash_angle=case.drive.gear.backlash_angle, period=PERIOD)
     return run(case.drive, settings, scenario, model=NOMINAL_DRIVE)
 
@@ -131,7 +125,7 @@ def cycle_of(drive: Drive, seconds: float = 4.0) -> dict[str, Number]:
     result = run(drive, settings, scenario, model=NOMINAL_DRIVE)
     tail = slice(result.time.size // 2, None)
     travel = float(np.ptp(result.gap(drive)[tail])) / drive.gear.backlash
-    cycle = find_limit_cycle(result.state[tail, 2], result.state[tail, 3], PERIOD / 4)
+    cycle = find_limit_cycle(result.state[tail, THETA_L], result.state[tail, OMEGA_L], PERIOD / 4)
     alive = cycle is not None and cycle.amplitude > 0.05 * drive.gear.backlash_angle
     if cycle is None or not alive:
         return {"amplitude_b": 0.0, "gap_travel_d": travel, "period_s": None}
@@ -150,7 +144,7 @@ def sweep_backlash() -> list[dict[str, Number]]:
         b = drive.gear.backlash_angle
         settings = ServoSettings(GAINS, period=PERIOD)
         both = learn_backlash(drive, settings)
-        load = learn_backlash(drive, settings, measured=(False, False, False, True, True))
+        load = learn_backlash(drive, settings, sensors=Sensors(measured=("theta_l", "omega_l")))
         row: dict[str, Number] = {"backlash_m": drive.gear.backlash, "backlash_angle_rad": b, **cycle_of(drive)}
         row |= {
             "learned_both_encoders_b": both.angle / b,

@@ -69,11 +69,18 @@ class Polynomials:
         return np.ascontiguousarray(self.rows, dtype=np.float64)
 
 
-def _turns(position: np.polynomial.Polynomial, duration: float) -> list[float]:
-    """Return the times within a segment at which its speed is 0, s."""
-    roots = np.asarray(position.deriv().roots(), dtype=complex)
-    inside = (np.abs(roots.imag) < 1e-9) & (roots.real > 0) & (roots.real < duration)
-    return [float(root) for root in roots.real[inside]]
+def _turns(coefficients: Array, duration: float) -> list[float]:
+    """Return the times within a segment at which its speed is 0, s; one infinite one where they cannot be found."""
+    # In units of the duration, and without powers that do not count: their roots would overflow.
+    with np.errstate(over="ignore", invalid="ignore"):
+        scaled = np.where(coefficients == 0.0, 0.0, coefficients * duration ** np.arange(DURATION))
+    rate = np.polynomial.Polynomial(scaled).deriv()
+    largest = float(np.max(np.abs(rate.coef)))
+    if not math.isfinite(largest):
+        return [math.inf]
+    roots = np.asarray(rate.trim(1e-12 * largest).roots(), dtype=complex)
+    inside = (np.abs(roots.imag) < 1e-9) & (roots.real > 0) & (roots.real < 1)
+    return [duration * float(root) for root in roots.real[inside]]
 
 
 def extent(segments: Array) -> tuple[float, float, float, float]:
@@ -86,7 +93,9 @@ def extent(segments: Array) -> tuple[float, float, float, float]:
             duration = 0.0  # a last segment without an end rests, or has no bound
             if np.any(row[1:DURATION]):
                 return float(segments[0, 0]), math.inf, -math.inf, math.inf
-        turns = _turns(position, duration)
+        turns = _turns(row[:DURATION], duration)
+        if math.inf in turns:
+            return float(segments[0, 0]), math.inf, -math.inf, math.inf
         extremes += [float(position(t)) for t in (0.0, *turns, duration)]
     return float(segments[0, 0]), extremes[-1], min(extremes), max(extremes)
 

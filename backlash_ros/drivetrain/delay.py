@@ -140,17 +140,17 @@ def play_period(
     slack = 1e-9 * delay.period
     now, row = 0.0, 0
     while True:
-        # What acts from here on, and what comes next.
+        # What acts from here on, and what comes next. Rounding must not cut off a sliver.
         following = (row + 1) * delay.period / substeps
         for j in range(max(int(memory.force[1]) + 1, k - LINE + 1), k + 1):
             due = memory.sent[j % LINE, 1] - begin
             if due <= now + slack:
                 memory.force[0], memory.force[1] = memory.sent[j % LINE, 0], j
-            elif due < following:
+            elif due < following - slack:
                 following = due
         for j in range(k + 1, k + 1 + ahead):
             due = taken_at(delay, j) - begin
-            if now + slack < due < following:
+            if now + slack < due < following - slack:
                 following = due
         status, passed = advance(plant, state, step, memory.force[0], load_torque, following - now, tolerance)
         if status != 0:

@@ -7,8 +7,8 @@ latches a fault, and puts 0 V out, when no good sample comes.
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.duration import Duration
@@ -16,13 +16,12 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, UInt8
 
-from backlash_ros.control import LAWS, Servo
-from backlash_ros.control.limit_cycle import Array
-from backlash_ros.control.observer import THETA_L, THETA_M
+from backlash_ros.control import LAWS, BacklashEstimate, Servo
 from backlash_ros.drivetrain import Quantity
+from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Measurement
 from backlash_ros.nodes.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
 from backlash_ros.nodes.interface import (
-    LATCHED,
+    TRANSIENT_LOCAL,
     BadSampleError,
     answer,
     declare_joints,
@@ -66,7 +65,8 @@ class Controller(ManagedNode):
         self._telemetry_every = max(1, round(self._rate / telemetry_rate))
         self._tunables = Tunables(self, self._drive, self._rate)
         self._servo = Servo(self._drive, self._tunables.settings, self._tunables.limits)
-        self._tunables.hindrance, self._tunables.changed = self._servo.hindrance, self._use
+        self._tunables.rejection_reason, self._tunables.changed = self._servo.rejection_reason, self._use
+        self._measured = Measurement(np.empty(5))
         self._estimated = False
         self._answered = self._dropped = self._late = self._jumps = 0
         self._last_drop = self._refused = ""
@@ -84,14 +84,14 @@ class Controller(ManagedNode):
         at_rest = read_joint_state(JointState(name=["load"], position=[0.0]), "", "load", 1.0)
         for law in LAWS:
             with suppress(ValueError):  # one that cannot be designed for this drive is refused when it is chosen
-                Servo(self._drive, replace(self._tunables.settings, law=law)).update(at_rest)
+                Servo(self._drive, self._tunables.settings.with_law(law)).update(at_rest)
         self._servo.reset()
         self._command = self.speak(Float64MultiArray, "command")
         self._error = self.speak(Float64, "~/tracking_error")
         self._region = self.speak(UInt8, "~/region")
         self._torque = self.speak(Float64, "~/load_torque_estimate")
-        self._estimate = self.speak(Float64, "~/backlash_estimate", LATCHED)
-        self._in_use = self.speak(ParameterEvent, "~/parameters_in_use", LATCHED)
+        self._estimate = self.speak(Float64, "~/backlash_estimate", TRANSIENT_LOCAL)
+        self._in_use = self.speak(ParameterEvent, "~/parameters_in_use", TRANSIENT_LOCAL)
         self.listen(JointState, "joint_states", self._on_joint_states)
         self.listen(Float64, "reference", self._on_reference)
         self._learn = self.held(LearnService(self), LearnService.close)
@@ -150,7 +150,8 @@ class Controller(ManagedNode):
         if stamp and self._last_sample is not None and self._out_of_order(stamp, label):
             return
         try:
-            measured = read_joint_state(message, *self._joints, self._drive.motor.torque_constant)
+            torque_constant = self._drive.motor.torque_constant
+            measured = read_joint_state(message, *self._joints, torque_constant, out=self._measured)
             self._expect_joints(measured)
         except BadSampleError as error:
             self._refuse(f"unusable joint_states: {error}")
@@ -181,7 +182,7 @@ class Controller(ManagedNode):
         """Whether anybody listens to the command, be it the drive or a recorder: before, no position is held."""
         return self._command.get_subscription_count() > 0
 
-    def _expect_joints(self, measured: Array) -> None:
+    def _expect_joints(self, measured: Measurement) -> None:
         """Refuse a sample that has another joint than those by which the position is held: their zeros may differ."""
         present = [not math.isnan(measured[angle]) for angle in (THETA_M, THETA_L)]
         if not self._servo.holding:
@@ -225,7 +226,7 @@ class Controller(ManagedNode):
     def _on_reference(self, message: Float64) -> None:
         if not self.active:
             self._drop(f"reference {message.data:g} rad came while not active")
-        elif refusal := self._servo.refer(message.data):
+        elif refusal := self._servo.set_reference(message.data):
             self._drop(refusal)
 
     def _watch(self) -> None:
@@ -267,18 +268,18 @@ class Controller(ManagedNode):
             return
         if self._servo.fault:
             self._learn.answer(False, f"cannot learn{self._faulted()}")
-        elif refusal := self._servo.learning_refusal():
+        elif refusal := self._servo.experiment_refusal():
             self._learn.answer(False, f"cannot learn: {refusal}")
         else:
-            self._servo.start_learning()
+            self._servo.start_experiment()
             self.get_logger().info("learning the backlash")
 
     def _faulted(self) -> str:
         return f" while a fault is latched: {self._servo.fault}" if self._servo.fault else ""
 
     def _end_learning(self) -> None:
-        estimate = self._servo.take_learned()
-        if estimate is None:
+        estimate = self._servo.take_outcome()
+        if not isinstance(estimate, BacklashEstimate):
             return
         text = describe_estimate(estimate)
         self.get_logger().info(text)
@@ -343,7 +344,7 @@ class Controller(ManagedNode):
                 {
                     "state": self.state,
                     "fault": servo.fault,
-                    "learning": servo.learning,
+                    "learning": servo.experimenting,
                     "samples_answered": self._answered,
                     "messages_dropped": self._dropped,
                     "last_dropped": self._last_drop,

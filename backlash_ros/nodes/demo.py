@@ -57,7 +57,7 @@ from backlash_ros.nodes.recorder import TOPICS
 BRISK = {"fast": [1000.0, 1.0], "overdamped": [16.0, 0.0]}
 """LQR weights of the gain set that the demo swaps to: over-damped gains of twice the stiffness."""
 
-LOAD_TORQUE = 0.1
+LOAD_STEP = 0.1
 _HOLD = 4.0
 _RISING = 0.4
 """Time in which every sample has to be answered within its period, s: else the rise says more of the machine."""
@@ -258,10 +258,10 @@ def perform(session: Session, say: Callable[[str], None]) -> dict[str, Any]:
     accepted, reason = session.set(gain_set="brisk")
     session.pause(1.0)
     script["swap"] = accepted, reason, Interval(start, time.time(), 1.0)
-    say(f"putting {LOAD_TORQUE:g} N m on the load")
+    say(f"putting {LOAD_STEP:g} N m on the load")
     session.settle_at(1.0)
     now = time.time()
-    session.load_torque.publish(Float64(data=LOAD_TORQUE))
+    session.load_torque.publish(Float64(data=LOAD_STEP))
     session.pause(2.5)
     script["load"] = Interval(now, time.time(), 1.0)
     return script
@@ -291,7 +291,7 @@ def judge(script: dict[str, Any], folder: Path) -> dict[str, Any]:
             "accepted": accepted,
             "applied_after": swap_delay(recording, swapped, before, after, interval, drive.motor.torque_constant),
         },
-        "load_torque": asdict(judge_load_step(recording, script["load"], LOAD_TORQUE, drive)),
+        "load_torque": asdict(judge_load_step(recording, script["load"], LOAD_STEP, drive)),
         "bag": "bag",
         "messages": recording.messages,
     }

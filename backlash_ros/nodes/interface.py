@@ -5,13 +5,13 @@ import re
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
+from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement
 from backlash_ros.nodes.parameters import describe
 
 SEND = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=10)
@@ -20,7 +20,7 @@ SEND = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.
 RECEIVE = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1)
 """Of every subscription to control data: the newest sample, no resending of old ones."""
 
-LATCHED = QoSProfile(
+TRANSIENT_LOCAL = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
     history=HistoryPolicy.KEEP_LAST,
@@ -87,12 +87,17 @@ def _usable(what: str, joint: str, value: float, unit: str) -> float:
 
 
 def read_joint_state(
-    message: JointState, motor_joint: str, load_joint: str, torque_constant: float
-) -> NDArray[np.float64]:
-    """Return theta_m, omega_m, i, theta_l, omega_l (rad, rad/s, A) of a message, nan where it does not say.
+    message: JointState, motor_joint: str, load_joint: str, torque_constant: float, out: Measurement | None = None
+) -> Measurement:
+    """Return the measurement in a message, nan where it does not say.
 
     Joints are found by name, in any order, others ignored; either may be absent. Velocity and effort may be empty, or
     nan where a joint does not measure them, as ros2_control's joint_state_broadcaster has it.
+
+    Parameters
+    ----------
+    torque_constant : of the motor, N m/A: its effort over this is the current
+    out : to write into and return; a new array by default
 
     Raises
     ------
@@ -106,10 +111,11 @@ def read_joint_state(
     for field in ("velocity", "effort"):
         if len(getattr(message, field)) not in (0, count):
             raise BadSampleError(f"{count} names but {len(getattr(message, field))} values of {field}")
-    measured = [math.nan] * 5
+    measured = Measurement(np.empty(5)) if out is None else out
+    measured[:] = math.nan
     names, positions, speeds, efforts = list(message.name), message.position, message.velocity, message.effort
     seen = False
-    for joint, angle, speed in ((motor_joint, 0, 1), (load_joint, 3, 4)):
+    for joint, angle, speed in ((motor_joint, THETA_M, OMEGA_M), (load_joint, THETA_L, OMEGA_L)):
         times = names.count(joint)
         if times > 1:
             raise BadSampleError(f"joint {joint!r} stands {times} times in one message")
@@ -120,7 +126,7 @@ def read_joint_state(
         if speeds and not math.isnan(speeds[k]):
             measured[speed] = _usable("velocity", joint, speeds[k], "rad/s")
         if efforts and joint == motor_joint and not math.isnan(efforts[k]):
-            measured[2] = _usable("effort", joint, efforts[k], "N m") / torque_constant
+            measured[CURRENT] = _usable("effort", joint, efforts[k], "N m") / torque_constant
     if not seen:
         raise BadSampleError(f"neither joint {motor_joint!r} nor {load_joint!r} among {names}")
-    return np.array(measured)
+    return measured

@@ -26,15 +26,15 @@ HEADER = """# Parameters
 
 Made from the code by `make docs`; a test keeps it so. The same, from a node that runs: `ros2 param describe`.
 
-*fixed* parameters are given at the start and read-only from then on. *hot* ones may be changed while the controller
-runs and act from the next sample on. A request is validated together with everything else that is set, and taken whole
+*read-only* parameters are given at the start. *dynamic* ones may be changed while the controller runs and act from the
+next sample on. A request is validated together with everything else that is set, and taken whole
 or not at all (`set_parameters_atomically`; `ros2 param set` and `load` send their parameters one by one, and each has
 to be valid with those before it). A refusal names the parameter, the value and the bound. Whole numbers stand for
 floats. No parameter can be deleted.
 
-What is in use is published on `~/parameters_in_use` (rcl_interfaces/ParameterEvent, latched) under `new_parameters`:
-every hot parameter, and an integer `version` that rises by one with each request that is taken. Learning sets
-`backlash_angle` in the same way. The recorder keeps the topic; `read_bag` gives it as `in_use`.
+What is in use is published on `~/parameters_in_use` (rcl_interfaces/ParameterEvent, transient local) under
+`new_parameters`: every dynamic parameter, and an integer `version` that rises by one with each request that is taken.
+Learning sets `backlash_angle` in the same way. The recorder keeps the topic; `read_bag` gives it as `in_use`.
 
 Besides these every node has `use_sim_time` and `start_type_description_service`, which are ROS's own, and
 `qos_overrides.*` for its topics.
@@ -57,6 +57,8 @@ the nominal one. A limit that the drive is already beyond when it is set latches
 of the travel are different: where the reference in use would be outside of them they are refused, and a load that is
 outside may come back in.
 """
+
+LAW_PARAMETERS = "Each law's own, of use with that law alone. A law that is added has its parameters here too.\n"
 
 LEARNING = "A learning run keeps the values that it was started with; changes hold for the next one.\n"
 
@@ -98,7 +100,7 @@ def _row(name: str, described: ParameterDescriptor, default: Any) -> str:
         _value(default),
         unit,
         bound,
-        "fixed" if described.read_only else "hot",
+        "read-only" if described.read_only else "dynamic",
         _UNIT.sub("", described.description),
     )
     return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
@@ -121,13 +123,14 @@ def parameter_table() -> str:
     def part(*prefixes: str) -> Described:
         return {name: described for name, described in own.items() if name.startswith(prefixes)}
 
-    rest = {name: own[name] for name in own if not name.startswith((*sets, "limits.", "learning."))}
+    rest = {name: own[name] for name in own if not name.startswith((*sets, "laws.", "limits.", "learning."))}
     gains = {name.replace(".nominal.", ".<name>."): described for name, described in part(*sets).items()}
     return HEADER + "".join(
         (
             _section("Both nodes", "Simulator and controller must be told the same drive.\n", shared),
             _section("Simulator", "", {name: simulator[name] for name in simulator if name not in shared}),
             _section("Controller", "", rest),
+            _section("Laws", LAW_PARAMETERS, part("laws.")),
             _section("Gains", GAINS, gains),
             _section("Limits", LIMITS, part("limits.")),
             _section("Learning", LEARNING, part("learning.")),

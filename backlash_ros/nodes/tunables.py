@@ -1,6 +1,6 @@
 """What can be tuned while the controller runs, as parameters: declared once, validated whole, swapped as one value.
 
-A request that is refused changes nothing. What is in use is published, latched, each time with a new version.
+A request that is refused changes nothing. What is in use is published each time with a new version.
 """
 
 from collections.abc import Callable
@@ -33,8 +33,8 @@ _Q_BOUND = "Q11 > 0 and <= 1e+12, Q22 >= 0 and <= 1e+12; or [0, 0] for none"
 class Tunables:
     """The tunable parameters of one controller, and the settings and limits that they stand for.
 
-    ``hindrance`` says why limits cannot be taken now, empty where they can; ``changed`` is called with the names after
-    each swap.
+    ``rejection_reason`` says why limits cannot be taken now, empty where they can; ``changed`` is called with the names
+    after each swap.
     """
 
     def __init__(self, node: Node, drive: Drive, rate: float) -> None:
@@ -46,7 +46,7 @@ class Tunables:
         self.settings, self.limits = self._built(self.values)
         self._candidate = self.values, self.settings, self.limits
         self.version = 1
-        self.hindrance: Callable[[Limits], str] = lambda _limits: ""
+        self.rejection_reason: Callable[[Limits], str] = lambda _limits: ""
         self.changed: Callable[[set[str]], None] = lambda _names: None
         node.add_pre_set_parameters_callback(self._complete)
         node.add_on_set_parameters_callback(self._validate)
@@ -106,6 +106,8 @@ class Tunables:
         first = next(iter(sets))
         text = describe("control law", constraint=f"one of {sorted(LAWS)}")
         values: dict[str, Any] = {"law": node.declare_parameter("law", "two_region", text).value}
+        for parameters in {law.parameters.section: law.parameters for law in LAWS.values()}.values():
+            values |= declare_quantities(node, parameters, read_only=False)
         values |= declare_quantities(node, LearningSettings(), read_only=False)
         values |= declare_quantities(node, Limits.of(self._drive), read_only=False)
         # A set stands for its gains; gains given beside it at the start make it custom, as they do later.
@@ -144,6 +146,7 @@ class Tunables:
             law=values["law"],
             period=self._period,
             learning=take(LearningSettings, values),
+            law_parameters=tuple((name, take(type(LAWS[name].parameters), values)) for name in sorted(LAWS)),
         )
         design_law(self._drive, settings)  # refuses what cannot be designed
         return settings, take(Limits, values)
@@ -166,7 +169,7 @@ class Tunables:
         except (ValueError, TypeError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         self._candidate = values, settings, limits
-        reason = self.hindrance(limits)
+        reason = self.rejection_reason(limits)
         return SetParametersResult(successful=not reason, reason=reason)
 
     def _swap(self, parameters: list[Parameter]) -> None:

@@ -50,9 +50,9 @@ from backlash_ros.drivetrain.signals import (
     THETA_L,
     THETA_M,
     Array,
+    Measurement,
     PlantState,
     Setpoint,
-    as_measurement,
     at_rest,
 )
 from backlash_ros.simulation.simulated_drive import take_sample
@@ -121,6 +121,7 @@ def _loop(
     plant: PlantConstants,
     sensors: SensorConstants,
     sensed: Array,
+    measured: Measurement,
     delay: DelayConstants,
     line: DelayMemory,
     constants: Array,
@@ -144,7 +145,6 @@ def _loop(
     """
     inputs = np.zeros(INPUTS)
     inputs[KNOWN_LOAD_TORQUE] = np.nan
-    measured = as_measurement(np.empty(5))
     fault_sample = -1
     substeps = (states.shape[0] - 1) // load_torque.shape[0]
     for k in range(load_torque.shape[0]):
@@ -179,7 +179,7 @@ def _compiled_loop() -> Callable[..., tuple[int, float, int]]:
         _types.FunctionType(ADVANCE_SIGNATURE),
         _types.FunctionType(TICK_SIGNATURE),
         ADVANCE_SIGNATURE.args[0],
-        *(_typeof(sensor_constants(Sensors())), flat, _typeof(delay), _typeof(delay_memory(at_rest()))),
+        *(_typeof(sensor_constants(Sensors())), flat, flat, _typeof(delay), _typeof(delay_memory(at_rest()))),
         *(*tick[:5], flat, flat, _types.boolean, number, number, flat, flat, table, table),
     )
     return compiled_as(signature)(_loop)
@@ -238,6 +238,7 @@ def run(
         plant_constants(drive),
         sensor_constants(scenario.sensors, scenario.seed),
         sensor_memory(),
+        Measurement(np.empty(5)),
         delay_constants(scenario.delay, settings.period, scenario.seed),
         delay_memory(state),
         servo.constants,

@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 
 from backlash_ros.control import Gains, design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.nodes.interface import LATCHED
+from backlash_ros.nodes.interface import TRANSIENT_LOCAL
 
 Start = Callable[..., Process]
 CONFIG = Path(__file__).parents[2] / "config" / "six_axes.yaml"
@@ -41,7 +41,9 @@ class Axis:
         self.in_use: dict[str, object] = {}
         node, newest = peer.node, QoSProfile(depth=1)
         node.create_subscription(JointState, f"{name}/joint_states", self._on_state, newest)
-        node.create_subscription(ParameterEvent, f"{name}/controller/parameters_in_use", self._on_in_use, LATCHED)
+        node.create_subscription(
+            ParameterEvent, f"{name}/controller/parameters_in_use", self._on_in_use, TRANSIENT_LOCAL
+        )
         self.learn = node.create_client(Trigger, f"{name}/controller/learn")
         self.reference = node.create_publisher(Float64, f"{name}/reference", 1)
 

@@ -234,7 +234,7 @@ class Watched:
         settings = {"law": "fast", "torque_bandwidth": 0.0, "state_timeout": 10.0, **parameters}
         self.process = start("controller", **settings)
         self.drive = LockstepDrive(peer).matched()
-        self.drive.refer(1.0)
+        self.drive.set_reference(1.0)
         assert self.drive.step() > 1.0
         self.messages: list[str] = []
 

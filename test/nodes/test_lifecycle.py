@@ -71,7 +71,7 @@ def test_deactivation_puts_zero_volts_out_and_activation_holds_where_the_load_is
     start("controller", **PATIENT)
     drive = LockstepDrive(peer).matched()
     lifecycle = Lifecycle(peer, "controller")
-    drive.refer(1.0)
+    drive.set_reference(1.0)
     drive.run(10)
     assert drive.step() > 1.0
     drive.commands.clear()

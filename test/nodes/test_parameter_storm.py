@@ -19,6 +19,7 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, THETA_L
 from backlash_ros.nodes.gain_parameters import CUSTOM, REGIONS, expand
 from backlash_ros.nodes.parameters import as_floats
 
@@ -59,7 +60,7 @@ ITEM = st.one_of(
     *(items(f"gains.{region}.k", GAINS, *BAD_GAINS) for region in REGIONS),
     *(items(f"gains.{region}.q", WEIGHTS, *BAD_WEIGHTS) for region in REGIONS),
     items("backlash_angle", numbers(0, 3.2), -1e-9, 3.3, math.nan, math.inf, -1),
-    items("hysteresis", numbers(0, 10), 10.000001, -math.inf, math.nan),
+    items("laws.two_region.hysteresis", numbers(0, 10), 10.000001, -math.inf, math.nan),
     items("limits.command", numbers(1, 30), 0.0, -0.0, 0, math.nan),
     items("limits.position_upper", numbers(1, 100), REFERENCE / 2, 2e9, -2e9),
     items("learning.cycles", st.integers(3, 1000), 2, 5.0, math.nan),
@@ -88,7 +89,7 @@ def acceptable(request: list[Item]) -> bool:
 def command(values: dict[str, Any], state: np.ndarray) -> Any:
     """What the law in use answers to a state (eq 15 without load torque), where all of it is measured."""
     limit = min(24.0, values["limits.command"])
-    error = np.array([state[2] - REFERENCE, state[3], state[4]])
+    error = np.array([state[THETA_L] - REFERENCE, state[OMEGA_L], state[CURRENT]])
     voltage = float(np.clip(-np.array(values[f"gains.{values['law']}.k"]) @ error, -limit, limit))
     return pytest.approx(voltage, rel=1e-9, abs=1e-9)
 
@@ -99,8 +100,8 @@ class Storm:
     def __init__(self, peer: Peer, other: Peer) -> None:
         self.peer, self.other = peer, other
         self.in_use: list[tuple[int, dict[str, Any]]] = []
-        latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        peer.node.create_subscription(ParameterEvent, "controller/parameters_in_use", self._hear, latched)
+        transient_local = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        peer.node.create_subscription(ParameterEvent, "controller/parameters_in_use", self._hear, transient_local)
         self.parameters = Parameters(peer, "controller")
         Parameters(other, "controller").get("law")
         self.clients = [
@@ -111,7 +112,7 @@ class Storm:
             for side in (peer, other)
         ]
         self.drive = LockstepDrive(peer).matched()
-        self.drive.refer(REFERENCE)
+        self.drive.set_reference(REFERENCE)
         self.drive.run(3)
         peer.wait("what is in use", lambda: self.in_use)
         self.sets = {name: self._gains_of(name) for name in reversed(SETS)}

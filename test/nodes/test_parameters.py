@@ -24,7 +24,8 @@ from backlash_ros.nodes.parameter_table import FROM_ROS
 
 Start = Callable[..., Process]
 PATIENT = {"state_timeout": 10.0}
-LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+HYSTERESIS = "laws.two_region.hysteresis"
+TRANSIENT_LOCAL = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class InUse:
@@ -33,7 +34,7 @@ class InUse:
     def __init__(self, peer: Peer) -> None:
         self.heard: list[tuple[int, dict[str, Any]]] = []
         self._peer = peer
-        peer.node.create_subscription(ParameterEvent, "controller/parameters_in_use", self._on, LATCHED)
+        peer.node.create_subscription(ParameterEvent, "controller/parameters_in_use", self._on, TRANSIENT_LOCAL)
         peer.wait("what is in use", lambda: self.heard)
 
     def _on(self, message: ParameterEvent) -> None:
@@ -66,11 +67,12 @@ def test_every_parameter_is_described_and_every_number_bounded(start: Start, pee
     described = {
         name: d for name, d in described.items() if d.type != ParameterType.PARAMETER_BOOL or not d.description
     }
-    without_unit = {"real_time_factor", "hysteresis", "learning.cycles", "contact.restitution.restitution"}
+    without_unit = {"real_time_factor", "learning.cycles", "contact.restitution.restitution"}
     without_unit |= {"contact.power.exponent", "contact.power_no_pull.exponent", "gear.reduction"}
     without_unit |= {"gear.backlash_variation", "gear.backlash_cycles"}
     without_unit |= {"gear.efficiency_forward", "gear.efficiency_backward"}
-    without_unit |= {"learning.attempts", "learning.spread"}
+    without_unit |= {"learning.attempts", "learning.spread", "laws.two_region.hysteresis", "laws.cascade.dead_band"}
+    without_unit |= {"laws.switched_linear.reduction", "laws.elastic_lqg.lead"}
     for name, descriptor in described.items():
         assert descriptor.description, name
         assert descriptor.additional_constraints, name
@@ -82,22 +84,22 @@ def test_every_parameter_is_described_and_every_number_bounded(start: Start, pee
 
 def test_what_may_change_is_what_is_published_as_in_use(start: Start, peer: Peer) -> None:
     start("controller")
-    hot = {name for name, described in descriptors(peer, "controller").items() if not described.read_only}
-    assert set(InUse(peer).version(1)) == hot
+    dynamic = {name for name, described in descriptors(peer, "controller").items() if not described.read_only}
+    assert set(InUse(peer).version(1)) == dynamic
 
 
 def test_in_use_has_a_new_version_for_each_request_that_is_taken(start: Start, peer: Peer) -> None:
     start("controller", **PATIENT)
     in_use, parameters = InUse(peer), Parameters(peer, "controller")
-    for number, changes in enumerate(({"gains__fast__k": [20.0, 0.6, 0.1]}, {"law": "fast", "hysteresis": 0.2}), 2):
+    for number, changes in enumerate(({"gains__fast__k": [20.0, 0.6, 0.1]}, {"law": "fast", HYSTERESIS: 0.2}), 2):
         assert parameters.set(**changes) == (True, "")
-        assert not parameters.set(hysteresis=-1.0)[0]
+        assert not parameters.set(**{HYSTERESIS: -1.0})[0]
         assert not parameters.set(law="fast", nosuch=1.0)[0]
         values = in_use.version(number)
         assert list(values.values()) == parameters.get(*values)
         assert values["gain_set"] == "custom"
     assert [version for version, _ in in_use.heard] == [1, 2, 3]
-    assert (values["law"], values["hysteresis"], values["gains.fast.k"]) == ("fast", 0.2, [20.0, 0.6, 0.1])
+    assert (values["law"], values[HYSTERESIS], values["gains.fast.k"]) == ("fast", 0.2, [20.0, 0.6, 0.1])
     late = InUse(peer)
     assert late.heard == in_use.heard[-1:]
 
@@ -107,7 +109,7 @@ def test_the_next_command_follows_what_is_published(start: Start, peer: Peer) ->
     start("controller", law="fast", torque_bandwidth=0.0, **PATIENT)
     drive = LockstepDrive(peer).matched()
     in_use, parameters = InUse(peer), Parameters(peer, "controller")
-    drive.refer(0.2)
+    drive.set_reference(0.2)
     drive.run(3)
     for version in (3, 5, 7):
         for k1 in (10.0 + version, 20.0 + version):
@@ -156,7 +158,7 @@ def test_whatever_is_sent_is_refused_by_name(start: Start, peer: Peer) -> None:
     """A value of an unknown type ended the node; a wrong type, a deletion and an unknown name were not named."""
     process = start("controller", **PATIENT)
     in_use = InUse(peer)
-    good = {"hysteresis": value(ParameterType.PARAMETER_DOUBLE, double_value=0.3)}
+    good = {HYSTERESIS: value(ParameterType.PARAMETER_DOUBLE, double_value=0.3)}
     for name, given, says in (
         ("backlash_angle", value(42), "backlash_angle: unexpected parameter type 42"),
         ("backlash_angle", value(0), "backlash_angle must be a number"),
@@ -181,18 +183,71 @@ def test_whatever_is_sent_is_refused_by_name(start: Start, peer: Peer) -> None:
     ):
         accepted, reason = atomically(peer, "controller", **good, **{name: given})
         assert (accepted, reason[: len(says)]) == (False, says)
-    twice = [Parameter(name="hysteresis", value=good["hysteresis"])] * 2
+    twice = [Parameter(name=HYSTERESIS, value=good[HYSTERESIS])] * 2
     answer = peer.call(
         SetParametersAtomically,
         "/controller/set_parameters_atomically",
         SetParametersAtomically.Request(parameters=twice),
     )
-    assert answer.result.reason == "hysteresis stands 2 times in one request"
+    assert answer.result.reason == f"{HYSTERESIS} stands 2 times in one request"
     assert process.running
     assert atomically(peer, "controller", **good) == (True, "")
-    assert in_use.version(2)["hysteresis"] == 0.3
+    assert in_use.version(2)[HYSTERESIS] == 0.3
     assert in_use.heard[-1][0] == 2
-    assert {**in_use.version(2), "hysteresis": 0.1} == in_use.version(1)
+    assert {**in_use.version(2), HYSTERESIS: 0.1} == in_use.version(1)
+
+
+PLUGIN = '''
+"""A law of somebody else's: the position error times a gain of its own."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from backlash_ros.control.law import LAW_SIGNATURE, ControlLaw, NamedLaw
+from backlash_ros.drivetrain import Validated, quantity
+from backlash_ros.drivetrain.compiled import compiled_as
+
+
+@dataclass(frozen=True)
+class Parameters(Validated):
+    section: ClassVar[str] = "laws.proportional"
+
+    gain: float = quantity("volts for an error of 1 rad", "V/rad", above=0, at_most=50, default=5.0)
+
+
+@compiled_as(LAW_SIGNATURE)
+def step(law, state, estimate, setpoint, low, high):
+    return min(max(law[0] * (setpoint[0] - estimate[2]), low), high)
+
+
+def design(drive, settings, parameters):
+    return ControlLaw(step, np.array([parameters.gain]), np.array([1.0]))
+
+
+LAWS = {"proportional": NamedLaw("proportional", design, Parameters())}
+'''
+
+
+def test_a_law_that_is_added_brings_its_parameters(
+    start: Start, peer: Peer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "proportional.py").write_text(PLUGIN)
+    monkeypatch.setenv("BACKLASH_ROS_PLUGINS", str(tmp_path / "proportional.py"))
+    start("controller", law="proportional", laws__proportional__gain=4.0, **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    in_use, parameters = InUse(peer), Parameters(peer, "controller")
+    drive.set_reference(0.2)
+    assert in_use.version(1)["laws.proportional.gain"] == 4.0
+    for number, gain in enumerate((10.0, 20.0), 2):
+        assert parameters.set(laws__proportional__gain=gain) == (True, "")
+        assert in_use.version(number)["laws.proportional.gain"] == gain
+        error = 0.2 - drive.plant.load_angle
+        assert drive.step() == pytest.approx(gain * error, rel=1e-9)
+    accepted, reason = parameters.set(laws__proportional__gain=0.0, law="fast")
+    assert not accepted
+    assert reason == "laws.proportional.gain must be > 0 V/rad and <= 50 V/rad, got 0.0"
 
 
 def test_one_by_one_each_parameter_is_a_request_of_its_own(start: Start, peer: Peer) -> None:
@@ -242,7 +297,7 @@ def test_ends_of_the_travel_that_leave_the_reference_outside_are_refused(start: 
     start("controller", **PATIENT)
     drive = LockstepDrive(peer).matched()
     parameters = Parameters(peer, "controller")
-    drive.refer(0.3)
+    drive.set_reference(0.3)
     command = drive.exchange(drive.sample())
     accepted, reason = parameters.set(limits__position_upper=0.2)
     assert not accepted

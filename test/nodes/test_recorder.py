@@ -32,12 +32,12 @@ LAST = 2.0
 
 
 def record(start: Start, peer: Peer, folder: Path, count: int) -> Process:
-    """Record ``count`` messages of three topics, one of them latched and sent before the recorder started."""
+    """Record ``count`` messages of three topics, one of them transient local and sent before the recorder started."""
     node, deep = peer.node, QoSProfile(depth=1000)
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    transient_local = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     states = node.create_publisher(JointState, "joint_states", deep)
     commands = node.create_publisher(Float64MultiArray, "command", deep)
-    node.create_publisher(Float64, "controller/backlash_estimate", latched).publish(Float64(data=0.02))
+    node.create_publisher(Float64, "controller/backlash_estimate", transient_local).publish(Float64(data=0.02))
     process = start("recorder", output=folder)
     peer.wait("the recorder", lambda: states.get_subscription_count() > 0 and commands.get_subscription_count() > 0)
     peer.wait("the recorder", lambda: "recording /controller/backlash_estimate" in process.output())

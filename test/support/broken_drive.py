@@ -105,7 +105,7 @@ class BrokenDrive(Node):
         self._command = self._creep
         self._last_command = time.monotonic()
         self._start = self.get_clock().now()
-        self._beats = 0
+        self._periods = 0
         self._rate = 2 * RATE if defect in ("bursts", "extra_samples") else RATE
         self._spreads_nan = False
         send = QoSProfile(depth=10)
@@ -114,7 +114,7 @@ class BrokenDrive(Node):
         self._publisher = self.create_publisher(JointState, "joint_states", send)
         receive = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self.create_subscription(Float64MultiArray, "command", self._on_command, receive)
-        self.create_timer(1 / self._rate, self._beat)
+        self.create_timer(1 / self._rate, self._step)
 
     def _on_command(self, message: Float64MultiArray) -> None:
         defect = self._defect
@@ -137,21 +137,21 @@ class BrokenDrive(Node):
             return
         self._command = value or self._creep
 
-    def _beat(self) -> None:
+    def _step(self) -> None:
         if self._defect != "no_watchdog" and time.monotonic() - self._last_command > COMMAND_TIMEOUT:
             self._command = 0.0
-        # Late beats are made good in the servo, not by extra samples.
+        # Late periods are made good in the servo, not by extra samples.
         now = self.get_clock().now()
-        due = max(1, round((now - self._start).nanoseconds * 1e-9 * self._rate) - self._beats)
-        self._beats += due
+        due = max(1, round((now - self._start).nanoseconds * 1e-9 * self._rate) - self._periods)
+        self._periods += due
         self._servo.advance(self._command, due / self._rate)
-        if self._defect == "half_rate" and self._beats % 2:
+        if self._defect == "half_rate" and self._periods % 2:
             return
-        if self._defect == "drops_samples" and self._beats % 5 == 0:
+        if self._defect == "drops_samples" and self._periods % 5 == 0:
             return
-        if self._defect == "bursts" and self._beats % 6 >= 3:
+        if self._defect == "bursts" and self._periods % 6 >= 3:
             return
-        if self._defect == "extra_samples" and self._beats % 5 in (1, 3):
+        if self._defect == "extra_samples" and self._periods % 5 in (1, 3):
             return
         message = self._sample()
         self._publisher.publish(message)
@@ -162,7 +162,7 @@ class BrokenDrive(Node):
         defect, now = self._defect, self.get_clock().now()
         if defect == "frozen_stamps":
             now = self._start
-        elif defect == "stamps_backward" and self._beats % 25 == 0:
+        elif defect == "stamps_backward" and self._periods % 25 == 0:
             now -= Duration(seconds=0.02)
         elif defect == "stamps_since_start":
             now = Time(nanoseconds=(now - self._start).nanoseconds)
@@ -184,7 +184,7 @@ class BrokenDrive(Node):
                 values.append(values[0])
         elif defect in MISSING:
             setattr(message, MISSING[defect], getattr(message, MISSING[defect])[:1])
-        elif defect == "nan_in_states" and self._beats % 50 == 0:
+        elif defect == "nan_in_states" and self._periods % 50 == 0:
             message.velocity[0] = math.nan
         elif defect == "load_sign_flipped":
             message.position[1], message.velocity[1] = -servo.load_angle, -servo.load_speed

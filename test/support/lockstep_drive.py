@@ -93,7 +93,7 @@ class LockstepDrive:
         self.peer.wait("a command", answered)
         return self.answers[label]
 
-    def refer(self, target: float) -> None:
+    def set_reference(self, target: float) -> None:
         """Send a reference while at rest, wait until it is answered, and make that period."""
         at_rest = self.exchange(self.sample())
         self._reference.publish(Float64(data=target))

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from samples import EVERYTHING, sample_of
 
 from backlash_ros.control import (
     LAWS,
     Gains,
     GainSet,
+    Limits,
     Method,
     Servo,
     ServoSettings,
@@ -19,9 +21,9 @@ from backlash_ros.control import (
     design_gains,
     find_limit_cycle,
 )
-from backlash_ros.control.command import command_constants, command_of, voltage_range
+from backlash_ros.control.command_range import RangeConstants, command_of, range_constants, voltage_range
 from backlash_ros.control.describing_function import predict_limit_cycle
-from backlash_ros.control.observer import CURRENT, LOAD_TORQUE, observer_memory, observer_step
+from backlash_ros.control.observer import observer_memory, observer_step
 from backlash_ros.drivetrain import (
     COMMAND_INTERFACES,
     NOMINAL_DRIVE,
@@ -31,10 +33,11 @@ from backlash_ros.drivetrain import (
     rigid_model,
     without_inductance,
 )
+from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
+from backlash_ros.drivetrain.signals import CURRENT, LOAD_TORQUE, OMEGA_L, THETA_L
 from backlash_ros.simulation import Run, Scenario, learn_backlash, run
 
 CURRENT_DRIVE = replace(NOMINAL_DRIVE, command_interface="current")
-POSITIONS = (True, False, False, True, False)
 B = NOMINAL_DRIVE.gear.backlash_angle
 
 
@@ -49,6 +52,10 @@ def with_motor(drive: Drive, **values: float) -> Drive:
 def step_of(drive: Drive, law: str, period: float = 0.004, seconds: float = 6.0, **scenario: object) -> Run:
     choice = ServoSettings(gains_of(drive), law=law, backlash_angle=B, period=period)
     return run(drive, choice, Scenario(np.ones(round(seconds / period)), **scenario))
+
+
+def range_of(drive: Drive) -> RangeConstants:
+    return range_constants(drive, Limits.of(drive))
 
 
 def residual(result: Run) -> float:
@@ -165,7 +172,7 @@ def test_design_model_drops_the_electrical_pole() -> None:
 
 
 def test_command_is_the_current_that_the_winding_would_take() -> None:
-    constants = command_constants(CURRENT_DRIVE)
+    constants = range_of(CURRENT_DRIVE)
     estimate = np.array([0.0, 100.0, 0.0, 0.0, 0.0, 0.0])  # back-EMF of 5 V
     assert command_of(constants, estimate, 9.0) == pytest.approx(2.0)
     assert command_of(constants, estimate, 5.0) == 0.0
@@ -176,9 +183,17 @@ def test_command_is_the_current_that_the_winding_would_take() -> None:
 @given(st.floats(-1e4, 1e4), st.floats(-30, 30), st.sampled_from(COMMAND_INTERFACES), st.floats(0.1, 50))
 def test_command_keeps_to_its_limit_at_any_speed(omega_m: float, voltage: float, interface: str, limit: float) -> None:
     drive = with_motor(replace(NOMINAL_DRIVE, command_interface=interface), current_limit=limit)
-    constants, estimate = command_constants(drive), np.array([0.0, omega_m, 0.0, 0.0, 0.0, 0.0])
+    constants, estimate = range_of(drive), np.array([0.0, omega_m, 0.0, 0.0, 0.0, 0.0])
     low, high = voltage_range(constants, estimate)
-    assert -24.0 <= low <= high <= 24.0
+    assert low <= high
+    if abs(constants.back_emf * omega_m) - constants.resistance * constants.limit <= 24.0:
+        assert -24.0 <= low <= high <= 24.0
+    else:  # the supply makes no current that is allowed: the nearest is left, which brakes
+        assert low == high
+        assert command_of(constants, estimate, low) == pytest.approx(-math.copysign(drive.command_limit, omega_m))
+    for within in (low, 0.5 * (low + high), high):
+        applied = constants.resistance * command_of(constants, estimate, within) + constants.back_emf * omega_m
+        assert applied == pytest.approx(within, rel=1e-9, abs=1e-9)
     assert voltage_range(constants, -estimate) == (-high, -low)
     assert abs(command_of(constants, estimate, voltage)) <= drive.command_limit
 
@@ -189,15 +204,13 @@ def test_servo_and_plant_step_by_step_are_the_offline_run(law: str, interface: s
     drive, seconds = replace(NOMINAL_DRIVE, command_interface=interface), 0.8
     choice = ServoSettings(gains_of(drive), law=law, backlash_angle=B)
     torque = 0.05 * np.sin(np.arange(round(seconds / choice.period)) / 20)
-    offline = run(drive, choice, Scenario(np.ones(torque.size), torque, measured=POSITIONS))
+    offline = run(drive, choice, Scenario(np.ones(torque.size), torque, sensors=Sensors(measured=POSITIONS)))
     servo, plant = Servo(drive, choice), Plant(drive)
-    missing = np.where(POSITIONS, 0.0, math.nan)
     for k in range(torque.size):
         np.testing.assert_allclose(plant.state, offline.state[k], rtol=1e-12, atol=1e-12)
-        theta_m, omega_m, theta_l, omega_l, current = plant.state
         if k == 0:
-            servo.reference = 1.0
-        command = servo.update(np.array([theta_m, omega_m, current, theta_l, omega_l]) + missing)
+            servo.segments[0, 0] = 1.0  # before any position is held, as the run has it
+        command = servo.update(sample_of(plant.state, POSITIONS))
         assert command == pytest.approx(offline.command[k], rel=1e-12, abs=1e-12)
         assert servo.command == command
         plant.advance(command, torque[k], choice.period)
@@ -247,11 +260,12 @@ def test_poles_agree_in_the_limit_of_a_fast_winding_and_fast_samples() -> None:
 
 
 @pytest.mark.parametrize("period", [0.004, 0.001])
-@pytest.mark.parametrize("measured", [(True,) * 5, POSITIONS], ids=["everything", "positions"])
-def test_the_paper_holds_with_a_current(period: float, measured: tuple[bool, ...]) -> None:
+@pytest.mark.parametrize("measured", [EVERYTHING, POSITIONS], ids=["everything", "positions"])
+def test_the_paper_holds_with_a_current(period: float, measured: tuple[str, ...]) -> None:
     """Fast gains rattle, over-damped ones are slow and quiet, two regions rise fast and come to rest."""
     fast, slow, both = (
-        step_of(CURRENT_DRIVE, law, period, measured=measured) for law in ("fast", "overdamped", "two_region")
+        step_of(CURRENT_DRIVE, law, period, sensors=Sensors(measured=measured))
+        for law in ("fast", "overdamped", "two_region")
     )
     assert residual(fast) > 0.7
     assert residual(slow) < 0.01
@@ -279,9 +293,9 @@ def test_learning_works_with_a_current(period: float) -> None:
     assert estimate.angle == pytest.approx(B, rel=0.05)
 
 
-@pytest.mark.parametrize("measured", [(True,) * 5, POSITIONS], ids=["everything", "positions"])
-def test_load_torque_is_held_without_error(measured: tuple[bool, ...]) -> None:
-    result = step_of(CURRENT_DRIVE, "two_region", load_torque=np.array(0.1), measured=measured)
+@pytest.mark.parametrize("measured", [EVERYTHING, POSITIONS], ids=["everything", "positions"])
+def test_load_torque_is_held_without_error(measured: tuple[str, ...]) -> None:
+    result = step_of(CURRENT_DRIVE, "two_region", load_torque=np.array(0.1), sensors=Sensors(measured=measured))
     assert result.load_angle[-1] == pytest.approx(1.0, abs=0.01 * B)
     assert result.load_torque_estimate[-1] == pytest.approx(0.1, rel=1e-3)
     assert result.command[-1] == pytest.approx(-0.1 * 0.1 / 0.05, rel=1e-3)
@@ -289,9 +303,9 @@ def test_load_torque_is_held_without_error(measured: tuple[bool, ...]) -> None:
 
 def test_damping_needs_the_motors_own_speed() -> None:
     """From the load's speed through the rigid gear the motor is not damped inside the gap: the limit cycle stays."""
-    load_only = (False, False, False, True, True)
-    assert residual(step_of(CURRENT_DRIVE, "two_region", measured=load_only)) > 0.5
-    assert residual(step_of(NOMINAL_DRIVE, "two_region", measured=load_only)) < 0.01
+    load_only = Sensors(measured=("theta_l", "omega_l"))
+    assert residual(step_of(CURRENT_DRIVE, "two_region", sensors=load_only)) > 0.5
+    assert residual(step_of(NOMINAL_DRIVE, "two_region", sensors=load_only)) < 0.01
 
 
 @pytest.mark.parametrize("law", ["cascade", "elastic_lqg"])
@@ -310,8 +324,9 @@ def test_observer_takes_the_command_for_the_current() -> None:
     for k in range(300):
         command = math.sin(0.1 * k)
         plant.advance(command, 0.1, 0.004)
-        theta_m, omega_m, theta_l, omega_l, _ = plant.state
-        observer_step(constants, memory, np.array([theta_m, omega_m, math.nan, theta_l, omega_l]), command)
+        sample = sample_of(plant.state)
+        sample[CURRENT] = math.nan
+        observer_step(constants, memory, sample, command, 0.004)
         if k:  # the first sample only starts it
             assert memory[CURRENT] == command
     assert memory[LOAD_TORQUE] == pytest.approx(0.1, rel=0.05)
@@ -321,7 +336,7 @@ def test_harmonic_balance_predicts_the_amplitude_with_a_current() -> None:
     gains = gains_of(CURRENT_DRIVE)
     result = step_of(CURRENT_DRIVE, "fast", 0.001, 4.0, known_load_torque=True, substeps=4)
     tail = slice(result.time.size // 2, None)
-    seen = find_limit_cycle(result.state[tail, 2], result.state[tail, 3], 0.00025)
+    seen = find_limit_cycle(result.state[tail, THETA_L], result.state[tail, OMEGA_L], 0.00025)
     predicted = predict_limit_cycle(CURRENT_DRIVE, gains.fast, 0.001)
     assert seen is not None
     assert predicted is not None

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from backlash_ros.drivetrain import Gear
+
 PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
 BLOCK = re.compile(r"```python(?: file=(\S+))?\n(.*?)```", re.DOTALL)
 
@@ -30,8 +32,6 @@ def test_code_of_the_page_runs(
 
 
 def test_refusal_is_the_one_that_the_page_quotes() -> None:
-    from backlash_ros.drivetrain import Gear
-
     with pytest.raises(ValueError) as refused:  # noqa: PT011
         Gear(reduction=0, backlash_angle=0.01)
     assert f"`{refused.value}`" in PAGE.read_text().replace("\n", " ")

@@ -27,6 +27,7 @@ from backlash_ros.drivetrain import (
     rigid_model,
 )
 from backlash_ros.drivetrain.contacts.power import PowerContact
+from backlash_ros.drivetrain.sensors import Sensors
 from backlash_ros.simulation import Scenario, run
 
 
@@ -208,11 +209,16 @@ def test_run_that_cannot_go_on_says_when_and_where(gains: GainSet) -> None:
     assert "too many steps" in str(stopped.value) or "below rounding" in str(stopped.value)
 
 
-@pytest.mark.parametrize("name", ["reference", "load_torque", "angle_noise"])
+@pytest.mark.parametrize("name", ["reference", "load_torque"])
 def test_scenario_that_is_not_finite_is_refused_by_name(gains: GainSet, name: str) -> None:
     inputs = {"reference": np.ones(10), name: np.full(10, math.nan)}
     with pytest.raises(ValueError, match=f"{name} must be finite throughout"):
         run(NOMINAL_DRIVE, ServoSettings(gains), Scenario(**inputs))
+
+
+def test_noise_that_is_not_finite_is_refused_by_name() -> None:
+    with pytest.raises(ValueError, match=r"sensors\.load_noise must be a finite number in rad, got nan"):
+        Sensors(load_noise=math.nan)
 
 
 def test_impossible_state_stops_with_time_and_state() -> None:

@@ -6,34 +6,40 @@ import numpy as np
 import pytest
 
 from backlash_ros.control import FAST_REGION, LAWS, OVERDAMPED_REGION, ControlLaw, GainSet, ServoSettings, design_law
+from backlash_ros.control.law import REGION
+from backlash_ros.control.laws.two_region import TwoRegionParameters
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 
 B = 0.02
 
 
-def make(gains: GainSet, law: str = "two_region", **others: float) -> ControlLaw:
-    choice = {"backlash_angle": B, "hysteresis": 0.5, "min_dwell": 0.0, **others}
-    return design_law(NOMINAL_DRIVE, ServoSettings(gains, law=law, **choice))
+AT_REST = np.zeros(3)
+
+
+def make(gains: GainSet, law: str = "two_region", min_dwell: float = 0.0, backlash_angle: float = B) -> ControlLaw:
+    regions = TwoRegionParameters(hysteresis=0.5, min_dwell=min_dwell)
+    settings = ServoSettings(gains, backlash_angle=backlash_angle).with_law("two_region", regions)
+    return design_law(NOMINAL_DRIVE, settings.with_law(law))
 
 
 def answer(law: ControlLaw, error: float, omega: float = 0.0, current: float = 0.0, torque: float = 0.0) -> float:
     """Return the first voltage at reference 0."""
     return law.step(
         law.constants,
-        law.memory.copy(),
-        np.array([10 * error, 10 * omega, current, error, omega, torque]),
-        0.0,
+        law.state.copy(),
+        np.array([10 * error, 10 * omega, error, omega, current, torque]),
+        AT_REST,
         -24.0,
         24.0,
     )
 
 
 def regions(law: ControlLaw, errors: list[float]) -> list[int]:
-    memory = law.memory.copy()
+    state = law.state.copy()
     seen = []
     for error in errors:
-        law.step(law.constants, memory, np.array([0.0, 0.0, 0.0, error, 0.0, 0.0]), 0.0, -24.0, 24.0)
-        seen.append(int(memory[0]))
+        law.step(law.constants, state, np.array([0.0, 0.0, error, 0.0, 0.0, 0.0]), AT_REST, -24.0, 24.0)
+        seen.append(int(state[REGION]))
     return seen
 
 
@@ -80,9 +86,9 @@ def test_every_law_is_odd_and_saturates_last(gains: GainSet, name: str) -> None:
     law = make(gains, name)
     for inputs in np.random.default_rng(1).normal(size=(50, 4)):
         assert answer(law, *inputs) == -answer(law, *(-inputs))
-    memory = law.memory.copy()
+    state = law.state.copy()
     for _ in range(200):
-        voltage = law.step(law.constants, memory, np.zeros(6), 1e6, -24.0, 24.0)
+        voltage = law.step(law.constants, state, np.zeros(6), np.array([1e6, 0.0, 0.0]), -24.0, 24.0)
         assert abs(voltage) <= 24.0
     assert voltage == 24.0
 
@@ -91,9 +97,9 @@ def test_every_law_is_odd_and_saturates_last(gains: GainSet, name: str) -> None:
 def test_every_law_is_at_rest_at_rest(gains: GainSet, name: str) -> None:
     """At the target, unloaded, no law wants a voltage, however long it has been there."""
     law = make(gains, name)
-    memory = law.memory.copy()
+    state, target = law.state.copy(), np.array([0.3, 0.0, 0.0])
     for _ in range(100):
-        voltage = law.step(law.constants, memory, np.array([3.0, 0.0, 0.0, 0.3, 0.0, 0.0]), 0.3, -24.0, 24.0)
+        voltage = law.step(law.constants, state, np.array([3.0, 0.0, 0.3, 0.0, 0.0, 0.0]), target, -24.0, 24.0)
         assert voltage == pytest.approx(0.0, abs=1e-9)
 
 

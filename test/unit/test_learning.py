@@ -5,14 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from samples import EVERYTHING, sample_of
 
 from backlash_ros.control import GainSet, LearningSettings, Method, Servo, ServoSettings
-from backlash_ros.control.learning import BacklashEstimate, BacklashLearner
+from backlash_ros.control.experiments.limit_cycle import BacklashEstimate, BacklashLearner
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
+from backlash_ros.drivetrain.sensors import Sensors
+from backlash_ros.drivetrain.signals import Estimate
 from backlash_ros.simulation import learn_backlash
 
-LOAD_ONLY = (False, False, False, True, True)
-LOAD_POSITION = (False, False, False, True, False)
+LOAD_ONLY = ("theta_l", "omega_l")
 
 
 def with_inertia(factor: float) -> Drive:
@@ -41,7 +43,7 @@ def test_load_encoder_alone_is_corrected_for_the_inertias(gains: GainSet) -> Non
     """Within 15 %: beside the momentum share there is the give of the contact and the dead time of the samples."""
     for factor in (0.5, 1, 4):
         drive = with_inertia(factor)
-        estimate = learn_backlash(drive, ServoSettings(gains, period=0.001), measured=LOAD_ONLY)
+        estimate = learn_backlash(drive, ServoSettings(gains, period=0.001), sensors=Sensors(measured=LOAD_ONLY))
         assert estimate.valid, estimate.reason
         assert estimate.method is Method.LOAD_AMPLITUDE
         assert estimate.angle == pytest.approx(0.02, rel=0.15)
@@ -61,10 +63,11 @@ def test_learning_answers_no_cycle_under_load_torque(gains: GainSet) -> None:
 def test_flicker_of_the_load_encoder_is_not_taken_for_a_cycle(gains: GainSet, rate: int, bits: int) -> None:
     """Under a load torque the teeth stay on one flank, and the loop drives the load to and fro between two counts."""
     settings = ServoSettings(gains, period=1 / rate)
-    found = learn_backlash(NOMINAL_DRIVE, settings, load_torque=0.1, measured=LOAD_POSITION, encoder_bits=bits)
+    encoder = Sensors(measured=("theta_l",), load_counts=2.0**bits)
+    found = learn_backlash(NOMINAL_DRIVE, settings, load_torque=0.1, sensors=encoder)
     assert not found.valid
     assert "less than 4 steps of its encoder" in found.reason
-    free = learn_backlash(NOMINAL_DRIVE, settings, measured=LOAD_POSITION, encoder_bits=bits)
+    free = learn_backlash(NOMINAL_DRIVE, settings, sensors=encoder)
     assert free.valid
     assert 1.0 < free.angle / 0.02 < 1.5  # the speed that is worked out lags: the cycle is larger than the gap
 
@@ -77,7 +80,8 @@ def test_learning_answers_no_cycle_within_the_limit(gains: GainSet) -> None:
 
 
 def test_learning_needs_the_load_encoder(gains: GainSet) -> None:
-    estimate = learn_backlash(NOMINAL_DRIVE, ServoSettings(gains), measured=(True, True, True, False, False))
+    motor_only = Sensors(measured=("theta_m", "omega_m", "current"))
+    estimate = learn_backlash(NOMINAL_DRIVE, ServoSettings(gains), sensors=motor_only)
     assert not estimate.valid
     assert "the load encoder is missing" in estimate.reason
 
@@ -87,10 +91,10 @@ def test_learning_does_not_touch_the_settings_and_returns_to_the_reference(gains
     servo = Servo(NOMINAL_DRIVE, settings)
     sample = np.array([0.0, 0.0, 0.0, 0.0, 0.0])
     servo.update(sample)
-    servo.start_learning()
+    servo.start_experiment()
     assert servo.update(sample) > 0  # the kick
     servo.release("test")
-    estimate = servo.take_learned()
+    estimate = servo.take_outcome()
     assert estimate is not None
     assert not estimate.valid
     assert estimate.reason == "no valid cycle: test"
@@ -100,27 +104,27 @@ def test_learning_does_not_touch_the_settings_and_returns_to_the_reference(gains
 
 def test_learning_twice_at_once_is_refused(gains: GainSet) -> None:
     servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
-    servo.start_learning()
+    servo.start_experiment()
     with pytest.raises(RuntimeError, match="already learning"):
-        servo.start_learning()
+        servo.start_experiment()
 
 
 def rigid_gear(servo: Servo, resolution: float) -> None:
     """Let the servo learn on a load angle that was computed from the motor's: it swings, and there is no gap."""
-    servo.start_learning()
+    servo.start_experiment()
     for k in range(5000):
         phase = 2 * np.pi * 12.0 * k * servo.settings.period
         angle, speed = 0.005 * np.sin(phase), 0.005 * 2 * np.pi * 12.0 * np.cos(phase)
         if resolution:
             angle = np.round(angle / resolution) * resolution
-        servo.update(np.array([10 * angle, 10 * speed, 0.0, angle, speed]))
+        servo.update(np.array([10 * angle, 10 * speed, angle, speed, 0.0]))
 
 
 @pytest.mark.parametrize("resolution", [0.0, 2 * np.pi / 2**16])
 def test_swing_without_a_gap_is_not_a_backlash_of_zero(gains: GainSet, resolution: float) -> None:
     servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
     rigid_gear(servo, resolution)
-    estimate = servo.take_learned()
+    estimate = servo.take_outcome()
     assert estimate is not None
     assert not estimate.valid
     assert "is the load's angle measured behind the gear?" in estimate.reason
@@ -136,13 +140,13 @@ PERIOD = 0.004
 MEASURED_AT_ONCE = LearningSettings(kick_time=PERIOD, settle_time=0.0, attempts=1)
 
 
-def swings(cycles: Sequence[tuple[float, int]]) -> Iterator[np.ndarray]:
+def swings(cycles: Sequence[tuple[float, int]]) -> Iterator[Estimate]:
     """Estimates of a load that swings by so much, rad peak to peak, in so many samples, while the motor rests."""
     for amplitude, samples in cycles:
         phase = 2 * np.pi * np.arange(samples) / samples
         rate = 2 * np.pi / (samples * PERIOD)
         for angle, speed in zip(0.5 * amplitude * np.sin(phase), 0.5 * amplitude * rate * np.cos(phase), strict=True):
-            yield np.array([0.0, 0.0, 0.0, angle, speed, 0.0])
+            yield Estimate(np.array([0.0, 0.0, angle, speed, 0.0, 0.0]))
 
 
 def learn_from(
@@ -150,9 +154,9 @@ def learn_from(
 ) -> BacklashEstimate:
     learner = BacklashLearner(NOMINAL_DRIVE, settings, PERIOD)
     for k, estimate in enumerate(swings(cycles)):
-        learner.update(estimate, has_motor=k < motor_until, has_load=True)
-    assert learner.result is not None
-    return learner.result
+        learner.step(sample_of(estimate, EVERYTHING if k < motor_until else LOAD_ONLY), estimate, 0.0)
+    assert learner.outcome is not None
+    return learner.outcome
 
 
 @pytest.mark.parametrize("attempts", [1, 2, 5])
@@ -160,10 +164,10 @@ def test_each_attempt_kicks_to_the_other_side(attempts: int) -> None:
     learner = BacklashLearner(
         NOMINAL_DRIVE, replace(MEASURED_AT_ONCE, measure_time=0.1, attempts=attempts), period=PERIOD
     )
-    offsets = [learner.update(np.zeros(6), has_motor=True, has_load=True) for _ in range(200)]
+    offsets = [learner.step(np.zeros(5), np.zeros(6), 0.0).offset for _ in range(200)]
     assert [offset for offset in offsets if offset] == ([0.1, -0.1] * 3)[:attempts]
-    assert learner.result is not None
-    assert f"(after {attempts} kicks of 0.1 rad)" in learner.result.reason
+    assert learner.outcome is not None
+    assert f"(after {attempts} kicks of 0.1 rad)" in learner.outcome.reason
 
 
 def test_cycles_of_one_attempt_do_not_count_in_the_next() -> None:

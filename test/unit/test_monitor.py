@@ -9,27 +9,29 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from samples import EVERYTHING, sample_of
 
 from backlash_ros.control import LAWS, NO_LIMIT, GainSet, Limits, Servo, ServoSettings, design_gains
-from backlash_ros.control.monitor import mechanical_time_constant, standstill_torque
+from backlash_ros.control.command_range import clamp, command_range, range_constants
+from backlash_ros.control.limits import mechanical_time_constant, standstill_torque
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Contact, Drive, Plant
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.contacts.power import PowerContact, PowerNoPullContact
 from backlash_ros.drivetrain.contacts.restitution import RestitutionContact
+from backlash_ros.drivetrain.sensors import POSITIONS
+from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement
 
 CURRENT_DRIVE = replace(NOMINAL_DRIVE, command_interface="current")
 BOTH = pytest.mark.parametrize("drive", [NOMINAL_DRIVE, CURRENT_DRIVE], ids=["voltage", "current"])
 
-EVERYTHING = (True, True, True, True, True)
-POSITIONS = (True, False, False, True, False)
-LOAD_ONLY = (False, False, False, True, False)
-MOTOR_ONLY = (True, False, False, False, False)
+LOAD_ONLY = ("theta_l",)
+MOTOR_ONLY = ("theta_m",)
 MEASURED = {"everything": EVERYTHING, "positions": POSITIONS, "load_only": LOAD_ONLY, "motor_only": MOTOR_ONLY}
 
 HELD = standstill_torque(NOMINAL_DRIVE, 24.0)
 NO_LOAD_SPEED = 48.0
 
-Tamper = Callable[[np.ndarray, np.ndarray], np.ndarray]
+Tamper = Callable[[Measurement, Measurement], Measurement]
 
 
 def gains_of(drive: Drive) -> GainSet:
@@ -67,7 +69,7 @@ class Rig:
         *,
         plant: Drive | None = None,
         limits: Limits | None = None,
-        measured: Sequence[bool] = EVERYTHING,
+        measured: Sequence[str] = EVERYTHING,
         bits: int | None = None,
         state: Sequence[float] | None = None,
     ) -> None:
@@ -75,20 +77,20 @@ class Rig:
         self.load_torque = 0.0
         self.tamper: Tamper | None = None
         self.polarity = 1.0
-        self._missing = np.where(measured, 0.0, math.nan)
+        self._measured = measured
         self._resolution = 2 * math.pi / 2**bits if bits else 0.0
         self._before: np.ndarray | None = None
         self._elapsed: float | None = None
 
-    def sample(self) -> np.ndarray:
-        theta_m, omega_m, theta_l, omega_l, current = self.plant.state
-        true = np.array([theta_m, omega_m, current, theta_l, omega_l])
+    def sample(self) -> Measurement:
+        true = sample_of(self.plant.state)
         if self.tamper:
             self._before = true.copy() if self._before is None else self._before
             true = self.tamper(true, self._before)
         if self._resolution:
-            true[[0, 3]] = np.round(true[[0, 3]] / self._resolution) * self._resolution
-        return true + self._missing
+            angles = [THETA_M, THETA_L]
+            true[angles] = np.round(true[angles] / self._resolution) * self._resolution
+        return sample_of(true, self._measured)
 
     def run(self, time: float, periods: Sequence[int] = (1,)) -> str:
         """Go on for ``time`` seconds or until a fault, with samples every so many ``periods``; return the fault."""
@@ -103,12 +105,12 @@ class Rig:
         return self.servo.fault
 
     def step(self, target: float, time: float, periods: Sequence[int] = (1,)) -> str:
-        """Refer to ``target`` and go on."""
-        assert self.servo.refer(target) == ""
+        """Set the reference to ``target`` and go on."""
+        assert self.servo.set_reference(target) == ""
         return self.run(time, periods)
 
 
-def started(drive: Drive, *, measured: Sequence[bool] = EVERYTHING, **changes: float | str) -> Rig:
+def started(drive: Drive, *, measured: Sequence[str] = EVERYTHING, **changes: float | str) -> Rig:
     """A rig that holds, with three samples seen."""
     rig = Rig(drive, settings_of(drive, **changes), measured=measured)
     assert rig.run(0.012) == ""
@@ -193,7 +195,7 @@ def limited(gains: GainSet) -> Servo:
 )
 def test_reference_beyond_a_limit_is_refused_without_effect(limited: Servo, reference: float, text: str) -> None:
     limited.update(np.zeros(5))
-    assert limited.refer(reference) == text
+    assert limited.set_reference(reference) == text
     assert limited.reference == 0.0
     assert limited.update(np.zeros(5)) == 0.0
 
@@ -201,19 +203,19 @@ def test_reference_beyond_a_limit_is_refused_without_effect(limited: Servo, refe
 def test_reference_is_taken_up_to_the_limits(limited: Servo) -> None:
     limited.update(np.zeros(5))
     for reference in (-1.0, 0.5, 2.0):
-        assert limited.refer(reference) == ""
+        assert limited.set_reference(reference) == ""
         assert limited.reference == reference
 
 
 def test_reference_is_refused_where_nobody_would_follow_it(limited: Servo) -> None:
-    assert limited.refer(0.1) == "reference 0.1 rad came while no position is held"
+    assert limited.set_reference(0.1) == "reference 0.1 rad came while no position is held"
     assert not limited.holding
     limited.update(np.zeros(5))
-    limited.start_learning()
-    assert limited.refer(0.1) == "reference 0.1 rad came while learning"
+    limited.start_experiment()
+    assert limited.set_reference(0.1) == "reference 0.1 rad came while learning"
     assert limited.reference == 0.0
     limited.fail("test")
-    assert limited.refer(0.1) == "reference 0.1 rad came while a fault is latched"
+    assert limited.set_reference(0.1) == "reference 0.1 rad came while a fault is latched"
     assert not limited.holding
 
 
@@ -221,16 +223,22 @@ def test_reference_is_refused_where_nobody_would_follow_it(limited: Servo) -> No
 def test_reference_that_changes_by_more_than_the_step_is_refused_either_way(change: float) -> None:
     present = 0.5 - 0.5 * change
     text = f"reference must be within limits.step = 1.5 rad of {present:g} rad, got {present + change:g}"
-    assert replace(Limits.of(NOMINAL_DRIVE), step=1.5).refusal(present + change, present) == text
+    assert replace(Limits.of(NOMINAL_DRIVE), step=1.5).rejection_reason(present + change, present) == text
 
 
 # The ends of the travel
 
 
+def softened_at(limits: Limits, command: float, angle: float) -> float:
+    """Return what is left of a command with the load at an angle, at rest."""
+    estimate = np.array([10 * angle, 0.0, angle, 0.0, 0.0, 0.0])
+    return clamp(command, *command_range(range_constants(NOMINAL_DRIVE, limits), estimate))
+
+
 @given(st.floats(-24, 24), st.floats(-3, 3))
 def test_command_fades_out_towards_an_end_and_never_on_the_way_back(command: float, angle: float) -> None:
     limits = replace(Limits.of(NOMINAL_DRIVE), position_lower=-1.0, position_upper=1.0, soft_zone=0.5)
-    softened = limits.soften(command, angle)
+    softened = softened_at(limits, command, angle)
     assert softened * command >= 0.0
     assert abs(softened) <= abs(command)
     if angle >= 1.0:
@@ -247,7 +255,8 @@ def test_command_fades_out_towards_an_end_and_never_on_the_way_back(command: flo
 def test_command_fades_without_a_jump(command: float, angle: float, soft_zone: float) -> None:
     limits = replace(Limits.of(NOMINAL_DRIVE), position_lower=-0.5, position_upper=0.5, soft_zone=soft_zone)
     nearby = 1e-6 * soft_zone
-    assert abs(limits.soften(command, angle + nearby) - limits.soften(command, angle)) <= 24.0 * 1.01e-6
+    here, there = (softened_at(limits, command, each) for each in (angle, angle + nearby))
+    assert abs(there - here) <= 24.0 * 1.01e-6
 
 
 @BOTH
@@ -283,7 +292,7 @@ def test_no_law_goes_beyond_the_largest_command(drive: Drive, law: str) -> None:
     rig = Rig(drive, settings_of(drive, law=law), limits=replace(Limits.of(drive), command=3.0))
     commands = []
     rig.run(0.004)
-    rig.servo.refer(4.0)
+    rig.servo.set_reference(4.0)
     for _ in range(1000):
         commands.append(rig.servo.update(rig.sample()))
         rig.plant.advance(commands[-1], 0.0, 0.004)
@@ -295,40 +304,55 @@ def test_no_law_goes_beyond_the_largest_command(drive: Drive, law: str) -> None:
 # Faults: every one is found within so many samples of 4 ms, before the load has run away
 
 
-def encoders_stand_still(sample: np.ndarray, before: np.ndarray) -> np.ndarray:
-    return np.array([before[0], 0.0, sample[2], before[3], 0.0])
-
-
-def everything_stands_still(sample: np.ndarray, before: np.ndarray) -> np.ndarray:
+def everything_stands_still(sample: Measurement, before: Measurement) -> Measurement:
     return before.copy()
 
 
-def load_stands_still(sample: np.ndarray, before: np.ndarray) -> np.ndarray:
-    return np.array([*sample[:3], before[3], 0.0])
+def motor_stands_still(sample: Measurement, before: Measurement) -> Measurement:
+    shown = sample.copy()
+    shown[THETA_M], shown[OMEGA_M] = before[THETA_M], 0.0
+    return shown
 
 
-def motor_stands_still(sample: np.ndarray, before: np.ndarray) -> np.ndarray:
-    return np.array([before[0], 0.0, *sample[2:]])
+def load_stands_still(sample: Measurement, before: Measurement) -> Measurement:
+    shown = sample.copy()
+    shown[THETA_L], shown[OMEGA_L] = before[THETA_L], 0.0
+    return shown
 
 
-def load_counts_backwards(sample: np.ndarray, before: np.ndarray) -> np.ndarray:
-    return np.array([*sample[:3], 2 * before[3] - sample[3], -sample[4]])
+def encoders_stand_still(sample: Measurement, before: Measurement) -> Measurement:
+    return motor_stands_still(load_stands_still(sample, before), before)
 
 
-def both_count_backwards(sample: np.ndarray, before: np.ndarray) -> np.ndarray:
-    return 2 * before * np.array([1, 0, 0, 1, 0]) + sample * np.array([-1, -1, 1, -1, -1])
+def load_counts_backwards(sample: Measurement, before: Measurement) -> Measurement:
+    shown = sample.copy()
+    shown[THETA_L], shown[OMEGA_L] = 2 * before[THETA_L] - sample[THETA_L], -sample[OMEGA_L]
+    return shown
 
 
-def load_jumps(sample: np.ndarray, before: np.ndarray) -> np.ndarray:
-    return sample + np.array([0, 0, 0, 0.2, 0])
+def both_count_backwards(sample: Measurement, before: Measurement) -> Measurement:
+    shown = load_counts_backwards(sample, before)
+    shown[THETA_M], shown[OMEGA_M] = 2 * before[THETA_M] - sample[THETA_M], -sample[OMEGA_M]
+    return shown
 
 
-def motor_jumps(sample: np.ndarray, before: np.ndarray) -> np.ndarray:
-    return sample - np.array([2.0, 0, 0, 0, 0])
+def load_jumps(sample: Measurement, before: Measurement) -> Measurement:
+    shown = sample.copy()
+    shown[THETA_L] += 0.2
+    return shown
 
 
-def all_jump(sample: np.ndarray, before: np.ndarray) -> np.ndarray:
-    return sample + np.array([10.0, 0, 0, 1.0, 0])
+def motor_jumps(sample: Measurement, before: Measurement) -> Measurement:
+    shown = sample.copy()
+    shown[THETA_M] -= 2.0
+    return shown
+
+
+def all_jump(sample: Measurement, before: Measurement) -> Measurement:
+    shown = sample.copy()
+    shown[THETA_M] += 10.0
+    shown[THETA_L] += 1.0
+    return shown
 
 
 @BOTH
@@ -348,7 +372,7 @@ def all_jump(sample: np.ndarray, before: np.ndarray) -> np.ndarray:
     ],
 )
 def test_encoder_fault_during_a_step_is_found(
-    drive: Drive, measured: Sequence[bool], tamper: Tamper, within: int, travel: float, text: str
+    drive: Drive, measured: Sequence[str], tamper: Tamper, within: int, travel: float, text: str
 ) -> None:
     rig = started(drive, measured=measured)
     rig.tamper = tamper
@@ -365,7 +389,7 @@ def test_encoder_fault_during_a_step_is_found(
     ("tamper", "within", "travel"), [(both_count_backwards, 10, 1.5), (encoders_stand_still, 25, 9.0)]
 )
 def test_fault_of_the_only_encoder_during_a_step_is_found(
-    drive: Drive, measured: Sequence[bool], tamper: Tamper, within: int, travel: float
+    drive: Drive, measured: Sequence[str], tamper: Tamper, within: int, travel: float
 ) -> None:
     rig = started(drive, measured=measured)
     rig.tamper = tamper
@@ -378,7 +402,7 @@ def test_fault_of_the_only_encoder_during_a_step_is_found(
 @BOTH
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
 @pytest.mark.parametrize("target", [0.3, -1.0])
-def test_command_of_the_wrong_sign_is_found(drive: Drive, measured: Sequence[bool], target: float) -> None:
+def test_command_of_the_wrong_sign_is_found(drive: Drive, measured: Sequence[str], target: float) -> None:
     """The load runs away by hardly more than the error at which the command is at its limit anyway."""
     rig = started(drive, measured=measured)
     rig.polarity = -1.0
@@ -389,7 +413,7 @@ def test_command_of_the_wrong_sign_is_found(drive: Drive, measured: Sequence[boo
 
 @BOTH
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
-def test_runaway_of_a_slow_drive_is_found_long_before_its_time_constant(drive: Drive, measured: Sequence[bool]) -> None:
+def test_runaway_of_a_slow_drive_is_found_long_before_its_time_constant(drive: Drive, measured: Sequence[str]) -> None:
     slow = with_inertias(drive, 100.0)
     rig = started(slow, measured=measured)
     rig.polarity = -1.0
@@ -428,7 +452,7 @@ def test_lower_limit_on_the_load_torque_finds_frozen_encoders_at_a_small_command
 
 @BOTH
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
-def test_blocked_load_is_found(drive: Drive, measured: Sequence[bool]) -> None:
+def test_blocked_load_is_found(drive: Drive, measured: Sequence[str]) -> None:
     rig = Rig(drive, settings_of(drive), plant=with_load(drive, inertia=50.0), measured=measured)
     rig.run(0.012)
     assert rig.step(1.0, 0.15).startswith("unexplained torque")
@@ -436,13 +460,13 @@ def test_blocked_load_is_found(drive: Drive, measured: Sequence[bool]) -> None:
 
 @BOTH
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
-def test_load_torque_that_the_drive_cannot_hold_is_a_fault(drive: Drive, measured: Sequence[bool]) -> None:
+def test_load_torque_that_the_drive_cannot_hold_is_a_fault(drive: Drive, measured: Sequence[str]) -> None:
     rig = started(drive, measured=measured)
     rig.load_torque = -1.5 * HELD
     assert rig.run(0.5).startswith("unexplained torque")
 
 
-@pytest.mark.parametrize(("place", "side", "value"), [(1, "motor", 1500.0), (4, "load", -150.0)])
+@pytest.mark.parametrize(("place", "side", "value"), [(OMEGA_M, "motor", 1500.0), (OMEGA_L, "load", -150.0)])
 def test_measured_overspeed_is_a_fault(gains: GainSet, place: int, side: str, value: float) -> None:
     servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
     sample = np.zeros(5)
@@ -476,7 +500,7 @@ def test_fault_is_latched_until_reset_and_then_the_present_position_is_held(driv
 
 @BOTH
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
-def test_unexplained_torque_is_forgotten_at_a_reset(drive: Drive, measured: Sequence[bool]) -> None:
+def test_unexplained_torque_is_forgotten_at_a_reset(drive: Drive, measured: Sequence[str]) -> None:
     rig = started(drive, measured=measured)
     rig.polarity = -1.0
     assert rig.step(1.0, 1.0, (1, 10)).startswith("unexplained torque")  # by far, with samples missing
@@ -488,15 +512,15 @@ def test_unexplained_torque_is_forgotten_at_a_reset(drive: Drive, measured: Sequ
 @BOTH
 def test_fault_ends_learning_with_its_reason(drive: Drive) -> None:
     rig = started(drive)
-    rig.servo.start_learning()
+    rig.servo.start_experiment()
     assert rig.run(0.1) == ""
     rig.tamper = load_jumps
     fault = rig.run(0.1)
-    estimate = rig.servo.take_learned()
+    estimate = rig.servo.take_outcome()
     assert estimate is not None
     assert not estimate.valid
     assert estimate.reason == f"no valid cycle: {fault}"
-    assert not rig.servo.learning
+    assert not rig.servo.experimenting
 
 
 # A healthy drive shows no fault
@@ -536,7 +560,7 @@ def test_steps_are_no_fault_with_half_the_limits(drive: Drive, law: str, period:
 @pytest.mark.parametrize("bits", [10, 12, 16])
 @pytest.mark.parametrize("period", [0.01, 0.001])
 def test_counts_are_no_fault_with_half_the_limits(
-    drive: Drive, measured: Sequence[bool], bits: int, period: float
+    drive: Drive, measured: Sequence[str], bits: int, period: float
 ) -> None:
     rig = Rig(drive, settings_of(drive, period), limits=with_margin(drive, 0.5), measured=measured, bits=bits)
     assert exercise(rig) == ""
@@ -568,7 +592,7 @@ def test_load_torque_within_the_default_limit_is_no_fault(drive: Drive, law: str
     ],
     ids=str,
 )
-def test_wrong_model_of_the_load_is_no_fault(drive: Drive, measured: Sequence[bool], changes: dict[str, float]) -> None:
+def test_wrong_model_of_the_load_is_no_fault(drive: Drive, measured: Sequence[str], changes: dict[str, float]) -> None:
     rig = Rig(
         drive,
         settings_of(drive),
@@ -581,7 +605,7 @@ def test_wrong_model_of_the_load_is_no_fault(drive: Drive, measured: Sequence[bo
 
 @BOTH
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
-def test_knock_on_a_fast_drive_is_no_fault(drive: Drive, measured: Sequence[bool]) -> None:
+def test_knock_on_a_fast_drive_is_no_fault(drive: Drive, measured: Sequence[str]) -> None:
     """Over before it counts, though the drive's speed follows it."""
     rig = started(with_inertias(drive, 0.1), measured=measured, period=0.001)
     rig.load_torque = 2 * HELD
@@ -592,7 +616,7 @@ def test_knock_on_a_fast_drive_is_no_fault(drive: Drive, measured: Sequence[bool
 
 @pytest.mark.parametrize("factor", [0.25, 4.0, 10.0])
 @pytest.mark.parametrize("measured", [EVERYTHING, POSITIONS], ids=["everything", "positions"])
-def test_wrong_inertia_of_a_load_that_outweighs_the_motor_is_no_fault(factor: float, measured: Sequence[bool]) -> None:
+def test_wrong_inertia_of_a_load_that_outweighs_the_motor_is_no_fault(factor: float, measured: Sequence[str]) -> None:
     """The unexplained torque is more than any that the drive holds, yet the momentum goes the drive's way."""
     drive = with_load(NOMINAL_DRIVE, inertia=0.02)
     plant = with_load(drive, inertia=0.02 * factor)
@@ -621,16 +645,16 @@ def test_impacts_of_the_limit_cycle_are_no_fault(drive: Drive, contact: Contact)
 
 @BOTH
 @pytest.mark.parametrize("measured", [EVERYTHING, POSITIONS, LOAD_ONLY], ids=["everything", "positions", "load_only"])
-def test_learning_is_no_fault_with_half_the_limits(drive: Drive, measured: Sequence[bool]) -> None:
+def test_learning_is_no_fault_with_half_the_limits(drive: Drive, measured: Sequence[str]) -> None:
     rig = Rig(drive, settings_of(drive), limits=with_margin(drive, 0.5), measured=measured, bits=14)
     rig.run(0.1)
-    rig.servo.start_learning()
+    rig.servo.start_experiment()
     assert rig.run(2.0) == ""
 
 
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
 @pytest.mark.parametrize("periods", [(1, 2, 1, 1), (1, 1, 10), (3,)], ids=str)
-def test_missing_samples_are_no_fault(measured: Sequence[bool], periods: Sequence[int]) -> None:
+def test_missing_samples_are_no_fault(measured: Sequence[str], periods: Sequence[int]) -> None:
     rig = Rig(
         NOMINAL_DRIVE,
         settings_of(NOMINAL_DRIVE, 0.002),
@@ -643,7 +667,7 @@ def test_missing_samples_are_no_fault(measured: Sequence[bool], periods: Sequenc
 
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
 @pytest.mark.parametrize("period", [0.01, 0.001])
-def test_start_while_the_drive_turns_at_full_speed_is_no_fault(measured: Sequence[bool], period: float) -> None:
+def test_start_while_the_drive_turns_at_full_speed_is_no_fault(measured: Sequence[str], period: float) -> None:
     turning = [0.0, 10 * NO_LOAD_SPEED, 0.0, NO_LOAD_SPEED, 0.0]
     limits = with_margin(NOMINAL_DRIVE, 0.5)
     rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, period), limits=limits, measured=measured, state=turning)
@@ -657,7 +681,7 @@ def test_samples_closer_together_than_a_period_do_not_look_like_speed(gains: Gai
     limits = Limits.of(NOMINAL_DRIVE)
     servo.update(np.zeros(5))
     way = limits.gap + 0.9 * limits.velocity * period
-    servo.update(np.array([10 * way, math.nan, math.nan, way, math.nan]), 0.1 * period)
+    servo.update(np.array([10 * way, math.nan, way, math.nan, math.nan]), 0.1 * period)
     assert servo.fault == ""
 
 
@@ -693,7 +717,7 @@ def test_practical_drive_shows_no_fault(
     interface: Drive,
     law: str,
     contact_law: str,
-    measured: Sequence[bool],
+    measured: Sequence[str],
     bits: int | None,
     share: float,
 ) -> None:

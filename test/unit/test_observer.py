@@ -4,25 +4,24 @@ import math
 
 import numpy as np
 import pytest
+from samples import EVERYTHING, sample_of
 
 from backlash_ros.control import GainSet, ServoSettings
-from backlash_ros.control.observer import CURRENT, LOAD_TORQUE, OMEGA_L, OMEGA_M, observer_memory, observer_step
+from backlash_ros.control.observer import observer_memory, observer_step
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
+from backlash_ros.drivetrain.sensors import POSITIONS
+from backlash_ros.drivetrain.signals import CURRENT, LOAD_TORQUE, OMEGA_L, OMEGA_M, THETA_L
 from backlash_ros.simulation import Scenario, run
 
-EVERYTHING = (True, True, True, True, True)
-POSITIONS = (True, False, False, True, False)
-LOAD_ONLY = (False, False, False, True, False)
+LOAD_ONLY = ("theta_l",)
 
 
-def follow(measured: tuple[bool, ...], gains: GainSet, voltage: float, load_torque: float) -> tuple[Plant, np.ndarray]:
+def follow(measured: tuple[str, ...], gains: GainSet, voltage: float, load_torque: float) -> tuple[Plant, np.ndarray]:
     """Run the plant at constant inputs for 0.4 s with the observer looking on."""
     settings = ServoSettings(gains, period=0.001)
     constants, memory, plant = settings.observer(NOMINAL_DRIVE), observer_memory(), Plant(NOMINAL_DRIVE)
-    missing = np.where(measured, 0.0, math.nan)
     for _ in range(400):
-        theta_m, omega_m, theta_l, omega_l, current = plant.state
-        observer_step(constants, memory, np.array([theta_m, omega_m, current, theta_l, omega_l]) + missing, voltage)
+        observer_step(constants, memory, sample_of(plant.state, measured), voltage, 0.001)
         plant.advance(voltage, load_torque, 0.001)
     return plant, memory
 
@@ -31,13 +30,13 @@ def test_measured_signals_pass_unchanged(gains: GainSet) -> None:
     constants = ServoSettings(gains).observer(NOMINAL_DRIVE)
     memory = observer_memory()
     for k in range(3):
-        sample = np.array([1.0, 2.0, 0.3, 0.1, 0.2]) * (k + 1)
-        observer_step(constants, memory, sample, 0.0)
+        sample = np.array([1.0, 2.0, 0.1, 0.2, 0.3]) * (k + 1)
+        observer_step(constants, memory, sample, 0.0, 0.004)
         np.testing.assert_array_equal(memory[:5], sample)
 
 
 @pytest.mark.parametrize("measured", [POSITIONS, LOAD_ONLY])
-def test_speeds_and_current_follow_from_position(gains: GainSet, measured: tuple[bool, ...]) -> None:
+def test_speeds_and_current_follow_from_position(gains: GainSet, measured: tuple[str, ...]) -> None:
     plant, memory = follow(measured, gains, 4.0, 0.0)
     assert memory[OMEGA_L] == pytest.approx(plant.load_speed, rel=0.02)
     assert memory[OMEGA_M] == pytest.approx(plant.motor_speed, rel=0.02)
@@ -46,7 +45,7 @@ def test_speeds_and_current_follow_from_position(gains: GainSet, measured: tuple
 
 @pytest.mark.parametrize("measured", [EVERYTHING, POSITIONS])
 @pytest.mark.parametrize("torque", [0.0, 0.1, -0.3])
-def test_load_torque_is_found_from_momentum(gains: GainSet, measured: tuple[bool, ...], torque: float) -> None:
+def test_load_torque_is_found_from_momentum(gains: GainSet, measured: tuple[str, ...], torque: float) -> None:
     _, memory = follow(measured, gains, 3.0, torque)
     assert memory[LOAD_TORQUE] == pytest.approx(torque, abs=0.01)
 
@@ -67,5 +66,5 @@ def test_load_encoder_alone_gives_no_load_torque(gains: GainSet) -> None:
 def test_missing_load_encoder_is_the_motor_through_the_rigid_gear(gains: GainSet) -> None:
     memory = observer_memory()
     constants = ServoSettings(gains).observer(NOMINAL_DRIVE)
-    observer_step(constants, memory, np.array([2.0, 3.0, 0.0, math.nan, math.nan]), 0.0)
-    np.testing.assert_allclose(memory[3:5], [0.2, 0.3])
+    observer_step(constants, memory, np.array([2.0, 3.0, math.nan, math.nan, 0.0]), 0.0, 0.004)
+    np.testing.assert_allclose(memory[[THETA_L, OMEGA_L]], [0.2, 0.3])

@@ -161,12 +161,12 @@ def test_an_experiment_is_added_as_a_file_and_runs_with_its_parameters(gains: Ga
 def test_names_and_tables_that_are_no_use_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"^law must be one of \[.*\], got 'nothing'$"):
         LAWS.choose("law", "nothing")
-    with pytest.raises(FileNotFoundError, match="no Python file at .*missing.py"):
+    with pytest.raises(FileNotFoundError, match=r"no Python file at .*missing.py"):
         LAWS.add(tmp_path / "missing.py")
     with pytest.raises(ValueError, match=r"must have a table LAWS of its entries by name, and has none"):
         LAWS.add(write(tmp_path, "empty", '"""Nothing."""\n'))
     before = dict(LAWS)
-    with pytest.raises(ValueError, match="LAWS: 'fast' in .* is the name of another entry"):
+    with pytest.raises(ValueError, match=r"LAWS: 'fast' in .* is the name of another entry"):
         LAWS.add(write(tmp_path, "again", LAW, NAME="fast", SLOPE="0.5"))
     assert dict(LAWS) == before
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from backlash_ros.control import GainSet, ServoSettings
+from backlash_ros.control.laws.two_region import TwoRegionParameters
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.simulation import Run, Scenario, run
 
@@ -36,9 +37,8 @@ def drive_of(case: str) -> tuple[Drive, float]:
 
 def respond(row: dict[str, Any], law: str, gains: GainSet, seconds: float) -> tuple[Run, Drive]:
     drive, torque = drive_of(row["case"])
-    settings = ServoSettings(
-        gains, law=law, backlash_angle=drive.gear.backlash_angle, period=row["Ts"], hysteresis=0.0, min_dwell=0.0
-    )
+    settings = ServoSettings(gains, backlash_angle=drive.gear.backlash_angle, period=row["Ts"])
+    settings = settings.with_law("two_region", TwoRegionParameters(hysteresis=0.0, min_dwell=0.0)).with_law(law)
     samples = round(seconds / row["Ts"])
     scenario = Scenario(np.ones(samples), np.array(torque), known_load_torque=True)
     return run(drive, settings, scenario), drive

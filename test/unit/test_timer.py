@@ -22,15 +22,15 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return made
 
 
-def test_late_beats_are_left_out_and_the_phase_is_kept(clock: Clock) -> None:
-    beats: list[float] = []
-    beat = Timer(0.25, lambda: beats.append(clock.at))
+def test_late_calls_are_left_out_and_the_phase_is_kept(clock: Clock) -> None:
+    called: list[float] = []
+    made = Timer(0.25, lambda: called.append(clock.at))
     for clock.at in (100.1, 100.25, 100.3, 101.1, 101.15, 101.25, 101.5):
-        call_due([beat])
-    assert beats == [100.25, 101.1, 101.25, 101.5]
+        call_due([made])
+    assert called == [100.25, 101.1, 101.25, 101.5]
 
 
-def test_wait_is_until_the_next_beat(clock: Clock) -> None:
+def test_wait_is_until_the_next_call(clock: Clock) -> None:
     timers = [Timer(0.5, lambda: None), Timer(0.25, lambda: None)]
     assert call_due(timers) == 0.25
     clock.at = 100.25
@@ -39,7 +39,7 @@ def test_wait_is_until_the_next_beat(clock: Clock) -> None:
     assert call_due(timers) == 0.125
 
 
-def test_beats_of_a_phase_stay_on_it_wherever_they_begin(clock: Clock) -> None:
+def test_calls_of_a_phase_stay_on_it_wherever_they_begin(clock: Clock) -> None:
     clock.at = 100.3
     assert Timer(0.25, lambda: None, 0.0625).due == 100.3125
     clock.at = 100.3125
@@ -55,9 +55,9 @@ def test_the_most_overdue_comes_first_and_all_have_their_turn(clock: Clock) -> N
     assert called == ["fast", "slow"]
 
 
-def test_a_beat_is_due_again_before_it_calls_back(clock: Clock) -> None:
+def test_a_timer_is_due_again_before_it_calls_back(clock: Clock) -> None:
     seen: list[float] = []
-    beat = Timer(0.25, lambda: seen.append(beat.due))
+    made = Timer(0.25, lambda: seen.append(made.due))
     clock.at = 100.3
-    call_due([beat])
+    call_due([made])
     assert seen == [100.5]
