@@ -22,6 +22,7 @@ LONGEST_DELAY = 10
 """In periods."""
 
 _POINTS_PER_DECADE = 100
+_STEPS_PER_PERIOD = 16
 _LONG = 100
 """In periods: beyond it the poles of the delayed loop take long to compute, and a broken period matters little."""
 
@@ -159,7 +160,9 @@ def stability_margins(drive: Drive, gains: Gains, period: float, delay: float = 
     Crossings are those of python-control's ``stability_margins``, from the frequency response up to half the sample
     rate. A part of a period delays not quite like exp(-jwd), since the hold is split: up to 100 periods the margin is
     therefore found from the poles of the loop with that delay; beyond from the lag at each crossover, within 1 %
-    and more exact the longer it is.
+    and more exact the longer it is. A loop that is sampled slowly may turn unstable around a whole period, which splits
+    no hold, and be stable again a little later: such a range of delays is found where it is wider than a sixteenth of a
+    period.
 
     Examples
     --------
@@ -205,19 +208,22 @@ def _frequencies(loop: object, poles: NDArray[np.complex128], period: float) -> 
 
 def _delay_margin(drive: Drive, gains: Gains, period: float, delay: float, estimate: float) -> float:
     """Return the least further delay with which a pole leaves the unit circle; ``estimate`` where that is long."""
-    near = estimate if math.isfinite(estimate) else 0.0
-    if near > _LONG * period:
+    if math.isfinite(estimate) and estimate > _LONG * period:
         return estimate
 
-    def excess(further: float) -> float:
-        return _spectral_radius(_rigid_loop(drive, gains, period, delay + further)) - 1.0
+    def excess(total: float) -> float:
+        return _spectral_radius(_rigid_loop(drive, gains, period, total)) - 1.0
 
-    low = 0.5 * near
-    if not excess(low) < 0:
-        low = 0.0
-    while low <= max(1.5 * near, LONGEST_DELAY * period):
-        high = low + max(0.25 * period, 0.05 * near)
+    low, step = delay, period / _STEPS_PER_PERIOD
+    longest = delay + LONGEST_DELAY * period
+    if math.isfinite(estimate) and estimate > LONGEST_DELAY * period:
+        longest, step = delay + 1.5 * estimate, 0.05 * estimate
+        if excess(delay + 0.5 * estimate) < 0:
+            low = delay + 0.5 * estimate
+    while low <= longest:
+        # Just before whole steps: the current that a sample sees may be another one at whole periods.
+        high = (math.floor(low / step + 1e-3) + 1.0 - 1e-6) * step
         if not excess(high) < 0:
-            return float(brentq(excess, low, high, xtol=1e-9 * period))
+            return float(brentq(excess, low, high, xtol=1e-9 * period)) - delay
         low = high
     return estimate
