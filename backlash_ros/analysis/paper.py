@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from backlash_ros.analysis.metrics import settling_time, step_response
-from backlash_ros.control import LAWS, GainSet, ServoSettings, design_gains, find_limit_cycle
+from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, ServoSettings, design_gains, find_limit_cycle
 from backlash_ros.control.describing_function import predict_limit_cycle
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
@@ -23,8 +23,7 @@ PERIOD = 0.001
 """Sample period of every loop here, s: the paper's loops are continuous."""
 SECONDS = 6.0
 GAINS = GainSet(
-    fast=design_gains("fast", NOMINAL_DRIVE, [1000.0, 1.0]),
-    overdamped=design_gains("overdamped", NOMINAL_DRIVE, [4.0, 0.0]),
+    **{region: design_gains(region, NOMINAL_DRIVE, weights) for region, weights in DEFAULT_WEIGHTS.items()},
 )
 NOISY = Sensors(load_noise=0.01)
 """Noise on the measured load angle, even within 0.01 rad: 1 % of the step."""

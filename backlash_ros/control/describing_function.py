@@ -121,9 +121,10 @@ def _gap(drive: Drive, states: NDArray[np.complex128]) -> complex:
 def _amplitude(drive: Drive, loop: complex, frequency: float) -> float:
     """Return the gap's amplitude, m, that makes the magnitude of G N one, G = ``loop``; nan where there is none."""
     plant, half = plant_constants(drive), 0.5 * drive.gear.backlash
+    fundamental = _fundamental_with(type(drive.gear.contact))  # type: ignore[arg-type]
 
     def excess(logarithm: float) -> float:
-        stiffness = abs(_fundamental(plant, half * math.exp(logarithm), frequency))
+        stiffness = abs(fundamental(plant, half * math.exp(logarithm), frequency))
         return math.log(max(stiffness * abs(loop), 1e-300))
 
     low = high = 0.0

@@ -15,7 +15,6 @@ from backlash_ros.drivetrain import Drive
 
 CUSTOM = "custom"
 REGIONS = ("fast", "overdamped")
-DEFAULT_WEIGHTS: dict[str, list[float]] = {"fast": [1000.0, 1.0], "overdamped": [4.0, 0.0]}
 NO_WEIGHTS = [0.0, 0.0]
 
 

@@ -10,11 +10,10 @@ from rcl_interfaces.msg import ParameterEvent, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from backlash_ros.control import LAWS, LearningSettings, Limits, ServoSettings, design_law
+from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, LearningSettings, Limits, ServoSettings, design_law
 from backlash_ros.drivetrain import Drive
 from backlash_ros.nodes.gain_parameters import (
     CUSTOM,
-    DEFAULT_WEIGHTS,
     NO_WEIGHTS,
     REGIONS,
     expand,

@@ -326,7 +326,7 @@ def test_observer_takes_the_command_for_the_current() -> None:
         plant.advance(command, 0.1, 0.004)
         sample = sample_of(plant.state)
         sample[CURRENT] = math.nan
-        observer_step(constants, memory, sample, command, 0.004)
+        observer_step(constants, memory, sample, command, 0.004, constants.torque_bandwidth)
         if k:  # the first sample only starts it
             assert memory[CURRENT] == command
     assert memory[LOAD_TORQUE] == pytest.approx(0.1, rel=0.05)

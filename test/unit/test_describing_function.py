@@ -58,10 +58,10 @@ def test_lossy_teeth_are_predicted_in_amplitude_only(gains: GainSet, factor: flo
 @pytest.mark.parametrize("factor", [0.2, 5.0])
 def test_cycle_of_elastic_teeth_is_in_proportion_to_the_gap(gains: GainSet, factor: float) -> None:
     """Nothing but the gap sets a length as long as the voltage is not limited."""
-    drive = backlash(factor, contact_law="elastic", tooth_damping=2.0)
+    drive = backlash(factor, contact=ElasticContact(damping=2.0))
     drive = replace(drive, motor=replace(drive.motor, voltage_limit=1e4))
     predicted = predict_limit_cycle(drive, gains.fast, PERIOD)
-    nominal = predict_limit_cycle(backlash(1.0, contact_law="elastic", tooth_damping=2.0), gains.fast, PERIOD)
+    nominal = predict_limit_cycle(backlash(1.0, contact=ElasticContact(damping=2.0)), gains.fast, PERIOD)
     assert predicted is not None
     assert nominal is not None
     assert predicted.amplitude == pytest.approx(factor * nominal.amplitude)

@@ -399,6 +399,10 @@ def test_fault_of_the_only_encoder_during_a_step_is_found(
     assert abs(rig.plant.load_angle) <= travel
 
 
+RUNAWAY = ("unexplained torque", "motor current of")
+"""What a runaway shows: the second at once, where the current is measured and contradicts the command, too."""
+
+
 @BOTH
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
 @pytest.mark.parametrize("target", [0.3, -1.0])
@@ -406,7 +410,7 @@ def test_command_of_the_wrong_sign_is_found(drive: Drive, measured: Sequence[str
     """The load runs away by hardly more than the error at which the command is at its limit anyway."""
     rig = started(drive, measured=measured)
     rig.polarity = -1.0
-    assert rig.step(target, 1.0).startswith("unexplained torque")
+    assert rig.step(target, 1.0).startswith(RUNAWAY["current" in measured])
     assert rig.plant.time - 0.012 <= 0.05
     assert abs(rig.plant.load_angle) <= 1.5
 
@@ -417,26 +421,28 @@ def test_runaway_of_a_slow_drive_is_found_long_before_its_time_constant(drive: D
     slow = with_inertias(drive, 100.0)
     rig = started(slow, measured=measured)
     rig.polarity = -1.0
-    assert rig.step(1.0, 0.25 * mechanical_time_constant(slow)).startswith("unexplained torque")
+    assert rig.step(1.0, 0.25 * mechanical_time_constant(slow)).startswith(RUNAWAY["current" in measured])
     assert abs(rig.plant.load_angle) <= 1.0
 
 
 @pytest.mark.parametrize("law", sorted(LAWS))
 @pytest.mark.parametrize("torque_bandwidth", [0.0, 40.0])
 def test_runaway_is_found_with_every_law(law: str, torque_bandwidth: float) -> None:
-    rig = started(NOMINAL_DRIVE, law=law, torque_bandwidth=torque_bandwidth)
-    rig.polarity = -1.0
-    assert rig.step(1.0, 1.0).startswith("unexplained torque")
+    for measured in (EVERYTHING, POSITIONS):
+        rig = started(NOMINAL_DRIVE, measured=measured, law=law, torque_bandwidth=torque_bandwidth)
+        rig.polarity = -1.0
+        assert rig.step(1.0, 1.0).startswith(RUNAWAY if "current" in measured else RUNAWAY[0])
 
 
 def test_runaway_at_a_small_command_limit_is_found() -> None:
     """The limit on the load torque is never more than what the command can make."""
     limits = replace(Limits.of(NOMINAL_DRIVE), command=3.0)
-    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE), limits=limits)
-    rig.run(0.012)
-    rig.polarity = -1.0
-    assert rig.step(1.0, 1.0).startswith("unexplained torque")
-    assert abs(rig.plant.load_angle) <= 0.5
+    for measured in (EVERYTHING, POSITIONS):
+        rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE), limits=limits, measured=measured)
+        rig.run(0.012)
+        rig.polarity = -1.0
+        assert rig.step(1.0, 1.0).startswith(RUNAWAY["current" in measured])
+        assert abs(rig.plant.load_angle) <= 0.5
 
 
 def test_lower_limit_on_the_load_torque_finds_frozen_encoders_at_a_small_command() -> None:
@@ -469,8 +475,9 @@ def test_load_torque_that_the_drive_cannot_hold_is_a_fault(drive: Drive, measure
 @pytest.mark.parametrize(("place", "side", "value"), [(OMEGA_M, "motor", 1500.0), (OMEGA_L, "load", -150.0)])
 def test_measured_overspeed_is_a_fault(gains: GainSet, place: int, side: str, value: float) -> None:
     servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
-    sample = np.zeros(5)
+    sample = Measurement(np.zeros(5))
     servo.update(sample)
+    sample[[THETA_M, OMEGA_M, THETA_L, OMEGA_L]] = np.array([5.6, 1400.0, 0.56, 140.0]) * np.sign(value)
     sample[place] = value
     assert servo.update(sample) == 0.0
     assert servo.fault == f"{side} speed of 150 rad/s at the output, limits.velocity = 147 rad/s"
@@ -503,7 +510,7 @@ def test_fault_is_latched_until_reset_and_then_the_present_position_is_held(driv
 def test_unexplained_torque_is_forgotten_at_a_reset(drive: Drive, measured: Sequence[str]) -> None:
     rig = started(drive, measured=measured)
     rig.polarity = -1.0
-    assert rig.step(1.0, 1.0, (1, 10)).startswith("unexplained torque")  # by far, with samples missing
+    assert rig.step(1.0, 1.0, (1, 10)).startswith(RUNAWAY)  # by far, with samples missing
     rig.polarity, rig._elapsed = 1.0, None
     rig.servo.reset()
     assert rig.run(1.0) == ""

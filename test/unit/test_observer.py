@@ -21,7 +21,7 @@ def follow(measured: tuple[str, ...], gains: GainSet, voltage: float, load_torqu
     settings = ServoSettings(gains, period=0.001)
     constants, memory, plant = settings.observer(NOMINAL_DRIVE), observer_memory(), Plant(NOMINAL_DRIVE)
     for _ in range(400):
-        observer_step(constants, memory, sample_of(plant.state, measured), voltage, 0.001)
+        observer_step(constants, memory, sample_of(plant.state, measured), voltage, 0.001, constants.torque_bandwidth)
         plant.advance(voltage, load_torque, 0.001)
     return plant, memory
 
@@ -31,7 +31,7 @@ def test_measured_signals_pass_unchanged(gains: GainSet) -> None:
     memory = observer_memory()
     for k in range(3):
         sample = np.array([1.0, 2.0, 0.1, 0.2, 0.3]) * (k + 1)
-        observer_step(constants, memory, sample, 0.0, 0.004)
+        observer_step(constants, memory, sample, 0.0, 0.004, constants.torque_bandwidth)
         np.testing.assert_array_equal(memory[:5], sample)
 
 
@@ -66,5 +66,5 @@ def test_load_encoder_alone_gives_no_load_torque(gains: GainSet) -> None:
 def test_missing_load_encoder_is_the_motor_through_the_rigid_gear(gains: GainSet) -> None:
     memory = observer_memory()
     constants = ServoSettings(gains).observer(NOMINAL_DRIVE)
-    observer_step(constants, memory, np.array([2.0, 3.0, math.nan, math.nan, 0.0]), 0.0, 0.004)
+    observer_step(constants, memory, np.array([2.0, 3.0, math.nan, math.nan, 0.0]), 0.0, 0.004, 40.0)
     np.testing.assert_allclose(memory[[THETA_L, OMEGA_L]], [0.2, 0.3])

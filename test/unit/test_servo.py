@@ -129,7 +129,7 @@ def test_velocity_bandwidth_is_the_bandwidth(gains: GainSet, rate: float, bandwi
     for k in range(2000):
         position = max(0, k - 1) / rate
         sample = np.array([math.nan, math.nan, position, math.nan, math.nan])
-        observer_step(constants, memory, sample, 0.0, 1 / rate)
+        observer_step(constants, memory, sample, 0.0, 1 / rate, constants.torque_bandwidth)
         if memory[OMEGA_L] >= 1 - math.exp(-1) and math.isinf(reached):
             reached = (k - 1) / rate
     assert reached == pytest.approx(1 / bandwidth, abs=1 / rate)
