@@ -67,7 +67,6 @@ SIGNALS = {"THETA_M", "OMEGA_M", "THETA_L", "OMEGA_L", "CURRENT", "LOAD_TORQUE",
 SIGNALS |= {"POSITION", "VELOCITY", "ACCELERATION"}
 
 
-@pytest.mark.xfail(strict=True, reason="drivetrain/dynamics.py has an order of its own until its rewrite is merged")
 def test_the_order_of_the_signals_is_said_in_one_file() -> None:
     sources = sorted(PACKAGE.rglob("*.py"))
     where = {name: [source.name for source in sources if name in assigned(source)] for name in SIGNALS}
