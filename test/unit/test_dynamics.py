@@ -31,6 +31,7 @@ from backlash_ros.drivetrain.integrator import (
     DONE,
     PEAK_FORCE,
     STEP_SIZE,
+    STEP_TOO_SMALL,
     Advance,
     _error,
     _growth,
@@ -275,6 +276,13 @@ def test_state_that_is_not_finite_is_never_accurate_enough(k: int, bad: float) -
     state = np.zeros(7)
     state[k] = bad
     assert _error(plant_constants(NOMINAL_DRIVE), np.zeros(7), state, np.zeros(7), 1e-9) == math.inf
+
+
+def test_error_that_is_no_number_takes_no_step() -> None:
+    state = at_rest()
+    advance, plant = integrator_for(NOMINAL_DRIVE), plant_constants(NOMINAL_DRIVE)
+    assert advance(plant, state, integration_memory(), 1.0, 0.0, 0.01, math.nan) == (STEP_TOO_SMALL, 0.0)
+    np.testing.assert_array_equal(state, at_rest())
 
 
 def test_step_grows_with_accuracy_but_not_after_a_rejection() -> None:
