@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from backlash_ros.control import EXPERIMENTS, LAWS, GainSet, Servo, ServoSettings
+from backlash_ros.control import laws as laws_room
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.registry import Registry
 from backlash_ros.simulation import Scenario, run, run_experiment
@@ -174,7 +175,7 @@ def test_names_and_tables_that_are_no_use_are_refused(tmp_path: Path) -> None:
 def test_a_variable_adds_files_for_every_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = write(tmp_path, "everywhere", LAW, SLOPE="0.5")
     monkeypatch.setenv("BACKLASH_ROS_PLUGINS", str(file))
-    laws: Registry[object] = Registry("backlash_ros.control.laws", LAWS.path, "LAWS", first="two_region")
+    laws: Registry[object] = Registry("backlash_ros.control.laws", laws_room.__path__, "LAWS", first="two_region")
     assert next(iter(laws)) == "fast"
     assert "everywhere" in laws
     assert "backlash_ros_plugins.everywhere" in sys.modules

@@ -54,10 +54,14 @@ def elastic_lqg_step(
         memory[_SLOW_REFERENCE] = estimate[THETA_L]
         memory[_STARTED] = 1.0
     target = reference + law[_LEAD] * (reference - memory[_SLOW_REFERENCE])
-    memory[_SLOW_REFERENCE] += law[_FORGET] * (reference - memory[_SLOW_REFERENCE])
+    per_target = law[_K] / law[_RATIO] + law[_K + 2]
     wanted = law[_K] * (target / law[_RATIO] - state[0]) + law[_K + 2] * (target - state[2])
     wanted -= law[_K + 1] * state[1] + law[_K + 3] * state[3] + law[_K + 4] * state[4]
     voltage = clamp(wanted, low, high)
+    # The lead follows the reference that the range lets through, not one that was never acted on (Hanus, Kinnaert &
+    # Henrotte, Automatica 23, 1987).
+    acted_on = reference + (voltage - wanted) / (per_target * (1.0 + law[_LEAD]))
+    memory[_SLOW_REFERENCE] += law[_FORGET] * (acted_on - memory[_SLOW_REFERENCE])
     innovation = estimate[THETA_L] - state[2]
     following = np.empty(_STATES)
     for i in range(_STATES):
