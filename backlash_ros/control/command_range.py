@@ -55,36 +55,26 @@ def clamp(value: float, low: float, high: float) -> float:
 
 
 @compiled
-def command_range(constants: RangeConstants, estimate: Estimate) -> tuple[float, float]:
-    """Return the least and the largest command that the drive has at this sample, V or A.
-
-    Towards an end of the travel it fades out over the soft zone; beyond the end only the way back is left.
-    """
-    angle = estimate[THETA_L]
-    upward = clamp((constants.upper_end - angle) / constants.soft_zone, 0.0, 1.0)
-    downward = clamp((angle - constants.lower_end) / constants.soft_zone, 0.0, 1.0)
-    return -downward * constants.limit, upward * constants.limit
-
-
-@compiled
 def voltage_range(constants: RangeConstants, estimate: Estimate) -> tuple[float, float]:
     """Return the least and the largest voltage that the drive can follow at this sample, V.
 
-    Where the motor is so fast that the supply cannot make any allowed current, the nearest allowed current is left.
+    Towards an end of the travel it fades to 0 V over the soft zone; beyond the end only the way back is left. For a
+    drive that takes a current, 0 V is the braking current of a motor with its terminals joined, not 0 A. Where the
+    motor is so fast that the supply cannot make any allowed current, the nearest allowed current is left.
     """
-    least, largest = command_range(constants, estimate)
+    angle = estimate[THETA_L]
+    reach = min(constants.voltage_limit, constants.resistance * constants.limit)
+    high = clamp((constants.upper_end - angle) / constants.soft_zone, 0.0, 1.0) * reach
+    low = -clamp((angle - constants.lower_end) / constants.soft_zone, 0.0, 1.0) * reach
     induced = constants.back_emf * estimate[OMEGA_M]
-    low, high = induced + constants.resistance * least, induced + constants.resistance * largest
-    supplied_low, supplied_high = max(low, -constants.voltage_limit), min(high, constants.voltage_limit)
-    if supplied_low <= supplied_high:
-        return supplied_low, supplied_high
-    if low > constants.voltage_limit:
-        return low, low
-    return high, high
+    if induced == 0.0:
+        return low, high
+    least, largest = induced - constants.resistance * constants.limit, induced + constants.resistance * constants.limit
+    return clamp(low, least, largest), clamp(high, least, largest)
 
 
 @compiled
 def command_of(constants: RangeConstants, estimate: Estimate, voltage: float) -> float:
     """Return the command (V or A) for a voltage (V) within the range: rounding alone is clamped."""
-    least, largest = command_range(constants, estimate)
-    return clamp((voltage - constants.back_emf * estimate[OMEGA_M]) / constants.resistance, least, largest)
+    command = (voltage - constants.back_emf * estimate[OMEGA_M]) / constants.resistance
+    return clamp(command, -constants.limit, constants.limit)

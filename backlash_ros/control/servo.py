@@ -21,6 +21,7 @@ from backlash_ros.control.tick import (
     FAULT,
     INPUTS,
     KNOWN_LOAD_TORQUE,
+    NOT_BEGUN,
     OFFSET,
     PLAN_TIME,
     TORQUE,
@@ -89,6 +90,7 @@ class Servo:
         """Hold the position where the next sample finds the load."""
         self.segments = AtRest(math.nan).segments(self.memory.setpoint)
         self._end: float | None = None
+        self._reach: tuple[float, float] | None = None
 
     # Tuning.
 
@@ -120,8 +122,9 @@ class Servo:
         self.settings, self.limits = settings, limits
 
     def rejection_reason(self, limits: Limits) -> str:
-        """Return why ``limits`` cannot be used now: the reference is outside of them; empty where they can."""
-        return limits.rejection_reason(self.reference, self.reference) if self.holding else ""
+        """Return why ``limits`` cannot be used now: the plan goes outside of them; empty where they can."""
+        reasons = (limits.rejection_reason(each, each) for each in self._extremes) if self.holding else ()
+        return next(filter(None, reasons), "")
 
     # Holding and faults.
 
@@ -166,13 +169,19 @@ class Servo:
             if reason := self.limits.rejection_reason(position, present):
                 return reason
         self.segments, self._end = segments, end
-        self.memory.out[PLAN_TIME] = 0.0
+        self._reach = least, largest
+        self.memory.out[PLAN_TIME] = NOT_BEGUN
         return ""
 
     @property
     def _position(self) -> float:
         """Where the setpoint stands, rad: the reference, or on the way to it."""
         return self.reference if self.segments.shape[0] == 1 else float(self.memory.setpoint[0])
+
+    @property
+    def _extremes(self) -> tuple[float, float]:
+        """Least and largest position of the plan, rad."""
+        return (self.reference, self.reference) if self._reach is None else self._reach
 
     @property
     def reference(self) -> float:
@@ -234,7 +243,9 @@ class Servo:
             return ""
         parameters = parameters or self._parameters_of(name)
         swing: float = getattr(parameters, chosen.swing)
-        reasons = (self.limits.rejection_reason(self.reference + way, self.reference) for way in (-swing, swing))
+        least, largest = self._extremes
+        ways = ((least - swing, least), (largest + swing, largest))
+        reasons = (self.limits.rejection_reason(there, from_here) for there, from_here in ways)
         why = next(filter(None, reasons), "")
         where = f"{parameters.section}.{chosen.swing}"
         return why and f"it swings by {where} = {swing:g} rad to either side, but {why}"

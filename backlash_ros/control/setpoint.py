@@ -85,14 +85,17 @@ def _turns(coefficients: Array, duration: float) -> list[float]:
 
 def extent(segments: Array) -> tuple[float, float, float, float]:
     """Return where a plan starts, where it ends, and its least and largest position, rad."""
-    extremes = []
+    extremes: list[float] = []
     for row in segments:
         position = np.polynomial.Polynomial(row[:DURATION])
         duration = float(row[DURATION])
         if math.isinf(duration):
-            duration = 0.0  # a last segment without an end rests, or has no bound
-            if np.any(row[1:DURATION]):
-                return float(segments[0, 0]), math.inf, -math.inf, math.inf
+            duration = 0.0  # a last segment without an end rests, or goes on without one
+            powers = np.flatnonzero(row[1:DURATION])
+            if powers.size:
+                end = math.copysign(math.inf, float(row[1 + powers[-1]]))
+                reached = [end, float(row[0]), *extremes]
+                return float(segments[0, 0]), end, min(reached), max(reached)
         turns = _turns(row[:DURATION], duration)
         if math.inf in turns:
             return float(segments[0, 0]), math.inf, -math.inf, math.inf

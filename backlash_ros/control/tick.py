@@ -62,6 +62,8 @@ INPUTS = 4
 COMMAND, FAULT, PLAN_TIME = range(3)
 """What a tick leaves in `TickMemory.out`: the command in force (V or A), the `Fault`, the time since the plan began, s;
 after them the fault's details."""
+NOT_BEGUN = -1.0
+"""Plan time of a plan that begins with the next sample."""
 _DETAILS = 3
 
 
@@ -129,6 +131,7 @@ class TickMemory:
         self.monitor[:] = monitor_memory()
         self.plausibility[:] = plausibility_memory()
         self.out[:] = 0.0
+        self.out[PLAN_TIME] = NOT_BEGUN
 
 
 def fault_details(memory: TickMemory) -> Array:
@@ -209,8 +212,8 @@ def _tick(
     if math.isnan(segments[0, 0]):
         limits = constants.range
         segments[0, 0] = min(max(estimate[THETA_L], limits.lower_end), limits.upper_end)
+    out[PLAN_TIME] = 0.0 if out[PLAN_TIME] < 0.0 else out[PLAN_TIME] + period
     evaluate(segments, out[PLAN_TIME], setpoint)
-    out[PLAN_TIME] += period
     setpoint[POSITION] += inputs[OFFSET]
     # What an experiment adds is taken off the range: the law and it together keep to it.
     added = inputs[TORQUE] * constants.range.feedforward

@@ -91,11 +91,12 @@ class SensorConstants(NamedTuple):
     eccentricity_phase: float
     motor_noise: float
     load_noise: float
+    torque_constant: float
     seed: int
 
 
-def sensor_constants(sensors: Sensors, seed: int = 0) -> SensorConstants:
-    """Return the sensors for the compiled step, with the seed of their noise."""
+def sensor_constants(sensors: Sensors, torque_constant: float, seed: int = 0) -> SensorConstants:
+    """Return the sensors of a motor with a torque constant (N m/A) for the compiled step, with their noise's seed."""
 
     def count(per_turn: float) -> float:
         return _TURN / per_turn if per_turn else 0.0
@@ -117,6 +118,7 @@ def sensor_constants(sensors: Sensors, seed: int = 0) -> SensorConstants:
         eccentricity_phase=float(sensors.eccentricity_phase),
         motor_noise=float(sensors.motor_noise),
         load_noise=float(sensors.load_noise),
+        torque_constant=float(torque_constant),
         seed=int(seed),
     )
 
@@ -175,4 +177,5 @@ def read_sensors(
     out[OMEGA_M] = speed_m + sensors.missing_omega_m
     out[THETA_L] = load + sensors.missing_theta_l
     out[OMEGA_L] = speed_l + sensors.missing_omega_l
-    out[CURRENT] = state[CURRENT] + sensors.missing_current
+    # As it comes of an effort in N m, to the last bit: a limit cycle makes much of little.
+    out[CURRENT] = sensors.torque_constant * state[CURRENT] / sensors.torque_constant + sensors.missing_current

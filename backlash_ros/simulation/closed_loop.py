@@ -11,7 +11,7 @@ import numpy as np
 from backlash_ros.control import Limits, Servo, ServoSettings
 from backlash_ros.control.law import REGION
 from backlash_ros.control.monitor import Fault, describe_fault
-from backlash_ros.control.setpoint import Source
+from backlash_ros.control.setpoint import Source, extent
 from backlash_ros.control.tick import (
     ELAPSED,
     FAULT,
@@ -72,7 +72,7 @@ class Scenario:
     initial_state : of the plant
     sensors, delay, seed : between plant and controller, and of what is random there
     source : planned from the first sample on, in place of the reference, whose length says how long
-    known_load_torque : feed the true load torque forward in place of the observer's estimate
+    known_load_torque : feed the true load torque forward, in place of the observer's estimate, which it then is
     substeps : plant samples recorded per controller sample
     """
 
@@ -169,6 +169,17 @@ def _loop(
     return 0, load_torque.shape[0] * delay.period, fault_sample
 
 
+def _planned(source: Source, state: PlantState, limits: Limits) -> Array:
+    """Return the plan of a source from where the load is; ValueError where it goes beyond the limits."""
+    start = Setpoint(np.array([state[THETA_L], 0.0, 0.0]))
+    segments = np.ascontiguousarray(source.segments(start), dtype=np.float64)
+    first, _, least, largest = extent(segments)
+    for position, present in ((first, float(start[0])), (least, least), (largest, largest)):
+        if reason := limits.rejection_reason(position, present):
+            raise ValueError(reason)
+    return segments
+
+
 @cache
 def _compiled_loop() -> Callable[..., tuple[int, float, int]]:
     """Compile the loop once for every law and contact: tick and integrator are arguments."""
@@ -179,7 +190,7 @@ def _compiled_loop() -> Callable[..., tuple[int, float, int]]:
         _types.FunctionType(ADVANCE_SIGNATURE),
         _types.FunctionType(TICK_SIGNATURE),
         ADVANCE_SIGNATURE.args[0],
-        *(_typeof(sensor_constants(Sensors())), flat, flat, _typeof(delay), _typeof(delay_memory(at_rest()))),
+        *(_typeof(sensor_constants(Sensors(), 1.0)), flat, flat, _typeof(delay), _typeof(delay_memory(at_rest()))),
         *(*tick[:5], flat, flat, _types.boolean, number, number, flat, flat, table, table),
     )
     return compiled_as(signature)(_loop)
@@ -218,13 +229,13 @@ def run(
             f"got {model.command_interface!r}"
         )
     servo = Servo(model, settings, limits, watched=watched)
-    segments = servo.segments
-    if scenario.source is not None:
-        segments = np.ascontiguousarray(scenario.source.segments(Setpoint(np.zeros(3))), dtype=np.float64)
     state = PlantState(np.zeros(7))
     state[: scenario.initial_state.size] = scenario.initial_state
+    if not np.all(np.isfinite(state)):
+        raise ValueError(f"initial_state must be finite, got {scenario.initial_state.tolist()}")
     states, signals = np.empty((count * substeps + 1, 5)), np.zeros((count, 4))
     states[0] = state[:5]
+    segments = servo.segments if scenario.source is None else _planned(scenario.source, state, servo.limits)
 
     def samples(name: str, values: Array) -> Array:
         if not np.all(np.isfinite(values)):
@@ -236,7 +247,7 @@ def run(
         integrator_for(drive),
         servo.tick,
         plant_constants(drive),
-        sensor_constants(scenario.sensors, scenario.seed),
+        sensor_constants(scenario.sensors, drive.motor.torque_constant, scenario.seed),
         sensor_memory(),
         Measurement(np.empty(5)),
         delay_constants(scenario.delay, settings.period, scenario.seed),

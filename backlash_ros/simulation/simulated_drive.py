@@ -76,7 +76,10 @@ class SimulatedDrive:
         self._plant: PlantConstants = plant_constants(drive)
         self._advance: Advance = integrator_for(drive)
         self._step = integration_memory()
-        self._sensors, self._sensed = sensor_constants(sensors or Sensors(), seed), sensor_memory()
+        self._sensors, self._sensed = (
+            sensor_constants(sensors or Sensors(), drive.motor.torque_constant, seed),
+            sensor_memory(),
+        )
         self._delay = delay_constants(delay or Delay(), period, seed)
         self._line = delay_memory(self.state)
         self._row = np.zeros((1, 5))

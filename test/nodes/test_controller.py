@@ -218,14 +218,13 @@ def test_holding_begins_where_the_load_is_when_somebody_listens_to_the_command(s
 
 def test_joints_are_found_by_name_in_any_order_and_others_ignored(start: Start, peer: Peer) -> None:
     start("controller", law="fast", torque_bandwidth=0.0, **PATIENT)
-    drive = LockstepDrive(peer).matched()
-    drive.set_reference(0.3)
-    message = drive.sample()
-    expected = drive.exchange(message)
-    assert expected != 0.0
+    drive = LockstepDrive(peer).stand_at(1.0, 0.09).matched()
+    drive.set_reference(0.3, move=False)
+    expected = drive.exchange(drive.sample())
+    assert expected == pytest.approx(31.6227766 * (0.3 - 0.09))
     for order in ([1, 0], [2, 1, 0], [1, 2, 0], [0, 2, 1]):
         fields = {
-            name: [[*getattr(message, name), extra][k] for k in order]
+            name: [[*getattr(drive.sample(), name), extra][k] for k in order]
             for name, extra in (("name", "gripper"), ("position", 99.0), ("velocity", -99.0), ("effort", 9.0))
         }
         assert drive.exchange(drive.sample(**fields)) == expected
@@ -269,10 +268,9 @@ def test_signal_that_turns_nan_does_not_shake_the_loop(start: Start, peer: Peer,
 
 def test_gain_swap_is_seen_in_the_next_command(start: Start, peer: Peer) -> None:
     start("controller", law="fast", torque_bandwidth=0.0, **PATIENT)
-    drive = LockstepDrive(peer).matched()
+    drive = LockstepDrive(peer).stand_at(1.0, 0.09).matched()
     parameters = Parameters(peer, "controller")
-    drive.set_reference(0.2)
-    drive.run(3)
+    drive.set_reference(0.2, move=False)
     plant = drive.plant
 
     def expected(gains: Gains) -> float:

@@ -93,12 +93,18 @@ class LockstepDrive:
         self.peer.wait("a command", answered)
         return self.answers[label]
 
-    def set_reference(self, target: float) -> None:
-        """Send a reference while at rest, wait until it is answered, and make that period."""
+    def stand_at(self, motor_angle: float, load_angle: float) -> "LockstepDrive":
+        """Put the shafts at angles (rad), each its own, where they stand."""
+        self.plant = Plant(self.plant.drive, [motor_angle, 0.0, load_angle, 0.0, 0.0])
+        return self
+
+    def set_reference(self, target: float, *, move: bool = True) -> None:
+        """Send a reference while at rest, wait until it is answered, and make that period where it may ``move``."""
         at_rest = self.exchange(self.sample())
         self._reference.publish(Float64(data=target))
         voltage = self.peer.wait("the reference to arrive", lambda: self._changed(at_rest))
-        self.plant.advance(voltage, self.load_torque, self.period)
+        if move:
+            self.plant.advance(voltage, self.load_torque, self.period)
 
     def _changed(self, before: float) -> float | None:
         voltage = self.exchange(self.sample())

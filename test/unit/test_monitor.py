@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from samples import EVERYTHING, sample_of
 
 from backlash_ros.control import LAWS, NO_LIMIT, GainSet, Limits, Servo, ServoSettings, design_gains
-from backlash_ros.control.command_range import clamp, command_range, range_constants
+from backlash_ros.control.command_range import clamp, range_constants, voltage_range
 from backlash_ros.control.limits import mechanical_time_constant, standstill_torque
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Contact, Drive, Plant
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
@@ -232,7 +232,7 @@ def test_reference_that_changes_by_more_than_the_step_is_refused_either_way(chan
 def softened_at(limits: Limits, command: float, angle: float) -> float:
     """Return what is left of a command with the load at an angle, at rest."""
     estimate = np.array([10 * angle, 0.0, angle, 0.0, 0.0, 0.0])
-    return clamp(command, *command_range(range_constants(NOMINAL_DRIVE, limits), estimate))
+    return clamp(command, *voltage_range(range_constants(NOMINAL_DRIVE, limits), estimate))
 
 
 @given(st.floats(-24, 24), st.floats(-3, 3))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from samples import sample_of
 
-from backlash_ros.control import GainSet, Limits, Servo, ServoSettings, design_law
+from backlash_ros.control import DEFAULT_WEIGHTS, GainSet, Limits, Servo, ServoSettings, design_gains, design_law
 from backlash_ros.control.laws.elastic_lqg import ElasticLqgParameters
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Plant
 from backlash_ros.simulation import Scenario, run
@@ -136,3 +136,22 @@ def test_plant_keeps_to_its_own_limits_whatever_its_model_says(
         plant.advance(clamped, 0.0, choice.period)
     known = run(drive, choice, Scenario(np.ones(300)))
     assert np.max(np.abs(known.command)) == drive.command_limit
+
+
+@pytest.mark.parametrize("law", ["fast", "overdamped", "two_region", "cascade", "elastic_lqg"])
+@pytest.mark.parametrize("period", [0.004, 0.001])
+@pytest.mark.parametrize("interface", ["voltage", "current"])
+def test_load_that_is_held_in_the_soft_zone_comes_to_rest(law: str, period: float, interface: str) -> None:
+    """For a current 0 V is that of joined terminals: with 0 A nothing would damp, and the load swing beyond the end."""
+    drive = replace(NOMINAL_DRIVE, command_interface=interface)
+    gains = GainSet(**{region: design_gains(region, drive, weights) for region, weights in DEFAULT_WEIGHTS.items()})
+    choice = ServoSettings(gains, law=law, backlash_angle=0.02, period=period)
+    servo, plant = Servo(drive, choice, LIMITS), Plant(drive, [4.5, 0.0, 0.45, 0.0, 0.0])
+    angles = []
+    for _ in range(round(5.0 / period)):
+        servo.segments[0, 0] = BEYOND
+        plant.advance(servo.update(sample_of(plant.state)), TORQUE, period)
+        angles.append(plant.load_angle)
+    assert servo.fault == ""
+    assert max(angles) < LIMITS.position_upper + 0.05  # once, from 0.05 rad before it at full voltage
+    assert np.ptp(angles[-round(1.0 / period) :]) < 1e-4

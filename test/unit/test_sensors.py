@@ -31,7 +31,7 @@ def read(
     elapsed: float = PERIOD,
 ) -> np.ndarray:
     """Return what the sensors show of the states, one after the other, shape (N, 5)."""
-    constants, memory, shown = sensor_constants(sensors, seed), sensor_memory(), np.empty((len(states), 5))
+    constants, memory, shown = sensor_constants(sensors, 0.0625, seed), sensor_memory(), np.empty((len(states), 5))
     for k, state in enumerate(states):
         read_sensors(constants, memory, state, first + k, elapsed, Measurement(shown[k]))
     return shown

@@ -13,7 +13,7 @@ from samples import sample_of
 from backlash_ros.control import AtRest, GainSet, Limits, Polynomials, Servo, ServoSettings
 from backlash_ros.control.setpoint import DURATION, ORDER, evaluate, extent
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
-from backlash_ros.drivetrain.signals import ACCELERATION, POSITION, VELOCITY, Setpoint
+from backlash_ros.drivetrain.signals import ACCELERATION, POSITION, VELOCITY, PlantState, Setpoint, at_rest
 from backlash_ros.simulation import Scenario, run
 
 HELD = np.zeros(5)
@@ -101,7 +101,8 @@ def test_extent_of_a_plan_with_powers_that_do_not_count() -> None:
 
 def test_last_segment_without_an_end_that_moves_has_no_bound() -> None:
     drifting = np.array([[0.3, 1.0, 0.0, 0.0, 0.0, 0.0, math.inf]])
-    assert extent(drifting) == (0.3, math.inf, -math.inf, math.inf)
+    assert extent(drifting) == (0.3, math.inf, 0.3, math.inf)
+    assert extent(-drifting * [1, 1, 1, 1, 1, 1, -1]) == (-0.3, -math.inf, -math.inf, -0.3)
     assert at(drifting, 100.0)[POSITION] == pytest.approx(100.3)
 
 
@@ -146,7 +147,7 @@ def test_plan_that_leaves_the_travel_is_refused_though_it_ends_inside(gains: Gai
 
 def test_plan_without_end_that_moves_is_refused_within_a_travel(gains: GainSet) -> None:
     drifting = Polynomials(np.array([[0.0, 0.1, 0.0, 0.0, 0.0, 0.0, math.inf]]))
-    assert "limits.position_upper = 0.5 rad, got -inf" in holding(gains, position_upper=0.5).follow(drifting)
+    assert "limits.position_upper = 0.5 rad, got inf" in holding(gains, position_upper=0.5).follow(drifting)
 
 
 def test_plan_that_begins_a_step_away_is_refused(gains: GainSet) -> None:
@@ -238,3 +239,50 @@ def test_offline_run_of_a_source_is_what_the_servo_follows(gains: GainSet) -> No
         if k == 0:
             servo.segments = plan.segments(Setpoint(np.zeros(3)))  # before any position is held, as the run has it
         plant.advance(servo.update(sample_of(plant.state)), 0.0, 0.004)
+
+
+def ramp(rate: float, seconds: float) -> Polynomials:
+    """Return a way at an even speed, rad/s, for so many seconds."""
+    return Polynomials(np.array([[0.0, rate, 0.0, 0.0, 0.0, 0.0, seconds]]))
+
+
+def test_plan_goes_on_in_time_where_samples_are_missing(gains: GainSet) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
+    servo.update(HELD)
+    assert servo.follow(ramp(0.01, 10.0)) == ""
+    time = -0.004  # the plan begins with the next sample, whenever that comes
+    for elapsed in (0.004, 0.004, 0.02, 0.004, 0.012):
+        servo.update(HELD, elapsed)
+        time += elapsed
+        assert servo.memory.setpoint[POSITION] == pytest.approx(0.01 * time, abs=1e-15)
+
+
+def test_limits_are_judged_by_all_of_a_plan_that_is_under_way(gains: GainSet) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
+    servo.update(HELD)
+    there_and_back = Polynomials(np.array([[0.0, 1.0, -1.0, 0.0, 0.0, 0.0, 1.0]]))  # to 0.25 rad at half time
+    assert servo.follow(there_and_back) == ""
+    narrow = replace(Limits.of(NOMINAL_DRIVE), position_upper=0.2)
+    assert "limits.position_upper = 0.2 rad, got 0.25" in servo.rejection_reason(narrow)
+    assert servo.rejection_reason(replace(narrow, position_upper=0.3)) == ""
+    servo.use(servo.settings, replace(narrow, position_upper=0.3))
+    assert "position_upper = 0.3 rad, got 0.35" in servo.experiment_refusal()  # 0.25 rad and the kick of 0.1
+
+
+def test_offline_source_is_planned_from_where_the_load_is_and_within_the_limits(gains: GainSet) -> None:
+    limits = replace(Limits.of(NOMINAL_DRIVE), position_upper=0.9)
+    with pytest.raises(ValueError, match=r"limits\.position_upper = 0\.9 rad, got 1"):
+        run(NOMINAL_DRIVE, ServoSettings(gains), Scenario(np.zeros(5), source=quintic(0.0, 1.0, 0.1)), limits=limits)
+    starts: list[float] = []
+
+    class Away:
+        def segments(self, start: Setpoint) -> np.ndarray:
+            starts.append(float(start[POSITION]))
+            return AtRest(start[POSITION] + 0.1).segments(start)
+
+    state = at_rest(0.5, 5.0)
+    result = run(NOMINAL_DRIVE, ServoSettings(gains), Scenario(np.zeros(500), source=Away(), initial_state=state))
+    assert starts == [0.5]
+    assert result.load_angle[-1] == pytest.approx(0.6, abs=0.02)
+    with pytest.raises(ValueError, match="initial_state must be finite"):
+        run(NOMINAL_DRIVE, ServoSettings(gains), Scenario(np.zeros(5), initial_state=PlantState(np.full(5, math.nan))))
