@@ -4,17 +4,21 @@ Sample k arrives at k T and was taken at k T - d_s; the command that answers it 
 be any number of periods, whole or broken, and jitter evenly. A command never acts before an older one.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from functools import cache
+from typing import Any, ClassVar, NamedTuple
 
+import numba
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled
-from backlash_ros.drivetrain.constants import PlantConstants
-from backlash_ros.drivetrain.integrator import Advance
+from backlash_ros.drivetrain.compiled import compiled, specialize
+from backlash_ros.drivetrain.constants import PLANT_TYPE, PlantConstants
+from backlash_ros.drivetrain.integrator import Advance, integrator_for
+from backlash_ros.drivetrain.parameters import Drive
 from backlash_ros.drivetrain.quantity import Validated, quantity
 from backlash_ros.drivetrain.sensors import NOISE_STREAMS, uniform
-from backlash_ros.drivetrain.signals import Array, PlantState
+from backlash_ros.drivetrain.signals import Array, PlantState, at_rest
 
 LINE = 64
 """Samples and commands that may be on their way at once."""
@@ -108,9 +112,20 @@ def acts_at(delay: DelayConstants, sample: int) -> float:
     return sample * delay.period + late
 
 
-@compiled
-def play_period(
-    advance: Advance,
+def _advance(
+    _plant: PlantConstants,
+    _state: PlantState,
+    _step: Array,
+    _command: float,
+    _load_torque: float,
+    _duration: float,
+    _tolerance: float,
+) -> tuple[int, float]:
+    """Stand for the integrator of a contact law, which `player_for` puts in its place."""
+    raise NotImplementedError
+
+
+def _play_period(
     plant: PlantConstants,
     state: PlantState,
     step: Array,
@@ -125,7 +140,7 @@ def play_period(
 
     Parameters
     ----------
-    advance : of the drive's contact law, `integrator_for`
+    step : of `integrator.integration_memory`
     rows : shape (substeps, 5): the states at the ends of so many even parts of the period
 
     Returns
@@ -152,7 +167,7 @@ def play_period(
             due = taken_at(delay, j) - begin
             if now + slack < due < following - slack:
                 following = due
-        status, passed = advance(plant, state, step, memory.force[0], load_torque, following - now, tolerance)
+        status, passed = _advance(plant, state, step, memory.force[0], load_torque, following - now, tolerance)
         if status != 0:
             return status, now + passed
         now = following
@@ -164,3 +179,28 @@ def play_period(
             row += 1
             if row == substeps:
                 return 0, delay.period
+
+
+Player = Callable[
+    [PlantConstants, PlantState, Array, DelayConstants, DelayMemory, float, float, float, Array], tuple[int, float]
+]
+
+_types: Any = numba.types
+_typeof: Any = numba.typeof
+_row, _table, _number = _types.float64[::1], _types.float64[:, ::1], _types.float64
+PLAYER_SIGNATURE: Any = _types.Tuple((_types.int64, _number))(
+    *(PLANT_TYPE, _row, _row),
+    *(_typeof(delay_constants(Delay(), 1.0)), _typeof(delay_memory(at_rest()))),
+    *(_number, _number, _number, _table),
+)
+"""numba's signature of `Player`."""
+
+
+def player_for(drive: Drive) -> Player:
+    """Return what plays a period of ``drive``, with the integrator of its contact law inside."""
+    return _player_with(integrator_for(drive))
+
+
+@cache
+def _player_with(advance: Advance) -> Player:
+    return specialize(_play_period, PLAYER_SIGNATURE, _advance=advance)

@@ -27,22 +27,21 @@ from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.compiled import compiled_as
 from backlash_ros.drivetrain.constants import PlantConstants, plant_constants
 from backlash_ros.drivetrain.delay import (
+    PLAYER_SIGNATURE,
     Delay,
     DelayConstants,
     DelayMemory,
+    Player,
     delay_constants,
     delay_memory,
-    play_period,
+    player_for,
 )
 from backlash_ros.drivetrain.integrator import (
-    ADVANCE_SIGNATURE,
     DEFAULT_TOLERANCE,
     DONE,
     PEAK_FORCE,
     REASONS,
-    Advance,
     integration_memory,
-    integrator_for,
 )
 from backlash_ros.drivetrain.sensors import SensorConstants, Sensors, sensor_constants, sensor_memory
 from backlash_ros.drivetrain.signals import (
@@ -116,7 +115,7 @@ class Run:
 
 
 def _loop(
-    advance: Advance,
+    play: Player,
     tick: Tick,
     plant: PlantConstants,
     sensors: SensorConstants,
@@ -162,7 +161,7 @@ def _loop(
         step[PEAK_FORCE] = 0.0
         rows = states[k * substeps + 1 : (k + 1) * substeps + 1]
         command = min(max(command, -command_limit), command_limit)
-        status, passed = play_period(advance, plant, state, step, delay, line, command, load_torque[k], tolerance, rows)
+        status, passed = play(plant, state, step, delay, line, command, load_torque[k], tolerance, rows)
         if status != 0:
             return status, k * delay.period + passed, fault_sample
         signals[k, 3] = step[PEAK_FORCE]
@@ -187,9 +186,9 @@ def _compiled_loop() -> Callable[..., tuple[int, float, int]]:
     delay = delay_constants(Delay(), 1.0)
     tick = TICK_SIGNATURE.args
     signature = _types.Tuple((_types.int64, number, _types.int64))(
-        _types.FunctionType(ADVANCE_SIGNATURE),
+        _types.FunctionType(PLAYER_SIGNATURE),
         _types.FunctionType(TICK_SIGNATURE),
-        ADVANCE_SIGNATURE.args[0],
+        PLAYER_SIGNATURE.args[0],
         *(_typeof(sensor_constants(Sensors(), 1.0)), flat, flat, _typeof(delay), _typeof(delay_memory(at_rest()))),
         *(*tick[:5], flat, flat, _types.boolean, number, number, flat, flat, table, table),
     )
@@ -244,7 +243,7 @@ def run(
 
     references = samples("reference", scenario.reference)
     status, reached, fault_sample = _compiled_loop()(
-        integrator_for(drive),
+        player_for(drive),
         servo.tick,
         plant_constants(drive),
         sensor_constants(scenario.sensors, drive.motor.torque_constant, scenario.seed),

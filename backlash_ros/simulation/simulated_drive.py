@@ -14,7 +14,7 @@ from backlash_ros.drivetrain.delay import (
     DelayMemory,
     delay_constants,
     delay_memory,
-    play_period,
+    player_for,
     taken_at,
 )
 from backlash_ros.drivetrain.integrator import (
@@ -22,9 +22,7 @@ from backlash_ros.drivetrain.integrator import (
     DONE,
     PEAK_FORCE,
     REASONS,
-    Advance,
     integration_memory,
-    integrator_for,
 )
 from backlash_ros.drivetrain.sensors import SensorConstants, Sensors, read_sensors, sensor_constants, sensor_memory
 from backlash_ros.drivetrain.signals import Array, Measurement, PlantState, at_rest
@@ -74,7 +72,7 @@ class SimulatedDrive:
         self.measured = Measurement(np.zeros(5))
         self._sample = 0
         self._plant: PlantConstants = plant_constants(drive)
-        self._advance: Advance = integrator_for(drive)
+        self._play = player_for(drive)
         self._step = integration_memory()
         self._sensors, self._sensed = (
             sensor_constants(sensors or Sensors(), drive.motor.torque_constant, seed),
@@ -117,8 +115,7 @@ class SimulatedDrive:
             )
         limit = self.drive.command_limit
         self._step[PEAK_FORCE] = 0.0
-        status, passed = play_period(
-            self._advance,
+        status, passed = self._play(
             self._plant,
             self.state,
             self._step,

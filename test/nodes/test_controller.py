@@ -3,6 +3,7 @@
 import math
 import signal
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import count
 
 import numpy as np
@@ -18,11 +19,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Header, UInt8
 from std_srvs.srv import Trigger
 
-from backlash_ros.control import LAWS, Gains, GainSet, ServoSettings, design_gains
+from backlash_ros.control import LAWS, Gains, GainSet, Limits, ServoSettings, design_gains
 from backlash_ros.control.laws.two_region import TwoRegionParameters
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
+from backlash_ros.drivetrain.delay import Delay
+from backlash_ros.drivetrain.sensors import Sensors
 from backlash_ros.nodes.interface import stamp_label
-from backlash_ros.simulation import Scenario, run
+from backlash_ros.simulation import Scenario, SimulatedDrive, run
 
 Start = Callable[..., Process]
 PATIENT = {"state_timeout": 10.0}
@@ -46,6 +49,41 @@ def test_closed_loop_over_dds_equals_the_offline_run(start: Start, peer: Peer, g
     settings = ServoSettings(gains, backlash_angle=0.02)
     settings = settings.with_law("two_region", TwoRegionParameters(min_dwell=0.0)).with_law(law)
     offline = run(NOMINAL_DRIVE, settings, Scenario(np.ones(401)))
+    np.testing.assert_allclose(angles, offline.load_angle, rtol=0, atol=1e-9)
+
+
+REAL = Sensors(
+    measured=("theta_m", "omega_m", "theta_l", "omega_l"),
+    speeds_from_positions=True,
+    motor_counts=2**12,
+    load_counts=2**14,
+    motor_offset=-0.7,
+    load_offset=0.3,
+    load_eccentricity=0.001,
+)
+LATE = Delay(sample=0.4 * 0.004, command=0.9 * 0.004, sample_jitter=0.2 * 0.004, command_jitter=0.2 * 0.004)
+ENDS = {"position_upper": 1.0, "soft_zone": 0.3, "command": 15.0}
+
+
+@pytest.mark.parametrize("law", sorted(LAWS))
+def test_closed_loop_over_dds_with_counts_offsets_delay_and_limits_equals_the_offline_run(
+    start: Start, peer: Peer, gains: GainSet, law: str
+) -> None:
+    """The test plays the drive, through the model of sensors and delay; the reference is in the soft zone."""
+    limits = {f"limits__{name}": value for name, value in ENDS.items()}
+    start("controller", law=law, backlash_angle=0.02, laws__two_region__min_dwell=0.0, **limits, **PATIENT)
+    simulated = SimulatedDrive(NOMINAL_DRIVE, 0.004, sensors=REAL, delay=LATE, seed=11)
+    drive = LockstepDrive(peer, simulated=simulated).matched()
+    drive.load_torque = -0.1
+    drive.set_reference(0.9)
+    angles = np.concatenate([[0.0, drive.load_angle], drive.run(400)])
+    settings = ServoSettings(gains, backlash_angle=0.02)
+    settings = settings.with_law("two_region", TwoRegionParameters(min_dwell=0.0)).with_law(law)
+    scenario = Scenario(np.full(401, 0.9), np.array(-0.1), sensors=REAL, delay=LATE, seed=11)
+    offline = run(NOMINAL_DRIVE, settings, scenario, limits=replace(Limits.of(NOMINAL_DRIVE), **ENDS))
+    assert offline.fault == ""
+    largest = np.max(np.abs(offline.command))
+    assert largest < 2.0 if law == "overdamped" else 8.0 < largest <= 15.0
     np.testing.assert_allclose(angles, offline.load_angle, rtol=0, atol=1e-9)
 
 

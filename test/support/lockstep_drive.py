@@ -12,7 +12,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Plant
+from backlash_ros.drivetrain.signals import THETA_L
 from backlash_ros.nodes.interface import label_of, stamp_label
+from backlash_ros.simulation import SimulatedDrive
 
 _CLOCK_START = 1_000_000_000
 
@@ -20,11 +22,15 @@ _CLOCK_START = 1_000_000_000
 class LockstepDrive:
     """A simulated plant behind the topics of a drive, stepped by the controller's answers.
 
-    Time stamps are the simulation's, so that nothing depends on how fast the machine is.
+    Time stamps are the simulation's, so that nothing depends on how fast the machine is. A ``simulated`` drive, with
+    sensors and delay, takes the place of the plant that shows all of its state at once; it may not measure the current.
     """
 
-    def __init__(self, peer: Peer, rate: float = 250.0, drive: Drive = NOMINAL_DRIVE) -> None:
+    def __init__(
+        self, peer: Peer, rate: float = 250.0, drive: Drive = NOMINAL_DRIVE, simulated: SimulatedDrive | None = None
+    ) -> None:
         self.peer = peer
+        self.simulated = simulated
         self.period = 1.0 / rate
         self.plant = Plant(drive)
         self.load_torque = 0.0
@@ -72,6 +78,10 @@ class LockstepDrive:
         message.position = [plant.motor_angle, plant.load_angle]
         message.velocity = [plant.motor_speed, plant.load_speed]
         message.effort = [plant.motor_torque, plant.gear_torque]
+        if self.simulated is not None:
+            motor, motor_speed, load, load_speed, current = self.simulated.sample().tolist()
+            assert math.isnan(current)
+            message.position, message.velocity, message.effort = [motor, load], [motor_speed, load_speed], []
         for field, value in changes.items():
             setattr(message, field, value)
         return message
@@ -104,7 +114,18 @@ class LockstepDrive:
         self._reference.publish(Float64(data=target))
         voltage = self.peer.wait("the reference to arrive", lambda: self._changed(at_rest))
         if move:
-            self.plant.advance(voltage, self.load_torque, self.period)
+            self._advance(voltage)
+
+    def _advance(self, command: float) -> None:
+        if self.simulated is None:
+            self.plant.advance(command, self.load_torque, self.period)
+        else:
+            self.simulated.advance(command, self.load_torque)
+
+    @property
+    def load_angle(self) -> float:
+        """Where the load is, whatever is measured, rad."""
+        return self.plant.load_angle if self.simulated is None else float(self.simulated.state[THETA_L])
 
     def _changed(self, before: float) -> float | None:
         voltage = self.exchange(self.sample())
@@ -113,7 +134,7 @@ class LockstepDrive:
     def step(self) -> float:
         """One whole period: sample, answer, motion."""
         voltage = self.exchange(self.sample())
-        self.plant.advance(voltage, self.load_torque, self.period)
+        self._advance(voltage)
         return voltage
 
     def run(self, count: int) -> np.ndarray:
@@ -121,7 +142,7 @@ class LockstepDrive:
         angles = np.full(count, math.nan)
         for k in range(count):
             self.step()
-            angles[k] = self.plant.load_angle
+            angles[k] = self.load_angle
         return angles
 
     def follows(self, target: float) -> bool:
