@@ -11,8 +11,12 @@ speed    has the encoder's way over a period as its mean. What is measured may l
          motor that turns alone, and by a count. Summed up over a while, ways and speeds must agree but for a lag: a
          speed of the wrong unit or sign does not, however slow the axis moves.
 
-A signal that is not plausible counts as not measured, so that the observer finds it from position or from the command.
-At the third sample in a row it is a fault, which names signal, value and bound.
+Such a signal counts as not measured where it is not plausible, so that the observer finds it from position or from the
+command. At the third sample in a row it is a fault, which names signal, value and bound.
+
+An angle without a measured speed beside it must not make a speed by jumping. One that leaves its way by more than the
+above explains is believed only at its third sample: then the shaft has moved, by a blow say, or the encoder has slipped
+by less than the monitor's limit on the gap, which cannot be told from it.
 """
 
 import math
@@ -63,28 +67,70 @@ def speed_lag(period: float) -> float:
     return _LAG + 2.0 * period
 
 
-# What is remembered: of each side the angle, the mean and the measured speed, at the output, the sum of what they
-# disagree on, and samples in a row without plausibility; how fast and how unsteady it was lately; of the current its
-# hull, peak and samples; the commands before.
-_ANGLE, _MEAN, _SPEED, _DRIFT, _FAILED = range(5)
-_MOTOR, _LOAD = 0, 5
-_FASTEST, _UNSTEADY, _LEAST, _LARGEST, _PEAK, _CURRENT_FAILED, _BEFORE, _BEFORE_THAT = range(10, 18)
+# What is remembered: of each side the angle that is believed and the one that was shown, the mean and the measured
+# speed, at the output, the sum of what they disagree on, and for how many samples in a row speed and angle were not
+# plausible; how fast and how unsteady it was lately; of the current its hull, peak and samples; the commands before.
+_ANGLE, _SHOWN, _MEAN, _SPEED, _DRIFT, _FAILED, _JUMPED, _RESEATED = range(8)
+_MOTOR, _LOAD = 0, 8
+_FASTEST, _UNSTEADY, _LEAST, _LARGEST, _PEAK, _CURRENT_FAILED, _BEFORE, _BEFORE_THAT = range(16, 24)
 
 
 def plausibility_memory() -> Array:
     """Return the memory of one that has seen nothing."""
-    memory = np.zeros(18)
-    memory[[side + part for side in (_MOTOR, _LOAD) for part in (_ANGLE, _MEAN, _SPEED)]] = math.nan
+    memory = np.zeros(24)
+    memory[[side + part for side in (_MOTOR, _LOAD) for part in (_ANGLE, _SHOWN, _MEAN, _SPEED)]] = math.nan
     return memory
 
 
 @compiled
-def _follow_encoder(memory: Array, side: int, angle: float, period: float) -> float:
-    """Take an angle (rad at the output); return by how much the mean speed changed since the sample before, rad/s."""
+def _follow_encoder(memory: Array, side: int, angle: float, bound: float, trusted: bool, period: float) -> float:
+    """Take an angle (rad at the output); return by how much its mean speed changed since the sample before, rad/s.
+
+    An angle that leaves the way so far by more than ``bound`` (rad/s) is not believed before its third sample, unless
+    it is ``trusted``: beside a measured speed an angle that jumps makes no speed.
+    """
+    shown = (angle - memory[side + _SHOWN]) / period
     mean = (angle - memory[side + _ANGLE]) / period
     change = abs(mean - memory[side + _MEAN])
-    memory[side + _ANGLE], memory[side + _MEAN] = angle, mean
-    return 0.0 if math.isnan(change) else change
+    memory[side + _SHOWN], memory[side + _RESEATED] = angle, 0.0
+    if math.isnan(change):
+        change = 0.0
+    elif change > bound and not trusted:
+        memory[side + _JUMPED] += 1.0
+        if memory[side + _JUMPED] < PATIENCE:
+            memory[side + _ANGLE] += period * memory[side + _MEAN]
+            return 0.0
+        memory[side + _RESEATED] = 1.0
+        mean, change = shown, abs(shown - memory[side + _MEAN])
+    memory[side + _ANGLE], memory[side + _MEAN], memory[side + _JUMPED] = angle, mean, 0.0
+    return float(change)
+
+
+@compiled
+def _settle_angle(memory: Array, side: int, to_shaft: float, used: Measurement, observed: Array, period: float) -> None:
+    """Let the observer go on where an angle is not believed, and begin anew where one is believed at last."""
+    angle, speed = (THETA_M, OMEGA_M) if side == _MOTOR else (THETA_L, OMEGA_L)
+    if memory[side + _JUMPED] > 0.0:
+        used[angle] = observed[angle] + period * observed[speed]
+    elif memory[side + _RESEATED] > 0.0:
+        observed[speed] = to_shaft * memory[side + _MEAN]
+        observed[angle] = used[angle] - period * observed[speed]
+
+
+@compiled
+def settle_angles(
+    observer: ObserverConstants, memory: Array, used: Measurement, observed: Array, period: float
+) -> None:
+    """Put in place of an angle that is not plausible, in ``used``, where the observer expects it; see the file.
+
+    Parameters
+    ----------
+    memory : of `plausibility_step`, which has seen the same sample
+    observed : the observer's memory, updated in place
+    period : since the sample before, s
+    """
+    _settle_angle(memory, _MOTOR, 1.0 / observer.ratio, used, observed, period)
+    _settle_angle(memory, _LOAD, 1.0, used, observed, period)
 
 
 @compiled
@@ -164,18 +210,10 @@ def plausibility_step(
         output; for a current the least and the largest that is plausible, A
     """
     n = observer.ratio
-    unsteady = _follow_encoder(memory, _MOTOR, n * measured[THETA_M], period)
-    unsteady = max(unsteady, _follow_encoder(memory, _LOAD, measured[THETA_L], period))
-    motor, load = memory[_MOTOR + _MEAN], memory[_LOAD + _MEAN]
-    if not math.isnan(motor - load):
-        unsteady = max(unsteady, abs(motor - load))
-    left = 1.0 - low_pass_gain(1.0 / LATELY, period)
-    memory[_UNSTEADY] = max(left * memory[_UNSTEADY], unsteady)
-    memory[_FASTEST] *= left
-    for speed in (motor, load):
-        if not math.isnan(speed):
-            memory[_FASTEST] = max(memory[_FASTEST], abs(speed))
-    omega_m = (load if math.isnan(motor) else motor) / n
+    motor_angle, load_angle = n * measured[THETA_M], measured[THETA_L]
+    motor_shown = (motor_angle - memory[_MOTOR + _SHOWN]) / period
+    load_shown = (load_angle - memory[_LOAD + _SHOWN]) / period
+    omega_m = (load_shown if math.isnan(motor_shown) else motor_shown) / n
     if math.isnan(omega_m):
         omega_m = 0.0
     current_fine = _current_is_plausible(
@@ -185,7 +223,26 @@ def plausibility_step(
         measured[CURRENT] = math.nan
         if memory[_CURRENT_FAILED] >= PATIENCE:
             return CURRENT
-    bound = 2.0 * memory[_UNSTEADY] + constants.acceleration * memory[_PEAK] * period
+    left = 1.0 - low_pass_gain(1.0 / LATELY, period)
+    driven = constants.acceleration * memory[_PEAK] * period
+    unsteady = left * memory[_UNSTEADY]
+    for side, angle, other, speed, to_output in (
+        (_MOTOR, motor_angle, load_shown, measured[OMEGA_M], n),
+        (_LOAD, load_angle, motor_shown, measured[OMEGA_L], 1.0),
+    ):
+        apart = abs(other - memory[side + _MEAN])
+        steady = left * memory[_UNSTEADY] if math.isnan(apart) else max(left * memory[_UNSTEADY], apart)
+        within = 2.0 * steady + driven + to_output * _COUNT / period
+        unsteady = max(unsteady, _follow_encoder(memory, side, angle, within, not math.isnan(speed), period))
+    motor, load = memory[_MOTOR + _MEAN], memory[_LOAD + _MEAN]
+    if not math.isnan(motor - load):
+        unsteady = max(unsteady, abs(motor - load))
+    memory[_UNSTEADY] = unsteady
+    memory[_FASTEST] *= left
+    for speed in (motor, load):
+        if not math.isnan(speed):
+            memory[_FASTEST] = max(memory[_FASTEST], abs(speed))
+    bound = 2.0 * memory[_UNSTEADY] + driven
     for side, speed_index, to_output in ((_MOTOR, OMEGA_M, n), (_LOAD, OMEGA_L, 1.0)):
         count = to_output * _COUNT
         shown = to_output * measured[speed_index]

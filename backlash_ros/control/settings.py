@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from backlash_ros.control.experiments.limit_cycle import LearningSettings
 from backlash_ros.control.gains import GainSet
 from backlash_ros.control.observer import ObserverConstants, observer_constants
+from backlash_ros.control.stability import Margins, stability_margins
 from backlash_ros.drivetrain import Drive, Validated, quantity
 
 
@@ -13,13 +14,15 @@ class ServoSettings(Validated):
     """One immutable choice of everything that can be tuned: gains, law, rate, observer and learning.
 
     ``backlash_angle`` is b as learned; while it is 0, not known, the fast gains act alone. ``period`` is the time
-    between samples, s; ``law`` names one of `laws.LAWS`; ``law_parameters`` has the parameters of each law whose
-    defaults do not hold, as pairs of name and value.
+    between samples, s; ``loop_delay`` that from measuring to when the command acts, s, with which `margins` judges the
+    gains; ``law`` names one of `laws.LAWS`; ``law_parameters`` has the parameters of each law whose defaults do not
+    hold, as pairs of name and value.
     """
 
     gains: GainSet
     law: str = "two_region"
     period: float = 0.004
+    loop_delay: float = 0.0
     learning: LearningSettings = field(default_factory=LearningSettings)
     law_parameters: tuple[tuple[str, Validated], ...] = ()
     backlash_angle: float = quantity(
@@ -44,6 +47,11 @@ class ServoSettings(Validated):
         """Return the same settings with another law and, where given, its parameters."""
         own = {**dict(self.law_parameters), **({law: parameters} if parameters is not None else {})}
         return replace(self, law=law, law_parameters=tuple(sorted(own.items())))
+
+    def margins(self, drive: Drive) -> dict[str, Margins]:
+        """Return how far each region's gains are from unstable, by the region's name; see `stability_margins`."""
+        gains = {"fast": self.gains.fast, "overdamped": self.gains.overdamped}
+        return {region: stability_margins(drive, k, self.period, self.loop_delay) for region, k in gains.items()}
 
     def observer(self, drive: Drive) -> ObserverConstants:
         """Return the compiled observer's constants for ``drive``."""

@@ -28,6 +28,7 @@ from backlash_ros.control.plausibility import (
     PlausibilityConstants,
     plausibility_memory,
     plausibility_step,
+    settle_angles,
 )
 from backlash_ros.control.setpoint import evaluate
 from backlash_ros.drivetrain.compiled import compiled, specialize
@@ -206,6 +207,7 @@ def _tick(
         if fault != _NONE:
             out[FAULT] = fault
             return 0.0
+        settle_angles(constants.observer, memory[_PLAUSIBILITY:_SETPOINT], used, observed, period)
     observer_step(constants.observer, observed, used, before, period, constants.observer.torque_bandwidth)
     if not math.isnan(inputs[KNOWN_LOAD_TORQUE]):
         estimate[LOAD_TORQUE] = inputs[KNOWN_LOAD_TORQUE]

@@ -152,8 +152,10 @@ def specialize(template: Callable[P, R], signature: Any = None, **bound: Any) ->
     So a tick is compiled once for each control law, an integrator once for each contact law, and neither pays for a
     call through a pointer. A compiled function that takes another one as an argument needs a signature that says so
     (`numba.types.FunctionType`): without one numba keeps its code under the other's identity, and may find that of a
-    third one in the cache of the next process. The cached copy is named after the text of the bound functions' files: a law outside of this
-    package that is edited is compiled again.
+    third one in the cache of the next process.
+
+    The cached copy is named after the text of the bound functions' files: a law outside of this package that is edited
+    is compiled again.
 
     Parameters
     ----------

@@ -23,14 +23,15 @@ def _given(weights: Sequence[float]) -> bool:
 
 
 def resolve_set(
-    name: str, chosen: Mapping[str, Mapping[str, Sequence[float]]], drive: Drive, period: float
+    name: str, chosen: Mapping[str, Mapping[str, Sequence[float]]], drive: Drive, period: float, delay: float
 ) -> dict[str, list[float]]:
     """Return the parameters that a named set stands for.
 
     Raises
     ------
     ValueError
-        Where it gives no or two kinds of gains, and gains that are out of bounds or unstable.
+        Where it gives no or two kinds of gains, and gains that are out of bounds, or unstable with a loop that is so
+        late, ``delay`` in s.
     """
     values: dict[str, list[float]] = {}
     for region in REGIONS:
@@ -39,7 +40,7 @@ def resolve_set(
         if _given(q) == any(value != 0 for value in k):
             raise ValueError(f"{where}: give either k (gains) or q (LQR weights), got k = {list(k)} and q = {list(q)}")
         gains = design_gains(f"{where}.q", drive, q) if _given(q) else Gains.from_sequence(f"{where}.k", k)
-        check_stable(f"{where}.k", drive, gains, period)
+        check_stable(f"{where}.k", drive, gains, period, delay)
         values[f"gains.{region}.k"] = gains.as_array().tolist()
         values[f"gains.{region}.q"] = list(q)
     return values
@@ -63,7 +64,11 @@ def expand(changes: Mapping[str, Any], sets: Mapping[str, Mapping[str, list[floa
 
 
 def gain_set_of(
-    values: Mapping[str, Any], sets: Mapping[str, Mapping[str, list[float]]], drive: Drive, period: float
+    values: Mapping[str, Any],
+    sets: Mapping[str, Mapping[str, list[float]]],
+    drive: Drive,
+    period: float,
+    delay: float,
 ) -> GainSet:
     """Return the gains that a complete candidate stands for.
 
@@ -71,7 +76,7 @@ def gain_set_of(
     ------
     ValueError
         Names the parameter: unknown set, gains that are not those of the named set or not those of the weights,
-        gains out of bounds, or gains that the sampled loop is unstable with.
+        gains out of bounds, or gains that the sampled loop, so late (``delay``, s), is unstable with.
     """
     name = values["gain_set"]
     if name != CUSTOM and name not in sets:
@@ -93,5 +98,5 @@ def gain_set_of(
             raise ValueError(
                 f"{k} = {list(values[k])} does not follow from {q} = {list(values[q])}; set one of the two"
             )
-        check_stable(k, drive, gains[region], period)
+        check_stable(k, drive, gains[region], period, delay)
     return GainSet(gains["fast"], gains["overdamped"])

@@ -11,7 +11,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, LearningSettings, Limits, ServoSettings, design_law
-from backlash_ros.drivetrain import Drive
+from backlash_ros.control.stability import LONGEST_DELAY
+from backlash_ros.drivetrain import Drive, Quantity
 from backlash_ros.nodes.gain_parameters import (
     CUSTOM,
     NO_WEIGHTS,
@@ -20,7 +21,7 @@ from backlash_ros.nodes.gain_parameters import (
     gain_set_of,
     resolve_set,
 )
-from backlash_ros.nodes.parameters import declare, declare_quantities, describe, take
+from backlash_ros.nodes.parameters import declare, declare_number, declare_quantities, describe, take
 
 _K = "gains [k1, k2, k3] of V = -k1 (load angle - reference) - k2 load speed - k3 current"
 _K_UNIT = "V/rad, V s/rad, V/A"
@@ -40,6 +41,13 @@ class Tunables:
         self._node = node
         self._drive = drive
         self._period = 1.0 / rate
+        late = Quantity(
+            "delay of the drive, both ways, that gains are judged with: from measuring to when the command acts",
+            "s",
+            0.0,
+            LONGEST_DELAY / rate,
+        )
+        self._delay = float(declare_number(node, "loop_delay", 0.0, late))
         self._sets = self._declare_gain_sets()
         self.values = self._declare()
         self.settings, self.limits = self._built(self.values)
@@ -97,7 +105,7 @@ class Tunables:
                     "q": declare(node, f"{prefix}.q", NO_WEIGHTS if any(k) else defaults[region], text),
                     "k": k,
                 }
-            sets[name] = resolve_set(name, chosen, self._drive, self._period)
+            sets[name] = resolve_set(name, chosen, self._drive, self._period, self._delay)
         return sets
 
     def _declare(self) -> dict[str, Any]:
@@ -126,7 +134,7 @@ class Tunables:
         if given and asked["gain_set"] == first:
             asked = {"gain_set": CUSTOM}
         values |= start | expand({**asked, **given}, sets, self._drive)
-        settings = ServoSettings(gain_set_of(values, sets, self._drive, self._period))
+        settings = ServoSettings(gain_set_of(values, sets, self._drive, self._period, self._delay))
         values |= declare_quantities(node, settings, read_only=False)
         changed = [
             Parameter(name, value=value)
@@ -141,9 +149,10 @@ class Tunables:
         settings = take(
             ServoSettings,
             values,
-            gains=gain_set_of(values, self._sets, self._drive, self._period),
+            gains=gain_set_of(values, self._sets, self._drive, self._period, self._delay),
             law=values["law"],
             period=self._period,
+            loop_delay=self._delay,
             learning=take(LearningSettings, values),
             law_parameters=tuple((name, take(type(LAWS[name].parameters), values)) for name in sorted(LAWS)),
         )

@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, Servo, ServoSettings, design_gains
-from backlash_ros.control.limits import Limits, mechanical_time_constant
-from backlash_ros.control.monitor import monitor_constants
+from backlash_ros.control.limits import mechanical_time_constant
 from backlash_ros.control.plausibility import LATELY, PATIENCE, speed_lag
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
@@ -131,17 +130,13 @@ def allowed(situation: Situation, law: str, sensors: Sensors, period: float) -> 
     """Return how far the load may stray, and how far it may go on after a fault: physics beside 2 b and 0.2 rad.
 
     A speed that a drive reports late cannot be told from a wrong one that is off by no more: after a speed of v that
-    hides v times the lag. Without measured speeds the gap's window is what tells: an encoder that jumps within it
-    cannot be told from teeth that moved, and the load follows. A load that moves when its motor goes to
-    0 V runs on by v times the mechanical time constant.
+    hides v times the lag. A load that moves when its motor goes to 0 V runs on by v times the mechanical time constant.
     """
     speed = undisturbed(law, situation, sensors, period).speed[round((BAD_FROM - LATELY) / period) :]
     fastest = float(np.max(np.abs(speed)))
     moving = fastest > 3.0  # rad/s; a limit cycle has no more
     lag, coast = speed_lag(period), mechanical_time_constant(NOMINAL_DRIVE)
-    limits = monitor_constants(NOMINAL_DRIVE, Limits.of(NOMINAL_DRIVE), period, 1.0, B)
-    still = 2 * B if "omega_l" in sensors.measured else max(2 * B, limits.gap)
-    return still + (lag * fastest if moving else 0.0), 0.2 + (coast * fastest if moving else 0.0)
+    return 2 * B + (lag * fastest if moving else 0.0), 0.2 + (coast * fastest if moving else 0.0)
 
 
 def holds(found: Harm, bound: tuple[float, float]) -> bool:

@@ -9,9 +9,10 @@ from bad_samples import SENSORS, SITUATIONS, B, Harm, allowed, harm, holds, play
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from backlash_ros.control import LAWS
+from backlash_ros.control import LAWS, Servo, ServoSettings
 from backlash_ros.control.plausibility import PATIENCE
-from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, STATE_NAMES, THETA_L, THETA_M
+from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, STATE_NAMES, THETA_L, THETA_M, Measurement
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 NEAR = st.floats(-1.0, 1.0).map(lambda x: math.copysign(10 ** (4 * abs(x) - 3), x))
@@ -146,3 +147,32 @@ def test_the_property_can_fail() -> None:
     assert not holds(Harm(0.05, 0.0, PATIENCE + 1), (0.04, 0.2))
     assert not holds(Harm(0.0, 0.3, 1), (0.04, 0.2))
     assert holds(Harm(0.5, 0.1, PATIENCE), (0.04, 0.2))
+
+
+def test_an_encoder_that_jumps_once_makes_no_speed() -> None:
+    """By positions alone, within the gap: as if the sample were not there."""
+    for samples in (1, PATIENCE - 1):
+        jumps = play(
+            "fast",
+            SITUATIONS["at rest"],
+            SENSORS["positions alone"],
+            0.004,
+            lambda true, _: true + 0.03,
+            THETA_L,
+            samples,
+        )
+        assert jumps.fault == ""
+        np.testing.assert_array_equal(jumps.angle, 0.0)
+
+
+def test_a_blow_is_believed_at_its_third_sample() -> None:
+    """The load is hit and moves: by positions alone its speed is known one sample after it is believed."""
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(GAINS, period=0.001))
+    speeds = []
+    for k in range(10):
+        way = 0.02 * max(0, k - 2)  # 20 rad/s from one sample to the next, with both shafts
+        servo.update(Measurement(np.array([10 * way, math.nan, way, math.nan, math.nan])))
+        speeds.append(float(servo.estimate[OMEGA_L]))
+    assert servo.fault == ""
+    assert speeds[:5] == [0.0] * 5
+    assert speeds[5:] == pytest.approx([20.0] * 5)

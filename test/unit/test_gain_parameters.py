@@ -10,8 +10,8 @@ WEIGHTS = {"fast": {"q": [1000.0, 1.0], "k": [0.0] * 3}, "overdamped": {"q": [4.
 NUMBERS = {"fast": {"q": [0.0, 0.0], "k": [20.0, 0.6, 0.1]}, "overdamped": {"q": [0.0, 0.0], "k": [1.5, 0.03, 0.0]}}
 PERIOD = 0.004
 SETS = {
-    "nominal": resolve_set("nominal", WEIGHTS, NOMINAL_DRIVE, PERIOD),
-    "gentle": resolve_set("gentle", NUMBERS, NOMINAL_DRIVE, PERIOD),
+    "nominal": resolve_set("nominal", WEIGHTS, NOMINAL_DRIVE, PERIOD, 0.0),
+    "gentle": resolve_set("gentle", NUMBERS, NOMINAL_DRIVE, PERIOD, 0.0),
 }
 START = {"gain_set": "nominal", **SETS["nominal"]}
 
@@ -21,7 +21,7 @@ def request(**changes: object) -> dict[str, object]:
 
 
 def check(values: dict[str, object]) -> object:
-    return gain_set_of(values, SETS, NOMINAL_DRIVE, PERIOD)
+    return gain_set_of(values, SETS, NOMINAL_DRIVE, PERIOD, 0.0)
 
 
 def test_choosing_a_set_sets_its_gains() -> None:
@@ -75,11 +75,22 @@ def test_requests_that_contradict_themselves_are_refused(changes: dict[str, obje
 @pytest.mark.parametrize("chosen", [{"q": [0.0, 0.0], "k": [0.0] * 3}, {"q": [4.0, 0.0], "k": [1.0, 0.1, 0.0]}])
 def test_a_named_set_gives_either_gains_or_weights(chosen: dict[str, list[float]]) -> None:
     with pytest.raises(ValueError, match=r"gain_sets.odd.fast: give either k \(gains\) or q \(LQR weights\)"):
-        resolve_set("odd", {"fast": chosen, "overdamped": NUMBERS["overdamped"]}, NOMINAL_DRIVE, PERIOD)
+        resolve_set("odd", {"fast": chosen, "overdamped": NUMBERS["overdamped"]}, NOMINAL_DRIVE, PERIOD, 0.0)
 
 
 @pytest.mark.parametrize("region", ["fast", "overdamped"])
 def test_a_named_set_that_is_unstable_is_refused_by_its_name(region: str) -> None:
     wild = {**NUMBERS, region: {"q": [0.0, 0.0], "k": [1e5, 0.0, 0.0]}}
     with pytest.raises(ValueError, match=rf"gain_sets.wild.{region}.k = \[100000, 0, 0\] is unstable at 250 Hz"):
-        resolve_set("wild", wild, NOMINAL_DRIVE, PERIOD)
+        resolve_set("wild", wild, NOMINAL_DRIVE, PERIOD, 0.0)
+
+
+def test_gains_are_judged_with_the_delay_that_was_given() -> None:
+    """The nominal gains bear 19.5 ms at 250 Hz."""
+    resolve_set("late", WEIGHTS, NOMINAL_DRIVE, PERIOD, 0.019)
+    with pytest.raises(ValueError, match=r"gain_sets\.late\.fast\.k = .* unstable at 250 Hz with a delay of 0\.02 s"):
+        resolve_set("late", WEIGHTS, NOMINAL_DRIVE, PERIOD, 0.02)
+    values = {"gain_set": "nominal", **SETS["nominal"]}
+    gain_set_of(values, SETS, NOMINAL_DRIVE, PERIOD, 0.019)
+    with pytest.raises(ValueError, match=r"gains\.fast\.k = .* with a delay of 0\.02 s"):
+        gain_set_of(values, SETS, NOMINAL_DRIVE, PERIOD, 0.02)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from backlash_ros.control import Gains, GainSet, check_stable, design_gains, stability_margins
+from backlash_ros.control import Gains, GainSet, ServoSettings, check_stable, design_gains, stability_margins
 from backlash_ros.drivetrain import (
     COMMAND_INTERFACES,
     NOMINAL_DRIVE,
@@ -250,3 +250,10 @@ def test_an_unstable_loop_has_no_margins(gains: GainSet) -> None:
 
 def test_margins_are_computed_once(gains: GainSet) -> None:
     assert stability_margins(NOMINAL_DRIVE, gains.fast, PERIOD) is stability_margins(NOMINAL_DRIVE, gains.fast, PERIOD)
+
+
+def test_settings_have_the_margins_of_their_gains(gains: GainSet) -> None:
+    prompt, late = (ServoSettings(gains, loop_delay=delay).margins(NOMINAL_DRIVE) for delay in (0.0, 0.008))
+    assert prompt["fast"] == stability_margins(NOMINAL_DRIVE, gains.fast, 0.004)
+    assert late["fast"].delay == pytest.approx(prompt["fast"].delay - 0.008, abs=1e-6)
+    assert late["overdamped"].phase > 1.5

@@ -20,6 +20,9 @@ from backlash_ros.nodes.tunables import Tunables
     ],
 )
 def test_gain_sets_that_cannot_be_told_apart_are_refused(names: list[str], text: str) -> None:
-    node: Any = SimpleNamespace(declare_parameter=lambda *_: SimpleNamespace(value=names))
+    node: Any = SimpleNamespace(
+        declare_parameter=lambda name, *_: SimpleNamespace(value=0.0 if name == "loop_delay" else names),
+        set_descriptor=lambda *_: None,
+    )
     with pytest.raises(ValueError, match=text):
         Tunables(node, NOMINAL_DRIVE, 250.0)
