@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from bad_samples import SENSORS, SITUATIONS, B, Harm, allowed, harm, holds, play
+from bad_samples import GAINS, SENSORS, SITUATIONS, B, Harm, allowed, harm, holds, play
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
