@@ -3,10 +3,11 @@
 #   make demo    learn the backlash and judge three laws, on real ROS 2, recorded: results in results/demo
 #   make test    all tests
 #   make faults  inject every fault and write docs/faults.md; make test-repeat does it twenty times under load
+#   make bad-samples  what wrong samples do to the load, at the end of docs/faults.md
 #   make lint    formatting, style and types
 #   make paper   the paper's figures and the page that judges them, in docs
 #   make docs    docs/parameters.md, the table of all parameters, from the code
-#   make bench   how fast the offline loop is, beside scipy in the same run; six axes in real time; lockstep;
+#   make bench   what a tick costs; how fast the offline loop is, beside scipy in the same run; six axes in real time; lockstep;
 #                a listener that is stopped, by shared memory and by UDP
 #   make soak    ten minutes in real time: nothing lost, no memory grown
 #   make lock    renew requirements/*.txt, the locks with hashes, from requirements/*.in
@@ -19,6 +20,8 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 # Of its own for each kind of ROS, so that sourcing another one makes the environment anew.
 READY := $(VENV)/.ready-$(or $(ROS_DISTRO),wheels)
+# Small matrices only: threads of the linear algebra stand in each other's way, and in that of the tests beside them.
+export OPENBLAS_NUM_THREADS := 1
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 LOCK := uv pip compile --quiet --upgrade --universal --python-version 3.10 --generate-hashes --no-annotate \
         --custom-compile-command "make lock"
@@ -30,7 +33,7 @@ else
   LOCKS := requirements/python.txt requirements/ros.txt
 endif
 
-.PHONY: demo test test-unit faults test-repeat test-floors lint paper docs bench soak lock clean
+.PHONY: demo test test-unit faults bad-samples test-repeat test-floors lint paper docs bench soak lock clean
 
 demo: $(READY)
 	$(BIN)/python -m backlash_ros.nodes.demo
@@ -47,6 +50,10 @@ test: $(READY)
 FAULTS := test/nodes/test_faults.py test/nodes/test_parameter_storm.py test/nodes/test_recorder.py -k __
 faults: $(READY)
 	$(BIN)/python -m pytest $(FAULTS) --faults-page docs/faults.md
+
+# What one wrong sample, or ten, do to the load: a grid of values, offline, into docs/faults.md; some minutes.
+bad-samples: $(READY)
+	$(BIN)/python test/support/bad_samples.py docs/faults.md
 
 test-repeat: $(READY)
 	$(BIN)/python test/support/repeat.py --times 20 --at-once 4 -- $(FAULTS)
@@ -66,6 +73,7 @@ docs: $(READY)
 	$(BIN)/python -m backlash_ros.nodes.parameter_table
 
 bench: $(READY)
+	$(BIN)/python benchmarks/tick.py
 	$(BIN)/python benchmarks/closed_loop.py
 	$(BIN)/python benchmarks/real_time.py axes --seconds 20
 	$(BIN)/python benchmarks/real_time.py lockstep --seconds 20

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 import rclpy
-from faults_page import page
+from faults_page import SECTION, page
 from graph import Peer, Process
 from rclpy.signals import SignalHandlerOptions
 
@@ -24,7 +24,8 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
     if path is not None:
         passed = [report for report in terminalreporter.stats.get("passed", []) if report.when == "call"]
         times = {report.nodeid.split("::", 1)[1]: [t for _, t in report.user_properties] for report in passed}
-        path.write_text(page(times))
+        rest = path.read_text().partition(SECTION)[2] if path.exists() else ""
+        path.write_text(page(times) + (f"\n{SECTION}{rest}" if rest else ""))
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from faults_page import SECTION
 
 from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, Servo, ServoSettings, design_gains
 from backlash_ros.control.limits import mechanical_time_constant
@@ -187,7 +188,6 @@ def _search(tried: _Try) -> dict[tuple[str, str], Harm]:
     return worst
 
 
-HEADING = "## One wrong sample, or ten"
 _TEXT = """
 One signal shows a wrong value for 1, 3 or 10 samples: the true one and from {least} to {most} in its unit, either sign,
 with each law, at 250 Hz and 1 kHz, offline (`make bad-samples`; nominal drive, b = 0.02 rad). Before the slash: how far
@@ -208,7 +208,7 @@ def section(worst: Mapping[tuple[str, str], Harm]) -> str:
     """Return the section of the page."""
     signals = list(dict.fromkeys(signal for _, signal in worst))
     sizes = [size for each in _SIZES.values() for size in each]
-    lines = [HEADING, _TEXT.format(least=f"{min(sizes):g}", most=f"{max(sizes):.0e}".replace("+", ""))]
+    lines = [SECTION, _TEXT.format(least=f"{min(sizes):g}", most=f"{max(sizes):.0e}".replace("+", ""))]
     lines[1] += f"| wrong signal | {' | '.join(SITUATIONS)} |\n|---|{'---|' * len(SITUATIONS)}\n"
     for signal in signals:
         cells = [f"{worst[name, signal].strayed:.3f} / {worst[name, signal].went_on:.2f}" for name in SITUATIONS]
@@ -218,7 +218,7 @@ def section(worst: Mapping[tuple[str, str], Harm]) -> str:
 
 def without_section(page: str) -> str:
     """Return the page as it is before the section."""
-    return page.partition(HEADING)[0].rstrip() + "\n"
+    return page.partition(SECTION)[0].rstrip() + "\n"
 
 
 def main(page: Path) -> int:

@@ -7,6 +7,9 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+SECTION = "## One wrong sample, or ten"
+"""Heading of what `bad_samples` writes behind the table."""
+
 HEAD = """# Faults
 
 Each row is a test that injects the fault into live processes over DDS and watches what comes of it; `make faults`

@@ -170,8 +170,8 @@ def test_a_blow_is_believed_at_its_third_sample() -> None:
     servo = Servo(NOMINAL_DRIVE, ServoSettings(GAINS, period=0.001))
     speeds = []
     for k in range(10):
-        way = 0.02 * max(0, k - 2)  # 20 rad/s from one sample to the next, with both shafts
-        servo.update(Measurement(np.array([10 * way, math.nan, way, math.nan, math.nan])))
+        way = 0.02 * max(0, k - 2)  # 20 rad/s from one sample to the next
+        servo.update(Measurement(np.array([math.nan, math.nan, way, math.nan, math.nan])))
         speeds.append(float(servo.estimate[OMEGA_L]))
     assert servo.fault == ""
     assert speeds[:5] == [0.0] * 5

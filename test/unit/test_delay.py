@@ -17,10 +17,10 @@ from backlash_ros.drivetrain.delay import (
     acts_at,
     delay_constants,
     delay_memory,
-    play_period,
+    player_for,
     taken_at,
 )
-from backlash_ros.drivetrain.integrator import DEFAULT_TOLERANCE, DONE, integration_memory, integrator_for
+from backlash_ros.drivetrain.integrator import DEFAULT_TOLERANCE, DONE, integration_memory
 from backlash_ros.drivetrain.signals import CURRENT, at_rest
 from backlash_ros.simulation import Scenario, SimulatedDrive, run
 
@@ -125,11 +125,11 @@ def test_no_older_command_acts_after_a_newer_one(jitter: float, seed: int) -> No
     """Commands that grow, on a drive whose current is the command: at any time the newest that has come acts."""
     drive, substeps, count = replace(NOMINAL_DRIVE, command_interface="current"), 40, 60
     constants = delay_constants(Delay(command=0.2 * PERIOD, command_jitter=jitter * PERIOD), PERIOD, seed)
-    state, step, advance = at_rest(), integration_memory(), integrator_for(drive)
+    state, step, play = at_rest(), integration_memory(), player_for(drive)
     line, rows, currents = delay_memory(state), np.empty((substeps, 5)), []
     for k in range(count):
         arguments = state, step, constants, line, 0.01 * (k + 1), 0.0, DEFAULT_TOLERANCE, rows
-        assert play_period(advance, plant_constants(drive), *arguments)[0] == DONE
+        assert play(plant_constants(drive), *arguments)[0] == DONE
         currents.append(rows[:, CURRENT].copy())
     acting = np.round(100 * np.concatenate(currents)).astype(int) - 1
     assert np.all(np.diff(acting) >= 0)
