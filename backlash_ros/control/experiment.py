@@ -4,6 +4,7 @@ The experiments themselves are in `experiments`, a file each.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 from backlash_ros.drivetrain import Drive, Validated
@@ -32,6 +33,14 @@ class Outcome(Protocol):
     def reason(self) -> str:
         """What the result is made from, or why there is none."""
         ...
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """The outcome of an experiment that failed by itself."""
+
+    reason: str
+    valid: bool = False
 
 
 class Experiment(Protocol):
@@ -73,7 +82,7 @@ class NamedExperiment(NamedTuple):
     title : in words
     make : starts a run for a drive, its own parameters and the period of the samples, s
     parameters : the defaults
-    swing : name of the parameter that is the largest offset to either side, rad; "" for none
+    swing : name of the parameter that is the largest offset to either side, rad; "" where it asks for none
     law : the law that acts meanwhile, with a state of its own
     """
 

@@ -61,6 +61,10 @@ _COUNT = 2 * math.pi / 2**12
 """Of a coarse load encoder, rad."""
 
 
+_RATE_SHARE, _WHILE = 0.8, 0.1
+"""Of the period: samples that come faster for a while, s, are those of a drive with another rate."""
+
+
 class Fault(IntEnum):
     """What the tick latches. The names are stable; the numbers are not."""
 
@@ -77,12 +81,14 @@ class Fault(IntEnum):
     MOTOR_SPEED = 10
     LOAD_SPEED = 11
     MOTOR_CURRENT = 12
+    RATE = 13
 
 
 _NONE = int(Fault.NONE)
 _MOTOR_JUMP, _LOAD_JUMP = int(Fault.MOTOR_JUMP), int(Fault.LOAD_JUMP)
 _OVERSPEED = int(Fault.MOTOR_OVERSPEED) - _MOTOR_JUMP
 _DISAGREE, _UNEXPLAINED_TORQUE = int(Fault.ENCODERS_DISAGREE), int(Fault.UNEXPLAINED_TORQUE)
+_RATE = int(Fault.RATE)
 _LOWER_END, _UPPER_END = int(Fault.LOWER_END), int(Fault.UPPER_END)
 
 
@@ -123,7 +129,8 @@ def monitor_constants(
 
 
 _MOTOR, _LOAD, _NEAREST, _FARTHEST, _LOWER, _UPPER, _MAKES, _DRIVES, _UNEXPLAINED, _SEEN = range(10)
-_OBSERVER = 10
+_ELAPSED = 10
+_OBSERVER = 11
 _SAMPLE = _OBSERVER + observing.MEMORY
 DETAILS = 3
 """How many numbers go with a fault, for its text."""
@@ -133,6 +140,7 @@ def monitor_memory() -> Array:
     """Return a monitor that has seen nothing."""
     memory = np.zeros(_SAMPLE + 5)
     memory[[_MOTOR, _LOAD]] = math.nan
+    memory[_ELAPSED] = 1.0
     memory[[_NEAREST, _FARTHEST, _LOWER, _UPPER]] = math.inf, -math.inf, -math.inf, math.inf
     return memory
 
@@ -140,6 +148,13 @@ def monitor_memory() -> Array:
 def forget_ends(memory: Array) -> None:
     """Let who is outside of new ends of the travel come back in."""
     memory[[_LOWER, _UPPER]] = -math.inf, math.inf
+
+
+@compiled
+def _too_fast(period: float, memory: Array, elapsed: float) -> bool:
+    """Whether samples have come faster than their rate for a while; slower ones may have been lost on the way."""
+    memory[_ELAPSED] += low_pass_gain(1.0 / _WHILE, period) * (min(elapsed / period, 1.5) - memory[_ELAPSED])
+    return bool(memory[_ELAPSED] < _RATE_SHARE)
 
 
 @compiled
@@ -230,10 +245,14 @@ def monitor_step(
     observer : of the drive; the monitor has one of its own, by what the command should make
     memory : from `monitor_memory`, updated in place
     command : in force since the sample before, V or A
-    elapsed : since the sample before, at least a period, s
+    elapsed : since the sample before, s
     period : the same, or the nominal one where no sample is missing, s
     details : shape (3,): what the text of the fault needs
     """
+    if _too_fast(observer.period, memory, elapsed):
+        details[0], details[1] = memory[_ELAPSED] * observer.period, observer.period
+        return _RATE
+    elapsed = max(elapsed, observer.period)
     n = observer.ratio
     motor, load = n * measured[THETA_M], measured[THETA_L]
     before = memory[_MOTOR]
@@ -265,6 +284,7 @@ def describe_fault(fault: Fault, details: Array, limits: Limits) -> str:
         Fault.UNEXPLAINED_TORQUE: f"unexplained torque of {a:.3g} N m, more than {b:.3g} N m by limits.load_torque or "
         "limits.command; the motor does not follow its command, the load is blocked, or encoders stand still or count "
         "backwards",
+        Fault.RATE: f"samples come every {a:.3g} s, and rate says every {b:g} s: it must be the drive's",
         Fault.NOT_FINITE: "no finite command follows from the joint states",
         Fault.MOTOR_CURRENT: f"motor current of {a:.3g} A, which the command cannot make: from {b:.3g} to {c:.3g} A "
         "follow from it; effort in the wrong unit (it is N m at the motor's shaft), of the wrong sign, or broken",
@@ -274,9 +294,10 @@ def describe_fault(fault: Fault, details: Array, limits: Limits) -> str:
         f"limits.velocity = {limits.velocity:g} rad/s"
     )
     overspeed = f"{side} speed of {a:.3g} rad/s at the output, limits.velocity = {limits.velocity:g} rad/s"
+    apart = f"moves at {b:.3g} +- {c:.3g} rad/s" if c >= 0 else f"has come {-c:.3g} rad off it within a short while"
     contradiction = (
-        f"{side} speed of {a:.3g} rad/s at the output contradicts its encoder, which moves at {b:.3g} +- {c:.3g} "
-        "rad/s; velocity in the wrong unit, of the wrong sign, or broken, or an encoder that stands still"
+        f"{side} speed of {a:.3g} rad/s at the output contradicts its encoder, which {apart}; velocity in the wrong "
+        "unit, of the wrong sign, or broken, an encoder that stands still, or a rate that is not the drive's"
     )
     beyond = (
         f"load at {a:.4g} rad, further than limits.soft_zone = {limits.soft_zone:g} rad "

@@ -42,7 +42,7 @@ LATELY = 0.05
 _LAG = 0.004
 """Time by which a drive may report its speed late, s, beside two periods."""
 _COUNT = 2 * math.pi / 2**11
-"""Coarsest count that a measured speed may come from, rad at its shaft."""
+"""Count that a speed may come from, rad at its shaft, until ways are seen that are all larger."""
 
 
 class PlausibilityConstants(NamedTuple):
@@ -69,17 +69,26 @@ def speed_lag(period: float) -> float:
 
 # What is remembered: of each side the angle that is believed and the one that was shown, the mean and the measured
 # speed, at the output, the sum of what they disagree on, and for how many samples in a row speed and angle were not
-# plausible; how fast and how unsteady it was lately; of the current its hull, peak and samples; the commands before.
-_ANGLE, _SHOWN, _MEAN, _SPEED, _DRIFT, _FAILED, _JUMPED, _RESEATED = range(8)
-_MOTOR, _LOAD = 0, 8
-_FASTEST, _UNSTEADY, _LEAST, _LARGEST, _PEAK, _CURRENT_FAILED, _BEFORE, _BEFORE_THAT = range(16, 24)
+# plausible, the smallest way seen; how fast and how unsteady it was lately; of the current its hull, peak and samples;
+# the commands before.
+_ANGLE, _SHOWN, _MEAN, _SPEED, _DRIFT, _FAILED, _JUMPED, _RESEATED, _COUNTED = range(9)
+_MOTOR, _LOAD = 0, 9
+_FASTEST, _UNSTEADY, _LEAST, _LARGEST, _PEAK, _CURRENT_FAILED, _BEFORE, _BEFORE_THAT = range(18, 26)
 
 
 def plausibility_memory() -> Array:
     """Return the memory of one that has seen nothing."""
-    memory = np.zeros(24)
+    memory = np.zeros(26)
     memory[[side + part for side in (_MOTOR, _LOAD) for part in (_ANGLE, _SHOWN, _MEAN, _SPEED)]] = math.nan
+    memory[[_MOTOR + _COUNTED, _LOAD + _COUNTED]] = math.inf
     return memory
+
+
+@compiled
+def _count_of(memory: Array, side: int, coarsest: float) -> float:
+    """Return the count that a speed is held against, rad at the output: the smallest way seen, or ``coarsest``."""
+    seen = memory[side + _COUNTED]
+    return max(coarsest, seen) if seen < math.inf else coarsest
 
 
 @compiled
@@ -102,12 +111,17 @@ def _follow_encoder(memory: Array, side: int, angle: float, bound: float, truste
             return 0.0
         memory[side + _RESEATED] = 1.0
         mean, change = shown, abs(shown - memory[side + _MEAN])
+    moved = abs(angle - memory[side + _ANGLE])
+    if moved > 0.0:  # false for nan
+        memory[side + _COUNTED] = min(moved, memory[side + _COUNTED])
     memory[side + _ANGLE], memory[side + _MEAN], memory[side + _JUMPED] = angle, mean, 0.0
     return float(change)
 
 
 @compiled
-def _settle_angle(memory: Array, side: int, to_shaft: float, used: Measurement, observed: Array, period: float) -> None:
+def _settle_angle(
+    memory: Array, side: int, to_shaft: float, across: float, used: Measurement, observed: Array, period: float
+) -> None:
     """Let the observer go on where an angle is not believed, and begin anew where one is believed at last."""
     angle, speed = (THETA_M, OMEGA_M) if side == _MOTOR else (THETA_L, OMEGA_L)
     if memory[side + _JUMPED] > 0.0:
@@ -115,6 +129,9 @@ def _settle_angle(memory: Array, side: int, to_shaft: float, used: Measurement, 
     elif memory[side + _RESEATED] > 0.0:
         observed[speed] = to_shaft * memory[side + _MEAN]
         observed[angle] = used[angle] - period * observed[speed]
+        other_angle, other_speed = (THETA_L, OMEGA_L) if side == _MOTOR else (THETA_M, OMEGA_M)
+        if math.isnan(used[other_angle]):  # it goes with this one, through the rigid gear
+            observed[other_angle], observed[other_speed] = observed[angle] / across, observed[speed] / across
 
 
 @compiled
@@ -129,8 +146,9 @@ def settle_angles(
     observed : the observer's memory, updated in place
     period : since the sample before, s
     """
-    _settle_angle(memory, _MOTOR, 1.0 / observer.ratio, used, observed, period)
-    _settle_angle(memory, _LOAD, 1.0, used, observed, period)
+    n = observer.ratio
+    _settle_angle(memory, _MOTOR, 1.0 / n, 1.0 / n, used, observed, period)
+    _settle_angle(memory, _LOAD, 1.0, n, used, observed, period)
 
 
 @compiled
@@ -155,7 +173,9 @@ def _speed_is_plausible(
         memory[side + _FAILED] = 0.0
         return True
     memory[side + _FAILED] += 1.0
-    details[0], details[1], details[2] = measured, mean, bound
+    # By a negative third number the text knows that they have come apart.
+    details[0], details[1] = measured, mean
+    details[2] = bound if abs(measured - mean) > bound else -abs(memory[side + _DRIFT])
     return False
 
 
@@ -207,7 +227,8 @@ def plausibility_step(
     command : in force since the sample before, V or A
     period : since the sample before, s
     details : shape (3,): of the fault: the value; for a speed the encoder's mean and the bound around it, rad/s at the
-        output; for a current the least and the largest that is plausible, A
+        output, or minus the way by which both have come apart, rad; for a current the least and the largest that is
+        plausible, A
     """
     n = observer.ratio
     motor_angle, load_angle = n * measured[THETA_M], measured[THETA_L]
@@ -232,7 +253,7 @@ def plausibility_step(
     ):
         apart = abs(other - memory[side + _MEAN])
         steady = left * memory[_UNSTEADY] if math.isnan(apart) else max(left * memory[_UNSTEADY], apart)
-        within = 2.0 * steady + driven + to_output * _COUNT / period
+        within = 2.0 * steady + driven + _count_of(memory, side, to_output * _COUNT) / period
         unsteady = max(unsteady, _follow_encoder(memory, side, angle, within, not math.isnan(speed), period))
     motor, load = memory[_MOTOR + _MEAN], memory[_LOAD + _MEAN]
     if not math.isnan(motor - load):
@@ -244,7 +265,7 @@ def plausibility_step(
             memory[_FASTEST] = max(memory[_FASTEST], abs(speed))
     bound = 2.0 * memory[_UNSTEADY] + driven
     for side, speed_index, to_output in ((_MOTOR, OMEGA_M, n), (_LOAD, OMEGA_L, 1.0)):
-        count = to_output * _COUNT
+        count = _count_of(memory, side, to_output * _COUNT)
         shown = to_output * measured[speed_index]
         if not _speed_is_plausible(memory, side, shown, bound + count / period, count, period, details):
             measured[speed_index] = math.nan

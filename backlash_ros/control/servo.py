@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from backlash_ros.control.command_range import range_constants
-from backlash_ros.control.experiment import Excitation, Experiment, Outcome
+from backlash_ros.control.experiment import Excitation, Experiment, NamedExperiment, Outcome, Refusal
 from backlash_ros.control.experiments import EXPERIMENTS
 from backlash_ros.control.law import REGION, ControlLaw
 from backlash_ros.control.laws import design_law
@@ -13,7 +13,7 @@ from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitor import Fault, describe_fault, forget_ends, monitor_constants
 from backlash_ros.control.observer import estimate_of
 from backlash_ros.control.plausibility import plausibility_constants
-from backlash_ros.control.setpoint import AtRest, Source, extent
+from backlash_ros.control.setpoint import DURATION, AtRest, Source, extent, plan_rejection
 from backlash_ros.control.settings import ServoSettings
 from backlash_ros.control.tick import (
     COMMAND,
@@ -33,7 +33,12 @@ from backlash_ros.control.tick import (
     tick_with,
 )
 from backlash_ros.drivetrain import Drive, Validated
-from backlash_ros.drivetrain.signals import LOAD_TORQUE, THETA_L, Array, Estimate, Measurement, Setpoint
+from backlash_ros.drivetrain.signals import LOAD_TORQUE, POSITION, THETA_L, Array, Estimate, Measurement, Setpoint
+
+
+def _swing_of(chosen: NamedExperiment, parameters: Validated) -> float:
+    """Return the largest offset that an experiment may ask for, rad."""
+    return float(getattr(parameters, chosen.swing)) if chosen.swing else 0.0
 
 
 class _Acting:
@@ -45,8 +50,10 @@ class _Acting:
         self.tick = tick_with(law.step)
 
     def redesign(self, law: ControlLaw) -> None:
-        """Take another design of the same law; its state is kept."""
+        """Take another design of the same law; its state is kept, unless it is another one's."""
         self.law, self.tick = law, tick_with(law.step)
+        if self.state.shape != law.state.shape:
+            self.state = law.state.copy()
 
     def start(self) -> None:
         """Begin anew: the state is updated in place."""
@@ -83,6 +90,8 @@ class Servo:
         self._watched = watched
         self._experiment: Experiment | None = None
         self._excited: _Acting | None = None
+        self._broken: Refusal | None = None
+        self._swing = 0.0
         self._hold()
         self.use(settings, limits or Limits.of(drive))
 
@@ -122,8 +131,17 @@ class Servo:
         self.settings, self.limits = settings, limits
 
     def rejection_reason(self, limits: Limits) -> str:
-        """Return why ``limits`` cannot be used now: the plan goes outside of them; empty where they can."""
-        reasons = (limits.rejection_reason(each, each) for each in self._extremes) if self.holding else ()
+        """Return why ``limits`` cannot be used now: the plan goes outside of them; empty where they can.
+
+        A load that was found outside is held there, which does not stand in the way of other limits.
+        """
+        if not self.holding:
+            return ""
+        reasons = (
+            limits.rejection_reason(each, each)
+            for each in self._extremes
+            if not self.limits.rejection_reason(each, each)
+        )
         return next(filter(None, reasons), "")
 
     # Holding and faults.
@@ -133,8 +151,7 @@ class Servo:
         self.memory.forget()
         self._chosen.start()
         self._hold()
-        if self._experiment is not None:
-            self._experiment.cancel(reason)
+        self.cancel(reason)
 
     def fail(self, fault: str) -> None:
         """Latch a fault, unless there is one: let go of the drive, 0 V until `reset`."""
@@ -157,7 +174,7 @@ class Servo:
     def follow(self, source: Source) -> str:
         """Plan ``source`` from the present setpoint on; return an empty text, or why it is refused."""
         segments = np.ascontiguousarray(source.segments(Setpoint(self.memory.setpoint.copy())), dtype=np.float64)
-        start, end, least, largest = extent(segments)
+        _, end, least, largest = extent(segments)
         for hindered, why in (
             (bool(self.fault), "while a fault is latched"),
             (self.experimenting, "while learning"),
@@ -165,9 +182,8 @@ class Servo:
         ):
             if hindered:
                 return f"reference {end:g} rad came {why}"
-        for position, present in ((start, self._position), (least, least), (largest, largest)):
-            if reason := self.limits.rejection_reason(position, present):
-                return reason
+        if reason := plan_rejection(segments, self.limits, self._position):
+            return reason
         self.segments, self._end = segments, end
         self._reach = least, largest
         self.memory.out[PLAN_TIME] = NOT_BEGUN
@@ -175,13 +191,14 @@ class Servo:
 
     @property
     def _position(self) -> float:
-        """Where the setpoint stands, rad: the reference, or on the way to it."""
-        return self.reference if self.segments.shape[0] == 1 else float(self.memory.setpoint[0])
+        """Where the setpoint stands, rad, without an experiment's offset."""
+        return float(self.memory.setpoint[POSITION] - self._inputs[OFFSET])
 
     @property
     def _extremes(self) -> tuple[float, float]:
-        """Least and largest position of the plan, rad."""
-        return (self.reference, self.reference) if self._reach is None else self._reach
+        """Least and largest position of the plan, rad, until it is over."""
+        over = self.memory.out[PLAN_TIME] >= np.sum(self.segments[:, DURATION])
+        return (self.reference, self.reference) if self._reach is None or over else self._reach
 
     @property
     def reference(self) -> float:
@@ -212,7 +229,7 @@ class Servo:
     @property
     def tracking_error(self) -> float:
         """Setpoint - theta_l, rad; an experiment's offset does not count."""
-        return float(self.memory.setpoint[0] - self._inputs[OFFSET] - self.estimate[THETA_L])
+        return self._position - self.load_angle
 
     @property
     def region(self) -> int:
@@ -242,7 +259,7 @@ class Servo:
         if not chosen.swing:
             return ""
         parameters = parameters or self._parameters_of(name)
-        swing: float = getattr(parameters, chosen.swing)
+        swing = _swing_of(chosen, parameters)
         least, largest = self._extremes
         ways = ((least - swing, least), (largest + swing, largest))
         reasons = (self.limits.rejection_reason(there, from_here) for there, from_here in ways)
@@ -273,17 +290,26 @@ class Servo:
             )
         self._excited = _Acting(design_law(self.drive, self.settings.with_law(chosen.law)))
         self._experiment = chosen.make(self.drive, parameters, self.settings.period)
+        self._swing, self._broken = _swing_of(chosen, parameters), None
 
     def cancel(self, reason: str) -> None:
         """End the experiment, if any, without a result."""
-        if self._experiment is not None:
+        if self._experiment is None:
+            return
+        try:
             self._experiment.cancel(reason)
+        except Exception as error:  # whatever it does, the motor's side goes on
+            self._broken = Refusal(f"{reason}; and it could not be cancelled: {error!r}")
 
     def take_outcome(self) -> Outcome | None:
         """Return how an experiment ended, once; None while there is none that has."""
-        if self._experiment is None or self._experiment.outcome is None:
+        if self._experiment is None:
             return None
-        outcome, self._experiment, self._excited = self._experiment.outcome, None, None
+        outcome = self._broken or self._experiment.outcome
+        if outcome is None:
+            return None
+        self._experiment = self._excited = self._broken = None
+        self.memory.setpoint[POSITION] -= self._inputs[OFFSET]
         self._inputs[OFFSET] = self._inputs[TORQUE] = 0.0
         self._chosen.start()  # it has not seen what the experiment did
         return outcome
@@ -315,10 +341,16 @@ class Servo:
     def _excite(self, measured: Measurement) -> None:
         """Step the experiment and take its excitation for this sample."""
         assert self._experiment is not None
-        wanted = self._experiment.step(measured, self.estimate, self.command) if self.holding else Excitation()
-        if not (math.isfinite(wanted.offset) and math.isfinite(wanted.torque)):
-            self._experiment.cancel(
-                f"it asked for an offset of {wanted.offset} rad and a torque of {wanted.torque} N m"
+        wanted = Excitation()
+        if self.holding and self._broken is None:
+            try:
+                wanted = self._experiment.step(measured, self.estimate, self.command)
+            except Exception as error:  # whatever it does, the motor's side goes on
+                self._broken = Refusal(f"it failed: {error!r}")
+        if not (abs(wanted.offset) <= self._swing and math.isfinite(wanted.torque)):
+            self.cancel(
+                f"it asked for an offset of {wanted.offset:g} rad and a torque of {wanted.torque:g} N m, "
+                f"and may ask for +-{self._swing:g} rad and a finite torque"
             )
             wanted = Excitation()
         self._inputs[OFFSET], self._inputs[TORQUE] = wanted

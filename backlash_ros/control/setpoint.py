@@ -6,10 +6,12 @@ sample: position, velocity and acceleration of the load (rad, rad/s, rad/s^2). T
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
 
+from backlash_ros.control.limits import Limits
 from backlash_ros.drivetrain import compiled
 from backlash_ros.drivetrain.signals import ACCELERATION, POSITION, VELOCITY, Array, Setpoint
 
@@ -101,6 +103,19 @@ def extent(segments: Array) -> tuple[float, float, float, float]:
             return float(segments[0, 0]), math.inf, -math.inf, math.inf
         extremes += [float(position(t)) for t in (0.0, *turns, duration)]
     return float(segments[0, 0]), extremes[-1], min(extremes), max(extremes)
+
+
+def plan_rejection(segments: Array, limits: Limits, present: float) -> str:
+    """Return why a plan is refused where the setpoint stands at ``present``, rad; empty where it is not.
+
+    It may not leave the travel, nor leap by more than ``limits.step`` at its start or from row to row.
+    """
+    start, _, least, largest = extent(segments)
+    leaps = [(start, present)]
+    for row, following in pairwise(segments):
+        leaps.append((float(following[0]), float(np.polynomial.Polynomial(row[:DURATION])(row[DURATION]))))
+    checks = [*leaps, (least, least), (largest, largest)]
+    return next(filter(None, (limits.rejection_reason(to, origin) for to, origin in checks)), "")
 
 
 @compiled

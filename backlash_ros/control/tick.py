@@ -174,7 +174,8 @@ def _tick(
     used, observed, out = as_measurement(memory[:_OBSERVER]), memory[_OBSERVER:_MONITOR], memory[_OUT:]
     estimate, setpoint = tick_estimate(memory), as_setpoint(memory[_SETPOINT:_OUT])
     used[:] = measured
-    nominal, elapsed, before = constants.observer.period, inputs[ELAPSED], out[COMMAND]
+    nominal, before = constants.observer.period, out[COMMAND]
+    elapsed = inputs[ELAPSED] if inputs[ELAPSED] > 0.0 else nominal  # nan, too
     # The nominal period, unless samples are missing: stamps jitter, beats do not.
     period = elapsed if elapsed > 1.5 * nominal else nominal
     out[COMMAND], out[FAULT] = 0.0, _NONE
@@ -200,7 +201,7 @@ def _tick(
             memory[_MONITOR:_PLAUSIBILITY],
             used,
             before,
-            max(elapsed, nominal),
+            elapsed,
             period,
             out[_DETAILS:],
         )
@@ -212,16 +213,22 @@ def _tick(
     if not math.isnan(inputs[KNOWN_LOAD_TORQUE]):
         estimate[LOAD_TORQUE] = inputs[KNOWN_LOAD_TORQUE]
     if math.isnan(segments[0, 0]):
-        limits = constants.range
-        segments[0, 0] = min(max(estimate[THETA_L], limits.lower_end), limits.upper_end)
+        segments[0, 0] = estimate[THETA_L]
     out[PLAN_TIME] = 0.0 if out[PLAN_TIME] < 0.0 else out[PLAN_TIME] + period
     evaluate(segments, out[PLAN_TIME], setpoint)
-    setpoint[POSITION] += inputs[OFFSET]
+    if inputs[OFFSET] != 0.0:
+        # Not beyond an end, unless the load is held there.
+        planned, ends = setpoint[POSITION], constants.range
+        beyond = min(max(planned + inputs[OFFSET], ends.lower_end), ends.upper_end)
+        inputs[OFFSET] = min(max(beyond - planned, -abs(inputs[OFFSET])), abs(inputs[OFFSET]))
+        setpoint[POSITION] += inputs[OFFSET]
     # What an experiment adds is taken off the range: the law and it together keep to it.
     added = inputs[TORQUE] * constants.range.feedforward
     low, high = voltage_range(constants.range, estimate)
     added = min(max(added, low), high) if added != 0.0 else 0.0
     voltage = law_step(law, state, estimate, setpoint, low - added, high - added) + added
+    if not low <= voltage <= high and math.isfinite(voltage):  # a law keeps to its range; the motor does in any case
+        voltage = min(max(voltage, low), high)
     command = command_of(constants.range, estimate, voltage)
     total = command
     for value in observed:

@@ -42,9 +42,13 @@ class Registry(Mapping[str, T], Generic[T]):
     def _all(self) -> dict[str, T]:
         """Return the entries; the first time, with those of the plugins, which may import all of the package."""
         if not self._complete:
-            self._complete = True
-            for file in filter(None, os.environ.get(PLUGINS, "").split(os.pathsep)):
-                self.add(Path(file), must=False)
+            self._complete = True  # for the plugins themselves
+            try:
+                for file in filter(None, os.environ.get(PLUGINS, "").split(os.pathsep)):
+                    self.add(Path(file), must=False)
+            except BaseException:
+                self._complete = False
+                raise
         return self._entries
 
     def add(self, file: Path, *, must: bool = True) -> list[str]:
@@ -65,7 +69,11 @@ class Registry(Mapping[str, T], Generic[T]):
                 raise FileNotFoundError(f"{self._table}: no Python file at {file}")
             module = importlib.util.module_from_spec(spec)
             sys.modules[name] = module
-            spec.loader.exec_module(module)
+            try:
+                spec.loader.exec_module(module)
+            except BaseException:
+                del sys.modules[name]  # half a module is none
+                raise
         if must and not hasattr(module, self._table):
             raise ValueError(f"{file} must have a table {self._table} of its entries by name, and has none")
         return self._take(module)

@@ -111,8 +111,8 @@ class Controller(ManagedNode):
 
     def deactivate(self) -> None:
         """Put 0 V out and see to it that it leaves."""
+        self._send(0.0)  # first, whatever an experiment does when it is cancelled
         self._servo.release("the controller is not active any more")
-        self._send(0.0)
         self._command.wait_for_all_acked(_ACKNOWLEDGED)
         self._end_learning()
         self.get_logger().info(f"stopped after {self._answered} samples, {self._dropped} messages dropped")

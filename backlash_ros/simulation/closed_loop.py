@@ -11,7 +11,7 @@ import numpy as np
 from backlash_ros.control import Limits, Servo, ServoSettings
 from backlash_ros.control.law import REGION
 from backlash_ros.control.monitor import Fault, describe_fault
-from backlash_ros.control.setpoint import Source, extent
+from backlash_ros.control.setpoint import Source, plan_rejection
 from backlash_ros.control.tick import (
     ELAPSED,
     FAULT,
@@ -172,10 +172,8 @@ def _planned(source: Source, state: PlantState, limits: Limits) -> Array:
     """Return the plan of a source from where the load is; ValueError where it goes beyond the limits."""
     start = Setpoint(np.array([state[THETA_L], 0.0, 0.0]))
     segments = np.ascontiguousarray(source.segments(start), dtype=np.float64)
-    first, _, least, largest = extent(segments)
-    for position, present in ((first, float(start[0])), (least, least), (largest, largest)):
-        if reason := limits.rejection_reason(position, present):
-            raise ValueError(reason)
+    if reason := plan_rejection(segments, limits, float(start[0])):
+        raise ValueError(reason)
     return segments
 
 

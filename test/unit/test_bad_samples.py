@@ -165,6 +165,19 @@ def test_an_encoder_that_jumps_once_makes_no_speed() -> None:
         np.testing.assert_array_equal(jumps.angle, 0.0)
 
 
+@pytest.mark.parametrize("signal", [THETA_M, THETA_L])
+def test_the_only_encoder_that_slips_makes_no_speed_on_either_side(signal: int) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(GAINS))
+    for k in range(10):
+        shown = Measurement(np.full(5, math.nan))
+        shown[signal] = (0.4 if signal == THETA_M else 0.04) * (k >= 5)
+        servo.update(shown)
+        assert abs(servo.estimate[OMEGA_L]) < 1e-9
+        assert abs(servo.estimate[OMEGA_M]) < 1e-9
+    assert servo.load_angle == pytest.approx(0.04)
+    assert servo.fault == ""
+
+
 def test_a_blow_is_believed_at_its_third_sample() -> None:
     """The load is hit and moves: by positions alone its speed is known one sample after it is believed."""
     servo = Servo(NOMINAL_DRIVE, ServoSettings(GAINS, period=0.001))

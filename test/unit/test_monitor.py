@@ -18,8 +18,9 @@ from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Contact, Drive, Pla
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.contacts.power import PowerContact, PowerNoPullContact
 from backlash_ros.drivetrain.contacts.restitution import RestitutionContact
-from backlash_ros.drivetrain.sensors import POSITIONS
+from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement
+from backlash_ros.simulation import Scenario, run
 
 CURRENT_DRIVE = replace(NOMINAL_DRIVE, command_interface="current")
 BOTH = pytest.mark.parametrize("drive", [NOMINAL_DRIVE, CURRENT_DRIVE], ids=["voltage", "current"])
@@ -205,6 +206,7 @@ def test_reference_is_taken_up_to_the_limits(limited: Servo) -> None:
     for reference in (-1.0, 0.5, 2.0):
         assert limited.set_reference(reference) == ""
         assert limited.reference == reference
+        limited.update(np.zeros(5))  # the setpoint is there
 
 
 def test_reference_is_refused_where_nobody_would_follow_it(limited: Servo) -> None:
@@ -261,17 +263,24 @@ def test_command_fades_without_a_jump(command: float, angle: float, soft_zone: f
 
 @BOTH
 @pytest.mark.parametrize("start", [-0.7, 0.7])
-def test_load_that_starts_outside_its_travel_comes_back_to_the_end(drive: Drive, start: float) -> None:
+def test_load_that_starts_outside_its_travel_stays_there_until_a_reference_brings_it_back(
+    drive: Drive, start: float
+) -> None:
     limits = replace(Limits.of(drive), position_lower=-0.3, position_upper=0.3)
     rig = Rig(drive, settings_of(drive), limits=limits, state=[10 * start, 0.0, start, 0.0, 0.0])
-    assert rig.run(2.0) == ""
-    assert rig.plant.load_angle == pytest.approx(math.copysign(0.3, start), abs=0.02)
+    assert rig.run(1.0) == ""
+    assert rig.plant.load_angle == pytest.approx(start, abs=1e-6)
+    assert rig.servo.rejection_reason(replace(limits, position_upper=0.4)) == ""  # nor does that stand in the way
+    assert "position_lower = -0.3 rad and limits.position_upper = 0.3 rad" in rig.servo.set_reference(1.1 * start)
+    assert rig.step(0.0, 2.0) == ""
+    assert rig.plant.load_angle == pytest.approx(0.0, abs=0.02)
 
 
 def test_load_that_came_back_in_may_not_go_out_again() -> None:
     limits = replace(Limits.of(NOMINAL_DRIVE), position_upper=0.3, velocity=NO_LIMIT)
     rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE), limits=limits, state=[7.0, 0.0, 0.7, 0.0, 0.0])
-    rig.run(1.0)
+    rig.run(0.012)
+    assert rig.step(0.3, 1.0) == ""
     rig.load_torque = 2 * HELD
     assert "beyond limits.position_upper = 0.3 rad" in rig.run(1.0)
     assert rig.plant.load_angle < 0.7
@@ -740,3 +749,40 @@ def test_practical_drive_shows_no_fault(
     rig.run(0.3)
     assert rig.servo.fault == ""
     assert rig.step(-3.0, 0.3) == ""
+
+
+@pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
+@pytest.mark.parametrize("factor", [2, 4])
+def test_drive_with_a_higher_rate_is_a_fault_before_it_is_given_a_reference(
+    measured: Sequence[str], factor: int
+) -> None:
+    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE), measured=measured)
+    for _ in range(100):
+        rig.servo.update(rig.sample(), 0.004 / factor)
+    assert rig.servo.fault.startswith("samples come every 0.00")
+    assert rig.servo.fault.endswith("s, and rate says every 0.004 s: it must be the drive's")
+
+
+@pytest.mark.parametrize("elapsed", [math.nan, 0.0, -1.0])
+def test_elapsed_time_that_is_none_is_the_period(elapsed: float) -> None:
+    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE))
+    rig.run(0.012)
+    rig.plant = Plant(NOMINAL_DRIVE, [50.0, 0.0, 5.0, 0.0, 0.0])
+    rig.servo.update(rig.sample(), elapsed)
+    assert rig.servo.fault.startswith("motor encoder moved 5 rad at the output within 0.004 s")
+
+
+@pytest.mark.parametrize("bits", [6, 9])
+@pytest.mark.parametrize("motor_alone", [False, True])
+def test_coarse_encoders_are_used_for_what_they_show(bits: int, motor_alone: bool) -> None:
+    """64 counts a turn of the motor, or 512: what the monitor lets through moves the load as without a monitor."""
+    names = ("theta_m",) if motor_alone else POSITIONS
+    sensors = Sensors(measured=names, motor_counts=2**bits, load_counts=2**12)
+    choice = settings_of(NOMINAL_DRIVE, law="overdamped")
+    watched, free = (
+        run(NOMINAL_DRIVE, choice, Scenario(np.full(1000, 0.3), sensors=sensors), watched=each)
+        for each in (True, False)
+    )
+    assert watched.fault == ""
+    assert np.max(watched.load_angle) < np.max(free.load_angle) + 0.005
+    assert np.ptp(watched.load_angle[-250:]) < np.ptp(free.load_angle[-250:]) + 0.005

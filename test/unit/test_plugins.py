@@ -1,15 +1,18 @@
 """A control law, a contact law and an experiment, each added as one new file from a folder of its own."""
 
+import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from backlash_ros.control import EXPERIMENTS, LAWS, GainSet, Servo, ServoSettings
+from backlash_ros.control import EXPERIMENTS, LAWS, GainSet, Limits, Servo, ServoSettings
 from backlash_ros.control import laws as laws_room
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.registry import Registry
+from backlash_ros.drivetrain.signals import POSITION, Measurement
 from backlash_ros.simulation import Scenario, run, run_experiment
 
 LAW = '''"""Proportional control of the load's angle with a brake on its speed: two parameters."""
@@ -179,3 +182,100 @@ def test_a_variable_adds_files_for_every_process(tmp_path: Path, monkeypatch: py
     assert next(iter(laws)) == "fast"
     assert "everywhere" in laws
     assert "backlash_ros_plugins.everywhere" in sys.modules
+
+
+BROKEN = """from dataclasses import dataclass
+from backlash_ros.control.experiment import Excitation, NamedExperiment
+from backlash_ros.drivetrain import Validated, quantity
+
+
+@dataclass(frozen=True)
+class Parameters(Validated):
+    swing: float = quantity("offset", "rad", above=0, at_most=1, default=0.05)
+
+
+class Broken:
+    outcome, progress = None, 0.0
+
+    def __init__(self, *_):
+        pass
+
+    def step(self, measured, estimate, command):
+        STEP
+
+    def cancel(self, reason):
+        CANCEL
+
+
+EXPERIMENTS = {"NAME": NamedExperiment("broken", Broken, Parameters(), swing="swing")}
+"""
+HELD = Measurement(np.zeros(5))
+FAR = Measurement(np.array([3.0, 0.0, 0.3, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize(
+    ("name", "step", "cancel", "says"),
+    [
+        ("raises", "raise OSError('no disk')", "pass", r"it failed: OSError\('no disk'\)"),
+        ("leaps", "return Excitation(offset=1e3)", "raise KeyError('x')", "an offset of 1000 rad .* and it could not"),
+        ("pushes", "return Excitation(torque=float('inf'))", "raise KeyError('x')", "a torque of inf N m"),
+    ],
+)
+def test_an_experiment_that_misbehaves_ends_and_the_position_is_held(
+    gains: GainSet, tmp_path: Path, name: str, step: str, cancel: str, says: str
+) -> None:
+    EXPERIMENTS.add(write(tmp_path, name, BROKEN, STEP=step, CANCEL=cancel))
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
+    servo.update(HELD)
+    servo.start_experiment(name)
+    assert servo.update(HELD) == 0.0
+    outcome = servo.take_outcome()
+    assert outcome is not None
+    assert not outcome.valid
+    assert re.search(says, outcome.reason)
+    assert not servo.experimenting
+    assert servo.update(HELD) == 0.0
+    assert servo.tracking_error == 0.0
+
+
+def test_an_experiment_does_not_take_the_load_beyond_an_end(gains: GainSet, tmp_path: Path) -> None:
+    EXPERIMENTS.add(write(tmp_path, "out", BROKEN, STEP="return Excitation(offset=0.05)", CANCEL="pass"))
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains), replace(Limits.of(NOMINAL_DRIVE), position_upper=0.32))
+    servo.update(FAR)
+    servo.start_experiment("out")
+    servo.update(FAR)
+    assert servo.memory.setpoint[POSITION] == pytest.approx(0.32)
+    assert servo.tracking_error == pytest.approx(0.0)
+
+
+def test_a_law_that_leaves_its_range_does_not_take_the_motor_with_it(gains: GainSet, tmp_path: Path) -> None:
+    LAWS.add(write(tmp_path, "wild", LAW.replace("clamp(voltage, low, high)", "1e9"), SLOPE="0.5"))
+    limits = replace(Limits.of(NOMINAL_DRIVE), position_upper=0.3, soft_zone=0.1)
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains).with_law("wild"), limits)
+    assert servo.update(HELD) == 24.0
+    for angle, most in ((0.25, 12.0), (0.3, 0.0), (0.35, 0.0)):
+        servo.release("test")
+        assert servo.update(Measurement(np.array([10 * angle, 0.0, angle, 0.0, 0.0]))) == pytest.approx(most)
+
+
+def test_a_redesigned_law_with_another_state_begins_anew(gains: GainSet, tmp_path: Path) -> None:
+    text = LAW.replace("np.array([float(FAST_REGION)])", "np.ones(1 + round(parameters.brake))")
+    LAWS.add(write(tmp_path, "taps", text, SLOPE="4.0"))
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains).with_law("taps"))
+    servo.update(HELD)
+    servo.use(ServoSettings(gains).with_law("taps", type(LAWS["taps"].parameters)(brake=40.0)))
+    assert servo.law_arrays[1].shape == (41,)
+    servo.update(HELD)
+
+
+def test_a_plugin_that_fails_leaves_nothing_half_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    broken = write(tmp_path, "halfway", LAW + "\n1 / 0\n", SLOPE="0.5")
+    good = write(tmp_path, "whole", LAW, SLOPE="0.5")
+    monkeypatch.setenv("BACKLASH_ROS_PLUGINS", f"{broken}:{good}")
+    laws: Registry[object] = Registry("backlash_ros.control.laws", list(laws_room.__path__), "LAWS", first="two_region")
+    for _ in range(2):
+        with pytest.raises(ZeroDivisionError):
+            list(laws)
+    assert "backlash_ros_plugins.halfway" not in sys.modules
+    monkeypatch.setenv("BACKLASH_ROS_PLUGINS", str(good))
+    assert "whole" in laws

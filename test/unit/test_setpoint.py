@@ -12,6 +12,7 @@ from samples import sample_of
 
 from backlash_ros.control import AtRest, GainSet, Limits, Polynomials, Servo, ServoSettings
 from backlash_ros.control.setpoint import DURATION, ORDER, evaluate, extent
+from backlash_ros.control.tick import PLAN_TIME
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
 from backlash_ros.drivetrain.signals import ACCELERATION, POSITION, VELOCITY, PlantState, Setpoint, at_rest
 from backlash_ros.simulation import Scenario, run
@@ -286,3 +287,26 @@ def test_offline_source_is_planned_from_where_the_load_is_and_within_the_limits(
     assert result.load_angle[-1] == pytest.approx(0.6, abs=0.02)
     with pytest.raises(ValueError, match="initial_state must be finite"):
         run(NOMINAL_DRIVE, ServoSettings(gains), Scenario(np.zeros(5), initial_state=PlantState(np.full(5, math.nan))))
+
+
+def test_no_way_around_the_largest_step(gains: GainSet) -> None:
+    """By a plan that has hardly begun, by references between two samples, or from row to row of a plan."""
+    slow = Polynomials(np.array([[0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 10.0]]))
+    servo = holding(gains, step=0.2)
+    assert servo.follow(slow) == ""
+    servo.update(HELD)
+    assert "limits.step = 0.2 rad of 0 rad, got 1" in servo.set_reference(1.0)
+    assert servo.set_reference(0.0) == ""
+    assert servo.set_reference(0.2) == ""
+    assert "limits.step = 0.2 rad of 0 rad, got 0.4" in servo.set_reference(0.4)
+    leaping = np.array([[0.0] * 6 + [0.004], [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf]])
+    assert "limits.step = 0.2 rad of 0 rad, got 1" in holding(gains, step=0.2).follow(Polynomials(leaping))
+
+
+def test_plan_that_is_over_does_not_stand_in_the_way_of_limits(gains: GainSet) -> None:
+    servo = holding(gains)
+    assert servo.follow(Polynomials(np.array([[0.0, 8.0, -8.0, 0.0, 0.0, 0.0, 1.0]]))) == ""  # to 2 rad and back
+    narrow = replace(Limits.of(NOMINAL_DRIVE), position_upper=1.0)
+    assert "position_upper = 1 rad, got 2" in servo.rejection_reason(narrow)
+    servo.memory.out[PLAN_TIME] = 1.0
+    assert servo.rejection_reason(narrow) == ""
