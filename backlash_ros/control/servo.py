@@ -4,13 +4,15 @@ import math
 
 import numpy as np
 
+from backlash_ros.control.acting import ActingExperiment, ActingLaw, swing_of
 from backlash_ros.control.command_range import range_constants
-from backlash_ros.control.experiment import Excitation, Experiment, NamedExperiment, Outcome, Refusal
+from backlash_ros.control.experiment import Excitation, Outcome
 from backlash_ros.control.experiments import EXPERIMENTS
-from backlash_ros.control.law import REGION, ControlLaw
+from backlash_ros.control.faults import Fault, describe_fault
+from backlash_ros.control.law import REGION
 from backlash_ros.control.laws import design_law
 from backlash_ros.control.limits import Limits
-from backlash_ros.control.monitor import Fault, describe_fault, forget_ends, monitor_constants
+from backlash_ros.control.monitor import forget_ends, monitor_constants
 from backlash_ros.control.observer import estimate_of
 from backlash_ros.control.plausibility import plausibility_constants
 from backlash_ros.control.setpoint import DURATION, AtRest, Source, extent, plan_rejection
@@ -30,34 +32,9 @@ from backlash_ros.control.tick import (
     TickMemory,
     fault_details,
     pack,
-    tick_with,
 )
 from backlash_ros.drivetrain import Drive, Validated
 from backlash_ros.drivetrain.signals import LOAD_TORQUE, POSITION, THETA_L, Array, Estimate, Measurement, Setpoint
-
-
-def _swing_of(chosen: NamedExperiment, parameters: Validated) -> float:
-    """Return the largest offset that an experiment may ask for, rad."""
-    return float(getattr(parameters, chosen.swing)) if chosen.swing else 0.0
-
-
-class _Acting:
-    """A designed law with its state and the tick that has it inside."""
-
-    def __init__(self, law: ControlLaw) -> None:
-        self.law = law
-        self.state = law.state.copy()
-        self.tick = tick_with(law.step)
-
-    def redesign(self, law: ControlLaw) -> None:
-        """Take another design of the same law; its state is kept, unless it is another one's."""
-        self.law, self.tick = law, tick_with(law.step)
-        if self.state.shape != law.state.shape:
-            self.state = law.state.copy()
-
-    def start(self) -> None:
-        """Begin anew: the state is updated in place."""
-        self.state[:] = self.law.state
 
 
 class Servo:
@@ -76,7 +53,7 @@ class Servo:
     settings: ServoSettings
     limits: Limits
     constants: Array
-    _chosen: _Acting
+    _chosen: ActingLaw
 
     def __init__(
         self, drive: Drive, settings: ServoSettings, limits: Limits | None = None, *, watched: bool = True
@@ -88,10 +65,7 @@ class Servo:
         self._inputs = np.zeros(INPUTS)
         self._inputs[KNOWN_LOAD_TORQUE] = math.nan
         self._watched = watched
-        self._experiment: Experiment | None = None
-        self._excited: _Acting | None = None
-        self._broken: Refusal | None = None
-        self._swing = 0.0
+        self._experiment: ActingExperiment | None = None
         self._hold()
         self.use(settings, limits or Limits.of(drive))
 
@@ -125,7 +99,7 @@ class Servo:
         if hasattr(self, "settings") and self.settings.law == settings.law:
             self._chosen.redesign(law)
         else:
-            self._chosen = _Acting(law)
+            self._chosen = ActingLaw(law)
         if limits != getattr(self, "limits", None):
             forget_ends(self.memory.monitor)
         self.settings, self.limits = settings, limits
@@ -234,7 +208,7 @@ class Servo:
     @property
     def region(self) -> int:
         """1 where the fast gains act, 2 where the over-damped ones do."""
-        return int((self._excited or self._chosen).state[REGION])
+        return int((self._experiment.acting if self._experiment else self._chosen).state[REGION])
 
     @property
     def load_torque_estimate(self) -> float:
@@ -259,7 +233,7 @@ class Servo:
         if not chosen.swing:
             return ""
         parameters = parameters or self._parameters_of(name)
-        swing = _swing_of(chosen, parameters)
+        swing = swing_of(chosen, parameters)
         least, largest = self._extremes
         ways = ((least - swing, least), (largest + swing, largest))
         reasons = (self.limits.rejection_reason(there, from_here) for there, from_here in ways)
@@ -288,30 +262,22 @@ class Servo:
             raise ValueError(
                 f"{name} takes {type(chosen.parameters).__name__} as its parameters, got {type(parameters).__name__}"
             )
-        self._excited = _Acting(design_law(self.drive, self.settings.with_law(chosen.law)))
-        self._experiment = chosen.make(self.drive, parameters, self.settings.period)
-        self._swing, self._broken = _swing_of(chosen, parameters), None
+        law = design_law(self.drive, self.settings.with_law(chosen.law))
+        self._experiment = ActingExperiment(chosen, parameters, law, self.drive, self.settings.period)
 
     def cancel(self, reason: str) -> None:
         """End the experiment, if any, without a result."""
-        if self._experiment is None:
-            return
-        try:
+        if self._experiment is not None:
             self._experiment.cancel(reason)
-        except Exception as error:  # whatever it does, the motor's side goes on
-            self._broken = Refusal(f"{reason}; and it could not be cancelled: {error!r}")
 
     def take_outcome(self) -> Outcome | None:
         """Return how an experiment ended, once; None while there is none that has."""
-        if self._experiment is None:
-            return None
-        outcome = self._broken or self._experiment.outcome
-        if outcome is None:
-            return None
-        self._experiment = self._excited = self._broken = None
-        self.memory.setpoint[POSITION] -= self._inputs[OFFSET]
-        self._inputs[OFFSET] = self._inputs[TORQUE] = 0.0
-        self._chosen.start()  # it has not seen what the experiment did
+        outcome = None if self._experiment is None else self._experiment.outcome
+        if outcome is not None:
+            self._experiment = None
+            self.memory.setpoint[POSITION] -= self._inputs[OFFSET]
+            self._inputs[OFFSET] = self._inputs[TORQUE] = 0.0
+            self._chosen.start()  # it has not seen what the experiment did
         return outcome
 
     # The loop.
@@ -328,32 +294,18 @@ class Servo:
             return 0.0
         inputs, acting = self._inputs, self._chosen
         inputs[ELAPSED] = elapsed or self.settings.period
-        if self._experiment is not None and self._excited is not None:
-            acting = self._excited
-            self._excite(measured)
+        if self._experiment is not None:
+            acting = self._experiment.acting
+            excitation = Excitation()
+            if self.holding:
+                excitation = self._experiment.excite(measured, self.estimate, self.command)
+            inputs[OFFSET], inputs[TORQUE] = excitation
         command = acting.tick(
             self.constants, self.memory.row, acting.law.constants, acting.state, self.segments, measured, inputs
         )
         if self.memory.out[FAULT]:
             self.fail(describe_fault(Fault(int(self.memory.out[FAULT])), fault_details(self.memory), self.limits))
         return command
-
-    def _excite(self, measured: Measurement) -> None:
-        """Step the experiment and take its excitation for this sample."""
-        assert self._experiment is not None
-        wanted = Excitation()
-        if self.holding and self._broken is None:
-            try:
-                wanted = self._experiment.step(measured, self.estimate, self.command)
-            except Exception as error:  # whatever it does, the motor's side goes on
-                self._broken = Refusal(f"it failed: {error!r}")
-        if not (abs(wanted.offset) <= self._swing and math.isfinite(wanted.torque)):
-            self.cancel(
-                f"it asked for an offset of {wanted.offset:g} rad and a torque of {wanted.torque:g} N m, "
-                f"and may ask for +-{self._swing:g} rad and a finite torque"
-            )
-            wanted = Excitation()
-        self._inputs[OFFSET], self._inputs[TORQUE] = wanted
 
     # For compiled loops, which call the tick themselves.
 

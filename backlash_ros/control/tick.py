@@ -15,10 +15,9 @@ import numpy as np
 from numba.np.unsafe import ndarray as numba_arrays
 
 from backlash_ros.control.command_range import RangeConstants, command_of, voltage_range
+from backlash_ros.control.faults import DETAILS, Fault
 from backlash_ros.control.law import LawStep
 from backlash_ros.control.monitor import (
-    DETAILS,
-    Fault,
     MonitorConstants,
     monitor_memory,
     monitor_step,

@@ -101,8 +101,7 @@ class Controller(ManagedNode):
         self._publish_estimate()
 
     def activate(self) -> None:
-        """Hold the position where the first sample finds the load whose answer somebody listens to."""
-        self._servo.release("activated")
+        """Hold the position of the first sample that comes once somebody listens to ``command``."""
         self._last_stamp = self._dropped_stamp = 0
         self._last_sample = None
         self._refused = ""

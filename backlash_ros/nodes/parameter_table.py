@@ -57,9 +57,9 @@ the nominal one. A limit that the drive is already beyond when it is set latches
 of the travel are different: where the reference in use would be outside of them they are refused. A load that is found
 outside is held where it is; the motor gets no command that pushes it further, and a reference inside brings it back.
 
-Once `backlash_angle` is set, the shafts may come apart by no more than one and a half of it (or of `gear.backlash_angle`,
-the larger), the teeth pressed in and two counts of 12 bit, where `gap` is more. Beside these limits a sample is held
-against what physics lets it be: [faults.md](faults.md).
+Once `backlash_angle` is set, the shafts may come apart by no more than one and a half of it (or of
+`gear.backlash_angle`, the larger), the teeth pressed in and two counts of 12 bit, where `gap` is more. Beside these
+limits a sample is held against what physics lets it be: [faults.md](faults.md).
 """
 
 LAW_PARAMETERS = "Each law's own, of use with that law alone. A law that is added has its parameters here too.\n"

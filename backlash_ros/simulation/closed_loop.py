@@ -9,8 +9,8 @@ import numba
 import numpy as np
 
 from backlash_ros.control import Limits, Servo, ServoSettings
+from backlash_ros.control.faults import Fault, describe_fault
 from backlash_ros.control.law import REGION
-from backlash_ros.control.monitor import Fault, describe_fault
 from backlash_ros.control.setpoint import Source, plan_rejection
 from backlash_ros.control.tick import (
     ELAPSED,

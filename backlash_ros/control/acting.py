@@ -1,0 +1,86 @@
+"""A law that acts, and an experiment that does beside it: each with the state that it has by now."""
+
+import math
+
+from backlash_ros.control.experiment import Excitation, NamedExperiment, Outcome, Refusal
+from backlash_ros.control.law import ControlLaw
+from backlash_ros.control.tick import tick_with
+from backlash_ros.drivetrain import Drive, Validated
+from backlash_ros.drivetrain.signals import Estimate, Measurement
+
+
+class ActingLaw:
+    """A designed law with its state and the tick that has it inside."""
+
+    def __init__(self, law: ControlLaw) -> None:
+        self.law = law
+        self.state = law.state.copy()
+        self.tick = tick_with(law.step)
+
+    def redesign(self, law: ControlLaw) -> None:
+        """Take another design of the same law; its state is kept, unless it is another one's."""
+        self.law, self.tick = law, tick_with(law.step)
+        if self.state.shape != law.state.shape:
+            self.state = law.state.copy()
+
+    def start(self) -> None:
+        """Begin anew: the state is updated in place."""
+        self.state[:] = self.law.state
+
+
+def swing_of(chosen: NamedExperiment, parameters: Validated) -> float:
+    """Return the largest offset that an experiment may ask for, rad."""
+    return float(getattr(parameters, chosen.swing)) if chosen.swing else 0.0
+
+
+class ActingExperiment:
+    """One run of an experiment and the law that acts meanwhile; whatever it does, the motor's side goes on.
+
+    Parameters
+    ----------
+    chosen, parameters : the experiment, and what it is run with
+    law : the law that it names, as designed for the drive
+    drive, period : that it is made for; the period of the samples in s
+    """
+
+    def __init__(
+        self, chosen: NamedExperiment, parameters: Validated, law: ControlLaw, drive: Drive, period: float
+    ) -> None:
+        self.acting = ActingLaw(law)
+        self._run = chosen.make(drive, parameters, period)
+        self._swing = swing_of(chosen, parameters)
+        self._broken: Refusal | None = None
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """How it ended; None while it runs."""
+        return self._broken or self._run.outcome
+
+    @property
+    def progress(self) -> float:
+        """How far it is, from 0 to 1."""
+        return self._run.progress
+
+    def cancel(self, reason: str) -> None:
+        """End it without a result."""
+        try:
+            self._run.cancel(reason)
+        except Exception as error:
+            self._broken = Refusal(f"{reason}; and it could not be cancelled: {error!r}")
+
+    def excite(self, measured: Measurement, estimate: Estimate, command: float) -> Excitation:
+        """Take a sample and return what it asks for: none where that is more than it may, which ends it."""
+        if self._broken is not None:
+            return Excitation()
+        try:
+            wanted = self._run.step(measured, estimate, command)
+        except Exception as error:
+            self._broken = Refusal(f"it failed: {error!r}")
+            return Excitation()
+        if abs(wanted.offset) <= self._swing and math.isfinite(wanted.torque):
+            return wanted
+        self.cancel(
+            f"it asked for an offset of {wanted.offset:g} rad and a torque of {wanted.torque:g} N m, "
+            f"and may ask for +-{self._swing:g} rad and a finite torque"
+        )
+        return Excitation()
