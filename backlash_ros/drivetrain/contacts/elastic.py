@@ -42,11 +42,9 @@ def elastic_energy(constants: Array, half_gap: float, gap: float) -> float:
 
 
 @dataclass(frozen=True)
-class ElasticContact(Contact):
-    """Linear spring and damper beyond the gap."""
+class SpringContact(Contact):
+    """Base of the laws that have a linear spring beyond the gap."""
 
-    section: ClassVar[str] = "contact.elastic"
-    force: ClassVar[ForceFunction] = staticmethod(elastic_force)
     energy: ClassVar[EnergyFunction] = staticmethod(elastic_energy)
 
     wind_up: float = quantity(
@@ -56,11 +54,6 @@ class ElasticContact(Contact):
         at_most=1e3,
         default=1e-3,
     )
-    damping: float = quantity("damping c along the pitch line", "N s/m", at_least=0, at_most=1e8, default=50.0)
-
-    def constants(self, load_radius: float, mass: float) -> Array:  # noqa: ARG002
-        """Return k (N/m) and c (N s/m)."""
-        return as_constants(self.edge_stiffness(0.0, load_radius), self.damping)
 
     def deflection(self, torque: float, half_gap: float, load_radius: float) -> float:  # noqa: ARG002
         """Return how far beyond the gap the teeth carry ``torque`` (N m), rad at the output."""
@@ -69,6 +62,20 @@ class ElasticContact(Contact):
     def edge_stiffness(self, half_gap: float, load_radius: float) -> float:  # noqa: ARG002
         """Return k, N/m."""
         return 1.0 / (self.wind_up * load_radius**2)
+
+
+@dataclass(frozen=True)
+class ElasticContact(SpringContact):
+    """Linear spring and damper beyond the gap."""
+
+    section: ClassVar[str] = "contact.elastic"
+    force: ClassVar[ForceFunction] = staticmethod(elastic_force)
+
+    damping: float = quantity("damping c along the pitch line", "N s/m", at_least=0, at_most=1e8, default=50.0)
+
+    def constants(self, load_radius: float, mass: float) -> Array:  # noqa: ARG002
+        """Return k (N/m) and c (N s/m)."""
+        return as_constants(self.edge_stiffness(0.0, load_radius), self.damping)
 
 
 CONTACTS = {"elastic": ElasticContact}

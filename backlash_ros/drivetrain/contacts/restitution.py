@@ -11,8 +11,8 @@ from typing import ClassVar
 from scipy.optimize import brentq
 
 from backlash_ros.drivetrain.compiled import compiled
-from backlash_ros.drivetrain.contact import Contact, EnergyFunction, ForceFunction, ToothForce, as_constants
-from backlash_ros.drivetrain.contacts.elastic import DAMPING, STIFFNESS, elastic_energy
+from backlash_ros.drivetrain.contact import ForceFunction, ToothForce, as_constants
+from backlash_ros.drivetrain.contacts.elastic import DAMPING, STIFFNESS, SpringContact
 from backlash_ros.drivetrain.quantity import quantity
 from backlash_ros.drivetrain.signals import Array
 
@@ -49,34 +49,18 @@ def restitution_force(constants: Array, half_gap: float, gap: float, gap_rate: f
 
 
 @dataclass(frozen=True)
-class RestitutionContact(Contact):
+class RestitutionContact(SpringContact):
     """Linear spring beyond the gap, damped for a coefficient of restitution."""
 
     section: ClassVar[str] = "contact.restitution"
     force: ClassVar[ForceFunction] = staticmethod(restitution_force)
-    energy: ClassVar[EnergyFunction] = staticmethod(elastic_energy)
 
-    wind_up: float = quantity(
-        "twist of the output by the teeth's give, for each newton metre there",
-        "rad/(N m)",
-        at_least=1e-9,
-        at_most=1e3,
-        default=1e-3,
-    )
     restitution: float = quantity("coefficient of restitution e", "", at_least=0.2, at_most=1, default=0.5)
 
     def constants(self, load_radius: float, mass: float) -> Array:
         """Return k (N/m) and c (N s/m)."""
         k = self.edge_stiffness(0.0, load_radius)
         return as_constants(k, 2.0 * damping_ratio_of(self.restitution) * math.sqrt(k * mass))
-
-    def deflection(self, torque: float, half_gap: float, load_radius: float) -> float:  # noqa: ARG002
-        """Return how far beyond the gap the teeth carry ``torque`` (N m), rad at the output."""
-        return abs(torque) * self.wind_up
-
-    def edge_stiffness(self, half_gap: float, load_radius: float) -> float:  # noqa: ARG002
-        """Return k, N/m."""
-        return 1.0 / (self.wind_up * load_radius**2)
 
 
 CONTACTS = {"restitution": RestitutionContact}
