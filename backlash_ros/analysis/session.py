@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from backlash_ros.analysis.bag import Recording
 from backlash_ros.analysis.metrics import StepResponse, step_response
 from backlash_ros.control import Gains
+from backlash_ros.control.tick import MISSING
 from backlash_ros.drivetrain import Drive
 
 TAIL, SETTLING = 1.0, 0.3
@@ -52,7 +53,7 @@ def late_answers(samples: NDArray[np.float64], answers: NDArray[np.float64]) -> 
     """Return the times of the samples, in s, that had no answer before the next one, or whose next one came late."""
     passed = np.diff(samples)
     unanswered = np.diff(np.searchsorted(answers, samples)) == 0
-    late: NDArray[np.float64] = samples[:-1][unanswered | (passed > 1.5 * np.median(passed))]
+    late: NDArray[np.float64] = samples[:-1][unanswered | (passed > MISSING * np.median(passed))]
     return late
 
 

@@ -61,8 +61,9 @@ _COUNT = 2 * math.pi / 2**12
 """Of a coarse load encoder, rad."""
 
 
-_RATE_SHARE, _WHILE = 0.8, 0.1
-"""Of the period: samples that come faster for a while, s, are those of a drive with another rate."""
+_RATE_SHARE, _WHILE, _LONGEST = 0.8, 0.1, 1.5
+"""Of the period: samples that come faster for a while, s, are those of a drive with another rate; and what counts at
+most, so that one long pause does not hide it."""
 
 
 _NONE = int(Fault.NONE)
@@ -132,7 +133,7 @@ def forget_ends(memory: Array) -> None:
 @compiled
 def _too_fast(period: float, memory: Array, elapsed: float) -> bool:
     """Whether samples have come faster than their rate for a while; slower ones may have been lost on the way."""
-    memory[_ELAPSED] += low_pass_gain(1.0 / _WHILE, period) * (min(elapsed / period, 1.5) - memory[_ELAPSED])
+    memory[_ELAPSED] += low_pass_gain(1.0 / _WHILE, period) * (min(elapsed / period, _LONGEST) - memory[_ELAPSED])
     return bool(memory[_ELAPSED] < _RATE_SHARE)
 
 

@@ -59,6 +59,9 @@ ELAPSED, OFFSET, TORQUE, KNOWN_LOAD_TORQUE = range(4)
 the load torque where it is known (N m), else nan."""
 INPUTS = 4
 
+MISSING = 1.5
+"""Periods between two samples from which on one between them is missing."""
+
 COMMAND, FAULT, PLAN_TIME = range(3)
 """What a tick leaves in `TickMemory.out`: the command in force (V or A), the `Fault`, the time since the plan began, s;
 after them the fault's details."""
@@ -175,8 +178,8 @@ def _tick(
     used[:] = measured
     nominal, before = constants.observer.period, out[COMMAND]
     elapsed = inputs[ELAPSED] if inputs[ELAPSED] > 0.0 else nominal  # nan, too
-    # The nominal period, unless samples are missing: stamps jitter, beats do not.
-    period = elapsed if elapsed > 1.5 * nominal else nominal
+    # The nominal period, unless samples are missing: stamps jitter, the drive's period does not.
+    period = elapsed if elapsed > MISSING * nominal else nominal
     out[COMMAND], out[FAULT] = 0.0, _NONE
     if math.isnan(used[THETA_M]) and math.isnan(used[THETA_L]):
         out[FAULT] = _NOT_FINITE

@@ -17,6 +17,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, UInt8
 
 from backlash_ros.control import LAWS, BacklashEstimate, Servo
+from backlash_ros.control.tick import MISSING
 from backlash_ros.drivetrain import Quantity
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Measurement
 from backlash_ros.nodes.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
@@ -213,7 +214,7 @@ class Controller(ManagedNode):
         if self._last_sample is None:
             return None
         arrived, stamped = at - self._last_sample, 1e-9 * (stamp - self._last_stamp)
-        if stamped > 1.5 / self._rate:
+        if stamped > MISSING / self._rate:
             self._late += 1
         if stamp and 0 < stamped < arrived + self._state_timeout:
             return stamped
