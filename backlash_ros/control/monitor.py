@@ -61,7 +61,7 @@ _COUNT = 2 * math.pi / 2**12
 """Of a coarse load encoder, rad."""
 
 
-_RATE_SHARE, _WHILE, _LONGEST = 0.8, 0.1, 1.5
+_RATE_SHARE, _WHILE, _LONGEST = 0.8, 0.1, 10.0
 """Of the period: samples that come faster for a while, s, are those of a drive with another rate; and what counts at
 most, so that one long pause does not hide it."""
 

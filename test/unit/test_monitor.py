@@ -786,3 +786,12 @@ def test_coarse_encoders_are_used_for_what_they_show(bits: int, motor_alone: boo
     assert watched.fault == ""
     assert np.max(watched.load_angle) < np.max(free.load_angle) + 0.005
     assert np.ptp(watched.load_angle[-250:]) < np.ptp(free.load_angle[-250:]) + 0.005
+
+
+@pytest.mark.parametrize("pattern", [(0.2, 1.8), (0.1, 0.1, 2.8), (3.0, 0.2, 0.4, 0.4)], ids=str)
+def test_samples_that_come_late_and_in_a_bunch_are_no_other_rate(pattern: Sequence[float]) -> None:
+    """As from a machine that is busy: their mean is the period, or more where some were lost."""
+    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE), measured=POSITIONS)
+    for k in range(400):
+        rig.servo.update(rig.sample(), 0.004 * pattern[k % len(pattern)])
+    assert rig.servo.fault == ""
