@@ -42,7 +42,7 @@ demo: $(READY)
 ALONE := test/system/test_demo.py test/system/test_contract.py
 SIDE_BY_SIDE := -n 3 --dist worksteal
 test: $(READY)
-	$(BIN)/python -c 'import backlash_ros.simulation'  # compiles once for all
+	$(BIN)/python -m backlash_ros.simulation  # compiles once for all
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE) $(ALONE:%=--ignore=%)
 	$(BIN)/python -m pytest $(ALONE)
 
