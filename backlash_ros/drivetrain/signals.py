@@ -67,8 +67,3 @@ def at_rest(load_angle: float = 0.0, motor_angle: float = 0.0) -> PlantState:
     state = np.zeros(7)
     state[THETA_M], state[THETA_L] = motor_angle, load_angle
     return PlantState(state)
-
-
-def measure_exactly(state: PlantState) -> Measurement:
-    """Return what sensors without any error read in ``state``: all five signals."""
-    return Measurement(state[:5].copy())

@@ -29,7 +29,7 @@ from backlash_ros.nodes.interface import (
     read_joint_state,
     stamp_label,
 )
-from backlash_ros.nodes.learn_service import LearnService, describe_estimate
+from backlash_ros.nodes.learn_service import LearnService, describe_outcome
 from backlash_ros.nodes.managed import ManagedNode
 from backlash_ros.nodes.parameters import declare_drive, declare_number, declare_rate, declare_timeout
 from backlash_ros.nodes.run import run
@@ -278,14 +278,13 @@ class Controller(ManagedNode):
         return f" while a fault is latched: {self._servo.fault}" if self._servo.fault else ""
 
     def _end_learning(self) -> None:
-        estimate = self._servo.take_outcome()
-        if not isinstance(estimate, BacklashEstimate):
+        outcome = self._servo.take_outcome()
+        if outcome is None:
             return
-        text = describe_estimate(estimate)
+        text, accepted = describe_outcome(outcome), outcome.valid
         self.get_logger().info(text)
-        accepted = estimate.valid
-        if estimate.valid:
-            result = self.set_parameters_atomically([Parameter("backlash_angle", value=estimate.angle)])
+        if isinstance(outcome, BacklashEstimate) and outcome.valid:
+            result = self.set_parameters_atomically([Parameter("backlash_angle", value=outcome.angle)])
             if not result.successful:
                 accepted, text = False, f"{text}, but it was refused: {result.reason}"
         self._learn.answer(accepted, text)

@@ -14,6 +14,7 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from backlash_ros.control import BacklashEstimate
+from backlash_ros.control.experiment import Outcome
 
 
 class LearnService:
@@ -80,8 +81,8 @@ class LearnService:
         self._node.destroy_node()
 
 
-def describe_estimate(estimate: BacklashEstimate) -> str:
+def describe_outcome(outcome: Outcome) -> str:
     """Return the answer's text: the estimate and how it was made, or why there is none."""
-    if not estimate.valid:
-        return estimate.reason
-    return f"backlash {estimate.angle:.6g} rad at the output, by {estimate.method.value}, from {estimate.reason}"
+    if not (isinstance(outcome, BacklashEstimate) and outcome.valid):
+        return outcome.reason
+    return f"backlash {outcome.angle:.6g} rad at the output, by {outcome.method.value}, from {outcome.reason}"
