@@ -161,8 +161,8 @@ def stability_margins(drive: Drive, gains: Gains, period: float, delay: float = 
     rate. A part of a period delays not quite like exp(-jwd), since the hold is split: up to 100 periods the margin is
     therefore found from the poles of the loop with that delay; beyond from the lag at each crossover, within 1 %
     and more exact the longer it is. A loop that is sampled slowly may turn unstable around a whole period, which splits
-    no hold, and be stable again a little later: such a range of delays is found where it is wider than a sixteenth of a
-    period.
+    no hold, and be stable again a little later: such a range of delays is found where it begins at a whole period or is
+    wider than a sixteenth of one.
 
     Examples
     --------
@@ -220,10 +220,10 @@ def _delay_margin(drive: Drive, gains: Gains, period: float, delay: float, estim
         longest, step = delay + 1.5 * estimate, 0.05 * estimate
         if excess(delay + 0.5 * estimate) < 0:
             low = delay + 0.5 * estimate
-    while low <= longest:
-        # Just before whole steps: the current that a sample sees may be another one at whole periods.
-        high = (math.floor(low / step + 1e-3) + 1.0 - 1e-6) * step
-        if not excess(high) < 0:
+    whole = period * np.arange(math.ceil(low / period), math.floor(longest / period) + 1)
+    # From a whole period on a sample may see another current: a jump, and the worst of what follows is at its start.
+    for high in np.unique(np.concatenate([np.arange(low, longest + step, step), whole - 1e-6 * period, whole])):
+        if high > low and not excess(high) < 0:
             return float(brentq(excess, low, high, xtol=1e-9 * period)) - delay
-        low = high
+        low = max(low, high)
     return estimate

@@ -207,6 +207,20 @@ def test_margin_with_a_current_gain_on_an_imposed_current(loop: tuple[Drive, Gai
     assert not stable(drive, gains, period, delay + 1.0001 * margin)
 
 
+def test_a_narrow_range_of_unstable_delays_from_a_whole_period_on_is_found() -> None:
+    """It is 0.05 periods wide here, and the next one begins 0.7 periods later."""
+    nominal = NOMINAL_DRIVE
+    drive = replace(
+        nominal,
+        motor=replace(nominal.motor, resistance=5.236),
+        load=replace(nominal.load, inertia=2.034e-3),
+        command_interface="current",
+    )
+    gains, period = Gains(41.01, 1.68, 2.618), 0.015824
+    assert stability_margins(drive, gains, period).delay == pytest.approx(period, rel=1e-5)
+    assert [stable(drive, gains, period, periods * period) for periods in (0.99, 1.0, 1.1, 1.8)] == [True, False] * 2
+
+
 @settings(max_examples=30, deadline=None)
 @given(loops())
 def test_gain_margin_is_where_the_loop_turns_unstable(loop: tuple[Drive, Gains, float, float]) -> None:
