@@ -36,7 +36,7 @@ endif
 .PHONY: demo test test-unit faults bad-samples test-repeat test-floors lint paper docs bench soak lock clean
 
 demo: $(READY)
-	$(BIN)/python -m backlash_ros.nodes.demo
+	$(BIN)/python -m backlash_ros.demo
 
 # What is judged in real time runs alone, the rest three at a time; plain pytest runs all of it, one after the other.
 ALONE := test/system/test_demo.py test/system/test_contract.py
@@ -70,7 +70,7 @@ paper: $(READY)
 	$(BIN)/python -m backlash_ros.cli figures --out docs/figures --page docs/paper.md
 
 docs: $(READY)
-	$(BIN)/python -m backlash_ros.nodes.parameter_table
+	$(BIN)/python test/support/parameter_table.py
 
 bench: $(READY)
 	$(BIN)/python benchmarks/tick.py

@@ -28,7 +28,7 @@ setup(
     maintainer="backlash_ros maintainers",
     maintainer_email="maintainers@backlash-ros.example.org",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={f"{NAME}.nodes": ["*.xml"]},
+    package_data={f"{NAME}.ros": ["*.xml"]},
     python_requires=">=3.10",
     install_requires=[
         "control>=0.10",
@@ -44,7 +44,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/config", [*glob("config/*.yaml"), f"{NAME}/nodes/loopback_udp.xml"]),
+        (f"share/{NAME}/config", [*glob("config/*.yaml"), f"{NAME}/ros/loopback_udp.xml"]),
         (f"share/{NAME}/launch", glob("launch/*.launch.py")),
     ],
     entry_points={
@@ -52,7 +52,7 @@ setup(
             f"plant_simulator = {NAME}.nodes.plant_simulator:main",
             f"controller = {NAME}.nodes.controller:main",
             f"recorder = {NAME}.nodes.recorder:main",
-            f"demo = {NAME}.nodes.demo:main",
+            f"demo = {NAME}.demo.__main__:main",
             f"backlash = {NAME}.cli:main",
         ],
         # Named like the module: with -p besides, pytest takes it once.

@@ -31,7 +31,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64
 
-from backlash_ros.nodes.domain import isolated
+from backlash_ros.ros.isolation import isolated
 
 SIX_AXES = Path(__file__).parents[1] / "config" / "six_axes.yaml"
 AXES = [f"axis{k}" for k in range(1, 7)]

@@ -21,7 +21,7 @@ import rclpy
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64
 
-from backlash_ros.nodes.domain import PROFILES, isolated
+from backlash_ros.ros.isolation import PROFILES, isolated
 
 STOPPED = 0.02
 HELD_UP = 0.5

@@ -9,7 +9,7 @@ import numpy as np
 
 from backlash_ros.analysis.metrics import settling_time, step_response
 from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, ServoSettings, design_gains, find_limit_cycle
-from backlash_ros.control.describing_function import predict_limit_cycle
+from backlash_ros.control.design.describing_function import predict_limit_cycle
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors

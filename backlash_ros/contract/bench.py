@@ -21,7 +21,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
-from backlash_ros.nodes.domain import isolated
+from backlash_ros.ros.isolation import isolated
 
 START_LIMIT = 60.0
 """Time a drive has from its start to its first sample, s."""

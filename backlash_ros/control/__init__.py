@@ -1,17 +1,17 @@
 """The controller: gains, laws, observer, monitor, experiments, the tick that strings them together, and the servo."""
 
+from backlash_ros.control.design.gains import DEFAULT_WEIGHTS, Gains, GainSet, design_gains
+from backlash_ros.control.design.limit_cycle import LimitCycle, find_limit_cycle
+from backlash_ros.control.design.stability import Margins, check_stable, stability_margins
 from backlash_ros.control.experiments import EXPERIMENTS
 from backlash_ros.control.experiments.limit_cycle import BacklashEstimate, LearningSettings, Method
-from backlash_ros.control.faults import Fault
-from backlash_ros.control.gains import DEFAULT_WEIGHTS, Gains, GainSet, design_gains
 from backlash_ros.control.law import FAST_REGION, OVERDAMPED_REGION, ControlLaw
 from backlash_ros.control.laws import LAWS, design_law
-from backlash_ros.control.limit_cycle import LimitCycle, find_limit_cycle
 from backlash_ros.control.limits import NO_LIMIT, Limits
+from backlash_ros.control.monitoring.faults import Fault
 from backlash_ros.control.servo import Servo
 from backlash_ros.control.setpoint import AtRest, Polynomials, Source
 from backlash_ros.control.settings import ServoSettings
-from backlash_ros.control.stability import Margins, check_stable, stability_margins
 
 __all__ = [
     "DEFAULT_WEIGHTS",

@@ -8,13 +8,13 @@ from backlash_ros.control.acting import ActingExperiment, ActingLaw, swing_of
 from backlash_ros.control.command_range import range_constants
 from backlash_ros.control.experiment import Excitation, Outcome
 from backlash_ros.control.experiments import EXPERIMENTS
-from backlash_ros.control.faults import Fault, describe_fault
 from backlash_ros.control.law import REGION
 from backlash_ros.control.laws import design_law
 from backlash_ros.control.limits import Limits
-from backlash_ros.control.monitor import forget_ends, monitor_constants
+from backlash_ros.control.monitoring.faults import Fault, describe_fault
+from backlash_ros.control.monitoring.monitor import forget_ends, monitor_constants
+from backlash_ros.control.monitoring.plausibility import plausibility_constants
 from backlash_ros.control.observer import estimate_of
-from backlash_ros.control.plausibility import plausibility_constants
 from backlash_ros.control.setpoint import DURATION, AtRest, Source, extent, plan_rejection
 from backlash_ros.control.settings import ServoSettings
 from backlash_ros.control.tick import (

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass, field, replace
 
+from backlash_ros.control.design.gains import GainSet
+from backlash_ros.control.design.stability import Margins, stability_margins
 from backlash_ros.control.experiments.limit_cycle import LearningSettings
-from backlash_ros.control.gains import GainSet
 from backlash_ros.control.observer import ObserverConstants, observer_constants
-from backlash_ros.control.stability import Margins, stability_margins
 from backlash_ros.drivetrain import Drive, Validated, quantity
 
 

@@ -15,20 +15,20 @@ import numpy as np
 from numba.np.unsafe import ndarray as numba_arrays
 
 from backlash_ros.control.command_range import RangeConstants, command_of, voltage_range
-from backlash_ros.control.faults import DETAILS, Fault
 from backlash_ros.control.law import LawStep
-from backlash_ros.control.monitor import (
+from backlash_ros.control.monitoring.faults import DETAILS, Fault
+from backlash_ros.control.monitoring.monitor import (
     MonitorConstants,
     monitor_memory,
     monitor_step,
 )
-from backlash_ros.control.observer import ObserverConstants, observer_memory, observer_step
-from backlash_ros.control.plausibility import (
+from backlash_ros.control.monitoring.plausibility import (
     PlausibilityConstants,
     plausibility_memory,
     plausibility_step,
     settle_angles,
 )
+from backlash_ros.control.observer import ObserverConstants, observer_memory, observer_step
 from backlash_ros.control.setpoint import evaluate
 from backlash_ros.drivetrain.compiled import compiled, specialize
 from backlash_ros.drivetrain.signals import (

@@ -3,7 +3,7 @@
 from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.contacts import CONTACTS
-from backlash_ros.drivetrain.integrator import IntegrationError
+from backlash_ros.drivetrain.integration.integrator import IntegrationError
 from backlash_ros.drivetrain.linear import (
     command_from_voltage,
     discretize,

@@ -7,7 +7,7 @@ import numpy as np
 
 from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.dynamics import equations_of
-from backlash_ros.drivetrain.integrator import (
+from backlash_ros.drivetrain.integration.integrator import (
     DEFAULT_TOLERANCE,
     DONE,
     REASONS,

@@ -8,7 +8,7 @@ PATH, which are imported when a registry is first asked.
 import importlib.util
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -85,6 +85,10 @@ class Registry(Mapping[str, T], Generic[T]):
                 raise ValueError(f"{self._table}: {name!r} in {module.__file__} is the name of another entry")
         self._entries |= table
         return list(table)
+
+    def keep(self, names: Iterable[str]) -> None:
+        """Forget the entries whose names are not among ``names``."""
+        self._entries = {name: entry for name, entry in self._all().items() if name in set(names)}
 
     def choose(self, parameter: str, name: str) -> T:
         """Return the entry called ``name``; a ValueError names ``parameter`` and the names that there are."""

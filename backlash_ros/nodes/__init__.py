@@ -1,4 +1,4 @@
-"""The ROS 2 side: plant simulator, controller, recorder and the demo that runs all three."""
+"""The nodes, one a file: parameters and messages in, gate and tick, messages out."""
 
 import os
 

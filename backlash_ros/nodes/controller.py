@@ -20,21 +20,15 @@ from backlash_ros.control import LAWS, BacklashEstimate, Servo
 from backlash_ros.control.tick import MISSING
 from backlash_ros.drivetrain import Quantity
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Measurement
-from backlash_ros.nodes.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
-from backlash_ros.nodes.interface import (
-    TRANSIENT_LOCAL,
-    BadSampleError,
-    answer,
-    declare_joints,
-    read_joint_state,
-    stamp_label,
-)
 from backlash_ros.nodes.learn_service import LearnService, describe_outcome
-from backlash_ros.nodes.managed import ManagedNode
-from backlash_ros.nodes.parameters import declare_drive, declare_number, declare_rate, declare_timeout
-from backlash_ros.nodes.run import run
-from backlash_ros.nodes.timer import Timer, now
 from backlash_ros.nodes.tunables import Tunables
+from backlash_ros.ros.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
+from backlash_ros.ros.lifecycle import ManagedNode
+from backlash_ros.ros.messages import BadSampleError, answer, read_joint_state, stamp_label
+from backlash_ros.ros.parameters import declare_drive, declare_joints, declare_number, declare_rate, declare_timeout
+from backlash_ros.ros.run import run
+from backlash_ros.ros.timer import Timer, now
+from backlash_ros.ros.topics import TRANSIENT_LOCAL
 
 _LEARN_PATIENCE = 5.0
 """Time that a request to learn waits for the first joint states, s: discovery may take some."""

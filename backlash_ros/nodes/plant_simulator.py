@@ -22,12 +22,19 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.drivetrain import IntegrationError, Plant, Quantity
-from backlash_ros.nodes.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
-from backlash_ros.nodes.interface import declare_joints, label_of, stamp_label
-from backlash_ros.nodes.managed import ManagedNode
-from backlash_ros.nodes.parameters import declare_drive, declare_number, declare_rate, declare_timeout, describe
-from backlash_ros.nodes.run import run
-from backlash_ros.nodes.timer import Timer, now
+from backlash_ros.ros.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
+from backlash_ros.ros.lifecycle import ManagedNode
+from backlash_ros.ros.messages import label_of, stamp_label
+from backlash_ros.ros.parameters import (
+    declare_drive,
+    declare_joints,
+    declare_number,
+    declare_rate,
+    declare_timeout,
+    describe,
+)
+from backlash_ros.ros.run import run
+from backlash_ros.ros.timer import Timer, now
 
 _REPEAT = 0.04
 """Silence after which a sample in lockstep is sent again, s: best effort may lose it, and a watchdog waits for it."""

@@ -17,28 +17,11 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.typesys import Stores, get_typestore
 
-from backlash_ros.nodes.bag_writer import BagWriter
-from backlash_ros.nodes.parameters import describe
-from backlash_ros.nodes.run import StoppableNode, run
-from backlash_ros.nodes.timer import Timer
-
-TOPICS = [
-    "joint_states",
-    "command",
-    "reference",
-    "load_torque",
-    "controller/tracking_error",
-    "controller/region",
-    "controller/load_torque_estimate",
-    "controller/parameters_in_use",
-    "/diagnostics",
-    "controller/backlash_estimate",
-    "parameter_events",
-    "controller/transition_event",
-    "plant_simulator/transition_event",
-    "/clock",
-]
-"""What is recorded by default: all topics of the interface, and each change of a parameter."""
+from backlash_ros.analysis.bag_writer import BagWriter
+from backlash_ros.ros.parameters import describe
+from backlash_ros.ros.run import StoppableNode, run
+from backlash_ros.ros.timer import Timer
+from backlash_ros.ros.topics import TOPICS
 
 _QUEUE = 10_000
 """Messages of a topic that can wait for a slow disk: 40 s at 250 Hz. Fast DDS does not tell of what it drops beyond."""
@@ -88,7 +71,9 @@ class Recorder(StoppableNode):
         default = time.strftime("backlash_%Y_%m_%d-%H_%M_%S")
         text = "folder to write, which must not exist yet"
         output = Path(self.declare_parameter("output", default, describe(text, read_only=True)).value)
-        topics = self.declare_parameter("topics", TOPICS, describe("topics to record", read_only=True)).value or []
+        topics = (
+            self.declare_parameter("topics", list(TOPICS), describe("topics to record", read_only=True)).value or []
+        )
         if not topics:
             raise ValueError("topics must name at least one topic, got none")
         if output.exists():

@@ -11,9 +11,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, LearningSettings, Limits, ServoSettings, design_law
-from backlash_ros.control.stability import LONGEST_DELAY
-from backlash_ros.drivetrain import Drive, Quantity
-from backlash_ros.nodes.gain_parameters import (
+from backlash_ros.control.design.gain_sets import (
     CUSTOM,
     NO_WEIGHTS,
     REGIONS,
@@ -21,7 +19,9 @@ from backlash_ros.nodes.gain_parameters import (
     gain_set_of,
     resolve_set,
 )
-from backlash_ros.nodes.parameters import declare, declare_number, declare_quantities, describe, take
+from backlash_ros.control.design.stability import LONGEST_DELAY
+from backlash_ros.drivetrain import Drive, Quantity
+from backlash_ros.ros.parameters import declare, declare_number, declare_quantities, describe, take
 
 _K = "gains [k1, k2, k3] of V = -k1 (load angle - reference) - k2 load speed - k3 current"
 _K_UNIT = "V/rad, V s/rad, V/A"

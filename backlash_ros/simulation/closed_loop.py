@@ -9,8 +9,8 @@ import numba
 import numpy as np
 
 from backlash_ros.control import Limits, Servo, ServoSettings
-from backlash_ros.control.faults import Fault, describe_fault
 from backlash_ros.control.law import REGION
+from backlash_ros.control.monitoring.faults import Fault, describe_fault
 from backlash_ros.control.setpoint import Source, plan_rejection
 from backlash_ros.control.tick import (
     ELAPSED,
@@ -36,7 +36,7 @@ from backlash_ros.drivetrain.delay import (
     delay_memory,
     player_for,
 )
-from backlash_ros.drivetrain.integrator import (
+from backlash_ros.drivetrain.integration.integrator import (
     DEFAULT_TOLERANCE,
     DONE,
     PEAK_FORCE,

@@ -7,7 +7,13 @@ import numpy as np
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.dynamics import equations_of, gap_of
-from backlash_ros.drivetrain.integrator import DEFAULT_TOLERANCE, DONE, REASONS, integration_memory, integrator_for
+from backlash_ros.drivetrain.integration.integrator import (
+    DEFAULT_TOLERANCE,
+    DONE,
+    REASONS,
+    integration_memory,
+    integrator_for,
+)
 from backlash_ros.drivetrain.signals import Array, at_rest
 
 

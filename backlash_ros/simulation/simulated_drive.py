@@ -17,7 +17,7 @@ from backlash_ros.drivetrain.delay import (
     player_for,
     taken_at,
 )
-from backlash_ros.drivetrain.integrator import (
+from backlash_ros.drivetrain.integration.integrator import (
     DEFAULT_TOLERANCE,
     DONE,
     PEAK_FORCE,

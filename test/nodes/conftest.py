@@ -11,7 +11,7 @@ from faults_page import SECTION, page
 from graph import Peer, Process
 from rclpy.signals import SignalHandlerOptions
 
-from backlash_ros.nodes.domain import isolated
+from backlash_ros.ros.isolation import isolated
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

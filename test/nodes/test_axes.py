@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 
 from backlash_ros.control import Gains, design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.nodes.interface import TRANSIENT_LOCAL
+from backlash_ros.ros.topics import TRANSIENT_LOCAL
 
 Start = Callable[..., Process]
 CONFIG = Path(__file__).parents[2] / "config" / "six_axes.yaml"

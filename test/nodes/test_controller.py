@@ -24,7 +24,7 @@ from backlash_ros.control.laws.two_region import TwoRegionParameters
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import Sensors
-from backlash_ros.nodes.interface import stamp_label
+from backlash_ros.ros.messages import stamp_label
 from backlash_ros.simulation import Scenario, SimulatedDrive, run
 
 Start = Callable[..., Process]

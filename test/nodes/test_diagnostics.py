@@ -12,7 +12,7 @@ from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header
 
-from backlash_ros.nodes.interface import answer, stamp_label
+from backlash_ros.ros.messages import answer, stamp_label
 
 Start = Callable[..., Process]
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR

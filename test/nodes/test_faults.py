@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
-from backlash_ros.nodes.interface import answer
+from backlash_ros.ros.messages import answer
 
 Start = Callable[..., Process]
 Measure = Callable[[float], None]

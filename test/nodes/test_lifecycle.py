@@ -14,8 +14,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
-from backlash_ros.nodes.managed import ManagedNode
-from backlash_ros.nodes.run import _stopped
+from backlash_ros.ros.lifecycle import ManagedNode
+from backlash_ros.ros.run import _stopped
 
 Start = Callable[..., Process]
 PATIENT = {"state_timeout": 10.0, "law": "fast", "torque_bandwidth": 0.0}

@@ -15,7 +15,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.control import GainSet, ServoSettings, design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.nodes.interface import answer, label_of, stamp_label
+from backlash_ros.ros.messages import answer, label_of, stamp_label
 from backlash_ros.simulation import Scenario, run
 
 Start = Callable[..., Process]

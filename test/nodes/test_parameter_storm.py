@@ -18,10 +18,10 @@ from rclpy.parameter import Parameter as RclpyParameter
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from backlash_ros.control.design.gain_sets import CUSTOM, REGIONS, expand
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, THETA_L
-from backlash_ros.nodes.gain_parameters import CUSTOM, REGIONS, expand
-from backlash_ros.nodes.parameters import as_floats
+from backlash_ros.ros.parameters import as_floats
 
 REFERENCE = 0.2
 SETS = ("nominal", "gentle")

@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import parameter_table
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from graph import PATIENCE, Parameters, Peer, Process
 from lockstep_drive import LockstepDrive
+from parameter_table import FROM_ROS
 from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterEvent, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters, SetParametersAtomically
 from rclpy.parameter import parameter_value_to_python
@@ -20,7 +22,6 @@ from std_srvs.srv import Trigger
 
 from backlash_ros.analysis import read_bag
 from backlash_ros.control import Gains
-from backlash_ros.nodes.parameter_table import FROM_ROS
 
 Start = Callable[..., Process]
 PATIENT = {"state_timeout": 10.0}
@@ -55,7 +56,7 @@ def descriptors(peer: Peer, node: str) -> dict[str, ParameterDescriptor]:
 
 def test_the_documented_table_is_what_the_code_makes(tmp_path: Path) -> None:
     made, committed = tmp_path / "parameters.md", Path(__file__).parents[2] / "docs" / "parameters.md"
-    command = [sys.executable, "-m", "backlash_ros.nodes.parameter_table", "--out", str(made)]
+    command = [sys.executable, str(Path(parameter_table.__file__)), "--out", str(made)]
     subprocess.run(command, check=True, timeout=PATIENCE)
     assert made.read_text() == committed.read_text(), "renew it: make docs"
 

@@ -19,9 +19,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
-from backlash_ros.nodes.domain import PROFILES
-from backlash_ros.nodes.interface import answer, stamp_label
 from backlash_ros.nodes.plant_simulator import PlantSimulator
+from backlash_ros.ros.isolation import PROFILES
+from backlash_ros.ros.messages import answer, stamp_label
 
 Start = Callable[..., Process]
 

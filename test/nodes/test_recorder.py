@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.analysis import read_bag
-from backlash_ros.nodes.bag_writer import BagWriter
+from backlash_ros.analysis.bag_writer import BagWriter
 from backlash_ros.nodes.recorder import Recorder
 
 Start = Callable[..., Process]

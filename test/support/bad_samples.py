@@ -17,7 +17,7 @@ from faults_page import SECTION
 
 from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, Servo, ServoSettings, design_gains
 from backlash_ros.control.limits import mechanical_time_constant
-from backlash_ros.control.plausibility import LATELY, PATIENCE, speed_lag
+from backlash_ros.control.monitoring.plausibility import LATELY, PATIENCE, speed_lag
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.drivetrain.signals import OMEGA_L, STATE_NAMES, THETA_L
@@ -195,9 +195,10 @@ the load came from where it would have been where no fault was latched within th
 on after a fault. Both in rad.
 
 Currents are held against what the commands can drive through the winding, speeds against the way of their encoder, and
-what cannot be is not used ([`control/plausibility.py`](../backlash_ros/control/plausibility.py)). An encoder that jumps
-by less than the gap that was learned, and a half, cannot be told from teeth that moved. A speed that is wrong by less
-than a drive may report it late counts as late: at full speed that is the largest figure here. A load that moves when
+what cannot be is not used
+([`control/monitoring/plausibility.py`](../backlash_ros/control/monitoring/plausibility.py)). An encoder that jumps by
+less than the gap that was learned, and a half, cannot be told from teeth that moved. A speed that is wrong by less than
+a drive may report it late counts as late: at full speed that is the largest figure here. A load that moves when
 the motor goes to 0 V runs on, by its speed times the mechanical time constant (0.02 s here): that is the 0.4 rad. A
 wrong unit or sign is the same thing without an end, and a fault within the first few degrees of the first move.
 

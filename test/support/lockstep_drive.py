@@ -13,7 +13,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Plant
 from backlash_ros.drivetrain.signals import THETA_L
-from backlash_ros.nodes.interface import label_of, stamp_label
+from backlash_ros.ros.messages import label_of, stamp_label
 from backlash_ros.simulation import SimulatedDrive
 
 _CLOCK_START = 1_000_000_000

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from backlash_ros.analysis import read_bag
-from backlash_ros.nodes.demo import put_in_place
+from backlash_ros.demo.__main__ import put_in_place
 
 ROOT = Path(__file__).parents[2]
-DEMO = [sys.executable, "-m", "backlash_ros.nodes.demo"]
+DEMO = [sys.executable, "-m", "backlash_ros.demo"]
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import pytest
 from graph import Peer
 from std_msgs.msg import Float64
 
-from backlash_ros.nodes.domain import isolated
+from backlash_ros.ros.isolation import isolated
 
 ROOT = Path(__file__).parents[2]
 ROS_WHEELS = not os.environ.get("ROS_DISTRO")
@@ -109,7 +109,7 @@ def test_pip_install_in_a_fresh_environment_gives_executables_that_talk(
     assert installed.returncode == 0, installed.stdout + installed.stderr
     assert (fresh / "share/backlash_ros/config/nominal_drive.yaml").is_file()
     profile = subprocess.run(
-        [fresh / "bin" / "python", "-c", "from backlash_ros.nodes.domain import LOOPBACK; print(LOOPBACK)"],
+        [fresh / "bin" / "python", "-c", "from backlash_ros.ros.isolation import LOOPBACK; print(LOOPBACK)"],
         cwd=tmp_path,
         env=clean,
         capture_output=True,

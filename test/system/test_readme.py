@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from backlash_ros.nodes.domain import isolated
+from backlash_ros.ros.isolation import isolated
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
@@ -44,7 +44,7 @@ def test_make_runs_what_the_tests_run() -> None:
         dry = ["make", "-n", target, "VENV=.venv"]
         return subprocess.run(dry, cwd=ROOT, capture_output=True, text=True, check=True).stdout
 
-    assert "-m backlash_ros.nodes.demo" in recipe("demo")
+    assert "-m backlash_ros.demo" in recipe("demo")
     assert "-m pytest" in recipe("test")
     assert "-m backlash_ros.cli figures" in recipe("paper")
     assert re.search(r"^make test$", (ROOT / ".ci" / "run").read_text(), re.MULTILINE)

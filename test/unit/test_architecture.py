@@ -1,4 +1,4 @@
-"""Imports point one way, and only the nodes and the drive contract kit know ROS."""
+"""Imports point one way and in no circle, no folder is too long, and only the ROS side knows ROS."""
 
 import ast
 from pathlib import Path
@@ -6,15 +6,21 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parents[2] / "backlash_ros"
-ROOMS = ["drivetrain", "control", "simulation", "analysis", "nodes", "contract"]
-MAY_IMPORT = {
-    "drivetrain": {"drivetrain"},
-    "control": {"control", "drivetrain"},
-    "simulation": {"simulation", "control", "drivetrain"},
-    "analysis": {"analysis", "simulation", "control", "drivetrain"},
-    "nodes": {"nodes", "analysis", "simulation", "control", "drivetrain"},
-    "contract": {"contract", "nodes"},
+BELOW: dict[str, set[str]] = {
+    "drivetrain": set(),
+    "control": {"drivetrain"},
+    "gates": set(),
+    "simulation": {"control", "drivetrain"},
+    "analysis": {"simulation", "control", "drivetrain"},
+    "ros": {"gates", "drivetrain"},
+    "nodes": {"ros", "gates", "analysis", "simulation", "control", "drivetrain"},
+    "contract": {"ros", "drivetrain"},
+    "demo": {"ros", "analysis", "simulation", "control", "drivetrain"},
 }
+"""What each room may import beside itself."""
+ROS_ROOMS = {"ros", "nodes", "contract", "demo"}
+LONGEST_ROOM = 2000
+"""Lines of a folder without its subfolders: more is two rooms."""
 ROS = {"rclpy", "rcl_interfaces", "sensor_msgs", "std_msgs", "std_srvs", "diagnostic_msgs", "lifecycle_msgs", "launch"}
 
 
@@ -39,17 +45,56 @@ def test_every_way_to_import_is_seen(line: str, tmp_path: Path) -> None:
     assert imported(source) == {"backlash_ros.nodes"}
 
 
-@pytest.mark.parametrize("room", ROOMS)
+def test_every_folder_is_a_room() -> None:
+    assert {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists()} == set(BELOW)
+
+
+@pytest.mark.parametrize("room", BELOW)
 def test_imports_point_one_way(room: str) -> None:
+    assert room not in set().union(*(BELOW[below] for below in BELOW[room]))
     sources = sorted((PACKAGE / room).rglob("*.py"))
     assert sources
     for source in sources:
         for name in imported(source):
             parts = name.split(".")
             if parts[0] == "backlash_ros" and len(parts) > 1:
-                assert parts[1] in MAY_IMPORT[room], f"{source.name} imports {name}"
-            if room not in {"nodes", "contract"}:
+                assert parts[1] in BELOW[room] | {room}, f"{source.name} imports {name}"
+            if room not in ROS_ROOMS:
                 assert parts[0] not in ROS, f"{source.name} imports {name}"
+
+
+def module_of(source: Path) -> str:
+    parts = source.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def test_no_file_imports_itself_by_a_detour() -> None:
+    """A package's own ``__init__`` only gathers what is inside; who imports from inside a package skips it."""
+    sources = {module_of(source): source for source in PACKAGE.rglob("*.py")}
+    needs = {
+        module: {name for name in imported(source) if name in sources and not module.startswith(f"{name}.")}
+        for module, source in sources.items()
+    }
+    done: set[str] = set()
+
+    def visit(module: str, above: tuple[str, ...]) -> None:
+        assert module not in above, f"a circle: {' -> '.join((*above, module))}"
+        if module not in done:
+            for name in sorted(needs[module]):
+                visit(name, (*above, module))
+            done.add(module)
+
+    for module in sorted(needs):
+        visit(module, ())
+
+
+def test_no_folder_is_too_long() -> None:
+    folders = {source.parent for source in PACKAGE.rglob("*.py")}
+    lines = {
+        str(folder.relative_to(PACKAGE)): sum(len(source.read_text().splitlines()) for source in folder.glob("*.py"))
+        for folder in folders
+    }
+    assert {folder: count for folder, count in lines.items() if count > LONGEST_ROOM} == {}
 
 
 def assigned(source: Path) -> set[str]:

@@ -22,7 +22,7 @@ from backlash_ros.control import (
     find_limit_cycle,
 )
 from backlash_ros.control.command_range import RangeConstants, command_of, range_constants, voltage_range
-from backlash_ros.control.describing_function import predict_limit_cycle
+from backlash_ros.control.design.describing_function import predict_limit_cycle
 from backlash_ros.control.observer import observer_memory, observer_step
 from backlash_ros.drivetrain import (
     COMMAND_INTERFACES,

@@ -7,7 +7,7 @@ import pytest
 
 from backlash_ros.analysis.paper import backlash, cycle_of
 from backlash_ros.control import Gains, GainSet, ServoSettings, design_gains, find_limit_cycle
-from backlash_ros.control.describing_function import describing_function, predict_limit_cycle
+from backlash_ros.control.design.describing_function import describing_function, predict_limit_cycle
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.simulation import Scenario, run

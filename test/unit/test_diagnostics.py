@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("diagnostic_msgs", reason="needs ROS messages")
 
-from backlash_ros.nodes.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
+from backlash_ros.ros.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
 
 
 def window(*values: float) -> Window:

@@ -19,13 +19,13 @@ from backlash_ros.drivetrain import (
     Drive,
     IntegrationError,
     Plant,
-    integrator,
     quantities,
 )
 from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.dynamics import equations_of
-from backlash_ros.drivetrain.integrator import (
+from backlash_ros.drivetrain.integration import integrator
+from backlash_ros.drivetrain.integration.integrator import (
     ADVANCE_SIGNATURE,
     DEFAULT_TOLERANCE,
     DONE,

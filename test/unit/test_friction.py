@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Plant
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
-from backlash_ros.drivetrain.friction import first_zero
+from backlash_ros.drivetrain.integration.friction import first_zero
 
 
 def drive_with(**changes: Any) -> Drive:

@@ -3,8 +3,8 @@
 import pytest
 
 from backlash_ros.control import design_gains
+from backlash_ros.control.design.gain_sets import CUSTOM, expand, gain_set_of, resolve_set
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.nodes.gain_parameters import CUSTOM, expand, gain_set_of, resolve_set
 
 WEIGHTS = {"fast": {"q": [1000.0, 1.0], "k": [0.0] * 3}, "overdamped": {"q": [4.0, 0.0], "k": [0.0] * 3}}
 NUMBERS = {"fast": {"q": [0.0, 0.0], "k": [20.0, 0.6, 0.1]}, "overdamped": {"q": [0.0, 0.0], "k": [1.5, 0.03, 0.0]}}

@@ -2,8 +2,8 @@
 
 import pytest
 
-from backlash_ros.nodes import timer
-from backlash_ros.nodes.timer import Timer, call_due
+from backlash_ros.ros import timer
+from backlash_ros.ros.timer import Timer, call_due
 
 
 class Clock:

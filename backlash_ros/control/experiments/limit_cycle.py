@@ -13,8 +13,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from backlash_ros.control.design.limit_cycle import LimitCycle, find_limit_cycle, refine
 from backlash_ros.control.experiment import Excitation, NamedExperiment
-from backlash_ros.control.limit_cycle import LimitCycle, find_limit_cycle, refine
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array, Estimate, Measurement
 

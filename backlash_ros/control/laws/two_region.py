@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from backlash_ros.control.command_range import clamp
-from backlash_ros.control.gains import Gains
+from backlash_ros.control.design.gains import Gains
 from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, OVERDAMPED_REGION, REGION, ControlLaw, NamedLaw
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.compiled import compiled_as

@@ -1,54 +1,14 @@
-"""The interface between drive and controller: topics, quality of service, and what a JointState says."""
+"""What the messages between drive and controller say: joint states, and commands that name the sample they answer."""
 
 import math
 import re
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement
-from backlash_ros.nodes.parameters import describe
-
-SEND = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=10)
-"""Of every publisher: whoever wants to miss nothing, a recorder say, can ask for reliable delivery."""
-
-RECEIVE = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1)
-"""Of every subscription to control data: the newest sample, no resending of old ones."""
-
-TRANSIENT_LOCAL = QoSProfile(
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-)
-"""Of values that hold until they change: a late subscriber gets the last one."""
-
-
-def overridable() -> QoSOverridingOptions:
-    """Let the user override a topic's quality of service with ``qos_overrides`` parameters."""
-    return QoSOverridingOptions.with_default_policies()
-
-
-def declare_joints(node: Node) -> tuple[str, str]:
-    """Declare and return the names of the motor's and the load's joint."""
-    names = []
-    for side in ("motor", "load"):
-        text = describe(
-            f"name of the {side}'s joint in joint_states",
-            constraint="motor_joint and load_joint are two different names",
-            read_only=True,
-        )
-        names.append(node.declare_parameter(f"{side}_joint", side, text).value)
-    motor, load = names
-    if not motor or not load or motor == load:
-        raise ValueError(f"motor_joint and load_joint must be two different names, got {motor!r} and {load!r}")
-    return motor, load
-
 
 _STAMP = re.compile(r"-?\d+\.\d{9}")
 

@@ -22,7 +22,7 @@ from backlash_ros.drivetrain.compiled import compiled, specialize
 from backlash_ros.drivetrain.constants import PLANT_TYPE, PlantConstants
 from backlash_ros.drivetrain.contact import Contact, ToothForce
 from backlash_ros.drivetrain.dynamics import SLIDES, Slopes, equations_with, load_rubs, motor_rubs
-from backlash_ros.drivetrain.friction import friction_with
+from backlash_ros.drivetrain.integration.friction import friction_with
 from backlash_ros.drivetrain.parameters import Drive
 from backlash_ros.drivetrain.signals import (
     CURRENT,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from backlash_ros.control.gains import Gains
+from backlash_ros.control.design.gains import Gains
 from backlash_ros.drivetrain import Drive, command_from_voltage, discretize_from_command, motor_model, rigid_model
 from backlash_ros.drivetrain.signals import Array
 

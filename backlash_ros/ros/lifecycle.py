@@ -14,10 +14,10 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
-from backlash_ros.nodes.interface import RECEIVE, SEND, overridable
-from backlash_ros.nodes.parameter_requests import ParameterRequests
-from backlash_ros.nodes.parameters import describe
-from backlash_ros.nodes.timer import Timer
+from backlash_ros.ros.parameter_requests import ParameterRequests
+from backlash_ros.ros.parameters import describe
+from backlash_ros.ros.timer import Timer
+from backlash_ros.ros.topics import RECEIVE, SEND, overridable
 
 RESULT = TransitionCallbackReturn
 E = TypeVar("E")

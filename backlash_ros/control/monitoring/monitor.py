@@ -27,8 +27,8 @@ from typing import NamedTuple
 import numpy as np
 
 from backlash_ros.control import observer as observing
-from backlash_ros.control.faults import Fault
 from backlash_ros.control.limits import Limits, mechanical_time_constant, pressed, standstill_torque
+from backlash_ros.control.monitoring.faults import Fault
 from backlash_ros.control.observer import ObserverConstants, low_pass_gain, observer_step
 from backlash_ros.drivetrain import Drive, compiled
 from backlash_ros.drivetrain.signals import (

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_service import ParameterService
 
-from backlash_ros.nodes.parameters import KINDS, as_floats
+from backlash_ros.ros.parameters import KINDS, as_floats
 
 
 def read_request(node: Node, messages: Sequence[ParameterMessage]) -> list[Parameter]:

@@ -50,9 +50,8 @@ from backlash_ros.analysis.session import (
 )
 from backlash_ros.control import design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.nodes.domain import isolated
-from backlash_ros.nodes.interface import RECEIVE, SEND
-from backlash_ros.nodes.recorder import TOPICS
+from backlash_ros.ros.isolation import isolated
+from backlash_ros.ros.topics import RECEIVE, SEND, TOPICS
 
 BRISK = {"fast": [1000.0, 1.0], "overdamped": [16.0, 0.0]}
 """LQR weights of the gain set that the demo swaps to: over-damped gains of twice the stiffness."""
@@ -151,7 +150,7 @@ class Session:
         self.wait("the drive to hear the answers", lambda: self._obeyed)
         self.wait("the controller's services", self._learn.service_is_ready)
         self.wait("the controller's parameters", self._parameters.services_are_ready)
-        for topic in TOPICS[:-2]:
+        for topic in list(TOPICS)[:-2]:
             self.wait(f"the recorder on {topic}", partial(self._recorded, topic))
 
     def _recorded(self, topic: str) -> bool:

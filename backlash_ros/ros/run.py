@@ -16,8 +16,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from backlash_ros.nodes.managed import ManagedNode
-from backlash_ros.nodes.timer import Timer, call_due, now
+from backlash_ros.ros.lifecycle import ManagedNode
+from backlash_ros.ros.timer import Timer, call_due, now
 
 
 class StoppableNode(Node):

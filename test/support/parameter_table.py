@@ -12,8 +12,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from backlash_ros.nodes.controller import Controller
-from backlash_ros.nodes.domain import isolated
 from backlash_ros.nodes.plant_simulator import PlantSimulator
+from backlash_ros.ros.isolation import isolated
 
 Described = dict[str, tuple[ParameterDescriptor, Any]]
 

@@ -113,6 +113,22 @@ def declare_drive(node: Node) -> Drive:
     return Drive(take(Motor, values), take(Gear, values, contact=contact), take(Load, values), interface)
 
 
+def declare_joints(node: Node) -> tuple[str, str]:
+    """Declare and return the names of the motor's and the load's joint."""
+    names = []
+    for side in ("motor", "load"):
+        text = describe(
+            f"name of the {side}'s joint in joint_states",
+            constraint="motor_joint and load_joint are two different names",
+            read_only=True,
+        )
+        names.append(node.declare_parameter(f"{side}_joint", side, text).value)
+    motor, load = names
+    if not motor or not load or motor == load:
+        raise ValueError(f"motor_joint and load_joint must be two different names, got {motor!r} and {load!r}")
+    return motor, load
+
+
 def declare_rate(node: Node) -> float:
     """Declare ``rate`` and return it, Hz: of the samples, the same for drive and controller."""
     return float(declare_number(node, "rate", 250.0, Quantity("rate of the samples", "Hz", 0.0, 2000.0, True)))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from backlash_ros.control.gains import Gains
+from backlash_ros.control.design.gains import Gains
 from backlash_ros.drivetrain import Drive, rigid_model
 from backlash_ros.drivetrain.compiled import specialize
 from backlash_ros.drivetrain.constants import PlantConstants, plant_constants

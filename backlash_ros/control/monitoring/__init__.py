@@ -1,0 +1,1 @@
+"""What a sample is held against before it is believed: limits, physics, and the faults that come of it."""

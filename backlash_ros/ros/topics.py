@@ -1,0 +1,47 @@
+"""The topics between drive, controller and user: their types, and the quality of service of each side."""
+
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import TransitionEvent
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray, UInt8
+
+TOPICS: dict[str, type] = {
+    "joint_states": JointState,
+    "command": Float64MultiArray,
+    "reference": Float64,
+    "load_torque": Float64,
+    "controller/tracking_error": Float64,
+    "controller/region": UInt8,
+    "controller/load_torque_estimate": Float64,
+    "controller/parameters_in_use": ParameterEvent,
+    "/diagnostics": DiagnosticArray,
+    "controller/backlash_estimate": Float64,
+    "parameter_events": ParameterEvent,
+    "controller/transition_event": TransitionEvent,
+    "plant_simulator/transition_event": TransitionEvent,
+    "/clock": Clock,
+}
+"""All topics of the interface, and each change of a parameter."""
+
+SEND = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=10)
+"""Of every publisher: whoever wants to miss nothing, a recorder say, can ask for reliable delivery."""
+
+RECEIVE = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1)
+"""Of every subscription to control data: the newest sample, no resending of old ones."""
+
+TRANSIENT_LOCAL = QoSProfile(
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+)
+"""Of values that hold until they change: a late subscriber gets the last one."""
+
+
+def overridable() -> QoSOverridingOptions:
+    """Let the user override a topic's quality of service with ``qos_overrides`` parameters."""
+    return QoSOverridingOptions.with_default_policies()
