@@ -229,7 +229,7 @@ def soak(minutes: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
         "samples lost": samples - answered,
         "answered within the period": int(sent["answered_in_period"]),
         "answered late": int(sent["answered_late"]),
-        "late beats": int(sent["late_beats"]),
+        "late samples": int(sent["late_samples"]),
         "faults": ", ".join(filter(None, faults)) or "none",
     }
     held = figures["samples lost"] == 0 and not any(faults)
@@ -258,11 +258,11 @@ def answered(axes: Sequence[str], seconds: float, extra: Sequence[str]) -> tuple
     shares = []
     for axis, one, two in zip(axes, before, after, strict=True):
         samples, in_period, late = (
-            int(two[key]) - int(one[key]) for key in ("samples", "answered_in_period", "late_beats")
+            int(two[key]) - int(one[key]) for key in ("samples", "answered_in_period", "late_samples")
         )
         shares.append(100 * in_period / samples)
         figures[f"{axis} answered within the period, %"] = round(shares[-1], 2)
-        figures[f"{axis} late beats"] = late
+        figures[f"{axis} late samples"] = late
     for process, used, size in zip(("simulator", "controller"), spent, memory, strict=True):
         figures[f"processor time of the {process}, %"] = round(100 * used / passed, 1)
         figures[f"memory of the {process}, kB"] = size

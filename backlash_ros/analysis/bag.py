@@ -36,8 +36,9 @@ class Recording:
     """A recorded session.
 
     ``joint_states`` at their header's stamps with columns theta_m, omega_m, motor torque, theta_l, omega_l, gear torque
-    (rad, rad/s, N m); the scalar topics by name and the changed parameters at their time of receipt; ``messages``
-    counts every topic. ``in_use``: from when on the controller used which version of its parameters, and these by name.
+    (rad, rad/s, N m); the scalar topics by name and the changed parameters at their time of receipt; what ``~/state``
+    has, at its stamps, by topic and name such as ``/controller/state/error``; ``messages`` counts every topic.
+    ``in_use``: from when on the controller used which version of its parameters, and these by name.
     """
 
     joint_states: Series
@@ -154,6 +155,11 @@ def read_bag(path: str | Path, *, motor_joint: str = "motor", load_joint: str = 
                 in_use.append(_in_use(message))
             elif connection.msgtype == "rcl_interfaces/msg/ParameterEvent":
                 parameters += [(received, p.name, p.value) for p in message.changed_parameters]
+            elif connection.topic.endswith("/state") and connection.msgtype == "diagnostic_msgs/msg/DiagnosticArray":
+                for entry in message.status[0].values:
+                    times, values = scalars.setdefault(f"{connection.topic}/{entry.key}", ([], []))
+                    times.append(_stamp(message.header.stamp))
+                    values.append(float(entry.value))
             elif np.size(data := getattr(message, "data", ())) and np.asarray(data).dtype.kind in "biuf":
                 times, values = scalars.setdefault(connection.topic, ([], []))
                 times.append(received)

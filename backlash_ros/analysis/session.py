@@ -101,7 +101,7 @@ def judge_load_step(recording: Recording, interval: Interval, torque: float, dri
     part = recording.joint_states.between(interval.start, interval.end)
     b = drive.gear.backlash_angle
     error = (part.values[:, 3] - interval.target) / b
-    estimates = recording.scalars["/controller/load_torque_estimate"].between(interval.start, interval.end)
+    estimates = recording.scalars["/controller/state/load_torque"].between(interval.start, interval.end)
     tail = error[part.time >= interval.end - 1.0]
     return LoadStep(
         torque=torque,
@@ -156,7 +156,7 @@ def plot_session(
     near.set_title("The same, near the target")
     near.legend(loc="lower right", fontsize="small", ncols=2)
     part = recording.joint_states.between(load.start - 0.2, load.end)
-    estimate = recording.scalars["/controller/load_torque_estimate"].between(load.start - 0.2, load.end)
+    estimate = recording.scalars["/controller/state/load_torque"].between(load.start - 0.2, load.end)
     loaded.plot(part.time - load.start, (part.values[:, 3] - load.target) / b, color="black", label="error")
     loaded.set(xlim=(-0.2, 1.5), xlabel="time after the load torque, s", ylabel="error, in units of the backlash")
     loaded.set_title("A load torque comes on, two-region law")

@@ -11,7 +11,7 @@ from backlash_ros.control.experiments import EXPERIMENTS
 from backlash_ros.control.law import REGION
 from backlash_ros.control.laws import design_law
 from backlash_ros.control.limits import Limits
-from backlash_ros.control.monitoring.faults import Fault, describe_fault
+from backlash_ros.control.monitoring.faults import describe_fault
 from backlash_ros.control.monitoring.monitor import forget_ends, monitor_constants
 from backlash_ros.control.monitoring.plausibility import plausibility_constants
 from backlash_ros.control.observer import estimate_of
@@ -35,13 +35,14 @@ from backlash_ros.control.tick import (
 )
 from backlash_ros.drivetrain import Drive, Validated
 from backlash_ros.drivetrain.signals import LOAD_TORQUE, POSITION, THETA_L, Array, Estimate, Measurement, Setpoint
+from backlash_ros.gates.faults import Fault
 
 
 class Servo:
     """The servo of one axis: the tick around one plan of the setpoint, and an experiment beside it.
 
-    After construction and after every `release` it holds the position of the first sample it sees. A ``fault``, found
-    by the tick or told by `fail`, is latched: 0 V until `reset`.
+    After construction and after every `release` it holds the position of the first sample it sees. A fault, found by
+    the tick or told by `fail`, is ``latched``, with its text in ``fault``: 0 V until `reset`.
 
     Parameters
     ----------
@@ -59,7 +60,7 @@ class Servo:
         self, drive: Drive, settings: ServoSettings, limits: Limits | None = None, *, watched: bool = True
     ) -> None:
         self.drive = drive
-        self.fault = ""
+        self.latched, self.fault = Fault.NONE, ""
         self.memory = TickMemory()
         self.estimate: Estimate = estimate_of(self.memory.observer)
         self._inputs = np.zeros(INPUTS)
@@ -127,14 +128,15 @@ class Servo:
         self._hold()
         self.cancel(reason)
 
-    def fail(self, fault: str) -> None:
+    def fail(self, fault: Fault, why: str) -> None:
         """Latch a fault, unless there is one: let go of the drive, 0 V until `reset`."""
-        self.fault = self.fault or fault
-        self.release(fault)
+        if not self.latched:
+            self.latched, self.fault = fault, why
+        self.release(why)
 
     def reset(self) -> None:
         """Forget the fault; hold the position of the next sample."""
-        self.fault = ""
+        self.latched, self.fault = Fault.NONE, ""
         self.release("reset")
 
     # The reference.
@@ -150,7 +152,7 @@ class Servo:
         segments = np.ascontiguousarray(source.segments(Setpoint(self.memory.setpoint.copy())), dtype=np.float64)
         _, end, least, largest = extent(segments)
         for hindered, why in (
-            (bool(self.fault), "while a fault is latched"),
+            (bool(self.latched), "while a fault is latched"),
             (self.experimenting, "while learning"),
             (not self.holding, "while no position is held"),
         ):
@@ -227,6 +229,11 @@ class Servo:
         """How far the experiment is, from 0 to 1; 0 where there is none."""
         return 0.0 if self._experiment is None else self._experiment.progress
 
+    @property
+    def excitation(self) -> Excitation:
+        """What the experiment asked of the last sample."""
+        return Excitation(float(self._inputs[OFFSET]), float(self._inputs[TORQUE]))
+
     def experiment_refusal(self, name: str = "limit_cycle", parameters: Validated | None = None) -> str:
         """Return why an experiment would go beyond the limits from where the load is held; empty where not."""
         chosen = EXPERIMENTS.choose("learning.experiment", name)
@@ -290,7 +297,7 @@ class Servo:
         measured : this sample; nan where not measured
         elapsed : since the sample before, s; the period by default
         """
-        if self.fault:
+        if self.latched:
             return 0.0
         inputs, acting = self._inputs, self._chosen
         inputs[ELAPSED] = elapsed or self.settings.period
@@ -304,7 +311,8 @@ class Servo:
             self.constants, self.memory.row, acting.law.constants, acting.state, self.segments, measured, inputs
         )
         if self.memory.out[FAULT]:
-            self.fail(describe_fault(Fault(int(self.memory.out[FAULT])), fault_details(self.memory), self.limits))
+            fault = Fault(int(self.memory.out[FAULT]))
+            self.fail(fault, describe_fault(fault, fault_details(self.memory), self.limits))
         return command
 
     # For compiled loops, which call the tick themselves.

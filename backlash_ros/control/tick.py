@@ -16,7 +16,7 @@ from numba.np.unsafe import ndarray as numba_arrays
 
 from backlash_ros.control.command_range import RangeConstants, command_of, voltage_range
 from backlash_ros.control.law import LawStep
-from backlash_ros.control.monitoring.faults import DETAILS, Fault
+from backlash_ros.control.monitoring.faults import DETAILS
 from backlash_ros.control.monitoring.monitor import (
     MonitorConstants,
     monitor_memory,
@@ -46,6 +46,7 @@ from backlash_ros.drivetrain.signals import (
     as_measurement,
     as_setpoint,
 )
+from backlash_ros.gates.faults import Fault
 
 _NONE, _NOT_FINITE = int(Fault.NONE), int(Fault.NOT_FINITE)
 _MOTOR_CURRENT, _MOTOR_SPEED, _LOAD_SPEED = (
@@ -62,12 +63,12 @@ INPUTS = 4
 MISSING = 1.5
 """Periods between two samples from which on one between them is missing."""
 
-COMMAND, FAULT, PLAN_TIME = range(3)
-"""What a tick leaves in `TickMemory.out`: the command in force (V or A), the `Fault`, the time since the plan began, s;
-after them the fault's details."""
+COMMAND, FAULT, PLAN_TIME, LOW, HIGH = range(5)
+"""What a tick leaves in `TickMemory.out`: the command in force (V or A), the `Fault`, the time since the plan began, s,
+the least and the largest voltage that the law might ask for (V); after them the fault's details."""
 NOT_BEGUN = -1.0
 """Plan time of a plan that begins with the next sample."""
-_DETAILS = 3
+_DETAILS = HIGH + 1
 
 
 class TickConstants(NamedTuple):
@@ -227,6 +228,7 @@ def _tick(
     # What an experiment adds is taken off the range: the law and it together keep to it.
     added = inputs[TORQUE] * constants.range.feedforward
     low, high = voltage_range(constants.range, estimate)
+    out[LOW], out[HIGH] = low, high
     added = min(max(added, low), high) if added != 0.0 else 0.0
     voltage = law_step(law, state, estimate, setpoint, low - added, high - added) + added
     if not low <= voltage <= high and math.isfinite(voltage):  # a law keeps to its range; the motor does in any case

@@ -93,7 +93,7 @@ class Session:
         self._answers: list[float] = []
         node.create_subscription(JointState, "joint_states", self._on_joint_states, WATCH)
         node.create_subscription(Float64MultiArray, "command", self._on_command, WATCH)
-        node.create_subscription(Float64, "controller/tracking_error", self._on_error, RECEIVE)
+        node.create_subscription(DiagnosticArray, "controller/state", self._on_state, RECEIVE)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, WATCH)
         self._learn = node.create_client(Trigger, "controller/learn")
         self._parameters = AsyncParameterClient(node, "controller")
@@ -106,8 +106,8 @@ class Session:
     def _on_command(self, _message: Float64MultiArray, info: dict[str, int]) -> None:
         self._answers.append(1e-9 * info["source_timestamp"])
 
-    def _on_error(self, _message: Float64) -> None:
-        self._closed = True
+    def _on_state(self, message: DiagnosticArray) -> None:
+        self._closed = any(entry.key == "holding" and entry.value == "1" for entry in message.status[0].values)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

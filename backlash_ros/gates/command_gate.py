@@ -86,6 +86,11 @@ class CommandGate:
             self._sent[self._newest].repeated = True
 
     @property
+    def value(self) -> float:
+        """What the motor got when it was last asked or told."""
+        return self._value
+
+    @property
     def expires(self) -> int | None:
         """When the command in force is too old, ns; None where the motor gets nothing, and in lockstep."""
         return self._since + self._timeout if self._value and not self._lockstep else None

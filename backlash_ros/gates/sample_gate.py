@@ -131,9 +131,14 @@ class SampleGate:
         if not self.fault:
             self.fault, self.why = fault, why
 
-    def _drop(self, action: Action, reason: str) -> Judged:
+    def drop(self, reason: str) -> None:
+        """Count a message that is of no use, here or of another topic."""
         self.dropped += 1
-        self.last_dropped = self._refused = reason
+        self.last_dropped = reason
+
+    def _drop(self, action: Action, reason: str) -> Judged:
+        self.drop(reason)
+        self._refused = reason
         return Judged(action, 0, reason)
 
     def _changed(self, joints: tuple[bool, ...]) -> str:

@@ -1,45 +1,50 @@
 """The drive, simulated: publishes joint states at a fixed rate and takes the motor's voltage or current.
 
-Simulated time goes with the steady clock, one period a beat, ``real_time_factor`` times as fast. The command that
+Simulated time goes with the steady clock, one period a turn, ``real_time_factor`` times as fast. The command that
 arrives after sample k acts from sample k on, as if the controller took no time, so that the loop equals the offline one
-as long as every answer comes within its period. A beat that comes late is made good by moving the plant on, not by
+as long as every answer comes within its period. A turn that comes late is made good by moving the plant on, not by
 extra samples. In ``lockstep`` the next sample waits for the answer to the last one, and time is the plant's alone: the
 loop then equals the offline one whatever the machine does, and runs as fast as the graph allows.
 
-An answer says which sample it is for, in the label of its layout. That is how lockstep knows its answer, how a second
-controller is found out, and how old a command is: as old as that sample, however long it waited on the way.
+What the motor gets is decided by `backlash_ros.gates.CommandGate`, what moves by `backlash_ros.simulation`.
 """
 
 import math
-from collections import OrderedDict, deque
 from collections.abc import Sequence
 
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock as SystemClock
+from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
-from backlash_ros.drivetrain import IntegrationError, Plant, Quantity
-from backlash_ros.ros.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
+from backlash_ros.drivetrain import IntegrationError, Quantity
+from backlash_ros.drivetrain.delay import Delay
+from backlash_ros.drivetrain.signals import CURRENT
+from backlash_ros.gates import CommandGate, Fault
+from backlash_ros.ros.diagnostics import ERROR, OK, WARN, Since, Window, milliseconds, rate_level, status
 from backlash_ros.ros.lifecycle import ManagedNode
-from backlash_ros.ros.messages import label_of, stamp_label
+from backlash_ros.ros.messages import answered_sample, fill_joint_state, to_stamp
 from backlash_ros.ros.parameters import (
     declare_drive,
     declare_joints,
     declare_number,
+    declare_quantities,
     declare_rate,
+    declare_sensors,
     declare_timeout,
     describe,
+    sensors_of,
+    take,
 )
 from backlash_ros.ros.run import run
-from backlash_ros.ros.timer import Timer, now
+from backlash_ros.ros.timer import Timer, in_ns, now, now_ns
+from backlash_ros.simulation import SimulatedDrive
 
 _REPEAT = 0.04
 """Silence after which a sample in lockstep is sent again, s: best effort may lose it, and a watchdog waits for it."""
-
-_TWO = "two controllers on command: one sample was answered twice"
 
 
 class PlantSimulator(ManagedNode):
@@ -53,254 +58,233 @@ class PlantSimulator(ManagedNode):
         self._drive = declare_drive(self)
         self._joints = declare_joints(self)
         self._rate = declare_rate(self)
-        self._period = 1.0 / self._rate
-        factor = Quantity("simulated time over real time", "", 0.0, 100.0, True)
-        self._beat_time = self._period / declare_number(self, "real_time_factor", 1.0, factor)
+        period = 1.0 / self._rate
+        factor = declare_number(
+            self, "real_time_factor", 1.0, Quantity("simulated time over real time", "", 0.0, 100.0, True)
+        )
+        self._turn = period / factor
         text = "wait for the answer to each sample; time is then the plant's, published on /clock"
         self._lockstep = bool(self.declare_parameter("lockstep", False, describe(text, read_only=True)).value)
         text = "silence on command after which the motor gets 0 V; an answer is as old as the sample that it names"
-        self._command_timeout = declare_timeout(self, "command_timeout", text, self._beat_time)
+        timeout = declare_timeout(self, "command_timeout", text, self._turn)
+        self._values = declare_sensors(self)
+        self._delay = take(Delay, declare_quantities(self, Delay(), read_only=True))
+        self._seed = declare_number(self, "seed", 0, Quantity("of noise and jitter", "", 0, 2**31 - 1, whole=True))
+        self._simulated = self._at_rest()
+        self._gate = CommandGate(in_ns(timeout), self._drive.command_unit, lockstep=self._lockstep)
         self._wall = SystemClock()  # whatever use_sim_time says: time comes from a drive, not to it
-        self._fault = ""
-        self._ticks = self._rejected = self._late = self._beats = self._answered = self._answered_late = 0
-        self._step_time = Window()
-        self._seen = now(), 0, 0, 0
+        self._own_time = self._lockstep or factor != 1.0
+        self._load_torque = 0.0
+        self._ticks = self._samples = self._late = self._rejected = self._due = 0
+        self._start = self._sent_at = 0.0
+        self._told = Fault.NONE
+        self._step_time, self._since = Window(), Since()
+        self._sample = JointState()
+        self._states = self.speak(JointState, "joint_states")
+        self._clock_topic = self.speak(Clock, "/clock") if self._own_time else None
+        self.listen(Float64MultiArray, "command", self._on_command)
+        self.listen(Float64, "load_torque", self._on_load_torque)
+        self.add_on_set_parameters_callback(self._validate)
+        self.add_post_set_parameters_callback(self._measure)
+        self._timer = Timer(_REPEAT, self._repeat) if self._lockstep else Timer(self._turn, self._go_on)
         self._together = [] if together is None else together
         self._together.append(self)
         alike = {(axis._lockstep, axis._rate) for axis in self._together}
         if len(alike) > 1 and any(lockstep for lockstep, _ in alike):
             raise ValueError("lockstep must be the same, and rate too, for all axes of one process")
 
+    def _at_rest(self) -> SimulatedDrive:
+        sensors = sensors_of(self._values)
+        made = SimulatedDrive(self._drive, 1.0 / self._rate, sensors=sensors, delay=self._delay, seed=self._seed)
+        made.sample()
+        return made
+
     # The lifecycle.
 
     def configure(self) -> None:
-        """Compile the plant, at rest in the middle of the gap, and take up the topics."""
-        self._plant = Plant(self._drive)
-        self._plant.advance(0.0, 0.0, self._period)  # compiles, or loads what was compiled before
-        self._plant = Plant(self._drive)
-        self._value = self._load_torque = 0.0
-        self._sample = JointState(name=list(self._joints))
-        self._states = self.speak(JointState, "joint_states")
-        self._clock_publisher = self.speak(Clock, "/clock") if self._own_time else None
-        self._fault = ""
-        self._first = math.inf
-        self.listen(Float64MultiArray, "command", self._on_command)
-        self.listen(Float64, "load_torque", self._on_load_torque)
+        """Compile the plant, at rest in the middle of the gap."""
+        self._simulated.advance(0.0)  # compiles, or loads what was compiled before
+        self._simulated, self._load_torque = self._at_rest(), 0.0
+        self._gate.reset()
+        self._told = Fault.NONE
 
     def activate(self) -> None:
         """Begin to publish."""
-        self._value = 0.0
+        self._gate.open()
         self._ticks = max(axis._ticks for axis in self._together)  # one time for all
-        self._label, self._waiting, self._repeated = "", False, False
-        self._replied: deque[str] = deque(maxlen=16)
-        self._sent: OrderedDict[str, float] = OrderedDict()
-        self._last_command = self._last_answer = -math.inf
-        self._outdated = ""
-        self._last_beat = now()
         self._due = 0
-        self._seen = self._last_beat, self._beats, self._late, self._answered
+        # Axes of one process take turns: at once, the last one would wait for all the others each time.
+        self._timer.restart(0.0 if self._lockstep else self._turn * self._together.index(self) / len(self._together))
+        self._start = self._timer.due - self._turn
+        self.own_timers.append(self._timer)
         if self._lockstep:
             self._publish()
-            self._timer = Timer(_REPEAT, self._repeat)
-        else:
-            # Axes of one process take turns: at once, the last one would wait for all the others each time.
-            turn = self._together.index(self) / len(self._together)
-            self._timer = Timer(self._beat_time, self._beat, turn * self._beat_time)
-            self._start = self._timer.due - self._beat_time
-        self.own_timers.append(self._timer)
-        speed = "in lockstep" if self._lockstep else f"{self._period / self._beat_time:g} times real time"
+        speed = "in lockstep" if self._lockstep else f"{1.0 / self._rate / self._turn:g} times real time"
         self.get_logger().info(
             f"simulating at {self._rate:g} Hz, {speed}, backlash {self._drive.gear.backlash_angle:g} rad at the output"
         )
 
     def deactivate(self) -> None:
         """Take the command off and stand still: no time passes while not active."""
-        self._value = 0.0
+        self._gate.open()
         self.own_timers.remove(self._timer)
-        self.get_logger().info(f"stopped after {self._beats} beats, {self._late} of them late")
+        self.get_logger().info(f"stopped after {self._samples} samples, {self._late} of them late")
+
+    # Parameters.
+
+    def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            sensors_of(self._values | {p.name: p.value for p in parameters if p.name in self._values})
+        except ValueError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _measure(self, parameters: list[Parameter]) -> None:
+        self._values |= {p.name: p.value for p in parameters if p.name in self._values}
+        self._simulated.use(sensors_of(self._values))
 
     # Faults.
 
-    def _fail(self, fault: str) -> None:
-        self._value = 0.0
-        if self._fault:
-            return
-        self._fault = fault
-        self.get_logger().error(f"{fault}: motor at 0 {self._drive.command_unit} until reset_fault")
-        self.publish_diagnostics()
+    def _tell_fault(self) -> None:
+        """Say a fault that was latched just now."""
+        before, self._told = self._told, self._gate.fault
+        if self._told and self._told is not before:
+            unit = self._drive.command_unit
+            self.get_logger().error(f"{self._told.name}: {self._gate.why}: motor at 0 {unit} until reset_fault")
+            self.publish_diagnostics()
 
     def reset_fault(self) -> tuple[bool, str]:
         """Forget a latched fault; the motor takes commands again."""
-        forgotten, self._fault = self._fault, ""
-        return True, f"reset: {forgotten}" if forgotten else "there was no fault"
+        fault, text = self._gate.fault, self._gate.why
+        self._gate.reset()
+        self._told = Fault.NONE
+        return True, f"reset {fault.name}: {text}" if fault else "there was no fault"
 
-    # Commands.
+    # What comes.
 
-    def _reject(self, what: str) -> None:
-        self._rejected += 1
-        self.get_logger().warning(f"{what}; {self._rejected} messages rejected so far", throttle_duration_sec=1.0)
+    def _warn(self, what: str) -> None:
+        rejected = self._rejected + self._gate.rejected
+        self.get_logger().warning(f"{what}; {rejected} messages rejected so far", throttle_duration_sec=1.0)
 
     def _on_command(self, message: Float64MultiArray) -> None:
-        label = label_of(message)
         if not self.active:
             return
-        if self._lockstep and not (self._waiting and label == self._label):
-            if label in self._replied:
-                self._fail(_TWO)
-            return
-        at = now()
-        outdated = label not in self._sent and self._forgotten(label)
-        if not outdated and label not in self._sent:
-            label = ""  # it names no sample of this drive: a recording that is played, say
-        sent = -math.inf if outdated else self._sent.get(label, at)
-        if not message.data or not math.isfinite(message.data[0]):
-            self._rejected += 1
-            self._fail(f"command must hold one finite number, in {self._drive.command_unit}, got {list(message.data)}")
-        elif label in self._replied:
-            self._fail(_TWO)
-        elif not label and message.data[0] and at - self._last_answer < self._command_timeout:
-            foreign = f"{message.data[0]:g} {self._drive.command_unit}"
-            self._fail(f"a second publisher on command: {foreign} between a controller's answers")
-        elif message.data[0] and at - sent >= self._command_timeout and not self._lockstep:
-            self._outdated = ", only answers to samples that are older"
-            self._reject(f"command answers a sample that is older than command_timeout = {self._command_timeout:g} s")
-        elif not self._fault:
-            self._value, self._outdated = message.data[0], ""
-        self._last_command = max(self._last_command, sent)
-        if label:
-            self._last_answer = max(self._last_answer, sent)
-            if not self._repeated:  # one controller may well answer twice then
-                self._replied.append(label)
-            in_period = label == self._label
-            self._answered += in_period
-            self._answered_late += not in_period
-        if self._lockstep:
-            self._waiting = False
+        if not self._lockstep and self._timer.overdue > self._turn:
+            self._timer.call()  # first what was before: the motor had what it had
+        if why := self._gate.command(message.data, answered_sample(message), now_ns()):
+            self._warn(why)
+        self._tell_fault()
+        if self._lockstep and not self._gate.waiting:
             self._step_together()
-
-    def _forgotten(self, label: str) -> bool:
-        """Whether a label that is not remembered is that of a sample sent since `configure`."""
-        return bool(label) and self._first <= float(label) < float(next(iter(self._sent), math.inf))
 
     def _on_load_torque(self, message: Float64) -> None:
         if not math.isfinite(message.data):
-            self._reject(f"load_torque must be finite, in N m, got {message.data}: kept {self._load_torque:g}")
+            self._rejected += 1
+            self._warn(f"load_torque must be finite, in N m, got {message.data}: kept {self._load_torque:g}")
             return
         self._load_torque = message.data
 
     # Time.
 
-    @property
-    def _own_time(self) -> bool:
-        return self._lockstep or self._beat_time != self._period
-
     def _step_together(self) -> None:
         """In lockstep: when every axis of this process has its answer, all go on."""
         axes = [axis for axis in self._together if axis.active]
-        if any(axis._waiting for axis in axes):
+        if any(axis._gate.waiting for axis in axes):
             return
         for axis in axes:
-            axis._advance(1)
+            axis._advance(1, axis._gate.output(now_ns()))
         for axis in axes:
             axis._publish()
 
     def _repeat(self) -> None:
-        if not self._waiting:
+        if not self._gate.waiting:
             self._step_together()  # the axis that the others waited for may be active no more
-        elif now() - self._last_beat > _REPEAT:
-            self._repeated = True
+        elif now() - self._sent_at > _REPEAT:
+            self._gate.sent_again()
             self._states.publish(self._sample)
 
-    def _beat(self) -> None:
-        at, stamp = now(), self._wall.now().to_msg()  # when the plant is there, however long the rest takes
-        due = max(1, round((at - self._start) / self._beat_time) - self._due)
+    def _go_on(self) -> None:
+        """Make the periods that are due, under what the motor had, and publish where that leads."""
+        at, wall = now(), self._wall.now().nanoseconds  # when the plant is there, however long the rest takes
+        due = max(1, round((at - self._start) / self._turn) - self._due)
         self._due += due
         self._late += due - 1
-        silence = at - self._last_command - self._command_timeout
-        if self._value and silence > 0:
-            # However late this beat is, the motor was powered no longer than the watchdog lets it.
-            powered = max(0, due - math.floor(silence / self._beat_time))
-            self._advance(powered)
+        expires, before = self._gate.expires, self._gate.value
+        command = self._gate.output(in_ns(at))
+        if expires is not None and self._gate.fault:
+            # However late this is, the motor was powered no longer than the watchdog lets it.
+            powered = max(0, due - math.floor((in_ns(at) - expires) / in_ns(self._turn)))
+            self._advance(powered, before)
             due -= powered
-            self._fail(f"no command for {self._command_timeout:g} s{self._outdated}")
-        self._advance(due)
-        self._publish(stamp)
+        self._advance(due, command)
+        self._tell_fault()
+        self._publish(wall)
 
-    def _advance(self, periods: int) -> None:
+    def _advance(self, periods: int, command: float) -> None:
         began = now()
         try:
-            self._plant.advance(self._value, self._load_torque, periods * self._period)
+            for _ in range(periods):
+                self._simulated.advance(command, self._load_torque)
+                self._simulated.sample()
         except IntegrationError as error:
             torque, self._load_torque = self._load_torque, 0.0
-            self._fail(f"cannot simulate with load_torque {torque:g} N m, which is 0 again: {error}")
+            why = f"cannot simulate with load_torque {torque:g} N m, which is 0 again: {error}"
+            self._gate.fail(Fault.CANNOT_SIMULATE, why)
+            self._tell_fault()
         self._ticks += periods
         self._step_time.add(now() - began)
 
-    def _publish(self, stamp: Time | None = None) -> None:
-        plant = self._plant
-        if stamp is None or self._own_time:
-            seconds, nanoseconds = divmod(round((self._ticks + 1) * self._period * 1e9), 10**9)
-            stamp = Time(sec=seconds, nanosec=nanoseconds)
-        message = self._sample
-        message.header.stamp = stamp
-        message.position = [plant.motor_angle, plant.load_angle]
-        message.velocity = [plant.motor_speed, plant.load_speed]
-        message.effort = [plant.motor_torque, plant.gear_torque]
+    def _publish(self, wall: int = 0) -> None:
+        arrives = round((self._ticks + 1) * 1e9 / self._rate) if self._own_time else wall
+        stamp = arrives - in_ns(self._simulated.age)  # when it was measured
+        measured = self._simulated.measured
+        torques = self._drive.motor.torque_constant * float(measured[CURRENT]), self._simulated.gear_torque
+        fill_joint_state(self._sample, self._joints, measured, torques)
+        self._sample.header.stamp = to_stamp(stamp)
         before = self._together[: self._together.index(self)]
-        if self._clock_publisher is not None and not any(axis.active for axis in before):
-            self._clock_publisher.publish(Clock(clock=stamp))
-        self._label, self._waiting, self._repeated, self._last_beat = stamp_label(stamp), True, False, now()
-        self._sent[self._label] = self._last_beat
-        while next(iter(self._sent.values())) < self._last_beat - self._command_timeout:
-            self._sent.popitem(last=False)
-        self._first = min(self._first, float(self._label))
-        self._beats += 1
-        self._states.publish(message)
+        if self._clock_topic is not None and not any(axis.active for axis in before):
+            self._clock_topic.publish(Clock(clock=to_stamp(arrives)))
+        self._sent_at = now()
+        self._gate.sent(stamp, now_ns())
+        self._samples += 1
+        self._states.publish(self._sample)
 
     # Diagnostics.
 
     def statuses(self) -> Sequence[DiagnosticStatus]:
-        """Say what the motor gets, how steady the beat is and how many samples were answered in time."""
-        at, before = now(), self._seen
-        self._seen = at, self._beats, self._late, self._answered
-        passed, beats, late, answered = (new - old for new, old in zip(self._seen, before, strict=True))
+        """Say what the motor gets, how steadily samples leave and how many were answered in time."""
+        gate = self._gate
+        grown = self._since.look(at=now(), samples=self._samples, late=self._late, answered=gate.answered)
         name, hardware = self.get_fully_qualified_name(), "simulated drive"
-        drive = [(ERROR, self._fault) if self._fault else (OK, self.state)]
+        drive = [(ERROR, gate.why) if gate.fault else (OK, self.state)]
         if self.mismatches:
             drive.append((WARN, f"{self.mismatches} publishers of a quality of service that does not match"))
         timing = []
-        if self.active and beats and not self._lockstep:
-            timing.append(rate_level(beats / passed, 1.0 / self._beat_time))
-            if late:
-                timing.append((WARN, f"{late} beats late within {passed:.1f} s"))
+        if self.active and grown["samples"] and not self._lockstep:
+            timing.append(rate_level(grown["samples"] / grown["at"], 1.0 / self._turn))
+            if grown["late"]:
+                timing.append((WARN, f"{grown['late']} samples late within {grown['at']:.1f} s"))
+        said = {
+            "state": self.state,
+            "fault": gate.why,
+            "fault_name": gate.fault.name if gate.fault else "",
+            f"command_{self._drive.command_unit}": gate.value,
+            "load_torque_Nm": self._load_torque,
+            "messages_rejected": self._rejected + gate.rejected,
+        }
+        paced = {
+            "rate_Hz": f"{grown['samples'] / grown['at']:.2f}",
+            "nominal_rate_Hz": f"{1.0 / self._turn:g}",
+            "samples": self._samples,
+            "late_samples": self._late,
+            "answered_in_period": gate.answered,
+            "answered_late": gate.answered_late,
+            "answered_percent": f"{100 * grown['answered'] / grown['samples']:.2f}" if grown["samples"] else "",
+            "integration": milliseconds(self._step_time.take()),
+        }
         return [
-            status(
-                f"{name}: drive",
-                hardware,
-                drive,
-                {
-                    "state": self.state,
-                    "fault": self._fault,
-                    f"command_{self._drive.command_unit}": getattr(self, "_value", 0.0),
-                    "load_torque_Nm": getattr(self, "_load_torque", 0.0),
-                    "messages_rejected": self._rejected,
-                },
-            ),
-            status(
-                f"{name}: timing",
-                hardware,
-                timing or [(OK, self.state)],
-                {
-                    "rate_Hz": f"{beats / passed:.2f}",
-                    "nominal_rate_Hz": f"{1.0 / self._beat_time:g}",
-                    "samples": self._beats,
-                    "late_beats": self._late,
-                    "answered_in_period": self._answered,
-                    "answered_late": self._answered_late,
-                    "answered_percent": f"{100 * answered / beats:.2f}" if beats else "",
-                    "integration": milliseconds(self._step_time.take()),
-                },
-            ),
+            status(f"{name}: drive", hardware, drive, said),
+            status(f"{name}: timing", hardware, timing or [(OK, self.state)], paced),
         ]
 
 

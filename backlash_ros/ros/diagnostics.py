@@ -12,6 +12,10 @@ RATE_WARN, RATE_ERROR = 0.05, 0.2
 """Deviation of the measured rate, relative to the nominal one, that is a warning, and that is an error."""
 
 
+CLOCKS_DIFFER = 10.0
+"""Age of a sample that says more of the clocks than of the sample, s."""
+
+
 class Window:
     """Values gathered since the last look."""
 
@@ -29,6 +33,24 @@ class Window:
         return sum(values) / len(values), values[math.ceil(0.99 * len(values)) - 1], values[-1]
 
 
+class Since:
+    """How much counts have grown since the last look."""
+
+    def __init__(self) -> None:
+        self._seen: dict[str, float] = {}
+
+    @property
+    def looked(self) -> bool:
+        """Whether there was a look before."""
+        return bool(self._seen)
+
+    def look(self, **counts: float) -> dict[str, float]:
+        """Return the growth of each count; all of it the first time."""
+        grown = {name: count - self._seen.get(name, 0) for name, count in counts.items()}
+        self._seen = counts
+        return grown
+
+
 def milliseconds(statistics: Sequence[float]) -> str:
     """Return mean, p99 and maximum in words, from seconds."""
     mean, p99, largest = (1e3 * value for value in statistics)
@@ -40,6 +62,13 @@ def rate_level(measured: float, nominal: float) -> tuple[bytes, str]:
     deviation = abs(measured / nominal - 1.0)
     level = ERROR if not deviation <= RATE_ERROR else WARN if deviation > RATE_WARN else OK
     return level, f"{measured:.1f} Hz, nominal {nominal:g} Hz"
+
+
+def age_level(age: Sequence[float], longest: float) -> tuple[bytes, str]:
+    """Return level and text for the age of samples, s: mean, 99th percentile and maximum."""
+    if abs(age[0]) > CLOCKS_DIFFER:
+        return WARN, f"joint_states are {age[0]:.3g} s old: clocks differ, or use_sim_time does"
+    return (WARN if age[1] > longest else OK), f"joint_states are {age[1]:.3g} s old"
 
 
 def status(

@@ -23,6 +23,30 @@ RESULT = TransitionCallbackReturn
 E = TypeVar("E")
 
 
+class Outlet:
+    """A topic that a node speaks on while it is configured."""
+
+    def __init__(self) -> None:
+        self._publisher: Publisher | None = None
+
+    def open(self, publisher: Publisher) -> None:
+        """Speak by ``publisher`` from now on."""
+        self._publisher = publisher
+        self.publish = publisher.publish  # without a detour: it is on the way of each sample
+
+    def close(self) -> None:
+        """Speak no more."""
+        self._publisher = None
+        del self.publish
+
+    @property
+    def publisher(self) -> Publisher:
+        """The publisher; RuntimeError while the node is not configured."""
+        if self._publisher is None:
+            raise RuntimeError("there is no publisher while the node is not configured")
+        return self._publisher
+
+
 class ManagedNode(LifecycleNode):
     """A managed node with a motor behind it.
 
@@ -39,6 +63,7 @@ class ManagedNode(LifecycleNode):
         self.autostart = bool(self.declare_parameter("autostart", True, describe(text, read_only=True)).value)
         self.mismatches = 0
         self._held = ExitStack()
+        self._topics: list[Callable[[], None]] = []
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", SEND)
         self.create_service(Trigger, "~/reset_fault", self._on_reset)
         self.own_timers = [Timer(1.0, self.publish_diagnostics)]
@@ -46,7 +71,7 @@ class ManagedNode(LifecycleNode):
     # For subclasses.
 
     def configure(self) -> None:
-        """Compile, design, and take up the topics, each through `held`; ValueError refuses."""
+        """Compile and design; the topics are there by now. ValueError refuses."""
         raise NotImplementedError
 
     def activate(self) -> None:
@@ -56,6 +81,9 @@ class ManagedNode(LifecycleNode):
     def deactivate(self) -> None:
         """Put 0 V out and end."""
         raise NotImplementedError
+
+    def state_changed(self) -> None:
+        """Take note that the node is active now, or no more."""
 
     def reset_fault(self) -> tuple[bool, str]:
         """Forget a latched fault; return whether that was possible, and what was forgotten or why not."""
@@ -89,13 +117,23 @@ class ManagedNode(LifecycleNode):
         self._held.callback(destroy, entity)
         return entity
 
-    def speak(self, kind: type, topic: str, qos: QoSProfile = SEND) -> Publisher:
+    def speak(self, kind: type, topic: str, qos: QoSProfile = SEND) -> "Outlet":
         """Return a publisher that is there while configured; its quality of service can be overridden."""
+        outlet = Outlet()
+        self._topics.append(lambda: self._open(outlet, kind, topic, qos))
+        return outlet
+
+    def _open(self, outlet: "Outlet", kind: type, topic: str, qos: QoSProfile) -> None:
         made = self.create_publisher(kind, topic, qos, qos_overriding_options=overridable())
-        return self.held(made, self.destroy_publisher)
+        self.held(made, self.destroy_publisher)
+        outlet.open(made)
+        self.held(outlet, Outlet.close)
 
     def listen(self, kind: type, topic: str, callback: Callable[[Any], None]) -> None:
         """Take control data while configured; a publisher whose quality of service does not match is reported."""
+        self._topics.append(lambda: self._hear(kind, topic, callback))
+
+    def _hear(self, kind: type, topic: str, callback: Callable[[Any], None]) -> None:
         made = self.create_subscription(
             kind,
             topic,
@@ -105,6 +143,10 @@ class ManagedNode(LifecycleNode):
             event_callbacks=self._mismatch_events(topic),
         )
         self.held(made, self.destroy_subscription)
+
+    def _take_up_topics(self) -> None:
+        for open_topic in self._topics:
+            open_topic()
 
     def prepare(self) -> None:
         """Configure where ``autostart`` says so; RuntimeError where that fails."""
@@ -151,15 +193,17 @@ class ManagedNode(LifecycleNode):
     def _begin(self) -> None:
         self.activate()
         self._active = True
+        self.state_changed()
 
     def _end(self) -> None:
         if self._active:
             self.deactivate()
             self._active = False
+            self.state_changed()
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Compile, design, take up the topics."""
-        result = self._guarded("configure", self.configure)
+        result = self._guarded("configure", self._take_up_topics, self.configure)
         if result != RESULT.SUCCESS:
             self._held.close()
         return result

@@ -10,7 +10,18 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement
 
-_STAMP = re.compile(r"-?\d+\.\d{9}")
+_STAMP = re.compile(r"(-?\d+)\.(\d{9})")
+
+
+def stamp_ns(stamp: Time) -> int:
+    """Return a stamp in ns; so gates name a sample."""
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+def to_stamp(ns: int) -> Time:
+    """Return ns as a stamp."""
+    seconds, nanoseconds = divmod(ns, 10**9)
+    return Time(sec=seconds, nanosec=nanoseconds)
 
 
 def stamp_label(stamp: Time) -> str:
@@ -32,12 +43,22 @@ def label_of(command: Float64MultiArray) -> str:
     return label if _STAMP.fullmatch(label) else ""
 
 
+def answered_sample(command: Float64MultiArray) -> int | None:
+    """Return the stamp of the sample that a command answers, ns; None where it names none."""
+    named = _STAMP.fullmatch(command.layout.dim[0].label) if command.layout.dim else None
+    return None if named is None else int(named[1]) * 10**9 + int(named[2])
+
+
 LARGEST = 1e9
 """Beyond this no angle (rad), speed (rad/s) or torque (N m) is one that was measured."""
 
 
 class BadSampleError(ValueError):
     """A message that cannot be used; the text says why."""
+
+
+class NotOurJointsError(Exception):
+    """A message of other joints: several drives may share a topic."""
 
 
 def _usable(what: str, joint: str, value: float, unit: str) -> float:
@@ -61,9 +82,11 @@ def read_joint_state(
 
     Raises
     ------
+    NotOurJointsError
+        If both joints are absent.
     BadSampleError
-        If both joints are absent, one stands there twice, an array has the wrong length, a position is not finite or a
-        velocity or effort is infinite.
+        If one stands there twice, an array has the wrong length, a position is not finite or a velocity or effort is
+        infinite.
     """
     count = len(message.name)
     if len(message.position) != count:
@@ -88,5 +111,25 @@ def read_joint_state(
         if efforts and joint == motor_joint and not math.isnan(efforts[k]):
             measured[CURRENT] = _usable("effort", joint, efforts[k], "N m") / torque_constant
     if not seen:
-        raise BadSampleError(f"neither joint {motor_joint!r} nor {load_joint!r} among {names}")
+        raise NotOurJointsError
     return measured
+
+
+def fill_joint_state(
+    message: JointState, joints: tuple[str, str], measured: Measurement, torques: tuple[float, float]
+) -> None:
+    """Write what a drive measures into a message: joints without an angle are left out, nan is what it does not know.
+
+    Parameters
+    ----------
+    joints : names of the motor's and the load's
+    torques : of the motor and on the load, N m
+    """
+    rows = [
+        (name, float(measured[angle]), float(measured[speed]), torque)
+        for name, angle, speed, torque in zip(joints, (THETA_M, THETA_L), (OMEGA_M, OMEGA_L), torques, strict=True)
+        if not math.isnan(measured[angle])
+    ]
+    message.name, message.position, message.velocity, message.effort = (
+        list(column) for column in zip(*rows, strict=True)
+    )

@@ -21,6 +21,8 @@ from backlash_ros.drivetrain import (
     quantities,
 )
 from backlash_ros.drivetrain.contact import law_name
+from backlash_ros.drivetrain.sensors import Sensors
+from backlash_ros.drivetrain.signals import STATE_NAMES
 
 V = TypeVar("V", bound=Validated)
 
@@ -111,6 +113,26 @@ def declare_drive(node: Node) -> Drive:
     text = describe("what the command is", constraint=f"one of {list(COMMAND_INTERFACES)}", read_only=True)
     interface = node.declare_parameter("command_interface", NOMINAL_DRIVE.command_interface, text).value
     return Drive(take(Motor, values), take(Gear, values, contact=contact), take(Load, values), interface)
+
+
+def declare_sensors(node: Node) -> dict[str, Any]:
+    """Declare the parameters of the sensors, dynamic and by default exact ones, and return what the user set."""
+    values = declare_quantities(node, Sensors(), read_only=False)
+    text = describe("signals that there are", constraint=f"of {list(STATE_NAMES)}, one angle at least")
+    values["sensors.measured"] = declare(node, "sensors.measured", list(STATE_NAMES), text)
+    text = describe("whether the drive finds its speeds from its counted positions, over one sample")
+    values["sensors.speeds_from_positions"] = declare(node, "sensors.speeds_from_positions", False, text)
+    return values
+
+
+def sensors_of(values: dict[str, Any]) -> Sensors:
+    """Return the sensors that a set of parameters stands for; ValueError names the one that is out of bounds."""
+    return take(
+        Sensors,
+        values,
+        measured=tuple(values["sensors.measured"]),
+        speeds_from_positions=values["sensors.speeds_from_positions"],
+    )
 
 
 def declare_joints(node: Node) -> tuple[str, str]:

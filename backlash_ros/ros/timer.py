@@ -10,7 +10,15 @@ from collections.abc import Callable, Sequence
 from operator import attrgetter
 
 now = time.monotonic
-"""The steady clock, s: it neither jumps nor stops with ROS time. All beats and watchdogs go by it."""
+"""The steady clock, s: it neither jumps nor stops with ROS time. All periods and watchdogs go by it."""
+
+now_ns = time.monotonic_ns
+"""The same clock in ns, as the gates take it."""
+
+
+def in_ns(seconds: float) -> int:
+    """Return a time in ns, from s."""
+    return round(1e9 * seconds)
 
 
 class Timer:
@@ -28,6 +36,16 @@ class Timer:
 
     def _move_on(self) -> None:
         self.due += self._period * (math.floor((now() - self.due) / self._period) + 1)
+
+    @property
+    def overdue(self) -> float:
+        """For how long the next call has been due, s; negative until then."""
+        return now() - self.due
+
+    def restart(self, phase: float) -> None:
+        """Be due from now on ``phase`` s after whole periods of the steady clock."""
+        self.due = phase
+        self._move_on()
 
     def call(self) -> None:
         """Call back, and be due again."""

@@ -7,16 +7,14 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Float64MultiArray, UInt8
+from std_msgs.msg import Float64, Float64MultiArray
 
 TOPICS: dict[str, type] = {
     "joint_states": JointState,
     "command": Float64MultiArray,
     "reference": Float64,
     "load_torque": Float64,
-    "controller/tracking_error": Float64,
-    "controller/region": UInt8,
-    "controller/load_torque_estimate": Float64,
+    "controller/state": DiagnosticArray,
     "controller/parameters_in_use": ParameterEvent,
     "/diagnostics": DiagnosticArray,
     "controller/backlash_estimate": Float64,

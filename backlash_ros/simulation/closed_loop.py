@@ -10,7 +10,7 @@ import numpy as np
 
 from backlash_ros.control import Limits, Servo, ServoSettings
 from backlash_ros.control.law import REGION
-from backlash_ros.control.monitoring.faults import Fault, describe_fault
+from backlash_ros.control.monitoring.faults import describe_fault
 from backlash_ros.control.setpoint import Source, plan_rejection
 from backlash_ros.control.tick import (
     ELAPSED,
@@ -54,6 +54,7 @@ from backlash_ros.drivetrain.signals import (
     Setpoint,
     at_rest,
 )
+from backlash_ros.gates.faults import Fault
 from backlash_ros.simulation.simulated_drive import take_sample
 
 _types: Any = numba.types

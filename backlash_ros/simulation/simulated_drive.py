@@ -17,6 +17,7 @@ from backlash_ros.drivetrain.delay import (
     player_for,
     taken_at,
 )
+from backlash_ros.drivetrain.dynamics import equations_of
 from backlash_ros.drivetrain.integration.integrator import (
     DEFAULT_TOLERANCE,
     DONE,
@@ -55,6 +56,8 @@ class SimulatedDrive:
     tolerance : of the integrator, per step
     """
 
+    _sensors: SensorConstants
+
     def __init__(
         self,
         drive: Drive,
@@ -71,13 +74,13 @@ class SimulatedDrive:
         self.elapsed = period
         self.measured = Measurement(np.zeros(5))
         self._sample = 0
+        self._seed = seed
         self._plant: PlantConstants = plant_constants(drive)
+        self._equations = equations_of(drive)
         self._play = player_for(drive)
         self._step = integration_memory()
-        self._sensors, self._sensed = (
-            sensor_constants(sensors or Sensors(), drive.motor.torque_constant, seed),
-            sensor_memory(),
-        )
+        self._sensed = sensor_memory()
+        self.use(sensors or Sensors())
         self._delay = delay_constants(delay or Delay(), period, seed)
         self._line = delay_memory(self.state)
         self._row = np.zeros((1, 5))
@@ -92,6 +95,20 @@ class SimulatedDrive:
     def peak_force(self) -> float:
         """Largest magnitude of the contact force in the last period, N."""
         return float(self._step[PEAK_FORCE])
+
+    @property
+    def gear_torque(self) -> float:
+        """Torque that the teeth put on the load now, N m; no sensor has it."""
+        return self.drive.gear.load_radius * float(self._equations.contact_of(self._plant, self.state)[0])
+
+    @property
+    def age(self) -> float:
+        """How long ago the sample that arrives now was taken, s."""
+        return self.time - taken_at(self._delay, self._sample)
+
+    def use(self, sensors: Sensors) -> None:
+        """Measure with other sensors from the next sample on."""
+        self._sensors = sensor_constants(sensors, self.drive.motor.torque_constant, self._seed)
 
     def sample(self) -> Measurement:
         """Return the sample that arrives now, which the next call overwrites; ``elapsed`` is since the one before."""

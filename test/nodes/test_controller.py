@@ -16,15 +16,17 @@ from lockstep_drive import LockstepDrive
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Header, UInt8
+from std_msgs.msg import Float64, Header
 from std_srvs.srv import Trigger
 
 from backlash_ros.control import LAWS, Gains, GainSet, Limits, ServoSettings, design_gains
 from backlash_ros.control.laws.two_region import TwoRegionParameters
+from backlash_ros.control.telemetry import TELEMETRY
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import Sensors
-from backlash_ros.ros.messages import stamp_label
+from backlash_ros.gates import Fault
+from backlash_ros.ros.messages import stamp_label, stamp_ns
 from backlash_ros.simulation import Scenario, SimulatedDrive, run
 
 Start = Callable[..., Process]
@@ -441,7 +443,10 @@ def test_zero_volts_on_silence_and_hold_where_it_comes_back(start: Start, peer: 
     # Back with the load elsewhere: 0 V still, until somebody has looked; then it is held there, not driven away.
     drive.plant = Plant(NOMINAL_DRIVE, [5.0, 0.0, 0.5, 0.0, 0.0])
     assert drive.exchange(drive.sample()) == 0.0
-    assert peer.call(Trigger, "controller/reset_fault", Trigger.Request()).message == "reset: no joint_states for 1 s"
+    assert (
+        peer.call(Trigger, "controller/reset_fault", Trigger.Request()).message
+        == "reset NO_SAMPLES: no joint_states for 1 s"
+    )
     angles = drive.run(100)
     assert np.all(np.abs(angles - 0.5) < 0.02)
     assert drive.follows(0.2)
@@ -475,9 +480,7 @@ def test_silence_while_not_active_is_no_fault(start: Start, peer: Peer) -> None:
         {"position": [0.0]},
         {"velocity": [0.0]},
         {"effort": [0.0]},
-        {"name": ["a", "b"]},
         {"name": ["load", "load"]},
-        {"name": [], "position": [], "velocity": [], "effort": []},
     ],
     ids=str,
 )
@@ -542,23 +545,138 @@ def test_reference_that_is_not_finite_is_dropped(start: Start, peer: Peer) -> No
     assert drive.exchange(drive.sample()) == before
 
 
-def test_telemetry_says_error_region_and_load_torque(start: Start, peer: Peer) -> None:
-    start("controller", backlash_angle=0.02, telemetry_rate=250.0, **PATIENT)
-    seen: dict[str, list[float]] = {"tracking_error": [], "region": [], "load_torque_estimate": []}
-    for topic, kind in (("tracking_error", Float64), ("region", UInt8), ("load_torque_estimate", Float64)):
-        peer.node.create_subscription(
-            kind, f"controller/{topic}", lambda m, values=seen[topic]: values.append(m.data), QoSProfile(depth=2000)
+class States:
+    """What ``~/state`` said: stamps (ns) and values by name."""
+
+    def __init__(self, peer: Peer) -> None:
+        self.peer = peer
+        self.heard: list[tuple[int, dict[str, float]]] = []
+        peer.node.create_subscription(DiagnosticArray, "controller/state", self._on, QoSProfile(depth=2000))
+
+    def _on(self, message: DiagnosticArray) -> None:
+        assert [status.name for status in message.status] == ["servo"]
+        values = {entry.key: float(entry.value) for entry in message.status[0].values}
+        self.heard.append((stamp_ns(message.header.stamp), values))
+
+    def series(self, name: str) -> list[float]:
+        return [values[name] for _, values in self.heard]
+
+    def first(self, what: str, condition: Callable[[dict[str, float]], bool]) -> int:
+        """Wait for a message that meets ``condition`` and return the stamp of the first."""
+        found = self.peer.wait(
+            what, lambda: next(((stamp,) for stamp, values in self.heard if condition(values)), None)
         )
+        return int(found[0])
+
+
+def test_state_says_everything_worth_plotting_by_name(start: Start, peer: Peer) -> None:
+    start("controller", backlash_angle=0.02, telemetry_rate=250.0, **PATIENT)
+    states = States(peer)
     drive = LockstepDrive(peer).matched()
-    peer.wait("telemetry", lambda: all(seen.values()))
+    peer.wait("telemetry", lambda: states.heard)
     drive.load_torque = 0.05
     drive.set_reference(0.5)
     drive.run(500)
-    peer.wait("the last telemetry", lambda: abs(seen["tracking_error"][-1]) < 0.01)
-    assert max(seen["tracking_error"]) == pytest.approx(0.5, abs=0.01)
-    assert set(seen["region"]) == {1, 2}
-    assert seen["region"][-1] == 2
-    assert seen["load_torque_estimate"][-1] == pytest.approx(0.05, rel=0.02)
+    peer.wait("the last telemetry", lambda: abs(states.series("error")[-1]) < 0.01)
+    stamp, last = states.heard[-1]
+    assert list(last) == list(TELEMETRY)
+    assert max(states.series("error")) == pytest.approx(0.5, abs=0.01)
+    assert set(states.series("region")) == {1, 2}
+    assert (last["region"], last["active"], last["holding"], last["fault"]) == (2, 1, 1, 0)
+    assert last["load_torque"] == pytest.approx(0.05, rel=0.02)
+    assert (last["reference"], last["setpoint"], last["setpoint_velocity"]) == (0.5, 0.5, 0.0)
+    assert last["load_angle"] == pytest.approx(drive.plant.load_angle, abs=1e-3)
+    assert last["motor_angle"] == pytest.approx(drive.plant.motor_angle, abs=1e-2)
+    assert last["error"] == pytest.approx(0.5 - last["load_angle"])
+    assert last["command"] == drive.commands[-1]
+    assert (last["range_low"], last["range_high"]) == (-24.0, 24.0)
+    assert (last["experiment"], last["offset"], last["torque"], last["backlash_angle"]) == (0, 0.0, 0.0, 0.02)
+    assert stamp == stamp_ns(drive.sample().header.stamp) - 4_000_000
+
+
+def test_each_change_is_told_with_the_stamp_of_the_first_sample_that_it_acted_on(start: Start, peer: Peer) -> None:
+    start("controller", law="fast", telemetry_rate=0.01, **PATIENT)
+    states = States(peer)
+    drive = LockstepDrive(peer).matched()
+    parameters, answers = Parameters(peer, "controller"), []
+    versions = states.first("the start", lambda values: values["holding"] == 1)
+    states.heard.clear()
+
+    def acted(what: str, condition: Callable[[dict[str, float]], bool]) -> None:
+        """The next sample is the first one after the change; many more follow without a message."""
+        stamp = stamp_ns(drive.sample().header.stamp)
+        answers.append(drive.exchange(drive.sample()))
+        assert states.first(what, condition) == stamp
+        drive.run(50)
+        assert len(states.heard) <= 2
+
+    assert versions
+    drive.set_reference(0.3, move=False)
+    states.first("the reference", lambda values: values["reference"] == 0.3)
+    drive.run(600)
+    states.heard.clear()
+    assert parameters.set(law="overdamped")[0]
+    acted("the law", lambda values: values["parameters_version"] == 2)
+    states.heard.clear()
+    assert parameters.set(gains__fast__k=[20.0, 0.6, 0.1])[0]
+    acted("the gains", lambda values: values["parameters_version"] == 3)
+    states.heard.clear()
+    stamp = stamp_ns(drive.sample().header.stamp)
+    assert drive.exchange(drive.sample(position=[0.0, 5.0])) == 0.0
+    assert states.first("the fault", lambda values: values["fault"] == Fault.LOAD_JUMP) == stamp
+    states.heard.clear()
+    assert Lifecycle(peer, "controller").change(Transition.TRANSITION_DEACTIVATE)
+    states.first("the state", lambda values: values["active"] == 0)
+
+
+def test_cancel_ends_an_experiment_and_says_so(start: Start, peer: Peer) -> None:
+    process = start("controller", telemetry_rate=250.0, **PATIENT)
+    states = States(peer)
+    drive = LockstepDrive(peer).matched()
+    nothing = peer.call(Trigger, "controller/cancel", Trigger.Request())
+    assert (nothing.success, nothing.message) == (False, "there is no experiment to cancel")
+    answer = ask_to_learn(peer)
+    while "progress" not in (states.heard or [(0, {})])[-1][1] or states.series("progress")[-1] < 0.01:
+        drive.step()
+        assert drive.tick < 5000
+    assert peer.call(Trigger, "controller/learn", Trigger.Request()).message == "cannot learn: already learning"
+    cancelled = peer.call(Trigger, "controller/cancel", Trigger.Request())
+    assert (cancelled.success, cancelled.message) == (True, "cancelled")
+    peer.wait("an answer", answer.done)
+    assert not answer.result().success
+    assert answer.result().message == "no valid cycle: cancelled on request"
+    assert "until reset_fault" not in process.output()
+    drive.run(10)
+    peer.wait("the end", lambda: states.series("experiment")[-1] == 0)
+    assert drive.follows(0.2)
+
+
+def test_learn_is_refused_at_once_while_not_configured(start: Start, peer: Peer) -> None:
+    start("controller", autostart=False)
+    for _ in range(2):
+        response = peer.call(Trigger, "controller/learn", Trigger.Request())
+        assert not response.success
+        assert response.message == "cannot learn: the controller is unconfigured, not active"
+
+
+def test_messages_of_another_machine_are_passed_over(start: Start, peer: Peer) -> None:
+    """Several drives may share a topic, each with joints of its own."""
+    process = start("controller", law="fast", **PATIENT)
+    drive = LockstepDrive(peer).matched()
+    drive.set_reference(1.0)
+    before = drive.exchange(drive.sample())
+    for other in (
+        {"name": ["a", "b"]},
+        {"name": [], "position": [], "velocity": [], "effort": []},
+        {"name": ["a"], "position": [math.nan], "velocity": [], "effort": []},
+    ):
+        message = drive.sample(**other)
+        drive.answers.clear()
+        drive._states.publish(message)
+        assert drive.exchange(drive.sample()) == pytest.approx(before, rel=0.5)
+        assert stamp_label(message.header.stamp) not in list(drive.answers)[:-1]
+    assert "unusable" not in process.output()
+    assert "until reset_fault" not in process.output()
 
 
 def test_topics_are_relative(start: Start, peer: Peer) -> None:
@@ -567,9 +685,7 @@ def test_topics_are_relative(start: Start, peer: Peer) -> None:
         ("/axis1/joint_states", "sensor_msgs/msg/JointState"),
         ("/axis1/reference", "std_msgs/msg/Float64"),
         ("/axis1/voltage", "std_msgs/msg/Float64MultiArray"),
-        ("/axis1/controller/tracking_error", "std_msgs/msg/Float64"),
-        ("/axis1/controller/region", "std_msgs/msg/UInt8"),
-        ("/axis1/controller/load_torque_estimate", "std_msgs/msg/Float64"),
+        ("/axis1/controller/state", "diagnostic_msgs/msg/DiagnosticArray"),
         ("/axis1/controller/backlash_estimate", "std_msgs/msg/Float64"),
     }
 

@@ -76,12 +76,12 @@ def test_waiting_for_joint_states_is_a_warning(start: Start, peer: Peer) -> None
 
 
 def many_late(status: DiagnosticStatus) -> bool:
-    late = re.search(r"(\d+) beats late", status.message)
+    late = re.search(r"(\d+) samples late", status.message)
     return status.level >= WARN and late is not None and int(late[1]) >= 200
 
 
-def test_late_beats_are_skipped_and_reported(start: Start, peer: Peer) -> None:
-    """A simulator that stood still publishes no burst: each sample that is missing is a late beat."""
+def test_late_samples_are_skipped_and_reported(start: Start, peer: Peer) -> None:
+    """A simulator that stood still publishes no burst: each that is missing counts as late."""
     diagnostics = Diagnostics(peer)
     process = start("plant_simulator")
     diagnostics.wait("/plant_simulator: timing", "beating", lambda s: "Hz" in s.message)
@@ -90,7 +90,7 @@ def test_late_beats_are_skipped_and_reported(start: Start, peer: Peer) -> None:
     end = peer.node.get_clock().now().nanoseconds + 10**9
     peer.wait("a second", lambda: peer.node.get_clock().now().nanoseconds > end)
     process.signal(signal.SIGCONT)
-    diagnostics.wait("/plant_simulator: timing", "late by about 250 beats", many_late)
+    diagnostics.wait("/plant_simulator: timing", "late by about 250 samples", many_late)
     assert len(diagnostics.heard) > before
 
 

@@ -84,7 +84,8 @@ def test_deactivation_puts_zero_volts_out_and_activation_holds_where_the_load_is
         drive.tick += 1
         peer.spin(0.02)
     assert drive.commands == []  # nobody is driven by a node that is not active
-    assert peer.call(Trigger, "controller/learn", Trigger.Request()).message.endswith("is not active")
+    refusal = peer.call(Trigger, "controller/learn", Trigger.Request()).message
+    assert refusal == "cannot learn: the controller is inactive, not active"
     held = drive.plant.load_angle
     assert lifecycle.change(Transition.TRANSITION_ACTIVATE)
     angles = drive.run(200)
@@ -124,7 +125,7 @@ def test_fault_outlives_deactivation_and_ends_with_a_new_configuration(start: St
     fail()
     assert lifecycle.change(Transition.TRANSITION_DEACTIVATE)
     assert lifecycle.change(Transition.TRANSITION_ACTIVATE)
-    assert reset().startswith("reset: ")
+    assert reset().startswith("reset ")
     fail()
     assert lifecycle.change(Transition.TRANSITION_DEACTIVATE)
     assert lifecycle.change(Transition.TRANSITION_CLEANUP)

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
 from graph import Peer, Process
 from pair import stamp_of
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -19,7 +18,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
-from backlash_ros.nodes.plant_simulator import PlantSimulator
 from backlash_ros.ros.isolation import PROFILES
 from backlash_ros.ros.messages import answer, stamp_label
 
@@ -156,24 +154,6 @@ def test_answer_is_as_old_as_the_sample_that_it_names(start: Start, peer: Peer) 
     assert "until reset_fault" not in process.output()
     Answering(listener, delay=2.5).until("the fault", lambda: "until reset_fault" in process.output())
     assert "no command for 2 s, only answers to samples that are older: motor at 0 V" in process.output()
-
-
-def test_answers_are_obeyed_when_the_clock_of_the_stamps_is_set_back(in_process: None) -> None:
-    """By less than the loop has run, so that the new stamps are among the old ones."""
-    node = PlantSimulator()
-    try:
-        node.configure()
-        node.activate()
-        node._active = True
-        node._publish(Time(sec=100))
-        node._sent.clear()  # as it is forgotten after command_timeout
-        for second in (200, 150):
-            node._publish(Time(sec=second))
-            node._on_command(answer(float(second), stamp_label(Time(sec=second))))
-            assert node._value == second
-        assert node._rejected == 0
-    finally:
-        node.destroy_node()
 
 
 @pytest.mark.parametrize(("node", "name"), [("plant_simulator", "command_timeout"), ("controller", "state_timeout")])

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from graph import Peer
-from std_msgs.msg import Float64
 
 from backlash_ros.ros.isolation import isolated
 
@@ -47,8 +47,8 @@ def clean() -> Iterator[dict[str, str]]:
 def starts_and_talks(executables: Path, variables: dict[str, str], log: Path) -> None:
     """Start simulator and controller; the controller's telemetry says that both hear each other."""
     peer = Peer()
-    errors: list[float] = []
-    peer.node.create_subscription(Float64, "controller/tracking_error", lambda m: errors.append(m.data), 10)
+    told: list[DiagnosticArray] = []
+    peer.node.create_subscription(DiagnosticArray, "controller/state", told.append, 10)
     processes = []
     try:
         with log.open("wb") as output:
@@ -62,7 +62,7 @@ def starts_and_talks(executables: Path, variables: dict[str, str], log: Path) ->
                 )
                 for name in ("plant_simulator", "controller")
             ]
-        peer.wait("telemetry of the installed controller", lambda: errors, 120)
+        peer.wait("telemetry of the installed controller", lambda: told, 120)
         for process in processes:
             process.terminate()
         assert [process.wait(timeout=30) for process in processes] == [0, 0]

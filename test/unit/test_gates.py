@@ -17,7 +17,7 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-from backlash_ros.gates import Action, CommandGate, Fault, SampleGate
+from backlash_ros.gates import FAULTS, Action, CommandGate, Fault, SampleGate
 from backlash_ros.gates.sample_gate import Judged
 
 STEPS = 100_000
@@ -357,3 +357,21 @@ def test_gate_through_a_hundred_thousand_steps(machine: type[RuleBasedStateMachi
 
 def test_gate_in_lockstep() -> None:
     run_state_machine_as_test(LockstepCommands, settings=settings(THOROUGH, max_examples=200))
+
+
+def test_answers_are_obeyed_when_the_clock_of_the_stamps_is_set_back() -> None:
+    """By less than the loop has run, so that the new stamps are among the old ones, which are forgotten by now."""
+    gate, now = CommandGate(TIMEOUT), 0
+    for second in (*range(100, 200), 150):
+        now += 10 * MS
+        gate.sent(second * 10**9, now)
+        assert gate.command([float(second)], second * 10**9, now) == ""
+        assert gate.output(now) == second
+    assert gate.rejected == 0
+
+
+def test_every_fault_is_in_the_table_with_a_meaning_and_a_remedy() -> None:
+    assert set(FAULTS) == set(Fault) - {Fault.NONE}
+    for meaning, remedy in FAULTS.values():
+        assert meaning.endswith(".")
+        assert remedy.endswith(".")

@@ -20,6 +20,7 @@ from backlash_ros.drivetrain.contacts.power import PowerContact, PowerNoPullCont
 from backlash_ros.drivetrain.contacts.restitution import RestitutionContact
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement
+from backlash_ros.gates.faults import Fault
 from backlash_ros.simulation import Scenario, run
 
 CURRENT_DRIVE = replace(NOMINAL_DRIVE, command_interface="current")
@@ -216,7 +217,7 @@ def test_reference_is_refused_where_nobody_would_follow_it(limited: Servo) -> No
     limited.start_experiment()
     assert limited.set_reference(0.1) == "reference 0.1 rad came while learning"
     assert limited.reference == 0.0
-    limited.fail("test")
+    limited.fail(Fault.NO_SAMPLES, "test")
     assert limited.set_reference(0.1) == "reference 0.1 rad came while a fault is latched"
     assert not limited.holding
 
@@ -505,7 +506,7 @@ def test_fault_is_latched_until_reset_and_then_the_present_position_is_held(driv
     for _ in range(100):
         assert rig.servo.update(rig.sample()) == 0.0
         rig.plant.advance(0.0, 0.0, 0.004)
-    rig.servo.fail("another one")
+    rig.servo.fail(Fault.NO_SAMPLES, "another one")
     assert rig.servo.fault == fault
     rig.servo.reset()
     angle = rig.plant.load_angle

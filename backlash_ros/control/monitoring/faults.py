@@ -1,31 +1,11 @@
-"""The faults that the tick latches: their names, and what each one says."""
-
-from enum import IntEnum
+"""What the faults that the tick finds say: what was seen, and beyond which bound."""
 
 from backlash_ros.control.limits import Limits
 from backlash_ros.drivetrain.signals import Array
+from backlash_ros.gates.faults import Fault
 
 DETAILS = 3
 """How many numbers go with a fault, for its text."""
-
-
-class Fault(IntEnum):
-    """What the tick latches. The names are stable; the numbers are not."""
-
-    NONE = 0
-    MOTOR_JUMP = 1
-    LOAD_JUMP = 2
-    MOTOR_OVERSPEED = 3
-    LOAD_OVERSPEED = 4
-    ENCODERS_DISAGREE = 5
-    UNEXPLAINED_TORQUE = 6
-    LOWER_END = 7
-    UPPER_END = 8
-    NOT_FINITE = 9
-    MOTOR_SPEED = 10
-    LOAD_SPEED = 11
-    MOTOR_CURRENT = 12
-    RATE = 13
 
 
 def describe_fault(fault: Fault, details: Array, limits: Limits) -> str:

@@ -28,7 +28,6 @@ import numpy as np
 
 from backlash_ros.control import observer as observing
 from backlash_ros.control.limits import Limits, mechanical_time_constant, pressed, standstill_torque
-from backlash_ros.control.monitoring.faults import Fault
 from backlash_ros.control.observer import ObserverConstants, low_pass_gain, observer_step
 from backlash_ros.drivetrain import Drive, compiled
 from backlash_ros.drivetrain.signals import (
@@ -42,6 +41,7 @@ from backlash_ros.drivetrain.signals import (
     Measurement,
     as_measurement,
 )
+from backlash_ros.gates.faults import Fault
 
 _BANDWIDTHS = 5.0, 50.0
 """Of the two low-passes of the torque that is held against its limit, rad/s, within which the drive's own one is taken:

@@ -1,0 +1,90 @@
+"""Requests to learn: when an experiment begins, when it is refused, and what is answered. Without ROS, without a clock.
+
+All times are integer nanoseconds of the caller's steady clock.
+"""
+
+from typing import NamedTuple
+
+from backlash_ros.control.experiment import Outcome
+from backlash_ros.control.experiments.limit_cycle import BacklashEstimate
+from backlash_ros.control.servo import Servo
+
+PATIENCE = 5 * 10**9
+"""Time that a request waits for the first sample, ns: discovery may take some."""
+
+
+class Reply(NamedTuple):
+    """What a request is answered: whether it succeeded, the text, and the backlash that was learned, rad, if it was."""
+
+    success: bool
+    text: str
+    backlash_angle: float | None = None
+
+
+class LearnRequests:
+    """One request at a time, from the asking to the answer, for one servo."""
+
+    def __init__(self, servo: Servo) -> None:
+        self._servo = servo
+        self._asked: int | None = None
+
+    def ask(self, now: int) -> Reply | None:
+        """Take a request; return its refusal, or None where the answer comes later."""
+        if self._asked is not None or self._servo.experimenting:
+            return Reply(False, "cannot learn: already learning")
+        if self._servo.latched:
+            return self._refused(f" while a fault is latched: {self._servo.fault}")
+        self._asked = now
+        return None
+
+    def begin(self) -> Reply | None:
+        """Begin what was asked for, before a sample is taken; return the refusal, if any."""
+        if self._asked is None or not (self._servo.holding or self._servo.latched):
+            return None
+        self._asked = None
+        if self._servo.latched:
+            return self._refused(f" while a fault is latched: {self._servo.fault}")
+        if why := self._servo.experiment_refusal():
+            return self._refused(f": {why}")
+        self._servo.start_experiment()
+        return None
+
+    def waited(self, now: int, silence: str) -> Reply | None:
+        """Return the refusal of a request that has waited for too long, with ``silence`` in words for why."""
+        if self._asked is None or now - self._asked < PATIENCE:
+            return None
+        self._asked = None
+        return self._refused(f": {silence} for {PATIENCE / 10**9:g} s")
+
+    def stop(self, why: str) -> Reply | None:
+        """Refuse a request that has not begun."""
+        if self._asked is None:
+            return None
+        self._asked = None
+        return self._refused(f": {why}")
+
+    def cancel(self) -> Reply:
+        """End the experiment that is under way, or asked for; return what to say to who asked for that."""
+        if self._asked is None and not self._servo.experimenting:
+            return Reply(False, "there is no experiment to cancel")
+        self._servo.cancel("cancelled on request")
+        return Reply(True, "cancelled")
+
+    def end(self) -> Reply | None:
+        """Return the answer where the experiment has ended, once."""
+        outcome = self._servo.take_outcome()
+        if outcome is None:
+            return None
+        angle = outcome.angle if isinstance(outcome, BacklashEstimate) and outcome.valid else None
+        return Reply(outcome.valid, describe_outcome(outcome), angle)
+
+    @staticmethod
+    def _refused(why: str) -> Reply:
+        return Reply(False, f"cannot learn{why}")
+
+
+def describe_outcome(outcome: Outcome) -> str:
+    """Return an outcome in words: the estimate and how it was made, or why there is none."""
+    if not (isinstance(outcome, BacklashEstimate) and outcome.valid):
+        return outcome.reason
+    return f"backlash {outcome.angle:.6g} rad at the output, by {outcome.method.value}, from {outcome.reason}"

@@ -1,0 +1,92 @@
+"""What there is to plot of a servo: names, units and meanings in one table, with the words that numbers stand for."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from backlash_ros.control.law import FAST_REGION, OVERDAMPED_REGION
+from backlash_ros.control.servo import Servo
+from backlash_ros.control.tick import HIGH, LOW
+from backlash_ros.drivetrain.signals import (
+    ACCELERATION,
+    CURRENT,
+    OMEGA_L,
+    OMEGA_M,
+    POSITION,
+    THETA_L,
+    THETA_M,
+    VELOCITY,
+)
+from backlash_ros.gates.faults import Fault
+
+NO, YES = 0, 1
+
+
+@dataclass(frozen=True)
+class Plotted:
+    """One quantity: its unit, what it is, and the words for its values where they stand for something."""
+
+    unit: str
+    meaning: str
+    words: Mapping[int, str] = field(default_factory=dict)
+
+
+TELEMETRY = {
+    "active": Plotted("", "whether the node is active", {NO: "no", YES: "yes"}),
+    "fault": Plotted("", "fault that is latched", {fault.value: fault.name for fault in Fault}),
+    "holding": Plotted("", "whether a position is held", {NO: "no", YES: "yes"}),
+    "parameters_version": Plotted("", "version of the parameters in use"),
+    "reference": Plotted("rad", "where the load is to come to rest; nan while no position is held"),
+    "setpoint": Plotted("rad", "where the load is to be now"),
+    "setpoint_velocity": Plotted("rad/s", "how fast it is to move now"),
+    "setpoint_acceleration": Plotted("rad/s^2", "how fast that is to change now"),
+    "error": Plotted("rad", "setpoint minus load angle, an experiment's offset apart"),
+    "motor_angle": Plotted("rad", "estimate, at the motor's shaft"),
+    "motor_velocity": Plotted("rad/s", "estimate, at the motor's shaft"),
+    "load_angle": Plotted("rad", "estimate, at the output"),
+    "load_velocity": Plotted("rad/s", "estimate, at the output"),
+    "current": Plotted("A", "estimate of the motor's current"),
+    "load_torque": Plotted("N m", "estimate of the torque on the output; 0 with the load encoder alone"),
+    "command": Plotted("V or A", "what the drive is told"),
+    "range_low": Plotted("V", "least voltage that the law may ask for"),
+    "range_high": Plotted("V", "largest voltage that the law may ask for"),
+    "region": Plotted(
+        "", "which gains act", {0: "none", FAST_REGION: "fast gains", OVERDAMPED_REGION: "over-damped gains"}
+    ),
+    "backlash_angle": Plotted("rad", "backlash as learned or given; 0 while not known"),
+    "experiment": Plotted("", "whether an experiment is under way", {NO: "no", YES: "yes"}),
+    "progress": Plotted("", "how far the experiment is, from 0 to 1"),
+    "offset": Plotted("rad", "what the experiment adds to the setpoint"),
+    "torque": Plotted("N m", "what the experiment asks of the motor, at the output"),
+}
+"""Everything that ``~/state`` has, in its order."""
+
+
+def telemetry(servo: Servo, *, active: bool, parameters_version: int) -> dict[str, float]:
+    """Return what there is to plot now, by the names of `TELEMETRY`."""
+    estimate, setpoint, excitation = servo.estimate, servo.memory.setpoint, servo.excitation
+    return {
+        "active": int(active),
+        "fault": servo.latched.value,
+        "holding": int(servo.holding),
+        "parameters_version": parameters_version,
+        "reference": servo.reference,
+        "setpoint": float(setpoint[POSITION]),
+        "setpoint_velocity": float(setpoint[VELOCITY]),
+        "setpoint_acceleration": float(setpoint[ACCELERATION]),
+        "error": servo.tracking_error,
+        "motor_angle": float(estimate[THETA_M]),
+        "motor_velocity": float(estimate[OMEGA_M]),
+        "load_angle": float(estimate[THETA_L]),
+        "load_velocity": float(estimate[OMEGA_L]),
+        "current": float(estimate[CURRENT]),
+        "load_torque": servo.load_torque_estimate,
+        "command": servo.command,
+        "range_low": float(servo.memory.out[LOW]),
+        "range_high": float(servo.memory.out[HIGH]),
+        "region": servo.region if servo.holding else 0,
+        "backlash_angle": servo.settings.backlash_angle,
+        "experiment": int(servo.experimenting),
+        "progress": servo.progress,
+        "offset": excitation.offset,
+        "torque": excitation.torque,
+    }
