@@ -109,7 +109,7 @@ class CommandGate:
 
         Parameters
         ----------
-        values : one number, in the drive's unit
+        values : its first one is the command, in the drive's unit
         answers : the sample that it names; None where it names none
         now : of the steady clock, ns
         """
@@ -125,10 +125,12 @@ class CommandGate:
 
     def _obey(self, values: Sequence[float], answers: int | None, sample: _Sent | None, now: int) -> str:
         forgotten = sample is None and self._forgotten(answers)
-        value = values[0] if len(values) == 1 else math.nan
+        value = values[0] if len(values) else math.nan
         if not math.isfinite(value):
             self.rejected += 1
-            self.fail(Fault.BAD_COMMAND, f"command must hold one finite number, in {self._unit}, got {list(values)}")
+            self.fail(
+                Fault.BAD_COMMAND, f"command must begin with a finite number, in {self._unit}, got {list(values)}"
+            )
         elif sample is not None and sample.answered and not sample.repeated:
             self._two_answers()
         elif sample is None and not forgotten and value and self._between_answers(now):

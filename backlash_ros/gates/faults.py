@@ -81,7 +81,8 @@ FAULTS = {
         "No usable joint states came for state_timeout.", "Look at the drive and at the network; see messages_dropped."
     ),
     Fault.SECOND_DRIVE: Meaning(
-        "Two drives publish joint states with the same joint names.", "Stop one, or give it a namespace of its own."
+        "Two drives publish joint states with the same joint names, or one with stamps that stand still.",
+        "Stop one, or give it a namespace of its own; look at the stamps.",
     ),
     Fault.NO_COMMANDS: Meaning(
         "No usable command came for command_timeout while the motor had power.", "Look at the controller."

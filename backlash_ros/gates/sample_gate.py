@@ -170,11 +170,13 @@ class SampleGate:
         return Judged(Action.REFUSE) if self.fault else None
 
     def _repeated(self, now: int, content: bytes | None) -> Judged:
-        """Answer again: the drive has not heard the answer, or stands still; another content is another drive's."""
+        """Answer again: the drive has not heard the answer, or stands still; another content may be another drive's."""
         if content is not None and self._content is not None and content != self._content:
-            reason = "joint_states with the stamp of the newest and other values"
-            self._suspect(now, reason)
-            return Judged(Action.REFUSE) if self.fault else self._drop(Action.IGNORE, reason)
+            self._suspect(
+                now, "joint_states with the stamp of the newest and other values, or a stamp that stands still"
+            )
+        if self.fault:
+            return Judged(Action.REFUSE)
         return self._drop(Action.REPEAT, "joint_states repeated, with the stamp of the newest")
 
     def _set_back(self, stamp: int, behind: int) -> bool:

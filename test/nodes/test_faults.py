@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
-from backlash_ros.ros.messages import answer
+from backlash_ros.ros.messages import answer, stamp_ns, to_stamp
 
 Start = Callable[..., Process]
 Measure = Callable[[float], None]
@@ -190,7 +190,7 @@ def test_command_is_not_a_number__the_drive_takes_the_voltage_off__reset_both(
     publisher = publisher_of_commands(pair)
     measure(took := intruded(pair, lambda: publisher.publish(Float64MultiArray(data=data))))
     assert took < SLACK
-    pair.faulty("plant_simulator", "command must hold one finite number, in V")
+    pair.faulty("plant_simulator", "command must begin with a finite number, in V")
     pair.reset("plant_simulator")
     pair.reset("controller")
     pair.works()
@@ -372,6 +372,34 @@ def test_sample_older_than_the_newest__the_command_stays__none_needed(
     drive._states.publish(old)
     peer.wait("the log", lambda: "joint_states out of order" in watched.process.output())
     assert drive.exchange(drive.sample()) == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.parametrize("clocks", ["clocks a little apart", "the same clock"])
+def test_second_drive_on_joint_states__0_v_at_once__stop_it_and_reset_the_controller(
+    start: Start, peer: Peer, measure: Measure, clocks: str
+) -> None:
+    watched = Watched(start, peer)
+    drive = watched.at_rest()
+    assert abs(drive.exchange(drive.sample())) > 0.5
+    for _ in range(4):
+        drive.exchange(drive.sample())
+        other = drive.sample(position=[1.0, 0.1])
+        other.header.stamp = to_stamp(
+            stamp_ns(other.header.stamp) - (4_000_000 if clocks == "the same clock" else 5_000_000)
+        )
+        drive._states.publish(other)
+        peer.spin(0.05)
+    watched.latched("a second drive: joint_states")
+    watched.recovers()
+
+
+def test_only_messages_of_another_machine__the_controller_commands_0_v__mend_it_and_reset_the_controller(
+    start: Start, peer: Peer, measure: Measure
+) -> None:
+    watched = Watched(start, peer, state_timeout=TIMEOUT)
+    watched.silence_follows(lambda: watched.drive.sample(name=["a", "b"]), measure)
+    watched.latched("no joint_states for 1 s")
+    watched.recovers()
 
 
 @pytest.mark.parametrize("jump", [-3600.0, -0.1, 3600.0], ids=lambda jump: f"by {jump:g} s")

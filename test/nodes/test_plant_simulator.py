@@ -223,7 +223,7 @@ def test_motor_gets_no_voltage_on_a_command_that_is_not_finite(start: Start, pee
     listener.drive_until(6.0, "speed", lambda: listener.last.velocity[1] > 5.0)
     listener.command(*bad)
     peer.wait("the motor to stop", lambda: abs(listener.last.velocity[1]) < 0.05)
-    assert "command must hold one finite number, in V" in process.output()
+    assert "command must begin with a finite number, in V" in process.output()
     listener.states.clear()
     listener.drive_until(6.0, "good commands to be of no use", lambda: len(listener.states) > 100)
     assert max(abs(state.velocity[1]) for state in listener.states) < 0.5

@@ -7,6 +7,8 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from backlash_ros.gates import FAULTS
+
 SECTION = "## One wrong sample, or ten"
 """Heading of what `bad_samples` writes behind the table."""
 
@@ -60,7 +62,24 @@ def page(measured: Mapping[str, Sequence[float]]) -> str:
     """Return the page for tests by name, each with the times that it measured, s."""
     rows = [(parts_of(test), times) for test, times in measured.items()]
     lines = [f"| {p[0]} | {p[1]} | {in_time(times)} | {p[2]} |" for p, times in rows if p is not None]
-    return HEAD + "\n".join(lines) + "\n"
+    return HEAD + "\n".join(lines) + f"\n\n{meanings()}"
+
+
+MEANINGS = "## What latches, and what to do about it"
+
+
+def meanings() -> str:
+    """Return the section that says what each fault means: names as in diagnostics, ~/state (its number) and answers."""
+    rows = [f"| `{f.name}` | {f.value} | {said.meaning} | {said.remedy} |" for f, said in FAULTS.items()]
+    return f"""{MEANINGS}
+
+The name stands beside the text in `/diagnostics` (`fault_name`) and in the answer of `~/reset_fault`, the number in
+`~/state`.
+
+| name | number | meaning | what to do |
+|---|---|---|---|
+{chr(10).join(rows)}
+"""
 
 
 def fault_tests_of(folder: Path) -> set[str]:
