@@ -187,8 +187,11 @@ class Controller(ManagedNode):
 
     def _after(self, judged: Judged, stamp: int) -> None:
         """Say what a sample has changed, once its answer is on the way."""
-        if judged.reason:
-            self._warn(judged.reason)
+        if judged.reason and judged.action is Action.TAKE:
+            self.get_logger().warning(judged.reason, throttle_duration_sec=1.0)
+        elif judged.reason:
+            dropped = self._gate.dropped
+            self.get_logger().warning(f"{judged.reason}; {dropped} messages dropped so far", throttle_duration_sec=1.0)
         self._reply(self._learning.end())
         self._tell_fault()
         regular = judged.action is Action.TAKE and self._gate.taken % self._telemetry_every == 0
@@ -216,7 +219,8 @@ class Controller(ManagedNode):
         self._changed = True
         if refusal:
             self._gate.drop(refusal)
-            self._warn(refusal)
+            dropped = self._gate.dropped
+            self.get_logger().warning(f"{refusal}; {dropped} messages dropped so far", throttle_duration_sec=1.0)
 
     def _watch(self) -> None:
         if not self.active:
@@ -231,9 +235,6 @@ class Controller(ManagedNode):
         if self._news:
             self._publish_state(self.get_clock().now().nanoseconds)
         self._gate.unheard = False  # unless the next sample finds it so
-
-    def _warn(self, what: str) -> None:
-        self.get_logger().warning(f"{what}; {self._gate.dropped} messages dropped so far", throttle_duration_sec=1.0)
 
     def _publish_state(self, stamp: int) -> None:
         """Say everything worth plotting, as numbers by name."""

@@ -162,17 +162,14 @@ class PlantSimulator(ManagedNode):
 
     # What comes.
 
-    def _warn(self, what: str) -> None:
-        rejected = self._rejected + self._gate.rejected
-        self.get_logger().warning(f"{what}; {rejected} messages rejected so far", throttle_duration_sec=1.0)
-
     def _on_command(self, message: Float64MultiArray) -> None:
         if not self.active:
             return
         if not self._lockstep and self._timer.overdue > self._turn:
             self._timer.call()  # first what was before: the motor had what it had
         if why := self._gate.command(message.data, answered_sample(message), now_ns()):
-            self._warn(why)
+            rejected = self._gate.rejected
+            self.get_logger().warning(f"{why}; {rejected} commands rejected so far", throttle_duration_sec=1.0)
         self._tell_fault()
         if self._lockstep and not self._gate.waiting:
             self._step_together()
@@ -180,7 +177,8 @@ class PlantSimulator(ManagedNode):
     def _on_load_torque(self, message: Float64) -> None:
         if not math.isfinite(message.data):
             self._rejected += 1
-            self._warn(f"load_torque must be finite, in N m, got {message.data}: kept {self._load_torque:g}")
+            why = f"load_torque must be finite, in N m, got {message.data}: kept {self._load_torque:g}"
+            self.get_logger().warning(why, throttle_duration_sec=1.0)
             return
         self._load_torque = message.data
 

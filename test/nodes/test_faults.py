@@ -390,6 +390,7 @@ def test_second_drive_on_joint_states__0_v_at_once__stop_it_and_reset_the_contro
         drive._states.publish(other)
         peer.spin(0.05)
     watched.latched("a second drive: joint_states")
+    drive.load_torque = 0.0
     watched.recovers()
 
 
