@@ -71,6 +71,7 @@ paper: $(READY)
 
 docs: $(READY)
 	$(BIN)/python test/support/parameter_table.py
+	$(BIN)/python test/support/telemetry_table.py
 
 bench: $(READY)
 	$(BIN)/python benchmarks/tick.py
