@@ -6,8 +6,10 @@ import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+import rclpy
 import yaml
 from graph import PATIENCE, Lifecycle, Peer, Process
 from lifecycle_msgs.msg import Transition
@@ -15,6 +17,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from rosgraph_msgs.msg import Clock
@@ -140,12 +143,33 @@ def test_messages_that_a_publisher_could_not_keep_are_told(start: Start, peer: P
     assert re.search(r"\[ERROR\].* lost \d+ /joint_states", recorder.output())
 
 
-def test_topic_of_a_type_that_the_recorder_does_not_know_is_told_and_left_out(
-    in_process: None, peer: Peer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+def no_package(name: str) -> None:
+    raise ModuleNotFoundError(name)
+
+
+@pytest.mark.parametrize(
+    ("patch", "reason"),
+    [
+        (("get_typestore", lambda _: get_typestore(Stores.EMPTY)), "the recorder does not know it"),
+        (("import_module", no_package), "std_msgs is not installed"),
+    ],
+    ids=["unknown", "not_installed"],
+)
+def test_topic_of_a_type_that_the_recorder_cannot_use_is_told_and_left_out(
+    peer: Peer,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    patch: Any,
+    reason: str,
 ) -> None:
-    monkeypatch.setattr("backlash_ros.nodes.recorder.get_typestore", lambda _: get_typestore(Stores.EMPTY))
-    publisher = peer.node.create_publisher(Float64, "reference", 1)
-    monkeypatch.chdir(tmp_path)
+    name, replacement = patch
+    monkeypatch.setattr(f"backlash_ros.nodes.recorder.{name}", replacement)
+    publisher = peer.node.create_publisher(Float64, "odd", 1)
+    rclpy.init(
+        args=["--ros-args", "-p", "topics:=[odd]", "-p", f"output:={tmp_path / 'bag'}"],
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
     recorder = Recorder()
     said = ""
 
@@ -153,14 +177,14 @@ def test_topic_of_a_type_that_the_recorder_does_not_know_is_told_and_left_out(
         nonlocal said
         recorder._look()
         said += capfd.readouterr().err
-        return "not recorded: /reference has the type std_msgs/msg/Float64" in said
+        return f"not recorded: /odd has the type std_msgs/msg/Float64: {reason}" in said
 
     peer.wait("the topic to be left out", left_out)
     assert publisher.get_subscription_count() == 0
     recorder.stop()
     recorder.destroy_node()
-    (bag,) = tmp_path.glob("backlash_*")
-    assert "/reference" not in read_bag(bag).messages
+    rclpy.shutdown()
+    assert read_bag(tmp_path / "bag").messages == {}
 
 
 def test_existing_folder_is_refused_and_kept(start: Start, tmp_path: Path) -> None:
