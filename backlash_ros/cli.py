@@ -1,9 +1,12 @@
 """The command `backlash`: the paper's figures, and single closed-loop runs, without ROS."""
 
 import argparse
+import errno
 import json
+import os
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 from rich.console import Console
@@ -13,26 +16,38 @@ from backlash_ros.analysis.figures import FIGURES, draw
 from backlash_ros.analysis.jsonable import jsonable
 from backlash_ros.analysis.page import write_page
 from backlash_ros.analysis.paper import CASES, PARTS, judge, reproduce, respond
+from backlash_ros.analysis.staging import staging
 from backlash_ros.control import LAWS
 
 
 def figures(out: Path, page: Path | None, console: Console) -> None:
-    """Compute all, write figures and figures.json into ``out``, and the page to ``page``."""
-    out.mkdir(parents=True, exist_ok=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console) as bar:
-        task = bar.add_task("the paper", total=PARTS + len(FIGURES))
+    """Compute all, write figures and figures.json into ``out``, and the page to ``page``: all of it or nothing."""
+    with ExitStack() as stack:
+        drawn = stack.enter_context(staging(out / "figures.json"))
+        results = {drawn: out}
+        if page is not None:
+            if page.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(page))
+            written = stack.enter_context(staging(page))
+            results[written] = page.parent
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        with Progress(*columns, console=console) as bar:
+            task = bar.add_task("the paper", total=PARTS + len(FIGURES))
 
-        def progress(what: str) -> None:
-            bar.update(task, advance=1, description=what)
+            def progress(what: str) -> None:
+                bar.update(task, advance=1, description=what)
 
-        done = reproduce(progress)
-        draw(done, out, progress)
-    numbers = jsonable(done.numbers)
-    (out / "figures.json").write_text(json.dumps(numbers, indent=1) + "\n")
+            done = reproduce(progress)
+            draw(done, drawn, progress)
+        numbers = jsonable(done.numbers)
+        (drawn / "figures.json").write_text(json.dumps(numbers, indent=1) + "\n")
+        if page is not None:
+            (written / page.name).write_text(write_page(numbers))
+        for folder, place in results.items():
+            for file in folder.iterdir():
+                file.replace(place / file.name)
     console.print(f"{len(FIGURES)} figures (PNG, SVG) and figures.json in {out}", highlight=False)
     if page is not None:
-        page.write_text(write_page(numbers))
         console.print(f"{page}", highlight=False)
 
 

@@ -1,8 +1,9 @@
 """A rosbag2 folder (mcap) that is whole after every save, not only after it was closed.
 
 Readers of mcap look for a summary at the end of the file. Each save therefore writes the messages since the last one
-over that summary and a new summary behind them, in a single call; then it replaces ``metadata.yaml``. Between two
-saves, whatever happens to the process, the folder is what it would be had the recording ended with the last save.
+over that summary and a new summary behind them, in a single call; then it replaces ``metadata.yaml`` by one that was
+written before. Between two saves, and after one that failed, the folder is what it would be had the recording ended
+with the last save, whatever happens to the process.
 
 A process killed within that call leaves a file without an end: ``read_bag`` and rosbag2, which then scan it, read it up
 to the save before.
@@ -10,17 +11,23 @@ to the save before.
 
 import json
 import os
+import struct
 from binascii import crc32
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from shutil import rmtree
 from types import MappingProxyType
 from typing import Any, cast
 
+from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.metadata import dump_qos_v9
 from rosbags.rosbag2.storage_mcap import McapWriter
+
+_MESSAGE = 0x05
+"""Opcode of a message record."""
+
+_CHUNK_SIZE = 2**20
+"""Bytes from which on a chunk is closed."""
 
 
 class _Unsaved:
@@ -59,6 +66,23 @@ class _Storage(McapWriter):
         super().close_chunk()
         self._unsaved.data[start + 33 : start + 37] = checksum.to_bytes(4, "little")
 
+    def write(
+        self, connection: Connection, timestamp: int, data: bytes | memoryview, published: int | None = None
+    ) -> None:
+        """Write a message that was ``published`` before ``timestamp``; without, its time is ``timestamp`` too."""
+        chunk, number = self.chunk, connection.id
+        self.message_start_time = min(timestamp, self.message_start_time)
+        self.message_end_time = max(timestamp, self.message_end_time)
+        self.channel_stats[number] += 1
+        chunk.message_start_time = min(timestamp, chunk.message_start_time)
+        chunk.message_end_time = max(timestamp, chunk.message_end_time)
+        chunk.msgs[number].append((timestamp, chunk.bio.tell()))
+        head = struct.pack("<HIQQ", number, 0, timestamp, timestamp if published is None else published)
+        chunk.bio.write(struct.pack("<BQ", _MESSAGE, len(head) + len(data)) + head)
+        chunk.bio.write(data)
+        if chunk.bio.tell() > _CHUNK_SIZE:
+            self.close_chunk()
+
     def close(self, version: int, metadata: str) -> None:
         """Make the file whole; on an error it is again what it was."""
         if self.chunk.bio.tell():
@@ -77,7 +101,8 @@ class _Storage(McapWriter):
 
     def _put(self, data: bytes | bytearray) -> None:
         file, start, rest = self._file.fileno(), self._unsaved.start, memoryview(data)
-        os.ftruncate(file, os.fstat(file).st_size - 1)  # without its last byte it cannot pass for whole meanwhile
+        # Without the last byte of its summary the file cannot pass for whole meanwhile.
+        os.ftruncate(file, max(start, os.fstat(file).st_size - 1))
         while rest:
             rest = rest[os.pwrite(file, rest, start + len(data) - len(rest)) :]
         os.ftruncate(file, start + len(data))
@@ -88,13 +113,15 @@ class BagWriter(Writer):
 
     ``saved``: how many messages of each topic that is. Both raise OSError if something cannot be written; the folder is
     then as the last save left it, and the rest is kept for the next. Without a first save there is no folder.
+    ``ros_distro``: the name of the ROS distribution that the messages come from.
     """
 
     STORAGE_PLUGINS = MappingProxyType({StoragePlugin.MCAP: _Storage})
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, ros_distro: str = "unknown") -> None:
         super().__init__(path, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
         self.saved: dict[str, int] = {}
+        self._ros_distro = ros_distro
         self._spare = self.metapath.with_suffix(".yaml.tmp")
         try:
             self.open()
@@ -103,33 +130,38 @@ class BagWriter(Writer):
             rmtree(path, ignore_errors=True)
             raise
 
+    def write(
+        self, connection: Connection, timestamp: int, data: bytes | memoryview, published: int | None = None
+    ) -> None:
+        """Write a message received at ``timestamp``, ns since the epoch, and ``published`` before, if that is known."""
+        assert isinstance(self.storage, _Storage)
+        self.storage.write(connection, timestamp, data, published)
+        self.counts[connection.id] += 1
+        self.min_timestamp = min(timestamp, self.min_timestamp)
+        self.max_timestamp = max(timestamp, self.max_timestamp)
+
     def save(self) -> None:
         """Make the folder whole, and go on."""
         assert self.storage
         if self.metapath.exists() and self._written() == self.saved:
             return
         metadata = self._metadata()
-        self.storage.close(self.version, json.dumps(metadata))
-        with self._no_spare_left():
+        try:
+            # First what takes space beside the messages: if it cannot be had, they are not counted as saved either.
             self._spare.write_text(json.dumps({"rosbag2_bagfile_information": metadata}, indent=1), "utf8")
+            self.storage.close(self.version, json.dumps(metadata))
+            self.saved = self._written()
             self._spare.replace(self.metapath)
-        self.saved = self._written()
+        finally:
+            self._spare.unlink(missing_ok=True)
 
     def close(self) -> None:
         """Make the folder whole, and end."""
-        with self._no_spare_left():
-            super().close()
-        self.saved = self._written()
+        self.save()
+        self.storage = None
 
     def _written(self) -> dict[str, int]:
         return {connection.topic: self.counts[connection.id] for connection in self.connections}
-
-    @contextmanager
-    def _no_spare_left(self) -> Iterator[None]:
-        try:
-            yield
-        finally:
-            self._spare.unlink(missing_ok=True)
 
     def _metadata(self) -> dict[str, Any]:
         """Return what ``metadata.yaml`` holds; as JSON, which is YAML too, it is written in no time."""
@@ -163,5 +195,5 @@ class BagWriter(Writer):
             "compression_mode": "",
             "files": [{"path": file, **span}],
             "custom_data": None,
-            "ros_distro": "rosbags",
+            "ros_distro": self._ros_distro,
         }

@@ -11,7 +11,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -48,6 +47,7 @@ from backlash_ros.analysis.session import (
     plot_session,
     swap_delay,
 )
+from backlash_ros.analysis.staging import staging
 from backlash_ros.control import design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.ros.isolation import isolated
@@ -362,8 +362,7 @@ def record(folder: Path, console: Console) -> dict[str, Any]:
 
 def put_in_place(finished: Path, out: Path) -> None:
     """Put the finished results in place of older ones, all at once as far as folders go."""
-    older = out.with_name(f".{out.name}.older")
-    shutil.rmtree(older, ignore_errors=True)
+    older = finished.with_name(f"{finished.name}.older")
     if out.exists():
         out.rename(older)
     try:
@@ -375,33 +374,46 @@ def put_in_place(finished: Path, out: Path) -> None:
     shutil.rmtree(older, ignore_errors=True)
 
 
+def _is_replaceable(out: Path) -> bool:
+    """Return whether results may be put there: where nothing is, in an empty folder, or in place of an earlier demo's.
+
+    What is mounted cannot be replaced.
+    """
+    if not out.exists():
+        return True
+    ours = out.is_dir() and ((out / "summary.json").is_file() or not any(out.iterdir()))
+    return ours and not out.is_mount()
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the demo; results appear in the folder given with --out only when they are complete."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("results/demo"), help="folder for the results (replaced)")
     out = parser.parse_args(args).out
     console = Console(soft_wrap=True)
-    if out.exists() and not (out / "summary.json").is_file() and any(out.iterdir()):
-        console.print(f"--out must be a new or empty folder or an earlier demo's, got {out}")
-        return 2
     for number in (signal.SIGINT, signal.SIGTERM):  # both end it as Ctrl-C does, in the background of a shell too
         signal.signal(number, signal.default_int_handler)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    folder = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
-    try:
-        summary = record(folder.resolve(), console)
-        (folder / "summary.json").write_text(json.dumps(jsonable(summary), indent=2, allow_nan=False) + "\n")
-        put_in_place(folder, out)
-    except KeyboardInterrupt:
-        console.print("stopped; nothing was written")
-        return 130
-    except DemoError as error:
-        console.print(f"failed: {error}")
-        for log in sorted(folder.glob("*.log")):
-            console.print(f"--- {log.stem}\n{log.read_text()[-2000:]}", markup=False, highlight=False)
-        return 1
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+    with ExitStack() as stack:
+        try:
+            folder = stack.enter_context(staging(out))
+            if not _is_replaceable(out):
+                console.print(f"--out must be a new or empty folder or an earlier demo's, got {out}", markup=False)
+                return 2
+        except OSError as error:
+            console.print(f"--out cannot be written: {error.strerror}: {out}", markup=False)
+            return 2
+        try:
+            summary = record(folder.resolve(), console)
+            (folder / "summary.json").write_text(json.dumps(jsonable(summary), indent=2, allow_nan=False) + "\n")
+            put_in_place(folder, out.absolute())
+        except KeyboardInterrupt:
+            console.print("stopped; nothing was written")
+            return 130
+        except (DemoError, OSError) as error:
+            console.print(f"failed: {error}", markup=False)
+            for log in sorted(folder.glob("*.log")):
+                console.print(f"--- {log.stem}\n{log.read_text()[-2000:]}", markup=False, highlight=False)
+            return 1
     show(summary, console)
     console.print(
         f"written: {out / 'summary.json'}, {out / 'step_response.png'}, bag in {out / 'bag'}", highlight=False

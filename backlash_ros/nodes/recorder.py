@@ -1,18 +1,25 @@
 """Recorder for places without ros2 bag: writes the interface's topics to a rosbag2 directory (mcap).
 
-`ros2 bag`, PlotJuggler, Foxglove and the rosbags library read it. Messages are stored as they came off the wire.
+`ros2 bag`, PlotJuggler, Foxglove and the rosbags library read it. Messages are stored as they came off the wire, each
+with the time of its receipt (mcap's log time) and of its publication at the source (publish time).
 The bag is whole up to the last second whatever happens to the recorder, be it SIGKILL or a full disk, which ends it
 with code 1.
 """
 
+import os
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
+from dataclasses import dataclass, field
+from functools import partial, wraps
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
+from rclpy.duration import Duration
 from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.typesys import Stores, get_typestore
@@ -29,40 +36,108 @@ _QUEUE = 10_000
 _SLOW = 1.0
 """Seconds of writing that are worth a warning."""
 
+_DISTROS = {"7": "jazzy", "9": "kilted"}
+"""ROS distributions by the major version of their rclpy."""
 
-def _subscription_qos(publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
-    """Ask for as much as every publisher of a topic offers."""
-    reliable = all(p.qos_profile.reliability == ReliabilityPolicy.RELIABLE for p in publishers)
-    transient_local = all(p.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in publishers)
-    return QoSProfile(
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if transient_local else DurabilityPolicy.VOLATILE,
-        history=HistoryPolicy.KEEP_LAST,
-        depth=_QUEUE,
+_Offer = tuple[ReliabilityPolicy, DurabilityPolicy]
+"""The part of a publisher's quality of service that decides who hears it."""
+
+
+def _ros_distro() -> str:
+    """Return the name of the running ROS distribution: what its setup file says, or the version of rclpy."""
+    try:
+        by_version = _DISTROS.get(version("rclpy").partition(".")[0], "unknown")
+    except PackageNotFoundError:
+        by_version = "unknown"
+    return os.environ.get("ROS_DISTRO") or by_version
+
+
+def _type_name(message: type) -> str:
+    """Return the ROS name of a message type, such as std_msgs/msg/Float64."""
+    return f"{message.__module__.partition('.')[0]}/msg/{message.__name__}"
+
+
+def _offer(qos: QoSProfile) -> _Offer:
+    reliable = qos.reliability == ReliabilityPolicy.RELIABLE
+    transient_local = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return (
+        ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        DurabilityPolicy.TRANSIENT_LOCAL if transient_local else DurabilityPolicy.VOLATILE,
     )
+
+
+def _bag_time(duration: Duration) -> QosTime:
+    return QosTime(*divmod(duration.nanoseconds, 10**9))
 
 
 def _bag_qos(qos: QoSProfile) -> Qos:
-    forever = QosTime(9223372036, 854775807)  # as rosbag2 writes it
+    """Return what a publisher offers in the terms of the bag.
+
+    DDS discovery says nothing of history and depth: with Fast DDS these are unknown and 0, as rosbag2 writes them too.
+    """
     return Qos(
-        QosHistory.KEEP_LAST,
+        QosHistory(int(qos.history)),
         qos.depth,
         QosReliability(int(qos.reliability)),
         QosDurability(int(qos.durability)),
-        forever,
-        forever,
-        QosLiveliness.AUTOMATIC,
-        forever,
-        False,
+        _bag_time(qos.deadline),
+        _bag_time(qos.lifespan),
+        QosLiveliness(int(qos.liveliness)),
+        _bag_time(qos.liveliness_lease_duration),
+        qos.avoid_ros_namespace_conventions,
     )
+
+
+def _with_info(store: Callable[[bytes, dict[str, Any]], None]) -> Callable[..., None]:
+    """Let ``store`` be called with a message and its info by every executor.
+
+    The events executor of rclpy 7.1.6 hands both over as one tuple, the others as two arguments.
+    """
+
+    @wraps(store)
+    def received(*message: Any) -> None:
+        store(*(message if len(message) > 1 else message[0]))
+
+    return received
 
 
 def _listed(counts: dict[str, int]) -> str:
     return ", ".join(f"{count} {topic}" for topic, count in counts.items()) or "nothing"
 
 
+@dataclass
+class _Topic:
+    """A topic that is recorded.
+
+    ``message``: its type, None until a publisher tells; ``connection``: its place in the bag, from the first publisher
+    or message on; ``heard``: what tells the last messages apart.
+    """
+
+    name: str
+    message: type | None = None
+    connection: Connection | None = None
+    subscriptions: dict[_Offer, Subscription] = field(default_factory=dict)
+    heard: dict[tuple[int, int], None] = field(default_factory=dict)
+    lost: int = 0
+
+    def is_new(self, info: dict[str, Any]) -> bool:
+        """Return whether a message was not heard by another subscription before."""
+        key = info["source_timestamp"], info["publication_sequence_number"]
+        if key in self.heard:
+            return False
+        self.heard[key] = None
+        if len(self.heard) > _QUEUE:
+            del self.heard[next(iter(self.heard))]
+        return True
+
+
 class Recorder(StoppableNode):
-    """Writes a bag until it is stopped; topics are taken up as their publishers appear."""
+    """Writes a bag until it is stopped.
+
+    It subscribes to the topics of the interface at once, so that it hears who says one thing and leaves, and to others
+    when a publisher shows their type. A topic has one subscription for each kind of offer among its publishers, so that
+    it hears them all and loses nothing that is sent reliably; what two of them hear is written once.
+    """
 
     linger = 0.3
 
@@ -76,54 +151,99 @@ class Recorder(StoppableNode):
         )
         if not topics:
             raise ValueError("topics must name at least one topic, got none")
-        if output.exists():
-            raise ValueError(f"output must be a new folder, got {str(output)!r}, which exists")
-        if not output.parent.is_dir():
-            raise ValueError(f"output must lie in an existing folder, got {str(output)!r}")
-        self._wanted = [self.resolve_topic_name(topic) for topic in topics]
         self._types = get_typestore(Stores.ROS2_JAZZY)
-        try:
-            self._bag = BagWriter(output)
-        except OSError as error:
-            raise ValueError(f"output cannot be written: {error}") from error
-        self._lost: dict[str, int] = {}
+        self._bag = self._new_bag(output)
         self._broken = False
+        types = {self.resolve_topic_name(name): message for name, message in TOPICS.items()}
+        self._topics = [_Topic(name, types.get(name)) for name in dict.fromkeys(map(self.resolve_topic_name, topics))]
+        self._refused: set[tuple[str, str]] = set()
+        for topic in self._topics:
+            if topic.message:
+                self._listen(topic, (ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE))
         self.own_timers = [Timer(0.1, self._look), Timer(1.0, partial(self._keep, self._bag.save))]
         self._look()
-        self.get_logger().info(f"recording {len(self._wanted)} topics to {output}")
+        self.get_logger().info(f"recording {len(self._topics)} topics to {output}")
+
+    @staticmethod
+    def _new_bag(output: Path) -> BagWriter:
+        try:
+            if output.exists():
+                raise ValueError(f"output must be a new folder, got {str(output)!r}, which exists")
+            if not output.parent.is_dir():
+                raise ValueError(f"output must lie in an existing folder, got {str(output)!r}")
+            return BagWriter(output, _ros_distro())
+        except OSError as error:
+            raise ValueError(f"output cannot be written: {error}") from error
 
     def _look(self) -> None:
-        for topic in list(self._wanted):
-            publishers = self.get_publishers_info_by_topic(topic)
-            if publishers:
-                self._wanted.remove(topic)
-                self._take_up(topic, publishers)
+        for topic in self._topics:
+            self._hear_all(topic)
 
-    def _take_up(self, topic: str, publishers: Sequence[TopicEndpointInfo]) -> None:
-        kind = publishers[0].topic_type
-        if kind not in self._types.fielddefs:
-            self.get_logger().error(f"not recorded: {topic} has the type {kind}, which the recorder does not know")
-            return
-        qos = _subscription_qos(publishers)
-        connection = self._bag.add_connection(topic, kind, typestore=self._types, offered_qos_profiles=[_bag_qos(qos)])
-        package, _, name = kind.split("/")
-        self.create_subscription(
-            getattr(import_module(f"{package}.msg"), name),
-            topic,
-            partial(self._store, connection),
-            qos,
-            event_callbacks=SubscriptionEventCallbacks(message_lost=partial(self._miss, topic)),
+    def _hear_all(self, topic: _Topic) -> None:
+        """Subscribe so that every publisher of a topic is heard as it offers."""
+        publishers = [p for p in self.get_publishers_info_by_topic(topic.name) if self._is_known(topic, p.topic_type)]
+        for publisher in publishers:
+            offer = _offer(publisher.qos_profile)
+            if offer not in topic.subscriptions:
+                self._listen(topic, offer)
+        if publishers and not topic.connection:
+            self._take_up(topic, publishers)
+            self.get_logger().info(f"recording {topic.name}")
+
+    def _is_known(self, topic: _Topic, kind: str) -> bool:
+        """Return whether messages of a topic that are of this type can be recorded; the first publisher sets it."""
+        if (topic.name, kind) in self._refused:
+            return False
+        reason = ""
+        if topic.message:
+            if kind != (known := _type_name(topic.message)):
+                reason = f"it is recorded as {known}"
+        elif kind not in self._types.fielddefs:
+            reason = "the recorder does not know it"
+        else:
+            package, _, name = kind.split("/")
+            try:
+                topic.message = getattr(import_module(f"{package}.msg"), name)
+            except (ImportError, AttributeError):
+                reason = f"{package} is not installed"
+        if reason:
+            self._refused.add((topic.name, kind))
+            self.get_logger().error(f"not recorded: {topic.name} has the type {kind}: {reason}")
+        return not reason
+
+    def _listen(self, topic: _Topic, offer: _Offer) -> None:
+        reliability, durability = offer
+        topic.subscriptions[offer] = self.create_subscription(
+            topic.message,
+            topic.name,
+            _with_info(partial(self._store, topic)),
+            QoSProfile(reliability=reliability, durability=durability, history=HistoryPolicy.KEEP_LAST, depth=_QUEUE),
+            event_callbacks=SubscriptionEventCallbacks(
+                incompatible_qos=lambda _: self._hear_all(topic), message_lost=partial(self._miss, topic)
+            ),
             raw=True,
         )
-        self.get_logger().info(f"recording {topic}")
 
-    def _store(self, connection: Connection, data: bytes) -> None:
-        self._bag.write(connection, self.get_clock().now().nanoseconds, data)
+    def _take_up(self, topic: _Topic, publishers: Sequence[TopicEndpointInfo]) -> Connection:
+        """Make a topic's place in the bag."""
+        assert topic.message
+        offered = [_bag_qos(publisher.qos_profile) for publisher in publishers]
+        topic.connection = self._bag.add_connection(
+            topic.name, _type_name(topic.message), typestore=self._types, offered_qos_profiles=offered
+        )
+        return topic.connection
 
-    def _miss(self, topic: str, event: QoSMessageLostInfo) -> None:
+    def _store(self, topic: _Topic, data: bytes, info: dict[str, Any]) -> None:
+        if not topic.connection:
+            self._hear_all(topic)
+        if topic.is_new(info):
+            connection = topic.connection or self._take_up(topic, [])  # from one that has left already
+            self._bag.write(connection, self.get_clock().now().nanoseconds, data, info["source_timestamp"])
+
+    def _miss(self, topic: _Topic, event: QoSMessageLostInfo) -> None:
         """Take down what a publisher could not keep until it was fetched."""
-        self._lost[topic] = event.total_count
-        self.get_logger().warning(f"lost {event.total_count} {topic}", throttle_duration_sec=1.0)
+        topic.lost = max(topic.lost, event.total_count)  # each subscription counts for itself
+        self.get_logger().warning(f"lost {topic.lost} {topic.name}", throttle_duration_sec=1.0)
 
     def _keep(self, write: Callable[[], None]) -> None:
         began = time.monotonic()
@@ -138,6 +258,9 @@ class Recorder(StoppableNode):
     def stop(self) -> None:
         """Close the bag, so that it is whole, and say what is in it."""
         told = self._broken
+        for topic in self._topics:
+            if topic.message and not topic.connection:
+                self._take_up(topic, [])  # so that the bag lists it, with 0 messages
         try:
             self._keep(self._bag.close)  # after a full disk too: there may be space again
         except OSError:
@@ -145,8 +268,10 @@ class Recorder(StoppableNode):
                 raise
         finally:
             self.get_logger().info(f"recorded {_listed(self._bag.saved)}")
-            if self._lost:
-                self.get_logger().error(f"lost {_listed(self._lost)}")
+            if unknown := [topic.name for topic in self._topics if not topic.message]:
+                self.get_logger().warning(f"not recorded, as nobody published it: {', '.join(unknown)}")
+            if lost := {topic.name: topic.lost for topic in self._topics if topic.lost}:
+                self.get_logger().error(f"lost {_listed(lost)}")
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -1,10 +1,10 @@
-"""A ROS domain of one's own on this machine, for the demo and for tests: claimed by a lock, released with it."""
+"""A ROS domain of one's own on this machine, for the demo and for tests: claimed by a port, released with it."""
 
 import contextlib
-import fcntl
+import errno
 import os
 import random
-import tempfile
+import socket
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -20,25 +20,41 @@ _DOMAINS = range(1, 101)
 """Domain ids whose ports are free of the ephemeral range on every platform, without 0, which is everybody's."""
 
 
+_PORTS = 250
+"""UDP ports of a domain, from 7400 + 250 times its id: discovery and the traffic of its participants."""
+
+_CLAIM = 9
+"""Which of them claims the domain: RTPS takes 0, 1, and from 10 on."""
+
+_BOUND = Path("/proc/net/udp"), Path("/proc/net/udp6")
+"""Where Linux lists the UDP ports that are bound, of all users."""
+
+
+def _is_live(first_port: int) -> bool:
+    """Return whether somebody takes part in the domain, whoever it is; always False where the system does not say."""
+    tables = [table.read_text().splitlines()[1:] for table in _BOUND if table.exists()]
+    bound = {int(row.split()[1].rpartition(":")[2], 16) for rows in tables for row in rows}
+    return not bound.isdisjoint({*range(first_port, first_port + _PORTS)} - {first_port + _CLAIM})
+
+
 @contextlib.contextmanager
 def own_domain() -> Iterator[int]:
-    """Claim a domain id that nobody else who asks here holds; RuntimeError when all are taken."""
+    """Claim a domain id in which nobody takes part and which nobody else claims, of any user of this machine.
+
+    The claim is a bound port: it goes with its process, and leaves no file behind. RuntimeError when all are taken.
+    """
     for domain in random.sample(_DOMAINS, len(_DOMAINS)):
-        lock = Path(tempfile.gettempdir()) / f"backlash_ros_domain_{domain}.lock"
-        try:
-            descriptor = os.open(lock, os.O_CREAT | os.O_RDWR, 0o666)
-        except PermissionError:
-            continue  # another user's
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(descriptor)
-            continue
-        try:
-            yield domain
-        finally:
-            os.close(descriptor)
-        return
+        first_port = 7400 + _PORTS * domain
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as claim:
+            try:
+                claim.bind(("127.0.0.1", first_port + _CLAIM))
+            except OSError as error:
+                if error.errno != errno.EADDRINUSE:
+                    raise
+                continue
+            if not _is_live(first_port):
+                yield domain
+                return
     raise RuntimeError(f"no ROS domain is free between {_DOMAINS.start} and {_DOMAINS.stop - 1}")
 
 

@@ -1,20 +1,26 @@
 """The recorder: every message in the bag, in order, as other tools read it, whatever ends the recorder."""
 
+import errno
+import os
 import re
 import resource
 import signal
 import time
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import pytest
+import rclpy
 import yaml
 from graph import PATIENCE, Lifecycle, Peer, Process
 from lifecycle_msgs.msg import Transition
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from rosgraph_msgs.msg import Clock
@@ -24,6 +30,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 from backlash_ros.analysis import read_bag
 from backlash_ros.analysis.bag_writer import BagWriter
 from backlash_ros.nodes.recorder import Recorder
+from backlash_ros.ros.topics import TOPICS
 
 Start = Callable[..., Process]
 
@@ -71,31 +78,158 @@ def test_the_bag_is_what_ros2_bag_writes(start: Start, peer: Peer, tmp_path: Pat
     folder = tmp_path / "bag"
     process = record(start, peer, folder, 20)
     assert process.stop() == 0
-    information = yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    assert information["version"] == 9
-    assert information["storage_identifier"] == "mcap"
-    assert information["relative_file_paths"] == ["bag.mcap"]
-    topics = {t["topic_metadata"]["name"]: t["topic_metadata"] for t in information["topics_with_message_count"]}
+    said = information(folder)
+    assert said["version"] == 9
+    assert said["storage_identifier"] == "mcap"
+    assert said["relative_file_paths"] == ["bag.mcap"]
+    topics = {t["topic_metadata"]["name"]: t["topic_metadata"] for t in said["topics_with_message_count"]}
+    counts = {t["topic_metadata"]["name"]: t["message_count"] for t in said["topics_with_message_count"]}
+    assert counts["/joint_states"] == 20
+    assert counts["/load_torque"] == 0
+    assert set(counts) == {peer.node.resolve_topic_name(name) for name in TOPICS}
     assert topics["/joint_states"]["type"] == "sensor_msgs/msg/JointState"
     assert topics["/joint_states"]["serialization_format"] == "cdr"
     assert topics["/joint_states"]["type_description_hash"].startswith("RIHS01_")
-    assert topics["/controller/backlash_estimate"]["offered_qos_profiles"][0]["durability"] == "transient_local"
+    (offered,) = topics["/controller/backlash_estimate"]["offered_qos_profiles"]
+    (publisher,) = peer.node.get_publishers_info_by_topic("controller/backlash_estimate")
+    assert offered["durability"] == "transient_local"
+    assert offered["reliability"] == "reliable"
+    assert offered["history"] == publisher.qos_profile.history.name.lower()  # not told by DDS: unknown, and 0
+    assert offered["depth"] == publisher.qos_profile.depth
+    assert topics["/load_torque"]["offered_qos_profiles"] == []
 
     with AnyReader([folder]) as reader:
         assert {connection.topic for connection in reader.connections} >= {"/joint_states", "/command"}
     with (folder / "bag.mcap").open("rb") as stream:
         decoded = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(["/joint_states"])
         positions = [message.position[1] for _, _, _, message in decoded]
+    with (folder / "bag.mcap").open("rb") as stream:
+        assert make_reader(stream).get_header().library == f"rosbags-{version('rosbags')}"
     assert positions == [float(k) for k in range(20)]
     assert_says_its_span(folder)
 
 
 def assert_says_its_span(folder: Path) -> None:
-    information = yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    said = information(folder)
     with (folder / "bag.mcap").open("rb") as stream:
         times = [message.log_time for _, _, message in make_reader(stream).iter_messages()]
-    assert information["starting_time"]["nanoseconds_since_epoch"] == min(times)
-    assert information["duration"]["nanoseconds"] == max(times) - min(times) > 0
+    assert said["starting_time"]["nanoseconds_since_epoch"] == min(times)
+    assert said["duration"]["nanoseconds"] == max(times) - min(times) > 0
+
+
+def information(folder: Path) -> dict[str, Any]:
+    """Return what a bag's metadata.yaml says."""
+    return yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+
+
+@pytest.mark.parametrize("said", ["", "lyrical"])
+def test_the_bag_names_the_ros_distribution(
+    start: Start, peer: Peer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: str
+) -> None:
+    monkeypatch.setenv("ROS_DISTRO", said)
+    recorder = start("recorder", output=tmp_path / "bag")
+    peer.wait("the recorder", lambda: "topics to" in recorder.output())
+    assert recorder.stop() == 0
+    by_version = {"7": "jazzy", "9": "kilted"}[version("rclpy").partition(".")[0]]
+    assert information(tmp_path / "bag")["ros_distro"] == (said or by_version)
+
+
+def test_publish_time_is_the_source_stamp_and_log_time_the_receipt(start: Start, peer: Peer, tmp_path: Path) -> None:
+    stamps: list[int] = []
+    publisher = peer.node.create_publisher(Float64, "reference", QoSProfile(depth=100))
+    peer.node.create_subscription(
+        Float64, "reference", lambda _, info: stamps.append(info["source_timestamp"]), QoSProfile(depth=100)
+    )
+    recorder = start("recorder", output=tmp_path / "bag")
+    peer.wait("the recorder", lambda: publisher.get_subscription_count() == 2)
+    peer.wait("the recorder", lambda: "recording /reference" in recorder.output())
+    for k in range(20):
+        publisher.publish(Float64(data=float(k)))
+    assert publisher.wait_for_all_acked()
+    peer.wait("the messages", lambda: len(stamps) == 20)
+    assert recorder.stop() == 0
+    with (tmp_path / "bag" / "bag.mcap").open("rb") as stream:
+        messages = [message for _, _, message in make_reader(stream).iter_messages(["/reference"])]
+    assert [message.publish_time for message in messages] == stamps
+    assert all(0 < message.log_time - message.publish_time < 10 * 10**9 for message in messages)
+
+
+def send_once(values: list[float]) -> None:
+    """Publish each value by a new participant as soon as somebody listens; each leaves when it was heard."""
+    peers = [Peer() for _ in values]
+    publishers = [peer.node.create_publisher(Float64, "reference", 10) for peer in peers]
+    waiting = dict(zip(publishers, values, strict=True))
+    end = time.monotonic() + PATIENCE
+    while waiting:
+        assert time.monotonic() < end, f"{waiting.values()} found nobody in {PATIENCE:g} s"
+        for publisher in [publisher for publisher in waiting if publisher.get_subscription_count() > 0]:
+            publisher.publish(Float64(data=waiting.pop(publisher)))
+        time.sleep(0.001)
+    for peer, publisher in zip(peers, publishers, strict=True):
+        assert publisher.wait_for_all_acked()
+        peer.close()
+
+
+def test_what_is_sent_once_is_in_the_bag(start: Start, peer: Peer, tmp_path: Path) -> None:
+    recorder = start("recorder", output=tmp_path / "bag")
+    for name in TOPICS:  # before anybody publishes them
+        peer.wait(name, lambda topic=name: peer.node.count_subscribers(topic) == 1)
+    values = [float(k) for k in range(20)]
+    for first in (0, 10):
+        send_once(values[first : first + 10])
+    assert recorder.stop() == 0
+    assert sorted(read_bag(tmp_path / "bag").scalars["/reference"].values.tolist()) == values
+
+
+def test_every_kind_of_publisher_is_heard_and_nothing_is_written_twice(
+    start: Start, peer: Peer, tmp_path: Path
+) -> None:
+    recorder = start("recorder", output=tmp_path / "bag")
+    peer.wait("the recorder", lambda: peer.node.count_subscribers("reference") == 1)
+    reliability, durability = ReliabilityPolicy, DurabilityPolicy
+    offers = [
+        (reliability.RELIABLE, durability.VOLATILE),
+        (reliability.BEST_EFFORT, durability.VOLATILE),
+        (reliability.RELIABLE, durability.TRANSIENT_LOCAL),
+    ]
+    publishers = []
+    for reliable, durable in offers:
+        qos = QoSProfile(depth=100, reliability=reliable, durability=durable)
+        publishers.append(peer.node.create_publisher(Float64, "reference", qos))
+    publishers[-1].publish(Float64(data=-1.0))  # heard by one subscription after the other, from its history
+    # Each publisher is heard by those of the recorder's three subscriptions that ask for no more than it offers.
+    peer.wait("the recorder", lambda: [p.get_subscription_count() for p in publishers] == [2, 1, 3])
+    for k in range(10):
+        for number, publisher in enumerate(publishers):
+            publisher.publish(Float64(data=10.0 * number + k))
+            peer.spin(0.01)
+    assert all(publisher.wait_for_all_acked() for publisher in publishers)
+    assert recorder.stop() == 0
+    values = read_bag(tmp_path / "bag").scalars["/reference"].values.tolist()
+    assert sorted(values) == [-1.0, *(float(k) for k in range(30))]
+
+
+def test_publisher_of_another_type_is_told(start: Start, peer: Peer, tmp_path: Path) -> None:
+    recorder = start("recorder", output=tmp_path / "bag")
+    publisher = peer.node.create_publisher(JointState, "reference", 1)
+    text = "not recorded: /reference has the type sensor_msgs/msg/JointState: it is recorded as std_msgs/msg/Float64"
+    peer.wait("the topic to be left out", lambda: text in recorder.output())
+    assert publisher.get_subscription_count() == 0
+    assert recorder.stop() == 0
+    assert recorder.output().count(text) == 1
+
+
+def test_topic_of_the_user_is_recorded_and_told_where_nobody_published_it(
+    start: Start, peer: Peer, tmp_path: Path
+) -> None:
+    recorder = start("recorder", output=tmp_path / "bag", topics="[odd, even]")
+    publisher = peer.node.create_publisher(Float64, "odd", 10)
+    peer.wait("the recorder", lambda: publisher.get_subscription_count() > 0)
+    publisher.publish(Float64(data=3.0))
+    assert publisher.wait_for_all_acked()
+    assert recorder.stop() == 0
+    assert read_bag(tmp_path / "bag").messages == {"/odd": 1}
+    assert "not recorded, as nobody published it: /even" in recorder.output()
 
 
 def test_transitions_and_simulated_time_are_in_the_bag(start: Start, peer: Peer, tmp_path: Path) -> None:
@@ -140,12 +274,33 @@ def test_messages_that_a_publisher_could_not_keep_are_told(start: Start, peer: P
     assert re.search(r"\[ERROR\].* lost \d+ /joint_states", recorder.output())
 
 
-def test_topic_of_a_type_that_the_recorder_does_not_know_is_told_and_left_out(
-    in_process: None, peer: Peer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+def no_package(name: str) -> None:
+    raise ModuleNotFoundError(name)
+
+
+@pytest.mark.parametrize(
+    ("patch", "reason"),
+    [
+        (("get_typestore", lambda _: get_typestore(Stores.EMPTY)), "the recorder does not know it"),
+        (("import_module", no_package), "std_msgs is not installed"),
+    ],
+    ids=["unknown", "not_installed"],
+)
+def test_topic_of_a_type_that_the_recorder_cannot_use_is_told_and_left_out(
+    peer: Peer,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    patch: Any,
+    reason: str,
 ) -> None:
-    monkeypatch.setattr("backlash_ros.nodes.recorder.get_typestore", lambda _: get_typestore(Stores.EMPTY))
-    publisher = peer.node.create_publisher(Float64, "reference", 1)
-    monkeypatch.chdir(tmp_path)
+    name, replacement = patch
+    monkeypatch.setattr(f"backlash_ros.nodes.recorder.{name}", replacement)
+    publisher = peer.node.create_publisher(Float64, "odd", 1)
+    rclpy.init(
+        args=["--ros-args", "-p", "topics:=[odd]", "-p", f"output:={tmp_path / 'bag'}"],
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
     recorder = Recorder()
     said = ""
 
@@ -153,14 +308,14 @@ def test_topic_of_a_type_that_the_recorder_does_not_know_is_told_and_left_out(
         nonlocal said
         recorder._look()
         said += capfd.readouterr().err
-        return "not recorded: /reference has the type std_msgs/msg/Float64" in said
+        return f"not recorded: /odd has the type std_msgs/msg/Float64: {reason}" in said
 
     peer.wait("the topic to be left out", left_out)
     assert publisher.get_subscription_count() == 0
     recorder.stop()
     recorder.destroy_node()
-    (bag,) = tmp_path.glob("backlash_*")
-    assert "/reference" not in read_bag(bag).messages
+    rclpy.shutdown()
+    assert read_bag(tmp_path / "bag").messages == {}
 
 
 def test_existing_folder_is_refused_and_kept(start: Start, tmp_path: Path) -> None:
@@ -190,6 +345,22 @@ def test_folder_that_cannot_be_made_is_refused(start: Start, tmp_path: Path) -> 
     process = start("recorder", output=tmp_path / "no" / "bag")
     assert process.wait() == 2
     assert "output must lie in an existing folder" in process.output()
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [("x" * 300, "File name too long"), ("x" * 253, "File name too long"), ("file/bag", "an existing folder")],
+    ids=["folder", "file_in_it", "no_folder"],
+)
+def test_folder_that_cannot_be_written_is_refused(start: Start, tmp_path: Path, name: str, reason: str) -> None:
+    """Also where the folder could be made, and only the file in it has too long a name."""
+    (tmp_path / "file").touch()
+    process = start("recorder", output=tmp_path / name)
+    assert process.wait() == 2
+    (line,) = process.output().splitlines()
+    assert line.startswith("cannot start: output ")
+    assert reason in line
+    assert {path.name for path in tmp_path.iterdir()} == {"file", process.log.name}
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -244,17 +415,17 @@ class Stream:
         assert self.sent[-1] - joints.time[-1] < LAST
 
 
-def read_by_other_tools(folder: Path) -> list[int]:
-    """Return how many joint states the rosbags library and the mcap library find, by their indexes."""
+def read_by_other_tools(folder: Path, topic: str = "/joint_states") -> list[int]:
+    """Return how many messages of a topic the rosbags library and the mcap library find, by their indexes."""
     with AnyReader([folder]) as reader:
-        connections = [connection for connection in reader.connections if connection.topic == "/joint_states"]
+        connections = [connection for connection in reader.connections if connection.topic == topic]
         counts = [sum(connection.msgcount for connection in connections), len([*reader.messages(connections)])]
     with (folder / "bag.mcap").open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
         summary = reader.get_summary()
         assert summary is not None
         assert summary.statistics is not None
-        decoded = [*reader.iter_decoded_messages(["/joint_states"])]
+        decoded = [*reader.iter_decoded_messages([topic])]
         return [*counts, len(decoded)]
 
 
@@ -316,6 +487,50 @@ def test_disk_is_full__nothing__the_recorder_says_so_and_ends_and_the_bag_is_who
     assert_says_what_was_saved(stream.recorder, tmp_path / "bag")
 
 
+@pytest.mark.parametrize("full", ["messages", "metadata"])
+def test_save_that_fails_counts_nothing_and_the_next_one_counts_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, full: str
+) -> None:
+    """Wherever the space ends: what is told to be saved is what both libraries read."""
+
+    def no_space(*_: Any) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    types, kind, folder = get_typestore(Stores.ROS2_JAZZY), "std_msgs/msg/Float64", tmp_path / "bag"
+    data = types.serialize_cdr(types.types[kind](data=1.0), kind)
+    writer = BagWriter(folder)
+    connection = writer.add_connection("/x", kind, typestore=types)
+
+    def write(count: int) -> None:
+        for k in range(count):
+            writer.write(connection, k, data)
+
+    def assert_saved(count: int) -> None:
+        assert writer.saved == {"/x": count}
+        assert information(folder)["message_count"] == count
+        assert read_by_other_tools(folder, "/x") == [count] * 3
+        assert {path.name for path in folder.iterdir()} == {"bag.mcap", "metadata.yaml"}
+
+    write(100)
+    writer.save()
+    write(50)
+    with monkeypatch.context() as patch:
+        if full == "metadata":
+            patch.setattr(Path, "write_text", no_space)
+        else:
+            pwrite, size = os.pwrite, (folder / "bag.mcap").stat().st_size
+            patch.setattr(
+                os, "pwrite", lambda file, rest, at: no_space() if at + len(rest) > size else pwrite(file, rest, at)
+            )
+        for end in (writer.save, writer.close):
+            with pytest.raises(OSError, match="No space left"):
+                end()
+            assert_saved(100)
+    write(7)
+    writer.close()
+    assert_saved(157)
+
+
 def test_full_disk_at_the_end_is_told_too(start: Start, peer: Peer, tmp_path: Path) -> None:
     stream = Stream(start, peer, tmp_path / "bag")
     stream.wait_for_saved(100)
@@ -334,5 +549,10 @@ def assert_says_what_was_saved(recorder: Process, folder: Path) -> None:
     output = recorder.output()
     assert "[FATAL]" in output
     assert "the bag cannot be written: File too large" in output
-    assert re.search(rf"recorded .*\b{count} /joint_states", output)
+    saved = {topic: int(number) for number, topic in re.findall(r"(\d+) (/[\w/]+)", output.partition("recorded ")[2])}
+    assert saved == read_bag(folder).messages
+    assert saved == {
+        topic["topic_metadata"]["name"]: topic["message_count"]
+        for topic in information(folder)["topics_with_message_count"]
+    }
     assert "Traceback" not in output

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from backlash_ros.analysis import read_bag
+from backlash_ros.analysis.staging import staging
 from backlash_ros.demo.__main__ import put_in_place
 
 ROOT = Path(__file__).parents[2]
@@ -184,3 +185,29 @@ def test_folder_of_somebody_else_is_not_replaced(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "--out must be a new or empty folder" in done.stdout
     assert (tmp_path / "thesis.tex").read_text() == "precious"
+
+
+@pytest.mark.parametrize(
+    ("out", "reason"),
+    [("file", "--out must be a new or empty folder"), ("file/out", "File exists"), ("new/" + "x" * 300, "too long")],
+    ids=["a_file", "no_folder", "long_name"],
+)
+def test_place_that_cannot_be_written_is_told_at_once(tmp_path: Path, out: str, reason: str) -> None:
+    (tmp_path / "file").write_text("precious")
+    done = subprocess.run([*DEMO, "--out", str(tmp_path / out)], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    (line,) = done.stdout.splitlines()
+    assert line.startswith("--out ")
+    assert reason in line
+    assert done.stderr == ""
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"file": "precious"}
+
+
+def test_longest_name_is_replaced_too(tmp_path: Path) -> None:
+    out = tmp_path / ("x" * 255)
+    for text in ("old", "new"):
+        with staging(out) as folder:
+            (folder / "summary.json").write_text(text)
+            put_in_place(folder, out)
+    assert (out / "summary.json").read_text() == "new"
+    assert list(tmp_path.iterdir()) == [out]

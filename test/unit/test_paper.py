@@ -1,5 +1,6 @@
 """The committed page and figures are what the command writes now; the command works."""
 
+import errno
 import json
 import math
 import subprocess
@@ -9,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from backlash_ros import cli
 from backlash_ros.analysis.figures import FIGURES
 from backlash_ros.analysis.page import write_page
 from backlash_ros.analysis.paper import CASES
@@ -104,7 +106,40 @@ def test_wrong_arguments_end_with_code_2(wrong: list[str]) -> None:
     assert end.value.code == 2
 
 
-def test_folder_that_cannot_be_written_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("out", "page", "reason"),
+    [
+        ("file/out", "page.md", "File exists"),
+        ("new/" + "x" * 300, "page.md", "File name too long"),
+        ("out", "new/folder/" + "x" * 300, "File name too long"),
+        ("out", ".", "Is a directory"),
+    ],
+    ids=["no_folder", "long_out", "long_page", "page_is_a_folder"],
+)
+def test_place_that_cannot_be_written_is_told_before_anything_is_computed(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    out: str,
+    page: str,
+    reason: str,
+) -> None:
+    monkeypatch.setattr(cli, "reproduce", lambda _: pytest.fail("computed for nothing"))
     (tmp_path / "file").write_text("")
-    assert main(["figures", "--out", str(tmp_path / "file" / "out")]) == 2
-    assert "backlash: " in capsys.readouterr().err
+    assert main(["figures", "--out", str(tmp_path / out), "--page", str(tmp_path / page)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("backlash: ")
+    assert reason in line
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_figures_that_fail_leave_the_old_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_done: object, folder: Path, _progress: object) -> None:
+        (folder / "fig07_open_loop.png").write_text("half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(cli, "reproduce", lambda _: None)
+    monkeypatch.setattr(cli, "draw", full)
+    (tmp_path / "fig07_open_loop.png").write_text("old")
+    assert main(["figures", "--out", str(tmp_path)]) == 2
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"fig07_open_loop.png": "old"}
