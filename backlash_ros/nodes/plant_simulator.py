@@ -21,18 +21,11 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
-from backlash_ros.drivetrain import IntegrationError, Plant, Quantity
+from backlash_ros.drivetrain import IntegrationError, Plant
+from backlash_ros.nodes.parameters import all_names, declare_simulator
 from backlash_ros.ros.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
 from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.messages import label_of, stamp_label
-from backlash_ros.ros.parameters import (
-    declare_drive,
-    declare_joints,
-    declare_number,
-    declare_rate,
-    declare_timeout,
-    describe,
-)
 from backlash_ros.ros.run import run
 from backlash_ros.ros.timer import Timer, now
 
@@ -50,16 +43,11 @@ class PlantSimulator(ManagedNode):
 
     def __init__(self, namespace: str = "", together: "list[PlantSimulator] | None" = None) -> None:
         super().__init__("plant_simulator", namespace)
-        self._drive = declare_drive(self)
-        self._joints = declare_joints(self)
-        self._rate = declare_rate(self)
-        self._period = 1.0 / self._rate
-        factor = Quantity("simulated time over real time", "", 0.0, 100.0, True)
-        self._beat_time = self._period / declare_number(self, "real_time_factor", 1.0, factor)
-        text = "wait for the answer to each sample; time is then the plant's, published on /clock"
-        self._lockstep = bool(self.declare_parameter("lockstep", False, describe(text, read_only=True)).value)
-        text = "silence on command after which the motor gets 0 V; an answer is as old as the sample that it names"
-        self._command_timeout = declare_timeout(self, "command_timeout", text, self._beat_time)
+        given = declare_simulator(self)
+        self._drive, self._joints, self._rate = given.drive, given.joints, given.rate
+        self._period = 1.0 / given.rate
+        self._beat_time = self._period / given.real_time_factor
+        self._lockstep, self._command_timeout = given.lockstep, given.command_timeout
         self._wall = SystemClock()  # whatever use_sim_time says: time comes from a drive, not to it
         self._fault = ""
         self._ticks = self._rejected = self._late = self._beats = self._answered = self._answered_late = 0
@@ -307,7 +295,7 @@ class PlantSimulator(ManagedNode):
 def main(args: Sequence[str] | None = None) -> int:
     """Run the plant simulator, or one for each of ``--axes``."""
     together: list[PlantSimulator] = []
-    return run(lambda namespace: PlantSimulator(namespace, together), args)
+    return run("plant_simulator", lambda namespace: PlantSimulator(namespace, together), all_names, args)
 
 
 if __name__ == "__main__":

@@ -18,10 +18,9 @@ from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLi
 from rosbags.typesys import Stores, get_typestore
 
 from backlash_ros.analysis.bag_writer import BagWriter
-from backlash_ros.ros.parameters import describe
+from backlash_ros.nodes.parameters import all_names, declare_recorder
 from backlash_ros.ros.run import StoppableNode, run
 from backlash_ros.ros.timer import Timer
-from backlash_ros.ros.topics import TOPICS
 
 _QUEUE = 10_000
 """Messages of a topic that can wait for a slow disk: 40 s at 250 Hz. Fast DDS does not tell of what it drops beyond."""
@@ -68,12 +67,8 @@ class Recorder(StoppableNode):
 
     def __init__(self) -> None:
         super().__init__("recorder")
-        default = time.strftime("backlash_%Y_%m_%d-%H_%M_%S")
-        text = "folder to write, which must not exist yet"
-        output = Path(self.declare_parameter("output", default, describe(text, read_only=True)).value)
-        topics = (
-            self.declare_parameter("topics", list(TOPICS), describe("topics to record", read_only=True)).value or []
-        )
+        given = declare_recorder(self, time.strftime("backlash_%Y_%m_%d-%H_%M_%S"))
+        output, topics = Path(given.output), given.topics
         if not topics:
             raise ValueError("topics must name at least one topic, got none")
         if output.exists():
@@ -151,7 +146,7 @@ class Recorder(StoppableNode):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the recorder."""
-    return run(_made, args)
+    return run("recorder", _made, all_names, args)
 
 
 def _made(axis: str) -> Recorder:
