@@ -20,7 +20,7 @@ from backlash_ros.control import LAWS, BacklashEstimate, Servo
 from backlash_ros.control.tick import MISSING
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Measurement
 from backlash_ros.nodes.learn_service import LearnService, describe_outcome
-from backlash_ros.nodes.parameters import all_names, declare_controller
+from backlash_ros.nodes.parameters import declare_controller, refuse_unknown
 from backlash_ros.nodes.start_lines import margins_line, untold_drive
 from backlash_ros.nodes.tunables import Tunables
 from backlash_ros.ros.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
@@ -54,6 +54,7 @@ class Controller(ManagedNode):
         self._state_timeout = given.state_timeout
         self._telemetry_every = max(1, round(given.rate / given.telemetry_rate))
         self._tunables = Tunables(self, self._drive, self._rate)
+        refuse_unknown(self)
         self._servo = Servo(self._drive, self._tunables.settings, self._tunables.limits)
         self._tunables.rejection_reason, self._tunables.changed = self._servo.rejection_reason, self._use
         self._measured = Measurement(np.empty(5))
@@ -374,7 +375,7 @@ class Controller(ManagedNode):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the controller, or one for each of ``--axes``."""
-    return run("controller", Controller, all_names, args)
+    return run("controller", Controller, args)
 
 
 if __name__ == "__main__":

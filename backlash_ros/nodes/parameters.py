@@ -7,6 +7,7 @@ from typing import Any
 from rclpy.node import Node
 
 from backlash_ros.drivetrain import Drive, Quantity
+from backlash_ros.ros.overrides import check_known, values_given
 from backlash_ros.ros.parameters import (
     Names,
     declare,
@@ -94,3 +95,9 @@ def all_names(given: Mapping[str, Any]) -> set[str]:
     declare_controller(names)
     declare_recorder(names, "")
     return {*names.declared, *tunable_names(given)}
+
+
+def refuse_unknown(node: Node) -> None:
+    """Refuse names given to ``node`` that look like ours and are no parameter; all of its own are declared by now."""
+    given = values_given(node)
+    check_known(given, list(node._parameters), lambda: all_names(given))

@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.drivetrain import IntegrationError, Plant
-from backlash_ros.nodes.parameters import all_names, declare_simulator
+from backlash_ros.nodes.parameters import declare_simulator, refuse_unknown
 from backlash_ros.ros.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
 from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.messages import label_of, stamp_label
@@ -44,6 +44,7 @@ class PlantSimulator(ManagedNode):
     def __init__(self, namespace: str = "", together: "list[PlantSimulator] | None" = None) -> None:
         super().__init__("plant_simulator", namespace)
         given = declare_simulator(self)
+        refuse_unknown(self)
         self._drive, self._joints, self._rate = given.drive, given.joints, given.rate
         self._period = 1.0 / given.rate
         self._beat_time = self._period / given.real_time_factor
@@ -295,7 +296,7 @@ class PlantSimulator(ManagedNode):
 def main(args: Sequence[str] | None = None) -> int:
     """Run the plant simulator, or one for each of ``--axes``."""
     together: list[PlantSimulator] = []
-    return run("plant_simulator", lambda namespace: PlantSimulator(namespace, together), all_names, args)
+    return run("plant_simulator", lambda namespace: PlantSimulator(namespace, together), args)
 
 
 if __name__ == "__main__":

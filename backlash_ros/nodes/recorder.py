@@ -18,7 +18,7 @@ from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLi
 from rosbags.typesys import Stores, get_typestore
 
 from backlash_ros.analysis.bag_writer import BagWriter
-from backlash_ros.nodes.parameters import all_names, declare_recorder
+from backlash_ros.nodes.parameters import declare_recorder, refuse_unknown
 from backlash_ros.ros.run import StoppableNode, run
 from backlash_ros.ros.timer import Timer
 
@@ -68,6 +68,7 @@ class Recorder(StoppableNode):
     def __init__(self) -> None:
         super().__init__("recorder")
         given = declare_recorder(self, time.strftime("backlash_%Y_%m_%d-%H_%M_%S"))
+        refuse_unknown(self)
         output, topics = Path(given.output), given.topics
         if not topics:
             raise ValueError("topics must name at least one topic, got none")
@@ -146,7 +147,7 @@ class Recorder(StoppableNode):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the recorder."""
-    return run("recorder", _made, all_names, args)
+    return run("recorder", _made, args)
 
 
 def _made(axis: str) -> Recorder:

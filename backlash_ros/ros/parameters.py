@@ -60,7 +60,7 @@ def convert(value: Any, kind: Parameter.Type) -> Any:
 
 def check_kind(name: str, value: Any, kind: Parameter.Type, constraint: str) -> None:
     """Raise ValueError, naming ``name``, the value and the bound, unless the value has the parameter's type."""
-    if not kind.check(value):
+    if not kind.check(value) or isinstance(value, bool) != (kind == Parameter.Type.BOOL):
         wanted = (
             constraint if constraint.startswith(KINDS[kind]) else ", ".join(filter(None, (KINDS[kind], constraint)))
         )

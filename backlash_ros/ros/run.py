@@ -8,9 +8,8 @@ import re
 import signal
 import sys
 import traceback
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from types import FrameType
-from typing import Any
 
 import rclpy
 from rclpy.exceptions import InvalidParameterTypeException, NameValidationException, ParameterException
@@ -22,7 +21,7 @@ from rclpy.utilities import remove_ros_args
 
 from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.output import Backlog, never_wait
-from backlash_ros.ros.overrides import COMMAND_LINE, check_known, parameter_rules, values_given
+from backlash_ros.ros.overrides import COMMAND_LINE, parameter_rules
 from backlash_ros.ros.timer import Timer, call_due, now
 
 
@@ -102,14 +101,10 @@ def _axes(words: Sequence[str]) -> list[str]:
     return axes
 
 
-def _made(
-    make: Callable[[str], Runnable], axis: str, names: Callable[[Mapping[str, Any]], Collection[str]]
-) -> Runnable:
+def _made(make: Callable[[str], Runnable], axis: str) -> Runnable:
     node = make(axis)
     if axis and node.get_namespace().strip("/") != axis.strip("/"):
         raise ValueError("with --axes the namespaces are the axes: --axes arm/elbow, not __ns:=arm")
-    given = values_given(node)
-    check_known(given, list(node._parameters), lambda: names(given))
     return node
 
 
@@ -156,21 +151,13 @@ def _turn(executor: EventsExecutor, nodes: Sequence[Runnable], watch: Timer) -> 
     executor.spin_once(timeout_sec=min(max(wait, 0.0), 0.1))
 
 
-def run(
-    name: str,
-    make: Callable[[str], Runnable],
-    names: Callable[[Mapping[str, Any]], Collection[str]],
-    args: Sequence[str] | None,
-) -> int:
+def run(name: str, make: Callable[[str], Runnable], args: Sequence[str] | None) -> int:
     """Run the nodes that ``make`` builds, one per axis, until told to stop or shut down; return the exit code.
 
     rclpy's own handlers would end the context before a last command could leave, so signals are taken here.
     A parameter out of bounds, or one that nobody knows, ends it at once with code 2 and a line that says which.
 
-    Parameters
-    ----------
-    name : of the program, in the log until there is a node
-    names : the names of the parameters of all nodes of the package, given the overrides
+    ``name`` stands in the log until there is a node.
     """
     # Fast DDS' shared memory lets a listener that is stopped hold up who publishes, for 1 s (docs/faults.md).
     os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
@@ -193,7 +180,7 @@ def run(
         try:
             if len({axis.strip("/") for axis in axes}) < len(axes):
                 raise ValueError(f"--axes must be different from each other, got {axes}")
-            nodes.extend(_made(make, axis, names) for axis in axes)
+            nodes.extend(_made(make, axis) for axis in axes)
         except (ValueError, NameValidationException, ParameterException, InvalidParameterTypeException) as error:
             return _refuse(name, error)
         try:
