@@ -3,55 +3,54 @@
 from pathlib import Path
 
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.conditions import IfCondition, UnlessCondition
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchContext, LaunchDescription
 
 
-def _check_config(context: LaunchContext) -> None:
-    """Start nothing without the parameter file: launch_ros would only warn, and the drive be another one."""
-    if not Path(config := LaunchConfiguration("config").perform(context)).is_file():
+def _nodes(context: LaunchContext) -> list[Node]:
+    def chosen(name: str) -> str:
+        return LaunchConfiguration(name).perform(context)
+
+    config = chosen("config")
+    if not Path(config).is_file():  # launch_ros would only warn, and the drive be another one
         raise FileNotFoundError(f"config: there is no file {config!r}")
+    # What is given here stands on the command lines of the nodes, and so wins over the file.
+    both = ["--log-level", chosen("log_level")]
+    both += ["-p", f"use_sim_time:={chosen('use_sim_time')}"] if chosen("use_sim_time") else []
+    alone = ["-p", f"gain_set:={chosen('gain_set')}"] if chosen("gain_set") else []
+    common = {
+        "package": "backlash_ros",
+        "namespace": chosen("namespace"),
+        "parameters": [config],
+        "output": "screen",
+    }
+    with_simulator = IfCondition(chosen("simulator"))
+    return [
+        Node(executable="plant_simulator", ros_arguments=both, condition=with_simulator, **common),
+        Node(executable="controller", ros_arguments=[*both, *alone], **common),
+    ]
 
 
 def generate_launch_description() -> LaunchDescription:
     """Describe the launch for `ros2 launch backlash_ros servo.launch.py`."""
     default = PathJoinSubstitution([FindPackageShare("backlash_ros"), "config", "nominal_drive.yaml"])
-    config, namespace = LaunchConfiguration("config"), LaunchConfiguration("namespace")
-    common = {"package": "backlash_ros", "namespace": namespace, "output": "screen"}
-    # Named, so that what is given here is addressed to the node and wins over the file's wildcards.
-    given = PythonExpression(["'", LaunchConfiguration("gain_set"), "' != ''"])
-    gain_set = {"gain_set": LaunchConfiguration("gain_set")}
+    switch, levels = ["true", "false"], ["debug", "info", "warn", "error", "fatal"]
     return LaunchDescription(
         [
             DeclareLaunchArgument("config", default_value=default, description="parameter file"),
             DeclareLaunchArgument("gain_set", default_value="", description="gain set, in place of the file's"),
             DeclareLaunchArgument("namespace", default_value="", description="namespace of both nodes"),
-            DeclareLaunchArgument("simulator", default_value="true", description="false where there is a drive"),
-            OpaqueFunction(function=_check_config),
-            Node(
-                executable="plant_simulator",
-                name="plant_simulator",
-                parameters=[config],
-                condition=IfCondition(LaunchConfiguration("simulator")),
-                **common,
+            DeclareLaunchArgument(
+                "simulator", default_value="true", choices=switch, description="false where there is a drive"
             ),
-            Node(
-                executable="controller",
-                name="controller",
-                parameters=[config],
-                condition=UnlessCondition(given),
-                **common,
+            DeclareLaunchArgument(
+                "use_sim_time", default_value="", choices=["", *switch], description="in place of the file's"
             ),
-            Node(
-                executable="controller",
-                name="controller",
-                parameters=[config, gain_set],
-                condition=IfCondition(given),
-                **common,
-            ),
+            DeclareLaunchArgument("log_level", default_value="info", choices=levels, description="of both nodes"),
+            OpaqueFunction(function=_nodes),
         ]
     )

@@ -6,12 +6,15 @@ file that is compiled, so any change starts afresh. Where nothing can be cached,
 """
 
 import contextlib
+import fcntl
 import hashlib
 import inspect
+import logging
 import os
 import re
 import shutil
 import tempfile
+import time
 import types
 import warnings
 from collections.abc import Callable
@@ -88,10 +91,72 @@ def _warn_uncached(why: str) -> None:
     warnings.warn(text, RuntimeWarning, stacklevel=3)
 
 
+class _Turn:
+    """Lets one process at a time compile: those that wait for it find what it compiled.
+
+    It is entered around each compilation, one within another where a function calls others, and holds the lock from the
+    first function that is not in the cache until the outermost is done.
+    """
+
+    _PATIENCE = 120.0
+    """Seconds: whoever holds the lock longer is stopped, not compiling."""
+
+    def __init__(self) -> None:
+        self._depth = 0
+        self._lock: int | None = None
+        self._said = False
+
+    def __enter__(self) -> None:
+        self._depth += 1
+
+    def __exit__(self, *_: object) -> None:
+        self._depth -= 1
+        if not self._depth and self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def take(self) -> None:
+        """Wait for the lock, unless it is held; where there can be none, go on without."""
+        if self._lock is not None or _CACHE is None:
+            return
+        with contextlib.suppress(OSError):
+            self._lock = os.open(_CACHE / "compiling.lock", os.O_CREAT | os.O_RDWR, 0o666)
+            end = time.monotonic() + self._PATIENCE
+            while not self._taken() and time.monotonic() < end:
+                time.sleep(0.05)
+
+    def _taken(self) -> bool:
+        assert self._lock is not None
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True
+
+    def say(self) -> None:
+        """Log once that it takes its time, as soon as somebody reads the log."""
+        if not self._said and _log.isEnabledFor(logging.INFO):
+            self._said = True
+            _log.info("compiling, once for this version of the package: about half a minute")
+
+
+_log = logging.getLogger(__name__)
+_turn = _Turn()
+
+
 class _Cache(_FunctionCache):  # type: ignore[misc]
     """A cache that does without itself where the disk is full or a file cannot be read."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = self._load(sig, target_context)
+        if found is None:
+            _turn.take()
+            found = self._load(sig, target_context)  # another process may have been at it
+        if found is None:
+            _turn.say()
+        return found
+
+    def _load(self, sig: Any, target_context: Any) -> Any:
         try:
             return super().load_overload(sig, target_context)
         except Exception:  # a file that was cut short raises whatever its bytes happen to mean
@@ -116,6 +181,13 @@ def _dispatcher(function: Callable[..., Any]) -> Any:
     fast-math: a mirrored input must give the mirrored output, bit for bit.
     """
     dispatcher: Any = numba.njit(error_model="numpy")(function)
+    compile_one = dispatcher.compile
+
+    def compile_in_turn(signature: Any) -> Any:
+        with _turn:
+            return compile_one(signature)
+
+    dispatcher.compile = compile_in_turn
     if _CACHE is not None:
         chosen, _config.CACHE_DIR = _config.CACHE_DIR, str(_CACHE)
         try:

@@ -34,7 +34,7 @@ class Quantity:
         """Raise ValueError, naming ``name``, the value, the bound and the unit, unless within bounds."""
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         if not number or not math.isfinite(value):
-            raise ValueError(f"{name} must be a finite number{f' in {self.unit}' if self.unit else ''}, got {value!r}")
+            raise ValueError(f"{name} must be a finite number, {self.bound}, got {value!r}")
         below = value <= self.lower if self.open_lower else value < self.lower
         if below or value > self.upper or (self.whole and not isinstance(value, int)):
             raise ValueError(f"{name} must be {self.bound}, got {value!r}")

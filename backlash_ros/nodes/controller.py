@@ -22,9 +22,10 @@ from backlash_ros.control import LAWS, Servo
 from backlash_ros.control.learning import LearnRequests, Reply
 from backlash_ros.control.telemetry import telemetry
 from backlash_ros.control.tick import MISSING
-from backlash_ros.drivetrain import Quantity
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Measurement
 from backlash_ros.gates import Action, Fault, Judged, SampleGate
+from backlash_ros.nodes.parameters import declare_controller, refuse_unknown
+from backlash_ros.nodes.start_lines import margins_line, untold_drive
 from backlash_ros.nodes.tunables import Tunables
 from backlash_ros.ros.diagnostics import (
     CLOCKS_DIFFER,
@@ -49,7 +50,7 @@ from backlash_ros.ros.messages import (
     stamp_ns,
     to_stamp,
 )
-from backlash_ros.ros.parameters import declare_drive, declare_joints, declare_number, declare_rate, declare_timeout
+from backlash_ros.ros.overrides import values_given
 from backlash_ros.ros.run import run
 from backlash_ros.ros.timer import Timer, in_ns, now, now_ns
 from backlash_ros.ros.topics import TRANSIENT_LOCAL
@@ -66,17 +67,12 @@ class Controller(ManagedNode):
 
     def __init__(self, namespace: str = "") -> None:
         super().__init__("controller", namespace)
-        self._drive = declare_drive(self)
-        self._joints = declare_joints(self)
-        self._rate = declare_rate(self)
-        text = "silence on joint_states after which the command is 0 V and a fault is latched"
-        self._state_timeout = declare_timeout(self, "state_timeout", text, 1.0 / self._rate)
-        text = "rate of ~/state, at most rate; each change is sent besides"
-        telemetry_rate = declare_number(
-            self, "telemetry_rate", min(50.0, self._rate), Quantity(text, "Hz", 0.0, self._rate, True)
-        )
-        self._telemetry_every = max(1, round(self._rate / telemetry_rate))
+        given = declare_controller(self)
+        self._drive, self._joints, self._rate = given.drive, given.joints, given.rate
+        self._state_timeout = given.state_timeout
+        self._telemetry_every = max(1, round(given.rate / given.telemetry_rate))
         self._tunables = Tunables(self, self._drive, self._rate)
+        refuse_unknown(self)
         self._servo = Servo(self._drive, self._tunables.settings, self._tunables.limits)
         self._tunables.rejection_reason, self._tunables.changed = self._servo.rejection_reason, self._use
         self._gate = SampleGate(in_ns(self._state_timeout), in_ns(MISSING / self._rate), self._joints)
@@ -98,8 +94,23 @@ class Controller(ManagedNode):
 
     # The lifecycle.
 
+    def prepare(self) -> None:
+        """Come up; say so where the drive is not described."""
+        if text := untold_drive(values_given(self)):
+            self.get_logger().warning(text)
+        super().prepare()
+
+    def _tell_margins(self) -> None:
+        for name, margins in self._tunables.margins().items():
+            text, warn = margins_line(name, margins, 1.0 / self._rate)
+            if warn:
+                self.get_logger().warning(text)
+            else:
+                self.get_logger().info(text)
+
     def configure(self) -> None:
         """Compile every law, so that choosing another one stalls no loop."""
+        self._tell_margins()
         at_rest = Measurement(np.zeros(5))
         for law in LAWS:
             with suppress(ValueError):  # one that cannot be designed for this drive is refused when it is chosen
@@ -112,7 +123,8 @@ class Controller(ManagedNode):
         """Hold the position of the first sample that comes once somebody listens to ``command``."""
         self._gate.open()
         self._watchdog.due = now() + 0.5 * self._state_timeout
-        self.get_logger().info(f"ready at {self._rate:g} Hz with gain set {self._tunables.values['gain_set']!r}")
+        gain_set = self._tunables.values["gain_set"]
+        self.get_logger().info(f"ready at {self._rate:g} Hz with gain set {gain_set!r}: waiting for the drive")
 
     def deactivate(self) -> None:
         """Put 0 V out and see to it that it leaves."""
@@ -348,7 +360,7 @@ class Controller(ManagedNode):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the controller, or one for each of ``--axes``."""
-    return run(Controller, args)
+    return run("controller", Controller, args)
 
 
 if __name__ == "__main__":

@@ -20,25 +20,14 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
-from backlash_ros.drivetrain import IntegrationError, Quantity
-from backlash_ros.drivetrain.delay import Delay
+from backlash_ros.drivetrain import IntegrationError
 from backlash_ros.drivetrain.signals import CURRENT
 from backlash_ros.gates import CommandGate, Fault
+from backlash_ros.nodes.parameters import declare_simulator, refuse_unknown
 from backlash_ros.ros.diagnostics import ERROR, OK, WARN, Since, Window, milliseconds, rate_level, status
 from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.messages import answered_sample, fill_joint_state, to_stamp
-from backlash_ros.ros.parameters import (
-    declare_drive,
-    declare_joints,
-    declare_number,
-    declare_quantities,
-    declare_rate,
-    declare_sensors,
-    declare_timeout,
-    describe,
-    sensors_of,
-    take,
-)
+from backlash_ros.ros.parameters import sensors_of
 from backlash_ros.ros.run import run
 from backlash_ros.ros.timer import Timer, in_ns, now, now_ns
 from backlash_ros.simulation import SimulatedDrive
@@ -55,25 +44,15 @@ class PlantSimulator(ManagedNode):
 
     def __init__(self, namespace: str = "", together: "list[PlantSimulator] | None" = None) -> None:
         super().__init__("plant_simulator", namespace)
-        self._drive = declare_drive(self)
-        self._joints = declare_joints(self)
-        self._rate = declare_rate(self)
-        period = 1.0 / self._rate
-        factor = declare_number(
-            self, "real_time_factor", 1.0, Quantity("simulated time over real time", "", 0.0, 100.0, True)
-        )
-        self._turn = period / factor
-        text = "wait for the answer to each sample; time is then the plant's, published on /clock"
-        self._lockstep = bool(self.declare_parameter("lockstep", False, describe(text, read_only=True)).value)
-        text = "silence on command after which the motor gets 0 V; an answer is as old as the sample that it names"
-        timeout = declare_timeout(self, "command_timeout", text, self._turn)
-        self._values = declare_sensors(self)
-        self._delay = take(Delay, declare_quantities(self, Delay(), read_only=True))
-        self._seed = declare_number(self, "seed", 0, Quantity("of noise and jitter", "", 0, 2**31 - 1, whole=True))
+        given = declare_simulator(self)
+        refuse_unknown(self)
+        self._drive, self._joints, self._rate = given.drive, given.joints, given.rate
+        self._turn = 1.0 / given.rate / given.real_time_factor
+        self._lockstep, self._delay, self._seed, self._values = given.lockstep, given.delay, given.seed, given.sensors
         self._simulated = self._at_rest()
-        self._gate = CommandGate(in_ns(timeout), self._drive.command_unit, lockstep=self._lockstep)
+        self._gate = CommandGate(in_ns(given.command_timeout), self._drive.command_unit, lockstep=self._lockstep)
         self._wall = SystemClock()  # whatever use_sim_time says: time comes from a drive, not to it
-        self._own_time = self._lockstep or factor != 1.0
+        self._own_time = self._lockstep or given.real_time_factor != 1.0
         self._load_torque = 0.0
         self._ticks = self._samples = self._late = self._rejected = self._due = 0
         self._start = self._sent_at = 0.0
@@ -289,7 +268,7 @@ class PlantSimulator(ManagedNode):
 def main(args: Sequence[str] | None = None) -> int:
     """Run the plant simulator, or one for each of ``--axes``."""
     together: list[PlantSimulator] = []
-    return run(lambda namespace: PlantSimulator(namespace, together), args)
+    return run("plant_simulator", lambda namespace: PlantSimulator(namespace, together), args)
 
 
 if __name__ == "__main__":

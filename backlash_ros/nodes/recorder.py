@@ -25,7 +25,7 @@ from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLi
 from rosbags.typesys import Stores, get_typestore
 
 from backlash_ros.analysis.bag_writer import BagWriter
-from backlash_ros.ros.parameters import describe
+from backlash_ros.nodes.parameters import declare_recorder, refuse_unknown
 from backlash_ros.ros.run import StoppableNode, run
 from backlash_ros.ros.timer import Timer
 from backlash_ros.ros.topics import TOPICS
@@ -143,12 +143,9 @@ class Recorder(StoppableNode):
 
     def __init__(self) -> None:
         super().__init__("recorder")
-        default = time.strftime("backlash_%Y_%m_%d-%H_%M_%S")
-        text = "folder to write, which must not exist yet"
-        output = Path(self.declare_parameter("output", default, describe(text, read_only=True)).value)
-        topics = (
-            self.declare_parameter("topics", list(TOPICS), describe("topics to record", read_only=True)).value or []
-        )
+        given = declare_recorder(self, time.strftime("backlash_%Y_%m_%d-%H_%M_%S"))
+        refuse_unknown(self)
+        output, topics = Path(given.output), given.topics
         if not topics:
             raise ValueError("topics must name at least one topic, got none")
         self._types = get_typestore(Stores.ROS2_JAZZY)
@@ -276,7 +273,7 @@ class Recorder(StoppableNode):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the recorder."""
-    return run(_made, args)
+    return run("recorder", _made, args)
 
 
 def _made(axis: str) -> Recorder:

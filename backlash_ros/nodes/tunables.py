@@ -3,14 +3,25 @@
 A request that is refused changes nothing. What is in use is published each time with a new version.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, LearningSettings, Limits, ServoSettings, design_law
+from backlash_ros.control import (
+    DEFAULT_WEIGHTS,
+    LAWS,
+    Gains,
+    GainSet,
+    LearningSettings,
+    Limits,
+    Margins,
+    ServoSettings,
+    design_law,
+    stability_margins,
+)
 from backlash_ros.control.design.gain_sets import (
     CUSTOM,
     NO_WEIGHTS,
@@ -20,14 +31,63 @@ from backlash_ros.control.design.gain_sets import (
     resolve_set,
 )
 from backlash_ros.control.design.stability import LONGEST_DELAY
-from backlash_ros.drivetrain import Drive, Quantity
-from backlash_ros.ros.parameters import declare, declare_number, declare_quantities, describe, take
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Quantity
+from backlash_ros.ros.parameters import Names, declare, declare_number, declare_quantities, describe, take
 
 _K = "gains [k1, k2, k3] of V = -k1 (load angle - reference) - k2 load speed - k3 current"
 _K_UNIT = "V/rad, V s/rad, V/A"
 _K_BOUND = "k1 > 0 V/rad, all within +-1e+06, stable at the rate"
 _Q_UNIT = "1/rad^2, s^2/rad^2"
 _Q_BOUND = "Q11 > 0 and <= 1e+12, Q22 >= 0 and <= 1e+12; or [0, 0] for none"
+
+
+def _gain_names(prefix: str) -> list[str]:
+    return [f"{prefix}.{region}.{kind}" for region in REGIONS for kind in ("k", "q")]
+
+
+def _set_names(node: Node) -> list[str]:
+    text = describe(
+        "names of the gain sets, each given under gain_sets.<name>; the first is used at the start",
+        constraint=f"different from each other and from {CUSTOM!r}",
+        read_only=True,
+    )
+    names: list[str] = declare(node, "gain_set_names", ["nominal"], text)
+    if not names:
+        raise ValueError("gain_set_names must name at least one gain set")
+    if CUSTOM in names or len(set(names)) < len(names):
+        raise ValueError(f"gain_set_names must be different from each other and from {CUSTOM!r}, got {names}")
+    return names
+
+
+def _declare_delay(node: Node, rate: float) -> float:
+    text = "delay of the drive, both ways, that gains are judged with: from measuring to when the command acts"
+    return float(declare_number(node, "loop_delay", 0.0, Quantity(text, "s", 0.0, LONGEST_DELAY / rate)))
+
+
+def _declare_beside_gains(node: Node, drive: Drive) -> dict[str, Any]:
+    """Declare the dynamic parameters that are no gains and return what the user set."""
+    text = describe("control law", constraint=f"one of {sorted(LAWS)}")
+    values: dict[str, Any] = {"law": declare(node, "law", "two_region", text)}
+    for parameters in {law.parameters.section: law.parameters for law in LAWS.values()}.values():
+        values |= declare_quantities(node, parameters, read_only=False)
+    values |= declare_quantities(node, LearningSettings(), read_only=False)
+    values |= declare_quantities(node, Limits.of(drive), read_only=False)
+    any_gains = Gains(1.0, 0.0, 0.0)
+    return values | declare_quantities(node, ServoSettings(GainSet(any_gains, any_gains)), read_only=False)
+
+
+def tunable_names(given: Mapping[str, Any]) -> set[str]:
+    """Return the names of what `Tunables` declares where the overrides are ``given``; nothing is designed for it."""
+    names: Any = Names()
+    _declare_delay(names, 1.0)
+    _declare_beside_gains(names, NOMINAL_DRIVE)
+    sets = [*_set_names(names), *(given.get("gain_set_names") or [])]
+    return {
+        *names.declared,
+        "gain_set",
+        *_gain_names("gains"),
+        *(n for s in sets for n in _gain_names(f"gain_sets.{s}")),
+    }
 
 
 class Tunables:
@@ -41,13 +101,7 @@ class Tunables:
         self._node = node
         self._drive = drive
         self._period = 1.0 / rate
-        late = Quantity(
-            "delay of the drive, both ways, that gains are judged with: from measuring to when the command acts",
-            "s",
-            0.0,
-            LONGEST_DELAY / rate,
-        )
-        self._delay = float(declare_number(node, "loop_delay", 0.0, late))
+        self._delay = _declare_delay(node, rate)
         self._sets = self._declare_gain_sets()
         self.values = self._declare()
         self.settings, self.limits = self._built(self.values)
@@ -58,6 +112,17 @@ class Tunables:
         node.add_pre_set_parameters_callback(self._complete)
         node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._swap)
+
+    def margins(self) -> dict[str, dict[str, Margins]]:
+        """Return how far the gains of each set, and those in use, are from unstable, by set and region."""
+        sets = {**self._sets, self.values["gain_set"]: self.values}
+        return {
+            name: {
+                region: stability_margins(self._drive, Gains(*values[f"gains.{region}.k"]), self._period, self._delay)
+                for region in REGIONS
+            }
+            for name, values in sets.items()
+        }
 
     def message(self) -> ParameterEvent:
         """Return what is in use, with its version, as a message."""
@@ -72,18 +137,8 @@ class Tunables:
 
     def _declare_gain_sets(self) -> dict[str, dict[str, list[float]]]:
         node = self._node
-        text = describe(
-            "names of the gain sets, each given under gain_sets.<name>; the first is used at the start",
-            constraint=f"different from each other and from {CUSTOM!r}",
-            read_only=True,
-        )
-        names = node.declare_parameter("gain_set_names", ["nominal"], text).value
-        if not names:
-            raise ValueError("gain_set_names must name at least one gain set")
         sets = {}
-        for name in names:
-            if name == CUSTOM or names.count(name) > 1:
-                raise ValueError(f"gain_set_names must be different from each other and from {CUSTOM!r}, got {names}")
+        for name in _set_names(node):
             defaults = DEFAULT_WEIGHTS if name == "nominal" else dict.fromkeys(REGIONS, NO_WEIGHTS)
             chosen = {}
             for region in REGIONS:
@@ -111,17 +166,12 @@ class Tunables:
     def _declare(self) -> dict[str, Any]:
         node, sets = self._node, self._sets
         first = next(iter(sets))
-        text = describe("control law", constraint=f"one of {sorted(LAWS)}")
-        values: dict[str, Any] = {"law": node.declare_parameter("law", "two_region", text).value}
-        for parameters in {law.parameters.section: law.parameters for law in LAWS.values()}.values():
-            values |= declare_quantities(node, parameters, read_only=False)
-        values |= declare_quantities(node, LearningSettings(), read_only=False)
-        values |= declare_quantities(node, Limits.of(self._drive), read_only=False)
+        values = _declare_beside_gains(node, self._drive)
         # A set stands for its gains; gains given beside it at the start make it custom, as they do later.
         given: dict[str, Any] = {}
         start = sets[first]
         names = describe("gain set in use; setting it sets the gains", constraint=f"one of {[*sets, CUSTOM]}")
-        asked = {"gain_set": node.declare_parameter("gain_set", first, names).value}
+        asked = {"gain_set": declare(node, "gain_set", first, names)}
         for region in REGIONS:
             for kind, text in (
                 ("k", describe(f"{_K}, in use", unit=_K_UNIT, constraint=_K_BOUND)),
@@ -134,8 +184,6 @@ class Tunables:
         if given and asked["gain_set"] == first:
             asked = {"gain_set": CUSTOM}
         values |= start | expand({**asked, **given}, sets, self._drive)
-        settings = ServoSettings(gain_set_of(values, sets, self._drive, self._period, self._delay))
-        values |= declare_quantities(node, settings, read_only=False)
         changed = [
             Parameter(name, value=value)
             for name, value in values.items()

@@ -1,6 +1,5 @@
 """What simulator and controller share: the lifecycle, a latched fault with its reset, and diagnostics once a second."""
 
-import difflib
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -14,8 +13,9 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
+from backlash_ros.ros.overrides import COMMAND_LINE
 from backlash_ros.ros.parameter_requests import ParameterRequests
-from backlash_ros.ros.parameters import describe
+from backlash_ros.ros.parameters import declare_autostart
 from backlash_ros.ros.timer import Timer
 from backlash_ros.ros.topics import RECEIVE, SEND, overridable
 
@@ -57,11 +57,12 @@ class ManagedNode(LifecycleNode):
     linger = 0.0
 
     def __init__(self, name: str, namespace: str) -> None:
-        super().__init__(name, namespace=namespace, start_parameter_services=False)
+        rules = list(COMMAND_LINE.get())
+        super().__init__(name, namespace=namespace, cli_args=rules, start_parameter_services=False)
         self._parameter_requests = ParameterRequests(self)
-        text = "configure and activate at the start; false leaves both to lifecycle requests"
-        self.autostart = bool(self.declare_parameter("autostart", True, describe(text, read_only=True)).value)
+        self.autostart = declare_autostart(self)
         self.mismatches = 0
+        self.broken = False
         self._held = ExitStack()
         self._topics: list[Callable[[], None]] = []
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", SEND)
@@ -104,6 +105,11 @@ class ManagedNode(LifecycleNode):
     def configured(self) -> bool:
         """Whether the topics are there: inactive or active."""
         return self.state in {"inactive", "active"}
+
+    @property
+    def finished(self) -> bool:
+        """Whether there is no way back: shut down, or ``broken`` by a transition from which it could not recover."""
+        return self.state == "finalized"
 
     @property
     def active(self) -> bool:
@@ -150,7 +156,6 @@ class ManagedNode(LifecycleNode):
 
     def prepare(self) -> None:
         """Configure where ``autostart`` says so; RuntimeError where that fails."""
-        self._warn_of_slips()
         if not self.autostart:
             self.get_logger().info("autostart is false: waiting to be configured and activated")
         self._come_up(self.trigger_configure)
@@ -159,24 +164,23 @@ class ManagedNode(LifecycleNode):
         """Activate where ``autostart`` says so; RuntimeError where that fails."""
         self._come_up(self.trigger_activate)
 
-    def _warn_of_slips(self) -> None:
-        """Name what was given and is no parameter, but nearly: ROS passes over it, as over what is for other nodes."""
-        known = list(self._parameters)
-        for name in set(self._parameter_overrides) - set(known):
-            if near := difflib.get_close_matches(name, known, 1, 0.85):
-                self.get_logger().warning(f"there is no parameter {name!r}: is {near[0]!r} meant?")
-
     def _come_up(self, transition: Callable[[], TransitionCallbackReturn]) -> None:
         if self.autostart and transition() != RESULT.SUCCESS:
             raise RuntimeError(f"{self.get_name()} did not come up: still {self.state}")
 
     def stop(self) -> None:
         """Shut down from wherever it is; the context is still alive."""
-        if self.state != "finalized":
+        if not self.finished:
             self.trigger_shutdown()
 
-    def _guarded(self, name: str, *actions: Callable[[], None]) -> TransitionCallbackReturn:
-        """Do what a transition is for; log what goes wrong, which rclpy would swallow."""
+    def _guarded(
+        self,
+        name: str,
+        then: Callable[[LifecycleState], TransitionCallbackReturn],
+        state: LifecycleState,
+        *actions: Callable[[], None],
+    ) -> TransitionCallbackReturn:
+        """Do what a transition is for, and ``then`` what rclpy does; log what goes wrong, which rclpy would swallow."""
         try:
             for action in actions:
                 action()
@@ -188,7 +192,7 @@ class ManagedNode(LifecycleNode):
             self.get_logger().debug(traceback.format_exc())
             return RESULT.ERROR
         self.get_logger().debug(f"{name} done")
-        return RESULT.SUCCESS
+        return then(state)
 
     def _begin(self) -> None:
         self.activate()
@@ -201,35 +205,36 @@ class ManagedNode(LifecycleNode):
             self._active = False
             self.state_changed()
 
-    def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Compile, design, take up the topics."""
-        result = self._guarded("configure", self._take_up_topics, self.configure)
+        result = self._guarded("configure", super().on_configure, state, self._take_up_topics, self.configure)
         if result != RESULT.SUCCESS:
             self._held.close()
         return result
 
-    def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin."""
-        return self._guarded("activate", self._begin)
+        return self._guarded("activate", super().on_activate, state, self._begin)
 
-    def on_deactivate(self, _state: LifecycleState) -> TransitionCallbackReturn:
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Put 0 V out and end."""
-        return self._guarded("deactivate", self._end)
+        return self._guarded("deactivate", super().on_deactivate, state, self._end)
 
-    def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let go of the topics."""
-        return self._guarded("clean up", self._held.close)
+        return self._guarded("clean up", super().on_cleanup, state, self._held.close)
 
-    def on_shutdown(self, _state: LifecycleState) -> TransitionCallbackReturn:
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Put 0 V out, let go of the topics."""
-        return self._guarded("shut down", self._end, self._held.close)
+        return self._guarded("shut down", super().on_shutdown, state, self._end, self._held.close)
 
-    def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """After a transition that failed, which the log tells: put 0 V out, again if need be; let go of the topics."""
-        ended = self._guarded("recover", self._end)
+        ended = self._guarded("recover", super().on_error, state, self._end)
         self._active = False
-        closed = self._guarded("recover", self._held.close)
-        return closed if ended == RESULT.SUCCESS else ended
+        closed = self._guarded("recover", super().on_error, state, self._held.close)
+        self.broken = not ended == closed == RESULT.SUCCESS
+        return RESULT.FAILURE if self.broken else RESULT.SUCCESS
 
     def _LifecycleNodeMixin__on_change_state(  # noqa: N802
         self, request: ChangeState.Request, response: ChangeState.Response

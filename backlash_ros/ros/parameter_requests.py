@@ -13,16 +13,20 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_service import ParameterService
 
-from backlash_ros.ros.parameters import KINDS, as_floats
+from backlash_ros.ros.parameters import check_kind, convert
 
 
 def read_request(node: Node, messages: Sequence[ParameterMessage]) -> list[Parameter]:
-    """Return a request's parameters, in the types that they were declared with; ValueError names the culprit."""
+    """Return what a request changes, in the types that the parameters were declared with; ValueError names the culprit.
+
+    A parameter that cannot change any more may be set to what it is: a file of all parameters can be loaded again.
+    """
     names = [message.name for message in messages]
     for name in names:
         if names.count(name) > 1:
             raise ValueError(f"{name} stands {names.count(name)} times in one request")
-    return [_read(node, message) for message in messages]
+    parameters = [_read(node, message) for message in messages]
+    return [parameter for parameter in parameters if not node.describe_parameter(parameter.name).read_only]
 
 
 def _read(node: Node, message: ParameterMessage) -> Parameter:
@@ -30,17 +34,17 @@ def _read(node: Node, message: ParameterMessage) -> Parameter:
     if not node.has_parameter(name):
         raise ValueError(f"there is no parameter {name!r}")
     described = node.describe_parameter(name)
-    if described.read_only:
-        raise ValueError(f"{name} is read-only: it holds as long as the node runs")
     kind, constraint = Parameter.Type(described.type), described.additional_constraints
     try:
-        value = parameter_value_to_python(message.value)
+        value = convert(parameter_value_to_python(message.value), kind)
     except RuntimeError as error:
         raise ValueError(f"{name}: {error}") from error
-    if kind in (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY):
-        value = as_floats(value)
-    if not kind.check(value):
-        raise ValueError(f"{name} must be {', '.join(filter(None, (KINDS[kind], constraint)))}, got {value!r}")
+    if described.read_only:
+        now = node.get_parameter(name).value
+        if value != now:
+            raise ValueError(f"{name} is read-only: it stays {now!r} as long as the node runs, got {value!r}")
+        return node.get_parameter(name)
+    check_kind(name, value, kind, constraint)
     for bounds in (*described.floating_point_range, *described.integer_range):
         if not bounds.from_value <= value <= bounds.to_value:  # nan is not
             raise ValueError(f"{name} must be {constraint}, got {value!r}")
@@ -56,7 +60,7 @@ class ParameterRequests(ParameterService):
             parameters = read_request(node, messages)
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        return node.set_parameters_atomically(parameters)
+        return node.set_parameters_atomically(parameters) if parameters else SetParametersResult(successful=True)
 
     def _set_parameters_callback(
         self, request: SetParameters.Request, response: SetParameters.Response

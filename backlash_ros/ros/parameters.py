@@ -36,6 +36,9 @@ KINDS = {
 }
 """The types of parameters in words."""
 
+_ABOVE = 1e-12
+"""Where a range begins that excludes its lower bound, above that: a range has no open end. Nothing real is smaller."""
+
 
 def describe(text: str, *, unit: str = "", constraint: str = "", read_only: bool = False) -> ParameterDescriptor:
     """Return a parameter's descriptor: what it is, in what unit, within which bounds."""
@@ -44,11 +47,26 @@ def describe(text: str, *, unit: str = "", constraint: str = "", read_only: bool
     )
 
 
-def as_floats(value: Any) -> Any:
-    """Return whole numbers as floats and anything else as it is: ``250`` stands for ``250.0``, in lists too."""
-    if isinstance(value, (list, tuple, array)):
-        return [as_floats(item) for item in value]
-    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+def convert(value: Any, kind: Parameter.Type) -> Any:
+    """Return ``value`` in a parameter's type where nothing is lost, and else as it is: 250 for 250.0, 3.0 for 3."""
+    if kind == Parameter.Type.DOUBLE_ARRAY and isinstance(value, (list, tuple, array)):
+        return [convert(item, Parameter.Type.DOUBLE) for item in value]
+    if kind == Parameter.Type.STRING_ARRAY and value is None:
+        return []  # of which rcl knows no type
+    if kind == Parameter.Type.DOUBLE and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if kind == Parameter.Type.INTEGER and isinstance(value, float) and value.is_integer():
+        return int(value)
+    return value
+
+
+def check_kind(name: str, value: Any, kind: Parameter.Type, constraint: str) -> None:
+    """Raise ValueError, naming ``name``, the value and the bound, unless the value has the parameter's type."""
+    if not kind.check(value) or isinstance(value, bool) != (kind == Parameter.Type.BOOL):
+        wanted = (
+            constraint if constraint.startswith(KINDS[kind]) else ", ".join(filter(None, (KINDS[kind], constraint)))
+        )
+        raise ValueError(f"{name} must be {wanted}, got {value!r}")
 
 
 def declare(
@@ -60,15 +78,13 @@ def declare(
 ) -> Any:
     """Declare a parameter of its default's type and return it, once ``check`` has not refused it.
 
-    Whole numbers stand for floats, which rclpy takes only while a parameter's type is left open; it is closed here.
+    What the user gave is converted where nothing is lost, which rclpy leaves room for only while a parameter's type is
+    open; it is closed here.
     """
     kind = Parameter.Type.from_parameter_value(default)
-    value = node.declare_parameter(name, default, ParameterDescriptor(dynamic_typing=True)).value
-    if kind in (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY):
-        value = as_floats(value)
+    value = convert(node.declare_parameter(name, default, ParameterDescriptor(dynamic_typing=True)).value, kind)
+    check_kind(name, value, kind, descriptor.additional_constraints)
     check(name, value)
-    if not kind.check(value):
-        raise ValueError(f"{name} must be {KINDS[kind]}, got {value!r}")
     descriptor.type = kind.value
     node.set_descriptor(name, descriptor, Parameter(name, kind, value).get_parameter_value())
     return value
@@ -79,7 +95,8 @@ def declare_number(node: Node, name: str, default: float, described: Quantity, *
     descriptor = describe(described.description, unit=described.unit, constraint=described.bound, read_only=read_only)
     # What a tool needs for a slider. The bound in words is the exact one, and checked by ourselves.
     if isinstance(default, float):
-        descriptor.floating_point_range = [FloatingPointRange(from_value=described.lower, to_value=described.upper)]
+        lower = described.lower + (_ABOVE if described.open_lower else 0.0)
+        descriptor.floating_point_range = [FloatingPointRange(from_value=lower, to_value=described.upper)]
     else:
         descriptor.integer_range = [IntegerRange(from_value=int(described.lower), to_value=int(described.upper))]
     return declare(node, name, default, descriptor, described.check)
@@ -106,12 +123,12 @@ def declare_drive(node: Node) -> Drive:
     for part in (NOMINAL_DRIVE.motor, NOMINAL_DRIVE.gear, NOMINAL_DRIVE.load):
         values |= declare_quantities(node, part, read_only=True)
     text = describe("force law of the teeth", constraint=f"one of {list(CONTACTS)}", read_only=True)
-    law = node.declare_parameter("contact.law", law_name(NOMINAL_DRIVE.gear.contact), text).value
+    law = declare(node, "contact.law", law_name(NOMINAL_DRIVE.gear.contact), text)
     for kind in CONTACTS.values():
         values |= declare_quantities(node, kind(), read_only=True)
     contact = take(CONTACTS.choose("contact.law", law), values)
     text = describe("what the command is", constraint=f"one of {list(COMMAND_INTERFACES)}", read_only=True)
-    interface = node.declare_parameter("command_interface", NOMINAL_DRIVE.command_interface, text).value
+    interface = declare(node, "command_interface", NOMINAL_DRIVE.command_interface, text)
     return Drive(take(Motor, values), take(Gear, values, contact=contact), take(Load, values), interface)
 
 
@@ -144,11 +161,17 @@ def declare_joints(node: Node) -> tuple[str, str]:
             constraint="motor_joint and load_joint are two different names",
             read_only=True,
         )
-        names.append(node.declare_parameter(f"{side}_joint", side, text).value)
+        names.append(declare(node, f"{side}_joint", side, text))
     motor, load = names
     if not motor or not load or motor == load:
         raise ValueError(f"motor_joint and load_joint must be two different names, got {motor!r} and {load!r}")
     return motor, load
+
+
+def declare_autostart(node: Node) -> bool:
+    """Declare ``autostart`` and return it."""
+    text = "configure and activate at the start; false leaves both to lifecycle requests"
+    return bool(declare(node, "autostart", True, describe(text, read_only=True)))
 
 
 def declare_rate(node: Node) -> float:
@@ -162,3 +185,18 @@ def declare_timeout(node: Node, name: str, text: str, period: float) -> float:
     if timeout < 2 * period:
         raise ValueError(f"{name} must be two periods of the samples at least, {2 * period:g} s, got {timeout:g}")
     return timeout
+
+
+class Names:
+    """Stands in for a node where only the names of its parameters are wanted: all have their defaults."""
+
+    def __init__(self) -> None:
+        self.declared: list[str] = []
+
+    def declare_parameter(self, name: str, default: Any, _descriptor: ParameterDescriptor) -> Parameter:
+        """Take the name down and return the default."""
+        self.declared.append(name)
+        return Parameter(name, value=default)
+
+    def set_descriptor(self, *_: Any) -> None:
+        """Nobody asks for it."""

@@ -2,7 +2,9 @@
 
 import argparse
 import gc
+import logging
 import os
+import re
 import signal
 import sys
 import traceback
@@ -12,11 +14,14 @@ from types import FrameType
 import rclpy
 from rclpy.exceptions import InvalidParameterTypeException, NameValidationException, ParameterException
 from rclpy.experimental import EventsExecutor
+from rclpy.logging import get_logger, get_logging_directory
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from backlash_ros.ros.lifecycle import ManagedNode
+from backlash_ros.ros.output import Backlog, never_wait
+from backlash_ros.ros.overrides import COMMAND_LINE, parameter_rules
 from backlash_ros.ros.timer import Timer, call_due, now
 
 
@@ -28,6 +33,10 @@ class StoppableNode(Node):
 
     linger = 0.0
     own_timers: Sequence[Timer] = ()
+    finished = broken = False
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name, cli_args=list(COMMAND_LINE.get()))
 
     def prepare(self) -> None:
         """Do what takes its time; the executor knows the node by now."""
@@ -40,6 +49,9 @@ class StoppableNode(Node):
 
 
 Runnable = ManagedNode | StoppableNode
+
+_FAREWELL = 0.5
+"""How long nodes that were shut down on request go on, s: the answer has to leave."""
 
 
 class Stop:
@@ -64,14 +76,29 @@ class Stop:
         return self._asked
 
 
-def _axes(args: Sequence[str] | None) -> list[str]:
+class _RosLog(logging.Handler):
+    """Hands what the library says to the ROS log."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__()
+        self._name = name
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.levelno >= logging.WARNING:
+            get_logger(self._name).warning(record.getMessage())
+        else:
+            get_logger(self._name).info(record.getMessage())
+
+
+def _axes(words: Sequence[str]) -> list[str]:
     """Return the namespaces that ``--axes`` gives, one node each; without it one, that of the process.
 
     Help, and words that nobody knows, end it: a parameter file without ``--ros-args`` before it must not be overlooked.
     """
     parser = argparse.ArgumentParser(epilog="parameters, remaps and the like stand behind --ros-args")
     parser.add_argument("--axes", nargs="+", default=[""], metavar="NAMESPACE", help="one node in each")
-    return list(parser.parse_args(remove_ros_args(sys.argv[1:] if args is None else list(args))).axes)
+    axes: list[str] = parser.parse_args(remove_ros_args(list(words))).axes
+    return axes
 
 
 def _made(make: Callable[[str], Runnable], axis: str) -> Runnable:
@@ -79,6 +106,13 @@ def _made(make: Callable[[str], Runnable], axis: str) -> Runnable:
     if axis and node.get_namespace().strip("/") != axis.strip("/"):
         raise ValueError("with --axes the namespaces are the axes: --axes arm/elbow, not __ns:=arm")
     return node
+
+
+def _refuse(name: str, error: Exception) -> int:
+    """Say in one line, without places in the source of rcl, why nothing starts; return the exit code."""
+    reason = " ".join(re.sub(r",? at \S+:\d+", "", str(error)).split())
+    get_logger(name).fatal(f"cannot start: {reason}")
+    return 2
 
 
 def _report(node: Node, error: Exception) -> None:
@@ -96,29 +130,47 @@ def _stopped(node: Runnable) -> bool:
     return True
 
 
-def _turn(executor: EventsExecutor, nodes: Sequence[Runnable]) -> None:
+def _watch_output(node: Node) -> Timer:
+    """Return a timer that tells when lines are taken again that were not, which nobody saw."""
+    backlog = Backlog()
+
+    def look() -> None:
+        if held := backlog.ended():
+            where = get_logging_directory()
+            node.get_logger().warning(f"no output was taken for {held:.0f} s: lines may be missing, {where} has them")
+
+    return Timer(1.0, look)
+
+
+def _turn(executor: EventsExecutor, nodes: Sequence[Runnable], watch: Timer) -> None:
     """Call a timer that is due and work off one event, which may come until the next timer is due.
 
     Neither starves the other: timers that are overdue leave beats out.
     """
-    wait = call_due([timer for node in nodes for timer in node.own_timers])
+    wait = call_due([watch, *(timer for node in nodes for timer in node.own_timers)])
     executor.spin_once(timeout_sec=min(max(wait, 0.0), 0.1))
 
 
-def run(make: Callable[[str], Runnable], args: Sequence[str] | None) -> int:
-    """Run the nodes that ``make`` builds, one per axis, until told to stop; return the exit code.
+def run(name: str, make: Callable[[str], Runnable], args: Sequence[str] | None) -> int:
+    """Run the nodes that ``make`` builds, one per axis, until told to stop or shut down; return the exit code.
 
     rclpy's own handlers would end the context before a last command could leave, so signals are taken here.
-    A parameter out of bounds ends it at once with code 2 and a line that says which.
+    A parameter out of bounds, or one that nobody knows, ends it at once with code 2 and a line that says which.
+
+    ``name`` stands in the log until there is a node.
     """
     # Fast DDS' shared memory lets a listener that is stopped hold up who publishes, for 1 s (docs/faults.md).
     os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+    words = sys.argv[1:] if args is None else list(args)
+    never_wait()
     try:
-        axes = _axes(args)
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        axes = _axes(words)
+        rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # arguments or a parameter file that cannot be read
-        print(f"cannot start: {error}", file=sys.stderr)
-        return 2
+        return _refuse(name, error)
+    COMMAND_LINE.set(parameter_rules(words))
+    logging.getLogger("backlash_ros").addHandler(_RosLog(name))
+    logging.getLogger("backlash_ros").setLevel(logging.INFO)
     stop = Stop()
     nodes: list[Runnable] = []
     # The fastest executor there is; its spin() ignores signals, so it is spun event by event.
@@ -130,8 +182,7 @@ def run(make: Callable[[str], Runnable], args: Sequence[str] | None) -> int:
                 raise ValueError(f"--axes must be different from each other, got {axes}")
             nodes.extend(_made(make, axis) for axis in axes)
         except (ValueError, NameValidationException, ParameterException, InvalidParameterTypeException) as error:
-            print(f"cannot start: {error}", file=sys.stderr)
-            return 2
+            return _refuse(name, error)
         try:
             for node in nodes:
                 executor.add_node(node)
@@ -141,16 +192,17 @@ def run(make: Callable[[str], Runnable], args: Sequence[str] | None) -> int:
             gc.freeze()
             for node in nodes:
                 node.start()
-            while not stop:
-                _turn(executor, nodes)
-            end = now() + max(node.linger for node in nodes)
+            watch = _watch_output(nodes[0])
+            while not (stop or all(node.finished for node in nodes)):
+                _turn(executor, nodes, watch)
+            end = now() + (max(node.linger for node in nodes) if stop else _FAREWELL)
             while now() < end:
                 executor.spin_once(timeout_sec=0.01)
         except Exception as error:  # whatever it is, the drive is left safe and the reason is in the log
             _report(nodes[0], error)
             code = 1
         finally:
-            if [node for node in nodes if not _stopped(node)]:
+            if [node for node in nodes if not _stopped(node) or node.broken]:
                 code = 1
         return code
     finally:

@@ -166,7 +166,7 @@ def test_whatever_is_sent_is_refused_by_name(start: Start, peer: Peer) -> None:
         ("backlash_angle", value(ParameterType.PARAMETER_BOOL, bool_value=True), "backlash_angle must be a number"),
         (
             "learning__cycles",
-            value(ParameterType.PARAMETER_DOUBLE, double_value=5.0),
+            value(ParameterType.PARAMETER_DOUBLE, double_value=5.5),
             "learning.cycles must be a whole",
         ),
         ("learning__cycles", value(ParameterType.PARAMETER_BOOL, bool_value=True), "learning.cycles must be a "),
@@ -178,7 +178,7 @@ def test_whatever_is_sent_is_refused_by_name(start: Start, peer: Peer) -> None:
         ("gains__fast__q", value(FLOATS, double_array_value=[]), "gains.fast.q must be two weights"),
         ("gains__fast__q", value(FLOATS, double_array_value=[math.nan, 0.0]), "gains.fast.q: Q11 must be > 0"),
         ("limits__position_upper", value(ParameterType.PARAMETER_DOUBLE, double_value=-2e9), "limits.position_upper"),
-        ("rate", value(ParameterType.PARAMETER_DOUBLE, double_value=500.0), "rate is read-only"),
+        ("rate", value(ParameterType.PARAMETER_DOUBLE, double_value=500.0), "rate is read-only: it stays 250.0"),
         ("use_sim_time", value(TEXT, string_value="yes"), "use_sim_time must be true or false"),
         ("nosuch", value(ParameterType.PARAMETER_DOUBLE, double_value=1.0), "there is no parameter 'nosuch'"),
     ):

@@ -217,7 +217,7 @@ def test_scenario_that_is_not_finite_is_refused_by_name(gains: GainSet, name: st
 
 
 def test_noise_that_is_not_finite_is_refused_by_name() -> None:
-    with pytest.raises(ValueError, match=r"sensors\.load_noise must be a finite number in rad, got nan"):
+    with pytest.raises(ValueError, match=r"sensors\.load_noise must be a finite number, >= 0 rad and <= .*, got nan"):
         Sensors(load_noise=math.nan)
 
 

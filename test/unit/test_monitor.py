@@ -132,7 +132,10 @@ def started(drive: Drive, *, measured: Sequence[str] = EVERYTHING, **changes: fl
         ({"soft_zone": 11.0}, "limits.soft_zone must be > 0 rad and <= 10 rad, got 11.0"),
         ({"step": 0.0}, "limits.step must be > 0 rad and <= 1e+09 rad, got 0.0"),
         ({"position_upper": 2e9}, "limits.position_upper must be >= -1e+09 rad and <= 1e+09 rad, got 2000000000.0"),
-        ({"position_lower": math.nan}, "limits.position_lower must be a finite number in rad, got nan"),
+        (
+            {"position_lower": math.nan},
+            "limits.position_lower must be a finite number, >= -1e+09 rad and <= 1e+09 rad, got nan",
+        ),
         (
             {"position_lower": 1.0, "position_upper": 1.0},
             "limits.position_lower must be < limits.position_upper = 1 rad, got 1.0",

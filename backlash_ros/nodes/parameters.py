@@ -1,0 +1,112 @@
+"""The parameters of each node, declared by functions: so each node knows the names of all without making the others."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.node import Node
+
+from backlash_ros.drivetrain import Drive, Quantity
+from backlash_ros.drivetrain.delay import Delay
+from backlash_ros.ros.overrides import check_known, values_given
+from backlash_ros.ros.parameters import (
+    Names,
+    declare,
+    declare_autostart,
+    declare_drive,
+    declare_joints,
+    declare_number,
+    declare_quantities,
+    declare_rate,
+    declare_sensors,
+    declare_timeout,
+    describe,
+    take,
+)
+from backlash_ros.ros.topics import TOPICS
+
+
+@dataclass(frozen=True)
+class SimulatorParameters:
+    """What the plant simulator is told; times in s, rates in Hz. ``sensors`` are values by name, dynamic ones."""
+
+    drive: Drive
+    joints: tuple[str, str]
+    rate: float
+    real_time_factor: float
+    lockstep: bool
+    command_timeout: float
+    sensors: dict[str, Any]
+    delay: Delay
+    seed: int
+
+
+def declare_simulator(node: Node) -> SimulatorParameters:
+    """Declare the plant simulator's parameters and return them; ValueError names the one that is refused."""
+    drive, joints, rate = declare_drive(node), declare_joints(node), declare_rate(node)
+    described = Quantity("simulated time over real time", "", 0.0, 100.0, True)
+    factor = declare_number(node, "real_time_factor", 1.0, described)
+    text = "wait for the answer to each sample; time is then the plant's, published on /clock"
+    lockstep = declare(node, "lockstep", False, describe(text, read_only=True))
+    text = "silence on command after which the motor gets 0 V; an answer is as old as the sample that it names"
+    timeout = declare_timeout(node, "command_timeout", text, 1.0 / rate / factor)
+    sensors, delay = declare_sensors(node), take(Delay, declare_quantities(node, Delay(), read_only=True))
+    seed = declare_number(node, "seed", 0, Quantity("seed of noise and jitter", "", 0, 2**31 - 1, whole=True))
+    return SimulatorParameters(drive, joints, rate, factor, lockstep, timeout, sensors, delay, seed)
+
+
+@dataclass(frozen=True)
+class ControllerParameters:
+    """What the controller is told once; what can change while it runs is in `Tunables`. Times in s, rates in Hz."""
+
+    drive: Drive
+    joints: tuple[str, str]
+    rate: float
+    state_timeout: float
+    telemetry_rate: float
+
+
+def declare_controller(node: Node) -> ControllerParameters:
+    """Declare the controller's parameters beside the tunable ones; ValueError names the one that is refused."""
+    drive, joints, rate = declare_drive(node), declare_joints(node), declare_rate(node)
+    text = "silence on joint_states after which the command is 0 V and a fault is latched"
+    timeout = declare_timeout(node, "state_timeout", text, 1.0 / rate)
+    described = Quantity("rate of ~/state, at most rate; each change is sent besides", "Hz", 0.0, rate, True)
+    telemetry_rate = declare_number(node, "telemetry_rate", min(50.0, rate), described)
+    return ControllerParameters(drive, joints, rate, timeout, telemetry_rate)
+
+
+@dataclass(frozen=True)
+class RecorderParameters:
+    """What the recorder is told."""
+
+    output: str
+    topics: Sequence[str]
+
+
+def declare_recorder(node: Node, output: str) -> RecorderParameters:
+    """Declare the recorder's parameters and return them; ``output`` is where it writes unless it is told."""
+    text = "folder to write, which must not exist yet"
+    output = declare(node, "output", output, describe(text, read_only=True))
+    return RecorderParameters(
+        output, declare(node, "topics", list(TOPICS), describe("topics to record", read_only=True))
+    )
+
+
+def all_names(given: Mapping[str, Any]) -> set[str]:
+    """Return the names of the parameters of all nodes where the overrides are ``given``, which may name gain sets."""
+    # Only where somebody asks: the simulator needs no control law.
+    from backlash_ros.nodes.tunables import tunable_names  # noqa: PLC0415
+
+    names: Any = Names()
+    declare_autostart(names)
+    declare_simulator(names)
+    declare_controller(names)
+    declare_recorder(names, "")
+    return {*names.declared, *tunable_names(given)}
+
+
+def refuse_unknown(node: Node) -> None:
+    """Refuse names given to ``node`` that look like ours and are no parameter; all of its own are declared by now."""
+    given = values_given(node)
+    check_known(given, list(node._parameters), lambda: all_names(given))

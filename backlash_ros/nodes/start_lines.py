@@ -1,0 +1,38 @@
+"""What the controller says when it starts: how far its gains are from unstable, or that nobody told it of the drive."""
+
+import math
+from collections.abc import Iterable, Mapping
+
+from backlash_ros.control import Margins
+
+_LEAST_PHASE = math.radians(30)
+_DRIVE = ("motor.", "gear.", "load.")
+
+
+def untold_drive(given: Iterable[str]) -> str:
+    """Return what to say where no parameter of the drive is among the names ``given``; empty where one is."""
+    if any(name.startswith(_DRIVE) for name in given):
+        return ""
+    return (
+        "nothing was said of the drive, it is taken for the nominal one: "
+        "for another one give motor.torque_constant, gear.reduction and load.inertia at least"
+    )
+
+
+def _distance(margins: Margins) -> str:
+    phase = f"{math.degrees(margins.phase):.0f} deg" if math.isfinite(margins.phase) else "any phase"
+    delay = f"{1e3 * margins.delay:.3g} ms" if math.isfinite(margins.delay) else "any delay"
+    return f"{phase}, {delay}"
+
+
+def margins_line(name: str, margins: Mapping[str, Margins], period: float) -> tuple[str, bool]:
+    """Return the phase and delay margins of a gain set in words, by region, and whether they are a warning.
+
+    They are where a region bears less than 30 deg of lag, or less than a ``period`` (s) of further delay.
+    """
+    listed = "; ".join(f"{region} {_distance(margin)}" for region, margin in margins.items())
+    tight = [region for region, margin in margins.items() if margin.phase < _LEAST_PHASE or margin.delay < period]
+    line = f"gain set {name!r}, margins of phase and delay: {listed}"
+    if tight:
+        line += f"; {' and '.join(tight)} below 30 deg or one period, {1e3 * period:.3g} ms: lower gains bear more"
+    return line, bool(tight)

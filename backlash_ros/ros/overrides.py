@@ -1,0 +1,77 @@
+"""What the user gave for parameters: which of it wins, and what of it nobody understands."""
+
+import difflib
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextvars import ContextVar
+from typing import Any
+
+from rclpy.node import Node
+
+COMMAND_LINE: ContextVar[Sequence[str]] = ContextVar("the command line's rules for parameters", default=())
+"""ROS arguments that each node of this process takes as its own.
+
+For rcl a value given with ``-p`` stands under ``/**``, and gives way to any key of a parameter file that stands further
+down and fits the node. A node's own arguments come after all that: so ``-p`` wins.
+"""
+
+_FROM_ROS = "qos_overrides."
+_CLOSE = 0.85
+"""Likeness from which a name is taken for a misspelt one of ours."""
+
+
+def parameter_rules(arguments: Sequence[str]) -> list[str]:
+    """Return the ROS arguments among ``arguments`` that give parameters one by one; none where there is no such."""
+    rules: list[str] = []
+    ros = False
+    words = iter(arguments)
+    for word in words:
+        if word == "--ros-args" or (ros and word == "--"):
+            ros = word == "--ros-args"
+        elif ros and word in ("-p", "--param"):
+            rules += [word, next(words, "")]
+    return ["--ros-args", *rules] if rules else []
+
+
+def _nearest(name: str, known: Collection[str], least: float) -> str:
+    folded = {other.lower(): other for other in known}
+    near = difflib.get_close_matches(name.lower(), folded, 1, least)
+    return folded[near[0]] if near else ""
+
+
+def _meant(name: str, known: Collection[str]) -> str:
+    """Return the parameter that ``name`` seems to stand for; empty where it is somebody else's."""
+    sections = {other.partition(".")[0] for other in known if "." in other}
+    return _nearest(name, known, 0.0 if name.partition(".")[0] in sections else _CLOSE)
+
+
+def check_known(given: Mapping[str, Any], declared: Collection[str], elsewhere: Callable[[], Collection[str]]) -> None:
+    """Refuse what was given under a name that is none of ours, but looks like one.
+
+    Parameter files are shared with other nodes: what is far from our names is left alone.
+
+    Parameters
+    ----------
+    given : value of each override by its name
+    declared : names of the node's parameters
+    elsewhere : the names of all nodes of the package, asked for only where a name is not among ``declared``
+
+    Raises
+    ------
+    ValueError
+        Names each such parameter, its value and the nearest name.
+    """
+    unknown = [name for name in given if name not in declared and not name.startswith(_FROM_ROS)]
+    ours = [name for name in declared if not name.startswith(_FROM_ROS)]
+    known = {*ours, *elsewhere()} if unknown else set()
+    wrong = [(name, near) for name in unknown if name not in known and (near := _meant(name, known))]
+    if wrong:
+        raise ValueError(
+            "; ".join(
+                f"there is no parameter {name!r}, got {given[name]!r}: is {near!r} meant?" for name, near in wrong
+            )
+        )
+
+
+def values_given(node: Node) -> dict[str, Any]:
+    """Return the overrides that are addressed to ``node``, by name."""
+    return {name: parameter.value for name, parameter in node._parameter_overrides.items()}

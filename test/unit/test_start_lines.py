@@ -1,0 +1,38 @@
+"""What the controller says when it starts."""
+
+import math
+
+import pytest
+
+from backlash_ros.control import Margins
+from backlash_ros.nodes.start_lines import margins_line, untold_drive
+
+
+def margins(degrees: float, delay: float) -> Margins:
+    return Margins(math.radians(degrees), delay, 5.0, 80.0)
+
+
+@pytest.mark.parametrize("given", [[], ["rate", "law", "limits.command"], ["load_joint"]])
+def test_a_drive_that_nobody_described_is_named_with_what_matters_most(given: list[str]) -> None:
+    line = untold_drive(given)
+    assert all(name in line for name in ("motor.torque_constant", "gear.reduction", "load.inertia"))
+
+
+@pytest.mark.parametrize("name", ["motor.inertia", "gear.reduction", "load.inertia"])
+def test_a_drive_that_somebody_described_is_not_mentioned(name: str) -> None:
+    assert untold_drive(["rate", name]) == ""
+
+
+def test_margins_are_told_by_region() -> None:
+    line, warn = margins_line(
+        "stiff", {"fast": margins(62.4, 0.0195), "overdamped": margins(math.inf, math.inf)}, 0.004
+    )
+    assert line == "gain set 'stiff', margins of phase and delay: fast 62 deg, 19.5 ms; overdamped any phase, any delay"
+    assert not warn
+
+
+@pytest.mark.parametrize(("degrees", "delay"), [(29.0, 0.02), (60.0, 0.0039)])
+def test_tight_margins_are_a_warning_that_names_the_region(degrees: float, delay: float) -> None:
+    line, warn = margins_line("stiff", {"fast": margins(degrees, delay), "overdamped": margins(80, 0.4)}, 0.004)
+    assert warn
+    assert line.endswith("; fast below 30 deg or one period, 4 ms: lower gains bear more")
