@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from graph import Peer, Process
+from graph import Parameters, Peer, Process
 from pair import stamp_of
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.utilities import get_rmw_implementation_identifier
@@ -100,6 +100,37 @@ def test_voltage_turns_the_motor_and_the_gear_the_load(start: Start, peer: Peer)
     assert position[0] == pytest.approx(10 * position[1], abs=0.2)  # within the backlash
     assert effort[0] > 0
     assert listener.last.velocity[1] > 0
+
+
+def test_sensors_can_be_changed_while_it_runs_and_are_checked_whole(start: Start, peer: Peer) -> None:
+    start("plant_simulator", sensors__motor_counts=64, sensors__load_offset=0.25)
+    listener = Listener(peer).ready()
+    parameters = Parameters(peer, "plant_simulator")
+    listener.drive_until(1.0, "the motor to turn", lambda: listener.last.position[0] > 2.0)
+    count = 2 * math.pi / 64
+    for message in listener.states:
+        assert message.position[0] / count == pytest.approx(round(message.position[0] / count), abs=1e-9)
+    assert listener.states[0].position[1] == 0.25
+    assert parameters.set(sensors__motor_counts=0.0, sensors__measured=["theta_m", "theta_l"]) == (True, "")
+
+    def exact_and_without_speeds() -> bool:
+        last = listener.last
+        return all(map(math.isnan, last.velocity)) and math.isnan(last.effort[0])
+
+    listener.drive_until(1.0, "the change", exact_and_without_speeds)
+    accepted, reason = parameters.set(sensors__load_noise=0.1, sensors__measured=["omega_m"])
+    assert not accepted
+    assert "sensors.measured must be of" in reason
+    assert parameters.get("sensors.load_noise", "sensors.measured") == [0.0, ["theta_m", "theta_l"]]
+    accepted, reason = parameters.set(sensors__load_noise=-0.1)
+    assert (accepted, reason) == (False, "sensors.load_noise must be >= 0 rad and <= 1000 rad, got -0.1")
+
+
+def test_a_joint_without_an_encoder_is_left_out(start: Start, peer: Peer) -> None:
+    start("plant_simulator", sensors__measured="[theta_l, omega_l]")
+    listener = Listener(peer).ready()
+    assert list(listener.last.name) == ["load"]
+    assert len(listener.last.position) == len(listener.last.velocity) == 1
 
 
 def test_load_torque_turns_the_load(start: Start, peer: Peer) -> None:
