@@ -10,7 +10,15 @@ from rcl_interfaces.msg import ParameterEvent, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, LearningSettings, Limits, ServoSettings, design_law
+from backlash_ros.control import (
+    DEFAULT_WEIGHTS,
+    LAWS,
+    FaultThresholds,
+    LearningSettings,
+    Limits,
+    ServoSettings,
+    design_law,
+)
 from backlash_ros.control.design.gain_sets import (
     CUSTOM,
     NO_WEIGHTS,
@@ -117,6 +125,7 @@ class Tunables:
             values |= declare_quantities(node, parameters, read_only=False)
         values |= declare_quantities(node, LearningSettings(), read_only=False)
         values |= declare_quantities(node, Limits.of(self._drive), read_only=False)
+        values |= declare_quantities(node, FaultThresholds.of(self._drive), read_only=False)
         # A set stands for its gains; gains given beside it at the start make it custom, as they do later.
         given: dict[str, Any] = {}
         start = sets[first]
@@ -154,6 +163,7 @@ class Tunables:
             period=self._period,
             loop_delay=self._delay,
             learning=take(LearningSettings, values),
+            thresholds=take(FaultThresholds, values),
             law_parameters=tuple((name, take(type(LAWS[name].parameters), values)) for name in sorted(LAWS)),
         )
         design_law(self._drive, settings)  # refuses what cannot be designed
