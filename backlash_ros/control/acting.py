@@ -6,7 +6,7 @@ from backlash_ros.control.experiment import Excitation, NamedExperiment, Outcome
 from backlash_ros.control.law import ControlLaw
 from backlash_ros.control.tick import tick_with
 from backlash_ros.drivetrain import Drive, Validated
-from backlash_ros.drivetrain.signals import Estimate, Measurement
+from backlash_ros.drivetrain.signals import Estimate, Measurement, Setpoint
 
 
 class ActingLaw:
@@ -26,6 +26,10 @@ class ActingLaw:
     def start(self) -> None:
         """Begin anew: the state is updated in place."""
         self.state[:] = self.law.state
+
+    def take_over(self, estimate: Estimate, setpoint: Setpoint, holding: float) -> None:
+        """Go on where another law has held the load, with ``holding`` V against what acts on it."""
+        self.law.take_over(self.law.constants, self.state, estimate, setpoint, holding)
 
 
 def swing_of(chosen: NamedExperiment, parameters: Validated) -> float:

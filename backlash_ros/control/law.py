@@ -26,17 +26,28 @@ LAW_SIGNATURE = float64(_flat, _flat, _flat, _flat, float64, float64)
 """Of every law's step: constants, state, estimate, setpoint, least and largest voltage that the drive can follow, in V;
 returns the voltage within them, V."""
 
+TakeOver = Callable[[Array, Array, Estimate, Setpoint, float], None]
+"""Of a law with memory: constants, state (updated in place), estimate and setpoint of the last sample, and the voltage
+that holds the load against what acts on it, V."""
+
+
+def _remembers_nothing(_law: Array, _state: Array, _estimate: Estimate, _setpoint: Setpoint, _holding: float) -> None:
+    """Leave the state as it is at the start."""
+
 
 @dataclass(frozen=True, eq=False)
 class ControlLaw:
     """A law that was designed for a drive: the same compiled ``step`` drives the motor and runs offline.
 
     ``constants`` and the ``state`` to start with are arrays of one dimension; the state's first entry is the region.
+    A law that follows another one while the load is held starts with ``take_over``: plain Python, called once, before
+    its first step.
     """
 
     step: LawStep
     constants: Array
     state: Array
+    take_over: TakeOver = _remembers_nothing
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What the servo must not go beyond: values, their defaults from the drive, and which references they allow."""
+"""What the servo clamps or refuses: values, their defaults, and which references they allow."""
 
 import math
 from dataclasses import dataclass
@@ -9,63 +9,23 @@ from backlash_ros.drivetrain import Drive, Validated, quantity
 NO_LIMIT = 1e9
 """Stands for no limit: beyond any angle, rad."""
 
-_EXPECTED = 0.6
-"""Share of the torque at standstill that the default takes for a load: no motor bears more for long, and a runaway
-shows more."""
-
-_LEAST_GAP = 0.1
-"""Of the default limits.gap, rad: gears have less backlash, and ``gear.backlash_angle`` may be a guess."""
-
-
-def standstill_torque(drive: Drive, command: float) -> float:
-    """Return the torque on the output shaft that a command (V or A) makes at standstill, N m.
-
-    A current is at most what the law's voltage, within its limit, drives through the winding that is emulated.
-    """
-    motor = drive.motor
-    voltage = min(command * motor.resistance if drive.takes_current else command, motor.voltage_limit)
-    return motor.torque_constant * voltage / motor.resistance / drive.gear.ratio
-
-
-def mechanical_time_constant(drive: Drive) -> float:
-    """Return in what time the drive without friction gets to 63 % of its speed at a constant voltage, s."""
-    motor = drive.motor
-    return drive.effective_inertia * motor.resistance * (drive.gear.ratio / motor.torque_constant) ** 2
-
-
-def pressed(drive: Drive) -> float:
-    """Return how far beyond the gap the teeth go at most, to one side, as an angle at the output, rad.
-
-    By twice the torque at standstill, a reversal at full speed, that has worked all the way through the gap.
-    """
-    gap, wound = drive.gear.backlash_angle, drive.gear.wind_up(2 * standstill_torque(drive, drive.command_limit))
-    return wound + math.sqrt(wound * (wound + 2 * gap))  # torque (gap + pressed) = torque/wound pressed^2/2
+_TURN = 2 * math.pi
+"""Of the output, rad."""
 
 
 @dataclass(frozen=True)
 class Limits(Validated):
-    """What the servo must not go beyond; the defaults that depend on the drive come from `Limits.of`.
+    """What the servo clamps or refuses; the default that depends on the drive comes from `Limits.of`.
 
     A reference outside the positions or further away than ``step`` is refused; towards an end the command fades out
-    over ``soft_zone``; beyond the others the servo latches a fault.
+    over ``soft_zone``. A step is one turn of the output at most, unless told otherwise: from one end of a joint's
+    travel to the other it is seldom more, while degrees, counts or the motor's angle for the load's come to more soon.
+    A plan that moves there without a leap may be longer.
     """
 
     section: ClassVar[str] = "limits"
 
-    velocity: float = quantity("speed of the load that is a fault", "rad/s", above=0, at_most=NO_LIMIT)
-    load_torque: float = quantity(
-        "unexplained torque on the output shaft that is a fault; at most 90 % of what limits.command makes there",
-        "N m",
-        above=0,
-        at_most=NO_LIMIT,
-    )
     command: float = quantity("largest command; its unit is that of command_interface", "V or A", above=0, at_most=1e6)
-    gap: float = quantity(
-        "travel of both shafts against each other, at the output, that is a fault",
-        "rad",
-        above=0,
-        at_most=NO_LIMIT,
-    )
     position_lower: float = quantity(
         "lower end of the load's travel", "rad", at_least=-NO_LIMIT, at_most=NO_LIMIT, default=-NO_LIMIT
     )
@@ -80,7 +40,11 @@ class Limits(Validated):
         default=0.05,
     )
     step: float = quantity(
-        "largest change of the reference at once", "rad", above=0, at_most=NO_LIMIT, default=NO_LIMIT
+        "largest change of the reference at once; by default one turn of the output, so that degrees are refused",
+        "rad",
+        above=0,
+        at_most=NO_LIMIT,
+        default=_TURN,
     )
 
     def __post_init__(self) -> None:
@@ -93,22 +57,8 @@ class Limits(Validated):
 
     @classmethod
     def of(cls, drive: Drive) -> "Limits":
-        """Return limits that a healthy drive stays within.
-
-        Load: 60 % of the torque at standstill. Speed: a load torque as large as the drive's own doubles the speed
-        without load and pulls the load through the gap; and a quarter more. Gap: five times the backlash that
-        ``drive`` has, and the teeth `pressed` in, to either side; 0.1 rad at least.
-        """
-        motor, gear = drive.motor, drive.gear
-        torque = standstill_torque(drive, drive.command_limit)
-        fall = math.sqrt(2 * torque * gear.backlash_angle / drive.load.inertia)
-        no_load = gear.ratio * motor.voltage_limit / motor.torque_constant
-        return cls(
-            velocity=float(f"{1.25 * (2 * no_load + fall):.3g}"),
-            load_torque=float(f"{_EXPECTED * torque:.3g}"),
-            command=drive.command_limit,
-            gap=float(f"{max(_LEAST_GAP, 5 * gear.backlash_angle + 2 * pressed(drive)):.3g}"),
-        )
+        """Return limits without ends of the travel, and the command that ``drive`` obeys."""
+        return cls(command=drive.command_limit)
 
     def rejection_reason(self, reference: float, present: float) -> str:
         """Return why a ``reference`` (rad) is refused where ``present`` is the one in use; empty where it is not."""

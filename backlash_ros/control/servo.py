@@ -12,8 +12,9 @@ from backlash_ros.control.law import REGION
 from backlash_ros.control.laws import design_law
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitoring.faults import describe_fault
-from backlash_ros.control.monitoring.monitor import forget_ends, monitor_constants
+from backlash_ros.control.monitoring.monitor import forget_ends, monitor_constants, unexplained_torque
 from backlash_ros.control.monitoring.plausibility import plausibility_constants
+from backlash_ros.control.monitoring.thresholds import standstill_torque
 from backlash_ros.control.observer import estimate_of
 from backlash_ros.control.setpoint import DURATION, AtRest, Source, extent, plan_rejection
 from backlash_ros.control.settings import ServoSettings
@@ -81,6 +82,8 @@ class Servo:
     def use(self, settings: ServoSettings, limits: Limits | None = None) -> None:
         """Use ``settings`` from the next sample on; what the observer, and the same law, remember is kept.
 
+        Another law starts from what holds the load.
+
         Raises
         ------
         ValueError
@@ -91,7 +94,12 @@ class Servo:
         constants = TickConstants(
             settings.observer(self.drive),
             monitor_constants(
-                self.drive, limits, settings.period, settings.velocity_bandwidth, settings.backlash_angle
+                self.drive,
+                limits,
+                settings.thresholds_of(self.drive),
+                settings.period,
+                settings.velocity_bandwidth,
+                settings.backlash_angle,
             ),
             plausibility_constants(self.drive),
             range_constants(self.drive, limits),
@@ -101,6 +109,7 @@ class Servo:
             self._chosen.redesign(law)
         else:
             self._chosen = ActingLaw(law)
+            self._begin(self._chosen)
         if limits != getattr(self, "limits", None):
             forget_ends(self.memory.monitor)
         self.settings, self.limits = settings, limits
@@ -118,6 +127,12 @@ class Servo:
             if not self.limits.rejection_reason(each, each)
         )
         return next(filter(None, reasons), "")
+
+    def _begin(self, acting: ActingLaw) -> None:
+        """Begin a law anew; where the load is held, from what holds it."""
+        acting.start()
+        if self.holding:
+            acting.take_over(self.estimate, self.memory.setpoint, self.holding_voltage)
 
     # Holding and faults.
 
@@ -217,6 +232,23 @@ class Servo:
         """Torque on the output shaft, N m; 0 with the load encoder alone."""
         return float(self.estimate[LOAD_TORQUE])
 
+    @property
+    def holding_voltage(self) -> float:
+        """Voltage that holds the load against what acts on it, V; 0 where the monitor, which finds that, is off.
+
+        The law's estimate is none of it: there is none with one encoder, and ``torque_bandwidth`` may be 0.
+        """
+        drive = self.drive
+        reach = standstill_torque(drive, self.limits.command)
+        torque = min(max(unexplained_torque(self.memory.monitor), -reach), reach)
+        return -torque * drive.gear.ratio * drive.motor.resistance / drive.motor.torque_constant
+
+    @property
+    def described_fault(self) -> str:
+        """The fault that the tick has found, in words; empty for none."""
+        fault, thresholds = Fault(int(self.memory.out[FAULT])), self.settings.thresholds_of(self.drive)
+        return describe_fault(fault, fault_details(self.memory), self.limits, thresholds) if fault else ""
+
     # Experiments.
 
     @property
@@ -271,6 +303,7 @@ class Servo:
             )
         law = design_law(self.drive, self.settings.with_law(chosen.law))
         self._experiment = ActingExperiment(chosen, parameters, law, self.drive, self.settings.period)
+        self._begin(self._experiment.acting)
 
     def cancel(self, reason: str) -> None:
         """End the experiment, if any, without a result."""
@@ -284,7 +317,7 @@ class Servo:
             self._experiment = None
             self.memory.setpoint[POSITION] -= self._inputs[OFFSET]
             self._inputs[OFFSET] = self._inputs[TORQUE] = 0.0
-            self._chosen.start()  # it has not seen what the experiment did
+            self._begin(self._chosen)  # it has not seen what the experiment did
         return outcome
 
     # The loop.
@@ -311,8 +344,7 @@ class Servo:
             self.constants, self.memory.row, acting.law.constants, acting.state, self.segments, measured, inputs
         )
         if self.memory.out[FAULT]:
-            fault = Fault(int(self.memory.out[FAULT]))
-            self.fail(fault, describe_fault(fault, fault_details(self.memory), self.limits))
+            self.fail(Fault(int(self.memory.out[FAULT])), self.described_fault)
         return command
 
     # For compiled loops, which call the tick themselves.

@@ -5,18 +5,19 @@ from dataclasses import dataclass, field, replace
 from backlash_ros.control.design.gains import GainSet
 from backlash_ros.control.design.stability import Margins, stability_margins
 from backlash_ros.control.experiments.limit_cycle import LearningSettings
+from backlash_ros.control.monitoring.thresholds import FaultThresholds
 from backlash_ros.control.observer import ObserverConstants, observer_constants
 from backlash_ros.drivetrain import Drive, Validated, quantity
 
 
 @dataclass(frozen=True)
 class ServoSettings(Validated):
-    """One immutable choice of everything that can be tuned: gains, law, rate, observer and learning.
+    """One immutable choice of everything that can be tuned: gains, law, rate, observer, learning and faults.
 
     ``backlash_angle`` is b as learned; while it is 0, not known, the fast gains act alone. ``period`` is the time
     between samples, s; ``loop_delay`` that from measuring to when the command acts, s, with which `margins` judges the
     gains; ``law`` names one of `laws.LAWS`; ``law_parameters`` has the parameters of each law whose defaults do not
-    hold, as pairs of name and value.
+    hold, as pairs of name and value; ``thresholds`` are those of the drive by default.
     """
 
     gains: GainSet
@@ -25,6 +26,7 @@ class ServoSettings(Validated):
     loop_delay: float = 0.0
     learning: LearningSettings = field(default_factory=LearningSettings)
     law_parameters: tuple[tuple[str, Validated], ...] = ()
+    thresholds: FaultThresholds | None = None
     backlash_angle: float = quantity(
         "backlash at the output shaft, within which the over-damped gains act; 0 while not known",
         "rad",
@@ -47,6 +49,10 @@ class ServoSettings(Validated):
         """Return the same settings with another law and, where given, its parameters."""
         own = {**dict(self.law_parameters), **({law: parameters} if parameters is not None else {})}
         return replace(self, law=law, law_parameters=tuple(sorted(own.items())))
+
+    def thresholds_of(self, drive: Drive) -> FaultThresholds:
+        """Return beyond what ``drive`` latches a fault."""
+        return self.thresholds or FaultThresholds.of(drive)
 
     def margins(self, drive: Drive) -> dict[str, Margins]:
         """Return how far each region's gains are from unstable, by the region's name; see `stability_margins`."""

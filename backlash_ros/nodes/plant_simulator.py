@@ -31,6 +31,7 @@ from backlash_ros.ros.parameters import sensors_of
 from backlash_ros.ros.run import run
 from backlash_ros.ros.timer import Timer, in_ns, now, now_ns
 from backlash_ros.simulation import SimulatedDrive
+from backlash_ros.simulation.simulated_drive import largest_load_torque
 
 _REPEAT = 0.04
 """Silence after which a sample in lockstep is sent again, s: best effort may lose it, and a watchdog waits for it."""
@@ -53,7 +54,7 @@ class PlantSimulator(ManagedNode):
         self._gate = CommandGate(in_ns(given.command_timeout), self._drive.command_unit, lockstep=self._lockstep)
         self._wall = SystemClock()  # whatever use_sim_time says: time comes from a drive, not to it
         self._own_time = self._lockstep or given.real_time_factor != 1.0
-        self._load_torque = 0.0
+        self._load_torque, self._largest_load_torque = 0.0, largest_load_torque(self._drive)
         self._ticks = self._samples = self._late = self._rejected = self._due = 0
         self._start = self._sent_at = 0.0
         self._told = Fault.NONE
@@ -154,12 +155,13 @@ class PlantSimulator(ManagedNode):
             self._step_together()
 
     def _on_load_torque(self, message: Float64) -> None:
-        if not math.isfinite(message.data):
-            self._rejected += 1
-            why = f"load_torque must be finite, in N m, got {message.data}: kept {self._load_torque:g}"
-            self.get_logger().warning(why, throttle_duration_sec=1.0)
+        if abs(message.data) <= self._largest_load_torque:
+            self._load_torque = message.data
             return
-        self._load_torque = message.data
+        self._rejected += 1
+        bound = f"within +-{self._largest_load_torque:g} N m, ten times what the motor holds"
+        why = f"load_torque must be {bound}, got {message.data:g}: kept {self._load_torque:g}"
+        self.get_logger().warning(why, throttle_duration_sec=1.0)
 
     # Time.
 

@@ -13,6 +13,7 @@ from rclpy.parameter import Parameter
 from backlash_ros.control import (
     DEFAULT_WEIGHTS,
     LAWS,
+    FaultThresholds,
     Gains,
     GainSet,
     LearningSettings,
@@ -72,6 +73,7 @@ def _declare_beside_gains(node: Node, drive: Drive) -> dict[str, Any]:
         values |= declare_quantities(node, parameters, read_only=False)
     values |= declare_quantities(node, LearningSettings(), read_only=False)
     values |= declare_quantities(node, Limits.of(drive), read_only=False)
+    values |= declare_quantities(node, FaultThresholds.of(drive), read_only=False)
     any_gains = Gains(1.0, 0.0, 0.0)
     return values | declare_quantities(node, ServoSettings(GainSet(any_gains, any_gains)), read_only=False)
 
@@ -202,6 +204,7 @@ class Tunables:
             period=self._period,
             loop_delay=self._delay,
             learning=take(LearningSettings, values),
+            thresholds=take(FaultThresholds, values),
             law_parameters=tuple((name, take(type(LAWS[name].parameters), values)) for name in sorted(LAWS)),
         )
         design_law(self._drive, settings)  # refuses what cannot be designed

@@ -2,6 +2,6 @@
 
 from backlash_ros.simulation.closed_loop import Run, Scenario, run
 from backlash_ros.simulation.experiment import learn_backlash, run_experiment
-from backlash_ros.simulation.simulated_drive import SimulatedDrive
+from backlash_ros.simulation.simulated_drive import SimulatedDrive, largest_load_torque
 
-__all__ = ["Run", "Scenario", "SimulatedDrive", "learn_backlash", "run", "run_experiment"]
+__all__ = ["Run", "Scenario", "SimulatedDrive", "largest_load_torque", "learn_backlash", "run", "run_experiment"]

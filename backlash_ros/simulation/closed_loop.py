@@ -10,7 +10,6 @@ import numpy as np
 
 from backlash_ros.control import Limits, Servo, ServoSettings
 from backlash_ros.control.law import REGION
-from backlash_ros.control.monitoring.faults import describe_fault
 from backlash_ros.control.setpoint import Source, plan_rejection
 from backlash_ros.control.tick import (
     ELAPSED,
@@ -19,7 +18,6 @@ from backlash_ros.control.tick import (
     KNOWN_LOAD_TORQUE,
     TICK_SIGNATURE,
     Tick,
-    fault_details,
     tick_estimate,
     tick_out,
 )
@@ -54,7 +52,6 @@ from backlash_ros.drivetrain.signals import (
     Setpoint,
     at_rest,
 )
-from backlash_ros.gates.faults import Fault
 from backlash_ros.simulation.simulated_drive import take_sample
 
 _types: Any = numba.types
@@ -266,8 +263,6 @@ def run(
     )
     if status != DONE:
         raise IntegrationError(REASONS[status], reached, state)
-    fault = Fault(int(servo.memory.out[FAULT]))
-    text = describe_fault(fault, fault_details(servo.memory), servo.limits) if fault_sample >= 0 else ""
     time = np.arange(count * substeps + 1, dtype=np.float64) * (settings.period / substeps)
     command, region, torque, force = np.ascontiguousarray(signals.T)
-    return Run(time, states, command, region, torque, force, text, fault_sample)
+    return Run(time, states, command, region, torque, force, servo.described_fault, fault_sample)

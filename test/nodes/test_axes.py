@@ -97,13 +97,13 @@ def test_a_fault_of_one_axis_leaves_the_others_running(
     lockstep: Callable[[Sequence[str]], dict[str, Axis]], peer: Peer
 ) -> None:
     axes = lockstep(["axis1", "axis2", "axis3"])
-    assert Parameters(peer, "axis2/controller").set(limits__velocity=0.01) == (True, "")
+    assert Parameters(peer, "axis2/controller").set(faults__velocity=0.01) == (True, "")
     for axis in axes.values():
         axis.reference.publish(Float64(data=1.0))
     peer.wait("two at their target", lambda: all(abs(axes[n].angle - 1.0) < 0.05 for n in ("axis1", "axis3")))
     assert abs(axes["axis2"].angle) < 0.5  # where it rolled to without a voltage
     answer = peer.call(Trigger, "axis2/controller/reset_fault", Trigger.Request())
-    assert "limits.velocity" in answer.message
+    assert "faults.velocity" in answer.message
 
 
 @pytest.mark.parametrize("stops", ["axis1", "axis3"])

@@ -191,7 +191,7 @@ def test_storm_of_parameter_requests__each_is_taken_whole_or_not_at_all__none_ne
         law="fast",
         torque_bandwidth=0.0,
         state_timeout=10.0,
-        limits__load_torque=1e9,  # the drive stands still, whatever the command
+        faults__load_torque=1e9,  # the drive stands still, whatever the command
         gain_set_names="[nominal, gentle]",
         gain_sets__gentle__fast__k="[10.0, 0.4, 0.1]",
         gain_sets__gentle__overdamped__q="[4.0, 0.0]",

@@ -144,7 +144,7 @@ def test_the_command_line_wins_for_every_axis(start: Start, peer: Peer) -> None:
 
 def test_ranges_of_positive_numbers_leave_out_zero(start: Start, peer: Peer) -> None:
     start("controller")
-    names = ["velocity_bandwidth", "limits.velocity", "motor.resistance", "torque_bandwidth"]
+    names = ["velocity_bandwidth", "faults.velocity", "motor.resistance", "torque_bandwidth"]
     request = DescribeParameters.Request(names=names)
     described = peer.call(DescribeParameters, "/controller/describe_parameters", request).descriptors
     ranges = [d.floating_point_range[0].from_value for d in described]

@@ -52,14 +52,18 @@ such as a set together with other gains, is refused. So are gains with which the
 without backlash.
 """
 
-LIMITS = """The defaults of `velocity`, `load_torque`, `command` and `gap` follow from the drive; here they are those of
-the nominal one. A limit that the drive is already beyond when it is set latches its fault at the next sample. The ends
-of the travel are different: where the reference in use would be outside of them they are refused. A load that is found
-outside is held where it is; the motor gets no command that pushes it further, and a reference inside brings it back.
+LIMITS = """What is clamped or refused. The default of `command` follows from the drive; here it is that of the nominal
+one. Ends of the travel are refused where the reference in use would be outside of them. A load that is found outside is
+held where it is; the motor gets no command that pushes it further, and a reference inside brings it back. What goes
+further beyond an end than `soft_zone` is a fault.
+"""
+
+FAULTS = """The thresholds that latch a fault. Their defaults follow from the drive; here they are those of the nominal
+one. One that the drive is already beyond when it is set latches its fault at the next sample.
 
 Once `backlash_angle` is set, the shafts may come apart by no more than one and a half of it (or of
 `gear.backlash_angle`, the larger), the teeth pressed in and two counts of 12 bit, where `gap` is more. Beside these
-limits a sample is held against what physics lets it be: [faults.md](faults.md).
+thresholds a sample is held against what physics lets it be: [faults.md](faults.md).
 """
 
 LAW_PARAMETERS = "Each law's own, of use with that law alone. A law that is added has its parameters here too.\n"
@@ -127,7 +131,7 @@ def parameter_table() -> str:
     def part(*prefixes: str) -> Described:
         return {name: described for name, described in own.items() if name.startswith(prefixes)}
 
-    rest = {name: own[name] for name in own if not name.startswith((*sets, "laws.", "limits.", "learning."))}
+    rest = {name: own[name] for name in own if not name.startswith((*sets, "laws.", "limits.", "faults.", "learning."))}
     gains = {name.replace(".nominal.", ".<name>."): described for name, described in part(*sets).items()}
     return HEADER + "".join(
         (
@@ -137,6 +141,7 @@ def parameter_table() -> str:
             _section("Laws", LAW_PARAMETERS, part("laws.")),
             _section("Gains", GAINS, gains),
             _section("Limits", LIMITS, part("limits.")),
+            _section("Faults", FAULTS, part("faults.")),
             _section("Learning", LEARNING, part("learning.")),
         )
     ).replace("\n\n\n", "\n\n")

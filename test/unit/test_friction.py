@@ -174,6 +174,20 @@ def test_self_locking_gear_holds_any_load() -> None:
         assert (plant.motor_speed, plant.motor_angle) == (0.0, angle)
 
 
+@pytest.mark.parametrize("law", CONTACTS)
+@pytest.mark.parametrize("torque", [0.3, -0.003])
+@pytest.mark.parametrize("lost", [{"gear_efficiency_forward": 0.8}, {"gear_efficiency_backward": 0.8}], ids=str)
+def test_load_that_falls_on_a_motor_at_rest_takes_it_along(law: str, torque: float, lost: dict[str, float]) -> None:
+    """By teeth that push from the edge of the gap on and not before, all at once or not."""
+    drive = drive_with(gear_contact=CONTACTS[law](), **lost)
+    plant, fine = Plant(drive), Plant(drive, tolerance=1e-11)
+    for each in (plant, fine):
+        for _ in range(50):
+            each.advance(0.0, torque, 0.004)
+    assert math.copysign(1.0, torque) * plant.motor_angle > 0.0
+    np.testing.assert_allclose(plant.state, fine.state, rtol=1e-4, atol=1e-6)
+
+
 def test_weight_hangs_straight_down_and_takes_its_torque_to_lift() -> None:
     drive = drive_with(load_gravity_torque=0.4, load_gravity_offset=0.5)
     plant = Plant(drive)

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from samples import EVERYTHING, sample_of
 
-from backlash_ros.control import LAWS, NO_LIMIT, GainSet, Limits, Servo, ServoSettings, design_gains
+from backlash_ros.control import LAWS, NO_LIMIT, FaultThresholds, GainSet, Limits, Servo, ServoSettings, design_gains
 from backlash_ros.control.command_range import clamp, range_constants, voltage_range
-from backlash_ros.control.limits import mechanical_time_constant, standstill_torque
+from backlash_ros.control.monitoring.thresholds import mechanical_time_constant, standstill_torque
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Contact, Drive, Plant
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.contacts.power import PowerContact, PowerNoPullContact
@@ -71,11 +71,14 @@ class Rig:
         *,
         plant: Drive | None = None,
         limits: Limits | None = None,
+        thresholds: FaultThresholds | None = None,
         measured: Sequence[str] = EVERYTHING,
         bits: int | None = None,
         state: Sequence[float] | None = None,
     ) -> None:
-        self.servo, self.plant = Servo(drive, choice, limits), Plant(plant or drive, state)
+        far = replace(Limits.of(drive), step=NO_LIMIT)
+        choice = replace(choice, thresholds=thresholds)
+        self.servo, self.plant = Servo(drive, choice, limits or far), Plant(plant or drive, state)
         self.load_torque = 0.0
         self.tamper: Tamper | None = None
         self.polarity = 1.0
@@ -119,16 +122,13 @@ def started(drive: Drive, *, measured: Sequence[str] = EVERYTHING, **changes: fl
     return rig
 
 
-# Limits
+# Limits and thresholds
 
 
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"velocity": 0.0}, "limits.velocity must be > 0 rad/s and <= 1e+09 rad/s, got 0.0"),
-        ({"load_torque": -1.0}, "limits.load_torque must be > 0 N m and <= 1e+09 N m, got -1.0"),
         ({"command": 2e6}, "limits.command must be > 0 V or A and <= 1e+06 V or A, got 2000000.0"),
-        ({"gap": 0.0}, "limits.gap must be > 0 rad and <= 1e+09 rad, got 0.0"),
         ({"soft_zone": 11.0}, "limits.soft_zone must be > 0 rad and <= 10 rad, got 11.0"),
         ({"step": 0.0}, "limits.step must be > 0 rad and <= 1e+09 rad, got 0.0"),
         ({"position_upper": 2e9}, "limits.position_upper must be >= -1e+09 rad and <= 1e+09 rad, got 2000000000.0"),
@@ -147,24 +147,56 @@ def test_limit_that_makes_no_sense_is_refused(changes: dict[str, float], text: s
         replace(Limits.of(NOMINAL_DRIVE), **changes)
 
 
-def test_default_limits_are_what_the_drive_can_do() -> None:
-    limits = Limits.of(NOMINAL_DRIVE)
-    assert limits.load_torque == pytest.approx(0.6 * HELD, rel=0.01)
-    assert limits.velocity > 2.5 * NO_LOAD_SPEED
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"velocity": 0.0}, "faults.velocity must be > 0 rad/s and <= 1e+09 rad/s, got 0.0"),
+        ({"load_torque": -1.0}, "faults.load_torque must be > 0 N m and <= 1e+09 N m, got -1.0"),
+        ({"gap": 0.0}, "faults.gap must be > 0 rad and <= 1e+09 rad, got 0.0"),
+    ],
+)
+def test_threshold_that_makes_no_sense_is_refused(changes: dict[str, float], text: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+        replace(FaultThresholds.of(NOMINAL_DRIVE), **changes)
+
+
+def test_default_limits_and_thresholds_are_what_the_drive_can_do() -> None:
+    limits, thresholds = Limits.of(NOMINAL_DRIVE), FaultThresholds.of(NOMINAL_DRIVE)
     assert limits.command == 24.0
-    assert limits.gap > 5 * NOMINAL_DRIVE.gear.backlash_angle
-    assert (limits.position_lower, limits.position_upper, limits.step) == (-NO_LIMIT, NO_LIMIT, NO_LIMIT)
+    assert (limits.position_lower, limits.position_upper) == (-NO_LIMIT, NO_LIMIT)
+    assert thresholds.load_torque == pytest.approx(0.6 * HELD, rel=0.01)
+    assert thresholds.velocity > 2.5 * NO_LOAD_SPEED
+    assert thresholds.gap > 5 * NOMINAL_DRIVE.gear.backlash_angle
 
 
-def test_default_limit_on_the_load_is_what_the_law_can_make_of_the_current() -> None:
+@pytest.mark.parametrize(
+    ("reference", "taken"),
+    [
+        (math.pi, True),  # from one end of a joint's travel to the other
+        (45.0, False),  # degrees
+        (10.0 * math.pi, False),  # the motor's angle
+        (-4096.0, False),  # counts
+        (1e9, False),
+    ],
+)
+def test_reference_in_a_wrong_unit_is_refused_by_default(gains: GainSet, reference: float, taken: bool) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
+    present = -math.pi if taken else 0.0
+    servo.update(np.array([10 * present, 0.0, present, 0.0, 0.0]))
+    refusal = "" if taken else f"reference must be within limits.step = 6.28319 rad of 0 rad, got {reference:g}"
+    assert servo.set_reference(reference) == refusal
+
+
+def test_default_threshold_on_the_load_is_what_the_law_can_make_of_the_current() -> None:
     """A drive may give more than the voltage, played through the winding, ever asks for; or less."""
     for limit, torque in ((100.0, HELD), (12.0, HELD), (6.0, HELD / 2)):
         drive = replace(CURRENT_DRIVE, motor=replace(CURRENT_DRIVE.motor, current_limit=limit))
-        assert Limits.of(drive).load_torque == pytest.approx(0.6 * torque)
+        assert FaultThresholds.of(drive).load_torque == pytest.approx(0.6 * torque)
 
 
 def test_default_gap_takes_a_tiny_nominal_backlash_for_a_guess() -> None:
-    assert Limits.of(with_gear(NOMINAL_DRIVE, backlash_angle=2e-5, contact=ElasticContact())).gap == 0.1
+    drive = with_gear(NOMINAL_DRIVE, backlash_angle=2e-5, contact=ElasticContact())
+    assert FaultThresholds.of(drive).gap == 0.1
 
 
 def test_time_constant_is_the_plants() -> None:
@@ -281,8 +313,10 @@ def test_load_that_starts_outside_its_travel_stays_there_until_a_reference_bring
 
 
 def test_load_that_came_back_in_may_not_go_out_again() -> None:
-    limits = replace(Limits.of(NOMINAL_DRIVE), position_upper=0.3, velocity=NO_LIMIT)
-    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE), limits=limits, state=[7.0, 0.0, 0.7, 0.0, 0.0])
+    limits = replace(Limits.of(NOMINAL_DRIVE), position_upper=0.3)
+    patient = replace(FaultThresholds.of(NOMINAL_DRIVE), velocity=NO_LIMIT)
+    start = [7.0, 0.0, 0.7, 0.0, 0.0]
+    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE), limits=limits, thresholds=patient, state=start)
     rig.run(0.012)
     assert rig.step(0.3, 1.0) == ""
     rig.load_torque = 2 * HELD
@@ -448,7 +482,7 @@ def test_runaway_is_found_with_every_law(law: str, torque_bandwidth: float) -> N
 
 
 def test_runaway_at_a_small_command_limit_is_found() -> None:
-    """The limit on the load torque is never more than what the command can make."""
+    """The threshold of the load torque is never more than what the command can make."""
     limits = replace(Limits.of(NOMINAL_DRIVE), command=3.0)
     for measured in (EVERYTHING, POSITIONS):
         rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE), limits=limits, measured=measured)
@@ -458,11 +492,11 @@ def test_runaway_at_a_small_command_limit_is_found() -> None:
         assert abs(rig.plant.load_angle) <= 0.5
 
 
-def test_lower_limit_on_the_load_torque_finds_frozen_encoders_at_a_small_command() -> None:
+def test_lower_threshold_on_the_load_torque_finds_frozen_encoders_at_a_small_command() -> None:
     """What stands still at 6 V looks like a load torque of a quarter of the largest."""
     for limit, found in ((0.9 * HELD, False), (0.1 * HELD, True)):
         choice = settings_of(NOMINAL_DRIVE, law="fast", torque_bandwidth=0.0)
-        rig = Rig(NOMINAL_DRIVE, choice, limits=replace(Limits.of(NOMINAL_DRIVE), load_torque=limit))
+        rig = Rig(NOMINAL_DRIVE, choice, thresholds=replace(FaultThresholds.of(NOMINAL_DRIVE), load_torque=limit))
         rig.run(0.012)
         rig.tamper = encoders_stand_still
         rig.sample()
@@ -493,7 +527,7 @@ def test_measured_overspeed_is_a_fault(gains: GainSet, place: int, side: str, va
     sample[[THETA_M, OMEGA_M, THETA_L, OMEGA_L]] = np.array([5.6, 1400.0, 0.56, 140.0]) * np.sign(value)
     sample[place] = value
     assert servo.update(sample) == 0.0
-    assert servo.fault == f"{side} speed of 150 rad/s at the output, limits.velocity = 147 rad/s"
+    assert servo.fault == f"{side} speed of 150 rad/s at the output, faults.velocity = 147 rad/s"
 
 
 # What follows from a fault
@@ -546,12 +580,10 @@ def test_fault_ends_learning_with_its_reason(drive: Drive) -> None:
 # A healthy drive shows no fault
 
 
-def with_margin(drive: Drive, share: float) -> Limits:
-    """The default limits, and of them only a share: what a healthy drive stays within."""
-    limits = Limits.of(drive)
-    return replace(
-        limits, velocity=share * limits.velocity, load_torque=share * limits.load_torque, gap=share * limits.gap
-    )
+def with_margin(drive: Drive, share: float) -> FaultThresholds:
+    """A share of the default thresholds: what a healthy drive stays within."""
+    own = FaultThresholds.of(drive)
+    return FaultThresholds(share * own.velocity, share * own.load_torque, share * own.gap)
 
 
 def exercise(rig: Rig, periods: Sequence[int] = (1,)) -> str:
@@ -570,8 +602,8 @@ def exercise(rig: Rig, periods: Sequence[int] = (1,)) -> str:
 @BOTH
 @pytest.mark.parametrize("period", [0.01, 0.004, 0.001])
 @pytest.mark.parametrize("law", sorted(LAWS))
-def test_steps_are_no_fault_with_half_the_limits(drive: Drive, law: str, period: float) -> None:
-    rig = Rig(drive, settings_of(drive, period, law=law), limits=with_margin(drive, 0.5))
+def test_steps_are_no_fault_with_half_the_thresholds(drive: Drive, law: str, period: float) -> None:
+    rig = Rig(drive, settings_of(drive, period, law=law), thresholds=with_margin(drive, 0.5))
     assert exercise(rig) == ""
 
 
@@ -579,17 +611,17 @@ def test_steps_are_no_fault_with_half_the_limits(drive: Drive, law: str, period:
 @pytest.mark.parametrize("measured", [POSITIONS, LOAD_ONLY, MOTOR_ONLY], ids=["positions", "load_only", "motor_only"])
 @pytest.mark.parametrize("bits", [10, 12, 16])
 @pytest.mark.parametrize("period", [0.01, 0.001])
-def test_counts_are_no_fault_with_half_the_limits(
+def test_counts_are_no_fault_with_half_the_thresholds(
     drive: Drive, measured: Sequence[str], bits: int, period: float
 ) -> None:
-    rig = Rig(drive, settings_of(drive, period), limits=with_margin(drive, 0.5), measured=measured, bits=bits)
+    rig = Rig(drive, settings_of(drive, period), thresholds=with_margin(drive, 0.5), measured=measured, bits=bits)
     assert exercise(rig) == ""
 
 
 @BOTH
 @pytest.mark.parametrize("law", sorted(LAWS))
 @pytest.mark.parametrize("share", [0.55, -0.55])
-def test_load_torque_within_the_default_limit_is_no_fault(drive: Drive, law: str, share: float) -> None:
+def test_load_torque_within_the_default_threshold_is_no_fault(drive: Drive, law: str, share: float) -> None:
     """Nor is the speed to which it drives the load on a long way."""
     rig = started(drive, law=law)
     rig.load_torque = share * HELD
@@ -617,7 +649,7 @@ def test_wrong_model_of_the_load_is_no_fault(drive: Drive, measured: Sequence[st
         drive,
         settings_of(drive),
         plant=with_load(drive, **changes),
-        limits=with_margin(drive, 0.6),
+        thresholds=with_margin(drive, 0.6),
         measured=measured,
     )
     assert exercise(rig) == ""
@@ -640,7 +672,7 @@ def test_wrong_inertia_of_a_load_that_outweighs_the_motor_is_no_fault(factor: fl
     """The unexplained torque is more than any that the drive holds, yet the momentum goes the drive's way."""
     drive = with_load(NOMINAL_DRIVE, inertia=0.02)
     plant = with_load(drive, inertia=0.02 * factor)
-    rig = Rig(drive, settings_of(drive), plant=plant, limits=with_margin(drive, 0.5), measured=measured)
+    rig = Rig(drive, settings_of(drive), plant=plant, thresholds=with_margin(drive, 0.5), measured=measured)
     assert exercise(rig) == ""
 
 
@@ -658,15 +690,15 @@ def test_wrong_inertia_of_a_load_that_outweighs_the_motor_is_no_fault(factor: fl
 def test_impacts_of_the_limit_cycle_are_no_fault(drive: Drive, contact: Contact) -> None:
     """With hard teeth and soft ones, without loss; the fast gains keep the cycle up."""
     drive = with_gear(drive, contact=contact)
-    rig = Rig(drive, settings_of(drive, law="fast"), limits=with_margin(drive, 0.8))
+    rig = Rig(drive, settings_of(drive, law="fast"), thresholds=with_margin(drive, 0.8))
     assert exercise(rig) == ""
     assert rig.run(1.0) == ""
 
 
 @BOTH
 @pytest.mark.parametrize("measured", [EVERYTHING, POSITIONS, LOAD_ONLY], ids=["everything", "positions", "load_only"])
-def test_learning_is_no_fault_with_half_the_limits(drive: Drive, measured: Sequence[str]) -> None:
-    rig = Rig(drive, settings_of(drive), limits=with_margin(drive, 0.5), measured=measured, bits=14)
+def test_learning_is_no_fault_with_half_the_thresholds(drive: Drive, measured: Sequence[str]) -> None:
+    rig = Rig(drive, settings_of(drive), thresholds=with_margin(drive, 0.5), measured=measured, bits=14)
     rig.run(0.1)
     rig.servo.start_experiment()
     assert rig.run(2.0) == ""
@@ -678,7 +710,7 @@ def test_missing_samples_are_no_fault(measured: Sequence[str], periods: Sequence
     rig = Rig(
         NOMINAL_DRIVE,
         settings_of(NOMINAL_DRIVE, 0.002),
-        limits=with_margin(NOMINAL_DRIVE, 0.6),
+        thresholds=with_margin(NOMINAL_DRIVE, 0.6),
         measured=measured,
         bits=14,
     )
@@ -689,8 +721,8 @@ def test_missing_samples_are_no_fault(measured: Sequence[str], periods: Sequence
 @pytest.mark.parametrize("period", [0.01, 0.001])
 def test_start_while_the_drive_turns_at_full_speed_is_no_fault(measured: Sequence[str], period: float) -> None:
     turning = [0.0, 10 * NO_LOAD_SPEED, 0.0, NO_LOAD_SPEED, 0.0]
-    limits = with_margin(NOMINAL_DRIVE, 0.5)
-    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, period), limits=limits, measured=measured, state=turning)
+    half = with_margin(NOMINAL_DRIVE, 0.5)
+    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, period), thresholds=half, measured=measured, state=turning)
     assert rig.run(0.5) == ""
 
 
@@ -698,9 +730,9 @@ def test_start_while_the_drive_turns_at_full_speed_is_no_fault(measured: Sequenc
 def test_samples_closer_together_than_a_period_do_not_look_like_speed(gains: GainSet, period: float) -> None:
     """Stamps jitter; the way is that of a period all the same."""
     servo = Servo(NOMINAL_DRIVE, ServoSettings(gains, period=period))
-    limits = Limits.of(NOMINAL_DRIVE)
+    thresholds = FaultThresholds.of(NOMINAL_DRIVE)
     servo.update(np.zeros(5))
-    way = limits.gap + 0.9 * limits.velocity * period
+    way = thresholds.gap + 0.9 * thresholds.velocity * period
     servo.update(np.array([10 * way, math.nan, way, math.nan, math.nan]), 0.1 * period)
     assert servo.fault == ""
 

@@ -172,7 +172,8 @@ def test_a_load_outside_of_new_ends_comes_back_in(gains: GainSet) -> None:
 def test_missing_samples_do_not_look_like_speed(gains: GainSet, missing: int) -> None:
     """By positions alone: the way of several periods in one sample is the way of several periods."""
     settings = ServoSettings(gains, law="overdamped")
-    servo, plant = Servo(NOMINAL_DRIVE, settings), Plant(NOMINAL_DRIVE)
+    far = replace(Limits.of(NOMINAL_DRIVE), step=10.0)
+    servo, plant = Servo(NOMINAL_DRIVE, settings, far), Plant(NOMINAL_DRIVE)
     servo.update(AT_REST)
     assert servo.set_reference(10.0) == ""
     elapsed, ratios = settings.period, []

@@ -1,7 +1,8 @@
 """What industry uses: a P position loop on the load with a dead band, around a PI speed loop on the motor.
 
 The dead band is the backlash: within it the position loop asks for nothing. The speed loop has the inertia of motor
-and load as its plant and cancels the back-EMF. The setpoint's speed is fed forward.
+and load as its plant and cancels the back-EMF. The setpoint's speed is fed forward. The integral is remembered in
+volts: other gains make no step.
 """
 
 from dataclasses import dataclass
@@ -41,12 +42,16 @@ def cascade_step(law: Array, state: Array, estimate: Estimate, setpoint: Setpoin
     error = setpoint[POSITION] - estimate[THETA_L]
     beyond = max(error - law[_DEAD_BAND], 0.0) + min(error + law[_DEAD_BAND], 0.0)
     speed_error = law[_POSITION_GAIN] * beyond + law[_TO_MOTOR] * setpoint[VELOCITY] - estimate[OMEGA_M]
-    integral = state[_INTEGRAL] + law[_RESET] * law[_PERIOD] * speed_error
-    wanted = law[_SPEED_GAIN] * (speed_error + integral) + law[_BACK_EMF] * estimate[OMEGA_M]
+    integral = state[_INTEGRAL] + law[_SPEED_GAIN] * law[_RESET] * law[_PERIOD] * speed_error
+    wanted = law[_SPEED_GAIN] * speed_error + integral + law[_BACK_EMF] * estimate[OMEGA_M]
     voltage = clamp(wanted, low, high)
     if voltage == wanted:
         state[_INTEGRAL] = integral
     return voltage
+
+
+def _take_over(_law: Array, state: Array, _estimate: Estimate, _setpoint: Setpoint, holding: float) -> None:
+    state[_INTEGRAL] = holding
 
 
 def cascade(drive: Drive, settings: "ServoSettings", parameters: CascadeParameters) -> ControlLaw:
@@ -61,7 +66,7 @@ def cascade(drive: Drive, settings: "ServoSettings", parameters: CascadeParamete
         settings.period,
         1.0 / drive.gear.ratio,
     ]
-    return ControlLaw(cascade_step, np.array(constants, dtype=float), np.array([float(FAST_REGION), 0.0]))
+    return ControlLaw(cascade_step, np.array(constants, dtype=float), np.array([float(FAST_REGION), 0.0]), _take_over)
 
 
 LAWS = {"cascade": NamedLaw("P/PI cascade with dead band", cascade, CascadeParameters())}

@@ -15,13 +15,13 @@ from backlash_ros.control.command_range import clamp
 from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, ControlLaw, NamedLaw
 from backlash_ros.drivetrain import Drive, Validated, discretize, quantity
 from backlash_ros.drivetrain.compiled import compiled_as
-from backlash_ros.drivetrain.signals import POSITION, THETA_L, Array, Estimate, Setpoint
+from backlash_ros.drivetrain.signals import OMEGA_L, POSITION, THETA_L, Array, Estimate, Setpoint
 
 if TYPE_CHECKING:
     from backlash_ros.control.settings import ServoSettings
 
 _STATES = 5
-_A, _B, _L, _K, _RATIO, _LEAD, _FORGET = 0, 25, 30, 35, 40, 41, 42
+_A, _B, _L, _K, _RATIO, _LEAD, _FORGET, _HELD = 0, 25, 30, 35, 40, 41, 42, 43
 _STARTED, _SLOW_REFERENCE = 1 + _STATES, 2 + _STATES
 
 
@@ -72,6 +72,20 @@ def elastic_lqg_step(
     return voltage
 
 
+def _take_over(law: Array, memory: Array, estimate: Estimate, setpoint: Setpoint, holding: float) -> None:
+    """Start where the predictor would have come to while the load was held, and the lead where it wants that voltage.
+
+    So the voltage does not step; how far the load goes then under a load torque is the law's own.
+    """
+    angle, speed = estimate[THETA_L], estimate[OMEGA_L]
+    moves = np.array([angle / law[_RATIO], speed / law[_RATIO], angle, speed, 0.0])
+    memory[1 : 1 + _STATES] = moves + holding * law[_HELD : _HELD + _STATES]
+    reference, gains = setpoint[POSITION], law[_K : _K + _STATES]
+    target = (holding + gains @ memory[1 : 1 + _STATES]) / (gains[0] / law[_RATIO] + gains[2])
+    memory[_SLOW_REFERENCE] = reference - (target - reference) / law[_LEAD] if law[_LEAD] else reference
+    memory[_STARTED] = 1.0
+
+
 def _elastic_model(drive: Drive) -> tuple[Array, Array]:
     """Return (A, B) of motor and load joined by a spring.
 
@@ -108,6 +122,8 @@ def elastic_lqg(drive: Drive, settings: "ServoSettings", parameters: ElasticLqgP
     try:
         k, _, poles = control.dlqr(a, b, weight, np.eye(1), method="scipy")
         predictor, _, _ = control.dlqe(a, torque, angle, np.eye(1) * parameters.torque_noise**2, noise, method="scipy")
+        # What it comes to for each volt under which the load does not move.
+        held = np.linalg.solve(np.eye(_STATES) - a + predictor @ angle, b)
     except (ValueError, control.ControlArgument) as error:
         raise ValueError(f"law = 'elastic_lqg' cannot be designed for this drive: {error}") from error
     slowest = -settings.period / np.log(np.max(np.abs(poles)))
@@ -115,9 +131,9 @@ def elastic_lqg(drive: Drive, settings: "ServoSettings", parameters: ElasticLqgP
         parameters.lead * slowest / parameters.lag_time - 1.0,
         -np.expm1(-settings.period / parameters.lag_time),
     ]
-    parts: list[Any] = [a, b, predictor, k, [drive.gear.ratio], reference]
+    parts: list[Any] = [a, b, predictor, k, [drive.gear.ratio], reference, held]
     constants = np.concatenate([np.ravel(part) for part in parts])
-    return ControlLaw(elastic_lqg_step, constants, np.array([float(FAST_REGION), *np.zeros(_STATES + 2)]))
+    return ControlLaw(elastic_lqg_step, constants, np.array([float(FAST_REGION), *np.zeros(_STATES + 2)]), _take_over)
 
 
 LAWS = {"elastic_lqg": NamedLaw("linear compensator (after Mohan)", elastic_lqg, ElasticLqgParameters())}

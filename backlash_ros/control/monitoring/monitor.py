@@ -1,6 +1,6 @@
-"""Whether the drive does what its parameters say, sample by sample: limits, and what follows from going beyond them.
+"""Whether the drive does what its parameters say, sample by sample: thresholds, and the fault that is beyond them.
 
-Pure computation, compiled into the tick. Four things are watched, each with a limit of its own: the speed of either
+Pure computation, compiled into the tick. Four things are watched, each with a threshold of its own: the speed of either
 shaft (an encoder that jumps moves faster than any motor), how far both shafts have moved apart (an encoder that stands
 still or counts backwards), the torque that the momentum of both shafts does not explain (a motor that does not follow
 its command, a load that is blocked, encoders that both stand still), and the ends of the travel.
@@ -11,9 +11,9 @@ resistance or torque constant, which changes by what factor the momentum follows
 
 What passes: whatever looks like a load torque within the limit, that is encoders that both stand still (the only one,
 where there is one), a blocked load or a dead motor while the command stays small, and a command or encoders of the
-wrong sign until it has grown; ``limits.load_torque`` lowered to what the axis has to hold finds them that much sooner.
-An encoder that stands still with its shaft. The only encoder that jumps by less than ``limits.gap`` and one sample's
-way at ``limits.velocity``. A gear that slips by less than 2 % of the travel. Angles that stand still while their
+wrong sign until it has grown; ``faults.load_torque`` lowered to what the axis has to hold finds them that much sooner.
+An encoder that stands still with its shaft. The only encoder that jumps by less than ``faults.gap`` and one sample's
+way at ``faults.velocity``. A gear that slips by less than 2 % of the travel. Angles that stand still while their
 measured speeds are right.
 
 With one encoder the gap is not seen, and the momentum is that of a rigid gear: a drive that hammers from flank to
@@ -27,7 +27,13 @@ from typing import NamedTuple
 import numpy as np
 
 from backlash_ros.control import observer as observing
-from backlash_ros.control.limits import Limits, mechanical_time_constant, pressed, standstill_torque
+from backlash_ros.control.limits import Limits
+from backlash_ros.control.monitoring.thresholds import (
+    FaultThresholds,
+    mechanical_time_constant,
+    pressed,
+    standstill_torque,
+)
 from backlash_ros.control.observer import ObserverConstants, low_pass_gain, observer_step
 from backlash_ros.drivetrain import Drive, compiled
 from backlash_ros.drivetrain.signals import (
@@ -75,7 +81,7 @@ _LOWER_END, _UPPER_END = int(Fault.LOWER_END), int(Fault.UPPER_END)
 
 
 class MonitorConstants(NamedTuple):
-    """Limits as the compiled step reads them (rad, rad/s, N m), and how fast the found torque is filtered, rad/s."""
+    """Thresholds and ends as the compiled step reads them (rad, rad/s, N m); the found torque's filter is in rad/s."""
 
     velocity: float
     held_torque: float
@@ -88,7 +94,12 @@ class MonitorConstants(NamedTuple):
 
 
 def monitor_constants(
-    drive: Drive, limits: Limits, period: float, velocity_bandwidth: float, backlash_angle: float
+    drive: Drive,
+    limits: Limits,
+    thresholds: FaultThresholds,
+    period: float,
+    velocity_bandwidth: float,
+    backlash_angle: float,
 ) -> MonitorConstants:
     """Return the monitor of one drive.
 
@@ -99,9 +110,9 @@ def monitor_constants(
     own = 1.0 / mechanical_time_constant(drive)
     bandwidth = min(max(own, _BANDWIDTHS[0]), _BANDWIDTHS[1])
     return MonitorConstants(
-        velocity=float(limits.velocity),
-        held_torque=float(min(limits.load_torque, _HELD * standstill_torque(drive, limits.command))),
-        gap=float(min(limits.gap, known) if backlash_angle > 0 else limits.gap),
+        velocity=float(thresholds.velocity),
+        held_torque=float(min(thresholds.load_torque, _HELD * standstill_torque(drive, limits.command))),
+        gap=float(min(thresholds.gap, known) if backlash_angle > 0 else thresholds.gap),
         lower_end=float(limits.position_lower),
         upper_end=float(limits.position_upper),
         soft_zone=float(limits.soft_zone),
@@ -128,6 +139,11 @@ def monitor_memory() -> Array:
 def forget_ends(memory: Array) -> None:
     """Let who is outside of new ends of the travel come back in."""
     memory[[_LOWER, _UPPER]] = -math.inf, math.inf
+
+
+def unexplained_torque(memory: Array) -> float:
+    """Return the torque on the output shaft that the drive does not explain, N m: a load torque, where all is well."""
+    return float(memory[_UNEXPLAINED])
 
 
 @compiled

@@ -58,6 +58,8 @@ _SHORTEST = 1e-13
 """Step, as a share of the duration, below which time does not pass."""
 _TRIES = 20
 """Steps towards one event before the shaft is taken to be there."""
+_NEAR = 1e-6
+"""Share of a step within which an event is not looked for any more: it was none, or the next step meets it."""
 _GAMMA = 0.25
 _A = np.array(
     [
@@ -267,7 +269,8 @@ def _advance(
     if not 0.0 < h <= duration:
         h = duration
     rejected = False
-    tries, size = 0, 0.0  # steps towards the next event, and the step to go on with behind it
+    # Steps towards the next event, the step to go on with behind it, and the time within which it comes.
+    tries, size, ahead = 0, 0.0, 0.0
     for _ in range(_STEPS_AT_MOST):
         remaining = duration - time
         if remaining <= 1e-12 * duration:
@@ -308,7 +311,7 @@ def _advance(
                 tries += 1
                 if tries > 4:  # the curve is no cubic: close in from both sides
                     share = min(max(share, 0.1), 0.9)
-                size = max(size, used)
+                size, ahead = max(size, used), used
                 h = used * share
                 if h <= 2.0 * _SHORTEST * duration:
                     h, tries = 2.0 * _SHORTEST * duration, _TRIES
@@ -319,7 +322,11 @@ def _advance(
         # A last step that was cut short to end on time says little about the size that would do.
         h = used * growth if growth < 1.0 or not last else max(h, used * growth)
         if size > 0.0:  # this step was cut short for an event
-            h, size, tries = max(h, size), 0.0, 0
+            ahead -= used
+            if come_m or come_l or ahead <= _NEAR * size:
+                h, size, tries = max(h, size), 0.0, 0
+            else:  # too short: teeth that meet push all at once
+                h = max(0.5 * ahead, 2.0 * _SHORTEST * duration)
         if come_m or come_l:
             slip_m, slip_l = _switch(plant, state, load_torque, slip_m, slip_l, come_m, come_l, tolerance)
         step[STEP_SIZE] = h

@@ -1,0 +1,136 @@
+"""A law that is swapped in while the load is held starts from what holds it."""
+
+import math
+from dataclasses import replace
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, Servo, ServoSettings, design_gains
+from backlash_ros.control.laws.cascade import CascadeParameters
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
+from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
+from backlash_ros.drivetrain.signals import THETA_L, Array
+from backlash_ros.simulation import SimulatedDrive
+
+B = NOMINAL_DRIVE.gear.backlash_angle
+PERIOD = 0.004
+LOAD_TORQUE = 0.3
+
+HEAVY = replace(NOMINAL_DRIVE, load=replace(NOMINAL_DRIVE.load, inertia=4 * NOMINAL_DRIVE.load.inertia))
+RUBBING = replace(NOMINAL_DRIVE, load=replace(NOMINAL_DRIVE.load, coulomb_friction=0.05))
+DRIVES = {"nominal": NOMINAL_DRIVE, "heavy": HEAVY, "rubbing": RUBBING}
+DRIVES |= {f"{name}, current": replace(drive, command_interface="current") for name, drive in DRIVES.items()}
+SENSORS = {"everything": Sensors(), "positions": Sensors(measured=POSITIONS), "load": Sensors(measured=("theta_l",))}
+
+
+def settings_of(drive: Drive, law: str, **changes: float) -> ServoSettings:
+    gains = GainSet(**{region: design_gains(region, drive, q) for region, q in DEFAULT_WEIGHTS.items()})
+    return replace(ServoSettings(gains, law=law, period=PERIOD, backlash_angle=B), **changes)
+
+
+class Rig:
+    """A servo that holds a simulated drive at 0 under a load torque."""
+
+    def __init__(
+        self, drive: Drive, choice: ServoSettings, sensors: Sensors | None = None, load_torque: float = LOAD_TORQUE
+    ) -> None:
+        self.servo = Servo(drive, choice)
+        self.plant = SimulatedDrive(drive, PERIOD, sensors=sensors)
+        self.load_torque = load_torque
+
+    def run(self, time: float) -> tuple[Array, Array]:
+        """Go on for ``time`` seconds; return the load's angle, from now on, and the commands."""
+        angles, commands = [self.plant.state[THETA_L]], []
+        for _ in range(round(time / PERIOD)):
+            commands.append(self.servo.update(self.plant.sample(), self.plant.elapsed))
+            self.plant.advance(commands[-1], self.load_torque)
+            angles.append(self.plant.state[THETA_L])
+        assert self.servo.fault == ""
+        return np.array(angles), np.array(commands)
+
+
+def beyond(angles: Array) -> float:
+    """Return how far the load went beyond both where it was and where it comes to, rad."""
+    start, end = angles[0], float(np.mean(angles[-50:]))
+    return float(max(np.max(angles) - max(start, end), min(start, end) - np.min(angles)))
+
+
+@pytest.mark.parametrize(
+    ("drive", "sensors"),
+    [*((drive, "everything") for drive in DRIVES), ("nominal", "positions"), ("nominal", "load")],
+)
+def test_law_swapped_under_load_goes_straight_to_where_it_settles(drive: str, sensors: str) -> None:
+    """It neither sags nor overshoots, whichever law held the load before."""
+    for old, new in permutations(LAWS, 2):
+        rig = Rig(DRIVES[drive], settings_of(DRIVES[drive], old), SENSORS[sensors])
+        rig.run(1.5)
+        rig.servo.use(settings_of(DRIVES[drive], new))
+        assert beyond(rig.run(2.0)[0]) <= 0.03 * B, f"{old} to {new}"
+
+
+@pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES)
+@pytest.mark.parametrize("old", ["fast", "overdamped", "two_region"])
+@pytest.mark.parametrize("torque_bandwidth", [40.0, 0.0])
+def test_integrator_takes_the_load_over_where_it_is(drive: Drive, old: str, torque_bandwidth: float) -> None:
+    """With feedforward before, by which it is held at the target, the load does not move at all."""
+    rig = Rig(drive, settings_of(drive, old, torque_bandwidth=torque_bandwidth))
+    held = rig.run(2.5)[1][-1]
+    rig.servo.use(settings_of(drive, "cascade", torque_bandwidth=torque_bandwidth))
+    angles, commands = rig.run(1.0)
+    if torque_bandwidth:
+        assert commands[0] == pytest.approx(held, rel=0.01)
+        assert np.ptp(angles) <= 0.01 * B
+    assert beyond(angles) <= 0.01 * B
+
+
+@pytest.mark.parametrize("old", sorted(set(LAWS) - {"elastic_lqg"}))
+def test_compensator_begins_with_the_voltage_that_holds_the_load(old: str) -> None:
+    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, old))
+    held = rig.run(2.5)[1][-1]
+    rig.servo.use(settings_of(NOMINAL_DRIVE, "elastic_lqg"))
+    assert rig.run(PERIOD)[1][0] == pytest.approx(held, rel=1e-3)
+
+
+@pytest.mark.parametrize("new", ["cascade", "elastic_lqg"])
+@pytest.mark.parametrize("moved_for", [0.02, 0.04, 0.06, 0.1])
+@pytest.mark.parametrize("load_torque", [0.0, 0.3, -0.3])
+def test_law_swapped_on_the_way_does_not_overrun(new: str, moved_for: float, load_torque: float) -> None:
+    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, "two_region"), load_torque=load_torque)
+    rig.run(1.0)
+    rig.servo.set_reference(1.0)
+    rig.run(moved_for)
+    rig.servo.use(settings_of(NOMINAL_DRIVE, new))
+    angles, _ = rig.run(2.0)
+    assert np.max(angles) <= max(1.0, angles[-1]) + 0.5 * B
+
+
+def test_integrator_holds_the_load_through_other_gains() -> None:
+    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, "cascade"))
+    rig.run(2.5)
+    softer = settings_of(NOMINAL_DRIVE, "cascade").with_law("cascade", CascadeParameters(speed_bandwidth=40.0))
+    rig.servo.use(softer)
+    assert np.ptp(rig.run(1.0)[0]) <= 0.01 * B
+
+
+@pytest.mark.parametrize("law", ["cascade", "elastic_lqg"])
+def test_law_goes_on_from_what_holds_the_load_after_an_experiment(law: str) -> None:
+    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, law))
+    rig.run(2.5)
+    rig.servo.start_experiment()
+    held = rig.run(1.0)[1][-1]  # at rest between two kicks
+    rig.servo.cancel("test")
+    assert rig.servo.take_outcome() is not None
+    angles, commands = rig.run(2.5)
+    assert commands[0] == pytest.approx(held, rel=0.01)
+    assert beyond(angles) <= 0.03 * B
+
+
+def test_what_holds_the_load_is_forgotten_with_it() -> None:
+    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, "cascade"))
+    rig.run(2.5)
+    assert rig.servo.holding_voltage == pytest.approx(-1.2, rel=1e-3)
+    rig.servo.release("test")
+    assert rig.servo.holding_voltage == 0.0
+    assert rig.servo.update(np.array([math.nan, math.nan, 0.3, math.nan, math.nan])) == 0.0
