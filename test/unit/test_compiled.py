@@ -196,3 +196,50 @@ def test_copies_of_a_template_are_independent() -> None:
     halved, squared = specialize(template, inner=halve), specialize(template, float64(float64), inner=square)
     assert (halved(16.0), squared(16.0)) == (8.0, 256.0)
     assert halved.__name__ == squared.__name__ == "template"
+
+
+COUNTING = """
+import logging
+import sys
+from numba.core import event
+logging.basicConfig(stream=sys.stderr, format="%(message)s", level=logging.INFO)
+with event.install_recorder("numba:compile") as recorder:
+    import backlash_ros.control
+begun = [e.data["dispatcher"].py_func for _, e in recorder.buffer if e.is_start]
+print(*sorted(f"{f.__module__}.{f.__qualname__}" for f in begun if f.__module__.startswith("backlash_ros")))
+"""
+
+
+def test_processes_that_start_together_compile_each_function_once(tmp_path: Path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    started = [
+        subprocess.Popen(
+            [sys.executable, "-c", COUNTING], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        for _ in range(2)
+    ]
+    ended = [process.communicate(timeout=120) for process in started]
+    compiled_by = [printed.split() for printed, _ in ended]
+    assert any(compiled_by)
+    assert not set(compiled_by[0]) & set(compiled_by[1])
+    assert all(said.count("compiling, once") == bool(own) for (_, said), own in zip(ended, compiled_by, strict=True))
+    again = subprocess.run(
+        [sys.executable, "-c", COUNTING], env=environment, capture_output=True, text=True, timeout=120, check=True
+    )
+    assert (again.stdout.split(), again.stderr) == ([], "")
+
+
+def test_a_process_that_keeps_the_lock_does_not_stop_the_others(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(module, "_CACHE", tmp_path)
+    monkeypatch.setattr(module._Turn, "_PATIENCE", 0.2)
+    first, second = module._Turn(), module._Turn()
+    with first:
+        first.take()
+        with second:
+            second.take()
+            assert not second._taken()
+    with second:
+        second.take()
+        assert second._taken()
