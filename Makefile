@@ -8,6 +8,7 @@
 #   make paper   the paper's figures and the page that judges them, in docs
 #   make docs    docs/parameters.md, the table of all parameters, from the code
 #   make bench   what a tick costs; how fast the offline loop is, beside scipy in the same run; six axes in real time; lockstep;
+#                a step of the node beside a bare publish;
 #                a listener that is stopped, by shared memory and by UDP
 #   make soak    ten minutes in real time: nothing lost, no memory grown
 #   make lock    renew requirements/*.txt, the locks with hashes, from requirements/*.in
@@ -78,6 +79,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/closed_loop.py
 	$(BIN)/python benchmarks/real_time.py axes --seconds 20
 	$(BIN)/python benchmarks/real_time.py lockstep --seconds 20
+	$(BIN)/python benchmarks/real_time.py step --seconds 20
 	$(BIN)/python benchmarks/stopped_listener.py --seconds 20
 
 soak: $(READY)

@@ -3,6 +3,7 @@
     real_time.py soak       one axis for minutes: samples lost, answers late, memory grown; exit code 0 if it held
     real_time.py axes       six axes in one pair of processes, beside one axis alone: answered within the period
     real_time.py lockstep   how many times faster than real time a simulated minute runs
+    real_time.py step       the controller's step, sample to answer published, beside a plain node that only publishes
 
 Run with `make soak` and `make bench`. What else the machine does counts here, so how late a bare sleep wakes up stands
 beside the figures: nothing on this machine does better.
@@ -13,6 +14,7 @@ import contextlib
 import json
 import os
 import signal
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -29,15 +31,19 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from std_msgs.msg import Float64
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.ros.isolation import isolated
+from backlash_ros.ros.messages import answer, stamp_label
+from backlash_ros.ros.topics import RECEIVE, SEND
 
 SIX_AXES = Path(__file__).parents[1] / "config" / "six_axes.yaml"
 AXES = [f"axis{k}" for k in range(1, 7)]
 TARGETS = (1.0, -0.5, 0.25, 2.0)
 PATIENCE = 60.0
 PERIOD = 0.004
+TURNS = 4
 NOTHING_LOST = [
     *("-p", "qos_overrides./joint_states.publisher.depth:=100"),
     *("-p", "qos_overrides./joint_states.subscription.reliability:=reliable"),
@@ -190,6 +196,23 @@ class BareSleep:
         }
 
 
+class Plain:
+    """A plain node that publishes an answer to each sample, while it is its turn."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.times: list[float] = []
+        self.turn = False
+        self._publisher = graph.node.create_publisher(Float64MultiArray, "command", SEND)
+        graph.node.create_subscription(JointState, "joint_states", self._on_sample, RECEIVE)
+
+    def _on_sample(self, sample: JointState) -> None:
+        if self.turn:
+            message = answer(0.0, stamp_label(sample.header.stamp))
+            began = time.perf_counter()
+            self._publisher.publish(message)
+            self.times.append(time.perf_counter() - began)
+
+
 @contextlib.contextmanager
 def pair(simulator: Sequence[str], controller: Sequence[str]) -> Iterator[tuple[Graph, Nodes, Nodes]]:
     """Run simulator and controller with these arguments on a domain of their own."""
@@ -298,10 +321,35 @@ def lockstep(seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool
     return {"seconds simulated": simulated, "times real time": round(simulated / (last["at"] - first["at"]), 2)}, True
 
 
+def step(seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
+    """Let controller and plain node answer one simulator in turns: same message, same subscribers."""
+    figures: dict[str, Any] = {"seconds": seconds, "turns": TURNS}
+    for rate in (250, 1000):
+        words = ["--ros-args", "-p", f"rate:={rate}", *PATIENT, *extra]
+        with pair(words, words) as (graph, *_):
+            plain, ours = Plain(graph), []
+            graph.wait("answers", lambda: int(graph.said.get("/controller: servo", {}).get("samples_answered", 0)))
+            for _ in range(TURNS):
+                graph.fresh("/controller: timing")
+                for _ in range(max(1, round(seconds / TURNS))):
+                    (said,) = graph.fresh("/controller: timing")  # of the second that has just passed
+                    ours.append(float(said["step_time"].split()[1].rstrip(",")))
+                graph.change("/controller", Transition.TRANSITION_DEACTIVATE)
+                plain.turn = True
+                graph.spin(seconds / TURNS)
+                plain.turn = False
+                graph.change("/controller", Transition.TRANSITION_ACTIVATE)
+        mean = statistics.median(ours), 1e3 * statistics.fmean(plain.times)
+        figures[f"{rate} Hz: step of the controller, mean, ms"] = round(mean[0], 4)
+        figures[f"{rate} Hz: bare publish of a plain node, mean, ms"] = round(mean[1], 4)
+        figures[f"{rate} Hz: step over bare publish"] = round(mean[0] / mean[1], 2)
+    return figures, True
+
+
 def main() -> int:
     """Measure, print, and write JSON where asked."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["soak", "axes", "lockstep"])
+    parser.add_argument("what", choices=["soak", "axes", "lockstep", "step"])
     parser.add_argument("--minutes", type=float, default=10.0, help="of the soak")
     parser.add_argument("--seconds", type=float, default=60.0, help="of six axes, and simulated in lockstep")
     parser.add_argument("--json", type=Path, help="file to write the figures to")
@@ -316,7 +364,7 @@ def main() -> int:
         if asked.what == "soak":
             figures, held = soak(asked.minutes, extra if asked.newest else [*NOTHING_LOST, *extra])
         else:
-            figures, held = {"axes": axes, "lockstep": lockstep}[asked.what](asked.seconds, extra)
+            figures, held = {"axes": axes, "lockstep": lockstep, "step": step}[asked.what](asked.seconds, extra)
     finally:
         seen = bare.stop()
     figures |= seen | {"load average": os.getloadavg()[0]}

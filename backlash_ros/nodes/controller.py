@@ -25,28 +25,18 @@ from backlash_ros.control.tick import MISSING
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Measurement
 from backlash_ros.gates import Action, Fault, Judged, SampleGate
 from backlash_ros.nodes.parameters import declare_controller, refuse_unknown
+from backlash_ros.nodes.reports import ControllerReport, NodeFacts
 from backlash_ros.nodes.start_lines import margins_line, untold_drive
 from backlash_ros.nodes.tunables import Tunables
-from backlash_ros.ros.diagnostics import (
-    CLOCKS_DIFFER,
-    ERROR,
-    OK,
-    WARN,
-    Since,
-    Window,
-    age_level,
-    milliseconds,
-    rate_level,
-    status,
-)
+from backlash_ros.ros.diagnostics import ERROR, OK, status
 from backlash_ros.ros.later import LaterTrigger
 from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.messages import (
+    Answer,
     BadSampleError,
     NotOurJointsError,
     answer,
     read_joint_state,
-    stamp_label,
     stamp_ns,
     to_stamp,
 )
@@ -77,10 +67,10 @@ class Controller(ManagedNode):
         self._tunables.rejection_reason, self._tunables.changed = self._servo.rejection_reason, self._use
         self._gate = SampleGate(in_ns(self._state_timeout), in_ns(MISSING / self._rate), self._joints)
         self._learning = LearnRequests(self._servo)
-        self._measured = Measurement(np.empty(5))
+        self._measured, self._answer = Measurement(np.empty(5)), Answer()
         self._told, self._said = Fault.NONE, (False, False, Fault.NONE)
         self._estimated = self._changed = False
-        self._step_time, self._age, self._since = Window(), Window(), Since()
+        self._report = ControllerReport(self._rate, self._state_timeout)
         self._command = self.speak(Float64MultiArray, "command")
         self._state = self.speak(DiagnosticArray, "~/state")
         self._estimate = self.speak(Float64, "~/backlash_estimate", TRANSIENT_LOCAL)
@@ -176,13 +166,13 @@ class Controller(ManagedNode):
             joints=(not math.isnan(self._measured[THETA_M]), not math.isnan(self._measured[THETA_L])),
             content=None if unusable else self._measured.tobytes(),
             unusable=unusable,
-            heard=self._heard,
+            heard=self._gate.begun or self._heard,
         )
         command = self._act(judged.action, 1e-9 * judged.elapsed)
         if judged.action is not Action.IGNORE:
-            self._command.publish(answer(command, stamp_label(message.header.stamp)))
-        self._step_time.add(1e-9 * (now_ns() - began))
-        self._age.add(1e-9 * (self.get_clock().now().nanoseconds - stamp))
+            self._command.publish(self._answer.to(message.header.stamp, command))
+        self._report.step_time.add(1e-9 * (now_ns() - began))
+        self._report.age.add(1e-9 * (self.get_clock().now().nanoseconds - stamp))
         self._after(judged, stamp)
 
     def _act(self, action: Action, elapsed: float) -> float:
@@ -204,6 +194,8 @@ class Controller(ManagedNode):
         elif judged.reason:
             dropped = self._gate.dropped
             self.get_logger().warning(f"{judged.reason}; {dropped} messages dropped so far", throttle_duration_sec=1.0)
+        if self._servo.experimenting and not self._said[1]:
+            self.get_logger().info("learning the backlash")
         self._reply(self._learning.end())
         self._tell_fault()
         regular = judged.action is Action.TAKE and self._gate.taken % self._telemetry_every == 0
@@ -228,8 +220,9 @@ class Controller(ManagedNode):
         refusal = f"reference {message.data:g} rad came while not active"
         if self.active:
             refusal = self._servo.set_reference(message.data)
-        self._changed = True
-        if refusal:
+        if not refusal:
+            self._changed = True
+        else:
             self._gate.drop(refusal)
             dropped = self._gate.dropped
             self.get_logger().warning(f"{refusal}; {dropped} messages dropped so far", throttle_duration_sec=1.0)
@@ -304,58 +297,12 @@ class Controller(ManagedNode):
 
     def statuses(self) -> Sequence[DiagnosticStatus]:
         """Say what the servo does with which gains, and how steadily samples come and are answered."""
-        values, servo, gate = self._tunables.values, self._servo, self._gate
-        steady = self.active and not gate.waiting and self._since.looked
-        grown = self._since.look(
-            at=now(), stamp=gate.stamp or 0, taken=gate.taken, late=gate.late, dropped=gate.dropped
-        )
-        state = [(OK, self.state)]
-        if servo.latched:
-            state.append((ERROR, servo.fault))
-        if self.active and not self._heard and (gate.unheard or servo.holding):
-            state.append((WARN, f"nobody listens to command{' any more' if servo.holding else ''}"))
-        elif self.active and gate.waiting:
-            state.append((WARN, "waiting for joint_states"))
-        if grown["dropped"]:
-            state.append((WARN, f"{grown['dropped']} messages dropped, the last one: {gate.last_dropped}"))
-        if self.mismatches:
-            state.append((WARN, f"{self.mismatches} publishers of a quality of service that does not match"))
-        if self.configured and (commanders := self.count_publishers(self._command.publisher.topic_name)) > 1:
-            state.append((WARN, f"{commanders} publishers on command"))
-        age, step = self._age.take(), self._step_time.take()
-        # By the stamps where they go on evenly: in simulated time the steady clock says nothing of the drive's rate.
-        seconds = 1e-9 * grown["stamp"] if 0 < grown["stamp"] < in_ns(CLOCKS_DIFFER) else grown["at"]
-        rate = grown["taken"] / seconds
-        timing = [rate_level(rate, self._rate)] if steady and grown["taken"] else [(OK, self.state)]
-        if grown["late"]:
-            timing.append((WARN, f"{grown['late']} samples late within {grown['at']:.1f} s"))
-        timing.append(age_level(age, self._state_timeout))
-        if step[1] > 1.0 / self._rate:
-            timing.append((ERROR, f"one step takes {step[1]:.3g} s, longer than a period"))
-        name, hardware = self.get_fully_qualified_name(), ", ".join(self._joints)
-        said = {
-            "state": self.state,
-            "fault": servo.fault,
-            "fault_name": servo.latched.name if servo.latched else "",
-            "learning": servo.experimenting,
-            "progress": f"{servo.progress:.2f}",
-            "samples_answered": gate.taken,
-            "messages_dropped": gate.dropped,
-            "last_dropped": gate.last_dropped,
-            "parameters_version": self._tunables.version,
-        }
-        paced = {
-            "rate_Hz": f"{rate:.2f}",
-            "nominal_rate_Hz": f"{self._rate:g}",
-            "late_samples": gate.late,
-            "clock_jumps": gate.jumps,
-            "state_age": milliseconds(age),
-            "step_time": milliseconds(step),
-        }
-        return [
-            status(f"{name}: servo", hardware, state, said | {key: values[key] for key in _SHOWN}),
-            status(f"{name}: timing", hardware, timing, paced),
-        ]
+        values = self._tunables.values
+        commanders = self.count_publishers(self._command.publisher.topic_name) if self.configured else 0
+        heard = self.configured and self._heard
+        facts = NodeFacts(self.get_fully_qualified_name(), self.state, self.mismatches, commanders, heard)
+        shown = {"parameters_version": self._tunables.version, **{key: values[key] for key in _SHOWN}}
+        return self._report.statuses(facts, self._joints, self._servo, self._gate, shown)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -24,7 +24,7 @@ from backlash_ros.drivetrain import IntegrationError
 from backlash_ros.drivetrain.signals import CURRENT
 from backlash_ros.gates import CommandGate, Fault
 from backlash_ros.nodes.parameters import declare_simulator, refuse_unknown
-from backlash_ros.ros.diagnostics import ERROR, OK, WARN, Since, Window, milliseconds, rate_level, status
+from backlash_ros.nodes.reports import NodeFacts, SimulatorReport
 from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.messages import answered_sample, fill_joint_state, to_stamp
 from backlash_ros.ros.parameters import sensors_of
@@ -55,10 +55,10 @@ class PlantSimulator(ManagedNode):
         self._wall = SystemClock()  # whatever use_sim_time says: time comes from a drive, not to it
         self._own_time = self._lockstep or given.real_time_factor != 1.0
         self._load_torque, self._largest_load_torque = 0.0, largest_load_torque(self._drive)
-        self._ticks = self._samples = self._late = self._rejected = self._due = 0
+        self._ticks = self._due = 0
         self._start = self._sent_at = 0.0
         self._told = Fault.NONE
-        self._step_time, self._since = Window(), Since()
+        self._report = SimulatorReport(math.nan if self._lockstep else 1.0 / self._turn)
         self._sample = JointState()
         self._states = self.speak(JointState, "joint_states")
         self._clock_topic = self.speak(Clock, "/clock") if self._own_time else None
@@ -108,7 +108,7 @@ class PlantSimulator(ManagedNode):
         """Take the command off and stand still: no time passes while not active."""
         self._gate.open()
         self.own_timers.remove(self._timer)
-        self.get_logger().info(f"stopped after {self._samples} samples, {self._late} of them late")
+        self.get_logger().info(f"stopped after {self._report.samples} samples, {self._report.late} of them late")
 
     # Parameters.
 
@@ -158,7 +158,7 @@ class PlantSimulator(ManagedNode):
         if abs(message.data) <= self._largest_load_torque:
             self._load_torque = message.data
             return
-        self._rejected += 1
+        self._report.rejected += 1
         bound = f"within +-{self._largest_load_torque:g} N m, ten times what the motor holds"
         why = f"load_torque must be {bound}, got {message.data:g}: kept {self._load_torque:g}"
         self.get_logger().warning(why, throttle_duration_sec=1.0)
@@ -187,7 +187,7 @@ class PlantSimulator(ManagedNode):
         at, wall = now(), self._wall.now().nanoseconds  # when the plant is there, however long the rest takes
         due = max(1, round((at - self._start) / self._turn) - self._due)
         self._due += due
-        self._late += due - 1
+        self._report.late += due - 1
         expires, before = self._gate.expires, self._gate.value
         command = self._gate.output(in_ns(at))
         if expires is not None and self._gate.fault:
@@ -211,7 +211,7 @@ class PlantSimulator(ManagedNode):
             self._gate.fail(Fault.CANNOT_SIMULATE, why)
             self._tell_fault()
         self._ticks += periods
-        self._step_time.add(now() - began)
+        self._report.step_time.add(now() - began)
 
     def _publish(self, wall: int = 0) -> None:
         arrives = round((self._ticks + 1) * 1e9 / self._rate) if self._own_time else wall
@@ -225,46 +225,13 @@ class PlantSimulator(ManagedNode):
             self._clock_topic.publish(Clock(clock=to_stamp(arrives)))
         self._sent_at = now()
         self._gate.sent(stamp, now_ns())
-        self._samples += 1
+        self._report.samples += 1
         self._states.publish(self._sample)
-
-    # Diagnostics.
 
     def statuses(self) -> Sequence[DiagnosticStatus]:
         """Say what the motor gets, how steadily samples leave and how many were answered in time."""
-        gate = self._gate
-        grown = self._since.look(at=now(), samples=self._samples, late=self._late, answered=gate.answered)
-        name, hardware = self.get_fully_qualified_name(), "simulated drive"
-        drive = [(ERROR, gate.why) if gate.fault else (OK, self.state)]
-        if self.mismatches:
-            drive.append((WARN, f"{self.mismatches} publishers of a quality of service that does not match"))
-        timing = []
-        if self.active and grown["samples"] and not self._lockstep:
-            timing.append(rate_level(grown["samples"] / grown["at"], 1.0 / self._turn))
-            if grown["late"]:
-                timing.append((WARN, f"{grown['late']} samples late within {grown['at']:.1f} s"))
-        said = {
-            "state": self.state,
-            "fault": gate.why,
-            "fault_name": gate.fault.name if gate.fault else "",
-            f"command_{self._drive.command_unit}": gate.value,
-            "load_torque_Nm": self._load_torque,
-            "messages_rejected": self._rejected + gate.rejected,
-        }
-        paced = {
-            "rate_Hz": f"{grown['samples'] / grown['at']:.2f}",
-            "nominal_rate_Hz": f"{1.0 / self._turn:g}",
-            "samples": self._samples,
-            "late_samples": self._late,
-            "answered_in_period": gate.answered,
-            "answered_late": gate.answered_late,
-            "answered_percent": f"{100 * grown['answered'] / grown['samples']:.2f}" if grown["samples"] else "",
-            "integration": milliseconds(self._step_time.take()),
-        }
-        return [
-            status(f"{name}: drive", hardware, drive, said),
-            status(f"{name}: timing", hardware, timing or [(OK, self.state)], paced),
-        ]
+        facts = NodeFacts(self.get_fully_qualified_name(), self.state, self.mismatches)
+        return self._report.statuses(facts, self._gate, self._drive.command_unit, self._load_torque)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -28,6 +28,10 @@ class Outlet:
 
     def __init__(self) -> None:
         self._publisher: Publisher | None = None
+        self.publish: Callable[[Any], None] = self._refuse
+
+    def _refuse(self, _message: Any) -> None:
+        self.publisher.publish(_message)
 
     def open(self, publisher: Publisher) -> None:
         """Speak by ``publisher`` from now on."""
@@ -35,9 +39,9 @@ class Outlet:
         self.publish = publisher.publish  # without a detour: it is on the way of each sample
 
     def close(self) -> None:
-        """Speak no more."""
+        """Speak no more: who tries all the same gets the RuntimeError of `publisher`."""
         self._publisher = None
-        del self.publish
+        self.publish = self._refuse
 
     @property
     def publisher(self) -> Publisher:

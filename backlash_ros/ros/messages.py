@@ -37,6 +37,19 @@ def answer(value: float, label: str = "") -> Float64MultiArray:
     return message
 
 
+class Answer:
+    """The answers of a controller, one message for all: to make a new one takes as long as to send it."""
+
+    def __init__(self) -> None:
+        self._message = answer(0.0, "of no sample")
+
+    def to(self, stamp: Time, value: float) -> Float64MultiArray:
+        """Return the command that answers the sample with a stamp; the next call overwrites it."""
+        self._message.data[0] = value
+        self._message.layout.dim[0].label = stamp_label(stamp)
+        return self._message
+
+
 def label_of(command: Float64MultiArray) -> str:
     """Return the name of the sample that a command answers, empty where it does not say or the label is none."""
     label: str = command.layout.dim[0].label if command.layout.dim else ""
