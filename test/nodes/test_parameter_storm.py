@@ -21,7 +21,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from backlash_ros.control.design.gain_sets import CUSTOM, REGIONS, expand
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, THETA_L
-from backlash_ros.ros.parameters import as_floats
+from backlash_ros.ros.parameters import convert
 
 REFERENCE = 0.2
 SETS = ("nominal", "gentle")
@@ -63,16 +63,26 @@ ITEM = st.one_of(
     items("laws.two_region.hysteresis", numbers(0, 10), 10.000001, -math.inf, math.nan),
     items("limits.command", numbers(1, 30), 0.0, -0.0, 0, math.nan),
     items("limits.position_upper", numbers(1, 100), REFERENCE / 2, 2e9, -2e9),
-    items("learning.cycles", st.integers(3, 1000), 2, 5.0, math.nan),
+    items("learning.cycles", st.one_of(st.integers(3, 1000), st.just(5.0)), 2, 5.5, math.nan),
     st.sampled_from(
         [
-            Item("rate", 250.0, False),
-            Item("gain_sets.gentle.fast.k", [20.0, 0.6, 0.1], False),
+            Item("rate", 200.0, False),
+            Item("gain_sets.gentle.fast.k", [21.0, 0.6, 0.1], False),
             Item("nosuch", 1.0, False),
             Item("", 1.0, False),
         ]
     ),
 )
+KINDS = {"law": RclpyParameter.Type.STRING, "gain_set": RclpyParameter.Type.STRING}
+KINDS |= {"learning.cycles": RclpyParameter.Type.INTEGER}
+
+
+def stored(item: Item) -> Any:
+    """What the node keeps of a valid item: whole numbers stand for floats."""
+    of_gains = RclpyParameter.Type.DOUBLE_ARRAY if item.name.startswith("gains.") else RclpyParameter.Type.DOUBLE
+    return convert(item.value, KINDS.get(item.name, of_gains))
+
+
 REQUEST = st.lists(ITEM, min_size=1, max_size=4, unique_by=lambda item: item.name)
 STORM = st.lists(st.tuples(st.booleans(), st.booleans(), REQUEST), min_size=1, max_size=3)
 """Requests: from which of two clients, atomic or one by one, and of what."""
@@ -162,9 +172,7 @@ class Storm:
         assert self.drive.step() == command(used[-1], state)
 
     def _changed(self, values: dict[str, Any], request: list[Item]) -> dict[str, Any]:
-        changes = {
-            item.name: as_floats(item.value) if item.name != "learning.cycles" else item.value for item in request
-        }
+        changes = {item.name: stored(item) for item in request}
         return {**values, **expand(changes, self.sets, NOMINAL_DRIVE)}
 
 

@@ -358,7 +358,8 @@ def test_folder_that_cannot_be_written_is_refused(start: Start, tmp_path: Path, 
     process = start("recorder", output=tmp_path / name)
     assert process.wait() == 2
     (line,) = process.output().splitlines()
-    assert line.startswith("cannot start: output ")
+    assert line.startswith("[FATAL] ")
+    assert "cannot start: output " in line
     assert reason in line
     assert {path.name for path in tmp_path.iterdir()} == {"file", process.log.name}
 
