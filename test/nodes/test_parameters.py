@@ -250,6 +250,18 @@ def test_a_law_that_is_added_brings_its_parameters(
     accepted, reason = parameters.set(laws__proportional__gain=0.0, law="fast")
     assert not accepted
     assert reason == "laws.proportional.gain must be > 0 V/rad and <= 50 V/rad, got 0.0"
+    (described,) = peer.call(
+        DescribeParameters,
+        "/controller/describe_parameters",
+        DescribeParameters.Request(names=["laws.proportional.gain"]),
+    ).descriptors
+    assert described.description == "volts for an error of 1 rad [V/rad]"
+    assert described.additional_constraints == "> 0 V/rad and <= 50 V/rad"
+    table = tmp_path / "parameters.md"
+    words = [sys.executable, str(Path(parameter_table.__file__)), "--out", str(table)]
+    subprocess.run(words, check=True, timeout=PATIENCE)
+    row = "| `laws.proportional.gain` | double | 5 | V/rad | > 0 and <= 50 | dynamic | volts for an error of 1 rad |"
+    assert row in table.read_text()
 
 
 def test_one_by_one_each_parameter_is_a_request_of_its_own(start: Start, peer: Peer) -> None:
