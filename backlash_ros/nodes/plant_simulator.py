@@ -93,6 +93,7 @@ class PlantSimulator(ManagedNode):
         self._gate.open()
         self._ticks = max(axis._ticks for axis in self._together)  # one time for all
         self._due = 0
+        self._report.begin(self._gate)
         # Axes of one process take turns: at once, the last one would wait for all the others each time.
         self._timer.restart(0.0 if self._lockstep else self._turn * self._together.index(self) / len(self._together))
         self._start = self._timer.due - self._turn

@@ -61,12 +61,14 @@ class ControllerReport:
     def __init__(self, rate: float, timeout: float) -> None:
         self._rate, self._timeout = rate, timeout
         self.step_time, self.age, self._since = Window(), Window(), Since()
+        self._came = False
 
     def statuses(
         self, facts: NodeFacts, joints: Sequence[str], servo: Servo, gate: SampleGate, shown: dict[str, Any]
     ) -> list[DiagnosticStatus]:
         """Return what there is to say of the time since the last call; ``shown`` are parameters to repeat."""
-        steady = facts.active and not gate.waiting and self._since.looked
+        before, self._came = self._came, facts.active and not gate.waiting
+        steady = before and self._came  # samples came all the time
         grown = self._since.look(
             at=now(), stamp=gate.stamp or 0, taken=gate.taken, late=gate.late, dropped=gate.dropped
         )
@@ -131,9 +133,16 @@ class SimulatorReport:
         self.samples = self.late = self.rejected = 0
         self.step_time, self._since = Window(), Since()
 
+    def begin(self, gate: CommandGate) -> None:
+        """Count from now on."""
+        self._grown(gate)
+
+    def _grown(self, gate: CommandGate) -> dict[str, float]:
+        return self._since.look(at=now(), samples=self.samples, late=self.late, answered=gate.answered)
+
     def statuses(self, facts: NodeFacts, gate: CommandGate, unit: str, load_torque: float) -> list[DiagnosticStatus]:
         """Return what there is to say of the time since the last call."""
-        grown = self._since.look(at=now(), samples=self.samples, late=self.late, answered=gate.answered)
+        grown = self._grown(gate)
         drive = facts.judged()
         if gate.fault:
             drive.append((ERROR, gate.why))

@@ -127,10 +127,11 @@ class Tunables:
         }
 
     def message(self) -> ParameterEvent:
-        """Return what is in use, with its version, as a message."""
+        """Return all parameters that are in use, the fixed ones too, with their version, as a message."""
         node = self._node
+        in_use = {name: parameter.value for name, parameter in node.get_parameters_by_prefix("").items()}
         listed = [Parameter("version", value=self.version)]
-        listed += [Parameter(name, value=value) for name, value in self.values.items()]
+        listed += [Parameter(name, value=value) for name, value in {**in_use, **self.values}.items()]
         return ParameterEvent(
             stamp=node.get_clock().now().to_msg(),
             node=node.get_fully_qualified_name(),

@@ -39,11 +39,6 @@ class Since:
     def __init__(self) -> None:
         self._seen: dict[str, float] = {}
 
-    @property
-    def looked(self) -> bool:
-        """Whether there was a look before."""
-        return bool(self._seen)
-
     def look(self, **counts: float) -> dict[str, float]:
         """Return the growth of each count; all of it the first time."""
         grown = {name: count - self._seen.get(name, 0) for name, count in counts.items()}

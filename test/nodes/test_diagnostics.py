@@ -53,7 +53,15 @@ def test_healthy_pair_is_ok_and_says_how_it_runs(start: Start, peer: Peer) -> No
     assert float(timing["rate_Hz"]) == pytest.approx(50, rel=0.05)
     for key in ("state_age", "step_time"):
         assert re.fullmatch(r"mean -?[\d.]+, p99 -?[\d.]+, max -?[\d.]+ ms", timing[key])
-    drive = diagnostics.wait("/plant_simulator: timing", "in time", lambda s: s.level == OK and "Hz" in s.message)
+    drive = diagnostics.wait(
+        "/plant_simulator: timing",
+        "in time and answered",
+        lambda s: (
+            s.level == OK
+            and "Hz" in s.message
+            and any(v.key == "answered_in_period" and v.value != "0" for v in s.values)
+        ),
+    )
     assert float(drive["rate_Hz"]) == pytest.approx(50, rel=0.05)
     assert float(drive["answered_percent"]) > 0
     assert re.fullmatch(r"mean [\d.]+, p99 [\d.]+, max [\d.]+ ms", drive["integration"])

@@ -84,10 +84,11 @@ def test_every_parameter_is_described_and_every_number_bounded(start: Start, pee
         assert not descriptor.dynamic_typing, name
 
 
-def test_what_may_change_is_what_is_published_as_in_use(start: Start, peer: Peer) -> None:
-    start("controller")
-    dynamic = {name for name, described in descriptors(peer, "controller").items() if not described.read_only}
-    assert set(InUse(peer).version(1)) == dynamic
+def test_all_parameters_are_published_as_in_use_the_fixed_ones_too(start: Start, peer: Peer) -> None:
+    start("controller", gear__reduction=12.0)
+    in_use = InUse(peer).version(1)
+    assert set(descriptors(peer, "controller")) <= set(in_use)
+    assert (in_use["gear.reduction"], in_use["rate"], in_use["law"]) == (12.0, 250.0, "two_region")
 
 
 def test_in_use_has_a_new_version_for_each_request_that_is_taken(start: Start, peer: Peer) -> None:
