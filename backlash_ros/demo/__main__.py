@@ -391,8 +391,14 @@ def main(args: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("results/demo"), help="folder for the results (replaced)")
     out = parser.parse_args(args).out
     console = Console(soft_wrap=True)
+    told: list[int] = []
+
+    def interrupt(number: int, _frame: object) -> None:
+        told.append(number)
+        raise KeyboardInterrupt
+
     for number in (signal.SIGINT, signal.SIGTERM):  # both end it as Ctrl-C does, in the background of a shell too
-        signal.signal(number, signal.default_int_handler)
+        signal.signal(number, interrupt)
     with ExitStack() as stack:
         try:
             folder = stack.enter_context(staging(out))
@@ -409,7 +415,12 @@ def main(args: Sequence[str] | None = None) -> int:
         except KeyboardInterrupt:
             console.print("stopped; nothing was written")
             return 130
-        except (DemoError, OSError) as error:
+        except (DemoError, OSError, RuntimeError) as error:
+            if told:  # amid a message rclpy makes another error of the interruption
+                console.print("stopped; nothing was written")
+                return 130
+            if not isinstance(error, (DemoError, OSError)):
+                raise
             console.print(f"failed: {error}", markup=False)
             for log in sorted(folder.glob("*.log")):
                 console.print(f"--- {log.stem}\n{log.read_text()[-2000:]}", markup=False, highlight=False)
