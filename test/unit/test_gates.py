@@ -351,7 +351,8 @@ class LockstepCommands(Commands):
 def test_gate_through_a_hundred_thousand_steps(machine: type[RuleBasedStateMachine]) -> None:
     gate = CountedSampleGate if machine is Samples else CountedCommandGate
     before = gate.steps
-    run_state_machine_as_test(machine, settings=THOROUGH)
+    examples = 1_000 if machine is Samples else 2_000
+    run_state_machine_as_test(machine, settings=settings(THOROUGH, max_examples=examples))
     assert gate.steps - before >= STEPS
 
 
