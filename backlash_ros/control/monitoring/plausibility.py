@@ -8,8 +8,9 @@ current  follows the armature equation (eq 7) from the commands that may act, th
          largest current and back-EMF lately: resistance and torque constant that are off.
 speed    has the encoder's way over a period as its mean. What is measured may leave the mean by as much as that changed
          lately from sample to sample and from shaft to shaft (acceleration, impacts), by what the current makes of a
-         motor that turns alone, and by a count. Summed up over a while, ways and speeds must agree but for a lag: a
-         speed of the wrong unit or sign does not, however slow the axis moves.
+         motor that turns alone, and by a count. Summed up over a while, ways and speeds must agree but for a lag and
+         for what speeds between the samples make of the way where it changes from each sample to the next (the impacts
+         of a fast limit cycle): a speed of the wrong unit or sign does not, however slow the axis moves.
 
 Such a signal counts as not measured where it is not plausible, so that the observer finds it from position or from the
 command. At the third sample in a row it is a fault, which names signal, value and bound.
@@ -67,18 +68,18 @@ def speed_lag(period: float) -> float:
     return _LAG + 2.0 * period
 
 
-# What is remembered: of each side the angle that is believed and the one that was shown, the mean and the measured
-# speed, at the output, the sum of what they disagree on, and for how many samples in a row speed and angle were not
-# plausible, the smallest way seen; how fast and how unsteady it was lately; of the current its hull, peak and samples;
-# the commands before.
-_ANGLE, _SHOWN, _MEAN, _SPEED, _DRIFT, _FAILED, _JUMPED, _RESEATED, _COUNTED = range(9)
-_MOTOR, _LOAD = 0, 9
-_FASTEST, _UNSTEADY, _LEAST, _LARGEST, _PEAK, _CURRENT_FAILED, _BEFORE, _BEFORE_THAT = range(18, 26)
+# What is remembered: of each side the angle that is believed and the one that was shown, the mean speed and by how much
+# it changed last, the measured speed, at the output, the sum of what they disagree on, for how many samples in a row
+# speed and angle were not plausible, and the smallest way seen; how fast and how unsteady it was lately, and by how
+# much speeds between the samples may leave the way; of the current its hull, peak and samples; the commands before.
+_ANGLE, _SHOWN, _MEAN, _CHANGE, _SPEED, _DRIFT, _FAILED, _JUMPED, _RESEATED, _COUNTED = range(10)
+_MOTOR, _LOAD = 0, 10
+_FASTEST, _UNSTEADY, _UNEVEN, _LEAST, _LARGEST, _PEAK, _CURRENT_FAILED, _BEFORE, _BEFORE_THAT = range(20, 29)
 
 
 def plausibility_memory() -> Array:
     """Return the memory of one that has seen nothing."""
-    memory = np.zeros(26)
+    memory = np.zeros(29)
     memory[[side + part for side in (_MOTOR, _LOAD) for part in (_ANGLE, _SHOWN, _MEAN, _SPEED)]] = math.nan
     memory[[_MOTOR + _COUNTED, _LOAD + _COUNTED]] = math.inf
     return memory
@@ -100,22 +101,23 @@ def _follow_encoder(memory: Array, side: int, angle: float, bound: float, truste
     """
     shown = (angle - memory[side + _SHOWN]) / period
     mean = (angle - memory[side + _ANGLE]) / period
-    change = abs(mean - memory[side + _MEAN])
+    change = mean - memory[side + _MEAN]
     memory[side + _SHOWN], memory[side + _RESEATED] = angle, 0.0
     if math.isnan(change):
         change = 0.0
-    elif change > bound and not trusted:
+    elif abs(change) > bound and not trusted:
         memory[side + _JUMPED] += 1.0
         if memory[side + _JUMPED] < PATIENCE:
             memory[side + _ANGLE] += period * memory[side + _MEAN]
             return 0.0
         memory[side + _RESEATED] = 1.0
-        mean, change = shown, abs(shown - memory[side + _MEAN])
+        mean, change = shown, shown - memory[side + _MEAN]
     moved = abs(angle - memory[side + _ANGLE])
     if moved > 0.0:  # false for nan
         memory[side + _COUNTED] = min(moved, memory[side + _COUNTED])
     memory[side + _ANGLE], memory[side + _MEAN], memory[side + _JUMPED] = angle, mean, 0.0
-    return float(change)
+    memory[side + _CHANGE] = change
+    return abs(change)
 
 
 @compiled
@@ -166,7 +168,7 @@ def _speed_is_plausible(
         drift = memory[side + _DRIFT]
         drift += period * (mean - 0.5 * (before + measured)) - low_pass_gain(1.0 / LATELY, period) * drift
         memory[side + _DRIFT] = drift
-        fine = abs(drift) <= 2.0 * count + speed_lag(period) * memory[_FASTEST]
+        fine = abs(drift) <= 2.0 * count + speed_lag(period) * memory[_FASTEST] + memory[_UNEVEN]
     else:
         memory[side + _SPEED] = mean  # one that is wrong by far says nothing of those that follow
     if fine:
@@ -245,8 +247,8 @@ def plausibility_step(
         if memory[_CURRENT_FAILED] >= PATIENCE:
             return CURRENT
     left = 1.0 - low_pass_gain(1.0 / LATELY, period)
+    changed = uneven = 0.0
     driven = constants.acceleration * memory[_PEAK] * period
-    unsteady = left * memory[_UNSTEADY]
     for side, angle, other, speed, to_output in (
         (_MOTOR, motor_angle, load_shown, measured[OMEGA_M], n),
         (_LOAD, load_angle, motor_shown, measured[OMEGA_L], 1.0),
@@ -254,11 +256,14 @@ def plausibility_step(
         apart = abs(other - memory[side + _MEAN])
         steady = left * memory[_UNSTEADY] if math.isnan(apart) else max(left * memory[_UNSTEADY], apart)
         within = 2.0 * steady + driven + _count_of(memory, side, to_output * _COUNT) / period
-        unsteady = max(unsteady, _follow_encoder(memory, side, angle, within, not math.isnan(speed), period))
+        before = memory[side + _CHANGE]
+        changed = max(changed, _follow_encoder(memory, side, angle, within, not math.isnan(speed), period))
+        uneven = max(uneven, abs(memory[side + _CHANGE] - before))
+    memory[_UNEVEN] = left * memory[_UNEVEN] + 0.25 * period * uneven
     motor, load = memory[_MOTOR + _MEAN], memory[_LOAD + _MEAN]
     if not math.isnan(motor - load):
-        unsteady = max(unsteady, abs(motor - load))
-    memory[_UNSTEADY] = unsteady
+        changed = max(changed, abs(motor - load))
+    memory[_UNSTEADY] = max(left * memory[_UNSTEADY], changed)
     memory[_FASTEST] *= left
     for speed in (motor, load):
         if not math.isnan(speed):
