@@ -117,7 +117,7 @@ def _follow_encoder(memory: Array, side: int, angle: float, bound: float, truste
         memory[side + _COUNTED] = min(moved, memory[side + _COUNTED])
     memory[side + _ANGLE], memory[side + _MEAN], memory[side + _JUMPED] = angle, mean, 0.0
     memory[side + _CHANGE] = change
-    return abs(change)
+    return float(abs(change))
 
 
 @compiled
