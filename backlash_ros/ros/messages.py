@@ -2,15 +2,18 @@
 
 import math
 import re
+import struct
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement
 
 _STAMP = re.compile(r"(-?\d+)\.(\d{9})")
+_DOUBLE = struct.Struct("=d")
 
 
 def stamp_ns(stamp: Time) -> int:
@@ -38,16 +41,24 @@ def answer(value: float, label: str = "") -> Float64MultiArray:
 
 
 class Answer:
-    """The answers of a controller, one message for all: to make a new one takes as long as to send it."""
+    """The answers of a controller as they go over the wire.
+
+    One is written over the last: to make a message and to serialise it takes longer than all else that a step does.
+    """
 
     def __init__(self) -> None:
-        self._message = answer(0.0, "of no sample")
+        self._label, self._data = slice(0, 0), bytearray()
 
-    def to(self, stamp: Time, value: float) -> Float64MultiArray:
-        """Return the command that answers the sample with a stamp; the next call overwrites it."""
-        self._message.data[0] = value
-        self._message.layout.dim[0].label = stamp_label(stamp)
-        return self._message
+    def to(self, stamp: Time, value: float) -> bytes:
+        """Return the serialised command that answers the sample with a stamp."""
+        label = stamp_label(stamp).encode()
+        if self._label.stop - self._label.start != len(label):
+            self._data[:] = serialize_message(answer(0.0, label.decode()))
+            begin = self._data.index(label)
+            self._label = slice(begin, begin + len(label))
+        self._data[self._label] = label
+        _DOUBLE.pack_into(self._data, len(self._data) - _DOUBLE.size, value)  # the message's last field
+        return bytes(self._data)
 
 
 def label_of(command: Float64MultiArray) -> str:
@@ -101,15 +112,15 @@ def read_joint_state(
         If one stands there twice, an array has the wrong length, a position is not finite or a velocity or effort is
         infinite.
     """
-    count = len(message.name)
-    if len(message.position) != count:
-        raise BadSampleError(f"{count} names but {len(message.position)} positions")
-    for field in ("velocity", "effort"):
-        if len(getattr(message, field)) not in (0, count):
-            raise BadSampleError(f"{count} names but {len(getattr(message, field))} values of {field}")
+    names, positions, speeds, efforts = message.name, message.position, message.velocity, message.effort
+    count = len(names)
+    if len(positions) != count:
+        raise BadSampleError(f"{count} names but {len(positions)} positions")
+    for field, values in (("velocity", speeds), ("effort", efforts)):
+        if len(values) not in (0, count):
+            raise BadSampleError(f"{count} names but {len(values)} values of {field}")
     measured = Measurement(np.empty(5)) if out is None else out
     measured[:] = math.nan
-    names, positions, speeds, efforts = list(message.name), message.position, message.velocity, message.effort
     seen = False
     for joint, angle, speed in ((motor_joint, THETA_M, OMEGA_M), (load_joint, THETA_L, OMEGA_L)):
         times = names.count(joint)

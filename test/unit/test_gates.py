@@ -273,7 +273,10 @@ class Commands(RuleBasedStateMachine):
         """An answer that waited on the way, or a second one."""
         sample = list(self.sent)[-1 - min(back, len(self.sent) - 1)]
         newest_answered = self.last_answer
+        nothing_else = not self.gate.fault and self.in_force == 0.0 and not self.answers[sample]
         self.answer(sample)
+        if nothing_else and not self.lockstep and self.now - self.sent[sample] >= TIMEOUT:
+            assert not self.gate.fault  # it was refused, and that is all
         if self.gate.output(self.now) == self.value and not self.lockstep:
             assert self.now - self.sent[sample] < TIMEOUT
             assert newest_answered is None or self.sent[sample] >= newest_answered
