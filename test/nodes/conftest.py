@@ -61,12 +61,17 @@ def start(domain: int, tmp_path: Path, request: pytest.FixtureRequest) -> Iterat
     started: list[Process] = []
 
     def start_node(
-        name: str, *arguments: str, non_ros: Sequence[str] = (), under: Sequence[str] = (), **parameters: object
+        name: str,
+        *arguments: str,
+        non_ros: Sequence[str] = (),
+        under: Sequence[str] = (),
+        fresh: bool = False,
+        **parameters: object,
     ) -> Process:
         words = list(arguments)
         for key, value in parameters.items():
             words += ["-p", f"{key.replace('__', '.')}:={str(value).lower() if isinstance(value, bool) else value}"]
-        process = Process(name, words, tmp_path / f"{name}{len(started)}.log", non_ros, under)
+        process = Process(name, words, tmp_path / f"{name}{len(started)}.log", non_ros, under, fresh)
         started.append(process)
         return process
 

@@ -15,6 +15,7 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from backlash_ros.ros.lifecycle import ManagedNode
+from backlash_ros.ros.messages import stamp_ns
 from backlash_ros.ros.run import _stopped
 
 Start = Callable[..., Process]
@@ -139,13 +140,13 @@ def test_simulator_is_silent_and_still_while_not_active(start: Start, peer: Peer
     lifecycle = Lifecycle(peer, "plant_simulator")
     peer.wait("joint states", lambda: len(states) > 10)
     assert lifecycle.change(Transition.TRANSITION_DEACTIVATE)
-    while peer.wait("what was on its way", lambda: [len(states)])[0] != (peer.spin(0.2) or len(states)):
-        pass
-    seen = len(states)
+    silent_from = peer.node.get_clock().now().nanoseconds
     assert lifecycle.state == "inactive"
-    assert len(states) == seen
+    peer.wait("fifty periods", lambda: peer.node.get_clock().now().nanoseconds - silent_from > 200e6)
+    silent_until = peer.node.get_clock().now().nanoseconds
     assert lifecycle.change(Transition.TRANSITION_ACTIVATE)
-    peer.wait("joint states again", lambda: len(states) > seen)
+    peer.wait("joint states again", lambda: stamp_ns(states[-1].header.stamp) > silent_until)
+    assert not [state for state in states if silent_from < stamp_ns(state.header.stamp) < silent_until]
 
 
 @pytest.mark.parametrize("node", ["controller", "plant_simulator"])

@@ -238,7 +238,7 @@ def test_a_law_that_is_added_brings_its_parameters(
 ) -> None:
     (tmp_path / "proportional.py").write_text(PLUGIN)
     monkeypatch.setenv("BACKLASH_ROS_PLUGINS", str(tmp_path / "proportional.py"))
-    start("controller", law="proportional", laws__proportional__gain=4.0, **PATIENT)
+    start("controller", law="proportional", laws__proportional__gain=4.0, fresh=True, **PATIENT)
     drive = LockstepDrive(peer).matched()
     in_use, parameters = InUse(peer), Parameters(peer, "controller")
     drive.set_reference(0.2)

@@ -717,6 +717,18 @@ def test_missing_samples_are_no_fault(measured: Sequence[str], periods: Sequence
     assert exercise(rig, periods) == ""
 
 
+@pytest.mark.parametrize("speeds_up_after", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize("silence", [0.1, 0.4, 0.8])
+def test_silence_while_the_load_falls_is_no_broken_speed(silence: float, speeds_up_after: float) -> None:
+    """The machine stood still: what the drive did meanwhile nobody saw, and no speed contradicts an encoder by it."""
+    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE))
+    rig.run(0.1)
+    rig.plant.advance(0.0, 0.0, speeds_up_after)
+    rig.plant.advance(0.0, 0.3, silence)
+    rig.servo.update(rig.sample(), silence + speeds_up_after)
+    assert "speed of" not in rig.run(0.2)
+
+
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
 @pytest.mark.parametrize("period", [0.01, 0.001])
 def test_start_while_the_drive_turns_at_full_speed_is_no_fault(measured: Sequence[str], period: float) -> None:

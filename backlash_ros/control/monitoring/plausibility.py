@@ -70,16 +70,18 @@ def speed_lag(period: float) -> float:
 
 # What is remembered: of each side the angle that is believed and the one that was shown, the mean speed and by how much
 # it changed last, the measured speed, at the output, the sum of what they disagree on, for how many samples in a row
-# speed and angle were not plausible, and the smallest way seen; how fast and how unsteady it was lately, and by how
-# much speeds between the samples may leave the way; of the current its hull, peak and samples; the commands before.
+# speed and angle were not plausible, and the smallest way seen; how fast and how unsteady it was lately, and how far a
+# lag, and what is between the samples, may lead off the way; of the current its hull, its peak, for how many samples it
+# was not plausible, and the commands before.
 _ANGLE, _SHOWN, _MEAN, _CHANGE, _SPEED, _DRIFT, _FAILED, _JUMPED, _RESEATED, _COUNTED = range(10)
 _MOTOR, _LOAD = 0, 10
-_FASTEST, _UNSTEADY, _UNEVEN, _LEAST, _LARGEST, _PEAK, _CURRENT_FAILED, _BEFORE, _BEFORE_THAT = range(20, 29)
+_FASTEST, _UNSTEADY, _LAGGED, _UNEVEN = range(20, 24)
+_LEAST, _LARGEST, _PEAK, _CURRENT_FAILED, _BEFORE, _BEFORE_THAT = range(24, 30)
 
 
 def plausibility_memory() -> Array:
     """Return the memory of one that has seen nothing."""
-    memory = np.zeros(29)
+    memory = np.zeros(30)
     memory[[side + part for side in (_MOTOR, _LOAD) for part in (_ANGLE, _SHOWN, _MEAN, _SPEED)]] = math.nan
     memory[[_MOTOR + _COUNTED, _LOAD + _COUNTED]] = math.inf
     return memory
@@ -168,7 +170,7 @@ def _speed_is_plausible(
         drift = memory[side + _DRIFT]
         drift += period * (mean - 0.5 * (before + measured)) - low_pass_gain(1.0 / LATELY, period) * drift
         memory[side + _DRIFT] = drift
-        fine = abs(drift) <= 2.0 * count + speed_lag(period) * memory[_FASTEST] + memory[_UNEVEN]
+        fine = abs(drift) <= 2.0 * count + memory[_LAGGED] + memory[_UNEVEN]
     else:
         memory[side + _SPEED] = mean  # one that is wrong by far says nothing of those that follow
     if fine:
@@ -268,6 +270,8 @@ def plausibility_step(
     for speed in (motor, load):
         if not math.isnan(speed):
             memory[_FASTEST] = max(memory[_FASTEST], abs(speed))
+    # After a sample that came late it fades as the sum does that it is the bound of.
+    memory[_LAGGED] = max(left * memory[_LAGGED], speed_lag(period) * memory[_FASTEST])
     bound = 2.0 * memory[_UNSTEADY] + driven
     for side, speed_index, to_output in ((_MOTOR, OMEGA_M, n), (_LOAD, OMEGA_L, 1.0)):
         count = _count_of(memory, side, to_output * _COUNT)
