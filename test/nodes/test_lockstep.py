@@ -3,7 +3,7 @@
 import json
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
+from backlash_ros.analysis.metrics import step_response
 from backlash_ros.control import GainSet, ServoSettings, design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.delay import Delay
@@ -22,12 +23,6 @@ from backlash_ros.simulation import Scenario, run
 
 Start = Callable[..., Process]
 DEEP = QoSProfile(depth=100_000)
-KEPT = {
-    f"qos_overrides./{axis}{topic}.publisher.depth": 10_000
-    for axis in ("", "shoulder/", "elbow/", "wrist/")
-    for topic in ("joint_states", "command")
-}
-"""Lets both nodes keep what this process, on a loaded machine, takes seconds to fetch: nothing is missing then."""
 TARGETS = (1.0, -0.5, 0.25, 2.0)
 SIMULATED = 60.0
 PERIOD = 0.004
@@ -40,11 +35,17 @@ def settings(**changes: object) -> ServoSettings:
     return ServoSettings(gains, backlash_angle=0.02, **changes)
 
 
+def kept(*axes: str) -> dict[str, int]:
+    """Let the nodes keep what this process, on a loaded machine, takes seconds to fetch: nothing is missing then."""
+    topics = [f"{axis}/{topic}" for axis in axes or [""] for topic in ("joint_states", "command")]
+    return {f"qos_overrides./{topic.lstrip('/')}.publisher.depth": 10_000 for topic in topics}
+
+
 class Recorded:
-    """What went over the topics of one axis: load angles and answers by the stamp of the sample."""
+    """What went over the topics of one axis: positions of both joints and answers, by the stamp of the sample."""
 
     def __init__(self, peer: Peer, axis: str = "") -> None:
-        self.angles: dict[str, float] = {}
+        self.positions: dict[str, tuple[float, float]] = {}
         self.answers: dict[str, float] = {}
         node, prefix = peer.node, f"{axis}/" if axis else ""
         node.create_subscription(JointState, f"{prefix}joint_states", self._on_state, DEEP)
@@ -52,7 +53,8 @@ class Recorded:
         self.reference = node.create_publisher(Float64, f"{prefix}reference", 10)
 
     def _on_state(self, message: JointState) -> None:
-        self.angles[stamp_label(message.header.stamp)] = message.position[list(message.name).index("load")]
+        motor, load = (message.position[message.name.index(joint)] for joint in ("motor", "load"))
+        self.positions[stamp_label(message.header.stamp)] = motor, load
 
     def _on_command(self, message: Float64MultiArray) -> None:
         self.answers[label_of(message)] = message.data[0]
@@ -60,7 +62,7 @@ class Recorded:
     @property
     def time(self) -> float:
         """Simulated time, s."""
-        return PERIOD * len(self.angles)
+        return PERIOD * len(self.positions)
 
     def equals_offline(
         self, offline_settings: ServoSettings, targets: Sequence[float], **of_drive: Sensors | Delay
@@ -69,7 +71,7 @@ class Recorded:
 
         A reference acts from the first answer on that the offline run with the old one does not give.
         """
-        labels = sorted(self.angles, key=float)
+        labels = sorted(self.positions, key=float)
         stamps = np.array([float(label) / PERIOD for label in labels])
         np.testing.assert_allclose(np.diff(stamps), 1, atol=1e-3)  # no sample is missing or there twice
         missed = math.ceil(stamps[0] - 1e-3) - 1  # before this peer was found
@@ -85,7 +87,7 @@ class Recorded:
         np.testing.assert_allclose(answers[heard], offline.command[heard], rtol=0, atol=1e-6)
         if not of_drive:
             np.testing.assert_allclose(
-                [self.angles[x] for x in labels], offline.load_angle[missed:-1], rtol=0, atol=1e-9
+                [self.positions[x][1] for x in labels], offline.load_angle[missed:-1], rtol=0, atol=1e-9
             )
         return references
 
@@ -95,9 +97,9 @@ def test_a_minute_of_the_closed_loop_equals_the_offline_run(start: Start, peer: 
     recorded = Recorded(peer)
     clocks: list[float] = []
     peer.node.create_subscription(Clock, "/clock", lambda m: clocks.append(m.clock.sec + 1e-9 * m.clock.nanosec), 10)
-    start("controller", backlash_angle=0.02, state_timeout=10.0, use_sim_time=True, **KEPT)
+    start("controller", backlash_angle=0.02, state_timeout=10.0, use_sim_time=True, **kept())
     peer.wait("the controller", lambda: recorded.reference.get_subscription_count() > 0)
-    start("plant_simulator", lockstep=True, **KEPT)
+    start("plant_simulator", lockstep=True, **kept())
     peer.wait("samples", lambda: recorded.time > 0.5)
     began, first = time.monotonic(), recorded.time
     for k, target in enumerate(TARGETS):
@@ -122,7 +124,7 @@ def test_sensors_and_delay_of_the_simulator_are_those_of_the_offline_run(start: 
         motor_noise=1e-3,
     )
     recorded = Recorded(peer)
-    start("controller", backlash_angle=0.02, state_timeout=10.0, use_sim_time=True, **KEPT)
+    start("controller", backlash_angle=0.02, state_timeout=10.0, use_sim_time=True, **kept())
     peer.wait("the controller", lambda: recorded.reference.get_subscription_count() > 0)
     start(
         "plant_simulator",
@@ -135,7 +137,7 @@ def test_sensors_and_delay_of_the_simulator_are_those_of_the_offline_run(start: 
         sensors__motor_noise=1e-3,
         delay__sample=0.001,
         delay__command=PERIOD,
-        **KEPT,
+        **kept(),
     )
     peer.wait("samples", lambda: recorded.time > 0.5)
     recorded.reference.publish(Float64(data=0.8))
@@ -144,27 +146,61 @@ def test_sensors_and_delay_of_the_simulator_are_those_of_the_offline_run(start: 
     assert references[-1] == 0.8
 
 
-def test_axes_of_one_process_step_together_each_as_if_alone(start: Start, peer: Peer, tmp_path: Path) -> None:
-    axes = {"shoulder": ("two_region", 1.0), "elbow": ("fast", -0.5), "wrist": ("overdamped", 0.5)}
+def run_axes(
+    start: Start, peer: Peer, folder: Path, axes: Mapping[str, tuple[str, float]], seconds: float
+) -> dict[str, tuple[Recorded, np.ndarray]]:
+    """Send each axis, with its law, to its target; return what it did and its references: those of the offline run."""
     recorded = {axis: Recorded(peer, axis) for axis in axes}
-    file = tmp_path / "axes.yaml"
+    file = folder / "axes.yaml"
     common = {"backlash_angle": 0.02, "state_timeout": 10.0}
     file.write_text(
         json.dumps(
             {f"/{axis}/controller": {"ros__parameters": {"law": law, **common}} for axis, (law, _) in axes.items()}
         )
     )
-    start("controller", "--params-file", str(file), non_ros=["--axes", *axes], **KEPT)
+    start("controller", "--params-file", str(file), non_ros=["--axes", *axes], **kept(*axes))
     for axis in axes:
         peer.wait("the controllers", lambda a=axis: recorded[a].reference.get_subscription_count() > 0)
-    start("plant_simulator", non_ros=["--axes", *axes], lockstep=True, **KEPT)
+    start("plant_simulator", non_ros=["--axes", *axes], lockstep=True, **kept(*axes))
     peer.wait("samples", lambda: all(axis.time > 0.5 for axis in recorded.values()))
     for axis, (_, target) in axes.items():
         recorded[axis].reference.publish(Float64(data=target))
-    peer.wait("simulated time", lambda: all(axis.time > 4.0 for axis in recorded.values()))
-    for axis, (law, target) in axes.items():
-        references = recorded[axis].equals_offline(settings(law=law), [target])
-        assert references[-1] == target
+    peer.wait("simulated time", lambda: all(axis.time > seconds for axis in recorded.values()))
+    return {
+        axis: (recorded[axis], recorded[axis].equals_offline(settings(law=law), [target]))
+        for axis, (law, target) in axes.items()
+    }
+
+
+def test_axes_of_one_process_step_together_each_as_if_alone(start: Start, peer: Peer, tmp_path: Path) -> None:
+    axes = {"shoulder": ("two_region", 1.0), "elbow": ("fast", -0.5), "wrist": ("overdamped", 0.5)}
+    for axis, (_, references) in run_axes(start, peer, tmp_path, axes, 4.0).items():
+        assert references[-1] == axes[axis][1]
+
+
+def test_two_region_law_is_as_fast_as_the_fast_gains_which_rattle(start: Start, peer: Peer, tmp_path: Path) -> None:
+    """What the demo shows, on a machine that may be busy."""
+    gear, responses = NOMINAL_DRIVE.gear, {}
+    laws = ("fast", "overdamped", "two_region")
+    for law, (axis, references) in run_axes(start, peer, tmp_path, {law: (law, 1.0) for law in laws}, 5.0).items():
+        rows = np.array([axis.positions[label] for label in sorted(axis.positions, key=float)])
+        began = np.flatnonzero(references[-len(rows) :])[0]
+        motor, load = rows[began:].T
+        responses[law] = step_response(
+            PERIOD * np.arange(len(load)),
+            load,
+            gear.motor_radius * motor - gear.load_radius * load,
+            target=1.0,
+            backlash=gear.backlash,
+            backlash_angle=gear.backlash_angle,
+        )
+    fast, slow, both = (responses[law] for law in laws)
+    assert both.rise_time <= 1.05 * fast.rise_time
+    assert slow.rise_time > 5 * fast.rise_time
+    assert both.overshoot <= 0.1
+    assert both.impacts <= 2
+    assert max(both.residual, slow.residual) <= 0.02
+    assert 0.7 <= fast.residual <= 1.0
 
 
 def test_two_controllers_are_found_out_in_lockstep(start: Start, peer: Peer) -> None:
