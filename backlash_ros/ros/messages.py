@@ -61,12 +61,6 @@ class Answer:
         return bytes(self._data)
 
 
-def label_of(command: Float64MultiArray) -> str:
-    """Return the name of the sample that a command answers, empty where it does not say or the label is none."""
-    label: str = command.layout.dim[0].label if command.layout.dim else ""
-    return label if _STAMP.fullmatch(label) else ""
-
-
 def answered_sample(command: Float64MultiArray) -> int | None:
     """Return the stamp of the sample that a command answers, ns; None where it names none."""
     named = _STAMP.fullmatch(command.layout.dim[0].label) if command.layout.dim else None

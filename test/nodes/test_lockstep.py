@@ -18,7 +18,7 @@ from backlash_ros.control import GainSet, ServoSettings, design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import Sensors
-from backlash_ros.ros.messages import answer, label_of, stamp_label
+from backlash_ros.ros.messages import answer, answered_sample, stamp_label, stamp_ns, to_stamp
 from backlash_ros.simulation import Scenario, run
 
 Start = Callable[..., Process]
@@ -45,8 +45,8 @@ class Recorded:
     """What went over the topics of one axis: positions of both joints and answers, by the stamp of the sample."""
 
     def __init__(self, peer: Peer, axis: str = "") -> None:
-        self.positions: dict[str, tuple[float, float]] = {}
-        self.answers: dict[str, float] = {}
+        self.positions: dict[int, tuple[float, float]] = {}
+        self.answers: dict[int | None, float] = {}
         node, prefix = peer.node, f"{axis}/" if axis else ""
         node.create_subscription(JointState, f"{prefix}joint_states", self._on_state, DEEP)
         node.create_subscription(Float64MultiArray, f"{prefix}command", self._on_command, DEEP)
@@ -54,10 +54,10 @@ class Recorded:
 
     def _on_state(self, message: JointState) -> None:
         motor, load = (message.position[message.name.index(joint)] for joint in ("motor", "load"))
-        self.positions[stamp_label(message.header.stamp)] = motor, load
+        self.positions[stamp_ns(message.header.stamp)] = motor, load
 
     def _on_command(self, message: Float64MultiArray) -> None:
-        self.answers[label_of(message)] = message.data[0]
+        self.answers[answered_sample(message)] = message.data[0]
 
     @property
     def time(self) -> float:
@@ -71,11 +71,11 @@ class Recorded:
 
         A reference acts from the first answer on that the offline run with the old one does not give.
         """
-        labels = sorted(self.positions, key=float)
-        stamps = np.array([float(label) / PERIOD for label in labels])
-        np.testing.assert_allclose(np.diff(stamps), 1, atol=1e-3)  # no sample is missing or there twice
-        missed = math.ceil(stamps[0] - 1e-3) - 1  # before this peer was found
-        answers = np.array([math.nan] * missed + [self.answers.get(label, math.nan) for label in labels])
+        stamps = sorted(self.positions)
+        beats = 1e-9 * np.array(stamps) / PERIOD
+        np.testing.assert_allclose(np.diff(beats), 1, atol=1e-3)  # no sample is missing or there twice
+        missed = math.ceil(beats[0] - 1e-3) - 1  # before this peer was found
+        answers = np.array([math.nan] * missed + [self.answers.get(stamp, math.nan) for stamp in stamps])
         references = np.zeros(len(answers))
         for target in (*targets, None):
             offline = run(NOMINAL_DRIVE, offline_settings, Scenario(references, **of_drive))
@@ -83,11 +83,11 @@ class Recorded:
                 other = np.flatnonzero(np.abs(answers - offline.command) > 1e-6)  # nan is not
                 references[other[0] :] = target
         heard = ~np.isnan(answers)
-        assert np.count_nonzero(heard) > 0.99 * len(labels)
+        assert np.count_nonzero(heard) > 0.99 * len(stamps)
         np.testing.assert_allclose(answers[heard], offline.command[heard], rtol=0, atol=1e-6)
         if not of_drive:
             np.testing.assert_allclose(
-                [self.positions[x][1] for x in labels], offline.load_angle[missed:-1], rtol=0, atol=1e-9
+                [self.positions[stamp][1] for stamp in stamps], offline.load_angle[missed:-1], rtol=0, atol=1e-9
             )
         return references
 
@@ -183,7 +183,7 @@ def test_two_region_law_is_as_fast_as_the_fast_gains_which_rattle(start: Start, 
     gear, responses = NOMINAL_DRIVE.gear, {}
     laws = ("fast", "overdamped", "two_region")
     for law, (axis, references) in run_axes(start, peer, tmp_path, {law: (law, 1.0) for law in laws}, 5.0).items():
-        rows = np.array([axis.positions[label] for label in sorted(axis.positions, key=float)])
+        rows = np.array([axis.positions[stamp] for stamp in sorted(axis.positions)])
         began = np.flatnonzero(references[-len(rows) :])[0]
         motor, load = rows[began:].T
         responses[law] = step_response(
@@ -211,32 +211,32 @@ def test_two_controllers_are_found_out_in_lockstep(start: Start, peer: Peer) -> 
 
 
 def test_a_sample_without_an_answer_comes_again_before_a_watchdog_acts(start: Start, peer: Peer) -> None:
-    arrived: list[tuple[float, str]] = []
+    arrived: list[tuple[float, int]] = []
     peer.node.create_subscription(
-        JointState, "joint_states", lambda m: arrived.append((time.monotonic(), stamp_label(m.header.stamp))), DEEP
+        JointState, "joint_states", lambda m: arrived.append((time.monotonic(), stamp_ns(m.header.stamp))), DEEP
     )
     simulator = start("plant_simulator", lockstep=True)
     peer.wait("repeats", lambda: len(arrived) > 20)
-    assert len({label for _, label in arrived}) == 1
+    assert len({sample for _, sample in arrived}) == 1
     assert np.median(np.diff([at for at, _ in arrived])) < 0.1  # the controller's watchdog, by default
     assert "until reset_fault" not in simulator.output()
 
 
 def test_answer_may_take_longer_than_the_watchdog(start: Start, peer: Peer) -> None:
     """In lockstep time waits for the answer, however long that takes."""
-    speeds: dict[str, float] = {}
+    speeds: dict[int, float] = {}
     peer.node.create_subscription(
-        JointState, "joint_states", lambda m: speeds.setdefault(stamp_label(m.header.stamp), m.velocity[0]), DEEP
+        JointState, "joint_states", lambda m: speeds.setdefault(stamp_ns(m.header.stamp), m.velocity[0]), DEEP
     )
     publisher = peer.node.create_publisher(Float64MultiArray, "command", 10)
     start("plant_simulator", lockstep=True, command_timeout=0.1)
     peer.wait("the simulator", lambda: speeds and publisher.get_subscription_count())
     end = time.monotonic() + 0.5
     peer.wait("a while", lambda: time.monotonic() > end)
-    (label,) = speeds
+    (sample,) = speeds
 
     def next_sample() -> bool:
-        publisher.publish(answer(6.0, label))
+        publisher.publish(answer(6.0, stamp_label(to_stamp(sample))))
         return len(speeds) > 1
 
     peer.wait("the next sample", next_sample)

@@ -13,7 +13,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Plant
 from backlash_ros.drivetrain.signals import THETA_L
-from backlash_ros.ros.messages import label_of, stamp_label
+from backlash_ros.ros.messages import answered_sample, stamp_ns
 from backlash_ros.simulation import SimulatedDrive
 
 _CLOCK_START = 1_000_000_000
@@ -40,11 +40,11 @@ class LockstepDrive:
         self._states = node.create_publisher(JointState, "joint_states", QoSProfile(depth=10))
         self._reference = node.create_publisher(Float64, "reference", QoSProfile(depth=10))
         node.create_subscription(Float64MultiArray, "command", self._on_command, QoSProfile(depth=100))
-        self.answers: dict[str, float] = {}
+        self.answers: dict[int | None, float] = {}
 
     def _on_command(self, message: Float64MultiArray) -> None:
         self.commands.append(message.data[0])
-        self.answers[label_of(message)] = message.data[0]
+        self.answers[answered_sample(message)] = message.data[0]
 
     def matched(self) -> "LockstepDrive":
         """Send the sample at rest, which changes nothing, until the controller answers."""
@@ -90,18 +90,18 @@ class LockstepDrive:
         """Send one sample, again while it may have been lost, and return the command that answers it."""
         self.commands.clear()
         self.tick += 1
-        label, due = stamp_label(message.header.stamp), 0.0
-        self.answers.pop(label, None)
+        sample, due = stamp_ns(message.header.stamp), 0.0
+        self.answers.pop(sample, None)
 
         def answered() -> bool:
             nonlocal due
             if time.monotonic() >= due:
                 self._states.publish(message)
                 due = time.monotonic() + 2.0
-            return label in self.answers
+            return sample in self.answers
 
         self.peer.wait("a command", answered)
-        return self.answers[label]
+        return self.answers[sample]
 
     def stand_at(self, motor_angle: float, load_angle: float) -> "LockstepDrive":
         """Put the shafts at angles (rad), each its own, where they stand."""

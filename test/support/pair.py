@@ -10,7 +10,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.ros.messages import label_of
+from backlash_ros.ros.messages import answered_sample
 
 TIMEOUT = 1.0
 """Of both watchdogs in these tests, s: a loaded machine may stall for longer than the default."""
@@ -36,7 +36,7 @@ class Pair:
     def __init__(self, start: Callable[..., Process], peer: Peer) -> None:
         self.peer, self._start = peer, start
         self.states: list[JointState] = []
-        self.commands: list[tuple[float, list[float], str]] = []
+        self.commands: list[tuple[float, list[float], int | None]] = []
         self._values: dict[str, dict[str, str]] = {}
         self._levels: dict[str, tuple[bytes, str]] = {}
         node = peer.node
@@ -70,7 +70,7 @@ class Pair:
         self.states.append(message)
 
     def _on_command(self, message: Float64MultiArray) -> None:
-        self.commands.append((self.now(), list(message.data), label_of(message)))
+        self.commands.append((self.now(), list(message.data), answered_sample(message)))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -149,11 +149,12 @@ class Pair:
 
     def answered_twice(self) -> float | None:
         """When a sample had its second answer, None while none had."""
-        seen: set[str] = set()
-        for at, _, label in self.commands:
-            if label and label in seen:
+        seen: set[int] = set()
+        for at, _, sample in self.commands:
+            if sample in seen:
                 return at
-            seen.add(label)
+            if sample is not None:
+                seen.add(sample)
         return None
 
     def works(self) -> None:
