@@ -21,7 +21,8 @@ import rclpy
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64
 
-from backlash_ros.ros.isolation import PROFILES, isolated
+from backlash_ros.ros.isolation import isolated
+from backlash_ros.ros.transport import PROFILES
 
 STOPPED = 0.02
 HELD_UP = 0.5

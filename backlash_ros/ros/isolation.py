@@ -5,16 +5,10 @@ import errno
 import os
 import random
 import socket
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 
-from rclpy.utilities import get_rmw_implementation_identifier
-
-LOOPBACK = Path(__file__).with_name("loopback_udp.xml")
-"""Profile of Fast DDS: UDP on this machine alone."""
-
-PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"
-"""Where Fast DDS 2 and 3 look for a profile."""
+from backlash_ros.ros.transport import ON_LOOPBACK, Variables, may_use_loopback, set_variables
 
 _DOMAINS = range(1, 101)
 """Domain ids whose ports are free of the ephemeral range on every platform, without 0, which is everybody's."""
@@ -58,26 +52,14 @@ def own_domain() -> Iterator[int]:
     raise RuntimeError(f"no ROS domain is free between {_DOMAINS.start} and {_DOMAINS.stop - 1}")
 
 
-def _variables(domain: int) -> dict[str, str | None]:
+def _variables(domain: int) -> Variables:
     """Return what keeps a process in ``domain`` and on this machine; None is for what must not be there.
 
     With Fast DDS by a profile without shared memory, by which a process that is stopped may hold up the others
     (docs/faults.md), unless the user has a profile of his own.
     """
-    variables: dict[str, str | None] = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    profiles = {Path(os.environ.get(name, "")).name for name in PROFILES}
-    fast_dds = get_rmw_implementation_identifier().startswith("rmw_fastrtps")
-    if fast_dds and profiles <= {"", LOOPBACK.name} and LOOPBACK.is_file():
-        variables |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_LOCALHOST_ONLY": None}
-        variables |= dict.fromkeys(PROFILES, str(LOOPBACK))
-    return variables
-
-
-def _set(variables: Mapping[str, str | None]) -> None:
-    for name, value in variables.items():
-        os.environ.pop(name, None)
-        if value is not None:
-            os.environ[name] = value
+    reach: Variables = ON_LOOPBACK if may_use_loopback() else {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    return {"ROS_DOMAIN_ID": str(domain), **reach}
 
 
 @contextlib.contextmanager
@@ -90,8 +72,8 @@ def isolated() -> Iterator[int]:
     with own_domain() as domain:
         variables = _variables(domain)
         before = {name: os.environ.get(name) for name in variables}
-        _set(variables)
+        set_variables(variables)
         try:
             yield domain
         finally:
-            _set(before)
+            set_variables(before)

@@ -3,7 +3,6 @@
 import argparse
 import gc
 import logging
-import os
 import re
 import signal
 import sys
@@ -23,6 +22,7 @@ from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.output import Backlog, never_wait
 from backlash_ros.ros.overrides import COMMAND_LINE, parameter_rules
 from backlash_ros.ros.timer import Timer, call_due, now
+from backlash_ros.ros.transport import avoid_shared_memory
 
 
 class StoppableNode(Node):
@@ -159,8 +159,7 @@ def run(name: str, make: Callable[[str], Runnable], args: Sequence[str] | None) 
 
     ``name`` stands in the log until there is a node.
     """
-    # Fast DDS' shared memory lets a listener that is stopped hold up who publishes, for 1 s (docs/faults.md).
-    os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+    avoid_shared_memory()
     words = sys.argv[1:] if args is None else list(args)
     never_wait()
     try:

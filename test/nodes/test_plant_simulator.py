@@ -18,7 +18,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
-from backlash_ros.ros.isolation import PROFILES
 from backlash_ros.ros.messages import answer, stamp_label
 
 Start = Callable[..., Process]
@@ -293,21 +292,6 @@ of_fast_dds = pytest.mark.skipif(
 
 def shares_memory(process: Process) -> bool:
     return "/dev/shm/fast" in Path(f"/proc/{process.pid}/maps").read_text()
-
-
-@of_fast_dds
-@pytest.mark.parametrize(("transports", "shared"), [(None, False), ("DEFAULT", True)], ids=["by itself", "told to"])
-def test_a_stopped_listener_cannot_hold_it_up_through_shared_memory(
-    start: Start, peer: Peer, monkeypatch: pytest.MonkeyPatch, transports: str | None, shared: bool
-) -> None:
-    for name in (*PROFILES, "FASTDDS_BUILTIN_TRANSPORTS"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")  # alone, but with the transports of SUBNET
-    if transports is not None:
-        monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", transports)
-    process = start("plant_simulator")
-    peer.wait("it", lambda: "simulating" in process.output())
-    assert shares_memory(process) == shared
 
 
 @of_fast_dds

@@ -109,7 +109,7 @@ def test_pip_install_in_a_fresh_environment_gives_executables_that_talk(
     assert installed.returncode == 0, installed.stdout + installed.stderr
     assert (fresh / "share/backlash_ros/config/nominal_drive.yaml").is_file()
     profile = subprocess.run(
-        [fresh / "bin" / "python", "-c", "from backlash_ros.ros.isolation import LOOPBACK; print(LOOPBACK)"],
+        [fresh / "bin" / "python", "-c", "from backlash_ros.ros.transport import LOOPBACK; print(LOOPBACK)"],
         cwd=tmp_path,
         env=clean,
         capture_output=True,
