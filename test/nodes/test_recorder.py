@@ -5,6 +5,8 @@ import os
 import re
 import resource
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from importlib.metadata import version
@@ -33,6 +35,8 @@ from backlash_ros.nodes.recorder import Recorder
 from backlash_ros.ros.topics import TOPICS
 
 Start = Callable[..., Process]
+
+JOINING = Path(__file__).parents[1] / "support" / "joining.py"
 
 LAST = 2.0
 """Seconds that may be missing before a recorder's end: one, and one more for a machine that is busy."""
@@ -179,6 +183,18 @@ def test_what_is_sent_once_is_in_the_bag(start: Start, peer: Peer, tmp_path: Pat
         send_once(values[first : first + 10])
     assert recorder.stop() == 0
     assert sorted(read_bag(tmp_path / "bag").scalars["/reference"].values.tolist()) == values
+
+
+def test_what_is_sent_once_to_controller_and_recorder_is_in_the_bag(start: Start, peer: Peer, tmp_path: Path) -> None:
+    """As `ros2 topic pub --once -w 2 --keep-alive 1` sends it: one that waits for one listener reaches that one."""
+    start("controller", state_timeout=10.0)
+    recorder = start("recorder", output=tmp_path / "bag")
+    peer.wait("both", lambda: peer.node.count_subscribers("reference") == 2)
+    sent = [sys.executable, str(JOINING), "--count", "20", "-w", "2", "--keep-alive", "1"]
+    subprocess.run(sent, check=True, timeout=4 * PATIENCE)
+    assert recorder.stop() == 0
+    values = read_bag(tmp_path / "bag").scalars["/reference"].values
+    assert sorted(values.tolist()) == [0.01 * (k + 1) for k in range(20)]
 
 
 def test_every_kind_of_publisher_is_heard_and_nothing_is_written_twice(

@@ -185,7 +185,9 @@ def test_no_fault_latches_while_others_come_and_leave(
         for node, text in zip(nodes, ("simulating", "waiting for the drive"), strict=True):
             wait_for(node, text)
         began = time.monotonic()
-        heard, faulted = joins_until_fault(nodes, [str(left), "--ros-args", *space], tmp_path / f"joins{left}.log")
+        heard, faulted = joins_until_fault(
+            nodes, ["--count", str(left), "--ros-args", *space], tmp_path / f"joins{left}.log"
+        )
         left -= heard
         took = time.monotonic() - began
         for node in nodes:

@@ -1,46 +1,53 @@
 """Participants that come, publish one reference and leave, as `ros2 topic pub --once` does, four at a time.
 
-Each is a process of its own; a line is written when it was heard and has left.
+Each is a process of its own; a line is written when it was heard and has left. The references are 0.01, 0.02 and so on.
 
-    python test/support/joining.py <how many>
+    python test/support/joining.py --count 50 -w 1 --keep-alive 0.1
 """
 
+import argparse
 import os
 import sys
 import time
 
 import rclpy
+from rclpy.utilities import remove_ros_args
 from std_msgs.msg import Float64
 
 AT_ONCE = 4
-POLL = KEEP_ALIVE = 0.1  # s, of `ros2 topic pub --once`
+POLL = 0.1  # s, of `ros2 topic pub --once`
 PATIENCE = 30.0
 
 
-def publish_once(value: float) -> bool:
+def publish_once(value: float, subscriptions: int, keep_alive: float) -> bool:
     rclpy.init()
     node = rclpy.create_node("joining")
     publisher = node.create_publisher(Float64, "reference", 10)
     end = time.monotonic() + PATIENCE
-    while not (heard := publisher.get_subscription_count() > 0) and time.monotonic() < end:
+    while not (heard := publisher.get_subscription_count() >= subscriptions) and time.monotonic() < end:
         time.sleep(POLL)
     publisher.publish(Float64(data=value))
-    time.sleep(KEEP_ALIVE)
+    time.sleep(keep_alive)
     node.destroy_node()
     rclpy.shutdown()
     return heard
 
 
-def main(count: int) -> None:
-    for k in range(count + AT_ONCE - 1):
-        if k < count and not os.fork():  # quicker than a new interpreter; DDS begins in the child
-            os._exit(0 if publish_once(0.1 * (k % 5)) else 1)
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--count", type=int, required=True)
+    parser.add_argument("-w", type=int, default=1)
+    parser.add_argument("--keep-alive", type=float, default=0.1)
+    given = parser.parse_args(remove_ros_args(sys.argv)[1:])
+    for k in range(given.count + AT_ONCE - 1):
+        if k < given.count and not os.fork():  # quicker than a new interpreter; DDS begins in the child
+            os._exit(0 if publish_once(0.01 * (k + 1), given.w, given.keep_alive) else 1)
         if k >= AT_ONCE - 1:
             _, status = os.wait()
             if status:
-                sys.exit(f"nobody listened within {PATIENCE:g} s")
+                sys.exit(f"not {given.w} listened within {PATIENCE:g} s")
             print("heard", flush=True)
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main()
