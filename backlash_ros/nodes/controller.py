@@ -180,7 +180,6 @@ class Controller(ManagedNode):
         if self._gate.fault:
             self._servo.fail(self._gate.fault, self._gate.why)
         if action is Action.TAKE:
-            self._watchdog.due = now() + self._state_timeout  # put off with every sample that can be used
             self._reply(self._learning.begin())
             return self._servo.update(self._measured, elapsed)
         if action is Action.REFUSE:
@@ -189,6 +188,8 @@ class Controller(ManagedNode):
 
     def _after(self, judged: Judged, stamp: int) -> None:
         """Say what a sample has changed, once its answer is on the way."""
+        if judged.action is Action.TAKE:
+            self._watchdog.due = now() + self._state_timeout  # put off with every sample that can be used
         if judged.reason and judged.action is Action.TAKE:
             self.get_logger().warning(judged.reason, throttle_duration_sec=1.0)
         elif judged.reason:

@@ -47,17 +47,16 @@ class Answer:
     """
 
     def __init__(self) -> None:
-        self._label, self._data = slice(0, 0), bytearray()
+        self._data, self._begin, self._length = bytearray(), 0, 0
 
     def to(self, stamp: Time, value: float) -> bytes:
         """Return the serialised command that answers the sample with a stamp."""
-        label = stamp_label(stamp).encode()
-        if self._label.stop - self._label.start != len(label):
+        label = b"%d.%09d" % (stamp.sec, stamp.nanosec)
+        if self._length != len(label):
             self._data[:] = serialize_message(answer(0.0, label.decode()))
-            begin = self._data.index(label)
-            self._label = slice(begin, begin + len(label))
-        self._data[self._label] = label
-        _DOUBLE.pack_into(self._data, len(self._data) - _DOUBLE.size, value)  # the message's last field
+            self._begin, self._length = self._data.index(label), len(label)
+        self._data[self._begin : self._begin + self._length] = label
+        _DOUBLE.pack_into(self._data, len(self._data) - 8, value)  # the message's last field
         return bytes(self._data)
 
 
@@ -114,14 +113,13 @@ def read_joint_state(
         if len(values) not in (0, count):
             raise BadSampleError(f"{count} names but {len(values)} values of {field}")
     measured = Measurement(np.empty(5)) if out is None else out
-    measured[:] = math.nan
+    measured.fill(math.nan)
     seen = False
     for joint, angle, speed in ((motor_joint, THETA_M, OMEGA_M), (load_joint, THETA_L, OMEGA_L)):
-        times = names.count(joint)
-        if times > 1:
-            raise BadSampleError(f"joint {joint!r} stands {times} times in one message")
-        if not times:
+        if joint not in names:
             continue
+        if names.count(joint) > 1:
+            raise BadSampleError(f"joint {joint!r} stands {names.count(joint)} times in one message")
         seen, k = True, names.index(joint)
         measured[angle] = _usable("position", joint, positions[k], "rad")
         if speeds and not math.isnan(speeds[k]):
