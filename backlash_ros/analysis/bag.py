@@ -38,7 +38,8 @@ class Recording:
     ``joint_states`` at their header's stamps with columns theta_m, omega_m, motor torque, theta_l, omega_l, gear torque
     (rad, rad/s, N m); the scalar topics by name and the changed parameters at their time of receipt; what ``~/state``
     has, at its stamps, by topic and name such as ``/controller/state/error``; ``messages`` counts every topic.
-    ``in_use``: from when on the controller used which version of its parameters, and these by name.
+    ``in_use``: from when on the controller used which version of its parameters, and these by name; ``simulated``: the
+    same of the simulator.
     """
 
     joint_states: Series
@@ -46,6 +47,7 @@ class Recording:
     parameters: list[tuple[float, str, Any]]
     messages: dict[str, int]
     in_use: list[tuple[float, int, dict[str, Any]]] = field(default_factory=list)
+    simulated: list[tuple[float, int, dict[str, Any]]] = field(default_factory=list)
 
 
 def _stamp(stamp: Any) -> float:
@@ -139,6 +141,7 @@ def read_bag(path: str | Path, *, motor_joint: str = "motor", load_joint: str = 
     scalars: dict[str, tuple[list[float], list[float]]] = {}
     parameters: list[tuple[float, str, Any]] = []
     in_use: list[tuple[float, int, dict[str, Any]]] = []
+    simulated: list[tuple[float, int, dict[str, Any]]] = []
     with (
         _readable(Path(path)) as readable,
         AnyReader([readable], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
@@ -152,7 +155,7 @@ def read_bag(path: str | Path, *, motor_joint: str = "motor", load_joint: str = 
                 stamps.append(_stamp(message.header.stamp))
                 rows.append(_joint_row(message, motor_joint, load_joint))
             elif connection.topic.endswith("/parameters_in_use"):
-                in_use.append(_in_use(message))
+                (simulated if "plant_simulator" in connection.topic else in_use).append(_in_use(message))
             elif connection.msgtype == "rcl_interfaces/msg/ParameterEvent":
                 parameters += [(received, p.name, p.value) for p in message.changed_parameters]
             elif connection.topic.endswith("/state") and connection.msgtype == "diagnostic_msgs/msg/DiagnosticArray":
@@ -170,4 +173,5 @@ def read_bag(path: str | Path, *, motor_joint: str = "motor", load_joint: str = 
         parameters,
         messages,
         in_use,
+        simulated,
     )

@@ -13,7 +13,7 @@ import math
 from collections.abc import Sequence
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.msg import ParameterEvent, SetParametersResult
 from rclpy.clock import Clock as SystemClock
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
@@ -27,9 +27,10 @@ from backlash_ros.nodes.parameters import declare_simulator, refuse_unknown
 from backlash_ros.nodes.reports import NodeFacts, SimulatorReport
 from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.messages import answered_sample, fill_joint_state, to_stamp
-from backlash_ros.ros.parameters import sensors_of
+from backlash_ros.ros.parameters import in_use, sensors_of
 from backlash_ros.ros.run import run
 from backlash_ros.ros.timer import Timer, in_ns, now, now_ns
+from backlash_ros.ros.topics import TRANSIENT_LOCAL
 from backlash_ros.simulation import SimulatedDrive
 from backlash_ros.simulation.simulated_drive import largest_load_torque
 
@@ -61,6 +62,7 @@ class PlantSimulator(ManagedNode):
         self._report = SimulatorReport(math.nan if self._lockstep else 1.0 / self._turn)
         self._sample = JointState()
         self._states = self.speak(JointState, "joint_states")
+        self._in_use, self._version = self.speak(ParameterEvent, "~/parameters_in_use", TRANSIENT_LOCAL), 1
         self._clock_topic = self.speak(Clock, "/clock") if self._own_time else None
         self.listen(Float64MultiArray, "command", self._on_command)
         self.listen(Float64, "load_torque", self._on_load_torque)
@@ -87,6 +89,7 @@ class PlantSimulator(ManagedNode):
         self._simulated, self._load_torque = self._at_rest(), 0.0
         self._gate.reset()
         self._told = Fault.NONE
+        self._publish_in_use()
 
     def activate(self) -> None:
         """Begin to publish."""
@@ -121,8 +124,17 @@ class PlantSimulator(ManagedNode):
         return SetParametersResult(successful=True)
 
     def _measure(self, parameters: list[Parameter]) -> None:
-        self._values |= {p.name: p.value for p in parameters if p.name in self._values}
+        changed = {p.name: p.value for p in parameters if p.name in self._values}
+        if not changed:
+            return  # rclpy declares parameters for the quality of service of each topic
+        self._values |= changed
         self._simulated.use(sensors_of(self._values))
+        self._version += 1
+        if self.configured:
+            self._publish_in_use()
+
+    def _publish_in_use(self) -> None:
+        self._in_use.publish(in_use(self, self._version, self._values))
 
     # Faults.
 

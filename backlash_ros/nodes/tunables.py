@@ -33,7 +33,7 @@ from backlash_ros.control.design.gain_sets import (
 )
 from backlash_ros.control.design.stability import LONGEST_DELAY
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Quantity
-from backlash_ros.ros.parameters import Names, declare, declare_number, declare_quantities, describe, take
+from backlash_ros.ros.parameters import Names, declare, declare_number, declare_quantities, describe, in_use, take
 
 _K = "gains [k1, k2, k3] of V = -k1 (load angle - reference) - k2 load speed - k3 current"
 _K_UNIT = "V/rad, V s/rad, V/A"
@@ -128,15 +128,7 @@ class Tunables:
 
     def message(self) -> ParameterEvent:
         """Return all parameters that are in use, the fixed ones too, with their version, as a message."""
-        node = self._node
-        in_use = {name: parameter.value for name, parameter in node.get_parameters_by_prefix("").items()}
-        listed = [Parameter("version", value=self.version)]
-        listed += [Parameter(name, value=value) for name, value in {**in_use, **self.values}.items()]
-        return ParameterEvent(
-            stamp=node.get_clock().now().to_msg(),
-            node=node.get_fully_qualified_name(),
-            new_parameters=[parameter.to_parameter_msg() for parameter in listed],
-        )
+        return in_use(self._node, self.version, self.values)
 
     def _declare_gain_sets(self) -> dict[str, dict[str, list[float]]]:
         node = self._node

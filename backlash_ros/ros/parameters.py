@@ -1,10 +1,10 @@
 """ROS parameters from the package's validated values: declared with meaning, unit and bound, read back as values."""
 
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, ParameterEvent
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -185,6 +185,17 @@ def declare_timeout(node: Node, name: str, text: str, period: float) -> float:
     if timeout < 2 * period:
         raise ValueError(f"{name} must be two periods of the samples at least, {2 * period:g} s, got {timeout:g}")
     return timeout
+
+
+def in_use(node: Node, version: int, values: Mapping[str, Any]) -> ParameterEvent:
+    """Return all parameters of a node, the fixed ones too, and their version; ``values`` are those it goes by."""
+    declared = {name: parameter.value for name, parameter in node.get_parameters_by_prefix("").items()}
+    listed = {"version": version, **declared, **values}
+    return ParameterEvent(
+        stamp=node.get_clock().now().to_msg(),
+        node=node.get_fully_qualified_name(),
+        new_parameters=[Parameter(name, value=value).to_parameter_msg() for name, value in listed.items()],
+    )
 
 
 class Names:

@@ -16,6 +16,7 @@ TOPICS: dict[str, type] = {
     "load_torque": Float64,
     "controller/state": DiagnosticArray,
     "controller/parameters_in_use": ParameterEvent,
+    "plant_simulator/parameters_in_use": ParameterEvent,
     "/diagnostics": DiagnosticArray,
     "controller/backlash_estimate": Float64,
     "parameter_events": ParameterEvent,

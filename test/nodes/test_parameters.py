@@ -30,12 +30,12 @@ TRANSIENT_LOCAL = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LO
 
 
 class InUse:
-    """What the controller says it uses: versions and values, as they came."""
+    """What a node says it uses: versions and values, as they came."""
 
-    def __init__(self, peer: Peer) -> None:
+    def __init__(self, peer: Peer, node: str = "controller") -> None:
         self.heard: list[tuple[int, dict[str, Any]]] = []
         self._peer = peer
-        peer.node.create_subscription(ParameterEvent, "controller/parameters_in_use", self._on, TRANSIENT_LOCAL)
+        peer.node.create_subscription(ParameterEvent, f"{node}/parameters_in_use", self._on, TRANSIENT_LOCAL)
         peer.wait("what is in use", lambda: self.heard)
 
     def _on(self, message: ParameterEvent) -> None:
@@ -338,3 +338,17 @@ def test_every_version_in_use_is_in_the_bag(start: Start, peer: Peer, tmp_path: 
     recording = read_bag(tmp_path / "bag")
     assert [(version, values) for _, version, values in recording.in_use][-2:] == in_use.heard[-2:]
     assert recording.messages["/diagnostics"] > 0
+
+
+def test_what_the_simulator_plays_is_in_the_bag(start: Start, peer: Peer, tmp_path: Path) -> None:
+    recorder = start("recorder", output=tmp_path / "bag")
+    start("plant_simulator", gear__backlash_angle=0.03)
+    parameters = Parameters(peer, "plant_simulator")
+    peer.wait("the recorder", lambda: "recording /plant_simulator/parameters_in_use" in recorder.output())
+    assert parameters.set(sensors__motor_noise=1e-3) == (True, "")
+    InUse(peer, "plant_simulator").version(2)
+    assert recorder.stop() == 0
+    first, second = read_bag(tmp_path / "bag").simulated
+    assert (first[1], first[2]["sensors.motor_noise"]) == (1, 0.0)
+    assert (second[1], second[2]["sensors.motor_noise"]) == (2, 1e-3)
+    assert second[2]["gear.backlash_angle"] == 0.03

@@ -102,7 +102,10 @@ def test_bag_has_every_topic_with_the_messages_that_the_run_implies(results: Pat
     assert recording.messages["/load_torque"] == 1
     assert recording.scalars["/command"].values[-1] == 0.0
     changed = [name for _, name, _ in recording.parameters]
-    assert {"law", "gain_set", "gains.overdamped.k", "backlash_angle"} <= set(changed)
+    assert {"law", "gain_set", "gains.overdamped.k"} <= set(changed)
+    used = [values["backlash_angle"] for _, _, values in recording.in_use]
+    assert used[0] == 0.0
+    assert used[-1] == summary["learned"]["backlash_angle"]
 
 
 def test_figure_is_there(results: Path) -> None:
