@@ -270,8 +270,17 @@ class Commands(RuleBasedStateMachine):
     @precondition(sample_was_sent)
     @rule(back=st.integers(0, 30))
     def old_answer(self, back: int) -> None:
-        """An answer that waited on the way, or a second one."""
-        sample = list(self.sent)[-1 - min(back, len(self.sent) - 1)]
+        """An answer to an older sample, or a second one."""
+        self.answer_that_waited(list(self.sent)[-1 - min(back, len(self.sent) - 1)])
+
+    @rule(wait=waits)
+    def late_answer(self, wait: int) -> None:
+        self.now += PERIOD
+        self.send()
+        self.now += wait
+        self.answer_that_waited(self.newest)
+
+    def answer_that_waited(self, sample: int) -> None:
         newest_answered = self.last_answer
         nothing_else = not self.gate.fault and self.in_force == 0.0 and not self.answers[sample]
         self.answer(sample)
