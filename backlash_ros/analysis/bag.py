@@ -155,7 +155,9 @@ def read_bag(path: str | Path, *, motor_joint: str = "motor", load_joint: str = 
                 stamps.append(_stamp(message.header.stamp))
                 rows.append(_joint_row(message, motor_joint, load_joint))
             elif connection.topic.endswith("/parameters_in_use"):
-                (simulated if "plant_simulator" in connection.topic else in_use).append(_in_use(message))
+                (simulated if connection.topic.endswith("/plant_simulator/parameters_in_use") else in_use).append(
+                    _in_use(message)
+                )
             elif connection.msgtype == "rcl_interfaces/msg/ParameterEvent":
                 parameters += [(received, p.name, p.value) for p in message.changed_parameters]
             elif connection.topic.endswith("/state") and connection.msgtype == "diagnostic_msgs/msg/DiagnosticArray":

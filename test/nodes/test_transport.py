@@ -37,7 +37,8 @@ def say(domain: int, monkeypatch: pytest.MonkeyPatch) -> Callable[[Mapping[str, 
 
     def set_to(variables: Mapping[str, str]) -> None:
         for name in (RANGE, ONLY, TRANSPORTS, *PROFILES, *OTHERS):
-            monkeypatch.delenv(name, raising=False)
+            monkeypatch.setenv(name, "")  # so that what the code sets ends with the test, too
+            monkeypatch.delenv(name)
         for name, value in variables.items():
             monkeypatch.setenv(name, value)
 

@@ -25,8 +25,7 @@ By Fast DDS' shared memory a node may be held up by others. A listener that is s
 holds the lock of its queue makes each `publish()` to it wait 1 s. That came of 45 of 389 stops, and of none of 1442
 where the messages went by UDP (`taskset -c 0,1 python benchmarks/stopped_listener.py`). One that just came, as any
 `ros2` command, makes the participant that first writes to it look whether it is alive: up to 1 s, most often 1/3 s, in
-which the participant's other threads cannot write either. While 50 participants came and left `publish()` waited 1/3 s
-six times in simulator and controller, and by UDP never; either watchdog is shorter than that. So the nodes use UDP
+which the participant's other threads cannot write either; the watchdogs are shorter than that. So the nodes use UDP
 alone, unless the variable `FASTDDS_BUILTIN_TRANSPORTS` or a profile says otherwise.
 
 With `ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` (or `ROS_LOCALHOST_ONLY`) rmw_fastrtps takes shared memory whatever they

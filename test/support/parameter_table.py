@@ -34,7 +34,8 @@ floats. No parameter can be deleted.
 
 What is in use is published on `~/parameters_in_use` (rcl_interfaces/ParameterEvent, transient local) under
 `new_parameters`: every parameter, and an integer `version` that rises by one with each request that is taken.
-Learning sets `backlash_angle` in the same way. The recorder keeps the topic; `read_bag` gives it as `in_use`.
+Learning sets `backlash_angle` in the same way. The recorder keeps the topic; `read_bag` gives it as `in_use`,
+and what the simulator says of itself as `simulated`.
 
 Besides these every node has `use_sim_time` and `start_type_description_service`, which are ROS's own, and
 `qos_overrides.*` for its topics.

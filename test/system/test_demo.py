@@ -103,9 +103,8 @@ def test_bag_has_every_topic_with_the_messages_that_the_run_implies(results: Pat
     assert recording.scalars["/command"].values[-1] == 0.0
     changed = [name for _, name, _ in recording.parameters]
     assert {"law", "gain_set", "gains.overdamped.k"} <= set(changed)
-    used = [values["backlash_angle"] for _, _, values in recording.in_use]
-    assert used[0] == 0.0
-    assert used[-1] == summary["learned"]["backlash_angle"]
+    # The first events may have been sent before the recorder was found; what is in use is kept for who comes late.
+    assert recording.in_use[-1][2]["backlash_angle"] == summary["learned"]["backlash_angle"]
 
 
 def test_figure_is_there(results: Path) -> None:

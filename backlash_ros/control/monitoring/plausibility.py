@@ -261,6 +261,7 @@ def plausibility_step(
         before = memory[side + _CHANGE]
         changed = max(changed, _follow_encoder(memory, side, angle, within, not math.isnan(speed), period))
         uneven = max(uneven, abs(memory[side + _CHANGE] - before))
+    # A trapezoid of speeds that alternate misses a quarter of the mean speed's second difference, times the period.
     memory[_UNEVEN] = left * memory[_UNEVEN] + 0.25 * period * uneven
     motor, load = memory[_MOTOR + _MEAN], memory[_LOAD + _MEAN]
     if not math.isnan(motor - load):
