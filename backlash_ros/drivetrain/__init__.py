@@ -3,7 +3,6 @@
 from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.contacts import CONTACTS
-from backlash_ros.drivetrain.integration.integrator import IntegrationError
 from backlash_ros.drivetrain.linear import (
     command_from_voltage,
     discretize,
@@ -12,6 +11,7 @@ from backlash_ros.drivetrain.linear import (
     rigid_model,
     without_inductance,
 )
+from backlash_ros.drivetrain.motion.integrator import IntegrationError
 from backlash_ros.drivetrain.parameters import (
     COMMAND_INTERFACES,
     NOMINAL_DRIVE,

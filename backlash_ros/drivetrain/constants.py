@@ -4,10 +4,9 @@ import math
 from typing import Any, NamedTuple
 
 import numba
-import numpy as np
 
+from backlash_ros.drivetrain.contact import Constants, as_constants
 from backlash_ros.drivetrain.parameters import NOMINAL_DRIVE, Drive
-from backlash_ros.drivetrain.signals import Array
 
 _numba: Any = numba
 
@@ -16,7 +15,10 @@ class PlantConstants(NamedTuple):
     """The drive as the compiled functions read it; field names are the equations' symbols.
 
     An infinite L is an imposed current. ``contact`` is what the contact law's functions take. ``forward`` and
-    ``backward`` are torque at the motor's shaft over R1 F while power flows to the load and to the motor.
+    ``backward`` are torque at the motor's shaft over R1 F while power flows to the load and to the motor. ``rate`` is
+    the fastest of the drive's own rates, 1/s, teeth apart. ``per_*`` are reciprocals: of J_m, J_l, L and of the
+    narrowest gap as an angle at either shaft. ``small_*`` is what counts as little where errors are judged: 1 % of the
+    speeds without load and of the current at standstill.
     """
 
     R: float
@@ -31,7 +33,7 @@ class PlantConstants(NamedTuple):
     variation: float
     cycles: float
     phase: float
-    contact: Array
+    contact: Constants
     forward: float
     backward: float
     J_l: float
@@ -42,12 +44,27 @@ class PlantConstants(NamedTuple):
     current_scale: float
     speed_scale: float
     energy_scale: float
+    rate: float
+    per_inertia_m: float
+    per_inertia_l: float
+    per_inductance: float
+    per_angle_m: float
+    per_angle_l: float
+    small_speed_m: float
+    small_speed_l: float
+    small_current: float
 
 
 def plant_constants(drive: Drive) -> PlantConstants:
     """Return the named tuple that the compiled functions take."""
     motor, gear, load = drive.motor, drive.gear, drive.load
     speed = motor.voltage_limit / motor.torque_constant
+    stall_current = motor.voltage_limit / motor.resistance
+    narrowest = gear.backlash_angle * (1.0 - gear.backlash_variation)
+    rates = [motor.viscous_friction / motor.inertia, load.viscous_friction / load.inertia]
+    if not drive.takes_current:
+        rates.append(motor.resistance / motor.inductance)
+        rates.append(motor.torque_constant / math.sqrt(motor.inductance * motor.inertia))
     return PlantConstants(
         R=float(motor.resistance),
         L=math.inf if drive.takes_current else float(motor.inductance),
@@ -61,7 +78,7 @@ def plant_constants(drive: Drive) -> PlantConstants:
         variation=float(gear.backlash_variation),
         cycles=float(gear.backlash_cycles),
         phase=float(gear.backlash_phase),
-        contact=np.array(gear.contact.constants(gear.load_radius, drive.contact_mass), dtype=np.float64),
+        contact=as_constants(*gear.contact.constants(gear.load_radius, drive.contact_mass)),
         forward=1.0 / gear.efficiency_forward,
         backward=float(gear.efficiency_backward),
         J_l=float(load.inertia),
@@ -69,9 +86,18 @@ def plant_constants(drive: Drive) -> PlantConstants:
         coulomb_l=float(load.coulomb_friction),
         gravity=float(load.gravity_torque),
         gravity_offset=float(load.gravity_offset),
-        current_scale=motor.voltage_limit / motor.resistance,
+        current_scale=stall_current,
         speed_scale=speed,
         energy_scale=0.5 * motor.inertia * speed**2,
+        rate=max(rates),
+        per_inertia_m=1.0 / motor.inertia,
+        per_inertia_l=1.0 / load.inertia,
+        per_inductance=0.0 if drive.takes_current else 1.0 / motor.inductance,
+        per_angle_m=gear.ratio / narrowest,
+        per_angle_l=1.0 / narrowest,
+        small_speed_m=0.01 * speed,
+        small_speed_l=0.01 * speed * gear.ratio,
+        small_current=0.01 * stall_current,
     )
 
 

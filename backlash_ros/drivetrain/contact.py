@@ -13,13 +13,15 @@ depends on the half gap, and what that costs turns the load: see `dynamics`.
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
-
-import numpy as np
+from typing import ClassVar, Protocol
 
 from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.quantity import Validated
-from backlash_ros.drivetrain.signals import Array
+
+Constants = tuple[float, ...]
+"""A contact law's constants, eight numbers: see `as_constants`."""
+
+_CONSTANTS = 8
 
 ToothForce = tuple[float, float, float, float, float]
 """force, stiffness, damping, elastic, elastic_stiffness."""
@@ -32,26 +34,39 @@ one of the stored energy (N/m)."""
 class ForceFunction(Protocol):
     """A compiled function: the force of the teeth and its derivatives."""
 
-    def __call__(self, constants: Array, half_gap: float, gap: float, gap_rate: float, /) -> ToothForce:
+    def __call__(self, constants: Constants, half_gap: float, gap: float, gap_rate: float, /) -> ToothForce:
         """Return them for half the backlash (m), a gap (m) and its rate (m/s)."""
 
 
 class EnergyFunction(Protocol):
     """A compiled function: what the teeth store."""
 
-    def __call__(self, constants: Array, half_gap: float, gap: float, /) -> float:
+    def __call__(self, constants: Constants, half_gap: float, gap: float, /) -> float:
         """Return it for half the backlash (m) and a gap (m), J."""
 
 
 class SlopesFunction(Protocol):
     """A compiled function: derivatives by the half gap."""
 
-    def __call__(self, constants: Array, half_gap: float, gap: float, tooth: ToothForce, /) -> HalfGapSlopes:
+    def __call__(self, constants: Constants, half_gap: float, gap: float, tooth: ToothForce, /) -> HalfGapSlopes:
         """Return them for half the backlash (m) and a gap (m), at which the force function answered ``tooth``."""
 
 
+class PieceFunction(Protocol):
+    """A compiled function: which of the pieces that the force is made of holds."""
+
+    def __call__(self, constants: Constants, half_gap: float, gap: float, gap_rate: float, /) -> int:
+        """Return its number for half the backlash (m), a gap (m) and its rate (m/s)."""
+
+
 @compiled
-def dead_zone_slopes(constants: Array, half_gap: float, gap: float, tooth: ToothForce) -> HalfGapSlopes:  # noqa: ARG001
+def one_piece(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> int:  # noqa: ARG001
+    """Return 0: a force that is smooth throughout."""
+    return 0
+
+
+@compiled
+def dead_zone_slopes(constants: Constants, half_gap: float, gap: float, tooth: ToothForce) -> HalfGapSlopes:  # noqa: ARG001
     """Return the derivatives by the half gap of any law that depends on the depth abs(gap) - half_gap alone."""
     _, stiffness, _, elastic, elastic_stiffness = tooth
     side = 1.0 if gap > 0.0 else -1.0
@@ -70,14 +85,17 @@ class Contact(Validated):
     energy : compiled, ``(constants, half_gap, gap)`` -> what the teeth store, J
     half_gap_slopes : compiled, ``(constants, half_gap, gap, tooth) -> HalfGapSlopes``, with what ``force`` answered;
         right as it is for every law in which only the depth beyond the gap counts
+    piece : compiled, ``(constants, half_gap, gap, gap_rate)`` -> a number for each piece in which the force is
+        smooth; 0 throughout by default
     """
 
     force: ClassVar[ForceFunction]
     energy: ClassVar[EnergyFunction]
     half_gap_slopes: ClassVar[SlopesFunction] = staticmethod(dead_zone_slopes)
+    piece: ClassVar[PieceFunction] = staticmethod(one_piece)
 
-    def constants(self, load_radius: float, mass: float) -> Array:
-        """Return what the compiled functions take as ``constants``, one dimension.
+    def constants(self, load_radius: float, mass: float) -> Constants:
+        """Return what the compiled functions take as ``constants``: see `as_constants`.
 
         Parameters
         ----------
@@ -100,6 +118,8 @@ def law_name(contact: Contact) -> str:
     return contact.section.removeprefix("contact.")
 
 
-def as_constants(*values: Any) -> Array:
-    """Return numbers as the array that the compiled functions take."""
-    return np.array(values, dtype=np.float64)
+def as_constants(*values: float) -> Constants:
+    """Return up to eight numbers as what the compiled functions take; ValueError for more."""
+    if len(values) > _CONSTANTS:
+        raise ValueError(f"a contact law has at most {_CONSTANTS} constants, got {len(values)}")
+    return tuple(float(value) for value in values) + (0.0,) * (_CONSTANTS - len(values))

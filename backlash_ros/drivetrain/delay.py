@@ -14,7 +14,7 @@ import numpy as np
 
 from backlash_ros.drivetrain.compiled import compiled, specialize
 from backlash_ros.drivetrain.constants import PLANT_TYPE, PlantConstants
-from backlash_ros.drivetrain.integration.integrator import Advance, integrator_for
+from backlash_ros.drivetrain.motion.integrator import Advance, integrator_for
 from backlash_ros.drivetrain.parameters import Drive
 from backlash_ros.drivetrain.quantity import Validated, quantity
 from backlash_ros.drivetrain.sensors import NOISE_STREAMS, uniform

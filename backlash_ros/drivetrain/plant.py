@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from backlash_ros.drivetrain.constants import plant_constants
-from backlash_ros.drivetrain.dynamics import equations_of
-from backlash_ros.drivetrain.integration.integrator import (
+from backlash_ros.drivetrain.motion.dynamics import equations_of
+from backlash_ros.drivetrain.motion.integrator import (
     DEFAULT_TOLERANCE,
     DONE,
     REASONS,
@@ -37,6 +37,7 @@ class Plant:
     drive : the parameters
     state : theta_m, omega_m, theta_l, omega_l, i; at rest in the middle of the gap by default
     tolerance : of the integrator, per step
+    account : whether to integrate the energies supplied and lost
 
     Examples
     --------
@@ -48,7 +49,12 @@ class Plant:
     """
 
     def __init__(
-        self, drive: Drive, state: Sequence[float] | None = None, tolerance: float = DEFAULT_TOLERANCE
+        self,
+        drive: Drive,
+        state: Sequence[float] | None = None,
+        tolerance: float = DEFAULT_TOLERANCE,
+        *,
+        account: bool = False,
     ) -> None:
         self.drive = drive
         self.time = 0.0
@@ -58,7 +64,8 @@ class Plant:
         if motion.shape != (5,) or not np.all(np.isfinite(motion)):
             raise ValueError(f"state must be five finite numbers, got {state!r}")
         self._state = PlantState(np.append(motion, [0.0, 0.0]))
-        self._step = integration_memory()
+        self._step = integration_memory(account=account)
+        self._account = account
         self._tolerance = tolerance
 
     def advance(self, command: float, load_torque: float, duration: float) -> None:
@@ -122,13 +129,18 @@ class Plant:
 
     @property
     def energy_supplied(self) -> float:
-        """Work at the motor's terminals and of the load torque since the start, J."""
-        return float(self._state[SUPPLIED])
+        """Work at the motor's terminals and of the load torque since the start, J; RuntimeError without an account."""
+        return self._accounted(SUPPLIED)
 
     @property
     def energy_lost(self) -> float:
-        """Heat of winding, friction and contact since the start, J."""
-        return float(self._state[LOST])
+        """Heat of winding, friction and contact since the start, J; RuntimeError without an account."""
+        return self._accounted(LOST)
+
+    def _accounted(self, energy: int) -> float:
+        if not self._account:
+            raise RuntimeError("energies are integrated where they are asked for: Plant(..., account=True)")
+        return float(self._state[energy])
 
     @property
     def gear_torque(self) -> float:

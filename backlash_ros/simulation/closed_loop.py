@@ -34,7 +34,7 @@ from backlash_ros.drivetrain.delay import (
     delay_memory,
     player_for,
 )
-from backlash_ros.drivetrain.integration.integrator import (
+from backlash_ros.drivetrain.motion.integrator import (
     DEFAULT_TOLERANCE,
     DONE,
     PEAK_FORCE,

@@ -6,8 +6,8 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.constants import plant_constants
-from backlash_ros.drivetrain.dynamics import equations_of, gap_of
-from backlash_ros.drivetrain.integration.integrator import (
+from backlash_ros.drivetrain.motion.dynamics import equations_of, gap_of
+from backlash_ros.drivetrain.motion.integrator import (
     DEFAULT_TOLERANCE,
     DONE,
     REASONS,

@@ -18,8 +18,8 @@ from backlash_ros.drivetrain.delay import (
     player_for,
     taken_at,
 )
-from backlash_ros.drivetrain.dynamics import equations_of
-from backlash_ros.drivetrain.integration.integrator import (
+from backlash_ros.drivetrain.motion.dynamics import equations_of
+from backlash_ros.drivetrain.motion.integrator import (
     DEFAULT_TOLERANCE,
     DONE,
     PEAK_FORCE,

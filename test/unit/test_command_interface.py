@@ -133,7 +133,7 @@ def test_current_is_what_was_commanded_and_no_more_than_the_drive_gives() -> Non
 )
 def test_energy_balances(command: float, load_torque: float, omega_m: float, interface: str) -> None:
     """What is supplied at the terminals and by the load torque is stored or lost; nothing is lost twice or gained."""
-    plant = Plant(replace(NOMINAL_DRIVE, command_interface=interface), [0.0, omega_m, 0.0, 0.0, 0.0])
+    plant = Plant(replace(NOMINAL_DRIVE, command_interface=interface), [0.0, omega_m, 0.0, 0.0, 0.0], account=True)
     start, lost = plant.energy_stored, 0.0
     for sign in (1, 1, -1, 1, -1, -1) * 3:
         plant.advance(sign * command, load_torque, 0.004)
@@ -145,7 +145,7 @@ def test_energy_balances(command: float, load_torque: float, omega_m: float, int
 
 def test_imposed_current_supplies_torque_and_heat() -> None:
     """At constant speed and current: V i = R i^2 + K_m i omega_m."""
-    plant = Plant(CURRENT_DRIVE)
+    plant = Plant(CURRENT_DRIVE, account=True)
     plant.advance(1.0, 0.0, 6.0)
     before, speed = plant.energy_supplied, plant.motor_speed
     plant.advance(1.0, 0.0, 0.5)

@@ -1,4 +1,4 @@
-"""The Jacobian against differences, the integrator's stage solve against the Jacobian, and the step control."""
+"""The Jacobian against differences, the methods against each other and against it, and the step control."""
 
 import math
 import os
@@ -23,9 +23,11 @@ from backlash_ros.drivetrain import (
 )
 from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
-from backlash_ros.drivetrain.dynamics import equations_of
-from backlash_ros.drivetrain.integration import integrator
-from backlash_ros.drivetrain.integration.integrator import (
+from backlash_ros.drivetrain.motion import integrator
+from backlash_ros.drivetrain.motion.dynamics import equations_of
+from backlash_ros.drivetrain.motion.explicit import Step, explicit_with
+from backlash_ros.drivetrain.motion.implicit import _error, _solve_stage, implicit_with
+from backlash_ros.drivetrain.motion.integrator import (
     ADVANCE_SIGNATURE,
     DEFAULT_TOLERANCE,
     DONE,
@@ -33,9 +35,7 @@ from backlash_ros.drivetrain.integration.integrator import (
     STEP_SIZE,
     STEP_TOO_SMALL,
     Advance,
-    _error,
     _growth,
-    _solve_stage,
     integration_memory,
     integrator_for,
 )
@@ -196,7 +196,7 @@ def test_stored_energy_and_the_account_agree_at_every_state(law: str, cubic: typ
 
 
 def test_contact_law_from_a_file_integrates_and_keeps_its_energy_account(cubic: type[Contact]) -> None:
-    plant = Plant(everything("cubic"), [0.0, 50.0, 0.0, -2.0, 0.3], tolerance=1e-11)
+    plant = Plant(everything("cubic"), [0.0, 50.0, 0.0, -2.0, 0.3], tolerance=1e-11, account=True)
     before, turnover = plant.energy_stored, 0.0
     for k in range(200):
         supplied = plant.energy_supplied
@@ -238,29 +238,119 @@ def test_one_integrator_for_each_contact_law_of_one_signature() -> None:
         assert [ADVANCE_SIGNATURE.args] == integrator_for(drive).signatures  # type: ignore[attr-defined]
 
 
+# The two methods
+
+SMOOTH = np.array([0.0, 8.0, 0.0, 0.8, 0.2, 0.0, 0.0])
+"""In the middle of the gap, where the equations have no kink."""
+
+
+def taken(method: Any, drive: Drive, state: np.ndarray, h: float, parts: int = 1) -> np.ndarray:
+    """The state after ``parts`` even steps over ``h`` seconds under 2 V."""
+    plant, step = plant_constants(drive), method(type(drive.gear.contact))
+    for _ in range(parts):
+        out = np.zeros(7)
+        step(plant, state, h / parts, 2.0, 0.1, 1.0, 1.0, 1e-8, True, out)
+        state = out
+    return state
+
+
+@pytest.mark.parametrize(("method", "order", "h"), [(explicit_with, 8, 2e-3), (implicit_with, 4, 1e-4)])
+def test_each_method_has_its_order(method: Any, order: int, h: float) -> None:
+    """Half the step leaves 2^-order of the error, that of the energies, too."""
+    drive = everything("power")
+    exact = taken(explicit_with, drive, SMOOTH, h, 64)
+    coarse, fine = (np.abs(taken(method, drive, SMOOTH, h, parts) - exact) for parts in (1, 2))
+    scale = np.array([1.0, 100.0, 0.1, 10.0, 10.0, 1.0, 1.0])
+    assert np.max(coarse / scale) > 1e-12
+    assert np.max(fine / scale) < 2.0 ** (0.5 - order) * np.max(coarse / scale) + 1e-15
+
+
+@pytest.mark.parametrize("s", [0.4, 0.99])
+def test_error_of_a_step_is_that_of_its_size(s: float) -> None:
+    """As the step is judged, against many short ones: never far below it, and of its order of magnitude."""
+    state = SMOOTH.copy()
+    state[0] = s * 0.5e-3 / 0.005
+    plant, step = plant_constants(NOMINAL_DRIVE), explicit_with(type(NOMINAL_DRIVE.gear.contact))
+    for h in (2e-4, 4e-4, 8e-4):
+        out = np.zeros(7)
+        error, force = step(plant, state, h, 2.0, 0.1, 1.0, 1.0, 1.0, False, out)
+        exact = taken(explicit_with, NOMINAL_DRIVE, state, h, 64)
+        allowed = [0.2, 4.8 + abs(out[1]), 0.02, 0.48 + abs(out[3]), 0.12 + abs(out[4])]
+        assert error > 0.3 * np.max(np.abs(out - exact)[:5] / allowed)
+        assert force == equations_of(NOMINAL_DRIVE).contact_of(plant, state)[0]
+
+
+@pytest.mark.parametrize("huge", [1e20, 1e60, 1e300, math.inf, math.nan])
+def test_step_into_nowhere_is_never_accurate_enough(huge: float) -> None:
+    """Whatever overflows on the way: a teeth's force of the 21st power soon does."""
+    plant = plant_constants(NOMINAL_DRIVE)
+    for k in range(5):
+        state = SMOOTH.copy()
+        state[k] = huge
+        for method in (explicit_with, implicit_with):
+            step: Step = method(type(NOMINAL_DRIVE.gear.contact))
+            error, _ = step(plant, state, 1e-3, 2.0, 0.1, 1.0, 1.0, 1e-8, True, np.zeros(7))
+            moves = k in (1, 3, 4) and huge == 1e20 and method is implicit_with
+            assert moves or not error <= 1.0
+
+
+def methods_of(drive: Drive, state: np.ndarray, command: float, duration: float) -> tuple[int, int, np.ndarray]:
+    """How many steps either method takes, and the state at the end."""
+    count = [0, 0]
+
+    def counted(method: Any, which: int) -> Any:
+        step = method(type(drive.gear.contact))
+
+        def counting(*arguments: Any) -> Any:
+            count[which] += 1
+            return step(*arguments)
+
+        return counting
+
+    advance = in_python(drive, _explicit=counted(explicit_with, 0), _implicit=counted(implicit_with, 1))
+    memory, plant = integration_memory(), plant_constants(drive)
+    for _ in range(20):
+        assert advance(plant, state, memory, command, 0.0, duration / 20, DEFAULT_TOLERANCE)[0] == DONE
+    return count[0], count[1], state
+
+
+def test_stiff_motion_is_left_to_the_implicit_method_and_no_other() -> None:
+    """A winding that follows within 50 ns does not make steps that short; the nominal drive is not stiff."""
+    explicit, implicit, _ = methods_of(NOMINAL_DRIVE, at_rest(), 3.0, 0.1)
+    assert explicit > 50
+    assert implicit == 0
+    quick = replace(NOMINAL_DRIVE, motor=replace(NOMINAL_DRIVE.motor, inductance=1e-7))
+    explicit, implicit, state = methods_of(quick, at_rest(), 3.0, 0.1)
+    assert 0 < implicit < 2000
+    assert explicit < 100
+    plant = Plant(quick, tolerance=1e-9)
+    plant.advance(3.0, 0.0, 0.1)
+    np.testing.assert_allclose(state[:5], plant.state, rtol=1e-5, atol=1e-7)
+
+
 # Step control
 
 
-def allowance_of(k: int, tolerance: float, before: float = 0.0) -> float:
-    """What `_error` lets pass, found from its answer to an error in one component alone."""
+def allowance_of(k: int, before: float = 0.0) -> float:
+    """What `_error` lets pass at a tolerance of 1, found from its answer to an error in one component alone."""
     plant, state, difference = plant_constants(NOMINAL_DRIVE), np.zeros(7), np.zeros(7)
     state[k], difference[k] = before, 1.0
-    return 1.0 / float(_error(plant, state, state, difference, tolerance))
+    return 1.0 / float(_error(plant, state, difference, True))
 
 
 def test_each_component_has_an_error_of_its_own() -> None:
     b, speed, energy = 0.02, 24 / 0.05, 0.5 * 2e-5 * 480**2
-    full = [b / 0.1, 1e-3 * speed, b, 1e-4 * speed, 1e-3 * 12.0, energy, energy]
+    full = [b / 0.1, 1e-2 * speed, b, 1e-3 * speed, 1e-2 * 12.0, 10 * energy, 10 * energy]
     for k, allowed in enumerate(full):
-        assert allowance_of(k, 1e-6) == pytest.approx(1e-6 * allowed)
-        assert allowance_of(k, 1e-6, 7.0) == pytest.approx(1e-6 * (allowed + (7.0 if k not in (0, 2) else 0.0)))
+        assert allowance_of(k) == pytest.approx(allowed)
+        assert allowance_of(k, 7.0) == pytest.approx(allowed + {0: 0.0, 2: 0.0, 5: 70.0, 6: 70.0}.get(k, 7.0))
 
 
 def test_angles_are_judged_against_the_narrowest_backlash() -> None:
     drive = replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, backlash_variation=0.75))
     difference = np.zeros(7)
     difference[2] = 0.005
-    assert _error(plant_constants(drive), np.zeros(7), np.zeros(7), difference, 1.0) == pytest.approx(1.0)
+    assert _error(plant_constants(drive), np.zeros(7), difference, False) == pytest.approx(1.0)
 
 
 def test_last_step_that_is_cut_short_to_end_on_time_leaves_the_size_as_it_was() -> None:
@@ -275,7 +365,7 @@ def test_last_step_that_is_cut_short_to_end_on_time_leaves_the_size_as_it_was() 
 def test_state_that_is_not_finite_is_never_accurate_enough(k: int, bad: float) -> None:
     state = np.zeros(7)
     state[k] = bad
-    assert _error(plant_constants(NOMINAL_DRIVE), np.zeros(7), state, np.zeros(7), 1e-9) == math.inf
+    assert _error(plant_constants(NOMINAL_DRIVE), state, np.zeros(7), True) == math.inf
 
 
 def test_error_that_is_no_number_takes_no_step() -> None:
@@ -285,35 +375,37 @@ def test_error_that_is_no_number_takes_no_step() -> None:
     np.testing.assert_array_equal(state, at_rest())
 
 
-def test_step_grows_with_accuracy_but_not_after_a_rejection() -> None:
-    assert _growth(1e-12, False) == 5.0
-    assert _growth(1e-12, True) == _growth(0.01, True) == 1.0
-    assert _growth(0.5, False) == pytest.approx(0.9 * 2**0.25)
-    assert _growth(1.0, True) == pytest.approx(0.9)
-    assert _growth(16.0, False) == pytest.approx(0.45)
-    assert _growth(1e9, False) == 0.2
-    assert _growth(math.inf, False) == _growth(math.nan, True) == 0.1
+@pytest.mark.parametrize(("explicit", "order"), [(True, 8), (False, 4)])
+def test_step_grows_with_accuracy_but_not_after_a_rejection(explicit: bool, order: int) -> None:
+    assert _growth(0.0, False, explicit) == _growth(1e-12, False, explicit) == 6.0
+    assert _growth(1e-12, True, explicit) == _growth(0.01, True, explicit) == 1.0
+    assert _growth(0.5, False, explicit) == pytest.approx(0.9 * 2 ** (1 / order))
+    assert _growth(1.0, True, explicit) == pytest.approx(0.9)
+    assert _growth(16.0, False, explicit) == pytest.approx(0.9 * 16 ** (-1 / order))
+    assert _growth(1e9, False, explicit) == 0.2
+    assert _growth(math.inf, False, explicit) == _growth(math.nan, True, explicit) == 0.1
+
+
+def in_python(drive: Drive, **others: Any) -> Advance:
+    """The integrator as plain Python with its functions bound, or ``others`` in their place."""
+    compiled: Any = integrator_for(drive)
+    template: Any = integrator._advance
+    return types.FunctionType(template.__code__, {**compiled.py_func.__globals__, **others})  # type: ignore[return-value]
 
 
 def watched(drive: Drive) -> tuple[Advance, list[float], list[float]]:
     """The integrator as plain Python, and the lists of the steps that it tries (s) and of their errors."""
     steps: list[float] = []
     errors: list[float] = []
+    compiled = explicit_with(type(drive.gear.contact))
 
-    def solve(plant: Any, slopes: Any, g: float, *others: Any) -> None:
-        if not steps or len(errors) == len(steps):
-            steps.append(4.0 / g)
-        _solve_stage(plant, slopes, g, *others)
+    def explicit(*arguments: Any) -> tuple[float, float]:
+        error, force = compiled(*arguments)
+        steps.append(arguments[2])
+        errors.append(error)
+        return error, force
 
-    def error(*arguments: Any) -> float:
-        errors.append(float(_error(*arguments)))
-        return errors[-1]
-
-    equations = equations_of(drive)
-    bound = {f"_{name}": getattr(equations, name) for name in ("derivative", "linearize", "contact_of")}
-    template: Any = integrator._advance
-    names = {**template.__globals__, **bound, "_solve_stage": solve, "_error": error}
-    return types.FunctionType(template.__code__, names), steps, errors
+    return in_python(drive, _explicit=explicit), steps, errors
 
 
 def test_no_step_that_follows_a_rejection_and_a_success_is_longer_than_that() -> None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Plant
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
-from backlash_ros.drivetrain.integration.friction import first_zero
+from backlash_ros.drivetrain.motion.friction import first_zero
 
 
 def drive_with(**changes: Any) -> Drive:
@@ -64,7 +64,7 @@ def test_motion_agrees_with_scipy_and_its_events(name: str) -> None:
 def test_energy_supplied_is_stored_or_lost(name: str, law: str) -> None:
     """To 1e-9 of what is turned over, while either shaft stops and breaks away."""
     drive = drive_with(**FEATURES[name], gear_contact=CONTACTS[law]())
-    plant = Plant(drive, [0.0, 50.0, 0.0, -2.0, 0.3], tolerance=1e-11)
+    plant = Plant(drive, [0.0, 50.0, 0.0, -2.0, 0.3], tolerance=1e-11, account=True)
     before, turnover = plant.energy_stored, 0.0
     for voltage, torque in pieces():
         supplied, lost = plant.energy_supplied, plant.energy_lost
@@ -76,8 +76,17 @@ def test_energy_supplied_is_stored_or_lost(name: str, law: str) -> None:
     assert abs(balance) <= 1e-9 * turnover
 
 
+def test_energies_without_an_account_are_refused_not_zero() -> None:
+    plant = Plant(NOMINAL_DRIVE)
+    plant.advance(1.0, 0.0, 0.01)
+    assert plant.energy_stored > 0.0
+    for energy in ("energy_supplied", "energy_lost"):
+        with pytest.raises(RuntimeError, match=r"Plant\(\.\.\., account=True\)"):
+            getattr(plant, energy)
+
+
 def test_load_that_friction_holds_does_not_move_at_all() -> None:
-    plant = Plant(drive_with(load_coulomb_friction=0.05), [0.0, 0.0, 0.003, 0.0, 0.0])
+    plant = Plant(drive_with(load_coulomb_friction=0.05), [0.0, 0.0, 0.003, 0.0, 0.0], account=True)
     for torque in (0.04, -0.0499999, 0.0499999, 0.0):
         plant.advance(0.0, torque, 0.5)
         assert plant.load_speed == 0.0
@@ -113,7 +122,7 @@ def test_load_that_is_thrown_stops_where_its_friction_has_used_up_its_energy(spe
     drive = drive_with(
         load_coulomb_friction=0.05, load_viscous_friction=0.0, gear_contact=ElasticContact(), gear_backlash_angle=3.0
     )
-    plant = Plant(drive, [0.0, 0.0, 0.0, speed, 0.0], tolerance)
+    plant = Plant(drive, [0.0, 0.0, 0.0, speed, 0.0], tolerance, account=True)
     plant.advance(0.0, 0.0, 1.0)
     way = 0.5 * 5e-4 * speed * abs(speed) / 0.05
     assert plant.load_angle == pytest.approx(way, rel=1e-9)
@@ -143,7 +152,10 @@ def test_swing_that_friction_ends_is_the_same_in_one_call_and_in_many() -> None:
         gear_contact=ElasticContact(),
         gear_backlash_angle=3.2,
     )
-    once, often = Plant(drive, [0.0, 0.0, 0.3, 0.0, 0.0], 1e-7), Plant(drive, [0.0, 0.0, 0.3, 0.0, 0.0])
+    once, often = (
+        Plant(drive, [0.0, 0.0, 0.3, 0.0, 0.0], 1e-7, account=True),
+        Plant(drive, [0.0, 0.0, 0.3, 0.0, 0.0], account=True),
+    )
     once.advance(0.0, 0.0, 3.0)
     for _ in range(1500):
         often.advance(0.0, 0.0, 0.002)
@@ -299,7 +311,9 @@ def test_any_practical_drive_integrates_and_keeps_its_energy_account(
     )
     drive = replace(drive, command_interface=interface)
     random = np.random.default_rng(seed)
-    plant = Plant(drive, [random.uniform(-0.1, 0.1), random.uniform(-50, 50), 0.0, random.uniform(-5, 5), 0.0])
+    plant = Plant(
+        drive, [random.uniform(-0.1, 0.1), random.uniform(-50, 50), 0.0, random.uniform(-5, 5), 0.0], account=True
+    )
     balance, turnover = plant.energy_stored, plant.energy_stored
     for _ in range(30):
         supplied = plant.energy_supplied

@@ -19,8 +19,7 @@ from backlash_ros.control.design.gains import Gains
 from backlash_ros.drivetrain import Drive, rigid_model
 from backlash_ros.drivetrain.compiled import specialize
 from backlash_ros.drivetrain.constants import PlantConstants, plant_constants
-from backlash_ros.drivetrain.contact import Contact, ToothForce
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.drivetrain.contact import Constants, Contact, ToothForce
 
 _POINTS = 400
 """Of the sinusoid that the contact law is evaluated at."""
@@ -47,7 +46,7 @@ class PredictedCycle:
     period: float
 
 
-def _force(_constants: Array, _half_gap: float, _gap: float, _gap_rate: float) -> ToothForce:
+def _force(_constants: Constants, _half_gap: float, _gap: float, _gap_rate: float) -> ToothForce:
     """Stand for the force of a contact law."""
     raise NotImplementedError
 

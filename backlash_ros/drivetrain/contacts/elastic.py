@@ -10,15 +10,22 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from backlash_ros.drivetrain.compiled import compiled
-from backlash_ros.drivetrain.contact import Contact, EnergyFunction, ForceFunction, ToothForce, as_constants
+from backlash_ros.drivetrain.contact import (
+    Constants,
+    Contact,
+    EnergyFunction,
+    ForceFunction,
+    PieceFunction,
+    ToothForce,
+    as_constants,
+)
 from backlash_ros.drivetrain.quantity import quantity
-from backlash_ros.drivetrain.signals import Array
 
 STIFFNESS, DAMPING = range(2)
 
 
 @compiled
-def elastic_force(constants: Array, half_gap: float, gap: float, gap_rate: float) -> ToothForce:
+def elastic_force(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> ToothForce:
     """Return the force and its derivatives."""
     depth = abs(gap) - half_gap
     if depth <= 0.0:
@@ -35,7 +42,20 @@ def elastic_force(constants: Array, half_gap: float, gap: float, gap_rate: float
 
 
 @compiled
-def elastic_energy(constants: Array, half_gap: float, gap: float) -> float:
+def elastic_piece(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> int:
+    """Return 0 apart; in contact by the damper: as it is, held to the spring's force, or not to pull."""
+    depth = abs(gap) - half_gap
+    if depth <= 0.0:
+        return 0
+    spring = constants[STIFFNESS] * depth
+    damper = constants[DAMPING] * (gap_rate if gap > 0.0 else -gap_rate)
+    if damper > spring:
+        return 2
+    return 3 if damper < -spring else 1
+
+
+@compiled
+def elastic_energy(constants: Constants, half_gap: float, gap: float) -> float:
     """Return k delta^2/2, J."""
     depth = max(0.0, abs(gap) - half_gap)
     return float(0.5 * constants[STIFFNESS] * depth * depth)
@@ -70,10 +90,11 @@ class ElasticContact(SpringContact):
 
     section: ClassVar[str] = "contact.elastic"
     force: ClassVar[ForceFunction] = staticmethod(elastic_force)
+    piece: ClassVar[PieceFunction] = staticmethod(elastic_piece)
 
     damping: float = quantity("damping c along the pitch line", "N s/m", at_least=0, at_most=1e8, default=50.0)
 
-    def constants(self, load_radius: float, mass: float) -> Array:  # noqa: ARG002
+    def constants(self, load_radius: float, mass: float) -> Constants:  # noqa: ARG002
         """Return k (N/m) and c (N s/m)."""
         return as_constants(self.edge_stiffness(0.0, load_radius), self.damping)
 

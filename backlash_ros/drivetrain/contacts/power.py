@@ -11,16 +11,17 @@ from typing import ClassVar
 
 from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.contact import (
+    Constants,
     Contact,
     EnergyFunction,
     ForceFunction,
     HalfGapSlopes,
+    PieceFunction,
     SlopesFunction,
     ToothForce,
     as_constants,
 )
 from backlash_ros.drivetrain.quantity import quantity
-from backlash_ros.drivetrain.signals import Array
 
 BETA, ALPHA, EXPONENT = range(3)
 
@@ -38,22 +39,21 @@ def integer_power(base: float, exponent: int) -> float:
 
 
 @compiled
-def power_force(constants: Array, half_gap: float, gap: float, gap_rate: float) -> ToothForce:
+def power_force(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> ToothForce:
     """Return eq 13 and its derivatives."""
     beta, alpha, n = constants[BETA], constants[ALPHA], int(constants[EXPONENT])
-    s = gap / half_gap
+    per_half_gap = 1.0 / half_gap
+    s = gap * per_half_gap
     below = integer_power(s, n - 1)
     at = below * s
-    above = at * s
-    elastic = beta * at
-    elastic_stiffness = beta * n * below / half_gap
-    force = elastic + alpha * gap_rate * above
-    stiffness = elastic_stiffness + alpha * gap_rate * (n + 1) * at / half_gap
-    return force, stiffness, alpha * above, elastic, elastic_stiffness
+    damping = alpha * at * s
+    force = below * (s * (beta + alpha * gap_rate * s))
+    stiffness = below * per_half_gap * (beta * n + alpha * gap_rate * (n + 1) * s)
+    return force, stiffness, damping, beta * at, beta * n * below * per_half_gap
 
 
 @compiled
-def no_pull_force(constants: Array, half_gap: float, gap: float, gap_rate: float) -> ToothForce:
+def no_pull_force(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> ToothForce:
     """Return eq 13 and its derivatives, without force where it would pull."""
     force, stiffness, damping, elastic, elastic_stiffness = power_force(constants, half_gap, gap, gap_rate)
     if force * gap < 0.0:
@@ -62,14 +62,20 @@ def no_pull_force(constants: Array, half_gap: float, gap: float, gap_rate: float
 
 
 @compiled
-def power_energy(constants: Array, half_gap: float, gap: float) -> float:
+def no_pull_piece(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> int:
+    """Return 1 where eq 13 would pull, else 0."""
+    return 1 if constants[BETA] * half_gap + constants[ALPHA] * gap_rate * gap < 0.0 else 0
+
+
+@compiled
+def power_energy(constants: Constants, half_gap: float, gap: float) -> float:
     """Return beta (d/2) s^(n+1)/(n+1), J."""
     n = int(constants[EXPONENT]) + 1
     return float(constants[BETA] * half_gap / n * integer_power(gap / half_gap, n))
 
 
 @compiled
-def power_slopes(constants: Array, half_gap: float, gap: float, tooth: ToothForce) -> HalfGapSlopes:
+def power_slopes(constants: Constants, half_gap: float, gap: float, tooth: ToothForce) -> HalfGapSlopes:
     """Return the derivatives by the half gap: the force depends on gap/half_gap alone."""
     _, stiffness, _, elastic, elastic_stiffness = tooth
     s, n = gap / half_gap, constants[EXPONENT]
@@ -96,7 +102,7 @@ class PowerContact(Contact):
         if self.exponent % 2 != 1:
             raise ValueError(f"{self.section}.exponent must be an odd integer, got {self.exponent!r}")
 
-    def constants(self, load_radius: float, mass: float) -> Array:  # noqa: ARG002
+    def constants(self, load_radius: float, mass: float) -> Constants:  # noqa: ARG002
         """Return beta, alpha and the exponent."""
         return as_constants(self.stiffness, self.damping, self.exponent)
 
@@ -116,6 +122,7 @@ class PowerNoPullContact(PowerContact):
 
     section: ClassVar[str] = "contact.power_no_pull"
     force: ClassVar[ForceFunction] = staticmethod(no_pull_force)
+    piece: ClassVar[PieceFunction] = staticmethod(no_pull_piece)
 
 
 CONTACTS = {"power": PowerContact, "power_no_pull": PowerNoPullContact}

@@ -11,10 +11,9 @@ from typing import ClassVar
 from scipy.optimize import brentq
 
 from backlash_ros.drivetrain.compiled import compiled
-from backlash_ros.drivetrain.contact import ForceFunction, ToothForce, as_constants
+from backlash_ros.drivetrain.contact import Constants, ForceFunction, PieceFunction, ToothForce, as_constants
 from backlash_ros.drivetrain.contacts.elastic import DAMPING, STIFFNESS, SpringContact
 from backlash_ros.drivetrain.quantity import quantity
-from backlash_ros.drivetrain.signals import Array
 
 
 def restitution_of(damping_ratio: float) -> float:
@@ -34,7 +33,7 @@ def damping_ratio_of(restitution: float) -> float:
 
 
 @compiled
-def restitution_force(constants: Array, half_gap: float, gap: float, gap_rate: float) -> ToothForce:
+def restitution_force(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> ToothForce:
     """Return the force and its derivatives."""
     depth = abs(gap) - half_gap
     if depth <= 0.0:
@@ -48,16 +47,27 @@ def restitution_force(constants: Array, half_gap: float, gap: float, gap_rate: f
     return side * (spring + damper), k, c, side * spring, k
 
 
+@compiled
+def restitution_piece(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> int:
+    """Return 0 apart, 1 in contact, 2 where the teeth have let go."""
+    depth = abs(gap) - half_gap
+    if depth <= 0.0:
+        return 0
+    damper = constants[DAMPING] * (gap_rate if gap > 0.0 else -gap_rate)
+    return 2 if constants[STIFFNESS] * depth + damper < 0.0 else 1
+
+
 @dataclass(frozen=True)
 class RestitutionContact(SpringContact):
     """Linear spring beyond the gap, damped for a coefficient of restitution."""
 
     section: ClassVar[str] = "contact.restitution"
     force: ClassVar[ForceFunction] = staticmethod(restitution_force)
+    piece: ClassVar[PieceFunction] = staticmethod(restitution_piece)
 
     restitution: float = quantity("coefficient of restitution e", "", at_least=0.2, at_most=1, default=0.5)
 
-    def constants(self, load_radius: float, mass: float) -> Array:
+    def constants(self, load_radius: float, mass: float) -> Constants:
         """Return k (N/m) and c (N s/m)."""
         k = self.edge_stiffness(0.0, load_radius)
         return as_constants(k, 2.0 * damping_ratio_of(self.restitution) * math.sqrt(k * mass))

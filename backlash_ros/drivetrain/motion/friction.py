@@ -15,7 +15,7 @@ from typing import NamedTuple
 from backlash_ros.drivetrain.compiled import compiled, specialize
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact
-from backlash_ros.drivetrain.dynamics import SLIDES, equations_with, load_rubs, motor_rubs
+from backlash_ros.drivetrain.motion.dynamics import SLIDES, equations_with, load_rubs, motor_rubs
 from backlash_ros.drivetrain.signals import LOST, OMEGA_L, OMEGA_M, Array
 
 

@@ -29,9 +29,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled, specialize
+from backlash_ros.drivetrain.compiled import compiled, specialize, specialize_fused
 from backlash_ros.drivetrain.constants import PlantConstants
-from backlash_ros.drivetrain.contact import Contact, ToothForce
+from backlash_ros.drivetrain.contact import Constants, Contact, ToothForce
 from backlash_ros.drivetrain.parameters import Drive
 from backlash_ros.drivetrain.signals import CURRENT, LOST, OMEGA_L, OMEGA_M, SUPPLIED, THETA_L, THETA_M, Array
 
@@ -72,18 +72,18 @@ def load_rubs(plant: PlantConstants) -> bool:
     return plant.coulomb_l > 0.0
 
 
-def _contact_force(constants: Array, half_gap: float, gap: float, gap_rate: float) -> ToothForce:
+def _contact_force(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> ToothForce:
     """Stand for the force of a contact law, which `equations_of` binds."""
     raise NotImplementedError
 
 
-def _contact_energy(constants: Array, half_gap: float, gap: float) -> float:
+def _contact_energy(constants: Constants, half_gap: float, gap: float) -> float:
     """Stand for the energy of a contact law, which `equations_of` binds."""
     raise NotImplementedError
 
 
 def _contact_slopes(
-    constants: Array, half_gap: float, gap: float, tooth: ToothForce
+    constants: Constants, half_gap: float, gap: float, tooth: ToothForce
 ) -> tuple[float, float, float, float]:
     """Stand for the half-gap slopes of a contact law, which `equations_of` binds."""
     raise NotImplementedError
@@ -118,6 +118,95 @@ def held_torque(plant: PlantConstants, state: Array, load_torque: float) -> tupl
     return plant.K_m * state[CURRENT], least, most, on_load
 
 
+Motion = tuple[float, float, float, float, float]
+"""Rates of omega_m, omega_l (rad/s^2) and the current (A/s), then the contact force and its elastic part, N."""
+
+
+def motion(
+    plant: PlantConstants,
+    theta_m: float,
+    omega_m: float,
+    theta_l: float,
+    omega_l: float,
+    current: float,
+    command: float,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+) -> Motion:
+    """Return how the speeds and the current change, for a command, a load torque (N m) and the slip of both shafts.
+
+    The command is the voltage, V; without effect where the current is imposed.
+    """
+    gap, gap_rate = plant.R1 * theta_m - plant.R2 * theta_l, plant.R1 * omega_m - plant.R2 * omega_l
+    half_gap, slope, _ = half_gap_of(plant, theta_l)
+    tooth = _contact_force(plant.contact, half_gap, gap, gap_rate)
+    force = tooth[0]
+    on_load = load_torque
+    if plant.variation != 0.0:
+        on_load -= _contact_slopes(plant.contact, half_gap, gap, tooth)[0] * slope
+    if plant.gravity != 0.0:
+        on_load -= plant.gravity * math.sin(theta_l + plant.gravity_offset)
+    on_motor = plant.K_m * current - plant.B_m * omega_m - motor_friction(plant, force, slip_m) - plant.R1 * force
+    on_load += plant.R2 * force - plant.B_l * omega_l - slip_l * plant.coulomb_l
+    return (
+        on_motor * plant.per_inertia_m if slip_m != 0.0 else 0.0,
+        on_load * plant.per_inertia_l if slip_l != 0.0 else 0.0,
+        (command - plant.R * current - plant.K_m * omega_m) * plant.per_inductance,
+        force,
+        tooth[3],
+    )
+
+
+@compiled
+def motor_friction(plant: PlantConstants, force: float, slip_m: float) -> float:
+    """Return the dry friction of the motor's shaft, its own and that of the teeth, N m."""
+    friction = slip_m * plant.coulomb_m
+    if plant.forward != 1.0 or plant.backward != 1.0:
+        friction += ((plant.forward if force * slip_m > 0.0 else plant.backward) - 1.0) * plant.R1 * force
+    return friction
+
+
+@compiled
+def powers(
+    plant: PlantConstants,
+    omega_m: float,
+    omega_l: float,
+    current: float,
+    force: float,
+    elastic: float,
+    command: float,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+) -> tuple[float, float]:
+    """Return the power supplied, at the terminals and by the load torque, and the power lost, W."""
+    voltage = plant.R * current + plant.K_m * omega_m if math.isinf(plant.L) else command
+    rubbed = (plant.B_m * omega_m + motor_friction(plant, force, slip_m)) * omega_m
+    rubbed += (plant.B_l * omega_l + slip_l * plant.coulomb_l) * omega_l
+    gap_rate = plant.R1 * omega_m - plant.R2 * omega_l
+    return (
+        voltage * current + load_torque * omega_l,
+        plant.R * current * current + rubbed + (force - elastic) * gap_rate,
+    )
+
+
+def _motion(
+    plant: PlantConstants,
+    theta_m: float,
+    omega_m: float,
+    theta_l: float,
+    omega_l: float,
+    current: float,
+    command: float,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+) -> Motion:
+    """Stand for `motion` of a contact law, which `equations_with` binds."""
+    raise NotImplementedError
+
+
 def derivative(
     plant: PlantConstants,
     state: Array,
@@ -127,36 +216,15 @@ def derivative(
     slip_l: float,
     out: Array,
 ) -> None:
-    """Write d(state)/dt into ``out``, shape (7,), for a command, a load torque (N m) and the slip of motor and load.
-
-    The command is the voltage, V; without effect where the current is imposed.
-    """
-    gap, gap_rate = gap_of(plant, state)
-    half_gap, slope, _ = half_gap_of(plant, state[THETA_L])
-    tooth = _contact_force(plant.contact, half_gap, gap, gap_rate)
-    force, elastic = tooth[0], tooth[3]
+    """Write d(state)/dt into ``out``, shape (7,): `motion` and `powers` as arrays."""
     omega_m, omega_l, current = state[OMEGA_M], state[OMEGA_L], state[CURRENT]
-    voltage = plant.R * current + plant.K_m * omega_m if math.isinf(plant.L) else command
-    on_load = load_torque
-    if plant.variation != 0.0:
-        on_load -= _contact_slopes(plant.contact, half_gap, gap, tooth)[0] * slope
-    if plant.gravity != 0.0:
-        on_load -= plant.gravity * math.sin(state[THETA_L] + plant.gravity_offset)
-    friction_m, friction_l = slip_m * plant.coulomb_m, slip_l * plant.coulomb_l
-    if plant.forward != 1.0 or plant.backward != 1.0:
-        friction_m += ((plant.forward if force * slip_m > 0.0 else plant.backward) - 1.0) * plant.R1 * force
-    out[THETA_M] = omega_m
-    out[OMEGA_M] = 0.0
-    if slip_m != 0.0:
-        out[OMEGA_M] = (plant.K_m * current - plant.B_m * omega_m - friction_m - plant.R1 * force) / plant.J_m
-    out[THETA_L] = omega_l
-    out[OMEGA_L] = 0.0
-    if slip_l != 0.0:
-        out[OMEGA_L] = (plant.R2 * force - plant.B_l * omega_l - friction_l + on_load) / plant.J_l
-    out[CURRENT] = (voltage - plant.R * current - plant.K_m * omega_m) / plant.L
-    out[SUPPLIED] = voltage * current + load_torque * omega_l
-    rubbed = (plant.B_m * omega_m + friction_m) * omega_m + (plant.B_l * omega_l + friction_l) * omega_l
-    out[LOST] = plant.R * current * current + rubbed + (force - elastic) * gap_rate
+    out[THETA_M], out[THETA_L] = omega_m, omega_l
+    out[OMEGA_M], out[OMEGA_L], out[CURRENT], force, elastic = _motion(
+        plant, state[THETA_M], omega_m, state[THETA_L], omega_l, current, command, load_torque, slip_m, slip_l
+    )
+    out[SUPPLIED], out[LOST] = powers(
+        plant, omega_m, omega_l, current, force, elastic, command, load_torque, slip_m, slip_l
+    )
 
 
 class Slopes(NamedTuple):
@@ -289,6 +357,7 @@ class Equations(NamedTuple):
     """The functions of this file, compiled for one contact law; each is described where it stands here."""
 
     contact_of: Callable[[PlantConstants, Array], ToothForce]
+    motion: Callable[..., Motion]
     held_torque: Callable[[PlantConstants, Array, float], tuple[float, float, float, float]]
     derivative: Callable[[PlantConstants, Array, float, float, float, float, Array], None]
     linearize: Callable[[PlantConstants, Array, float, float], Slopes]
@@ -306,11 +375,12 @@ def equations_with(law: type[Contact]) -> Equations:
     """Return the equations of motion, compiled for a contact law."""
     force = {"_contact_force": law.force}
     both = {**force, "_contact_slopes": law.half_gap_slopes}
-    linear = specialize(linearize, **both)
+    linear, rates = specialize(linearize, **both), specialize_fused(motion, **both)
     return Equations(
         contact_of=specialize(contact_of, **force),
+        motion=rates,
         held_torque=specialize(held_torque, **both),
-        derivative=specialize(derivative, **both),
+        derivative=specialize(derivative, _motion=rates),
         linearize=linear,
         jacobian=specialize(jacobian, linearize=linear),
         stored_energy=specialize(stored_energy, _contact_energy=law.energy),

@@ -1,0 +1,244 @@
+"""One step of the explicit method: for motion that is not stiff, which is nearly all of it.
+
+DOP853, the explicit Runge-Kutta pair of Dormand and Prince of order 8, with its two embedded solutions of orders 5 and
+3 (Hairer, Norsett & Wanner, Solving ODEs I, sect. II.5); scipy has the coefficients. Twelve evaluations of the
+equations of motion, written out on numbers of their own, so that none of them goes through memory.
+"""
+
+import math
+from collections.abc import Callable
+from functools import cache
+
+from scipy.integrate import DOP853
+
+from backlash_ros.drivetrain.compiled import fused, specialize_fused
+from backlash_ros.drivetrain.constants import PlantConstants
+from backlash_ros.drivetrain.contact import Contact
+from backlash_ros.drivetrain.motion.dynamics import Motion, equations_with, powers
+from backlash_ros.drivetrain.signals import (
+    CURRENT,
+    LOST,
+    OMEGA_L,
+    OMEGA_M,
+    SUPPLIED,
+    THETA_L,
+    THETA_M,
+    Array,
+)
+
+_A = tuple(tuple(float(weight) for weight in row) for row in DOP853.A)
+_USED = (0, 5, 6, 7, 8, 9, 10, 11)
+"""Stages that the solutions are made of."""
+_B, _E3, _E5 = (tuple(float(weights[j]) for j in _USED) for weights in (DOP853.B, DOP853.E3, DOP853.E5))
+
+LOOSER = 0.1
+"""Weight of the energies' errors: their account shows the motion and does not make it."""
+
+
+@fused
+def _sum(
+    w: tuple[float, ...],
+    x0: float,
+    x5: float,
+    x6: float,
+    x7: float,
+    x8: float,
+    x9: float,
+    x10: float,
+    x11: float,
+) -> float:
+    """Return the weighted sum of a slope at the stages of `_USED`."""
+    first = w[0] * x0 + w[1] * x5 + w[2] * x6 + w[3] * x7
+    return first + (w[4] * x8 + w[5] * x9 + w[6] * x10 + w[7] * x11)
+
+
+@fused
+def _judged(h: float, fifth: float, third: float) -> float:
+    """Return the error of a step from its squared differences to the solutions of orders 5 and 3."""
+    both = fifth + 0.01 * third
+    if both == 0.0:
+        return 0.0
+    return h * fifth / math.sqrt(both) if both < math.inf else math.inf
+
+
+def _motion(
+    plant: PlantConstants,
+    theta_m: float,
+    omega_m: float,
+    theta_l: float,
+    omega_l: float,
+    current: float,
+    command: float,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+) -> Motion:
+    """Stand for `dynamics.motion` of a contact law, which `explicit_with` binds."""
+    raise NotImplementedError
+
+
+def _step(
+    plant: PlantConstants,
+    state: Array,
+    h: float,
+    command: float,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+    tolerance: float,
+    account: bool,
+    out: Array,
+) -> tuple[float, float]:
+    """Take a step of ``h`` seconds from ``state`` to ``out``, both of shape (7,), with the energies if ``account``.
+
+    Returns
+    -------
+    (error, force) : the error over what ``tolerance`` allows, and the contact force at ``state``, N
+    """
+    theta_m, omega_m, theta_l, omega_l = state[THETA_M], state[OMEGA_M], state[THETA_L], state[OMEGA_L]
+    current = state[CURRENT]
+    # At stage j: speeds m, l and current i; their rates a, b, d; the force f and its elastic part e.
+    m0, l0, i0 = omega_m, omega_l, current
+    a0, b0, d0, f0, e0 = _motion(plant, theta_m, m0, theta_l, l0, i0, command, load_torque, slip_m, slip_l)
+
+    w = _A[1]
+    m1 = omega_m + h * (w[0] * a0)
+    l1 = omega_l + h * (w[0] * b0)
+    i1 = current + h * (w[0] * d0)
+    p = theta_m + h * (w[0] * m0)
+    q = theta_l + h * (w[0] * l0)
+    a1, b1, d1, _, _ = _motion(plant, p, m1, q, l1, i1, command, load_torque, slip_m, slip_l)
+    w = _A[2]
+    m2 = omega_m + h * (w[0] * a0 + w[1] * a1)
+    l2 = omega_l + h * (w[0] * b0 + w[1] * b1)
+    i2 = current + h * (w[0] * d0 + w[1] * d1)
+    p = theta_m + h * (w[0] * m0 + w[1] * m1)
+    q = theta_l + h * (w[0] * l0 + w[1] * l1)
+    a2, b2, d2, _, _ = _motion(plant, p, m2, q, l2, i2, command, load_torque, slip_m, slip_l)
+    w = _A[3]
+    m3 = omega_m + h * (w[0] * a0 + w[2] * a2)
+    l3 = omega_l + h * (w[0] * b0 + w[2] * b2)
+    i3 = current + h * (w[0] * d0 + w[2] * d2)
+    p = theta_m + h * (w[0] * m0 + w[2] * m2)
+    q = theta_l + h * (w[0] * l0 + w[2] * l2)
+    a3, b3, d3, _, _ = _motion(plant, p, m3, q, l3, i3, command, load_torque, slip_m, slip_l)
+    w = _A[4]
+    m4 = omega_m + h * (w[0] * a0 + w[2] * a2 + w[3] * a3)
+    l4 = omega_l + h * (w[0] * b0 + w[2] * b2 + w[3] * b3)
+    i4 = current + h * (w[0] * d0 + w[2] * d2 + w[3] * d3)
+    p = theta_m + h * (w[0] * m0 + w[2] * m2 + w[3] * m3)
+    q = theta_l + h * (w[0] * l0 + w[2] * l2 + w[3] * l3)
+    a4, b4, d4, _, _ = _motion(plant, p, m4, q, l4, i4, command, load_torque, slip_m, slip_l)
+    w = _A[5]
+    m5 = omega_m + h * (w[0] * a0 + w[3] * a3 + w[4] * a4)
+    l5 = omega_l + h * (w[0] * b0 + w[3] * b3 + w[4] * b4)
+    i5 = current + h * (w[0] * d0 + w[3] * d3 + w[4] * d4)
+    p = theta_m + h * (w[0] * m0 + w[3] * m3 + w[4] * m4)
+    q = theta_l + h * (w[0] * l0 + w[3] * l3 + w[4] * l4)
+    a5, b5, d5, f5, e5 = _motion(plant, p, m5, q, l5, i5, command, load_torque, slip_m, slip_l)
+    w = _A[6]
+    m6 = omega_m + h * (w[0] * a0 + w[3] * a3 + w[4] * a4 + w[5] * a5)
+    l6 = omega_l + h * (w[0] * b0 + w[3] * b3 + w[4] * b4 + w[5] * b5)
+    i6 = current + h * (w[0] * d0 + w[3] * d3 + w[4] * d4 + w[5] * d5)
+    p = theta_m + h * (w[0] * m0 + w[3] * m3 + w[4] * m4 + w[5] * m5)
+    q = theta_l + h * (w[0] * l0 + w[3] * l3 + w[4] * l4 + w[5] * l5)
+    a6, b6, d6, f6, e6 = _motion(plant, p, m6, q, l6, i6, command, load_torque, slip_m, slip_l)
+    w = _A[7]
+    m7 = omega_m + h * (w[0] * a0 + w[3] * a3 + w[4] * a4 + w[5] * a5 + w[6] * a6)
+    l7 = omega_l + h * (w[0] * b0 + w[3] * b3 + w[4] * b4 + w[5] * b5 + w[6] * b6)
+    i7 = current + h * (w[0] * d0 + w[3] * d3 + w[4] * d4 + w[5] * d5 + w[6] * d6)
+    p = theta_m + h * (w[0] * m0 + w[3] * m3 + w[4] * m4 + w[5] * m5 + w[6] * m6)
+    q = theta_l + h * (w[0] * l0 + w[3] * l3 + w[4] * l4 + w[5] * l5 + w[6] * l6)
+    a7, b7, d7, f7, e7 = _motion(plant, p, m7, q, l7, i7, command, load_torque, slip_m, slip_l)
+    w = _A[8]
+    m8 = omega_m + h * (w[0] * a0 + w[3] * a3 + w[4] * a4 + w[5] * a5 + w[6] * a6 + w[7] * a7)
+    l8 = omega_l + h * (w[0] * b0 + w[3] * b3 + w[4] * b4 + w[5] * b5 + w[6] * b6 + w[7] * b7)
+    i8 = current + h * (w[0] * d0 + w[3] * d3 + w[4] * d4 + w[5] * d5 + w[6] * d6 + w[7] * d7)
+    p = theta_m + h * (w[0] * m0 + w[3] * m3 + w[4] * m4 + w[5] * m5 + w[6] * m6 + w[7] * m7)
+    q = theta_l + h * (w[0] * l0 + w[3] * l3 + w[4] * l4 + w[5] * l5 + w[6] * l6 + w[7] * l7)
+    a8, b8, d8, f8, e8 = _motion(plant, p, m8, q, l8, i8, command, load_torque, slip_m, slip_l)
+    w = _A[9]
+    m9 = omega_m + h * (w[0] * a0 + w[3] * a3 + w[4] * a4 + w[5] * a5 + w[6] * a6 + w[7] * a7 + w[8] * a8)
+    l9 = omega_l + h * (w[0] * b0 + w[3] * b3 + w[4] * b4 + w[5] * b5 + w[6] * b6 + w[7] * b7 + w[8] * b8)
+    i9 = current + h * (w[0] * d0 + w[3] * d3 + w[4] * d4 + w[5] * d5 + w[6] * d6 + w[7] * d7 + w[8] * d8)
+    p = theta_m + h * (w[0] * m0 + w[3] * m3 + w[4] * m4 + w[5] * m5 + w[6] * m6 + w[7] * m7 + w[8] * m8)
+    q = theta_l + h * (w[0] * l0 + w[3] * l3 + w[4] * l4 + w[5] * l5 + w[6] * l6 + w[7] * l7 + w[8] * l8)
+    a9, b9, d9, f9, e9 = _motion(plant, p, m9, q, l9, i9, command, load_torque, slip_m, slip_l)
+    w = _A[10]
+    m10 = omega_m + h * (w[0] * a0 + w[3] * a3 + w[4] * a4 + w[5] * a5 + w[6] * a6 + w[7] * a7 + w[8] * a8 + w[9] * a9)
+    l10 = omega_l + h * (w[0] * b0 + w[3] * b3 + w[4] * b4 + w[5] * b5 + w[6] * b6 + w[7] * b7 + w[8] * b8 + w[9] * b9)
+    i10 = current + h * (w[0] * d0 + w[3] * d3 + w[4] * d4 + w[5] * d5 + w[6] * d6 + w[7] * d7 + w[8] * d8 + w[9] * d9)
+    p = theta_m + h * (w[0] * m0 + w[3] * m3 + w[4] * m4 + w[5] * m5 + w[6] * m6 + w[7] * m7 + w[8] * m8 + w[9] * m9)
+    q = theta_l + h * (w[0] * l0 + w[3] * l3 + w[4] * l4 + w[5] * l5 + w[6] * l6 + w[7] * l7 + w[8] * l8 + w[9] * l9)
+    a10, b10, d10, f10, e10 = _motion(plant, p, m10, q, l10, i10, command, load_torque, slip_m, slip_l)
+    w = _A[11]
+    m11 = omega_m + h * (
+        w[0] * a0 + w[3] * a3 + w[4] * a4 + w[5] * a5 + w[6] * a6 + w[7] * a7 + w[8] * a8 + w[9] * a9 + w[10] * a10
+    )
+    l11 = omega_l + h * (
+        w[0] * b0 + w[3] * b3 + w[4] * b4 + w[5] * b5 + w[6] * b6 + w[7] * b7 + w[8] * b8 + w[9] * b9 + w[10] * b10
+    )
+    i11 = current + h * (
+        w[0] * d0 + w[3] * d3 + w[4] * d4 + w[5] * d5 + w[6] * d6 + w[7] * d7 + w[8] * d8 + w[9] * d9 + w[10] * d10
+    )
+    p = theta_m + h * (
+        w[0] * m0 + w[3] * m3 + w[4] * m4 + w[5] * m5 + w[6] * m6 + w[7] * m7 + w[8] * m8 + w[9] * m9 + w[10] * m10
+    )
+    q = theta_l + h * (
+        w[0] * l0 + w[3] * l3 + w[4] * l4 + w[5] * l5 + w[6] * l6 + w[7] * l7 + w[8] * l8 + w[9] * l9 + w[10] * l10
+    )
+    a11, b11, d11, f11, e11 = _motion(plant, p, m11, q, l11, i11, command, load_torque, slip_m, slip_l)
+    out[THETA_M] = theta_m + h * _sum(_B, m0, m5, m6, m7, m8, m9, m10, m11)
+    out[OMEGA_M] = omega_m + h * _sum(_B, a0, a5, a6, a7, a8, a9, a10, a11)
+    out[THETA_L] = theta_l + h * _sum(_B, l0, l5, l6, l7, l8, l9, l10, l11)
+    out[OMEGA_L] = omega_l + h * _sum(_B, b0, b5, b6, b7, b8, b9, b10, b11)
+    out[CURRENT] = current + h * _sum(_B, d0, d5, d6, d7, d8, d9, d10, d11)
+    per_speed_m = 1.0 / (plant.small_speed_m + abs(out[OMEGA_M]))
+    per_speed_l = 1.0 / (plant.small_speed_l + abs(out[OMEGA_L]))
+    per_current = 1.0 / (plant.small_current + abs(out[CURRENT]))
+    fifth, third = 0.0, 0.0
+    fifth += (plant.per_angle_m * _sum(_E5, m0, m5, m6, m7, m8, m9, m10, m11)) ** 2
+    third += (plant.per_angle_m * _sum(_E3, m0, m5, m6, m7, m8, m9, m10, m11)) ** 2
+    fifth += (per_speed_m * _sum(_E5, a0, a5, a6, a7, a8, a9, a10, a11)) ** 2
+    third += (per_speed_m * _sum(_E3, a0, a5, a6, a7, a8, a9, a10, a11)) ** 2
+    fifth += (plant.per_angle_l * _sum(_E5, l0, l5, l6, l7, l8, l9, l10, l11)) ** 2
+    third += (plant.per_angle_l * _sum(_E3, l0, l5, l6, l7, l8, l9, l10, l11)) ** 2
+    fifth += (per_speed_l * _sum(_E5, b0, b5, b6, b7, b8, b9, b10, b11)) ** 2
+    third += (per_speed_l * _sum(_E3, b0, b5, b6, b7, b8, b9, b10, b11)) ** 2
+    fifth += (per_current * _sum(_E5, d0, d5, d6, d7, d8, d9, d10, d11)) ** 2
+    third += (per_current * _sum(_E3, d0, d5, d6, d7, d8, d9, d10, d11)) ** 2
+    if account:  # the energies follow from the motion and do not act back on it
+        s0, t0 = powers(plant, m0, l0, i0, f0, e0, command, load_torque, slip_m, slip_l)
+        s5, t5 = powers(plant, m5, l5, i5, f5, e5, command, load_torque, slip_m, slip_l)
+        s6, t6 = powers(plant, m6, l6, i6, f6, e6, command, load_torque, slip_m, slip_l)
+        s7, t7 = powers(plant, m7, l7, i7, f7, e7, command, load_torque, slip_m, slip_l)
+        s8, t8 = powers(plant, m8, l8, i8, f8, e8, command, load_torque, slip_m, slip_l)
+        s9, t9 = powers(plant, m9, l9, i9, f9, e9, command, load_torque, slip_m, slip_l)
+        s10, t10 = powers(plant, m10, l10, i10, f10, e10, command, load_torque, slip_m, slip_l)
+        s11, t11 = powers(plant, m11, l11, i11, f11, e11, command, load_torque, slip_m, slip_l)
+        out[SUPPLIED] = state[SUPPLIED] + h * _sum(_B, s0, s5, s6, s7, s8, s9, s10, s11)
+        out[LOST] = state[LOST] + h * _sum(_B, t0, t5, t6, t7, t8, t9, t10, t11)
+    error = _judged(h, fifth / 5.0, third / 5.0)
+    if account:
+        per_supplied = LOOSER / (plant.energy_scale + abs(out[SUPPLIED]))
+        per_lost = LOOSER / (plant.energy_scale + abs(out[LOST]))
+        fifth, third = (
+            per_supplied * _sum(_E5, s0, s5, s6, s7, s8, s9, s10, s11),
+            per_supplied * _sum(_E3, s0, s5, s6, s7, s8, s9, s10, s11),
+        )
+        error = max(error, _judged(h, fifth**2, third**2))
+        fifth, third = (
+            per_lost * _sum(_E5, t0, t5, t6, t7, t8, t9, t10, t11),
+            per_lost * _sum(_E3, t0, t5, t6, t7, t8, t9, t10, t11),
+        )
+        error = max(error, _judged(h, fifth**2, third**2))
+    return error / tolerance, f0
+
+
+Step = Callable[[PlantConstants, Array, float, float, float, float, float, float, bool, Array], tuple[float, float]]
+
+
+@cache
+def explicit_with(law: type[Contact]) -> Step:
+    """Return `_step` compiled for a contact law."""
+    return specialize_fused(_step, _motion=equations_with(law).motion)  # type: ignore[arg-type]

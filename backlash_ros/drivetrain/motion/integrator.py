@@ -1,0 +1,367 @@
+"""Error-controlled integration of the drive: stiff in contact, smooth in the gap, any validated drive.
+
+Each step is taken by the `explicit` method, or by the `implicit` one while stiff motion holds the explicit one down
+to steps far shorter than its accuracy needs.
+
+Dry friction makes the equations change where a shaft comes to rest, reverses or breaks away. No step goes across such
+an event: `friction` tells where in the step it is, and the step is taken again, to there. A shaft that sticks has a
+speed of exactly 0.
+"""
+
+import math
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numba
+import numpy as np
+
+from backlash_ros.drivetrain.compiled import compiled, specialize
+from backlash_ros.drivetrain.constants import PLANT_TYPE, PlantConstants
+from backlash_ros.drivetrain.contact import Contact, ToothForce, one_piece
+from backlash_ros.drivetrain.motion.dynamics import SLIDES, equations_with, load_rubs, motor_rubs
+from backlash_ros.drivetrain.motion.explicit import explicit_with
+from backlash_ros.drivetrain.motion.friction import friction_with
+from backlash_ros.drivetrain.motion.implicit import implicit_with
+from backlash_ros.drivetrain.motion.kinks import kinks_with
+from backlash_ros.drivetrain.parameters import Drive
+from backlash_ros.drivetrain.signals import CURRENT, STATE_NAMES, Array, PlantState
+
+_types: Any = numba.types
+
+DEFAULT_TOLERANCE = 1e-9
+"""Error allowed per step: for angles as a share of the narrowest gap, for speeds and current of their own size, which
+counts as 1 % of the speed without load and of the current at standstill at least."""
+
+DONE, STEP_TOO_SMALL, TOO_MANY_STEPS = range(3)
+
+STEP_SIZE, PEAK_FORCE, _STIFF, _ACCOUNT, _TRIAL = range(5)
+"""What `advance` keeps from call to call; behind it is room for the states of a step."""
+
+Advance = Callable[[PlantConstants, PlantState, Array, float, float, float, float], tuple[int, float]]
+ADVANCE_SIGNATURE: Any = _types.Tuple((_types.int64, _types.float64))(
+    PLANT_TYPE, *[_types.float64[::1]] * 2, *[_types.float64] * 4
+)
+"""numba's signature of `Advance`."""
+
+_STEPS_AT_MOST = 200_000
+_SHORTEST = 1e-13
+"""Step, as a share of the duration, below which time does not pass."""
+_TRIES = 20
+"""Steps towards one event before the shaft is taken to be there."""
+_NEAR = 1e-6
+"""Share of a step within which an event is not looked for any more: it was none, or the next step meets it."""
+_BEHIND = 1e-6
+"""Share of a step that may lie behind a kink."""
+_MANY = 16
+"""Explicit steps in one call before it is asked whether the motion is stiff, and then that stiffness holds down."""
+_HELD_DOWN = 2.0
+"""Step times the fastest rate, from which on stiffness holds an explicit step down; beyond 5 it would not be stable."""
+_WORTH_IT = 15.0
+"""Step times the fastest rate that an implicit step has to reach to be worth more than explicit ones."""
+
+REASONS = {STEP_TOO_SMALL: "the step size fell below rounding", TOO_MANY_STEPS: "too many steps"}
+
+
+class IntegrationError(RuntimeError):
+    """The equations of motion could not be integrated to the wanted accuracy."""
+
+    def __init__(self, reason: str, time: float, state: Array) -> None:
+        listed = ", ".join(f"{name} = {value:.9g}" for name, value in zip(STATE_NAMES, state[:5], strict=True))
+        super().__init__(f"integration stopped at t = {time:.9g} s: {reason} ({listed})")
+        self.time = time
+        self.state = state.copy()
+
+
+def integration_memory(*, account: bool = False) -> Array:
+    """Return what `Advance` keeps from call to call, as it is at the start: STEP_SIZE (s), PEAK_FORCE (N) and more.
+
+    With ``account`` the energies are integrated, too: see `signals.PlantState`.
+    """
+    memory = np.zeros(_TRIAL + 21)
+    memory[_ACCOUNT] = account
+    return memory
+
+
+@compiled
+def _growth(error: float, rejected: bool, explicit: bool) -> float:
+    """Return next step over this one, for its error over the allowance and whether the one before was rejected."""
+    if not math.isfinite(error):
+        return 0.1
+    root = math.sqrt(math.sqrt(max(error, 1e-12)))
+    growth = min(6.0, max(0.2, 0.9 / (math.sqrt(root) if explicit else root)))
+    return min(growth, 1.0) if rejected and error <= 1.0 else growth
+
+
+def _explicit(
+    plant: PlantConstants,
+    state: Array,
+    h: float,
+    command: float,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+    tolerance: float,
+    account: bool,
+    out: Array,
+) -> tuple[float, float]:
+    """Stand for `explicit._step` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+def _implicit(
+    plant: PlantConstants,
+    state: Array,
+    h: float,
+    command: float,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+    tolerance: float,
+    account: bool,
+    out: Array,
+) -> tuple[float, float]:
+    """Stand for `implicit._step` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+def _derivative(
+    plant: PlantConstants,
+    state: Array,
+    command: float,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+    out: Array,
+) -> None:
+    """Stand for `dynamics.derivative` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+def _contact_of(plant: PlantConstants, state: Array) -> ToothForce:
+    """Stand for `dynamics.contact_of` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+def _slips(plant: PlantConstants, state: Array, load_torque: float, tolerance: float) -> tuple[float, float]:
+    """Stand for `friction.slips` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+def _first_event(
+    plant: PlantConstants,
+    before: Array,
+    after: Array,
+    slope_before: Array,
+    slope_after: Array,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+    used: float,
+    tolerance: float,
+) -> tuple[float, bool, bool]:
+    """Stand for `friction.first_event` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+def _switch(
+    plant: PlantConstants,
+    state: Array,
+    load_torque: float,
+    slip_m: float,
+    slip_l: float,
+    come_m: bool,
+    come_l: bool,
+    tolerance: float,
+) -> tuple[float, float]:
+    """Stand for `friction.switch` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+def _first_kink(
+    plant: PlantConstants,
+    before: Array,
+    after: Array,
+    slope_before: Array,
+    slope_after: Array,
+    slip_m: float,
+    used: float,
+) -> float:
+    """Stand for `kinks.first_kink` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+def _smooth(plant: PlantConstants) -> bool:
+    """Stand for `_without_kinks` or `_with_kinks`, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+@compiled
+def _without_kinks(plant: PlantConstants) -> bool:
+    """Return whether the equations of a contact law without kinks have none."""
+    return plant.forward == 1.0 and plant.backward == 1.0
+
+
+@compiled
+def _with_kinks(plant: PlantConstants) -> bool:  # noqa: ARG001
+    """Return False: the contact law has kinks."""
+    return False
+
+
+def _rate(plant: PlantConstants, state: Array) -> float:
+    """Return about the fastest rate of the motion at ``state``, 1/s."""
+    tooth = _contact_of(plant, state)
+    per_mass = (
+        plant.R1 * plant.R1 * plant.per_inertia_m * max(1.0, plant.forward) + plant.R2 * plant.R2 * plant.per_inertia_l
+    )
+    return max(plant.rate, abs(tooth[2]) * per_mass, math.sqrt(abs(tooth[1]) * per_mass))
+
+
+def _advance(
+    plant: PlantConstants,
+    state: PlantState,
+    step: Array,
+    command: float,
+    load_torque: float,
+    duration: float,
+    tolerance: float,
+) -> tuple[int, float]:
+    """Advance ``state`` in place by ``duration`` seconds under a constant command and load torque (N m).
+
+    Parameters
+    ----------
+    plant : PlantConstants
+    state : shape (7,); on failure the last good one
+    step : of `integration_memory`: the step size to try first, s, updated, so that the next call starts well; and the
+        largest magnitude of the contact force since the caller last set it to 0, N
+    command : voltage, V, or where the inductance is infinite the current, A, which it then is from the start
+    tolerance : see `DEFAULT_TOLERANCE`
+
+    Returns
+    -------
+    (status, time) : DONE, STEP_TOO_SMALL or TOO_MANY_STEPS, and how far the state got, s
+    """
+    if duration <= 0.0:
+        return DONE, 0.0
+    trial, before, after = step[_TRIAL : _TRIAL + 7], step[_TRIAL + 7 : _TRIAL + 14], step[_TRIAL + 14 : _TRIAL + 21]
+    if math.isinf(plant.L):
+        state[CURRENT] = command
+    rubs = motor_rubs(plant) or load_rubs(plant)
+    slip_m = slip_l = SLIDES
+    if rubs:
+        slip_m, slip_l = _slips(plant, state, load_torque, tolerance)
+    looks = rubs or not _smooth(plant)
+    account, stiff = step[_ACCOUNT] != 0.0, step[_STIFF] != 0.0
+    time, peak = 0.0, step[PEAK_FORCE]
+    h = step[STEP_SIZE]
+    if not 0.0 < h <= duration:
+        h = duration
+    rejected, taken, held, fresh, to_kink = False, 0, 0, True, False
+    # Steps towards the next event, the step to go on with behind it, and the time within which it comes.
+    tries, size, ahead = 0, 0.0, 0.0
+    status = TOO_MANY_STEPS
+    for _ in range(_STEPS_AT_MOST):
+        remaining = duration - time
+        if remaining <= 1e-12 * duration:
+            time, status = duration, DONE
+            break
+        last = h >= remaining * (1.0 - 1e-9)
+        used = remaining if last else h
+        if not last and size == 0.0 and remaining < 4.0 * h:  # as many steps as it takes, but even ones
+            used = remaining / math.ceil(remaining / h * (1.0 - 1e-9))
+        if used <= _SHORTEST * duration:
+            status = STEP_TOO_SMALL
+            break
+        if stiff:
+            error, force = _implicit(
+                plant, state, used, command, load_torque, slip_m, slip_l, tolerance, account, trial
+            )
+        else:
+            error, force = _explicit(
+                plant, state, used, command, load_torque, slip_m, slip_l, tolerance, account, trial
+            )
+        peak = max(peak, abs(force))
+        growth = _growth(error, rejected, not stiff)
+        if not error <= 1.0:  # nan too
+            h = used * growth
+            rejected = True
+            continue
+        come_m = come_l = kinked = False
+        if looks:
+            if fresh:
+                _derivative(plant, state, command, load_torque, slip_m, slip_l, before)
+                fresh = False
+            _derivative(plant, trial, command, load_torque, slip_m, slip_l, after)
+            share = 2.0
+            if rubs:
+                share, come_m, come_l = _first_event(
+                    plant, state, trial, before, after, load_torque, slip_m, slip_l, used, tolerance
+                )
+            if not _smooth(plant):
+                kink = _first_kink(plant, state, trial, before, after, slip_m, used)
+                kinked = kink < share
+                share = min(share, kink + 0.1 * _BEHIND)
+            if share < 1.0 - (_BEHIND if kinked else 1e-9) and tries < _TRIES:
+                tries += 1
+                if tries > 4:  # the curve is no cubic: close in from both sides
+                    share = min(max(share, 0.1), 0.9)
+                to_kink = kinked
+                size, ahead = max(size, used), used
+                h = used * share
+                if h <= 2.0 * _SHORTEST * duration:
+                    h, tries = 2.0 * _SHORTEST * duration, _TRIES
+                continue
+        state[:] = trial
+        fresh = True
+        # A last step that was cut short to end on time says little about the size that would do.
+        h = used * growth if growth < 1.0 or not last else max(h, used * growth)
+        if size > 0.0:  # this step was cut short for an event
+            ahead -= used
+            if come_m or come_l or to_kink or ahead <= _NEAR * size:
+                h, size, tries, to_kink = max(h, size), 0.0, 0, False
+            else:  # too short: teeth that meet push all at once
+                h = max(0.5 * ahead, 2.0 * _SHORTEST * duration)
+        if come_m or come_l:
+            slip_m, slip_l = _switch(plant, state, load_torque, slip_m, slip_l, come_m, come_l, tolerance)
+        rejected = False
+        time = duration if last else time + used
+        if stiff:
+            held = held + 1 if used * _rate(plant, state) < _WORTH_IT else 0
+            if held > 4:
+                stiff, held = False, 0
+        else:
+            taken += 1
+            if taken > _MANY:
+                held = held + 1 if used * _rate(plant, state) > _HELD_DOWN else max(held - 1, 0)
+                if held > _MANY:
+                    stiff, held = True, 0
+    step[STEP_SIZE], step[_STIFF] = h, stiff
+    step[PEAK_FORCE] = max(peak, abs(_contact_of(plant, state)[0]))
+    return status, time
+
+
+def integrator_for(drive: Drive) -> Advance:
+    """Return `_advance` compiled for the contact law of ``drive``: a value that a compiled loop can take."""
+    return integrator_with(type(drive.gear.contact))  # type: ignore[arg-type]
+
+
+@cache
+def integrator_with(law: type[Contact]) -> Advance:
+    """Return `_advance` compiled for a contact law."""
+    equations = equations_with(law)  # type: ignore[arg-type]
+    friction = friction_with(law)  # type: ignore[arg-type]
+    contact_of = {"_contact_of": equations.contact_of}
+    return specialize(
+        _advance,
+        ADVANCE_SIGNATURE,
+        **contact_of,
+        _explicit=explicit_with(law),  # type: ignore[arg-type]
+        _implicit=implicit_with(law),  # type: ignore[arg-type]
+        _rate=specialize(_rate, **contact_of),
+        _derivative=equations.derivative,
+        _slips=friction.slips,
+        _first_event=friction.first_event,
+        _first_kink=kinks_with(law),  # type: ignore[arg-type]
+        _smooth=_without_kinks if law.piece is one_piece else _with_kinks,
+        _switch=friction.switch,
+    )

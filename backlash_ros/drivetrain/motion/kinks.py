@@ -1,0 +1,98 @@
+"""Where in a step the equations of motion have a kink: teeth that meet or part, or let go, or push the other way.
+
+Between kinks the equations are smooth, and only there is a method of high order worth its price. The integrator ends a
+step at each kink.
+"""
+
+from collections.abc import Callable
+from functools import cache
+
+from backlash_ros.drivetrain.compiled import compiled, specialize
+from backlash_ros.drivetrain.constants import PlantConstants
+from backlash_ros.drivetrain.contact import Constants, Contact, ToothForce
+from backlash_ros.drivetrain.motion.dynamics import half_gap_of
+from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array
+
+_LOOKS = 8
+"""Places in a step that are looked at."""
+_HALVINGS = 40
+_NEARBY = 1e-3
+"""Share of a step before which no kink is looked for: what that costs is left to the error of the step."""
+
+
+@compiled
+def _between(before: float, after: float, slope_before: float, slope_after: float, share: float) -> float:
+    """Return the cubic through values and slopes at the ends of a step; slopes are changes over the whole step."""
+    rise = after - before
+    bend, twist = 3.0 * rise - 2.0 * slope_before - slope_after, slope_before + slope_after - 2.0 * rise
+    return before + share * (slope_before + share * (bend + share * twist))
+
+
+def _contact_piece(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> int:
+    """Stand for the pieces of a contact law, which `kinks_with` binds."""
+    raise NotImplementedError
+
+
+def _contact_force(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> ToothForce:
+    """Stand for the force of a contact law, which `kinks_with` binds."""
+    raise NotImplementedError
+
+
+def _piece(
+    plant: PlantConstants,
+    before: Array,
+    after: Array,
+    slope_before: Array,
+    slope_after: Array,
+    slip_m: float,
+    used: float,
+    share: float,
+) -> int:
+    """Return in which smooth piece of the equations the drive is at a share of a step."""
+    theta_m, theta_l, omega_m, omega_l = after[THETA_M], after[THETA_L], after[OMEGA_M], after[OMEGA_L]
+    if share < 1.0:
+        start, end = used * before[OMEGA_M], used * after[OMEGA_M]
+        theta_m = _between(before[THETA_M], after[THETA_M], start, end, share)
+        start, end = used * before[OMEGA_L], used * after[OMEGA_L]
+        theta_l = _between(before[THETA_L], after[THETA_L], start, end, share)
+        start, end = used * slope_before[OMEGA_M], used * slope_after[OMEGA_M]
+        omega_m = _between(before[OMEGA_M], after[OMEGA_M], start, end, share)
+        start, end = used * slope_before[OMEGA_L], used * slope_after[OMEGA_L]
+        omega_l = _between(before[OMEGA_L], after[OMEGA_L], start, end, share)
+    gap, gap_rate = plant.R1 * theta_m - plant.R2 * theta_l, plant.R1 * omega_m - plant.R2 * omega_l
+    half_gap, _, _ = half_gap_of(plant, theta_l)
+    piece = 2 * _contact_piece(plant.contact, half_gap, gap, gap_rate)
+    if plant.forward != 1.0 or plant.backward != 1.0:
+        piece += 1 if _contact_force(plant.contact, half_gap, gap, gap_rate)[0] * slip_m > 0.0 else 0
+    return piece
+
+
+def first_kink(
+    plant: PlantConstants,
+    before: Array,
+    after: Array,
+    slope_before: Array,
+    slope_after: Array,
+    slip_m: float,
+    used: float,
+) -> float:
+    """Return where in a step, 0 to 1, another smooth piece of the equations begins; 2 where none does."""
+    piece = _piece(plant, before, after, slope_before, slope_after, slip_m, used, _NEARBY)
+    for look in range(1, _LOOKS + 1):
+        low, high = max(_NEARBY, (look - 1.0) / _LOOKS), look / _LOOKS
+        if _piece(plant, before, after, slope_before, slope_after, slip_m, used, high) != piece:
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (low + high)
+                if _piece(plant, before, after, slope_before, slope_after, slip_m, used, middle) != piece:
+                    high = middle
+                else:
+                    low = middle
+            return high
+    return 2.0
+
+
+@cache
+def kinks_with(law: type[Contact]) -> Callable[[PlantConstants, Array, Array, Array, Array, float, float], float]:
+    """Return `first_kink` compiled for a contact law."""
+    piece = specialize(_piece, _contact_piece=law.piece, _contact_force=law.force)
+    return specialize(first_kink, _piece=piece)
