@@ -147,7 +147,7 @@ def _step(
     Returns
     -------
     (error, force) : the error over what ``tolerance`` allows, that of the energies included if ``account``; and the
-        contact force at ``state``, N
+        contact force at ``state``, N, without its sign
     """
     stages = np.empty((6, 7))
     residual = np.empty(7)
@@ -166,7 +166,7 @@ def _step(
         _solve_stage(plant, slopes, g, state[CURRENT], command, load_torque, residual, stages[j])
     for k in range(7):
         out[k] += stages[5, k]
-    return _error(plant, out, stages[5], account) / tolerance, _contact_of(plant, state)[0]
+    return _error(plant, out, stages[5], account) / tolerance, abs(_contact_of(plant, state)[0])
 
 
 @cache

@@ -280,7 +280,6 @@ def _advance(
             error, force = _explicit(
                 plant, state, used, command, load_torque, slip_m, slip_l, tolerance, account, trial
             )
-        peak = max(peak, abs(force))
         growth = _growth(error, rejected, not stiff)
         if not error <= 1.0:  # nan too
             h = used * growth
@@ -312,6 +311,7 @@ def _advance(
                     h, tries = 2.0 * _SHORTEST * duration, _TRIES
                 continue
         state[:] = trial
+        peak = max(peak, force)
         fresh = True
         # A last step that was cut short to end on time says little about the size that would do.
         h = used * growth if growth < 1.0 or not last else max(h, used * growth)
