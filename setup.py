@@ -40,7 +40,11 @@ setup(
         "scipy>=1.11",
         *(ROS_WHEELS if find_spec("rclpy") is None else []),
     ],
-    extras_require={"contract": ["pytest>=7.4"]},
+    extras_require={
+        "contract": ["pytest>=7.4"],
+        "cluster": ["distributed>=2024.2"],  # backlash evaluate --scheduler
+        "tables": ["pyarrow>=15.0"],  # backlash evaluate --out
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
