@@ -35,6 +35,7 @@ setup(
         "matplotlib>=3.6",
         "numba>=0.58",
         "numpy>=1.26",
+        "pyyaml>=6.0",
         "rich>=13",
         "rosbags>=0.11,<0.12",  # the recorder extends its writer of mcap files
         "scipy>=1.11",

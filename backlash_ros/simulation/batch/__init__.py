@@ -2,5 +2,6 @@
 
 from backlash_ros.simulation.batch.engine import run_batch
 from backlash_ros.simulation.batch.journal import Entry, Journal
+from backlash_ros.simulation.batch.worker import CannotRunError
 
-__all__ = ["Entry", "Journal", "run_batch"]
+__all__ = ["CannotRunError", "Entry", "Journal", "run_batch"]

@@ -9,7 +9,7 @@ from typing import Any
 from distributed import Client, KilledWorker, as_completed
 
 from backlash_ros.simulation.batch.journal import Entry
-from backlash_ros.simulation.batch.worker import Job, Worker
+from backlash_ros.simulation.batch.worker import CannotRunError, Job, Worker
 
 _AHEAD = 2000
 """Runs handed out at a time: enough for a thousand threads, however long the batch."""
@@ -35,11 +35,15 @@ def run_on_cluster(job: Job, numbers: Iterator[int], limit: float, scheduler: st
     ------
     OSError
         If the scheduler cannot be reached.
-    RuntimeError
+    CannotRunError
         If the cluster cannot do a run at all, for instance where its workers do not have the package.
     """
     packed = pickle.dumps(job)
-    with Client(scheduler) as client:
+    try:
+        connected = Client(scheduler)
+    except ValueError as error:  # no address
+        raise OSError(f"no scheduler at {scheduler!r}: {error}") from error
+    with connected as client:
         number_of: dict[Any, int] = {}
 
         def submit(number: int) -> Any:
@@ -49,10 +53,10 @@ def run_on_cluster(job: Job, numbers: Iterator[int], limit: float, scheduler: st
 
         ending = as_completed([submit(number) for number in islice(numbers, _AHEAD)])
         for future in ending:
-            number, error = number_of.pop(future), future.exception()
-            if error is not None and not isinstance(error, KilledWorker):
-                raise RuntimeError(f"the cluster at {scheduler} cannot do run {number}: {error!r}") from error
-            yield future.result() if error is None else Entry(number, None, f"its workers were lost: {error}")
+            number, raised = number_of.pop(future), future.exception()
+            if raised is not None and not isinstance(raised, KilledWorker):
+                raise CannotRunError(f"the cluster at {scheduler} cannot do run {number}: {raised!r}") from raised
+            yield future.result() if raised is None else Entry(number, None, f"its workers were lost: {raised}")
             following = next(numbers, None)
             if following is not None:
                 ending.add(submit(following))

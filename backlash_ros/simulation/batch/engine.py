@@ -45,6 +45,8 @@ def run_batch(
         If a scheduler is named and Dask distributed is not installed: it is an extra, ``backlash_ros[cluster]``.
     OSError
         If the journal cannot be written or the scheduler not be reached.
+    CannotRunError
+        If no run can be done: workers cannot import the job.
     """
     missing = (number for number in numbers if number not in journal)
     if scheduler:

@@ -22,7 +22,7 @@ class Entry(NamedTuple):
 
 
 class Journal:
-    """The journal of one batch, to be used in a ``with`` statement.
+    """The journal of one batch, to be used in a ``with`` statement; an empty one leaves no file.
 
     Raises
     ------
@@ -53,6 +53,8 @@ class Journal:
         return self
 
     def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+        if not self._places:
+            self.remove()
         os.close(self._file)
 
     def __contains__(self, number: int) -> bool:
@@ -72,6 +74,10 @@ class Journal:
             raise OSError(28, "no space left", str(self.path))
         self._places[entry.number] = self._end
         self._end += len(line)
+
+    def remove(self) -> None:
+        """Remove the file, once what is in it is elsewhere."""
+        self.path.unlink(missing_ok=True)
 
     def entries(self) -> Iterator[Entry]:
         """Yield what has been done, by number, one at a time in memory."""

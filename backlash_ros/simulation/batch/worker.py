@@ -25,6 +25,10 @@ _CANNOT_BEGIN = 70
 """Exit code of a process that could not import its job."""
 
 
+class CannotRunError(RuntimeError):
+    """No run can be done at all: a job that workers cannot import, a cluster without the package."""
+
+
 class Worker:
     """One process for one job function; it is started again after a run that it did not survive.
 
@@ -77,7 +81,7 @@ class Worker:
         self.connection.close()
         self._process = None
         if code == _CANNOT_BEGIN:
-            raise RuntimeError(f"a worker cannot import {self._job!r}")
+            raise CannotRunError(f"a worker cannot import {self._job!r}")
         if code == -signal.SIGALRM:
             return f"it took longer than {self._limit:g} s"
         return f"its process ended with exit code {code}"
