@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from evaluation_page import PAGE, filled
 
 from backlash_ros.analysis.evaluation import task as task_module
-from backlash_ros.analysis.evaluation.command import table_of
+from backlash_ros.analysis.evaluation.command import report_of, table_of
 from backlash_ros.analysis.evaluation.drive_file import read_drive
 from backlash_ros.analysis.evaluation.failures import group_failures, worst_drives
 from backlash_ros.analysis.evaluation.judging import Move
@@ -311,6 +312,22 @@ def test_wilson_interval() -> None:
     assert wilson(0, 0) is None
     for count, low, high in ((0, 0.0, 0.2775), (5, 0.2366, 0.7634), (10, 0.7225, 1.0)):  # Wilson's formula by hand
         assert wilson(count, 10) == pytest.approx([low, high], abs=1e-4)
+
+
+def test_the_page_describes_every_key() -> None:
+    summary = summarize(collected_from([value_of()]), "two_region")
+    keys = {*summary, *summary["laws"]["two_region"]} - {"laws"}
+    page = PAGE.read_text().replace("`laws.<name>.quiet`", "`quiet`")
+    assert {key for key in keys if not key.endswith("_interval") and f"`{key}`" not in page} == set()
+
+
+def test_the_page_is_filled_from_a_report(tmp_path: Path) -> None:
+    collected = collected_from([value_of(), value_of(replace(GOOD, quiet=False))])
+    text = filled(report_of(Task(1, laws=("fast", "two_region")), 2, collected, [], ""))
+    assert "`backlash evaluate --seed 1 --drives 2`" in text
+    assert "| quiet, % | 100.0 (34.2 to 100.0) | 50.0 (9.5 to 90.5) |" in text
+    assert "| 1 | two\\_region: swings |" in text
+    assert PAGE.read_text().count("<!-- filled: ") == 2
 
 
 # The command.

@@ -73,7 +73,7 @@ def evaluate(
         else:
             for _ in _rows(task, drives, journal, collected, failures):
                 pass
-        content = _report(task, drives, collected, failures, drive)
+        content = report_of(task, drives, collected, failures, drive)
         report.write_text(json.dumps(jsonable(content), indent=1) + "\n")
         for source, place in staged.items():
             place.mkdir(parents=True, exist_ok=True)
@@ -141,9 +141,10 @@ def _rows(
         yield from rows_of(parameters, value)
 
 
-def _report(
+def report_of(
     task: Task, drives: int, collected: Collected, failures: list[dict[str, Any]], drive: str
 ) -> dict[str, Any]:
+    """Return the content of the report: the arguments, the summary, the worst drives, and what failed and why."""
     judged = DEFAULT_LAW if DEFAULT_LAW in task.laws else task.laws[-1]
     worst = worst_drives(collected, judged)
     for each in worst:
