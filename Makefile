@@ -6,7 +6,7 @@
 #   make bad-samples  what wrong samples do to the load, at the end of docs/faults.md
 #   make lint    formatting, style and types
 #   make paper   the paper's figures and the page that judges them, in docs
-#   make evaluation  2,000 random drives, judged, into docs/evaluation.md; some 20 minutes on two cores
+#   make evaluation  2,000 random drives, judged, into docs/evaluation.md; on all cores
 #   make docs    docs/parameters.md, the table of all parameters, from the code
 #   make bench   what a tick costs; how fast the offline loop is, beside scipy in the same run; six axes in real time; lockstep;
 #                a step of the node beside a bare publish;
