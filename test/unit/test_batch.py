@@ -12,7 +12,7 @@ from pathlib import Path
 import batch_jobs
 import pytest
 
-from backlash_ros.simulation.batch import Entry, Journal, run_batch
+from backlash_ros.simulation.batch import CannotRunError, Entry, Journal, run_batch
 
 SUPPORT = Path(__file__).parents[1] / "support"
 
@@ -56,7 +56,7 @@ def test_a_job_that_cannot_be_imported_stops_the_batch_and_is_not_written_down(t
     finally:
         sys.path.remove(str(tmp_path))
     with Journal(tmp_path / "journal") as journal:
-        with pytest.raises(RuntimeError, match="cannot import"):
+        with pytest.raises(CannotRunError, match="cannot import"):
             run_batch(gone_tomorrow.job, range(3), journal, cores=1)
         assert len(journal) == 0
 
@@ -143,7 +143,7 @@ def test_a_kill_loses_the_runs_in_flight_alone(tmp_path: Path) -> None:
     assert sum(times) <= 40 + 2  # at most the two in flight were done again
 
 
-def test_a_cluster_that_loses_a_worker_loses_no_run(tmp_path: Path) -> None:
+def test_a_cluster_that_loses_a_worker_loses_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A real scheduler and two workers as processes; one of them is killed in the middle."""
     distributed = pytest.importorskip("distributed")
     environment = {"PYTHONPATH": os.pathsep.join([str(SUPPORT), *sys.path])}
@@ -167,5 +167,8 @@ def test_a_cluster_that_loses_a_worker_loses_no_run(tmp_path: Path) -> None:
         with Journal(tmp_path / "troubled") as journal:
             run_batch(batch_jobs.troubled, range(9), journal, limit=1.0, scheduler=cluster.scheduler_address)
             failed = [entry.number for entry in journal.entries() if entry.failure]
+        monkeypatch.setattr("backlash_ros.simulation.batch.cluster.code_digest", lambda: "of another version")
+        with Journal(tmp_path / "other") as journal, pytest.raises(CannotRunError, match="another version"):
+            run_batch(batch_jobs.square, range(9), journal, scheduler=cluster.scheduler_address)
     assert failed == [3, 5, 7]
     assert (tmp_path / "journal").read_text().count("\n") == 40

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import shlex
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -24,10 +23,8 @@ from backlash_ros.analysis.evaluation.task import Task, evaluate_drive, perform
 from backlash_ros.analysis.jsonable import jsonable
 from backlash_ros.analysis.staging import staging
 from backlash_ros.control import Gains, GainSet, ServoSettings
-from backlash_ros.drivetrain.registry import PLUGINS
-from backlash_ros.simulation.batch import Journal, run_batch
+from backlash_ros.simulation.batch import Journal, code_digest, run_batch
 
-_PACKAGE = Path(__file__).parents[2]
 _ANY = Gains(1.0, 0.0, 0.0)
 DEFAULT_LAW = ServoSettings(GainSet(_ANY, _ANY)).law
 """The law that a controller has which was told none."""
@@ -104,11 +101,8 @@ def replay(task: Task, number: int, plot: Path | None, console: Console) -> None
 def _journal(task: Task, target: Path) -> Journal:
     """Return the journal of a task, beside its result; its name says for which arguments and which code it holds."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    digest = hashlib.sha256(repr(task).encode())
-    plugins = [Path(file) for file in os.environ.get(PLUGINS, "").split(os.pathsep) if file]
-    for source in (*sorted(_PACKAGE.rglob("*.py")), *plugins):
-        digest.update(source.read_bytes())
-    return Journal(target.with_name(f".{target.name}.{digest.hexdigest()[:12]}.journal"))
+    digest = hashlib.sha256(f"{task!r} {code_digest()}".encode()).hexdigest()
+    return Journal(target.with_name(f".{target.name}.{digest[:12]}.journal"))
 
 
 def _run(task: Task, drives: int, journal: Journal, scheduler: str, console: Console) -> None:
@@ -225,7 +219,9 @@ def learning_of(summary: dict[str, Any]) -> list[str]:
 def show(content: dict[str, Any], console: Console) -> None:
     """Print the table, the ten worst drives and what failures have in common."""
     head, *rows = table_of(content["summary"])
-    table = Table(*head, title=f"{content['drives']} drives of seed {content['seed']}; 95 % intervals in brackets")
+    table = Table(title=f"{content['drives']} drives of seed {content['seed']}; 95 % intervals in brackets")
+    for name in head:
+        table.add_column(name, overflow="fold")
     for row in rows:
         table.add_row(*row)
     console.print(table)

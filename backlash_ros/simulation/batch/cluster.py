@@ -8,6 +8,7 @@ from typing import Any
 
 from distributed import Client, KilledWorker, as_completed
 
+from backlash_ros.simulation.batch.code import code_digest
 from backlash_ros.simulation.batch.journal import Entry
 from backlash_ros.simulation.batch.worker import CannotRunError, Job, Worker
 
@@ -17,8 +18,10 @@ _AHEAD = 2000
 _here = threading.local()
 
 
-def _run(job: bytes, limit: float, number: int) -> Entry:
+def _run(code: str, job: bytes, limit: float, number: int) -> Entry:
     """Do one run, on a worker of the cluster, in the process that belongs to this thread."""
+    if code != code_digest():
+        raise CannotRunError("this worker has another version of backlash_ros, or other plugins")
     if getattr(_here, "asked", None) != (job, limit):
         if hasattr(_here, "worker"):
             _here.worker.stop()
@@ -36,9 +39,9 @@ def run_on_cluster(job: Job, numbers: Iterator[int], limit: float, scheduler: st
     OSError
         If the scheduler cannot be reached.
     CannotRunError
-        If the cluster cannot do a run at all, for instance where its workers do not have the package.
+        If the cluster cannot do a run at all: its workers do not have the package, or another version of it.
     """
-    packed = pickle.dumps(job)
+    packed, code = pickle.dumps(job), code_digest()
     try:
         connected = Client(scheduler)
     except ValueError as error:  # no address
@@ -47,7 +50,7 @@ def run_on_cluster(job: Job, numbers: Iterator[int], limit: float, scheduler: st
         number_of: dict[Any, int] = {}
 
         def submit(number: int) -> Any:
-            future = client.submit(_run, packed, limit, number, pure=False)
+            future = client.submit(_run, code, packed, limit, number, pure=False)
             number_of[future] = number
             return future
 
