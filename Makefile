@@ -6,6 +6,7 @@
 #   make bad-samples  what wrong samples do to the load, at the end of docs/faults.md
 #   make lint    formatting, style and types
 #   make paper   the paper's figures and the page that judges them, in docs
+#   make evaluation  2,000 random drives, judged, into docs/evaluation.md; on all cores
 #   make docs    docs/parameters.md, the table of all parameters, from the code
 #   make bench   what a tick costs; how fast the offline loop is, beside scipy in the same run; six axes in real time; lockstep;
 #                a step of the node beside a bare publish;
@@ -34,7 +35,7 @@ else
   LOCKS := requirements/python.txt requirements/ros.txt
 endif
 
-.PHONY: demo test test-unit faults bad-samples test-repeat test-floors lint paper docs bench soak lock clean
+.PHONY: demo test test-unit faults bad-samples test-repeat test-floors lint paper evaluation docs bench soak lock clean
 
 demo: $(READY)
 	$(BIN)/python -m backlash_ros.demo
@@ -69,6 +70,11 @@ lint: $(READY)
 
 paper: $(READY)
 	$(BIN)/python -m backlash_ros.cli figures --out docs/figures --page docs/paper.md
+
+DRIVES ?= 2000
+evaluation: $(READY)
+	$(BIN)/backlash evaluate --seed 1 --drives $(DRIVES) --json results/evaluation/evaluation.json --out results/evaluation
+	$(BIN)/python test/support/evaluation_page.py results/evaluation
 
 docs: $(READY)
 	$(BIN)/python test/support/parameter_table.py

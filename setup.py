@@ -35,12 +35,17 @@ setup(
         "matplotlib>=3.6",
         "numba>=0.58",
         "numpy>=1.26",
+        "pyyaml>=6.0",
         "rich>=13",
         "rosbags>=0.11,<0.12",  # the recorder extends its writer of mcap files
         "scipy>=1.11",
         *(ROS_WHEELS if find_spec("rclpy") is None else []),
     ],
-    extras_require={"contract": ["pytest>=7.4"]},
+    extras_require={
+        "contract": ["pytest>=7.4"],
+        "cluster": ["distributed>=2024.2"],  # backlash evaluate --scheduler
+        "tables": ["pyarrow>=15.0"],  # backlash evaluate --out
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

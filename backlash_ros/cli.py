@@ -1,23 +1,31 @@
-"""The command `backlash`: the paper's figures, and single closed-loop runs, without ROS."""
+"""The command `backlash`: the paper's figures, single runs, and the judgement on a population, without ROS."""
 
 import argparse
 import errno
 import json
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import NoReturn, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from backlash_ros.analysis.evaluation.command import evaluate, replay
+from backlash_ros.analysis.evaluation.drive_file import read_drive
+from backlash_ros.analysis.evaluation.population import ENCODERS, POPULATIONS
+from backlash_ros.analysis.evaluation.task import Task
 from backlash_ros.analysis.figures import FIGURES, draw
 from backlash_ros.analysis.jsonable import jsonable
 from backlash_ros.analysis.page import write_page
 from backlash_ros.analysis.paper import CASES, PARTS, judge, reproduce, respond
 from backlash_ros.analysis.staging import staging
-from backlash_ros.control import LAWS
+from backlash_ros.control import EXPERIMENTS, LAWS
+from backlash_ros.simulation.batch import CannotRunError
+
+T = TypeVar("T")
 
 
 def figures(out: Path, page: Path | None, console: Console) -> None:
@@ -57,9 +65,105 @@ def simulate(law: str, case: str, console: Console) -> None:
     console.print_json(json.dumps(jsonable({"law": law, "case": case, **judge(respond(law, condition), condition)})))
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser that says in one line what is wrong."""
+
+    def error(self, message: str) -> NoReturn:
+        """End with exit code 2."""
+        self.exit(2, f"{self.prog}: {message}\n")
+
+
+def _whole(least: int) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = least - 1
+        if value < least:
+            raise argparse.ArgumentTypeError(f"must be a whole number >= {least}, got {text!r}")
+        return value
+
+    return parse
+
+
+def _entry_of(registry: Mapping[str, T]) -> Callable[[str], str]:
+    def parse(text: str) -> str:
+        if text not in registry:
+            raise argparse.ArgumentTypeError(f"must be of {sorted(registry)}, got {text!r}")
+        return text
+
+    return parse
+
+
+def _model(text: str) -> str:
+    if text == "identified":
+        raise argparse.ArgumentTypeError("must be nominal or true, got 'identified': drives cannot be identified yet")
+    if text not in ("nominal", "true"):
+        raise argparse.ArgumentTypeError(f"must be nominal or true, got {text!r}")
+    return text
+
+
+def _add_evaluation(parser: argparse.ArgumentParser) -> None:
+    add, default = parser.add_argument, Task(0)
+    add("--seed", type=_whole(0), required=True, metavar="S", help="of the population")
+    add("--drives", type=_whole(1), metavar="N", help="how many of its drives are judged, from the first on")
+    add("--json", type=Path, metavar="FILE", help="file to write the summary into")
+    add("--experiments", nargs="+", type=_entry_of(EXPERIMENTS), default=default.experiments, metavar="NAME")
+    add("--laws", nargs="+", type=_entry_of(LAWS), default=default.laws, metavar="NAME")
+    add("--model", type=_model, default=default.model, help="what the controller assumes: nominal or true")
+    add("--population", choices=POPULATIONS, default=default.population)
+    add("--encoders", choices=list(ENCODERS), default=default.encoders)
+    add("--drive", type=Path, metavar="FILE", help="draw the population around the drive of a ROS parameter file")
+    add("--out", type=Path, metavar="DIR", help="folder for the table of all runs and the pictures")
+    add("--scheduler", default="", metavar="ADDRESS", help="run on the workers of a Dask scheduler")
+    add("--only", type=_whole(0), metavar="K", help="run drive K alone and print all about it")
+    add("--plot", type=Path, metavar="FILE", help="with --only: draw its runs")
+    parser.set_defaults(run=lambda a, console: _evaluate(parser, a, console))
+
+
+def _unwritable(place: Path, *, folder: bool) -> str:
+    """Return why a file, or files in a folder, cannot be written there; empty where they can."""
+    if place.is_dir() and not folder:
+        return os.strerror(errno.EISDIR)
+    try:
+        with staging(place / "file" if folder else place):
+            return ""
+    except OSError as error:
+        return error.strerror or str(error)
+
+
+def _evaluate(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> None:
+    if given.only is None:
+        for name in ("drives", "json"):
+            if getattr(given, name) is None:
+                parser.error(f"argument --{name}: must be given, unless --only is")
+        if given.plot is not None:
+            parser.error("argument --plot: draws one drive, so --only must be given")
+    for name in ("json", "plot", "out"):
+        if (place := getattr(given, name)) is not None and (why := _unwritable(place, folder=name == "out")):
+            parser.error(f"argument --{name}: must be a place that can be written, got '{place}': {why}")
+    try:
+        around = read_drive(given.drive) if given.drive else None
+    except (OSError, ValueError) as error:
+        parser.error(f"argument --drive: {error}")
+    laws = tuple(dict.fromkeys(given.laws))
+    experiments = tuple(dict.fromkeys(given.experiments))
+    task = Task(given.seed, given.population, given.model, given.encoders, experiments, laws, around)
+    if given.only is not None:
+        replay(task, given.only, given.plot, console)
+        return
+    drive = str(given.drive or "")
+    try:
+        evaluate(task, given.drives, given.json, given.out, console, scheduler=given.scheduler, drive=drive)
+    except (ImportError, CannotRunError) as error:
+        parser.error(str(error))
+    except KeyboardInterrupt:
+        parser.exit(130, "\nstopped: the same command goes on from here\n")
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command; the exit code is 2 for arguments that cannot be used."""
-    parser = argparse.ArgumentParser(prog="backlash", description=__doc__)
+    parser = _Parser(prog="backlash", description=__doc__)
     commands = parser.add_subparsers(required=True)
     drawing = commands.add_parser("figures", help="the paper's figures, computed and drawn")
     drawing.add_argument("--out", type=Path, required=True, help="folder to write into")
@@ -69,6 +173,8 @@ def main(args: Sequence[str] | None = None) -> int:
     single.add_argument("--law", choices=sorted(LAWS), default="two_region")
     single.add_argument("--case", choices=list(CASES), default="nominal")
     single.set_defaults(run=lambda a, console: simulate(a.law, a.case, console))
+    judging = commands.add_parser("evaluate", help="learning and laws judged on a random population of drives")
+    _add_evaluation(judging)
     parsed = parser.parse_args(args)
     command: Callable[[argparse.Namespace, Console], None] = parsed.run
     try:

@@ -1,7 +1,16 @@
 """The closed loop offline: single runs and experiments, with the compiled functions that the nodes run."""
 
 from backlash_ros.simulation.closed_loop import Run, Scenario, run
-from backlash_ros.simulation.experiment import learn_backlash, run_experiment
+from backlash_ros.simulation.experiment import excite, learn_backlash, run_experiment
 from backlash_ros.simulation.simulated_drive import SimulatedDrive, largest_load_torque
 
-__all__ = ["Run", "Scenario", "SimulatedDrive", "largest_load_torque", "learn_backlash", "run", "run_experiment"]
+__all__ = [
+    "Run",
+    "Scenario",
+    "SimulatedDrive",
+    "excite",
+    "largest_load_torque",
+    "learn_backlash",
+    "run",
+    "run_experiment",
+]

@@ -42,6 +42,24 @@ def run_experiment(
     """
     servo = Servo(model or drive, settings, limits)
     plant = SimulatedDrive(drive, settings.period, sensors=sensors, delay=delay, seed=seed)
+    return excite(servo, plant, name, parameters, load_torque=load_torque)
+
+
+def excite(
+    servo: Servo,
+    plant: SimulatedDrive,
+    name: str = "limit_cycle",
+    parameters: Validated | None = None,
+    *,
+    load_torque: float = 0.0,
+) -> Outcome:
+    """Run an experiment with a servo on a simulated drive, both as they are, and return how it ended.
+
+    Raises
+    ------
+    ValueError, IntegrationError
+        As `run_experiment`.
+    """
     servo.start_experiment(name, parameters)
     while True:
         command = servo.update(plant.sample(), plant.elapsed)

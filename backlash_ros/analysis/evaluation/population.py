@@ -1,0 +1,217 @@
+"""The population: a random drive, with sensors, delay, rate and load torque, as a function of a seed and a number.
+
+Drive k of a seed is the same however many drives are asked for. `core` and `full` share their draws: drive k of `core`
+is drive k of `full` without motor friction, eccentricity, a varying gap and gravity, and with the motor and the
+reduction of the drive that the population is drawn around. The ranges are in `draw_member`, and in docs/evaluation.md.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from backlash_ros.control.monitoring.thresholds import standstill_torque
+from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Validated
+from backlash_ros.drivetrain.delay import Delay
+from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
+
+POPULATIONS = ("full", "core")
+ENCODERS = {"both": POSITIONS, "load": ("theta_l",), "motor": ("theta_m",)}
+"""Which angles are measured, by the name that ``--encoders`` takes."""
+MODELS = ("nominal", "true", "identified")
+
+_DRAWS = 64
+"""Numbers drawn for each drive: more than are used, so that a new quantity changes none of the others."""
+_TURN = 2.0 * math.pi
+
+
+@dataclass(frozen=True)
+class Member:
+    """One drive of a population, with what surrounds it.
+
+    ``rate`` in Hz. ``load_torque`` acts on the output shaft throughout, and ``torque_change`` beside it from the middle
+    of the hold on, N m. ``delay`` acts on the command.
+    """
+
+    number: int
+    drive: Drive
+    sensors: Sensors
+    delay: Delay
+    rate: float
+    load_torque: float
+    torque_change: float
+
+    @property
+    def load_count(self) -> float:
+        """One count of the encoder that shows the load, rad at the output: the motor's where there is no other."""
+        sensors = self.sensors
+        if "theta_l" in sensors.measured:
+            return _TURN / sensors.load_counts
+        return _TURN / sensors.motor_counts * self.drive.gear.ratio
+
+    @property
+    def standing_torque(self) -> float:
+        """What turns the load where it stands at an angle of 0, N m: the load torque and its weight."""
+        load = self.drive.load
+        return self.load_torque - load.gravity_torque * math.sin(load.gravity_offset)
+
+    @property
+    def can_outrun(self) -> bool:
+        """Whether the motor can outrun the load, so that the teeth part: 1.2 J_r a + 0.5 N m within the stall torque.
+
+        a is the acceleration that the `standing_torque` gives the load alone, without its friction.
+        """
+        drive = self.drive
+        needed = 1.2 * drive.reflected_inertia * abs(self.standing_torque) / drive.load.inertia + 0.5
+        return needed <= standstill_torque(drive, drive.command_limit)
+
+    @property
+    def free(self) -> bool:
+        """Whether nothing but viscous friction acts on the load: no load torque, no weight, no dry friction."""
+        load, motor = self.drive.load, self.drive.motor
+        return not (self.load_torque or load.gravity_torque or load.coulomb_friction or motor.coulomb_friction)
+
+    def parameters(self) -> dict[str, Any]:
+        """Return everything that was drawn, as columns: each parameter of the drive, its sensors and its delay."""
+        drive = self.drive
+        columns: dict[str, Any] = {"number": self.number, "rate": self.rate}
+        columns |= {"load_torque": self.load_torque, "torque_change": self.torque_change}
+        columns |= {"can_outrun": self.can_outrun, "free": self.free, "contact": drive.gear.contact.section}
+        for part in (drive.motor, drive.gear, drive.load, self.sensors, self.delay):
+            columns |= dict(_columns(part))
+        return columns
+
+
+def _columns(part: Validated) -> Iterator[tuple[str, Any]]:
+    """Yield the fields of a value as columns, each named after its section."""
+    for field in fields(part):
+        value = getattr(part, field.name)
+        if isinstance(value, tuple):
+            yield f"{part.section}_{field.name}", " ".join(value)
+        elif not isinstance(value, Validated):
+            yield f"{part.section}_{field.name}", value
+
+
+def draw_member(
+    seed: int, number: int, population: str = "full", encoders: str = "both", around: Drive | None = None
+) -> Member:
+    """Return one drive of a population.
+
+    Parameters
+    ----------
+    seed, number : whole numbers >= 0
+    population : one of `POPULATIONS`
+    encoders : one of `ENCODERS`
+    around : the drive at the centre; the nominal one by default. Its motor, reduction and contact are kept where it is
+        given, and torques grow with its stall torque
+
+    Examples
+    --------
+    >>> draw_member(1, 7) == draw_member(1, 7)
+    True
+    >>> draw_member(1, 7).drive.gear.reduction == draw_member(1, 8).drive.gear.reduction
+    False
+    """
+    full, centre = population == "full", around or NOMINAL_DRIVE
+    # Plain doubles of PCG64 are the same with every version of numpy; what is made of them is said here.
+    random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(number,))))
+    draws: Iterator[float] = iter(random.random(_DRAWS).tolist())
+
+    def between(low: float, high: float) -> float:
+        return low + (high - low) * next(draws)
+
+    def log_between(low: float, high: float) -> float:
+        return float(low * (high / low) ** next(draws))
+
+    def often(value: float) -> float:
+        """Return 0 for one half of the drives."""
+        return value if next(draws) < 0.5 else 0.0
+
+    reduction = log_between(0.5, 20.0)
+    winding = log_between(0.25, 4.0)
+    motor, gear = centre.motor, centre.gear
+    if full and around is None:
+        motor = replace(
+            motor,
+            torque_constant=motor.torque_constant / reduction,
+            inertia=motor.inertia / reduction**2,
+            viscous_friction=motor.viscous_friction / reduction**2,
+            resistance=motor.resistance * winding,
+            inductance=motor.inductance * winding,
+        )
+        gear = replace(gear, reduction=gear.reduction * reduction)
+    moved = replace(centre, motor=motor, gear=gear)
+    stall = standstill_torque(moved, moved.command_limit)
+    scale = standstill_torque(centre, centre.command_limit) / standstill_torque(NOMINAL_DRIVE, 24.0)
+
+    inertia = centre.load.inertia * log_between(0.25, 4.0)
+    viscous = centre.load.viscous_friction * log_between(0.5, 2.0)
+    gap = gear.backlash_angle * log_between(0.2, 5.0)
+    variation, gap_phase = often(between(0.0, 0.3)), between(-math.pi, math.pi)
+    load_torque = scale * often(between(-0.5, 0.5))
+    gravity, gravity_offset = scale * often(between(0.0, 0.3)), between(-math.pi, math.pi)
+    load_friction = often(log_between(0.001, 0.05) * stall)
+    motor_friction = often(log_between(0.001, 0.05) * stall * gear.ratio)
+    contact = CONTACTS["power" if next(draws) < 0.5 else "elastic"]()
+    motor_bits, load_bits = int(between(12, 19)), int(between(12, 19))
+    motor_offset, load_offset = between(-math.pi, math.pi), between(-math.pi, math.pi)
+    eccentricity, phase = often(between(0.0, 0.1) * gap), between(-math.pi, math.pi)
+    late = int(between(0, 3)) / 2
+    rate = 250.0 if next(draws) < 0.5 else 1000.0
+    change = scale * (0.2 if next(draws) < 0.5 else -0.2)
+
+    drive = Drive(
+        replace(motor, coulomb_friction=motor_friction if full else 0.0),
+        replace(
+            gear,
+            backlash_angle=gap,
+            backlash_variation=variation if full else 0.0,
+            backlash_phase=gap_phase if full else 0.0,
+            contact=gear.contact if around else contact,
+        ),
+        replace(
+            centre.load,
+            inertia=inertia,
+            viscous_friction=viscous,
+            coulomb_friction=load_friction,
+            gravity_torque=gravity if full else 0.0,
+            gravity_offset=gravity_offset if full else 0.0,
+        ),
+        centre.command_interface,
+    )
+    sensors = Sensors(
+        measured=ENCODERS[encoders],
+        motor_counts=2.0**motor_bits,
+        load_counts=2.0**load_bits,
+        motor_offset=motor_offset,
+        load_offset=load_offset,
+        load_eccentricity=eccentricity if full else 0.0,
+        eccentricity_phase=phase if full else 0.0,
+    )
+    return Member(number, drive, sensors, Delay(command=late / rate), rate, load_torque, change)
+
+
+def told_model(member: Member, model: str, around: Drive | None = None) -> Drive:
+    """Return what the controller takes the drive for: one of `MODELS`.
+
+    The data sheet is always told: motor and reduction. ``nominal`` takes gap, contact and load of the population's
+    centre besides, and no dry friction; ``true`` is the drive itself.
+
+    Raises
+    ------
+    ValueError
+        For ``identified``: there is no identification yet.
+    """
+    if model == "true":
+        return member.drive
+    if model != "nominal":
+        raise ValueError(f"--model must be nominal or true, got {model!r}: drives cannot be identified yet")
+    centre, drive = around or NOMINAL_DRIVE, member.drive
+    return Drive(
+        replace(drive.motor, coulomb_friction=0.0),
+        replace(centre.gear, reduction=drive.gear.reduction),
+        replace(centre.load, coulomb_friction=0.0, gravity_torque=0.0, gravity_offset=0.0),
+        drive.command_interface,
+    )

@@ -1,0 +1,225 @@
+"""The task: learn the gap, then with each law a step of 1 rad, one of 5 b, and a hold while the load torque changes."""
+
+import math
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from backlash_ros.analysis.evaluation.judging import (
+    OVERSHOOT,
+    PRECISE,
+    QUIET,
+    Move,
+    judge_move,
+    recovery,
+    threshold,
+)
+from backlash_ros.analysis.evaluation.population import Member, draw_member, told_model
+from backlash_ros.analysis.metrics import Array
+from backlash_ros.control import (
+    DEFAULT_WEIGHTS,
+    BacklashEstimate,
+    GainSet,
+    Servo,
+    ServoSettings,
+    check_stable,
+    design_gains,
+)
+from backlash_ros.drivetrain import Drive, IntegrationError
+from backlash_ros.drivetrain.signals import THETA_L, THETA_M
+from backlash_ros.simulation import Run, Scenario, SimulatedDrive, excite, run
+
+STAND, STEP, SHORT, HOLD = 1.0, 6.0, 6.0, 10.0
+"""How long the load is held where it stands, the step of 1 rad lasts, the one of 5 b, and the hold that follows, s."""
+CHANGE = STAND + STEP + SHORT + 0.5 * HOLD
+"""When the load torque changes, s."""
+LENGTH = STAND + STEP + SHORT + HOLD
+SHORT_STEP = 5.0
+"""In mean backlashes."""
+
+_GRID = 1e-3
+"""Time between the states that are judged, s, at most."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """Everything that an evaluation of one drive depends on, beside the drive's number."""
+
+    seed: int
+    population: str = "full"
+    model: str = "nominal"
+    encoders: str = "both"
+    experiments: tuple[str, ...] = ("limit_cycle",)
+    laws: tuple[str, ...] = ("fast", "overdamped", "two_region")
+    around: Drive | None = None
+
+    @property
+    def played(self) -> tuple[str, ...]:
+        """The laws that are run: the fast one always, since ratios refer to it."""
+        return tuple(dict.fromkeys(("fast", *self.laws)))
+
+    def member(self, number: int) -> Member:
+        """Return the drive with a number."""
+        return draw_member(self.seed, number, self.population, self.encoders, self.around)
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What became of learning.
+
+    ``angle`` that was learned and ``gap`` where it was, rad; ``experiment`` that made it, or the last that was tried;
+    ``time`` that all took, s.
+    """
+
+    valid: bool = False
+    angle: float = math.nan
+    gap: float = math.nan
+    experiment: str = ""
+    method: str = ""
+    reason: str = ""
+    fault: str = ""
+    time: float = math.nan
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of one law on one drive; by default that of a run which failed.
+
+    ``failure`` says why there was no run. ``peak_force`` between the teeth in the step of 1 rad, N; ``recover``: from
+    the change of the load torque on, s.
+    """
+
+    quiet: bool = False
+    precise: bool = False
+    overshoot_ok: bool = False
+    faulted: bool = True
+    fault: str = ""
+    fault_time: float = math.nan
+    failure: str = ""
+    step: Move = field(default_factory=lambda: Move(settle=STEP, rise=STEP))
+    short: Move = field(default_factory=lambda: Move(settle=SHORT, rise=SHORT))
+    peak_force: float = math.nan
+    recover: float = 0.5 * HOLD
+
+
+def settings_for(model: Drive, member: Member) -> ServoSettings:
+    """Return what a controller node has that was told a drive, its rate and its delay, and nothing else.
+
+    Raises
+    ------
+    ValueError
+        If it would refuse its gains, as the node does where they are unstable at the rate.
+    """
+    period, delay = 1.0 / member.rate, member.delay.mean
+    gains = {region: design_gains(region, model, weights) for region, weights in DEFAULT_WEIGHTS.items()}
+    for region, designed in gains.items():
+        check_stable(f"gains.{region}.k", model, designed, period, delay)
+    return ServoSettings(GainSet(**gains), period=period, loop_delay=delay)
+
+
+def first_reading(member: Member) -> float:
+    """Return where the controller finds the load at first, rad: by the motor's encoder where there is no other."""
+    shown = SimulatedDrive(member.drive, 1.0 / member.rate, sensors=member.sensors).sample()
+    return float(shown[THETA_M] * member.drive.gear.ratio if math.isnan(shown[THETA_L]) else shown[THETA_L])
+
+
+def true_reading(member: Member, theta_l: Array) -> Array:
+    """Return what a perfect load encoder with the same zero and eccentricity reads at load angles, rad.
+
+    Where the load has no encoder the zero is the motor's, seen at the output.
+    """
+    if "theta_l" in member.sensors.measured:
+        return member.sensors.load_zero(theta_l)
+    return theta_l + member.sensors.motor_offset * member.drive.gear.ratio
+
+
+def learn(member: Member, model: Drive, settings: ServoSettings, experiments: tuple[str, ...]) -> Learned:
+    """Let a controller learn the gap: the experiments one after the other, until one is valid."""
+    result, spent = Learned(), 0.0
+    for name in experiments:
+        servo = Servo(model, settings)
+        plant = SimulatedDrive(member.drive, settings.period, sensors=member.sensors, delay=member.delay)
+        try:
+            outcome = excite(servo, plant, name, load_torque=member.load_torque)
+        except IntegrationError as error:
+            return Learned(experiment=name, reason=f"not simulated: {error}", time=spent + plant.time)
+        gear, spent = member.drive.gear, spent + plant.time
+        phase = gear.backlash_cycles * float(plant.state[THETA_L]) + gear.backlash_phase
+        gap = gear.backlash_angle * (1.0 + gear.backlash_variation * math.cos(phase))
+        result = Learned(
+            valid=outcome.valid, gap=gap, experiment=name, reason=outcome.reason, fault=servo.fault, time=spent
+        )
+        if isinstance(outcome, BacklashEstimate) and outcome.valid:
+            return replace(result, angle=outcome.angle, method=outcome.method.value)
+    return result
+
+
+def scenario_of(member: Member) -> Scenario:
+    """Return the task as references and load torques, sample by sample."""
+    time = np.arange(round(LENGTH * member.rate)) / member.rate
+    slack = 0.5 / member.rate
+    start, b = first_reading(member), member.drive.gear.backlash_angle
+    reference: Array = start + 1.0 * (time > STAND - slack) + SHORT_STEP * b * (time > STAND + STEP - slack)
+    torque = np.where(time > CHANGE - slack, member.load_torque + member.torque_change, member.load_torque)
+    substeps = max(1, round(1.0 / (_GRID * member.rate)))
+    return Scenario(reference, torque, sensors=member.sensors, delay=member.delay, substeps=substeps)
+
+
+def judge_run(member: Member, scenario: Scenario, done: Run) -> Verdict:
+    """Judge one law's run of the task."""
+    b, count = member.drive.gear.backlash_angle, member.load_count
+    position, time = true_reading(member, done.load_angle), done.time
+    start = float(scenario.reference[0])
+    targets = start + 1.0, float(scenario.reference[-1])
+
+    def part(begin: float, length: float) -> tuple[Array, Array]:
+        first, last = np.searchsorted(time, (begin - 1e-6, begin + length + 1e-6))
+        return time[first:last] - time[first], position[first:last]
+
+    step = judge_move(*part(STAND, STEP), targets[0], b, count)
+    short = judge_move(*part(STAND + STEP, SHORT), targets[1], b, count)
+    faulted = bool(done.fault)
+    rising = slice(round(STAND * member.rate), round((STAND + STEP) * member.rate))
+    return Verdict(
+        quiet=not faulted and max(step.swing, short.swing) <= threshold(QUIET, b, count),
+        precise=not faulted and max(step.error, short.error) <= threshold(PRECISE, b, count),
+        overshoot_ok=not faulted and max(step.overshoot, short.overshoot) <= threshold(OVERSHOOT, b, count),
+        faulted=faulted,
+        fault=done.fault,
+        fault_time=done.fault_sample / member.rate if faulted else math.nan,
+        step=replace(step, settle=STEP) if faulted else step,
+        short=replace(short, settle=SHORT) if faulted else short,
+        peak_force=float(np.max(done.peak_force[rising])),
+        recover=0.5 * HOLD if faulted else recovery(*part(CHANGE, 0.5 * HOLD), targets[1], b, count),
+    )
+
+
+def perform(task: Task, number: int, laws: tuple[str, ...]) -> tuple[Learned, dict[str, Verdict], dict[str, Run]]:
+    """Evaluate one drive: what was learned, and of each law its verdict and, where there was one, its run."""
+    member = task.member(number)
+    model = told_model(member, task.model, task.around)
+    verdicts: dict[str, Verdict] = {}
+    runs: dict[str, Run] = {}
+    try:
+        settings = settings_for(model, member)
+    except ValueError as error:
+        failed = Verdict(failure=str(error))
+        return Learned(reason=str(error)), dict.fromkeys(laws, failed), runs
+    learned = learn(member, model, settings, task.experiments)
+    if learned.valid:
+        settings = replace(settings, backlash_angle=learned.angle)
+    scenario = scenario_of(member)
+    for law in laws:
+        try:
+            runs[law] = run(member.drive, settings.with_law(law), scenario, model=model)
+            verdicts[law] = judge_run(member, scenario, runs[law])
+        except (ValueError, IntegrationError) as error:  # noqa: PERF203 - a law that fails has its verdict
+            verdicts[law] = Verdict(failure=str(error))
+    return learned, verdicts, runs
+
+
+def evaluate_drive(task: Task, number: int) -> dict[str, Any]:
+    """Return what became of one drive as the journal keeps it: ``learned`` and, by law, ``laws``."""
+    learned, verdicts, _ = perform(task, number, task.played)
+    return {"learned": asdict(learned), "laws": {law: asdict(verdict) for law, verdict in verdicts.items()}}

@@ -1,0 +1,65 @@
+"""The same on a Dask cluster: each of its threads keeps a process of its own, for the same limits."""
+
+import pickle
+import threading
+from collections.abc import Generator, Iterator
+from itertools import islice
+from typing import Any
+
+from distributed import Client, KilledWorker, as_completed
+
+from backlash_ros.simulation.batch.code import code_digest
+from backlash_ros.simulation.batch.journal import Entry
+from backlash_ros.simulation.batch.worker import CannotRunError, Job, Worker
+
+_AHEAD = 2000
+"""Runs handed out at a time: enough for a thousand threads, however long the batch."""
+
+_here = threading.local()
+
+
+def _run(code: str, job: bytes, limit: float, number: int) -> Entry:
+    """Do one run, on a worker of the cluster, in the process that belongs to this thread."""
+    if code != code_digest():
+        raise CannotRunError("this worker has another version of backlash_ros, or other plugins")
+    if getattr(_here, "asked", None) != (job, limit):
+        if hasattr(_here, "worker"):
+            _here.worker.stop()
+        _here.worker, _here.asked = Worker(pickle.loads(job), limit), (job, limit)  # noqa: S301 - from the client
+    _here.worker.begin(number)
+    entry: Entry = _here.worker.end()
+    return entry
+
+
+def run_on_cluster(job: Job, numbers: Iterator[int], limit: float, scheduler: str) -> Generator[Entry, None, None]:
+    """Yield runs as they end; those of a worker that is lost are done again by another.
+
+    Raises
+    ------
+    OSError
+        If the scheduler cannot be reached.
+    CannotRunError
+        If the cluster cannot do a run at all: its workers do not have the package, or another version of it.
+    """
+    packed, code = pickle.dumps(job), code_digest()
+    try:
+        connected = Client(scheduler)
+    except ValueError as error:  # no address
+        raise OSError(f"no scheduler at {scheduler!r}: {error}") from error
+    with connected as client:
+        number_of: dict[Any, int] = {}
+
+        def submit(number: int) -> Any:
+            future = client.submit(_run, code, packed, limit, number, pure=False)
+            number_of[future] = number
+            return future
+
+        ending = as_completed([submit(number) for number in islice(numbers, _AHEAD)])
+        for future in ending:
+            number, raised = number_of.pop(future), future.exception()
+            if raised is not None and not isinstance(raised, KilledWorker):
+                raise CannotRunError(f"the cluster at {scheduler} cannot do run {number}: {raised!r}") from raised
+            yield future.result() if raised is None else Entry(number, None, f"its workers were lost: {raised}")
+            following = next(numbers, None)
+            if following is not None:
+                ending.add(submit(following))

@@ -1,0 +1,20 @@
+"""Which code runs: results of two versions do not belong into one table."""
+
+import hashlib
+import os
+from functools import cache
+from pathlib import Path
+
+from backlash_ros.drivetrain.registry import PLUGINS
+
+_PACKAGE = Path(__file__).parents[2]
+
+
+@cache
+def code_digest() -> str:
+    """Return a digest of the sources of this package and of the files that are plugged in."""
+    digest = hashlib.sha256()
+    plugins = [Path(file) for file in os.environ.get(PLUGINS, "").split(os.pathsep) if file]
+    for source in (*sorted(_PACKAGE.rglob("*.py")), *plugins):
+        digest.update(source.read_bytes())
+    return digest.hexdigest()
