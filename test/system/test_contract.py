@@ -1,29 +1,20 @@
 """The drive contract kit judges drives: sound ones pass, each broken one fails by the name of the check for it."""
 
-import math
-import os
-import subprocess
 import sys
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import NamedTuple
-from xml.etree import ElementTree
 
 import pytest
 from broken_drive import DEFECTS
 from broken_drive import RATE as BROKEN_RATE
-from sensor_msgs.msg import JointState
-
-from backlash_ros.contract.bench import Recording
-from backlash_ros.contract.test_drive import not_finite
+from kit import CHECKS, Verdict, judge
 
 ROOT = Path(__file__).parents[2]
 SIMULATOR = f"{sys.executable} -m backlash_ros.nodes.plant_simulator"
 BROKEN = f"{sys.executable} {ROOT / 'test/support/broken_drive.py'} --defect"
 OF_CURRENT = ["--command-interface", "current"]
 OF_BROKEN = ["--drive-rate", str(BROKEN_RATE)]
-CHECKS = 29
 NOT_MEASURED = {"adapter": 3}
 """Checks that a drive without velocity and effort skips."""
 
@@ -127,39 +118,6 @@ def expected_failures(drive: str) -> list[str]:
     return FAILS.get(drive.removesuffix(", current"), [])
 
 
-class Verdict(NamedTuple):
-    passed: set[str]
-    failed: dict[str, str]
-    output: str
-
-
-def kit(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run the kit as a user does, from a folder of no importance; -p, as the entry point may not be installed."""
-    words = ["-p", "backlash_ros.contract.plugin", "--pyargs", "backlash_ros.contract", *arguments]
-    return subprocess.run(
-        [sys.executable, "-m", "pytest", *words],
-        cwd=folder,
-        env={**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},  # other plugins take as long to load as a few moves
-        capture_output=True,
-        text=True,
-        timeout=280,
-        check=False,
-    )
-
-
-def judge(folder: Path, command: str, *arguments: str) -> Verdict:
-    done = kit(folder, "--junitxml=result.xml", "--drive-command", command, *arguments)
-    failed, passed = {}, set()
-    for case in ElementTree.parse(folder / "result.xml").iter("testcase"):
-        name = case.get("name", "")
-        faults = [fault.get("message", "") for kind in ("failure", "error") for fault in case.iter(kind)]
-        if faults:
-            failed[name] = faults[0]
-        elif case.find("skipped") is None:
-            passed.add(name)
-    return Verdict(passed, failed, done.stdout + done.stderr)
-
-
 @pytest.fixture(scope="module")
 def verdicts(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Future]]:
     """Judge the drives that tests of this run ask for, a few at a time: they wait more than they compute."""
@@ -196,57 +154,9 @@ def test_broken_drive_fails_the_check_that_is_meant_and_no_other(drive: str, ver
     assert len(verdict.passed) >= 5
 
 
-@pytest.mark.parametrize(
-    ("field", "values", "fault"),
-    [
-        ("velocity", [math.nan, math.nan], ""),
-        ("effort", [math.nan, math.nan], ""),
-        ("velocity", [0.0, math.nan], "velocity of joint 'motor' is nan in 1 of 2 samples"),
-        ("effort", [math.nan, 0.0], "effort of joint 'motor' is nan in 1 of 2 samples"),
-        ("effort", [math.inf, math.inf], "effort of joint 'motor' is inf in 2 of 2 samples"),
-        ("velocity", [math.nan, -math.inf], "velocity of joint 'motor' is nan in 2 of 2 samples"),
-        ("position", [math.nan, math.nan], "position of joint 'motor' is nan in 2 of 2 samples"),
-        ("position", [0.0, math.inf], "position of joint 'motor' is inf in 1 of 2 samples"),
-    ],
-)
-def test_nan_throughout_a_velocity_or_an_effort_is_not_measured(field: str, values: list[float], fault: str) -> None:
-    samples = [JointState(name=["load", "motor"], **{field: [0.0, value]}) for value in values]
-    assert not_finite(Recording(samples, [0, 1], {}, reliable=True)) == fault
-
-
 def test_every_defect_and_every_check_is_tried() -> None:
     assert set(FAILS) | {"none"} == set(DEFECTS)
     tried = {name for names in FAILS.values() for name in names}
     assert (
         len(tried) == CHECKS - 1
     )  # the drive that ignores SIGINT differs from the one that ignores SIGTERM in name only
-
-
-def test_refuses_to_run_on_nothing(tmp_path: Path) -> None:
-    done = kit(tmp_path)
-    assert done.returncode == pytest.ExitCode.USAGE_ERROR
-    assert "the drive contract kit needs --drive-command" in done.stderr
-
-
-def test_refuses_a_program_that_is_not_there(tmp_path: Path) -> None:
-    done = kit(tmp_path, "--drive-command", "no_such_program --rate 250")
-    assert done.returncode == pytest.ExitCode.USAGE_ERROR
-    assert "no such program: 'no_such_program'" in done.stderr
-
-
-def test_refuses_a_number_that_is_out_of_bounds(tmp_path: Path) -> None:
-    done = kit(tmp_path, "--drive-command", "true", "--drive-rate", "-250")
-    assert done.returncode == pytest.ExitCode.USAGE_ERROR
-    assert "--drive-rate: must be a finite number > 0, got '-250'" in done.stderr
-
-
-def test_says_that_the_drive_ended(tmp_path: Path) -> None:
-    verdict = judge(tmp_path, "false")
-    assert len(verdict.failed) == CHECKS
-    assert "the drive ended with code 1 while the kit waited for publisher on /joint_states" in verdict.output
-
-
-def test_is_not_collected_unless_a_drive_is_named(tmp_path: Path) -> None:
-    words = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-o", "addopts=", "backlash_ros"]
-    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == pytest.ExitCode.NO_TESTS_COLLECTED, done.stdout + done.stderr
