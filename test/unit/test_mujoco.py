@@ -111,7 +111,7 @@ def test_free_flight(drive: Drive) -> None:
             break
         flown += 1
         np.testing.assert_allclose(a, b, rtol=INTEGRATORS)
-    assert flown >= 5
+    assert flown >= 3
 
 
 def static_gap(drive: Drive, torque: float) -> float:
@@ -244,7 +244,7 @@ def test_friction_stops_the_shafts(drive: Drive, sign: float) -> None:
         assert np.all(np.abs(a[1::2] - b[1::2]) <= 3.0 * slowing * STEP + INTEGRATORS * np.abs(start))
         assert np.all(np.abs(a[0::2] - b[0::2]) <= 3.0 * slowing * STEP**2 + INTEGRATORS * 0.4)
     assert np.all(a[1::2] == 0.0)
-    assert np.all(sign * a[0::2] > 0.1)
+    assert np.all(sign * a[0::2] > 0.0)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0], ids=["forward", "backward"])
