@@ -10,7 +10,8 @@
 #   make docs    docs/parameters.md, the table of all parameters, from the code
 #   make bench   what a tick costs; how fast the offline loop is, beside scipy in the same run; six axes in real time; lockstep;
 #                a step of the node beside a bare publish;
-#                a listener that is stopped, by shared memory and by UDP
+#                a listener that is stopped, by shared memory and by UDP;
+#                the plant beside the same equations in C and beside scipy, into docs/performance.md
 #   make soak    ten minutes in real time: nothing lost, no memory grown
 #   make lock    renew requirements/*.txt, the locks with hashes, from requirements/*.in
 #
@@ -81,6 +82,7 @@ docs: $(READY)
 	$(BIN)/python test/support/telemetry_table.py
 
 bench: $(READY)
+	$(BIN)/python benchmarks/plant.py
 	$(BIN)/python benchmarks/tick.py
 	$(BIN)/python benchmarks/closed_loop.py
 	$(BIN)/python benchmarks/real_time.py axes --seconds 20

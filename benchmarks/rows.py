@@ -1,0 +1,81 @@
+"""Rows of `make bench`: each benchmark adds its own to `results/bench.json`; `docs/performance.md` is made of that."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+FILE = ROOT / "results" / "bench.json"
+PAGE = ROOT / "docs" / "performance.md"
+
+_HEAD = """# Performance
+
+`make bench` measures this and writes this page and `results/bench.json`. Each ratio is of two figures from the same
+run, so that it means something on another machine, too. The spread is the smallest and the largest ratio of parts of
+the measurement. What each row plays stands at the head of its file in `benchmarks`.
+
+"""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure: ours, what it is measured against, and their ratio with its spread.
+
+    ``goal`` is text, ``>= X`` or ``<= X``, for ``ratio``; ``limit`` says in words why it is out of reach or was not
+    measured. ``error`` is that of ours, in the unit that ``what`` names. Figures that could not be had are None.
+    """
+
+    what: str
+    value: float | None
+    against: str
+    reference: float | None
+    ratio: float | None
+    spread: tuple[float, float] | None
+    error: float | None
+    goal: str
+    limit: str | None = None
+
+    @property
+    def verdict(self) -> str:
+        """Return whether the goal is met."""
+        if self.ratio is None:
+            return "not measured"
+        sense, wanted = self.goal.split()
+        met = self.ratio >= float(wanted) if sense == ">=" else self.ratio <= float(wanted)
+        return "met" if met else "missed"
+
+
+def _figure(value: float | None, digits: int = 3) -> str:
+    if value is None:
+        return ""
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.{digits}g}"
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Return the rows as a table in Markdown, and below it what stands in the way of goals."""
+    lines = [
+        "| what | ours | against | theirs | ratio | spread | error | goal | |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        spread = "" if row.spread is None else " to ".join(_figure(bound) for bound in row.spread)
+        error = "" if row.error is None else f"{row.error:.1e}"
+        cells = (row.what, _figure(row.value), row.against, _figure(row.reference), _figure(row.ratio), spread, error)
+        lines.append(f"| {' | '.join((*cells, row.goal, row.verdict))} |")
+    notes = [f"- {row.what}, against {row.against}: {row.limit}" for row in rows if row.limit]
+    return "\n".join([*lines, *(["", *notes] if notes else [])]) + "\n"
+
+
+def record(rows: Sequence[Row]) -> None:
+    """Print rows, add them to the file in place of older ones of the same name, and write the page."""
+    print(table(rows))
+    fresh = {(row.what, row.against): row for row in rows}
+    if FILE.exists():
+        for old in json.loads(FILE.read_text())["rows"]:
+            name = old["what"], old["against"]
+            if name not in fresh:
+                fresh[name] = Row(**old)
+    FILE.parent.mkdir(exist_ok=True)
+    FILE.write_text(json.dumps({"rows": [asdict(row) for row in fresh.values()]}, indent=2) + "\n")
+    PAGE.write_text(_HEAD + table(list(fresh.values())))
