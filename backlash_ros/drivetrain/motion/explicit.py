@@ -31,9 +31,6 @@ _USED = (0, 5, 6, 7, 8, 9, 10, 11)
 """Stages that the solutions are made of."""
 _B, _E3, _E5 = (tuple(float(weights[j]) for j in _USED) for weights in (DOP853.B, DOP853.E3, DOP853.E5))
 
-LOOSER = 0.1
-"""Weight of the energies' errors: their account shows the motion and does not make it."""
-
 
 @fused
 def _sum(
@@ -220,8 +217,8 @@ def _step(
         out[LOST] = state[LOST] + h * _sum(_B, t0, t5, t6, t7, t8, t9, t10, t11)
     error = _judged(h, fifth / 5.0, third / 5.0)
     if account:
-        per_supplied = LOOSER / (plant.energy_scale + abs(out[SUPPLIED]))
-        per_lost = LOOSER / (plant.energy_scale + abs(out[LOST]))
+        per_supplied = 1.0 / (plant.energy_scale + abs(out[SUPPLIED]))
+        per_lost = 1.0 / (plant.energy_scale + abs(out[LOST]))
         fifth, third = (
             per_supplied * _sum(_E5, s0, s5, s6, s7, s8, s9, s10, s11),
             per_supplied * _sum(_E3, s0, s5, s6, s7, s8, s9, s10, s11),

@@ -15,7 +15,7 @@ from backlash_ros.drivetrain.compiled import compiled, specialize
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact, ToothForce
 from backlash_ros.drivetrain.motion.dynamics import Slopes, equations_with
-from backlash_ros.drivetrain.motion.explicit import LOOSER, Step
+from backlash_ros.drivetrain.motion.explicit import Step
 from backlash_ros.drivetrain.signals import (
     CURRENT,
     LOST,
@@ -100,7 +100,7 @@ def _error(plant: PlantConstants, after: Array, difference: Array, account: bool
     error = max(error, abs(difference[CURRENT]) / (plant.small_current + abs(after[CURRENT])))
     if account:
         for k in (SUPPLIED, LOST):
-            error = max(error, LOOSER * abs(difference[k]) / (plant.energy_scale + abs(after[k])))
+            error = max(error, abs(difference[k]) / (plant.energy_scale + abs(after[k])))
     for k in range(7):
         if not math.isfinite(after[k]):
             return math.inf
