@@ -1,6 +1,7 @@
 """How every node of this package runs: started from arguments, spun, and stopped in order by a signal."""
 
 import argparse
+import faulthandler
 import gc
 import logging
 import re
@@ -52,6 +53,9 @@ Runnable = ManagedNode | StoppableNode
 
 _FAREWELL = 0.5
 """How long nodes that were shut down on request go on, s: the answer has to leave."""
+
+_LEAVING = 10.0
+"""How long the process may take to leave the graph, s. Fast DDS may lock itself up there, beside others that leave."""
 
 
 class Stop:
@@ -155,7 +159,8 @@ def run(name: str, make: Callable[[str], Runnable], args: Sequence[str] | None) 
     """Run the nodes that ``make`` builds, one per axis, until told to stop or shut down; return the exit code.
 
     rclpy's own handlers would end the context before a last command could leave, so signals are taken here.
-    A parameter out of bounds, or one that nobody knows, ends it at once with code 2 and a line that says which.
+    A parameter out of bounds, or one that nobody knows, ends it at once with code 2 and a line that says which. Where
+    the middleware does not let go of a node that has been stopped, the process ends with code 1 and says where it was.
 
     ``name`` stands in the log until there is a node.
     """
@@ -206,8 +211,11 @@ def run(name: str, make: Callable[[str], Runnable], args: Sequence[str] | None) 
         return code
     finally:
         stop.ignore_more()
+        # It ends the process even where a call into the middleware that never returns holds Python's lock.
+        faulthandler.dump_traceback_later(_LEAVING, exit=True, file=2)
         for node in nodes:
             executor.remove_node(node)
             node.destroy_node()
         executor.shutdown()
         rclpy.try_shutdown()
+        faulthandler.cancel_dump_traceback_later()

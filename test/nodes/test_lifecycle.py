@@ -2,6 +2,8 @@
 
 import re
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Sequence
 
@@ -246,3 +248,29 @@ def test_node_that_cannot_be_stopped_does_not_keep_the_others_from_it(in_process
     assert nodes[1].state == "finalized"
     for node in nodes:
         node.destroy_node()
+
+
+STUCK = """
+import ctypes, sys
+from backlash_ros.ros import run
+
+class Stuck(run.StoppableNode):
+    def start(self):
+        self.finished = True
+
+    def stop(self):
+        print("stopped", flush=True)
+
+    def destroy_node(self):
+        ctypes.PyDLL(None).sleep(3600)  # with Python's lock held
+
+run._LEAVING = 0.5
+sys.exit(run.run("stuck", lambda axis: Stuck("stuck"), []))
+"""
+
+
+def test_middleware_that_locks_itself_up_does_not_keep_the_process_that_has_stopped_its_node(domain: int) -> None:
+    ended = subprocess.run([sys.executable, "-c", STUCK], check=False, capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 1
+    assert ended.stdout == "stopped\n"
+    assert "destroy_node" in ended.stderr

@@ -2,10 +2,12 @@
 
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -49,10 +51,11 @@ def shares_memory(process: Process) -> bool:
     return "/dev/shm/fast" in Path(f"/proc/{process.pid}/maps").read_text()
 
 
-def wait_for(process: Process, text: str) -> None:
+def wait_for(process: Process, text: str, look: Callable[[], None] = lambda: None) -> None:
     end = time.monotonic() + PATIENCE
     while text not in process.output():
         assert time.monotonic() < end, f"waited {PATIENCE:g} s for {text!r}"
+        look()
         time.sleep(0.02)
 
 
@@ -183,11 +186,12 @@ def test_no_fault_latches_while_others_come_and_leave(
     while left:
         assert time.monotonic() < end, f"the machine kept the nodes waiting: {left} of {JOINS} joins are left"
         nodes = [start(name, *space) for name in ("plant_simulator", "controller")]
+        machine = Machine([node.pid for node in nodes])
         for node, text in zip(nodes, ("simulating", "waiting for the drive"), strict=True):
-            wait_for(node, text)
+            wait_for(node, text, machine.look)
         began = time.monotonic()
         heard, faulted = joins_until_fault(
-            nodes, ["--count", str(left), "--ros-args", *space], tmp_path / f"joins{left}.log"
+            nodes, machine, ["--count", str(left), "--ros-args", *space], tmp_path / f"joins{left}.log"
         )
         left -= heard
         took = time.monotonic() - began
@@ -198,10 +202,10 @@ def test_no_fault_latches_while_others_come_and_leave(
         assert faulted or int(taken[1]) > 5 * took  # one in 0.1 s at least, or there was no loop
 
 
-def joins_until_fault(nodes: list[Process], arguments: list[str], log: Path) -> tuple[int, bool]:
+def joins_until_fault(nodes: list[Process], machine: Machine, arguments: list[str], log: Path) -> tuple[int, bool]:
     """Return how many have come and left again, and whether a fault ended that, by the machine alone."""
-    machine = Machine([node.pid for node in nodes])
-    with log.open("wb") as output, subprocess.Popen([sys.executable, str(JOINING), *arguments], stdout=output) as joins:
+    command = [sys.executable, str(JOINING), *arguments]
+    with log.open("wb") as output, subprocess.Popen(command, stdout=output, start_new_session=True) as joins:
         try:
             while True:
                 ended = joins.poll() is not None
@@ -214,4 +218,5 @@ def joins_until_fault(nodes: list[Process], arguments: list[str], log: Path) -> 
                     return log.read_text().count("heard"), False
                 time.sleep(0.01)
         finally:
-            joins.kill()
+            with suppress(ProcessLookupError):  # all have left
+                os.killpg(joins.pid, signal.SIGKILL)

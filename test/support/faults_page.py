@@ -34,6 +34,10 @@ that have LOCALHOST. With `ROS_STATIC_PEERS`, `ROS_DISCOVERY_SERVER`, a profile 
 say. Drives of your own can take the profile too: it is installed beside the configuration and says how. Tests, demo and
 benchmarks run by it.
 
+Fast DDS 2.14 may lock itself up where a participant leaves just as others come or leave: it waits for a callback that
+waits for it. A node of this package has stopped its motor before that; after 10 s its process ends itself, with code 1
+and a line that says where it was. A `ros2 topic pub --once` has no such end: it hangs until it is killed.
+
 | fault | the motor, or who acts | within | recovery |
 |---|---|---|---|
 """
