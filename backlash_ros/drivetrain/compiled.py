@@ -174,14 +174,15 @@ class _Cache(_FunctionCache):  # type: ignore[misc]
 _CACHE = _cache_folder()
 
 
-def _dispatcher(function: Callable[..., Any], *, fused: bool = False) -> Any:
+def _dispatcher(function: Callable[..., Any], *, fused: bool = False, inlined: bool = False) -> Any:
     """Return numba's dispatcher for ``function``, cached on disk where possible.
 
     Division by zero and overflow follow IEEE 754 (inf and nan), as numpy has them: the callers look at the results. No
     fast-math: a mirrored input must give the mirrored output, bit for bit; as it does where ``fused`` lets the
     processor round a product and a sum once.
     """
-    dispatcher: Any = numba.njit(error_model="numpy", fastmath={"contract"} if fused else False)(function)
+    options = {"fastmath": {"contract"} if fused else False, "inline": "always" if inlined else "never"}
+    dispatcher: Any = numba.njit(error_model="numpy", **options)(function)
     compile_one = dispatcher.compile
 
     def compile_in_turn(signature: Any) -> Any:
@@ -225,8 +226,10 @@ def compiled_as(signature: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:
     return decorate
 
 
-def specialize(template: Callable[P, R], signature: Any = None, **bound: Any) -> Callable[P, R]:
-    """Compile a copy of ``template`` in which the global names ``bound`` stand for other compiled functions.
+def specialize(
+    template: Callable[P, R], signature: Any = None, *, fused: bool = False, inlined: bool = False, **bound: Any
+) -> Callable[P, R]:
+    """Compile a copy of ``template`` in which the global names ``bound`` stand for compiled functions and for values.
 
     So a tick is compiled once for each control law, an integrator once for each contact law, and neither pays for a
     call through a pointer. A compiled function that takes another one as an argument needs a signature that says so
@@ -240,24 +243,28 @@ def specialize(template: Callable[P, R], signature: Any = None, **bound: Any) ->
     ----------
     template : a plain function, not compiled
     signature : to compile for at once, so that the copy can be handed to a compiled function as a value
+    fused : as `fused` does
+    inlined : into those that call it
     """
-    copy = _copy_with(template, bound)
-    result: Callable[P, R] = _dispatcher(copy) if signature is None else compiled_as(signature)(copy)
+    dispatcher = _dispatcher(_copy_with(template, bound), fused=fused, inlined=inlined)
+    if signature is not None:
+        dispatcher.compile(signature)
+        dispatcher.disable_compile()
+    result: Callable[P, R] = dispatcher
     return result
-
-
-def specialize_fused(template: Callable[P, R], **bound: Any) -> Callable[P, R]:
-    """Compile a copy of ``template`` as `specialize` does, with a product and a sum in one where the processor can."""
-    return fused(_copy_with(template, bound))
 
 
 def _copy_with(template: Any, bound: dict[str, Any]) -> Any:
     """Return a copy of a plain function in which global names stand for other things."""
     digest = hashlib.sha256()
-    for name, function in sorted(bound.items()):
-        source = getattr(function, "py_func", function)
-        digest.update(f"{name} {source.__module__} {source.__qualname__}".encode())
-        digest.update(Path(inspect.getfile(source)).read_bytes())
+    for name, thing in sorted(bound.items()):
+        digest.update(name.encode())
+        if callable(thing):
+            source = getattr(thing, "py_func", thing)
+            digest.update(f"{source.__module__} {source.__qualname__}".encode())
+            digest.update(Path(inspect.getfile(source)).read_bytes())
+        else:
+            digest.update(repr(thing).encode())
     copy = types.FunctionType(template.__code__, {**template.__globals__, **bound}, template.__name__)
     copy.__qualname__ = f"{template.__qualname__}_{digest.hexdigest()[:16]}"
     copy.__module__ = template.__module__

@@ -16,9 +16,8 @@ class PlantConstants(NamedTuple):
 
     An infinite L is an imposed current. ``contact`` is what the contact law's functions take. ``forward`` and
     ``backward`` are torque at the motor's shaft over R1 F while power flows to the load and to the motor. ``rate`` is
-    the fastest of the drive's own rates, 1/s, teeth apart. ``per_*`` are reciprocals: of J_m, J_l, L and of the
-    narrowest gap as an angle at either shaft. ``small_*`` is what counts as little where errors are judged: 1 % of the
-    speeds without load and of the current at standstill.
+    the fastest of the drive's own rates, 1/s, teeth apart. ``per_*`` are reciprocals: of J_m, J_l, L, and of what errors
+    are judged by: the narrowest gap as an angle at either shaft, the speeds without load, the current at standstill.
     """
 
     R: float
@@ -50,9 +49,9 @@ class PlantConstants(NamedTuple):
     per_inductance: float
     per_angle_m: float
     per_angle_l: float
-    small_speed_m: float
-    small_speed_l: float
-    small_current: float
+    per_speed_m: float
+    per_speed_l: float
+    per_current: float
 
 
 def plant_constants(drive: Drive) -> PlantConstants:
@@ -95,9 +94,9 @@ def plant_constants(drive: Drive) -> PlantConstants:
         per_inductance=0.0 if drive.takes_current else 1.0 / motor.inductance,
         per_angle_m=gear.ratio / narrowest,
         per_angle_l=1.0 / narrowest,
-        small_speed_m=0.01 * speed,
-        small_speed_l=0.01 * speed * gear.ratio,
-        small_current=0.01 * stall_current,
+        per_speed_m=1.0 / speed,
+        per_speed_l=1.0 / (speed * gear.ratio),
+        per_current=1.0 / stall_current,
     )
 
 

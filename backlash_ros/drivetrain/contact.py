@@ -52,6 +52,21 @@ class SlopesFunction(Protocol):
         """Return them for half the backlash (m) and a gap (m), at which the force function answered ``tooth``."""
 
 
+LinearPiece = tuple[float, float, float, float, float, float, float, float, float]
+"""A straight line of force, and where it holds: offset (N), stiffness (N/m) and damping (N s/m) of
+
+    F = offset + stiffness gap + damping gap_rate
+
+then of two bounds, each bound + by_gap gap + by_rate gap_rate (m; no unit; s), that are not below 0 where it holds."""
+
+
+class LinearFunction(Protocol):
+    """A compiled function: the linear piece of the force."""
+
+    def __call__(self, constants: Constants, half_gap: float, gap: float, gap_rate: float, /) -> LinearPiece:
+        """Return the one that holds for half the backlash (m), a gap (m) and its rate (m/s), if there is one there."""
+
+
 class PieceFunction(Protocol):
     """A compiled function: which of the pieces that the force is made of holds."""
 
@@ -63,6 +78,12 @@ class PieceFunction(Protocol):
 def one_piece(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> int:  # noqa: ARG001
     """Return 0: a force that is smooth throughout."""
     return 0
+
+
+@compiled
+def nowhere_linear(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> LinearPiece:  # noqa: ARG001
+    """Return a piece that holds nowhere."""
+    return 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, -1.0, 0.0, 0.0
 
 
 @compiled
@@ -87,12 +108,15 @@ class Contact(Validated):
         right as it is for every law in which only the depth beyond the gap counts
     piece : compiled, ``(constants, half_gap, gap, gap_rate)`` -> a number for each piece in which the force is
         smooth; 0 throughout by default
+    linear : compiled, ``(constants, half_gap, gap, gap_rate) -> LinearPiece``, where the force is linear: there the
+        motion is exact, and quick; nowhere by default
     """
 
     force: ClassVar[ForceFunction]
     energy: ClassVar[EnergyFunction]
     half_gap_slopes: ClassVar[SlopesFunction] = staticmethod(dead_zone_slopes)
     piece: ClassVar[PieceFunction] = staticmethod(one_piece)
+    linear: ClassVar[LinearFunction] = staticmethod(nowhere_linear)
 
     def constants(self, load_radius: float, mass: float) -> Constants:
         """Return what the compiled functions take as ``constants``: see `as_constants`.

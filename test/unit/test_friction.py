@@ -153,7 +153,7 @@ def test_swing_that_friction_ends_is_the_same_in_one_call_and_in_many() -> None:
         gear_backlash_angle=3.2,
     )
     once, often = (
-        Plant(drive, [0.0, 0.0, 0.3, 0.0, 0.0], 1e-7, account=True),
+        Plant(drive, [0.0, 0.0, 0.3, 0.0, 0.0], 1e-8, account=True),
         Plant(drive, [0.0, 0.0, 0.3, 0.0, 0.0], account=True),
     )
     once.advance(0.0, 0.0, 3.0)

@@ -96,9 +96,11 @@ def test_limit_cycle_agrees_with_scipy_over_one_second(gains: GainSet) -> None:
 def test_error_follows_the_tolerance(gains: GainSet) -> None:
     """A tighter tolerance gives a smaller error, by about as much, down to rounding."""
     choice = ServoSettings(gains, law="fast", period=0.004)
-    runs = [run(NOMINAL_DRIVE, choice, Scenario(np.ones(100)), tolerance) for tolerance in (1e-12, 1e-9, 1e-7, 1e-4)]
-    fine, medium, coarse = (np.max(np.abs(r.load_angle - runs[0].load_angle)) for r in runs[1:])
-    assert fine < medium / 10 < coarse / 100
+    best, *others = [run(NOMINAL_DRIVE, choice, Scenario(np.ones(100)), 10.0**k) for k in (-12, *range(-10, -3))]
+    errors = [np.max(np.abs(other.load_angle - best.load_angle)) for other in others]
+    assert errors == sorted(errors)
+    decades, _ = np.polyfit(range(-10, -3), np.log10(errors), 1)
+    assert 0.8 < decades < 1.2
 
 
 def energy(drive: Drive, x: np.ndarray) -> float:

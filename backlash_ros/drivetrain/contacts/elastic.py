@@ -15,6 +15,8 @@ from backlash_ros.drivetrain.contact import (
     Contact,
     EnergyFunction,
     ForceFunction,
+    LinearFunction,
+    LinearPiece,
     PieceFunction,
     ToothForce,
     as_constants,
@@ -55,6 +57,21 @@ def elastic_piece(constants: Constants, half_gap: float, gap: float, gap_rate: f
 
 
 @compiled
+def elastic_linear(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> LinearPiece:
+    """Return the linear piece that holds: see `elastic_piece`."""
+    side = 1.0 if gap > 0.0 else -1.0
+    depth = side * gap - half_gap
+    if depth <= 0.0:
+        return 0.0, 0.0, 0.0, half_gap, 1.0, 0.0, half_gap, -1.0, 0.0
+    k, time = constants[STIFFNESS], side * constants[DAMPING] / constants[STIFFNESS]
+    if time * gap_rate > depth:
+        return -2.0 * side * k * half_gap, 2.0 * k, 0.0, -half_gap, side, 0.0, half_gap, -side, time
+    if time * gap_rate < -depth:
+        return 0.0, 0.0, 0.0, -half_gap, side, 0.0, half_gap, -side, -time
+    return -side * k * half_gap, k, constants[DAMPING], -half_gap, side, -time, -half_gap, side, time
+
+
+@compiled
 def elastic_energy(constants: Constants, half_gap: float, gap: float) -> float:
     """Return k delta^2/2, J."""
     depth = max(0.0, abs(gap) - half_gap)
@@ -91,6 +108,7 @@ class ElasticContact(SpringContact):
     section: ClassVar[str] = "contact.elastic"
     force: ClassVar[ForceFunction] = staticmethod(elastic_force)
     piece: ClassVar[PieceFunction] = staticmethod(elastic_piece)
+    linear: ClassVar[LinearFunction] = staticmethod(elastic_linear)
 
     damping: float = quantity("damping c along the pitch line", "N s/m", at_least=0, at_most=1e8, default=50.0)
 

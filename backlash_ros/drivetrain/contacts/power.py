@@ -16,6 +16,8 @@ from backlash_ros.drivetrain.contact import (
     EnergyFunction,
     ForceFunction,
     HalfGapSlopes,
+    LinearFunction,
+    LinearPiece,
     PieceFunction,
     SlopesFunction,
     ToothForce,
@@ -23,19 +25,30 @@ from backlash_ros.drivetrain.contact import (
 )
 from backlash_ros.drivetrain.quantity import quantity
 
-BETA, ALPHA, EXPONENT = range(3)
+BETA, ALPHA, EXPONENT, FREE = range(4)
+
+_NEGLIGIBLE = 1e-12
+"""Share of the force at the edge of the gap that is as good as none."""
 
 
 @compiled
 def integer_power(base: float, exponent: int) -> float:
     """Return base^exponent for a whole exponent >= 0."""
-    result = 1.0
-    while exponent > 0:
-        if exponent & 1:
-            result *= base
-        base *= base
-        exponent >>= 1
-    return result
+    second = base * base
+    fourth = second * second
+    eighth = fourth * fourth
+    low = (base if exponent & 1 else 1.0) * (second if exponent & 2 else 1.0)
+    low *= (fourth if exponent & 4 else 1.0) * (eighth if exponent & 8 else 1.0)
+    if exponent < 16:
+        return low
+    high = eighth * eighth
+    result = low * high if exponent & 16 else low
+    if exponent < 32:
+        return result
+    high *= high
+    if exponent & 32:
+        result *= high
+    return result * (high * high) if exponent & 64 else result
 
 
 @compiled
@@ -68,6 +81,13 @@ def no_pull_piece(constants: Constants, half_gap: float, gap: float, gap_rate: f
 
 
 @compiled
+def power_linear(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> LinearPiece:  # noqa: ARG001
+    """Return no force where `power_force` is negligible."""
+    free = constants[FREE] * half_gap
+    return 0.0, 0.0, 0.0, free, 1.0, 0.0, free, -1.0, 0.0
+
+
+@compiled
 def power_energy(constants: Constants, half_gap: float, gap: float) -> float:
     """Return beta (d/2) s^(n+1)/(n+1), J."""
     n = int(constants[EXPONENT]) + 1
@@ -90,6 +110,7 @@ class PowerContact(Contact):
     force: ClassVar[ForceFunction] = staticmethod(power_force)
     energy: ClassVar[EnergyFunction] = staticmethod(power_energy)
     half_gap_slopes: ClassVar[SlopesFunction] = staticmethod(power_slopes)
+    linear: ClassVar[LinearFunction] = staticmethod(power_linear)
 
     stiffness: float = quantity("elastic force beta at |gap| = d/2", "N", above=0, at_most=1e7, default=10.0)
     damping: float = quantity("damping alpha at |gap| = d/2", "N s/m", at_least=0, at_most=1e8, default=200.0)
@@ -103,8 +124,8 @@ class PowerContact(Contact):
             raise ValueError(f"{self.section}.exponent must be an odd integer, got {self.exponent!r}")
 
     def constants(self, load_radius: float, mass: float) -> Constants:  # noqa: ARG002
-        """Return beta, alpha and the exponent."""
-        return as_constants(self.stiffness, self.damping, self.exponent)
+        """Return beta, alpha, the exponent, and the share of half the gap within which the force is negligible."""
+        return as_constants(self.stiffness, self.damping, self.exponent, _NEGLIGIBLE ** (1.0 / self.exponent))
 
     def deflection(self, torque: float, half_gap: float, load_radius: float) -> float:
         """Return how far beyond the gap the teeth carry ``torque`` (N m), rad at the output; 0 where within it."""

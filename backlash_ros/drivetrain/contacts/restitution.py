@@ -11,7 +11,15 @@ from typing import ClassVar
 from scipy.optimize import brentq
 
 from backlash_ros.drivetrain.compiled import compiled
-from backlash_ros.drivetrain.contact import Constants, ForceFunction, PieceFunction, ToothForce, as_constants
+from backlash_ros.drivetrain.contact import (
+    Constants,
+    ForceFunction,
+    LinearFunction,
+    LinearPiece,
+    PieceFunction,
+    ToothForce,
+    as_constants,
+)
 from backlash_ros.drivetrain.contacts.elastic import DAMPING, STIFFNESS, SpringContact
 from backlash_ros.drivetrain.quantity import quantity
 
@@ -57,6 +65,19 @@ def restitution_piece(constants: Constants, half_gap: float, gap: float, gap_rat
     return 2 if constants[STIFFNESS] * depth + damper < 0.0 else 1
 
 
+@compiled
+def restitution_linear(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> LinearPiece:
+    """Return the linear piece that holds: see `restitution_piece`."""
+    side = 1.0 if gap > 0.0 else -1.0
+    depth = side * gap - half_gap
+    if depth <= 0.0:
+        return 0.0, 0.0, 0.0, half_gap, 1.0, 0.0, half_gap, -1.0, 0.0
+    k, time = constants[STIFFNESS], side * constants[DAMPING] / constants[STIFFNESS]
+    if time * gap_rate < -depth:
+        return 0.0, 0.0, 0.0, -half_gap, side, 0.0, half_gap, -side, -time
+    return -side * k * half_gap, k, constants[DAMPING], -half_gap, side, 0.0, -half_gap, side, time
+
+
 @dataclass(frozen=True)
 class RestitutionContact(SpringContact):
     """Linear spring beyond the gap, damped for a coefficient of restitution."""
@@ -64,6 +85,7 @@ class RestitutionContact(SpringContact):
     section: ClassVar[str] = "contact.restitution"
     force: ClassVar[ForceFunction] = staticmethod(restitution_force)
     piece: ClassVar[PieceFunction] = staticmethod(restitution_piece)
+    linear: ClassVar[LinearFunction] = staticmethod(restitution_linear)
 
     restitution: float = quantity("coefficient of restitution e", "", at_least=0.2, at_most=1, default=0.5)
 

@@ -29,11 +29,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled, specialize, specialize_fused
+from backlash_ros.drivetrain.compiled import compiled, specialize
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Constants, Contact, ToothForce
 from backlash_ros.drivetrain.parameters import Drive
 from backlash_ros.drivetrain.signals import CURRENT, LOST, OMEGA_L, OMEGA_M, SUPPLIED, THETA_L, THETA_M, Array
+
+_PLAIN = False
+"""Whether there is no dry friction, no gravity and a gap that does not vary: `equations_with` binds it."""
 
 SLIDES = 1.0
 """The slip of a shaft without dry friction, which it does not depend on."""
@@ -124,9 +127,10 @@ Motion = tuple[float, float, float, float, float]
 
 def motion(
     plant: PlantConstants,
-    theta_m: float,
-    omega_m: float,
+    gap: float,
+    gap_rate: float,
     theta_l: float,
+    omega_m: float,
     omega_l: float,
     current: float,
     command: float,
@@ -138,21 +142,28 @@ def motion(
 
     The command is the voltage, V; without effect where the current is imposed.
     """
-    gap, gap_rate = plant.R1 * theta_m - plant.R2 * theta_l, plant.R1 * omega_m - plant.R2 * omega_l
+    slope_i = (command - plant.R * current - plant.K_m * omega_m) * plant.per_inductance
+    on_motor, on_load = plant.K_m * current - plant.B_m * omega_m, load_torque - plant.B_l * omega_l
+    if _PLAIN:
+        tooth = _contact_force(plant.contact, plant.half_gap, gap, gap_rate)
+        force = tooth[0]
+        # The force comes last: it is what the next evaluation waits for.
+        slope_m = on_motor * plant.per_inertia_m - (plant.R1 * plant.per_inertia_m) * force
+        slope_l = on_load * plant.per_inertia_l + (plant.R2 * plant.per_inertia_l) * force
+        return slope_m, slope_l, slope_i, force, tooth[3]
     half_gap, slope, _ = half_gap_of(plant, theta_l)
     tooth = _contact_force(plant.contact, half_gap, gap, gap_rate)
     force = tooth[0]
-    on_load = load_torque
     if plant.variation != 0.0:
         on_load -= _contact_slopes(plant.contact, half_gap, gap, tooth)[0] * slope
     if plant.gravity != 0.0:
         on_load -= plant.gravity * math.sin(theta_l + plant.gravity_offset)
-    on_motor = plant.K_m * current - plant.B_m * omega_m - motor_friction(plant, force, slip_m) - plant.R1 * force
-    on_load += plant.R2 * force - plant.B_l * omega_l - slip_l * plant.coulomb_l
+    on_motor -= motor_friction(plant, force, slip_m) + plant.R1 * force
+    on_load += plant.R2 * force - slip_l * plant.coulomb_l
     return (
         on_motor * plant.per_inertia_m if slip_m != 0.0 else 0.0,
         on_load * plant.per_inertia_l if slip_l != 0.0 else 0.0,
-        (command - plant.R * current - plant.K_m * omega_m) * plant.per_inductance,
+        slope_i,
         force,
         tooth[3],
     )
@@ -193,9 +204,10 @@ def powers(
 
 def _motion(
     plant: PlantConstants,
-    theta_m: float,
-    omega_m: float,
+    gap: float,
+    gap_rate: float,
     theta_l: float,
+    omega_m: float,
     omega_l: float,
     current: float,
     command: float,
@@ -218,9 +230,10 @@ def derivative(
 ) -> None:
     """Write d(state)/dt into ``out``, shape (7,): `motion` and `powers` as arrays."""
     omega_m, omega_l, current = state[OMEGA_M], state[OMEGA_L], state[CURRENT]
+    gap, gap_rate = gap_of(plant, state)
     out[THETA_M], out[THETA_L] = omega_m, omega_l
     out[OMEGA_M], out[OMEGA_L], out[CURRENT], force, elastic = _motion(
-        plant, state[THETA_M], omega_m, state[THETA_L], omega_l, current, command, load_torque, slip_m, slip_l
+        plant, gap, gap_rate, state[THETA_L], omega_m, omega_l, current, command, load_torque, slip_m, slip_l
     )
     out[SUPPLIED], out[LOST] = powers(
         plant, omega_m, omega_l, current, force, elastic, command, load_torque, slip_m, slip_l
@@ -370,12 +383,20 @@ def equations_of(drive: Drive) -> Equations:
     return equations_with(type(drive.gear.contact))  # type: ignore[arg-type]
 
 
+def is_plain(drive: Drive) -> bool:
+    """Return whether ``drive`` has no dry friction, no gravity and a gap that does not vary."""
+    gear = drive.gear
+    rubs = drive.motor.coulomb_friction or drive.load.coulomb_friction
+    loses = gear.efficiency_forward != 1.0 or gear.efficiency_backward != 1.0
+    return not (rubs or loses or gear.backlash_variation or drive.load.gravity_torque)
+
+
 @cache
-def equations_with(law: type[Contact]) -> Equations:
-    """Return the equations of motion, compiled for a contact law."""
+def equations_with(law: type[Contact], plain: bool = False) -> Equations:
+    """Return the equations of motion, compiled for a contact law; ``plain`` is of `is_plain`, and quicker."""
     force = {"_contact_force": law.force}
     both = {**force, "_contact_slopes": law.half_gap_slopes}
-    linear, rates = specialize(linearize, **both), specialize_fused(motion, **both)
+    linear, rates = specialize(linearize, **both), specialize(motion, fused=True, _PLAIN=plain, **both)
     return Equations(
         contact_of=specialize(contact_of, **force),
         motion=rates,

@@ -11,7 +11,7 @@ from functools import cache
 
 from scipy.integrate import DOP853
 
-from backlash_ros.drivetrain.compiled import fused, specialize_fused
+from backlash_ros.drivetrain.compiled import fused, specialize
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.motion.dynamics import Motion, equations_with, powers
@@ -60,9 +60,10 @@ def _judged(h: float, fifth: float, third: float) -> float:
 
 def _motion(
     plant: PlantConstants,
-    theta_m: float,
-    omega_m: float,
+    gap: float,
+    gap_rate: float,
     theta_l: float,
+    omega_m: float,
     omega_l: float,
     current: float,
     command: float,
@@ -94,80 +95,91 @@ def _step(
     """
     theta_m, omega_m, theta_l, omega_l = state[THETA_M], state[OMEGA_M], state[THETA_L], state[OMEGA_L]
     current = state[CURRENT]
-    # At stage j: speeds m, l and current i; their rates a, b, d; the force f and its elastic part e.
+    # At stage j: speeds m, l, v of the gap and current i; rates a, b, d of m, l, i; force f and its elastic part e.
     m0, l0, i0 = omega_m, omega_l, current
-    a0, b0, d0, f0, e0 = _motion(plant, theta_m, m0, theta_l, l0, i0, command, load_torque, slip_m, slip_l)
+    gap, v0 = plant.R1 * theta_m - plant.R2 * theta_l, plant.R1 * m0 - plant.R2 * l0
+    a0, b0, d0, f0, e0 = _motion(plant, gap, v0, theta_l, m0, l0, i0, command, load_torque, slip_m, slip_l)
 
     w = _A[1]
     m1 = omega_m + h * (w[0] * a0)
     l1 = omega_l + h * (w[0] * b0)
     i1 = current + h * (w[0] * d0)
-    p = theta_m + h * (w[0] * m0)
+    x = gap + h * (w[0] * v0)
     q = theta_l + h * (w[0] * l0)
-    a1, b1, d1, _, _ = _motion(plant, p, m1, q, l1, i1, command, load_torque, slip_m, slip_l)
+    v1 = plant.R1 * m1 - plant.R2 * l1
+    a1, b1, d1, _, _ = _motion(plant, x, v1, q, m1, l1, i1, command, load_torque, slip_m, slip_l)
     w = _A[2]
     m2 = omega_m + h * (w[0] * a0 + w[1] * a1)
     l2 = omega_l + h * (w[0] * b0 + w[1] * b1)
     i2 = current + h * (w[0] * d0 + w[1] * d1)
-    p = theta_m + h * (w[0] * m0 + w[1] * m1)
+    x = gap + h * (w[0] * v0 + w[1] * v1)
     q = theta_l + h * (w[0] * l0 + w[1] * l1)
-    a2, b2, d2, _, _ = _motion(plant, p, m2, q, l2, i2, command, load_torque, slip_m, slip_l)
+    v2 = plant.R1 * m2 - plant.R2 * l2
+    a2, b2, d2, _, _ = _motion(plant, x, v2, q, m2, l2, i2, command, load_torque, slip_m, slip_l)
     w = _A[3]
     m3 = omega_m + h * (w[0] * a0 + w[2] * a2)
     l3 = omega_l + h * (w[0] * b0 + w[2] * b2)
     i3 = current + h * (w[0] * d0 + w[2] * d2)
-    p = theta_m + h * (w[0] * m0 + w[2] * m2)
+    x = gap + h * (w[0] * v0 + w[2] * v2)
     q = theta_l + h * (w[0] * l0 + w[2] * l2)
-    a3, b3, d3, _, _ = _motion(plant, p, m3, q, l3, i3, command, load_torque, slip_m, slip_l)
+    v3 = plant.R1 * m3 - plant.R2 * l3
+    a3, b3, d3, _, _ = _motion(plant, x, v3, q, m3, l3, i3, command, load_torque, slip_m, slip_l)
     w = _A[4]
     m4 = omega_m + h * (w[0] * a0 + w[2] * a2 + w[3] * a3)
     l4 = omega_l + h * (w[0] * b0 + w[2] * b2 + w[3] * b3)
     i4 = current + h * (w[0] * d0 + w[2] * d2 + w[3] * d3)
-    p = theta_m + h * (w[0] * m0 + w[2] * m2 + w[3] * m3)
+    x = gap + h * (w[0] * v0 + w[2] * v2 + w[3] * v3)
     q = theta_l + h * (w[0] * l0 + w[2] * l2 + w[3] * l3)
-    a4, b4, d4, _, _ = _motion(plant, p, m4, q, l4, i4, command, load_torque, slip_m, slip_l)
+    v4 = plant.R1 * m4 - plant.R2 * l4
+    a4, b4, d4, _, _ = _motion(plant, x, v4, q, m4, l4, i4, command, load_torque, slip_m, slip_l)
     w = _A[5]
     m5 = omega_m + h * (w[0] * a0 + w[3] * a3 + w[4] * a4)
     l5 = omega_l + h * (w[0] * b0 + w[3] * b3 + w[4] * b4)
     i5 = current + h * (w[0] * d0 + w[3] * d3 + w[4] * d4)
-    p = theta_m + h * (w[0] * m0 + w[3] * m3 + w[4] * m4)
+    x = gap + h * (w[0] * v0 + w[3] * v3 + w[4] * v4)
     q = theta_l + h * (w[0] * l0 + w[3] * l3 + w[4] * l4)
-    a5, b5, d5, f5, e5 = _motion(plant, p, m5, q, l5, i5, command, load_torque, slip_m, slip_l)
+    v5 = plant.R1 * m5 - plant.R2 * l5
+    a5, b5, d5, f5, e5 = _motion(plant, x, v5, q, m5, l5, i5, command, load_torque, slip_m, slip_l)
     w = _A[6]
     m6 = omega_m + h * (w[0] * a0 + w[3] * a3 + w[4] * a4 + w[5] * a5)
     l6 = omega_l + h * (w[0] * b0 + w[3] * b3 + w[4] * b4 + w[5] * b5)
     i6 = current + h * (w[0] * d0 + w[3] * d3 + w[4] * d4 + w[5] * d5)
-    p = theta_m + h * (w[0] * m0 + w[3] * m3 + w[4] * m4 + w[5] * m5)
+    x = gap + h * (w[0] * v0 + w[3] * v3 + w[4] * v4 + w[5] * v5)
     q = theta_l + h * (w[0] * l0 + w[3] * l3 + w[4] * l4 + w[5] * l5)
-    a6, b6, d6, f6, e6 = _motion(plant, p, m6, q, l6, i6, command, load_torque, slip_m, slip_l)
+    v6 = plant.R1 * m6 - plant.R2 * l6
+    a6, b6, d6, f6, e6 = _motion(plant, x, v6, q, m6, l6, i6, command, load_torque, slip_m, slip_l)
     w = _A[7]
     m7 = omega_m + h * (w[0] * a0 + w[3] * a3 + w[4] * a4 + w[5] * a5 + w[6] * a6)
     l7 = omega_l + h * (w[0] * b0 + w[3] * b3 + w[4] * b4 + w[5] * b5 + w[6] * b6)
     i7 = current + h * (w[0] * d0 + w[3] * d3 + w[4] * d4 + w[5] * d5 + w[6] * d6)
-    p = theta_m + h * (w[0] * m0 + w[3] * m3 + w[4] * m4 + w[5] * m5 + w[6] * m6)
+    x = gap + h * (w[0] * v0 + w[3] * v3 + w[4] * v4 + w[5] * v5 + w[6] * v6)
     q = theta_l + h * (w[0] * l0 + w[3] * l3 + w[4] * l4 + w[5] * l5 + w[6] * l6)
-    a7, b7, d7, f7, e7 = _motion(plant, p, m7, q, l7, i7, command, load_torque, slip_m, slip_l)
+    v7 = plant.R1 * m7 - plant.R2 * l7
+    a7, b7, d7, f7, e7 = _motion(plant, x, v7, q, m7, l7, i7, command, load_torque, slip_m, slip_l)
     w = _A[8]
     m8 = omega_m + h * (w[0] * a0 + w[3] * a3 + w[4] * a4 + w[5] * a5 + w[6] * a6 + w[7] * a7)
     l8 = omega_l + h * (w[0] * b0 + w[3] * b3 + w[4] * b4 + w[5] * b5 + w[6] * b6 + w[7] * b7)
     i8 = current + h * (w[0] * d0 + w[3] * d3 + w[4] * d4 + w[5] * d5 + w[6] * d6 + w[7] * d7)
-    p = theta_m + h * (w[0] * m0 + w[3] * m3 + w[4] * m4 + w[5] * m5 + w[6] * m6 + w[7] * m7)
+    x = gap + h * (w[0] * v0 + w[3] * v3 + w[4] * v4 + w[5] * v5 + w[6] * v6 + w[7] * v7)
     q = theta_l + h * (w[0] * l0 + w[3] * l3 + w[4] * l4 + w[5] * l5 + w[6] * l6 + w[7] * l7)
-    a8, b8, d8, f8, e8 = _motion(plant, p, m8, q, l8, i8, command, load_torque, slip_m, slip_l)
+    v8 = plant.R1 * m8 - plant.R2 * l8
+    a8, b8, d8, f8, e8 = _motion(plant, x, v8, q, m8, l8, i8, command, load_torque, slip_m, slip_l)
     w = _A[9]
     m9 = omega_m + h * (w[0] * a0 + w[3] * a3 + w[4] * a4 + w[5] * a5 + w[6] * a6 + w[7] * a7 + w[8] * a8)
     l9 = omega_l + h * (w[0] * b0 + w[3] * b3 + w[4] * b4 + w[5] * b5 + w[6] * b6 + w[7] * b7 + w[8] * b8)
     i9 = current + h * (w[0] * d0 + w[3] * d3 + w[4] * d4 + w[5] * d5 + w[6] * d6 + w[7] * d7 + w[8] * d8)
-    p = theta_m + h * (w[0] * m0 + w[3] * m3 + w[4] * m4 + w[5] * m5 + w[6] * m6 + w[7] * m7 + w[8] * m8)
+    x = gap + h * (w[0] * v0 + w[3] * v3 + w[4] * v4 + w[5] * v5 + w[6] * v6 + w[7] * v7 + w[8] * v8)
     q = theta_l + h * (w[0] * l0 + w[3] * l3 + w[4] * l4 + w[5] * l5 + w[6] * l6 + w[7] * l7 + w[8] * l8)
-    a9, b9, d9, f9, e9 = _motion(plant, p, m9, q, l9, i9, command, load_torque, slip_m, slip_l)
+    v9 = plant.R1 * m9 - plant.R2 * l9
+    a9, b9, d9, f9, e9 = _motion(plant, x, v9, q, m9, l9, i9, command, load_torque, slip_m, slip_l)
     w = _A[10]
     m10 = omega_m + h * (w[0] * a0 + w[3] * a3 + w[4] * a4 + w[5] * a5 + w[6] * a6 + w[7] * a7 + w[8] * a8 + w[9] * a9)
     l10 = omega_l + h * (w[0] * b0 + w[3] * b3 + w[4] * b4 + w[5] * b5 + w[6] * b6 + w[7] * b7 + w[8] * b8 + w[9] * b9)
     i10 = current + h * (w[0] * d0 + w[3] * d3 + w[4] * d4 + w[5] * d5 + w[6] * d6 + w[7] * d7 + w[8] * d8 + w[9] * d9)
-    p = theta_m + h * (w[0] * m0 + w[3] * m3 + w[4] * m4 + w[5] * m5 + w[6] * m6 + w[7] * m7 + w[8] * m8 + w[9] * m9)
+    x = gap + h * (w[0] * v0 + w[3] * v3 + w[4] * v4 + w[5] * v5 + w[6] * v6 + w[7] * v7 + w[8] * v8 + w[9] * v9)
     q = theta_l + h * (w[0] * l0 + w[3] * l3 + w[4] * l4 + w[5] * l5 + w[6] * l6 + w[7] * l7 + w[8] * l8 + w[9] * l9)
-    a10, b10, d10, f10, e10 = _motion(plant, p, m10, q, l10, i10, command, load_torque, slip_m, slip_l)
+    v10 = plant.R1 * m10 - plant.R2 * l10
+    a10, b10, d10, f10, e10 = _motion(plant, x, v10, q, m10, l10, i10, command, load_torque, slip_m, slip_l)
     w = _A[11]
     m11 = omega_m + h * (
         w[0] * a0 + w[3] * a3 + w[4] * a4 + w[5] * a5 + w[6] * a6 + w[7] * a7 + w[8] * a8 + w[9] * a9 + w[10] * a10
@@ -178,32 +190,30 @@ def _step(
     i11 = current + h * (
         w[0] * d0 + w[3] * d3 + w[4] * d4 + w[5] * d5 + w[6] * d6 + w[7] * d7 + w[8] * d8 + w[9] * d9 + w[10] * d10
     )
-    p = theta_m + h * (
-        w[0] * m0 + w[3] * m3 + w[4] * m4 + w[5] * m5 + w[6] * m6 + w[7] * m7 + w[8] * m8 + w[9] * m9 + w[10] * m10
+    x = gap + h * (
+        w[0] * v0 + w[3] * v3 + w[4] * v4 + w[5] * v5 + w[6] * v6 + w[7] * v7 + w[8] * v8 + w[9] * v9 + w[10] * v10
     )
     q = theta_l + h * (
         w[0] * l0 + w[3] * l3 + w[4] * l4 + w[5] * l5 + w[6] * l6 + w[7] * l7 + w[8] * l8 + w[9] * l9 + w[10] * l10
     )
-    a11, b11, d11, f11, e11 = _motion(plant, p, m11, q, l11, i11, command, load_torque, slip_m, slip_l)
+    v11 = plant.R1 * m11 - plant.R2 * l11
+    a11, b11, d11, f11, e11 = _motion(plant, x, v11, q, m11, l11, i11, command, load_torque, slip_m, slip_l)
     out[THETA_M] = theta_m + h * _sum(_B, m0, m5, m6, m7, m8, m9, m10, m11)
     out[OMEGA_M] = omega_m + h * _sum(_B, a0, a5, a6, a7, a8, a9, a10, a11)
     out[THETA_L] = theta_l + h * _sum(_B, l0, l5, l6, l7, l8, l9, l10, l11)
     out[OMEGA_L] = omega_l + h * _sum(_B, b0, b5, b6, b7, b8, b9, b10, b11)
     out[CURRENT] = current + h * _sum(_B, d0, d5, d6, d7, d8, d9, d10, d11)
-    per_speed_m = 1.0 / (plant.small_speed_m + abs(out[OMEGA_M]))
-    per_speed_l = 1.0 / (plant.small_speed_l + abs(out[OMEGA_L]))
-    per_current = 1.0 / (plant.small_current + abs(out[CURRENT]))
     fifth, third = 0.0, 0.0
     fifth += (plant.per_angle_m * _sum(_E5, m0, m5, m6, m7, m8, m9, m10, m11)) ** 2
     third += (plant.per_angle_m * _sum(_E3, m0, m5, m6, m7, m8, m9, m10, m11)) ** 2
-    fifth += (per_speed_m * _sum(_E5, a0, a5, a6, a7, a8, a9, a10, a11)) ** 2
-    third += (per_speed_m * _sum(_E3, a0, a5, a6, a7, a8, a9, a10, a11)) ** 2
+    fifth += (plant.per_speed_m * _sum(_E5, a0, a5, a6, a7, a8, a9, a10, a11)) ** 2
+    third += (plant.per_speed_m * _sum(_E3, a0, a5, a6, a7, a8, a9, a10, a11)) ** 2
     fifth += (plant.per_angle_l * _sum(_E5, l0, l5, l6, l7, l8, l9, l10, l11)) ** 2
     third += (plant.per_angle_l * _sum(_E3, l0, l5, l6, l7, l8, l9, l10, l11)) ** 2
-    fifth += (per_speed_l * _sum(_E5, b0, b5, b6, b7, b8, b9, b10, b11)) ** 2
-    third += (per_speed_l * _sum(_E3, b0, b5, b6, b7, b8, b9, b10, b11)) ** 2
-    fifth += (per_current * _sum(_E5, d0, d5, d6, d7, d8, d9, d10, d11)) ** 2
-    third += (per_current * _sum(_E3, d0, d5, d6, d7, d8, d9, d10, d11)) ** 2
+    fifth += (plant.per_speed_l * _sum(_E5, b0, b5, b6, b7, b8, b9, b10, b11)) ** 2
+    third += (plant.per_speed_l * _sum(_E3, b0, b5, b6, b7, b8, b9, b10, b11)) ** 2
+    fifth += (plant.per_current * _sum(_E5, d0, d5, d6, d7, d8, d9, d10, d11)) ** 2
+    third += (plant.per_current * _sum(_E3, d0, d5, d6, d7, d8, d9, d10, d11)) ** 2
     if account:  # the energies follow from the motion and do not act back on it
         s0, t0 = powers(plant, m0, l0, i0, f0, e0, command, load_torque, slip_m, slip_l)
         s5, t5 = powers(plant, m5, l5, i5, f5, e5, command, load_torque, slip_m, slip_l)
@@ -237,6 +247,6 @@ Step = Callable[[PlantConstants, Array, float, float, float, float, float, float
 
 
 @cache
-def explicit_with(law: type[Contact]) -> Step:
-    """Return `_step` compiled for a contact law."""
-    return specialize_fused(_step, _motion=equations_with(law).motion)  # type: ignore[arg-type]
+def explicit_with(law: type[Contact], plain: bool = False) -> Step:
+    """Return `_step` compiled for a contact law and for drives that are ``plain``: see `dynamics.is_plain`."""
+    return specialize(_step, fused=True, inlined=True, _motion=equations_with(law, plain).motion)  # type: ignore[arg-type]

@@ -95,9 +95,8 @@ def _solve_stage(
 def _error(plant: PlantConstants, after: Array, difference: Array, account: bool) -> float:
     """Largest error over what it is measured by: see `integrator.DEFAULT_TOLERANCE`."""
     error = max(abs(difference[THETA_M]) * plant.per_angle_m, abs(difference[THETA_L]) * plant.per_angle_l)
-    error = max(error, abs(difference[OMEGA_M]) / (plant.small_speed_m + abs(after[OMEGA_M])))
-    error = max(error, abs(difference[OMEGA_L]) / (plant.small_speed_l + abs(after[OMEGA_L])))
-    error = max(error, abs(difference[CURRENT]) / (plant.small_current + abs(after[CURRENT])))
+    error = max(error, abs(difference[OMEGA_M]) * plant.per_speed_m, abs(difference[OMEGA_L]) * plant.per_speed_l)
+    error = max(error, abs(difference[CURRENT]) * plant.per_current)
     if account:
         for k in (SUPPLIED, LOST):
             error = max(error, abs(difference[k]) / (plant.energy_scale + abs(after[k])))

@@ -18,20 +18,22 @@ import numpy as np
 
 from backlash_ros.drivetrain.compiled import compiled, specialize
 from backlash_ros.drivetrain.constants import PLANT_TYPE, PlantConstants
-from backlash_ros.drivetrain.contact import Contact, ToothForce, one_piece
-from backlash_ros.drivetrain.motion.dynamics import SLIDES, equations_with, load_rubs, motor_rubs
+from backlash_ros.drivetrain.contact import Contact, ToothForce, nowhere_linear, one_piece
+from backlash_ros.drivetrain.motion.dynamics import SLIDES, equations_with, is_plain, load_rubs, motor_rubs
 from backlash_ros.drivetrain.motion.explicit import explicit_with
 from backlash_ros.drivetrain.motion.friction import friction_with
 from backlash_ros.drivetrain.motion.implicit import implicit_with
 from backlash_ros.drivetrain.motion.kinks import kinks_with
+from backlash_ros.drivetrain.motion.series import ROOM, series_with
 from backlash_ros.drivetrain.parameters import Drive
 from backlash_ros.drivetrain.signals import CURRENT, STATE_NAMES, Array, PlantState
 
 _types: Any = numba.types
 
 DEFAULT_TOLERANCE = 1e-9
-"""Error allowed per step: for angles as a share of the narrowest gap, for speeds and current of their own size, which
-counts as 1 % of the speed without load and of the current at standstill at least."""
+"""Error allowed per step, as a share: for angles of the narrowest gap, for speeds of the speed without load, for the
+current of that at standstill, for energies of their own size and the motor's kinetic energy at its speed without load.
+"""
 
 DONE, STEP_TOO_SMALL, TOO_MANY_STEPS = range(3)
 
@@ -43,6 +45,11 @@ ADVANCE_SIGNATURE: Any = _types.Tuple((_types.int64, _types.float64))(
     PLANT_TYPE, *[_types.float64[::1]] * 2, *[_types.float64] * 4
 )
 """numba's signature of `Advance`."""
+
+_PLAIN = False
+"""Whether the drive is plain: `integrator_with` binds it."""
+_HAS_SERIES = False
+"""Whether it also has linear pieces: `integrator_with` binds it."""
 
 _STEPS_AT_MOST = 200_000
 _SHORTEST = 1e-13
@@ -78,7 +85,7 @@ def integration_memory(*, account: bool = False) -> Array:
 
     With ``account`` the energies are integrated, too: see `signals.PlantState`.
     """
-    memory = np.zeros(_TRIAL + 21)
+    memory = np.zeros(_TRIAL + 21 + ROOM)
     memory[_ACCOUNT] = account
     return memory
 
@@ -122,6 +129,13 @@ def _implicit(
     out: Array,
 ) -> tuple[float, float]:
     """Stand for `implicit._step` of a contact law, which `integrator_with` binds."""
+    raise NotImplementedError
+
+
+def _series(
+    plant: PlantConstants, state: Array, longest: float, command: float, load_torque: float, work: Array
+) -> tuple[float, float]:
+    """Stand for `series._step` of a contact law, which `integrator_with` binds."""
     raise NotImplementedError
 
 
@@ -203,6 +217,12 @@ def _without_kinks(plant: PlantConstants) -> bool:
 
 
 @compiled
+def _plain(plant: PlantConstants) -> bool:  # noqa: ARG001
+    """Return True: the drive is plain and its contact law has no kinks."""
+    return True
+
+
+@compiled
 def _with_kinks(plant: PlantConstants) -> bool:  # noqa: ARG001
     """Return False: the contact law has kinks."""
     return False
@@ -244,13 +264,15 @@ def _advance(
     if duration <= 0.0:
         return DONE, 0.0
     trial, before, after = step[_TRIAL : _TRIAL + 7], step[_TRIAL + 7 : _TRIAL + 14], step[_TRIAL + 14 : _TRIAL + 21]
+    work = step[_TRIAL + 21 :]
     if math.isinf(plant.L):
         state[CURRENT] = command
-    rubs = motor_rubs(plant) or load_rubs(plant)
+    rubs = not _PLAIN and (motor_rubs(plant) or load_rubs(plant))
     slip_m = slip_l = SLIDES
     if rubs:
         slip_m, slip_l = _slips(plant, state, load_torque, tolerance)
     looks = rubs or not _smooth(plant)
+    exact = _HAS_SERIES and step[_ACCOUNT] == 0.0
     account, stiff = step[_ACCOUNT] != 0.0, step[_STIFF] != 0.0
     time, peak = 0.0, step[PEAK_FORCE]
     h = step[STEP_SIZE]
@@ -265,6 +287,13 @@ def _advance(
         if remaining <= 1e-12 * duration:
             time, status = duration, DONE
             break
+        if exact:
+            used, force = _series(plant, state, remaining, command, load_torque, work)
+            if used > 0.0:
+                time += used
+                peak = max(peak, force)
+                fresh = True
+                continue
         last = h >= remaining * (1.0 - 1e-9)
         used = remaining if last else h
         if not last and size == 0.0 and remaining < 4.0 * h:  # as many steps as it takes, but even ones
@@ -310,7 +339,8 @@ def _advance(
                 if h <= 2.0 * _SHORTEST * duration:
                     h, tries = 2.0 * _SHORTEST * duration, _TRIES
                 continue
-        state[:] = trial
+        for j in range(7):
+            state[j] = trial[j]
         peak = max(peak, force)
         fresh = True
         # A last step that was cut short to end on time says little about the size that would do.
@@ -342,26 +372,30 @@ def _advance(
 
 def integrator_for(drive: Drive) -> Advance:
     """Return `_advance` compiled for the contact law of ``drive``: a value that a compiled loop can take."""
-    return integrator_with(type(drive.gear.contact))  # type: ignore[arg-type]
+    return integrator_with(type(drive.gear.contact), is_plain(drive))  # type: ignore[arg-type]
 
 
 @cache
-def integrator_with(law: type[Contact]) -> Advance:
-    """Return `_advance` compiled for a contact law."""
+def integrator_with(law: type[Contact], plain: bool = False) -> Advance:
+    """Return `_advance` compiled for a contact law and for drives that are ``plain``: see `dynamics.is_plain`."""
     equations = equations_with(law)  # type: ignore[arg-type]
     friction = friction_with(law)  # type: ignore[arg-type]
     contact_of = {"_contact_of": equations.contact_of}
     return specialize(
         _advance,
         ADVANCE_SIGNATURE,
+        fused=True,
         **contact_of,
-        _explicit=explicit_with(law),  # type: ignore[arg-type]
+        _PLAIN=plain,
+        _HAS_SERIES=plain and law.linear is not nowhere_linear,
+        _series=series_with(law),  # type: ignore[arg-type]
+        _explicit=explicit_with(law, plain),  # type: ignore[arg-type]
         _implicit=implicit_with(law),  # type: ignore[arg-type]
         _rate=specialize(_rate, **contact_of),
         _derivative=equations.derivative,
         _slips=friction.slips,
         _first_event=friction.first_event,
         _first_kink=kinks_with(law),  # type: ignore[arg-type]
-        _smooth=_without_kinks if law.piece is one_piece else _with_kinks,
+        _smooth=_with_kinks if law.piece is not one_piece else _plain if plain else _without_kinks,
         _switch=friction.switch,
     )

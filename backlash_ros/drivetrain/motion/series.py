@@ -1,0 +1,184 @@
+"""Motion while the contact force is linear in the gap and its rate: in the gap, and with a linear spring in contact.
+
+The equations of a plain drive (`dynamics.is_plain`) are linear then, and the power series of their solution is as good
+as exact. Its coefficients also tell for how long the force stays linear: see `Contact.linear`.
+"""
+
+import math
+from collections.abc import Callable
+from functools import cache
+
+from backlash_ros.drivetrain.compiled import fused, specialize
+from backlash_ros.drivetrain.constants import PlantConstants
+from backlash_ros.drivetrain.contact import Constants, Contact, LinearPiece
+from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array
+
+_ORDER = 20
+_ROW = _ORDER + 1
+_THETA_M, _OMEGA_M, _THETA_L, _OMEGA_L, _CURRENT, _GAP = (row * _ROW for row in range(6))
+"""Where the coefficients of a series begin: of the five states, and of the gap."""
+ROOM = 6 * _ROW
+"""Numbers to work with."""
+
+_REACH, _REACH_IN_CONTACT = 2.0, 1.0
+"""Longest step times the fastest rate. At 2 what the series leaves out is 4e-14."""
+_BEYOND = 1e-10
+"""Share of half the gap by which a step goes across a bound that it meets, so that the next one starts behind it."""
+_TRIES = 12
+
+
+@fused
+def _value(work: Array, row: int, t: float) -> float:
+    """Return a series after ``t`` seconds."""
+    value = work[row + _ORDER]
+    for k in range(_ORDER - 1, -1, -1):
+        value = value * t + work[row + k]
+    return value
+
+
+@fused
+def _gap_at(work: Array, t: float) -> tuple[float, float, float]:
+    """Return the gap after ``t`` seconds (m), its rate (m/s) and half its acceleration (m/s^2)."""
+    gap = rate = half = 0.0
+    for k in range(_ORDER, -1, -1):
+        half = half * t + rate
+        rate = rate * t + gap
+        gap = gap * t + work[_GAP + k]
+    return gap, rate, half
+
+
+@fused
+def _clear_of(piece: LinearPiece, work: Array, t: float) -> tuple[float, float, bool]:
+    """Return how far from its bounds the piece is certain to keep for ``t`` seconds (m), less than nothing if it is not.
+
+    Also how that changes with t, and whether the first bound is the nearer one. Of the gap's series less its straight
+    line, and of the rate's, magnitudes count: so it is concave in t, and what it is at the end it is on the way, too.
+    """
+    _, _, _, a0, a1, a2, b0, b1, b2 = piece
+    p = slope = bend = 0.0
+    for k in range(_ORDER, 1, -1):
+        bend = bend * t + slope
+        slope = slope * t + p
+        p = p * t + abs(work[_GAP + k])
+    off, off_rate = p * t * t, (2.0 * p + slope * t) * t
+    off_slope = 2.0 * p + (4.0 * slope + 2.0 * bend * t) * t
+    gap, rate, twice = work[_GAP] + work[_GAP + 1] * t, work[_GAP + 1], 2.0 * work[_GAP + 2]
+    off_rate_alone, off_slope_alone = off_rate - abs(twice) * t, off_slope - abs(twice)
+    first = a0 + a1 * gap + a2 * (rate + twice * t) - abs(a1) * off - abs(a2) * off_rate_alone
+    second = b0 + b1 * gap + b2 * (rate + twice * t) - abs(b1) * off - abs(b2) * off_rate_alone
+    first_slope = a1 * rate + a2 * twice - abs(a1) * off_rate - abs(a2) * off_slope_alone
+    second_slope = b1 * rate + b2 * twice - abs(b1) * off_rate - abs(b2) * off_slope_alone
+    if first < second or (first == second and first_slope <= second_slope):
+        return first, first_slope, True
+    return second, second_slope, False
+
+
+@fused
+def _until(piece: LinearPiece, work: Array, longest: float, beyond: float) -> float:
+    """Return until when the piece is certain to hold, at most ``longest``, s.
+
+    Where a bound is met soon after that, it is the time just behind it, by less than ``beyond`` (m).
+    """
+    t = longest
+    clear, slope, first = _clear_of(piece, work, t)
+    if clear > -beyond:
+        return longest
+    for _ in range(_TRIES):  # Newton's method comes down a concave curve from the right
+        t -= (clear + 0.5 * beyond) / slope
+        if t <= 0.0:
+            return 0.0
+        clear, slope, first = _clear_of(piece, work, t)
+        if clear > -beyond:
+            break
+    certain = t if clear > -beyond else 0.0
+    _, _, _, a0, a1, a2, b0, b1, b2 = piece
+    bound, by_gap, by_rate = (a0, a1, a2) if first else (b0, b1, b2)
+    for _ in range(_TRIES):
+        gap, rate, half = _gap_at(work, t)
+        slope, over = by_gap * rate + 2.0 * by_rate * half, bound + by_gap * gap + by_rate * rate + 0.5 * beyond
+        if abs(over) < 0.4 * beyond:
+            return t
+        if not slope < 0.0:
+            return certain
+        t -= over / slope
+        if not certain <= t <= longest:
+            return certain
+    return certain
+
+
+@fused
+def _force_at(piece: LinearPiece, work: Array, t: float) -> float:
+    """Return the contact force after ``t`` seconds, N."""
+    gap, rate, _ = _gap_at(work, t)
+    return piece[0] + piece[1] * gap + piece[2] * rate
+
+
+def _linear(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> LinearPiece:
+    """Stand for the linear pieces of a contact law, which `series_with` binds."""
+    raise NotImplementedError
+
+
+def _step(
+    plant: PlantConstants, state: Array, longest: float, command: float, load_torque: float, work: Array
+) -> tuple[float, float]:
+    """Move ``state``, shape (7,), on in place for as long as the force is certain to stay linear.
+
+    Parameters
+    ----------
+    longest : of the step, s
+    work : shape (ROOM,)
+
+    Returns
+    -------
+    (time, force) : by how much it moved on, s, 0 where the force is not linear; the largest force on the way, N
+    """
+    theta_m, omega_m, theta_l, omega_l = state[THETA_M], state[OMEGA_M], state[THETA_L], state[OMEGA_L]
+    current, volts, torque = state[CURRENT], command, load_torque
+    gap, rate = plant.R1 * theta_m - plant.R2 * theta_l, plant.R1 * omega_m - plant.R2 * omega_l
+    piece = _linear(plant.contact, plant.half_gap, gap, rate)
+    offset, stiffness, damping, a0, a1, a2, b0, b1, b2 = piece
+    if a0 + a1 * gap + a2 * rate < 0.0 or b0 + b1 * gap + b2 * rate < 0.0:
+        return 0.0, 0.0
+    touches = stiffness != 0.0 or damping != 0.0
+    h = _REACH / plant.rate
+    if touches:
+        per_mass = plant.R1 * plant.R1 * plant.per_inertia_m + plant.R2 * plant.R2 * plant.per_inertia_l
+        h = _REACH_IN_CONTACT / max(plant.rate, math.sqrt(stiffness * per_mass), damping * per_mass)
+    work[_THETA_M], work[_OMEGA_M], work[_THETA_L], work[_OMEGA_L] = theta_m, omega_m, theta_l, omega_l
+    work[_CURRENT], work[_GAP] = current, gap
+    for k in range(1, _ROW):
+        share = 1.0 / k
+        on_motor, on_load = plant.K_m * current - plant.B_m * omega_m, torque - plant.B_l * omega_l
+        if touches:
+            force = offset + stiffness * gap + damping * rate
+            on_motor -= plant.R1 * force
+            on_load += plant.R2 * force
+        work[_THETA_M + k], work[_THETA_L + k] = omega_m * share, omega_l * share
+        work[_GAP + k] = gap = rate * share
+        current = (volts - plant.R * current - plant.K_m * omega_m) * (plant.per_inductance * share)
+        omega_m, omega_l = on_motor * (plant.per_inertia_m * share), on_load * (plant.per_inertia_l * share)
+        work[_OMEGA_M + k], work[_OMEGA_L + k], work[_CURRENT + k] = omega_m, omega_l, current
+        rate = plant.R1 * omega_m - plant.R2 * omega_l
+        volts = torque = offset = 0.0
+    h = _until(piece, work, min(longest, h), _BEYOND * plant.half_gap)
+    state[THETA_M], state[OMEGA_M] = _value(work, _THETA_M, h), _value(work, _OMEGA_M, h)
+    state[THETA_L], state[OMEGA_L] = _value(work, _THETA_L, h), _value(work, _OMEGA_L, h)
+    state[CURRENT] = _value(work, _CURRENT, h)
+    if not touches:
+        return h, 0.0
+    # A parabola through three places has the peak.
+    first, middle, last = _force_at(piece, work, 0.0), _force_at(piece, work, 0.5 * h), _force_at(piece, work, h)
+    force = max(abs(first), abs(middle), abs(last))
+    tilt, bend = 0.5 * (last - first), 0.5 * (first + last) - middle
+    if abs(tilt) < 2.0 * abs(bend):
+        force = max(force, abs(middle - 0.25 * tilt * tilt / bend))
+    return h, force
+
+
+SeriesStep = Callable[[PlantConstants, Array, float, float, float, Array], tuple[float, float]]
+
+
+@cache
+def series_with(law: type[Contact]) -> SeriesStep:
+    """Return `_step` compiled for a contact law."""
+    return specialize(_step, fused=True, inlined=True, _linear=law.linear)
