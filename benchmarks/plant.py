@@ -127,17 +127,17 @@ def evaluation_time(play: Play) -> float:
 def row(play: Play, what: str, against: str, measured: tuple[Array, Array], error: float, goal: str) -> Row:
     """Return the row of a measurement, and, where its goal is missed, how little time the goal leaves."""
     (mine, theirs), ratios = measured
-    wanted, limit = float(goal.split()[1]), None
-    if mine / theirs < wanted:
-        evaluation, per_sample = 1e9 * evaluation_time(play), 1e9 * PERIOD / theirs
-        left = per_sample / wanted
+    ratio, wanted, limit = float(mine / theirs), float(goal.split()[1]), None
+    if ratio < wanted:
+        evaluation = evaluation_time(play)
+        taken, left = PERIOD / mine, PERIOD / theirs / wanted
         limit = (
-            f"a sample takes the other {per_sample:.0f} ns; the goal leaves ours {left:.0f} ns, the time of "
-            f"{left / evaluation:.1f} evaluations of the equations of motion ({evaluation:.0f} ns each, measured), "
-            f"and ours takes {1e9 * PERIOD / mine:.0f} ns, {1e9 * PERIOD / mine / evaluation:.1f} evaluations"
+            f"theirs takes {1e9 * PERIOD / theirs:.0f} ns for a sample. The goal leaves ours {1e9 * left:.0f} ns, "
+            f"{left / evaluation:.1f} evaluations of the equations of motion of {1e9 * evaluation:.0f} ns, measured. "
+            f"Ours takes {1e9 * taken:.0f} ns, {taken / evaluation:.1f}"
         )
-    spread = float(min(ratios)), float(max(ratios))
-    return Row(what, float(mine), against, float(theirs), float(mine / theirs), spread, error, goal, limit)
+    spread = float(min(ratio, *ratios)), float(max(ratio, *ratios))
+    return Row(what, float(mine), against, float(theirs), ratio, spread, error, goal, limit)
 
 
 def unmeasured(what: str, against: str, goal: str, why: str) -> Row:
@@ -145,15 +145,18 @@ def unmeasured(what: str, against: str, goal: str, why: str) -> Row:
     return Row(what, None, against, None, None, None, None, goal, why)
 
 
+def title(name: str, wanted: float | None) -> str:
+    """Return the name of a row."""
+    return f"plant, {name}, " + ("at the default tolerance" if wanted is None else f"error <= {wanted:g} rad")
+
+
 def against_c(loop: Any, play: Play, exact: tuple[Array, ...], wanted: float | None, goal: str) -> Row:
     """Measure one scenario against the C loop; at our default tolerance and its error where none is ``wanted``."""
-    error_of = error_against(play, *exact)
+    error_of, what = error_against(play, *exact), title(play.name, wanted)
     if wanted is None:
-        what = f"plant, {play.name}, at the default tolerance"
         mine: Found | None = (DEFAULT_TOLERANCE, error_of(ours(play, DEFAULT_TOLERANCE)))
         wanted = max(1e-8, mine[1])
     else:
-        what = f"plant, {play.name}, error <= {wanted:g} rad"
         mine = loosest(TOLERANCES, partial(ours, play), error_of, wanted)
     theirs, against = loosest(step_counts(), partial(in_c, loop, play), error_of, wanted), C_LOOP
     if theirs is None:
@@ -168,7 +171,7 @@ def against_c(loop: Any, play: Play, exact: tuple[Array, ...], wanted: float | N
 
 def against_scipy(play: Play, method: str, exact: Array, wanted: float, goal: str) -> Row:
     """Measure the first 2 s of a scenario against a method of scipy."""
-    what = f"plant, {play.name}, first 2 s, error <= {wanted:g} rad"
+    what = title(f"{play.name}, first 2 s", wanted)
     against, error_of = f"scipy {method}, compiled right-hand side", error_against(play, exact)
     mine = loosest(TOLERANCES, partial(ours, play), error_of, wanted)
     theirs = loosest(TOLERANCES, partial(by_scipy, play, method), error_of, wanted)
@@ -197,8 +200,7 @@ def all_against_c(made: dict[str, Play], radau: dict[str, Array]) -> list[Row]:
         library = compile_loops(Path(folder))
         if library is None:
             return [
-                unmeasured(f"plant, {name}, error <= {wanted} rad", C_LOOP, goal, "no C compiler was found")
-                for name, wanted, goal in GOALS
+                unmeasured(title(name, wanted), C_LOOP, goal, "no C compiler was found") for name, wanted, goal in GOALS
             ]
         exact = {
             name: (whole(in_c(library.exact_loop, play, FINEST), play), radau[name]) for name, play in made.items()
