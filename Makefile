@@ -91,7 +91,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/closed_loop.py
 	$(BIN)/python benchmarks/real_time.py axes --seconds 20
 	$(BIN)/python benchmarks/real_time.py lockstep --seconds 20
-	$(BIN)/python benchmarks/real_time.py step --seconds 20
+	$(BIN)/python benchmarks/real_time.py step --seconds 10
 	$(BIN)/python benchmarks/stopped_listener.py --seconds 20
 
 soak: $(READY)
