@@ -11,7 +11,8 @@
 #   make bench   what a tick costs; how fast the offline loop is, beside scipy in the same run; six axes in real time; lockstep;
 #                a step of the node beside a bare publish;
 #                a listener that is stopped, by shared memory and by UDP;
-#                the plant beside the same equations in C and beside scipy, into docs/performance.md
+#                the plant beside the same equations in C and beside scipy, and batches of runs: how many a second,
+#                two cores beside one, memory; into docs/performance.md. About ten minutes on two cores
 #   make soak    ten minutes in real time: nothing lost, no memory grown
 #   make lock    renew requirements/*.txt, the locks with hashes, from requirements/*.in
 #
@@ -82,12 +83,15 @@ docs: $(READY)
 	$(BIN)/python test/support/telemetry_table.py
 
 bench: $(READY)
+	rm -f results/bench.json
+	$(BIN)/python -m backlash_ros.simulation  # compiles first
 	$(BIN)/python benchmarks/plant.py
+	$(BIN)/python benchmarks/batch.py
 	$(BIN)/python benchmarks/tick.py
 	$(BIN)/python benchmarks/closed_loop.py
 	$(BIN)/python benchmarks/real_time.py axes --seconds 20
 	$(BIN)/python benchmarks/real_time.py lockstep --seconds 20
-	$(BIN)/python benchmarks/real_time.py step --seconds 20
+	$(BIN)/python benchmarks/real_time.py step --seconds 10
 	$(BIN)/python benchmarks/stopped_listener.py --seconds 20
 
 soak: $(READY)

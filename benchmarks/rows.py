@@ -12,8 +12,9 @@ PAGE = ROOT / "docs" / "performance.md"
 _HEAD = """# Performance
 
 `make bench` measures this and writes this page and `results/bench.json`. Each ratio is of two figures from the same
-run, so that it means something on another machine, too. The spread is the smallest and the largest ratio of parts of
-the measurement. What each row plays stands at the head of its file in `benchmarks`.
+run, so that it means something on another machine, too. The spread is the smallest and the largest ratio, of the whole
+measurement and of its parts. Figures of the plant are times real time; the unit of others stands in their name. The
+head of each file in `benchmarks` says what it plays and how it measures.
 
 """
 
