@@ -106,10 +106,11 @@ def in_turns(play: Play, starts: tuple[Start, Start], count: int, passes: int, p
 
 @numba.njit
 def _evaluate(motion, plant, count):  # type: ignore[no-untyped-def]
-    theta_m = omega_m = theta_l = omega_l = current = 0.0
+    gap = gap_rate = theta_l = omega_m = omega_l = current = 0.0
     for _ in range(count):
-        a, b, d, _, _ = motion(plant, theta_m, omega_m, theta_l, omega_l, current, 1.0, 0.0, SLIDES, SLIDES)
-        theta_m, theta_l = theta_m + 1e-6 * omega_m, theta_l + 1e-6 * omega_l
+        a, b, d, _, _ = motion(plant, gap, gap_rate, theta_l, omega_m, omega_l, current, 1.0, 0.0, SLIDES, SLIDES)
+        gap, gap_rate = gap + 1e-6 * gap_rate, gap_rate + 1e-6 * (plant.R1 * a - plant.R2 * b)
+        theta_l += 1e-6 * omega_l
         omega_m, omega_l, current = omega_m + 1e-6 * a, omega_l + 1e-6 * b, current + 1e-6 * d
     return theta_l
 

@@ -181,7 +181,7 @@ def _dispatcher(function: Callable[..., Any], *, fused: bool = False, inlined: b
     fast-math: a mirrored input must give the mirrored output, bit for bit; as it does where ``fused`` lets the
     processor round a product and a sum once.
     """
-    options = {"fastmath": {"contract"} if fused else False, "inline": "always" if inlined else "never"}
+    options: dict[str, Any] = {"fastmath": {"contract"} if fused else False, "inline": "always" if inlined else "never"}
     dispatcher: Any = numba.njit(error_model="numpy", **options)(function)
     compile_one = dispatcher.compile
 

@@ -16,8 +16,8 @@ class PlantConstants(NamedTuple):
 
     An infinite L is an imposed current. ``contact`` is what the contact law's functions take. ``forward`` and
     ``backward`` are torque at the motor's shaft over R1 F while power flows to the load and to the motor. ``rate`` is
-    the fastest of the drive's own rates, 1/s, teeth apart. ``per_*`` are reciprocals: of J_m, J_l, L, and of what errors
-    are judged by: the narrowest gap as an angle at either shaft, the speeds without load, the current at standstill.
+    the fastest of the drive's own rates, 1/s, teeth apart. ``per_*`` are reciprocals: of J_m, J_l and L, and of what
+    errors are judged by: the narrowest gap as an angle at either shaft, speeds without load, the current at standstill.
     """
 
     R: float

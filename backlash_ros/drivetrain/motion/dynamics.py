@@ -25,7 +25,7 @@ The functions here are templates, plain Python; `equations_of` compiles them for
 import math
 from collections.abc import Callable
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -394,8 +394,8 @@ def is_plain(drive: Drive) -> bool:
 @cache
 def equations_with(law: type[Contact], plain: bool = False) -> Equations:
     """Return the equations of motion, compiled for a contact law; ``plain`` is of `is_plain`, and quicker."""
-    force = {"_contact_force": law.force}
-    both = {**force, "_contact_slopes": law.half_gap_slopes}
+    force: dict[str, Any] = {"_contact_force": law.force}
+    both: dict[str, Any] = {**force, "_contact_slopes": law.half_gap_slopes}
     linear, rates = specialize(linearize, **both), specialize(motion, fused=True, _PLAIN=plain, **both)
     return Equations(
         contact_of=specialize(contact_of, **force),

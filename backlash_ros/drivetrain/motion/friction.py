@@ -10,7 +10,7 @@ The functions with a plant are templates, plain Python; `friction_with` compiles
 import math
 from collections.abc import Callable
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from backlash_ros.drivetrain.compiled import compiled, specialize
 from backlash_ros.drivetrain.constants import PlantConstants
@@ -201,8 +201,8 @@ class Friction(NamedTuple):
 @cache
 def friction_with(law: type[Contact]) -> Friction:
     """Return the events of friction, compiled for a contact law."""
-    held = {"_held_torque": equations_with(law).held_torque}  # type: ignore[arg-type]
-    both = {**held, "_allowances": specialize(_allowances, **held)}
+    held: dict[str, Any] = {"_held_torque": equations_with(law).held_torque}  # type: ignore[arg-type]
+    both: dict[str, Any] = {**held, "_allowances": specialize(_allowances, **held)}
     return Friction(
         slips=specialize(slips, **both), first_event=specialize(first_event, **both), switch=specialize(switch, **both)
     )

@@ -380,7 +380,7 @@ def integrator_with(law: type[Contact], plain: bool = False) -> Advance:
     """Return `_advance` compiled for a contact law and for drives that are ``plain``: see `dynamics.is_plain`."""
     equations = equations_with(law)  # type: ignore[arg-type]
     friction = friction_with(law)  # type: ignore[arg-type]
-    contact_of = {"_contact_of": equations.contact_of}
+    contact_of: dict[str, Any] = {"_contact_of": equations.contact_of}
     return specialize(
         _advance,
         ADVANCE_SIGNATURE,

@@ -30,7 +30,7 @@ _TRIES = 12
 @fused
 def _value(work: Array, row: int, t: float) -> float:
     """Return a series after ``t`` seconds."""
-    value = work[row + _ORDER]
+    value: float = work[row + _ORDER]
     for k in range(_ORDER - 1, -1, -1):
         value = value * t + work[row + k]
     return value
@@ -49,7 +49,7 @@ def _gap_at(work: Array, t: float) -> tuple[float, float, float]:
 
 @fused
 def _clear_of(piece: LinearPiece, work: Array, t: float) -> tuple[float, float, bool]:
-    """Return how far from its bounds the piece is certain to keep for ``t`` seconds (m), less than nothing if it is not.
+    """Return how far from its bounds the piece is certain to keep for ``t`` seconds, m: below 0 where it is not.
 
     Also how that changes with t, and whether the first bound is the nearer one. Of the gap's series less its straight
     line, and of the rate's, magnitudes count: so it is concave in t, and what it is at the end it is on the way, too.
