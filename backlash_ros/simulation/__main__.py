@@ -18,9 +18,10 @@ def main() -> None:
         with suppress(ValueError):  # one from outside that is not made for this drive
             run(NOMINAL_DRIVE, settings.with_law(law), scenario)
     for contact in CONTACTS.values():
-        drive = replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, contact=contact()))
-        run(drive, settings, scenario)
-        Plant(drive).advance(0.0, 0.0, settings.period)
+        plain = replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, contact=contact()))
+        for drive in (plain, replace(plain, load=replace(plain.load, coulomb_friction=0.01))):
+            run(drive, settings, scenario)
+            Plant(drive).advance(0.0, 0.0, settings.period)
 
 
 if __name__ == "__main__":

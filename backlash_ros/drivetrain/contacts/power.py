@@ -27,7 +27,7 @@ from backlash_ros.drivetrain.quantity import quantity
 
 BETA, ALPHA, EXPONENT, FREE = range(4)
 
-_NEGLIGIBLE = 1e-12
+_NEGLIGIBLE = 1e-10
 """Share of the force at the edge of the gap that is as good as none."""
 
 

@@ -10,7 +10,7 @@ from functools import cache
 
 from backlash_ros.drivetrain.compiled import fused, specialize
 from backlash_ros.drivetrain.constants import PlantConstants
-from backlash_ros.drivetrain.contact import Constants, Contact, LinearPiece
+from backlash_ros.drivetrain.contact import Constants, Contact, LinearPiece, one_piece
 from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array
 
 _ORDER = 20
@@ -25,6 +25,9 @@ _REACH, _REACH_IN_CONTACT = 2.0, 1.0
 _BEYOND = 1e-10
 """Share of half the gap by which a step goes across a bound that it meets, so that the next one starts behind it."""
 _TRIES = 12
+
+_KINKS = True
+"""Whether the force has kinks at the bounds: `series_with` binds it."""
 
 
 @fused
@@ -74,24 +77,34 @@ def _clear_of(piece: LinearPiece, work: Array, t: float) -> tuple[float, float, 
 
 
 @fused
+def _met(bound: float, change: float, longest: float) -> float:
+    """Return when a straight line from ``bound`` down, by ``change`` a second, comes to 0, at most ``longest``, s."""
+    return -bound / change if bound + change * longest < 0.0 else longest
+
+
 def _until(piece: LinearPiece, work: Array, longest: float, beyond: float) -> float:
     """Return until when the piece is certain to hold, at most ``longest``, s.
 
-    Where a bound is met soon after that, it is the time just behind it, by less than ``beyond`` (m).
+    Where a bound is met soon after that and the force has a kink there, it is the time just behind it, by less than
+    ``beyond`` (m).
     """
-    t = longest
+    _, _, _, a0, a1, a2, b0, b1, b2 = piece
+    gap, rate, twice = work[_GAP], work[_GAP + 1], 2.0 * work[_GAP + 2]
+    t = _met(a0 + a1 * gap + a2 * rate, a1 * rate + a2 * twice, longest)
+    t = _met(b0 + b1 * gap + b2 * rate, b1 * rate + b2 * twice, t)
     clear, slope, first = _clear_of(piece, work, t)
-    if clear > -beyond:
-        return longest
     for _ in range(_TRIES):  # Newton's method comes down a concave curve from the right
+        if clear > -beyond:
+            break
         t -= (clear + 0.5 * beyond) / slope
         if t <= 0.0:
             return 0.0
         clear, slope, first = _clear_of(piece, work, t)
-        if clear > -beyond:
-            break
     certain = t if clear > -beyond else 0.0
-    _, _, _, a0, a1, a2, b0, b1, b2 = piece
+    if t == longest:
+        return longest
+    if not _KINKS:  # what is short is left to the other methods, or it would come nearer and nearer
+        return certain if certain > 0.1 * longest else 0.0
     bound, by_gap, by_rate = (a0, a1, a2) if first else (b0, b1, b2)
     for _ in range(_TRIES):
         gap, rate, half = _gap_at(work, t)
@@ -181,4 +194,5 @@ SeriesStep = Callable[[PlantConstants, Array, float, float, float, Array], tuple
 @cache
 def series_with(law: type[Contact]) -> SeriesStep:
     """Return `_step` compiled for a contact law."""
-    return specialize(_step, fused=True, inlined=True, _linear=law.linear)
+    until = specialize(_until, fused=True, _KINKS=law.piece is not one_piece)
+    return specialize(_step, fused=True, inlined=True, _linear=law.linear, _until=until)
