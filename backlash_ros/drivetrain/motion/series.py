@@ -25,6 +25,8 @@ _REACH, _REACH_IN_CONTACT = 2.0, 1.0
 _BEYOND = 1e-10
 """Share of half the gap by which a step goes across a bound that it meets, so that the next one starts behind it."""
 _TRIES = 12
+_WORTH_IT = 0.1
+"""Share of the longest step that one which ends before a bound without a kink has to reach."""
 
 _KINKS = True
 """Whether the force has kinks at the bounds: `series_with` binds it."""
@@ -82,41 +84,52 @@ def _met(bound: float, change: float, longest: float) -> float:
     return -bound / change if bound + change * longest < 0.0 else longest
 
 
-def _until(piece: LinearPiece, work: Array, longest: float, beyond: float) -> float:
-    """Return until when the piece is certain to hold, at most ``longest``, s.
-
-    Where a bound is met soon after that and the force has a kink there, it is the time just behind it, by less than
-    ``beyond`` (m).
-    """
+@fused
+def _certain(piece: LinearPiece, work: Array, longest: float, beyond: float) -> tuple[float, float, bool]:
+    """Return until when the piece is certain to hold (s), a time near which it may end (s), and by which bound."""
     _, _, _, a0, a1, a2, b0, b1, b2 = piece
     gap, rate, twice = work[_GAP], work[_GAP + 1], 2.0 * work[_GAP + 2]
     t = _met(a0 + a1 * gap + a2 * rate, a1 * rate + a2 * twice, longest)
     t = _met(b0 + b1 * gap + b2 * rate, b1 * rate + b2 * twice, t)
-    clear, slope, first = _clear_of(piece, work, t)
     for _ in range(_TRIES):  # Newton's method comes down a concave curve from the right
+        clear, slope, first = _clear_of(piece, work, t)
         if clear > -beyond:
-            break
+            return t, t, first
         t -= (clear + 0.5 * beyond) / slope
         if t <= 0.0:
-            return 0.0
-        clear, slope, first = _clear_of(piece, work, t)
-    certain = t if clear > -beyond else 0.0
-    if t == longest:
-        return longest
-    if not _KINKS:  # what is short is left to the other methods, or it would come nearer and nearer
-        return certain if certain > 0.1 * longest else 0.0
-    bound, by_gap, by_rate = (a0, a1, a2) if first else (b0, b1, b2)
+            break
+    return 0.0, max(t, 0.0), first
+
+
+@fused
+def _behind(bound: float, by_gap: float, by_rate: float, work: Array, t: float, beyond: float) -> float:
+    """Return when, near ``t``, a bound is behind by less than ``beyond`` (m); -1 where it is not met there."""
     for _ in range(_TRIES):
         gap, rate, half = _gap_at(work, t)
         slope, over = by_gap * rate + 2.0 * by_rate * half, bound + by_gap * gap + by_rate * rate + 0.5 * beyond
         if abs(over) < 0.4 * beyond:
             return t
         if not slope < 0.0:
-            return certain
+            break
         t -= over / slope
-        if not certain <= t <= longest:
-            return certain
-    return certain
+    return -1.0
+
+
+def _until(piece: LinearPiece, work: Array, longest: float, beyond: float) -> float:
+    """Return until when the piece is certain to hold, at most ``longest``, s.
+
+    Where a bound is met soon after that and the force has a kink there, it is the time just behind it, by less than
+    ``beyond`` (m).
+    """
+    certain, t, first = _certain(piece, work, longest, beyond)
+    if certain == longest:
+        return longest
+    if not _KINKS:  # what is short is left to the other methods, or it would come nearer and nearer
+        return certain if certain > _WORTH_IT * longest else 0.0
+    _, _, _, a0, a1, a2, b0, b1, b2 = piece
+    bound, by_gap, by_rate = (a0, a1, a2) if first else (b0, b1, b2)
+    met = _behind(bound, by_gap, by_rate, work, t, beyond)
+    return met if certain <= met <= longest else certain
 
 
 @fused
