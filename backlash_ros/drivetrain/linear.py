@@ -7,6 +7,7 @@ sample. `discretize` gives the model from sample to sample under either.
 """
 
 import numpy as np
+from scipy.linalg import expm
 
 from backlash_ros.drivetrain.parameters import Drive
 from backlash_ros.drivetrain.signals import Array
@@ -97,10 +98,9 @@ def command_from_voltage(drive: Drive, a: Array, b: Array) -> tuple[Array, Array
 
 def _zero_order_hold(a: Array, b: Array, seconds: float) -> tuple[Array, Array]:
     """Return the matrices of d/dt x = a x + b u over ``seconds`` in which u is constant."""
-    import control  # noqa: PLC0415 - takes more than a second
-
-    held = control.ss(a, b, np.eye(len(a)), np.zeros((len(a), b.shape[1]))).sample(seconds, "zoh")
-    return np.asarray(held.A), np.asarray(held.B)
+    states, inputs = b.shape
+    flow = expm(seconds * np.vstack([np.hstack([a, b]), np.zeros((inputs, states + inputs))]))
+    return flow[:states, :states], flow[:states, states:]
 
 
 def discretize_from_command(drive: Drive, a: Array, b: Array, period: float, delay: float = 0.0) -> tuple[Array, Array]:
