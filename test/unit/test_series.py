@@ -141,6 +141,19 @@ def test_rest_at_the_edge_of_the_gap_is_no_trap(law: str) -> None:
             assert plant.time == pytest.approx(0.2)
 
 
+@pytest.mark.parametrize(("inductance", "wind_up"), [(1e-4, 1e-3), (1.0, 1e-8)])
+def test_stiff_motion_is_left_to_the_other_methods(inductance: float, wind_up: float) -> None:
+    """A quick winding, or hard teeth that are pressed: exact steps would be of a microsecond."""
+    drive = drive_of("elastic", 1.0, 1.0, inductance)
+    drive = replace(drive, gear=replace(drive.gear, contact=CONTACTS["elastic"](wind_up=wind_up)))
+    state, work = state_of(drive, 1.0 + 1e-6, 0.0, 0.0), np.zeros(ROOM)
+    step = series_with(type(drive.gear.contact))  # type: ignore[arg-type]
+    assert step(plant_constants(drive), state, 0.004, 3.0, 0.0, work) == (0.0, 0.0)
+    plant = Plant(drive, state[:5])
+    plant.advance(3.0, 0.0, 1.0)
+    assert plant.load_speed > 1.0
+
+
 def test_other_drives_have_another_integrator() -> None:
     """What is not linear, or has friction that switches, has an integrator of its own."""
     nominal = drive_of("elastic", 1.0, 1.0, 1.0)

@@ -22,6 +22,8 @@ ROOM = 6 * _ROW
 
 _REACH, _REACH_IN_CONTACT = 2.0, 1.0
 """Longest step times the fastest rate. At 2 what the series leaves out is 4e-14."""
+_FASTEST = 2e4
+"""Rate, 1/s, above which steps that short are not worth it: the other methods know how to deal with stiff motion."""
 _BEYOND = 1e-10
 """Share of half the gap by which a step goes across a bound that it meets, so that the next one starts behind it."""
 _TRIES = 12
@@ -156,7 +158,8 @@ def _step(
 
     Returns
     -------
-    (time, force) : by how much it moved on, s, 0 where the force is not linear; the largest force on the way, N
+    (time, force) : by how much it moved on, s, 0 where the force is not linear or the motion stiff; the largest force
+        on the way, N
     """
     theta_m, omega_m, theta_l, omega_l = state[THETA_M], state[OMEGA_M], state[THETA_L], state[OMEGA_L]
     current, volts, torque = state[CURRENT], command, load_torque
@@ -166,10 +169,13 @@ def _step(
     if a0 + a1 * gap + a2 * rate < 0.0 or b0 + b1 * gap + b2 * rate < 0.0:
         return 0.0, 0.0
     touches = stiffness != 0.0 or damping != 0.0
-    h = _REACH / plant.rate
+    fastest, h = plant.rate, _REACH / plant.rate
     if touches:
         per_mass = plant.R1 * plant.R1 * plant.per_inertia_m + plant.R2 * plant.R2 * plant.per_inertia_l
-        h = _REACH_IN_CONTACT / max(plant.rate, math.sqrt(stiffness * per_mass), damping * per_mass)
+        fastest = max(fastest, math.sqrt(stiffness * per_mass), damping * per_mass)
+        h = _REACH_IN_CONTACT / fastest
+    if fastest > _FASTEST:
+        return 0.0, 0.0
     work[_THETA_M], work[_OMEGA_M], work[_THETA_L], work[_OMEGA_L] = theta_m, omega_m, theta_l, omega_l
     work[_CURRENT], work[_GAP] = current, gap
     for k in range(1, _ROW):
