@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,9 @@ def elastic_energy(drive: Drive, gap: float, half_gap: float = HALF) -> float:
     return drive.gear.contact.energy(plant_constants(drive).contact, half_gap, gap)
 
 
+damping_ratio = cache(damping_ratio_of)
+
+
 def force_of(drive: Drive, gap: float, rate: float) -> float:
     """The force, written down a second time."""
     teeth: Any = drive.gear.contact
@@ -43,8 +47,8 @@ def force_of(drive: Drive, gap: float, rate: float) -> float:
     stiffness = 1 / (teeth.wind_up * drive.gear.load_radius**2)
     spring = stiffness * depth
     if law == "elastic":
-        return side * (spring + float(np.clip(teeth.damping * rate * side, -spring, spring)))
-    damping = 2 * damping_ratio_of(teeth.restitution) * math.sqrt(stiffness * drive.contact_mass)
+        return side * (spring + min(max(teeth.damping * rate * side, -spring), spring))
+    damping = 2 * damping_ratio(teeth.restitution) * math.sqrt(stiffness * drive.contact_mass)
     return side * max(0.0, spring + damping * rate * side) if depth > 0 else 0.0
 
 
