@@ -59,7 +59,7 @@ class Plant:
         self.drive = drive
         self.time = 0.0
         self._constants, self._equations = plant_constants(drive), equations_of(drive)
-        self._advance = integrator_for(drive)
+        self._advance = integrator_for(drive, account=account)
         motion = np.zeros(5) if state is None else np.array(state, dtype=float)
         if motion.shape != (5,) or not np.all(np.isfinite(motion)):
             raise ValueError(f"state must be five finite numbers, got {state!r}")

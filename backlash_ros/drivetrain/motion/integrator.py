@@ -83,7 +83,7 @@ class IntegrationError(RuntimeError):
 def integration_memory(*, account: bool = False) -> Array:
     """Return what `Advance` keeps from call to call, as it is at the start: STEP_SIZE (s), PEAK_FORCE (N) and more.
 
-    With ``account`` the energies are integrated, too: see `signals.PlantState`.
+    With ``account`` the energies are integrated, too, by an integrator made for that: see `signals.PlantState`.
     """
     memory = np.zeros(_TRIAL + 21 + ROOM)
     memory[_ACCOUNT] = account
@@ -272,8 +272,7 @@ def _advance(
     if rubs:
         slip_m, slip_l = _slips(plant, state, load_torque, tolerance)
     looks = rubs or not _smooth(plant)
-    exact = _HAS_SERIES and step[_ACCOUNT] == 0.0
-    account, stiff = step[_ACCOUNT] != 0.0, step[_STIFF] != 0.0
+    account, stiff = not _PLAIN and step[_ACCOUNT] != 0.0, step[_STIFF] != 0.0
     time, peak = 0.0, step[PEAK_FORCE]
     h = step[STEP_SIZE]
     if not 0.0 < h <= duration:
@@ -287,7 +286,7 @@ def _advance(
         if remaining <= 1e-12 * duration:
             time, status = duration, DONE
             break
-        if exact:
+        if _HAS_SERIES:
             used, force = _series(plant, state, remaining, command, load_torque, work)
             if used > 0.0:
                 time += used
@@ -370,9 +369,12 @@ def _advance(
     return status, time
 
 
-def integrator_for(drive: Drive) -> Advance:
-    """Return `_advance` compiled for the contact law of ``drive``: a value that a compiled loop can take."""
-    return integrator_with(type(drive.gear.contact), is_plain(drive))  # type: ignore[arg-type]
+def integrator_for(drive: Drive, *, account: bool = False) -> Advance:
+    """Return `_advance` compiled for the contact law of ``drive``: a value that a compiled loop can take.
+
+    The quicker one of drives that are plain has no energies: with ``account`` it is not taken.
+    """
+    return integrator_with(type(drive.gear.contact), is_plain(drive) and not account)  # type: ignore[arg-type]
 
 
 @cache
