@@ -29,7 +29,9 @@ from backlash_ros.drivetrain.signals import (
 _A = tuple(tuple(float(weight) for weight in row) for row in DOP853.A)
 _USED = (0, 5, 6, 7, 8, 9, 10, 11)
 """Stages that the solutions are made of."""
-_B, _E3, _E5 = (tuple(float(weights[j]) for j in _USED) for weights in (DOP853.B, DOP853.E3, DOP853.E5))
+_B, _E5 = (tuple(float(weights[j]) for j in _USED) for weights in (DOP853.B, DOP853.E5))
+_B3 = tuple(float(DOP853.B[j] - DOP853.E3[j]) for j in (0, 8, 11))
+"""The solution of order 3, which is made of three stages."""
 
 
 @fused
@@ -47,6 +49,12 @@ def _sum(
     """Return the weighted sum of a slope at the stages of `_USED`."""
     first = w[0] * x0 + w[1] * x5 + w[2] * x6 + w[3] * x7
     return first + (w[4] * x8 + w[5] * x9 + w[6] * x10 + w[7] * x11)
+
+
+@fused
+def _third(x0: float, x8: float, x11: float) -> float:
+    """Return the weighted sum of a slope for the solution of order 3."""
+    return _B3[0] * x0 + _B3[1] * x8 + _B3[2] * x11
 
 
 @fused
@@ -198,22 +206,24 @@ def _step(
     )
     v11 = plant.R1 * m11 - plant.R2 * l11
     a11, b11, d11, f11, e11 = _motion(plant, x, v11, q, m11, l11, i11, command, load_torque, slip_m, slip_l)
-    out[THETA_M] = theta_m + h * _sum(_B, m0, m5, m6, m7, m8, m9, m10, m11)
-    out[OMEGA_M] = omega_m + h * _sum(_B, a0, a5, a6, a7, a8, a9, a10, a11)
-    out[THETA_L] = theta_l + h * _sum(_B, l0, l5, l6, l7, l8, l9, l10, l11)
-    out[OMEGA_L] = omega_l + h * _sum(_B, b0, b5, b6, b7, b8, b9, b10, b11)
-    out[CURRENT] = current + h * _sum(_B, d0, d5, d6, d7, d8, d9, d10, d11)
-    fifth, third = 0.0, 0.0
-    fifth += (plant.per_angle_m * _sum(_E5, m0, m5, m6, m7, m8, m9, m10, m11)) ** 2
-    third += (plant.per_angle_m * _sum(_E3, m0, m5, m6, m7, m8, m9, m10, m11)) ** 2
+    sum_m = _sum(_B, m0, m5, m6, m7, m8, m9, m10, m11)
+    sum_a = _sum(_B, a0, a5, a6, a7, a8, a9, a10, a11)
+    sum_l = _sum(_B, l0, l5, l6, l7, l8, l9, l10, l11)
+    sum_b = _sum(_B, b0, b5, b6, b7, b8, b9, b10, b11)
+    sum_d = _sum(_B, d0, d5, d6, d7, d8, d9, d10, d11)
+    out[THETA_M], out[OMEGA_M] = theta_m + h * sum_m, omega_m + h * sum_a
+    out[THETA_L], out[OMEGA_L] = theta_l + h * sum_l, omega_l + h * sum_b
+    out[CURRENT] = current + h * sum_d
+    fifth = (plant.per_angle_m * _sum(_E5, m0, m5, m6, m7, m8, m9, m10, m11)) ** 2
     fifth += (plant.per_speed_m * _sum(_E5, a0, a5, a6, a7, a8, a9, a10, a11)) ** 2
-    third += (plant.per_speed_m * _sum(_E3, a0, a5, a6, a7, a8, a9, a10, a11)) ** 2
     fifth += (plant.per_angle_l * _sum(_E5, l0, l5, l6, l7, l8, l9, l10, l11)) ** 2
-    third += (plant.per_angle_l * _sum(_E3, l0, l5, l6, l7, l8, l9, l10, l11)) ** 2
     fifth += (plant.per_speed_l * _sum(_E5, b0, b5, b6, b7, b8, b9, b10, b11)) ** 2
-    third += (plant.per_speed_l * _sum(_E3, b0, b5, b6, b7, b8, b9, b10, b11)) ** 2
     fifth += (plant.per_current * _sum(_E5, d0, d5, d6, d7, d8, d9, d10, d11)) ** 2
-    third += (plant.per_current * _sum(_E3, d0, d5, d6, d7, d8, d9, d10, d11)) ** 2
+    third = (plant.per_angle_m * (sum_m - _third(m0, m8, m11))) ** 2
+    third += (plant.per_speed_m * (sum_a - _third(a0, a8, a11))) ** 2
+    third += (plant.per_angle_l * (sum_l - _third(l0, l8, l11))) ** 2
+    third += (plant.per_speed_l * (sum_b - _third(b0, b8, b11))) ** 2
+    third += (plant.per_current * (sum_d - _third(d0, d8, d11))) ** 2
     if account:  # the energies follow from the motion and do not act back on it
         s0, t0 = powers(plant, m0, l0, i0, f0, e0, command, load_torque, slip_m, slip_l)
         s5, t5 = powers(plant, m5, l5, i5, f5, e5, command, load_torque, slip_m, slip_l)
@@ -223,21 +233,18 @@ def _step(
         s9, t9 = powers(plant, m9, l9, i9, f9, e9, command, load_torque, slip_m, slip_l)
         s10, t10 = powers(plant, m10, l10, i10, f10, e10, command, load_torque, slip_m, slip_l)
         s11, t11 = powers(plant, m11, l11, i11, f11, e11, command, load_torque, slip_m, slip_l)
-        out[SUPPLIED] = state[SUPPLIED] + h * _sum(_B, s0, s5, s6, s7, s8, s9, s10, s11)
-        out[LOST] = state[LOST] + h * _sum(_B, t0, t5, t6, t7, t8, t9, t10, t11)
+        sum_s = _sum(_B, s0, s5, s6, s7, s8, s9, s10, s11)
+        sum_t = _sum(_B, t0, t5, t6, t7, t8, t9, t10, t11)
+        out[SUPPLIED], out[LOST] = state[SUPPLIED] + h * sum_s, state[LOST] + h * sum_t
     error = _judged(h, fifth / 5.0, third / 5.0)
     if account:
         per_supplied = 1.0 / (plant.energy_scale + abs(out[SUPPLIED]))
-        per_lost = 1.0 / (plant.energy_scale + abs(out[LOST]))
-        fifth, third = (
-            per_supplied * _sum(_E5, s0, s5, s6, s7, s8, s9, s10, s11),
-            per_supplied * _sum(_E3, s0, s5, s6, s7, s8, s9, s10, s11),
-        )
+        fifth = per_supplied * _sum(_E5, s0, s5, s6, s7, s8, s9, s10, s11)
+        third = per_supplied * (sum_s - _third(s0, s8, s11))
         error = max(error, _judged(h, fifth**2, third**2))
-        fifth, third = (
-            per_lost * _sum(_E5, t0, t5, t6, t7, t8, t9, t10, t11),
-            per_lost * _sum(_E3, t0, t5, t6, t7, t8, t9, t10, t11),
-        )
+        per_lost = 1.0 / (plant.energy_scale + abs(out[LOST]))
+        fifth = per_lost * _sum(_E5, t0, t5, t6, t7, t8, t9, t10, t11)
+        third = per_lost * (sum_t - _third(t0, t8, t11))
         error = max(error, _judged(h, fifth**2, third**2))
     # The force is largest between the ends as often as at one of them; late stages are close to the solution there.
     return error / tolerance, max(abs(f0), abs(f7), abs(f8), abs(f10))
