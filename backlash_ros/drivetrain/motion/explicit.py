@@ -58,12 +58,12 @@ def _third(x0: float, x8: float, x11: float) -> float:
 
 
 @fused
-def _judged(h: float, fifth: float, third: float) -> float:
-    """Return the error of a step from its squared differences to the solutions of orders 5 and 3."""
+def _judged(h: float, fifth: float, third: float, tolerance: float) -> float:
+    """Return the error of a step over ``tolerance`` from its squared differences to the solutions of orders 5 and 3."""
     both = fifth + 0.01 * third
     if both == 0.0:
         return 0.0
-    return h * fifth / math.sqrt(both) if both < math.inf else math.inf
+    return h * fifth / (math.sqrt(both) * tolerance) if both < math.inf else math.inf
 
 
 def _motion(
@@ -236,18 +236,18 @@ def _step(
         sum_s = _sum(_B, s0, s5, s6, s7, s8, s9, s10, s11)
         sum_t = _sum(_B, t0, t5, t6, t7, t8, t9, t10, t11)
         out[SUPPLIED], out[LOST] = state[SUPPLIED] + h * sum_s, state[LOST] + h * sum_t
-    error = _judged(h, fifth / 5.0, third / 5.0)
+    error = _judged(h, 0.2 * fifth, 0.2 * third, tolerance)
     if account:
         per_supplied = 1.0 / (plant.energy_scale + abs(out[SUPPLIED]))
         fifth = per_supplied * _sum(_E5, s0, s5, s6, s7, s8, s9, s10, s11)
         third = per_supplied * (sum_s - _third(s0, s8, s11))
-        error = max(error, _judged(h, fifth**2, third**2))
+        error = max(error, _judged(h, fifth**2, third**2, tolerance))
         per_lost = 1.0 / (plant.energy_scale + abs(out[LOST]))
         fifth = per_lost * _sum(_E5, t0, t5, t6, t7, t8, t9, t10, t11)
         third = per_lost * (sum_t - _third(t0, t8, t11))
-        error = max(error, _judged(h, fifth**2, third**2))
+        error = max(error, _judged(h, fifth**2, third**2, tolerance))
     # The force is largest between the ends as often as at one of them; late stages are close to the solution there.
-    return error / tolerance, max(abs(f0), abs(f7), abs(f8), abs(f10))
+    return error, max(abs(f0), abs(f7), abs(f8), abs(f10))
 
 
 Step = Callable[[PlantConstants, Array, float, float, float, float, float, float, bool, Array], tuple[float, float]]

@@ -296,7 +296,7 @@ def _advance(
         last = h >= remaining * (1.0 - 1e-9)
         used = remaining if last else h
         if not last and size == 0.0 and remaining < 4.0 * h:  # as many steps as it takes, but even ones
-            used = remaining / math.ceil(remaining / h * (1.0 - 1e-9))
+            used = remaining * (0.5 if remaining <= 2.0 * h else 1.0 / 3.0 if remaining <= 3.0 * h else 0.25)
         if used <= _SHORTEST * duration:
             status = STEP_TOO_SMALL
             break
