@@ -10,7 +10,7 @@ The functions with a plant are templates, plain Python; `friction_with` compiles
 import math
 from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from backlash_ros.drivetrain.compiled import compiled, specialize
 from backlash_ros.drivetrain.constants import PlantConstants
@@ -83,9 +83,12 @@ def _held_torque(plant: PlantConstants, state: Array, load_torque: float) -> tup
     raise NotImplementedError
 
 
-def _allowances(plant: PlantConstants, state: Array, load_torque: float, tolerance: float) -> tuple[float, float]:
-    """Return how exactly the torque at which motor and load break away is found, N m."""
-    torque_m, least, most, torque_l = _held_torque(plant, state, load_torque)
+@compiled
+def _allowances(
+    plant: PlantConstants, held: tuple[float, float, float, float], tolerance: float
+) -> tuple[float, float]:
+    """Return how exactly the torque at which motor and load break away is found, N m, from `dynamics.held_torque`."""
+    torque_m, least, most, torque_l = held
     stall = plant.K_m * plant.current_scale
     allowance_m = tolerance * (1e-3 * stall + max(abs(torque_m), abs(least), abs(most)))
     allowance_l = tolerance * (1e-3 * stall * plant.R2 / plant.R1 + max(abs(torque_l), plant.coulomb_l))
@@ -94,19 +97,18 @@ def _allowances(plant: PlantConstants, state: Array, load_torque: float, toleran
 
 def slips(plant: PlantConstants, state: Array, load_torque: float, tolerance: float) -> tuple[float, float]:
     """Return the slip of motor and load in ``state``."""
-    slip_m = slip_l = SLIDES
-    torque_m, least, most, torque_l = _held_torque(plant, state, load_torque)
-    allowance_m, allowance_l = _allowances(plant, state, load_torque, tolerance)
-    if motor_rubs(plant):
-        if state[OMEGA_M] == 0.0:
+    slip_m = math.copysign(1.0, state[OMEGA_M]) if motor_rubs(plant) else SLIDES
+    slip_l = math.copysign(1.0, state[OMEGA_L]) if load_rubs(plant) else SLIDES
+    rests_m = motor_rubs(plant) and state[OMEGA_M] == 0.0
+    rests_l = load_rubs(plant) and state[OMEGA_L] == 0.0
+    if rests_m or rests_l:
+        held = _held_torque(plant, state, load_torque)
+        torque_m, least, most, torque_l = held
+        allowance_m, allowance_l = _allowances(plant, held, tolerance)
+        if rests_m:
             slip_m = rest_slip(torque_m, least, most, allowance_m)
-        else:
-            slip_m = math.copysign(1.0, state[OMEGA_M])
-    if load_rubs(plant):
-        if state[OMEGA_L] == 0.0:
+        if rests_l:
             slip_l = rest_slip(torque_l, -plant.coulomb_l, plant.coulomb_l, allowance_l)
-        else:
-            slip_l = math.copysign(1.0, state[OMEGA_L])
     return slip_m, slip_l
 
 
@@ -130,11 +132,14 @@ def first_event(
         the end of the step its event has come: its speed is 0 or beyond, or friction holds it no longer. A speed or a
         torque that is within its allowance is there, so that 1 is what steps towards an event end with.
     """
-    allowance_m, allowance_l = _allowances(plant, after, load_torque, tolerance)
-    torque, least, most, load = _held_torque(plant, before, load_torque)
-    excess_m, excess_l = max(torque - most, least - torque), abs(load) - plant.coulomb_l
-    torque, least, most, load = _held_torque(plant, after, load_torque)
-    beyond_m, beyond_l = max(torque - most, least - torque), abs(load) - plant.coulomb_l
+    allowance_m = allowance_l = excess_m = excess_l = beyond_m = beyond_l = 0.0
+    if slip_m == 0.0 or slip_l == 0.0:
+        torque, least, most, load = _held_torque(plant, before, load_torque)
+        excess_m, excess_l = max(torque - most, least - torque), abs(load) - plant.coulomb_l
+        held = _held_torque(plant, after, load_torque)
+        torque, least, most, load = held
+        beyond_m, beyond_l = max(torque - most, least - torque), abs(load) - plant.coulomb_l
+        allowance_m, allowance_l = _allowances(plant, held, tolerance)
     speed = 1e-3 * tolerance * plant.speed_scale
     share_m = share_l = 2.0
     if motor_rubs(plant):
@@ -176,8 +181,9 @@ def switch(
     if come_l and slip_l != 0.0:
         state[LOST] += 0.5 * plant.J_l * state[OMEGA_L] ** 2
         state[OMEGA_L] = 0.0
-    allowance_m, allowance_l = _allowances(plant, state, load_torque, tolerance)
-    torque, least, most, load = _held_torque(plant, state, load_torque)
+    held = _held_torque(plant, state, load_torque)
+    torque, least, most, load = held
+    allowance_m, allowance_l = _allowances(plant, held, tolerance)
     if come_m:
         slip_m = rest_slip(torque, least, most, allowance_m)
     if come_l:
@@ -201,8 +207,5 @@ class Friction(NamedTuple):
 @cache
 def friction_with(law: type[Contact]) -> Friction:
     """Return the events of friction, compiled for a contact law."""
-    held: dict[str, Any] = {"_held_torque": equations_with(law).held_torque}  # type: ignore[arg-type]
-    both: dict[str, Any] = {**held, "_allowances": specialize(_allowances, **held)}
-    return Friction(
-        slips=specialize(slips, **both), first_event=specialize(first_event, **both), switch=specialize(switch, **both)
-    )
+    held = equations_with(law).held_torque  # type: ignore[arg-type]
+    return Friction(*(specialize(function, _held_torque=held) for function in (slips, first_event, switch)))  # type: ignore[arg-type]

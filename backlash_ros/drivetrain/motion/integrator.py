@@ -341,7 +341,9 @@ def _advance(
         for j in range(7):
             state[j] = trial[j]
         peak = max(peak, force)
-        fresh = True
+        if looks:  # the next step begins where this one ends
+            fresh = come_m or come_l
+            before, after = after, before
         # A last step that was cut short to end on time says little about the size that would do.
         h = used * growth if growth < 1.0 or not last else max(h, used * growth)
         if size > 0.0:  # this step was cut short for an event
