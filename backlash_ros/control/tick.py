@@ -30,7 +30,7 @@ from backlash_ros.control.monitoring.plausibility import (
 )
 from backlash_ros.control.observer import ObserverConstants, observer_memory, observer_step
 from backlash_ros.control.setpoint import evaluate
-from backlash_ros.drivetrain.compiled import compiled, specialize
+from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.signals import (
     CURRENT,
     LOAD_TORQUE,
@@ -155,9 +155,7 @@ def tick_out(memory: Array) -> Array:
     return memory[_OUT:]
 
 
-def law_step(_law: Array, _state: Array, _estimate: Array, _setpoint: Array, _low: float, _high: float) -> float:
-    """Stand for the step of a law, which `tick_with` puts in its place."""
-    raise NotImplementedError
+law_step: Callable[[Array, Array, Array, Array, float, float], float] = unbound
 
 
 def _tick(

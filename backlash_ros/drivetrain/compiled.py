@@ -226,6 +226,11 @@ def compiled_as(signature: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:
     return decorate
 
 
+def unbound(*_: Any) -> Any:
+    """Stand, in a template, for a function that `specialize` binds: ``_force: ForceFunction = unbound``."""
+    raise NotImplementedError("a template is to be compiled by `specialize`, with its functions")
+
+
 def specialize(
     template: Callable[P, R], signature: Any = None, *, fused: bool = False, inlined: bool = False, **bound: Any
 ) -> Callable[P, R]:

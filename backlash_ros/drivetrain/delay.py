@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple
 import numba
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled, specialize
+from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.constants import PLANT_TYPE, PlantConstants
 from backlash_ros.drivetrain.motion.integrator import Advance, integrator_for
 from backlash_ros.drivetrain.parameters import Drive
@@ -112,17 +112,7 @@ def acts_at(delay: DelayConstants, sample: int) -> float:
     return sample * delay.period + late
 
 
-def _advance(
-    _plant: PlantConstants,
-    _state: PlantState,
-    _step: Array,
-    _command: float,
-    _load_torque: float,
-    _duration: float,
-    _tolerance: float,
-) -> tuple[int, float]:
-    """Stand for the integrator of a contact law, which `player_for` puts in its place."""
-    raise NotImplementedError
+_advance: Advance = unbound
 
 
 def _play_period(

@@ -17,9 +17,9 @@ from scipy.optimize import brentq
 
 from backlash_ros.control.design.gains import Gains
 from backlash_ros.drivetrain import Drive, rigid_model
-from backlash_ros.drivetrain.compiled import specialize
+from backlash_ros.drivetrain.compiled import specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants, plant_constants
-from backlash_ros.drivetrain.contact import Constants, Contact, ToothForce
+from backlash_ros.drivetrain.contact import Contact, ForceFunction
 
 _POINTS = 400
 """Of the sinusoid that the contact law is evaluated at."""
@@ -46,9 +46,7 @@ class PredictedCycle:
     period: float
 
 
-def _force(_constants: Constants, _half_gap: float, _gap: float, _gap_rate: float) -> ToothForce:
-    """Stand for the force of a contact law."""
-    raise NotImplementedError
+_force: ForceFunction = unbound
 
 
 def _fundamental(plant: PlantConstants, amplitude: float, frequency: float) -> complex:

@@ -29,9 +29,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled, specialize
+from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants
-from backlash_ros.drivetrain.contact import Constants, Contact, ToothForce
+from backlash_ros.drivetrain.contact import (
+    Contact,
+    EnergyFunction,
+    ForceFunction,
+    SlopesFunction,
+    ToothForce,
+)
 from backlash_ros.drivetrain.parameters import Drive
 from backlash_ros.drivetrain.signals import CURRENT, LOST, OMEGA_L, OMEGA_M, SUPPLIED, THETA_L, THETA_M, Array
 
@@ -75,21 +81,9 @@ def load_rubs(plant: PlantConstants) -> bool:
     return plant.coulomb_l > 0.0
 
 
-def _contact_force(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> ToothForce:
-    """Stand for the force of a contact law, which `equations_of` binds."""
-    raise NotImplementedError
-
-
-def _contact_energy(constants: Constants, half_gap: float, gap: float) -> float:
-    """Stand for the energy of a contact law, which `equations_of` binds."""
-    raise NotImplementedError
-
-
-def _contact_slopes(
-    constants: Constants, half_gap: float, gap: float, tooth: ToothForce
-) -> tuple[float, float, float, float]:
-    """Stand for the half-gap slopes of a contact law, which `equations_of` binds."""
-    raise NotImplementedError
+_contact_force: ForceFunction = unbound
+_contact_energy: EnergyFunction = unbound
+_contact_slopes: SlopesFunction = unbound
 
 
 def contact_of(plant: PlantConstants, state: Array) -> ToothForce:
@@ -123,6 +117,8 @@ def held_torque(plant: PlantConstants, state: Array, load_torque: float) -> tupl
 
 Motion = tuple[float, float, float, float, float]
 """Rates of omega_m, omega_l (rad/s^2) and the current (A/s), then the contact force and its elastic part, N."""
+
+_motion: Callable[..., Motion] = unbound
 
 
 def motion(
@@ -200,23 +196,6 @@ def powers(
         voltage * current + load_torque * omega_l,
         plant.R * current * current + rubbed + (force - elastic) * gap_rate,
     )
-
-
-def _motion(
-    plant: PlantConstants,
-    gap: float,
-    gap_rate: float,
-    theta_l: float,
-    omega_m: float,
-    omega_l: float,
-    current: float,
-    command: float,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
-) -> Motion:
-    """Stand for `motion` of a contact law, which `equations_with` binds."""
-    raise NotImplementedError
 
 
 def derivative(
@@ -366,15 +345,21 @@ def stored_energy(plant: PlantConstants, state: Array) -> float:
     return float(0.5 * (kinetic + magnetic) + _contact_energy(plant.contact, half_gap, gap) + potential)
 
 
+ContactOf = Callable[[PlantConstants, Array], ToothForce]
+HeldTorque = Callable[[PlantConstants, Array, float], tuple[float, float, float, float]]
+Derivative = Callable[[PlantConstants, Array, float, float, float, float, Array], None]
+Linearize = Callable[[PlantConstants, Array, float, float], Slopes]
+
+
 class Equations(NamedTuple):
     """The functions of this file, compiled for one contact law; each is described where it stands here."""
 
-    contact_of: Callable[[PlantConstants, Array], ToothForce]
+    contact_of: ContactOf
     motion: Callable[..., Motion]
-    held_torque: Callable[[PlantConstants, Array, float], tuple[float, float, float, float]]
-    derivative: Callable[[PlantConstants, Array, float, float, float, float, Array], None]
-    linearize: Callable[[PlantConstants, Array, float, float], Slopes]
-    jacobian: Callable[[PlantConstants, Array, float, float, float, float, Array], None]
+    held_torque: HeldTorque
+    derivative: Derivative
+    linearize: Linearize
+    jacobian: Derivative
     stored_energy: Callable[[PlantConstants, Array], float]
 
 

@@ -11,7 +11,7 @@ from functools import cache
 
 from scipy.integrate import DOP853
 
-from backlash_ros.drivetrain.compiled import fused, specialize
+from backlash_ros.drivetrain.compiled import fused, specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.motion.dynamics import Motion, equations_with, powers
@@ -66,21 +66,7 @@ def _judged(h: float, fifth: float, third: float, tolerance: float) -> float:
     return h * fifth / (math.sqrt(both) * tolerance) if both < math.inf else math.inf
 
 
-def _motion(
-    plant: PlantConstants,
-    gap: float,
-    gap_rate: float,
-    theta_l: float,
-    omega_m: float,
-    omega_l: float,
-    current: float,
-    command: float,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
-) -> Motion:
-    """Stand for `dynamics.motion` of a contact law, which `explicit_with` binds."""
-    raise NotImplementedError
+_motion: Callable[..., Motion] = unbound
 
 
 def _step(

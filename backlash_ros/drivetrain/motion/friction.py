@@ -12,10 +12,10 @@ from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple
 
-from backlash_ros.drivetrain.compiled import compiled, specialize
+from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact
-from backlash_ros.drivetrain.motion.dynamics import SLIDES, equations_with, load_rubs, motor_rubs
+from backlash_ros.drivetrain.motion.dynamics import SLIDES, HeldTorque, equations_with, load_rubs, motor_rubs
 from backlash_ros.drivetrain.signals import LOST, OMEGA_L, OMEGA_M, Array
 
 
@@ -78,9 +78,7 @@ def _stopped(before: float, after: float, slope_before: float, slope_after: floa
     return first_zero(before, after, slope_before, slope_after)
 
 
-def _held_torque(plant: PlantConstants, state: Array, load_torque: float) -> tuple[float, float, float, float]:
-    """Stand for `dynamics.held_torque` of a contact law, which `friction_with` binds."""
-    raise NotImplementedError
+_held_torque: HeldTorque = unbound
 
 
 @compiled
@@ -191,17 +189,19 @@ def switch(
     return slip_m, slip_l
 
 
+Slips = Callable[[PlantConstants, Array, float, float], tuple[float, float]]
+FirstEvent = Callable[
+    [PlantConstants, Array, Array, Array, Array, float, float, float, float, float], tuple[float, bool, bool]
+]
+Switch = Callable[[PlantConstants, Array, float, float, float, bool, bool, float], tuple[float, float]]
+
+
 class Friction(NamedTuple):
     """The functions of this file, compiled for one contact law; each is described where it stands here."""
 
-    slips: Callable[[PlantConstants, Array, float, float], tuple[float, float]]
-    first_event: Callable[
-        [PlantConstants, Array, Array, Array, Array, float, float, float, float, float], tuple[float, bool, bool]
-    ]
-    switch: Callable[
-        [PlantConstants, Array, float, float, float, bool, bool, float],
-        tuple[float, float],
-    ]
+    slips: Slips
+    first_event: FirstEvent
+    switch: Switch
 
 
 @cache

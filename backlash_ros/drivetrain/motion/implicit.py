@@ -11,10 +11,10 @@ from functools import cache
 
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled, specialize
+from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants
-from backlash_ros.drivetrain.contact import Contact, ToothForce
-from backlash_ros.drivetrain.motion.dynamics import Slopes, equations_with
+from backlash_ros.drivetrain.contact import Contact
+from backlash_ros.drivetrain.motion.dynamics import ContactOf, Derivative, Linearize, Slopes, equations_with
 from backlash_ros.drivetrain.motion.explicit import Step
 from backlash_ros.drivetrain.signals import (
     CURRENT,
@@ -106,27 +106,9 @@ def _error(plant: PlantConstants, after: Array, difference: Array, account: bool
     return float(error)
 
 
-def _derivative(
-    plant: PlantConstants,
-    state: Array,
-    command: float,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
-    out: Array,
-) -> None:
-    """Stand for `dynamics.derivative` of a contact law, which `implicit_with` binds."""
-    raise NotImplementedError
-
-
-def _linearize(plant: PlantConstants, state: Array, slip_m: float, slip_l: float) -> Slopes:
-    """Stand for `dynamics.linearize` of a contact law, which `implicit_with` binds."""
-    raise NotImplementedError
-
-
-def _contact_of(plant: PlantConstants, state: Array) -> ToothForce:
-    """Stand for `dynamics.contact_of` of a contact law, which `implicit_with` binds."""
-    raise NotImplementedError
+_derivative: Derivative = unbound
+_linearize: Linearize = unbound
+_contact_of: ContactOf = unbound
 
 
 def _step(

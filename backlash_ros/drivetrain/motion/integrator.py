@@ -16,15 +16,23 @@ from typing import Any
 import numba
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled, specialize
+from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.constants import PLANT_TYPE, PlantConstants
-from backlash_ros.drivetrain.contact import Contact, ToothForce, nowhere_linear, one_piece
-from backlash_ros.drivetrain.motion.dynamics import SLIDES, equations_with, is_plain, load_rubs, motor_rubs
-from backlash_ros.drivetrain.motion.explicit import explicit_with
-from backlash_ros.drivetrain.motion.friction import friction_with
+from backlash_ros.drivetrain.contact import Contact, nowhere_linear, one_piece
+from backlash_ros.drivetrain.motion.dynamics import (
+    SLIDES,
+    ContactOf,
+    Derivative,
+    equations_with,
+    is_plain,
+    load_rubs,
+    motor_rubs,
+)
+from backlash_ros.drivetrain.motion.explicit import Step, explicit_with
+from backlash_ros.drivetrain.motion.friction import FirstEvent, Slips, Switch, friction_with
 from backlash_ros.drivetrain.motion.implicit import implicit_with
-from backlash_ros.drivetrain.motion.kinks import kinks_with
-from backlash_ros.drivetrain.motion.series import ROOM, series_with
+from backlash_ros.drivetrain.motion.kinks import FirstKink, kinks_with
+from backlash_ros.drivetrain.motion.series import ROOM, SeriesStep, series_with
 from backlash_ros.drivetrain.parameters import Drive
 from backlash_ros.drivetrain.signals import CURRENT, STATE_NAMES, Array, PlantState
 
@@ -48,6 +56,8 @@ ADVANCE_SIGNATURE: Any = _types.Tuple((_types.int64, _types.float64))(
 
 _PLAIN = False
 """Whether the drive is plain: `integrator_with` binds it."""
+_KINKS = False
+"""Whether its contact law has kinks: `integrator_with` binds it."""
 _HAS_SERIES = False
 """Whether it also has linear pieces: `integrator_with` binds it."""
 
@@ -100,132 +110,15 @@ def _growth(error: float, rejected: bool, explicit: bool) -> float:
     return min(growth, 1.0) if rejected and error <= 1.0 else growth
 
 
-def _explicit(
-    plant: PlantConstants,
-    state: Array,
-    h: float,
-    command: float,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
-    tolerance: float,
-    account: bool,
-    out: Array,
-) -> tuple[float, float]:
-    """Stand for `explicit._step` of a contact law, which `integrator_with` binds."""
-    raise NotImplementedError
-
-
-def _implicit(
-    plant: PlantConstants,
-    state: Array,
-    h: float,
-    command: float,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
-    tolerance: float,
-    account: bool,
-    out: Array,
-) -> tuple[float, float]:
-    """Stand for `implicit._step` of a contact law, which `integrator_with` binds."""
-    raise NotImplementedError
-
-
-def _series(
-    plant: PlantConstants, state: Array, longest: float, command: float, load_torque: float, work: Array
-) -> tuple[float, float]:
-    """Stand for `series._step` of a contact law, which `integrator_with` binds."""
-    raise NotImplementedError
-
-
-def _derivative(
-    plant: PlantConstants,
-    state: Array,
-    command: float,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
-    out: Array,
-) -> None:
-    """Stand for `dynamics.derivative` of a contact law, which `integrator_with` binds."""
-    raise NotImplementedError
-
-
-def _contact_of(plant: PlantConstants, state: Array) -> ToothForce:
-    """Stand for `dynamics.contact_of` of a contact law, which `integrator_with` binds."""
-    raise NotImplementedError
-
-
-def _slips(plant: PlantConstants, state: Array, load_torque: float, tolerance: float) -> tuple[float, float]:
-    """Stand for `friction.slips` of a contact law, which `integrator_with` binds."""
-    raise NotImplementedError
-
-
-def _first_event(
-    plant: PlantConstants,
-    before: Array,
-    after: Array,
-    slope_before: Array,
-    slope_after: Array,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
-    used: float,
-    tolerance: float,
-) -> tuple[float, bool, bool]:
-    """Stand for `friction.first_event` of a contact law, which `integrator_with` binds."""
-    raise NotImplementedError
-
-
-def _switch(
-    plant: PlantConstants,
-    state: Array,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
-    come_m: bool,
-    come_l: bool,
-    tolerance: float,
-) -> tuple[float, float]:
-    """Stand for `friction.switch` of a contact law, which `integrator_with` binds."""
-    raise NotImplementedError
-
-
-def _first_kink(
-    plant: PlantConstants,
-    before: Array,
-    after: Array,
-    slope_before: Array,
-    slope_after: Array,
-    slip_m: float,
-    used: float,
-) -> float:
-    """Stand for `kinks.first_kink` of a contact law, which `integrator_with` binds."""
-    raise NotImplementedError
-
-
-def _smooth(plant: PlantConstants) -> bool:
-    """Stand for `_without_kinks` or `_with_kinks`, which `integrator_with` binds."""
-    raise NotImplementedError
-
-
-@compiled
-def _without_kinks(plant: PlantConstants) -> bool:
-    """Return whether the equations of a contact law without kinks have none."""
-    return plant.forward == 1.0 and plant.backward == 1.0
-
-
-@compiled
-def _plain(plant: PlantConstants) -> bool:  # noqa: ARG001
-    """Return True: the drive is plain and its contact law has no kinks."""
-    return True
-
-
-@compiled
-def _with_kinks(plant: PlantConstants) -> bool:  # noqa: ARG001
-    """Return False: the contact law has kinks."""
-    return False
+_explicit: Step = unbound
+_implicit: Step = unbound
+_series: SeriesStep = unbound
+_derivative: Derivative = unbound
+_contact_of: ContactOf = unbound
+_slips: Slips = unbound
+_first_event: FirstEvent = unbound
+_switch: Switch = unbound
+_first_kink: FirstKink = unbound
 
 
 def _rate(plant: PlantConstants, state: Array) -> float:
@@ -271,7 +164,8 @@ def _advance(
     slip_m = slip_l = SLIDES
     if rubs:
         slip_m, slip_l = _slips(plant, state, load_torque, tolerance)
-    looks = rubs or not _smooth(plant)
+    smooth = not _KINKS and (_PLAIN or (plant.forward == 1.0 and plant.backward == 1.0))
+    looks = rubs or not smooth
     account, stiff = not _PLAIN and step[_ACCOUNT] != 0.0, step[_STIFF] != 0.0
     time, peak = 0.0, step[PEAK_FORCE]
     h = step[STEP_SIZE]
@@ -324,7 +218,7 @@ def _advance(
                 share, come_m, come_l = _first_event(
                     plant, state, trial, before, after, load_torque, slip_m, slip_l, used, tolerance
                 )
-            if not _smooth(plant):
+            if not smooth:
                 kink = _first_kink(plant, state, trial, before, after, slip_m, used)
                 kinked = kink < share
                 share = min(share, kink + 0.1 * _BEHIND)
@@ -400,6 +294,6 @@ def integrator_with(law: type[Contact], plain: bool = False) -> Advance:
         _slips=friction.slips,
         _first_event=friction.first_event,
         _first_kink=kinks_with(law),  # type: ignore[arg-type]
-        _smooth=_with_kinks if law.piece is not one_piece else _plain if plain else _without_kinks,
+        _KINKS=law.piece is not one_piece,
         _switch=friction.switch,
     )

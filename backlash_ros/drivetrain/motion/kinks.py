@@ -7,9 +7,9 @@ step at each kink.
 from collections.abc import Callable
 from functools import cache
 
-from backlash_ros.drivetrain.compiled import compiled, specialize
+from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants
-from backlash_ros.drivetrain.contact import Constants, Contact, ToothForce
+from backlash_ros.drivetrain.contact import Contact, ForceFunction, PieceFunction
 from backlash_ros.drivetrain.motion.dynamics import half_gap_of
 from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array
 
@@ -28,14 +28,8 @@ def _between(before: float, after: float, slope_before: float, slope_after: floa
     return before + share * (slope_before + share * (bend + share * twist))
 
 
-def _contact_piece(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> int:
-    """Stand for the pieces of a contact law, which `kinks_with` binds."""
-    raise NotImplementedError
-
-
-def _contact_force(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> ToothForce:
-    """Stand for the force of a contact law, which `kinks_with` binds."""
-    raise NotImplementedError
+_contact_piece: PieceFunction = unbound
+_contact_force: ForceFunction = unbound
 
 
 def _piece(
@@ -91,8 +85,11 @@ def first_kink(
     return 2.0
 
 
+FirstKink = Callable[[PlantConstants, Array, Array, Array, Array, float, float], float]
+
+
 @cache
-def kinks_with(law: type[Contact]) -> Callable[[PlantConstants, Array, Array, Array, Array, float, float], float]:
+def kinks_with(law: type[Contact]) -> FirstKink:
     """Return `first_kink` compiled for a contact law."""
     piece = specialize(_piece, _contact_piece=law.piece, _contact_force=law.force)
     return specialize(first_kink, _piece=piece)

@@ -8,9 +8,9 @@ import math
 from collections.abc import Callable
 from functools import cache
 
-from backlash_ros.drivetrain.compiled import fused, specialize
+from backlash_ros.drivetrain.compiled import fused, specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants
-from backlash_ros.drivetrain.contact import Constants, Contact, LinearPiece, one_piece
+from backlash_ros.drivetrain.contact import Contact, LinearFunction, LinearPiece, one_piece
 from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array
 
 _ORDER = 20
@@ -141,9 +141,7 @@ def _force_at(piece: LinearPiece, work: Array, t: float) -> float:
     return piece[0] + piece[1] * gap + piece[2] * rate
 
 
-def _linear(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> LinearPiece:
-    """Stand for the linear pieces of a contact law, which `series_with` binds."""
-    raise NotImplementedError
+_linear: LinearFunction = unbound
 
 
 def _step(
