@@ -1,7 +1,8 @@
 """Error-controlled integration of the drive: stiff in contact, smooth in the gap, any validated drive.
 
 Each step is taken by the `explicit` method, or by the `implicit` one while stiff motion holds the explicit one down
-to steps far shorter than its accuracy needs.
+to steps far shorter than its accuracy needs. A plain drive, whose equations are linear wherever its contact force is,
+moves there by power `series`, as good as exact.
 
 Dry friction makes the equations change where a shaft comes to rest, reverses or breaks away. No step goes across such
 an event: `friction` tells where in the step it is, and the step is taken again, to there. A shaft that sticks has a
