@@ -140,38 +140,39 @@ def motion(
     """
     slope_i = (command - plant.R * current - plant.K_m * omega_m) * plant.per_inductance
     on_motor, on_load = plant.K_m * current - plant.B_m * omega_m, load_torque - plant.B_l * omega_l
-    if _PLAIN:
-        tooth = _contact_force(plant.contact, plant.half_gap, gap, gap_rate)
-        force = tooth[0]
-        # The force comes last: it is what the next evaluation waits for.
-        slope_m = on_motor * plant.per_inertia_m - (plant.R1 * plant.per_inertia_m) * force
-        slope_l = on_load * plant.per_inertia_l + (plant.R2 * plant.per_inertia_l) * force
-        return slope_m, slope_l, slope_i, force, tooth[3]
-    half_gap, slope, _ = half_gap_of(plant, theta_l)
+    half_gap, slope, mesh = plant.half_gap, 0.0, 1.0
+    if not _PLAIN:
+        half_gap, slope, _ = half_gap_of(plant, theta_l)
     tooth = _contact_force(plant.contact, half_gap, gap, gap_rate)
     force = tooth[0]
-    if plant.variation != 0.0:
-        on_load -= _contact_slopes(plant.contact, half_gap, gap, tooth)[0] * slope
-    if plant.gravity != 0.0:
-        on_load -= plant.gravity * math.sin(theta_l + plant.gravity_offset)
-    on_motor -= motor_friction(plant, force, slip_m) + plant.R1 * force
-    on_load += plant.R2 * force - slip_l * plant.coulomb_l
-    return (
-        on_motor * plant.per_inertia_m if slip_m != 0.0 else 0.0,
-        on_load * plant.per_inertia_l if slip_l != 0.0 else 0.0,
-        slope_i,
-        force,
-        tooth[3],
-    )
+    if not _PLAIN:
+        if plant.variation != 0.0:
+            on_load -= _contact_slopes(plant.contact, half_gap, gap, tooth)[0] * slope
+        if plant.gravity != 0.0:
+            on_load -= plant.gravity * math.sin(theta_l + plant.gravity_offset)
+        on_motor -= slip_m * plant.coulomb_m
+        on_load -= slip_l * plant.coulomb_l
+        mesh = mesh_of(plant, force, slip_m)
+    # The force comes last: it is what the next evaluation waits for.
+    slope_m = on_motor * plant.per_inertia_m - (plant.R1 * plant.per_inertia_m * mesh) * force
+    slope_l = on_load * plant.per_inertia_l + (plant.R2 * plant.per_inertia_l) * force
+    if not _PLAIN:
+        slope_m, slope_l = slope_m if slip_m != 0.0 else 0.0, slope_l if slip_l != 0.0 else 0.0
+    return slope_m, slope_l, slope_i, force, tooth[3]
+
+
+@compiled
+def mesh_of(plant: PlantConstants, force: float, slip_m: float) -> float:
+    """Return the torque of the teeth at the motor's shaft, their friction included, over R1 F."""
+    if plant.forward == 1.0 and plant.backward == 1.0:
+        return 1.0
+    return plant.forward if force * slip_m > 0.0 else plant.backward
 
 
 @compiled
 def motor_friction(plant: PlantConstants, force: float, slip_m: float) -> float:
     """Return the dry friction of the motor's shaft, its own and that of the teeth, N m."""
-    friction = slip_m * plant.coulomb_m
-    if plant.forward != 1.0 or plant.backward != 1.0:
-        friction += ((plant.forward if force * slip_m > 0.0 else plant.backward) - 1.0) * plant.R1 * force
-    return friction
+    return slip_m * plant.coulomb_m + (mesh_of(plant, force, slip_m) - 1.0) * plant.R1 * force
 
 
 @compiled
@@ -196,6 +197,22 @@ def powers(
         voltage * current + load_torque * omega_l,
         plant.R * current * current + rubbed + (force - elastic) * gap_rate,
     )
+
+
+SpeedSlopes = tuple[float, float]
+"""Rates of omega_m and omega_l, rad/s^2."""
+
+
+def speed_slopes(
+    plant: PlantConstants, state: Array, command: float, load_torque: float, slip_m: float, slip_l: float
+) -> SpeedSlopes:
+    """Return how the speeds change: of `motion`."""
+    gap, gap_rate = gap_of(plant, state)
+    omega_m, omega_l, current = state[OMEGA_M], state[OMEGA_L], state[CURRENT]
+    slopes = _motion(
+        plant, gap, gap_rate, state[THETA_L], omega_m, omega_l, current, command, load_torque, slip_m, slip_l
+    )
+    return slopes[0], slopes[1]
 
 
 def derivative(
@@ -266,10 +283,7 @@ def linearize(plant: PlantConstants, state: Array, slip_m: float, slip_l: float)
         torque_l += plant.R2 * elastic_h * slope - energy_hh * slope * slope - energy_h * bend
     if plant.gravity != 0.0:
         torque_l -= plant.gravity * math.cos(state[THETA_L] + plant.gravity_offset)
-    friction_m, mesh = slip_m * plant.coulomb_m, 1.0
-    if plant.forward != 1.0 or plant.backward != 1.0:
-        mesh = plant.forward if force * slip_m > 0.0 else plant.backward
-        friction_m += (mesh - 1.0) * plant.R1 * force
+    mesh, friction_m = mesh_of(plant, force, slip_m), motor_friction(plant, force, slip_m)
     moves_m, moves_l = abs(slip_m), abs(slip_l)
     return Slopes(
         plant.R1 * stiffness,
@@ -357,6 +371,7 @@ class Equations(NamedTuple):
     contact_of: ContactOf
     motion: Callable[..., Motion]
     held_torque: HeldTorque
+    speed_slopes: Callable[[PlantConstants, Array, float, float, float, float], SpeedSlopes]
     derivative: Derivative
     linearize: Linearize
     jacobian: Derivative
@@ -386,6 +401,7 @@ def equations_with(law: type[Contact], plain: bool = False) -> Equations:
         contact_of=specialize(contact_of, **force),
         motion=rates,
         held_torque=specialize(held_torque, **both),
+        speed_slopes=specialize(speed_slopes, fused=True, _motion=rates),
         derivative=specialize(derivative, _motion=rates),
         linearize=linear,
         jacobian=specialize(jacobian, linearize=linear),

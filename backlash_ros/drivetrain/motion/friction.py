@@ -10,12 +10,19 @@ The functions with a plant are templates, plain Python; `friction_with` compiles
 import math
 from collections.abc import Callable
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact
-from backlash_ros.drivetrain.motion.dynamics import SLIDES, HeldTorque, equations_with, load_rubs, motor_rubs
+from backlash_ros.drivetrain.motion.dynamics import (
+    SLIDES,
+    HeldTorque,
+    SpeedSlopes,
+    equations_with,
+    load_rubs,
+    motor_rubs,
+)
 from backlash_ros.drivetrain.signals import LOST, OMEGA_L, OMEGA_M, Array
 
 
@@ -114,8 +121,8 @@ def first_event(
     plant: PlantConstants,
     before: Array,
     after: Array,
-    slope_before: Array,
-    slope_after: Array,
+    slopes_before: SpeedSlopes,
+    slopes_after: SpeedSlopes,
     load_torque: float,
     slip_m: float,
     slip_l: float,
@@ -144,13 +151,13 @@ def first_event(
         if slip_m == 0.0:
             share_m = _broken_away(excess_m, beyond_m, allowance_m)
         else:
-            slopes = used * slip_m * slope_before[OMEGA_M], used * slip_m * slope_after[OMEGA_M]
+            slopes = used * slip_m * slopes_before[0], used * slip_m * slopes_after[0]
             share_m = _stopped(slip_m * before[OMEGA_M], slip_m * after[OMEGA_M], slopes[0], slopes[1], speed)
     if load_rubs(plant):
         if slip_l == 0.0:
             share_l = _broken_away(excess_l, beyond_l, allowance_l)
         else:
-            slopes = used * slip_l * slope_before[OMEGA_L], used * slip_l * slope_after[OMEGA_L]
+            slopes = used * slip_l * slopes_before[1], used * slip_l * slopes_after[1]
             speed *= plant.R1 / plant.R2
             share_l = _stopped(slip_l * before[OMEGA_L], slip_l * after[OMEGA_L], slopes[0], slopes[1], speed)
     come_m = share_m == 1.0 or (beyond_m > allowance_m if slip_m == 0.0 else slip_m * after[OMEGA_M] < 0.0)
@@ -191,7 +198,8 @@ def switch(
 
 Slips = Callable[[PlantConstants, Array, float, float], tuple[float, float]]
 FirstEvent = Callable[
-    [PlantConstants, Array, Array, Array, Array, float, float, float, float, float], tuple[float, bool, bool]
+    [PlantConstants, Array, Array, SpeedSlopes, SpeedSlopes, float, float, float, float, float],
+    tuple[float, bool, bool],
 ]
 Switch = Callable[[PlantConstants, Array, float, float, float, bool, bool, float], tuple[float, float]]
 
@@ -207,5 +215,9 @@ class Friction(NamedTuple):
 @cache
 def friction_with(law: type[Contact]) -> Friction:
     """Return the events of friction, compiled for a contact law."""
-    held = equations_with(law).held_torque  # type: ignore[arg-type]
-    return Friction(*(specialize(function, _held_torque=held) for function in (slips, first_event, switch)))  # type: ignore[arg-type]
+    held: dict[str, Any] = {"_held_torque": equations_with(law).held_torque}  # type: ignore[arg-type]
+    return Friction(
+        slips=specialize(slips, inlined=True, **held),
+        first_event=specialize(first_event, inlined=True, **held),
+        switch=specialize(switch, inlined=True, **held),
+    )

@@ -23,7 +23,7 @@ from backlash_ros.drivetrain.contact import Contact, nowhere_linear, one_piece
 from backlash_ros.drivetrain.motion.dynamics import (
     SLIDES,
     ContactOf,
-    Derivative,
+    SpeedSlopes,
     equations_with,
     is_plain,
     load_rubs,
@@ -96,7 +96,7 @@ def integration_memory(*, account: bool = False) -> Array:
 
     With ``account`` the energies are integrated, too, by an integrator made for that: see `signals.PlantState`.
     """
-    memory = np.zeros(_TRIAL + 21 + ROOM)
+    memory = np.zeros(_TRIAL + 7 + ROOM)
     memory[_ACCOUNT] = account
     return memory
 
@@ -114,7 +114,7 @@ def _growth(error: float, rejected: bool, explicit: bool) -> float:
 _explicit: Step = unbound
 _implicit: Step = unbound
 _series: SeriesStep = unbound
-_derivative: Derivative = unbound
+_speed_slopes: Callable[[PlantConstants, Array, float, float, float, float], SpeedSlopes] = unbound
 _contact_of: ContactOf = unbound
 _slips: Slips = unbound
 _first_event: FirstEvent = unbound
@@ -157,8 +157,7 @@ def _advance(
     """
     if duration <= 0.0:
         return DONE, 0.0
-    trial, before, after = step[_TRIAL : _TRIAL + 7], step[_TRIAL + 7 : _TRIAL + 14], step[_TRIAL + 14 : _TRIAL + 21]
-    work = step[_TRIAL + 21 :]
+    trial, work = step[_TRIAL : _TRIAL + 7], step[_TRIAL + 7 :]
     if math.isinf(plant.L):
         state[CURRENT] = command
     rubs = not _PLAIN and (motor_rubs(plant) or load_rubs(plant))
@@ -175,6 +174,7 @@ def _advance(
     rejected, taken, held, fresh, to_kink = False, 0, 0, True, False
     # Steps towards the next event, the step to go on with behind it, and the time within which it comes.
     tries, size, ahead = 0, 0.0, 0.0
+    before = after = (0.0, 0.0)
     status = TOO_MANY_STEPS
     for _ in range(_STEPS_AT_MOST):
         remaining = duration - time
@@ -211,9 +211,9 @@ def _advance(
         come_m = come_l = kinked = False
         if looks:
             if fresh:
-                _derivative(plant, state, command, load_torque, slip_m, slip_l, before)
+                before = _speed_slopes(plant, state, command, load_torque, slip_m, slip_l)
                 fresh = False
-            _derivative(plant, trial, command, load_torque, slip_m, slip_l, after)
+            after = _speed_slopes(plant, trial, command, load_torque, slip_m, slip_l)
             share = 2.0
             if rubs:
                 share, come_m, come_l = _first_event(
@@ -238,7 +238,7 @@ def _advance(
         peak = max(peak, force)
         if looks:  # the next step begins where this one ends
             fresh = come_m or come_l
-            before, after = after, before
+            before = after
         # A last step that was cut short to end on time says little about the size that would do.
         h = used * growth if growth < 1.0 or not last else max(h, used * growth)
         if size > 0.0:  # this step was cut short for an event
@@ -291,7 +291,7 @@ def integrator_with(law: type[Contact], plain: bool = False) -> Advance:
         _explicit=explicit_with(law, plain),  # type: ignore[arg-type]
         _implicit=implicit_with(law),  # type: ignore[arg-type]
         _rate=specialize(_rate, **contact_of),
-        _derivative=equations.derivative,
+        _speed_slopes=equations.speed_slopes,
         _slips=friction.slips,
         _first_event=friction.first_event,
         _first_kink=kinks_with(law),  # type: ignore[arg-type]

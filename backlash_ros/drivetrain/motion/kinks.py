@@ -10,7 +10,7 @@ from functools import cache
 from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact, ForceFunction, PieceFunction
-from backlash_ros.drivetrain.motion.dynamics import half_gap_of
+from backlash_ros.drivetrain.motion.dynamics import SpeedSlopes, half_gap_of
 from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array
 
 _LOOKS = 8
@@ -36,8 +36,8 @@ def _piece(
     plant: PlantConstants,
     before: Array,
     after: Array,
-    slope_before: Array,
-    slope_after: Array,
+    slopes_before: SpeedSlopes,
+    slopes_after: SpeedSlopes,
     slip_m: float,
     used: float,
     share: float,
@@ -49,9 +49,9 @@ def _piece(
         theta_m = _between(before[THETA_M], after[THETA_M], start, end, share)
         start, end = used * before[OMEGA_L], used * after[OMEGA_L]
         theta_l = _between(before[THETA_L], after[THETA_L], start, end, share)
-        start, end = used * slope_before[OMEGA_M], used * slope_after[OMEGA_M]
+        start, end = used * slopes_before[0], used * slopes_after[0]
         omega_m = _between(before[OMEGA_M], after[OMEGA_M], start, end, share)
-        start, end = used * slope_before[OMEGA_L], used * slope_after[OMEGA_L]
+        start, end = used * slopes_before[1], used * slopes_after[1]
         omega_l = _between(before[OMEGA_L], after[OMEGA_L], start, end, share)
     gap, gap_rate = plant.R1 * theta_m - plant.R2 * theta_l, plant.R1 * omega_m - plant.R2 * omega_l
     half_gap, _, _ = half_gap_of(plant, theta_l)
@@ -65,19 +65,19 @@ def first_kink(
     plant: PlantConstants,
     before: Array,
     after: Array,
-    slope_before: Array,
-    slope_after: Array,
+    slopes_before: SpeedSlopes,
+    slopes_after: SpeedSlopes,
     slip_m: float,
     used: float,
 ) -> float:
     """Return where in a step, 0 to 1, another smooth piece of the equations begins; 2 where none does."""
-    piece = _piece(plant, before, after, slope_before, slope_after, slip_m, used, _NEARBY)
+    piece = _piece(plant, before, after, slopes_before, slopes_after, slip_m, used, _NEARBY)
     for look in range(1, _LOOKS + 1):
         low, high = max(_NEARBY, (look - 1.0) / _LOOKS), look / _LOOKS
-        if _piece(plant, before, after, slope_before, slope_after, slip_m, used, high) != piece:
+        if _piece(plant, before, after, slopes_before, slopes_after, slip_m, used, high) != piece:
             for _ in range(_HALVINGS):
                 middle = 0.5 * (low + high)
-                if _piece(plant, before, after, slope_before, slope_after, slip_m, used, middle) != piece:
+                if _piece(plant, before, after, slopes_before, slopes_after, slip_m, used, middle) != piece:
                     high = middle
                 else:
                     low = middle
@@ -85,7 +85,7 @@ def first_kink(
     return 2.0
 
 
-FirstKink = Callable[[PlantConstants, Array, Array, Array, Array, float, float], float]
+FirstKink = Callable[[PlantConstants, Array, Array, SpeedSlopes, SpeedSlopes, float, float], float]
 
 
 @cache
