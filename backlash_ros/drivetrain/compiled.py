@@ -173,6 +173,9 @@ class _Cache(_FunctionCache):  # type: ignore[misc]
 
 _CACHE = _cache_folder()
 
+_INLINES = numba.version_info[:2] >= (0, 59)
+"""Whether numba can put one function into another: older versions take minutes, so they leave it to LLVM."""
+
 
 def _dispatcher(function: Callable[..., Any], *, fused: bool = False, inlined: bool = False) -> Any:
     """Return numba's dispatcher for ``function``, cached on disk where possible.
@@ -181,7 +184,9 @@ def _dispatcher(function: Callable[..., Any], *, fused: bool = False, inlined: b
     fast-math: a mirrored input must give the mirrored output, bit for bit; as it does where ``fused`` lets the
     processor round a product and a sum once.
     """
-    options: dict[str, Any] = {"fastmath": {"contract"} if fused else False, "inline": "always" if inlined else "never"}
+    options: dict[str, Any] = {"fastmath": {"contract"} if fused else False}
+    if inlined:
+        options |= {"inline": "always"} if _INLINES else {"forceinline": True}
     dispatcher: Any = numba.njit(error_model="numpy", **options)(function)
     compile_one = dispatcher.compile
 
