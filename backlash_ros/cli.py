@@ -15,14 +15,14 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from backlash_ros.analysis.evaluation.command import evaluate, replay
 from backlash_ros.analysis.evaluation.drive_file import read_drive
-from backlash_ros.analysis.evaluation.population import ENCODERS, POPULATIONS
+from backlash_ros.analysis.evaluation.population import ENCODERS, MODELS, POPULATIONS
 from backlash_ros.analysis.evaluation.task import Task
 from backlash_ros.analysis.figures import FIGURES, draw
 from backlash_ros.analysis.jsonable import jsonable
 from backlash_ros.analysis.page import write_page
 from backlash_ros.analysis.paper import CASES, PARTS, judge, reproduce, respond
 from backlash_ros.analysis.staging import staging
-from backlash_ros.control import EXPERIMENTS, LAWS
+from backlash_ros.control import AUTO, EXPERIMENTS, LAWS
 from backlash_ros.simulation.batch import CannotRunError
 
 T = TypeVar("T")
@@ -86,21 +86,13 @@ def _whole(least: int) -> Callable[[str], int]:
     return parse
 
 
-def _entry_of(registry: Mapping[str, T]) -> Callable[[str], str]:
+def _entry_of(registry: Mapping[str, T], *besides: str) -> Callable[[str], str]:
     def parse(text: str) -> str:
-        if text not in registry:
-            raise argparse.ArgumentTypeError(f"must be of {sorted(registry)}, got {text!r}")
+        if text not in registry and text not in besides:
+            raise argparse.ArgumentTypeError(f"must be of {sorted([*registry, *besides])}, got {text!r}")
         return text
 
     return parse
-
-
-def _model(text: str) -> str:
-    if text == "identified":
-        raise argparse.ArgumentTypeError("must be nominal or true, got 'identified': drives cannot be identified yet")
-    if text not in ("nominal", "true"):
-        raise argparse.ArgumentTypeError(f"must be nominal or true, got {text!r}")
-    return text
 
 
 def _add_evaluation(parser: argparse.ArgumentParser) -> None:
@@ -108,9 +100,9 @@ def _add_evaluation(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=_whole(0), required=True, metavar="S", help="of the population")
     add("--drives", type=_whole(1), metavar="N", help="how many of its drives are judged, from the first on")
     add("--json", type=Path, metavar="FILE", help="file to write the summary into")
-    add("--experiments", nargs="+", type=_entry_of(EXPERIMENTS), default=default.experiments, metavar="NAME")
+    add("--experiments", nargs="+", type=_entry_of(EXPERIMENTS, AUTO), default=default.experiments, metavar="NAME")
     add("--laws", nargs="+", type=_entry_of(LAWS), default=default.laws, metavar="NAME")
-    add("--model", type=_model, default=default.model, help="what the controller assumes: nominal or true")
+    add("--model", choices=MODELS, default=default.model, help="what the controller takes the drive for")
     add("--population", choices=POPULATIONS, default=default.population)
     add("--encoders", choices=list(ENCODERS), default=default.encoders)
     add("--drive", type=Path, metavar="FILE", help="draw the population around the drive of a ROS parameter file")

@@ -142,7 +142,7 @@ def sweep_backlash() -> list[dict[str, Number]]:
         drive = backlash(factor)
         b = drive.gear.backlash_angle
         settings = ServoSettings(GAINS, period=PERIOD)
-        both = learn_backlash(drive, settings)
+        both = learn_backlash(drive, settings.with_experiment("limit_cycle"))
         load = learn_backlash(drive, settings, sensors=Sensors(measured=("theta_l", "omega_l")))
         row: dict[str, Number] = {"backlash_m": drive.gear.backlash, "backlash_angle_rad": b, **cycle_of(drive)}
         row |= {

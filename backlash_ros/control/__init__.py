@@ -3,18 +3,21 @@
 from backlash_ros.control.design.gains import DEFAULT_WEIGHTS, Gains, GainSet, design_gains
 from backlash_ros.control.design.limit_cycle import LimitCycle, find_limit_cycle
 from backlash_ros.control.design.stability import Margins, check_stable, stability_margins
+from backlash_ros.control.experiment import BacklashEstimate, Method
 from backlash_ros.control.experiments import EXPERIMENTS
-from backlash_ros.control.experiments.limit_cycle import BacklashEstimate, LearningSettings, Method
+from backlash_ros.control.experiments.gap_probe import GapProbeSettings
+from backlash_ros.control.experiments.limit_cycle import LimitCycleSettings
 from backlash_ros.control.law import FAST_REGION, OVERDAMPED_REGION, ControlLaw
 from backlash_ros.control.laws import LAWS, design_law
 from backlash_ros.control.limits import NO_LIMIT, Limits
 from backlash_ros.control.monitoring.thresholds import FaultThresholds
 from backlash_ros.control.servo import Servo
 from backlash_ros.control.setpoint import AtRest, Polynomials, Source
-from backlash_ros.control.settings import ServoSettings
+from backlash_ros.control.settings import AUTO, ServoSettings
 from backlash_ros.gates.faults import Fault
 
 __all__ = [
+    "AUTO",
     "DEFAULT_WEIGHTS",
     "EXPERIMENTS",
     "FAST_REGION",
@@ -28,8 +31,9 @@ __all__ = [
     "FaultThresholds",
     "GainSet",
     "Gains",
-    "LearningSettings",
+    "GapProbeSettings",
     "LimitCycle",
+    "LimitCycleSettings",
     "Limits",
     "Margins",
     "Method",

@@ -2,11 +2,24 @@
 
 import math
 
-from backlash_ros.control.experiment import Excitation, NamedExperiment, Outcome, Refusal
-from backlash_ros.control.law import ControlLaw
+import numpy as np
+
+from backlash_ros.control.experiment import Deferred, Excitation, NamedExperiment, Outcome, Refusal
+from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, ControlLaw
 from backlash_ros.control.tick import tick_with
 from backlash_ros.drivetrain import Drive, Validated
-from backlash_ros.drivetrain.signals import Estimate, Measurement, Setpoint
+from backlash_ros.drivetrain.compiled import compiled_as
+from backlash_ros.drivetrain.signals import Array, Estimate, Measurement, Setpoint
+
+
+@compiled_as(LAW_SIGNATURE)
+def _idle(_law: Array, _state: Array, _estimate: Estimate, _setpoint: Setpoint, low: float, high: float) -> float:
+    """Ask for 0 V, or for what is next to it in the range."""
+    return float(min(max(0.0, low), high))
+
+
+IDLE = ControlLaw(_idle, np.zeros(1), np.array([float(FAST_REGION)]))
+"""The law beside which an experiment acts alone."""
 
 
 class ActingLaw:
@@ -43,7 +56,7 @@ class ActingExperiment:
     Parameters
     ----------
     chosen, parameters : the experiment, and what it is run with
-    law : the law that it names, as designed for the drive
+    law : the law that it names, as designed for the drive, or `IDLE`
     drive, period : that it is made for; the period of the samples in s
     """
 
@@ -56,8 +69,8 @@ class ActingExperiment:
         self._broken: Refusal | None = None
 
     @property
-    def outcome(self) -> Outcome | None:
-        """How it ended; None while it runs."""
+    def outcome(self) -> Outcome | Deferred | None:
+        """How it ended, or what tells that; None while it runs."""
         return self._broken or self._run.outcome
 
     @property
@@ -72,12 +85,12 @@ class ActingExperiment:
         except Exception as error:
             self._broken = Refusal(f"{reason}; and it could not be cancelled: {error!r}")
 
-    def excite(self, measured: Measurement, estimate: Estimate, command: float) -> Excitation:
+    def excite(self, measured: Measurement, estimate: Estimate, command: float, elapsed: float) -> Excitation:
         """Take a sample and return what it asks for: none where that is more than it may, which ends it."""
         if self._broken is not None:
             return Excitation()
         try:
-            wanted = self._run.step(measured, estimate, command)
+            wanted = self._run.step(measured, estimate, command, elapsed)
         except Exception as error:
             self._broken = Refusal(f"it failed: {error!r}")
             return Excitation()

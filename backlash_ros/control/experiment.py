@@ -5,10 +5,12 @@ The experiments themselves are in `experiments`, a file each.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any, NamedTuple, Protocol
 
 from backlash_ros.drivetrain import Drive, Validated
 from backlash_ros.drivetrain.signals import Estimate, Measurement
+from backlash_ros.identification.fit import Fit
 
 
 class Excitation(NamedTuple):
@@ -43,6 +45,40 @@ class Refusal:
     valid: bool = False
 
 
+@dataclass(frozen=True)
+class Deferred:
+    """The outcome of an experiment that is over but takes some computing: ``work`` does it, in any process."""
+
+    work: Callable[[], Outcome]
+
+
+class Method(Enum):
+    """How an estimate was made."""
+
+    GAP_TRAVEL = "gap_travel"
+    LOAD_AMPLITUDE = "load_amplitude"
+    GAP_PROBE = "gap_probe"
+
+
+@dataclass(frozen=True)
+class BacklashEstimate:
+    """What learning found: ``angle`` and standard ``uncertainty``, rad at the output, both 0 unless ``valid``.
+
+    ``uncertainty`` is 0, too, where the method has none. ``amplitude`` (rad), ``period`` (s) and ``cycles`` are those
+    of a limit cycle, ``fit`` is what a probe of the gap found besides, valid or not.
+    """
+
+    angle: float
+    method: Method
+    valid: bool
+    reason: str
+    uncertainty: float = 0.0
+    amplitude: float = 0.0
+    period: float = 0.0
+    cycles: int = 0
+    fit: Fit | None = None
+
+
 class Experiment(Protocol):
     """One run of an experiment.
 
@@ -50,8 +86,8 @@ class Experiment(Protocol):
     """
 
     @property
-    def outcome(self) -> Outcome | None:
-        """How it ended; None while it runs."""
+    def outcome(self) -> Outcome | Deferred | None:
+        """How it ended, or what tells that; None while it runs."""
         ...
 
     @property
@@ -59,13 +95,14 @@ class Experiment(Protocol):
         """How far it is, from 0 to 1."""
         ...
 
-    def step(self, measured: Measurement, estimate: Estimate, command: float) -> Excitation:
+    def step(self, measured: Measurement, estimate: Estimate, command: float, elapsed: float) -> Excitation:
         """Take a sample and return the excitation for it; none once there is an outcome.
 
         Parameters
         ----------
         measured : this sample
         estimate, command : the observer's estimate at the sample before, and the command since then, V or A
+        elapsed : since the sample before, s
         """
         ...
 
@@ -82,8 +119,8 @@ class NamedExperiment(NamedTuple):
     title : in words
     make : starts a run for a drive, its own parameters and the period of the samples, s
     parameters : the defaults
-    swing : name of the parameter that is the largest offset to either side, rad; "" where it asks for none
-    law : the law that acts meanwhile, with a state of its own
+    swing : name of the parameter that says how far it goes to either side, rad, and the largest offset; "" for none
+    law : the law that acts meanwhile, with a state of its own; "" for none, so that its torque acts alone
     """
 
     title: str

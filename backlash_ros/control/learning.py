@@ -3,10 +3,10 @@
 All times are integer nanoseconds of the caller's steady clock.
 """
 
+from concurrent.futures import Executor, Future
 from typing import NamedTuple
 
-from backlash_ros.control.experiment import Outcome
-from backlash_ros.control.experiments.limit_cycle import BacklashEstimate
+from backlash_ros.control.experiment import BacklashEstimate, Deferred, Outcome, Refusal
 from backlash_ros.control.servo import Servo
 
 PATIENCE = 5 * 10**9
@@ -22,15 +22,24 @@ class Reply(NamedTuple):
 
 
 class LearnRequests:
-    """One request at a time, from the asking to the answer, for one servo."""
+    """One request at a time, from the asking to the answer, for one servo.
 
-    def __init__(self, servo: Servo) -> None:
-        self._servo = servo
+    What takes some computing is done by ``workers``, while the servo goes on.
+    """
+
+    def __init__(self, servo: Servo, workers: Executor) -> None:
+        self._servo, self._workers = servo, workers
         self._asked: int | None = None
+        self._computed: Future[Outcome] | None = None
+
+    @property
+    def computing(self) -> bool:
+        """Whether an experiment is over and its outcome is being computed."""
+        return self._computed is not None
 
     def ask(self, now: int) -> Reply | None:
         """Take a request; return its refusal, or None where the answer comes later."""
-        if self._asked is not None or self._servo.experimenting:
+        if self._asked is not None or self._servo.experimenting or self.computing:
             return Reply(False, "cannot learn: already learning")
         if self._servo.latched:
             return self._refused(f" while a fault is latched: {self._servo.fault}")
@@ -57,15 +66,15 @@ class LearnRequests:
         return self._refused(f": {silence} for {PATIENCE / 10**9:g} s")
 
     def stop(self, why: str) -> Reply | None:
-        """Refuse a request that has not begun."""
-        if self._asked is None:
+        """Refuse a request that has not begun, or of which only the computing is left."""
+        if self._asked is None and self._computed is None:
             return None
-        self._asked = None
+        self._asked = self._computed = None
         return self._refused(f": {why}")
 
     def cancel(self) -> Reply:
         """End the experiment that is under way, or asked for; return what to say to who asked for that."""
-        if self._asked is None and not self._servo.experimenting:
+        if self._asked is None and not self._servo.experimenting and not self.computing:
             return Reply(False, "there is no experiment to cancel")
         self._servo.cancel("cancelled on request")
         return Reply(True, "cancelled")
@@ -73,6 +82,12 @@ class LearnRequests:
     def end(self) -> Reply | None:
         """Return the answer where the experiment has ended, once."""
         outcome = self._servo.take_outcome()
+        if isinstance(outcome, Deferred):
+            self._computed, outcome = self._workers.submit(outcome.work), None
+        if self._computed is not None and self._computed.done():
+            error = self._computed.exception()
+            outcome = self._computed.result() if error is None else Refusal(f"it failed: {error!r}")
+            self._computed = None
         if outcome is None:
             return None
         angle = outcome.angle if isinstance(outcome, BacklashEstimate) and outcome.valid else None
@@ -87,4 +102,5 @@ def describe_outcome(outcome: Outcome) -> str:
     """Return an outcome in words: the estimate and how it was made, or why there is none."""
     if not (isinstance(outcome, BacklashEstimate) and outcome.valid):
         return outcome.reason
-    return f"backlash {outcome.angle:.6g} rad at the output, by {outcome.method.value}, from {outcome.reason}"
+    sure = f" +- {outcome.uncertainty:.2g}" if outcome.uncertainty > 0.0 else ""
+    return f"backlash {outcome.angle:.6g}{sure} rad at the output, by {outcome.method.value}, from {outcome.reason}"

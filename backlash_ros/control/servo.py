@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from backlash_ros.control.acting import ActingExperiment, ActingLaw, swing_of
+from backlash_ros.control.acting import IDLE, ActingExperiment, ActingLaw, swing_of
 from backlash_ros.control.command_range import range_constants
-from backlash_ros.control.experiment import Excitation, Outcome
+from backlash_ros.control.experiment import Deferred, Excitation, NamedExperiment, Outcome
 from backlash_ros.control.experiments import EXPERIMENTS
 from backlash_ros.control.law import REGION
 from backlash_ros.control.laws import design_law
@@ -17,7 +17,7 @@ from backlash_ros.control.monitoring.plausibility import plausibility_constants
 from backlash_ros.control.monitoring.thresholds import standstill_torque
 from backlash_ros.control.observer import estimate_of
 from backlash_ros.control.setpoint import DURATION, AtRest, Source, extent, plan_rejection
-from backlash_ros.control.settings import ServoSettings
+from backlash_ros.control.settings import AUTO, ServoSettings
 from backlash_ros.control.tick import (
     COMMAND,
     ELAPSED,
@@ -35,7 +35,16 @@ from backlash_ros.control.tick import (
     pack,
 )
 from backlash_ros.drivetrain import Drive, Validated
-from backlash_ros.drivetrain.signals import LOAD_TORQUE, POSITION, THETA_L, Array, Estimate, Measurement, Setpoint
+from backlash_ros.drivetrain.signals import (
+    LOAD_TORQUE,
+    POSITION,
+    THETA_L,
+    THETA_M,
+    Array,
+    Estimate,
+    Measurement,
+    Setpoint,
+)
 from backlash_ros.gates.faults import Fault
 
 
@@ -266,9 +275,16 @@ class Servo:
         """What the experiment asked of the last sample."""
         return Excitation(float(self._inputs[OFFSET]), float(self._inputs[TORQUE]))
 
-    def experiment_refusal(self, name: str = "limit_cycle", parameters: Validated | None = None) -> str:
+    def _named(self, name: str) -> tuple[str, NamedExperiment]:
+        """Return an experiment by its name, or that of the settings; `AUTO` goes by the encoders of the last sample."""
+        name = name or self.settings.experiment
+        if name == AUTO:
+            name = "limit_cycle" if np.isnan(self.memory.row[[THETA_M, THETA_L]]).any() else "gap_probe"
+        return name, EXPERIMENTS.choose("learning.experiment", name, AUTO)
+
+    def experiment_refusal(self, name: str = "", parameters: Validated | None = None) -> str:
         """Return why an experiment would go beyond the limits from where the load is held; empty where not."""
-        chosen = EXPERIMENTS.choose("learning.experiment", name)
+        name, chosen = self._named(name)
         if not chosen.swing:
             return ""
         parameters = parameters or self._parameters_of(name)
@@ -281,10 +297,10 @@ class Servo:
         return why and f"it swings by {where} = {swing:g} rad to either side, but {why}"
 
     def _parameters_of(self, name: str) -> Validated:
-        return self.settings.learning if name == "limit_cycle" else EXPERIMENTS[name].parameters
+        return dict(self.settings.experiment_parameters).get(name, EXPERIMENTS[name].parameters)
 
-    def start_experiment(self, name: str = "limit_cycle", parameters: Validated | None = None) -> None:
-        """Start an experiment at the next sample; its outcome shows in `take_outcome`.
+    def start_experiment(self, name: str = "", parameters: Validated | None = None) -> None:
+        """Start an experiment at the next sample, that of the settings by default; see `take_outcome`.
 
         Raises
         ------
@@ -295,13 +311,13 @@ class Servo:
         """
         if self._experiment is not None:
             raise RuntimeError("already learning")
-        chosen = EXPERIMENTS.choose("learning.experiment", name)
+        name, chosen = self._named(name)
         parameters = parameters or self._parameters_of(name)
         if type(parameters) is not type(chosen.parameters):
             raise ValueError(
                 f"{name} takes {type(chosen.parameters).__name__} as its parameters, got {type(parameters).__name__}"
             )
-        law = design_law(self.drive, self.settings.with_law(chosen.law))
+        law = design_law(self.drive, self.settings.with_law(chosen.law)) if chosen.law else IDLE
         self._experiment = ActingExperiment(chosen, parameters, law, self.drive, self.settings.period)
         self._begin(self._experiment.acting)
 
@@ -310,8 +326,8 @@ class Servo:
         if self._experiment is not None:
             self._experiment.cancel(reason)
 
-    def take_outcome(self) -> Outcome | None:
-        """Return how an experiment ended, once; None while there is none that has."""
+    def take_outcome(self) -> Outcome | Deferred | None:
+        """Return how an experiment ended, or what tells that, once; None while there is none that has."""
         outcome = None if self._experiment is None else self._experiment.outcome
         if outcome is not None:
             self._experiment = None
@@ -338,7 +354,7 @@ class Servo:
             acting = self._experiment.acting
             excitation = Excitation()
             if self.holding:
-                excitation = self._experiment.excite(measured, self.estimate, self.command)
+                excitation = self._experiment.excite(measured, self.estimate, self.command, inputs[ELAPSED])
             inputs[OFFSET], inputs[TORQUE] = excitation
         command = acting.tick(
             self.constants, self.memory.row, acting.law.constants, acting.state, self.segments, measured, inputs

@@ -1,13 +1,15 @@
 """Everything about the servo that can be tuned, as one immutable value."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from backlash_ros.control.design.gains import GainSet
 from backlash_ros.control.design.stability import Margins, stability_margins
-from backlash_ros.control.experiments.limit_cycle import LearningSettings
 from backlash_ros.control.monitoring.thresholds import FaultThresholds
 from backlash_ros.control.observer import ObserverConstants, observer_constants
 from backlash_ros.drivetrain import Drive, Validated, quantity
+
+AUTO = "auto"
+"""The experiment that takes what the encoders allow: the gap's own where there are both, else the limit cycle."""
 
 
 @dataclass(frozen=True)
@@ -16,16 +18,18 @@ class ServoSettings(Validated):
 
     ``backlash_angle`` is b as learned; while it is 0, not known, the fast gains act alone. ``period`` is the time
     between samples, s; ``loop_delay`` that from measuring to when the command acts, s, with which `margins` judges the
-    gains; ``law`` names one of `laws.LAWS`; ``law_parameters`` has the parameters of each law whose defaults do not
-    hold, as pairs of name and value; ``thresholds`` are those of the drive by default.
+    gains; ``law`` names one of `laws.LAWS`, and ``experiment`` one of `experiments.EXPERIMENTS`, or is `AUTO`;
+    ``law_parameters`` and ``experiment_parameters`` have the parameters of those whose defaults do not hold, as pairs
+    of name and value; ``thresholds`` are those of the drive by default.
     """
 
     gains: GainSet
     law: str = "two_region"
     period: float = 0.004
     loop_delay: float = 0.0
-    learning: LearningSettings = field(default_factory=LearningSettings)
     law_parameters: tuple[tuple[str, Validated], ...] = ()
+    experiment: str = AUTO
+    experiment_parameters: tuple[tuple[str, Validated], ...] = ()
     thresholds: FaultThresholds | None = None
     backlash_angle: float = quantity(
         "backlash at the output shaft, within which the over-damped gains act; 0 while not known",
@@ -49,6 +53,11 @@ class ServoSettings(Validated):
         """Return the same settings with another law and, where given, its parameters."""
         own = {**dict(self.law_parameters), **({law: parameters} if parameters is not None else {})}
         return replace(self, law=law, law_parameters=tuple(sorted(own.items())))
+
+    def with_experiment(self, experiment: str, parameters: Validated | None = None) -> "ServoSettings":
+        """Return the same settings with another experiment and, where given, its parameters."""
+        own = {**dict(self.experiment_parameters), **({experiment: parameters} if parameters is not None else {})}
+        return replace(self, experiment=experiment, experiment_parameters=tuple(sorted(own.items())))
 
     def thresholds_of(self, drive: Drive) -> FaultThresholds:
         """Return beyond what ``drive`` latches a fault."""

@@ -237,7 +237,7 @@ def perform(session: Session, say: Callable[[str], None]) -> dict[str, Any]:
     """Do what the demo shows; return when each part was."""
     say("waiting for simulator, controller and recorder to find each other")
     session.ready()
-    say("learning the backlash: the fast gains keep up a limit cycle in the gap")
+    say("learning the backlash: the motor goes to and fro across the gap")
     for _ in range(_ATTEMPTS):
         valid, answer = session.learn()
         say(f"  {answer}")
@@ -281,7 +281,7 @@ def judge(script: dict[str, Any], folder: Path) -> dict[str, Any]:
         "learned": {
             "backlash_angle": angle,
             "true_backlash_angle": drive.gear.backlash_angle,
-            "method": "gap_travel" if "gap_travel" in answer else "load_amplitude",
+            "method": answer.partition(" by ")[2].partition(",")[0],
             "valid": valid,
         },
         "in_time": {law: in_time(recording, part, _RISING) for law, part in script["steps"].items()},

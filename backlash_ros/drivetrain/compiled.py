@@ -38,7 +38,7 @@ _OURS = re.compile(r"source-[0-9a-f]{16}")
 
 def _source_digest() -> str:
     digest = hashlib.sha256()
-    for room in ("gates", "drivetrain", "control", "simulation"):
+    for room in ("gates", "drivetrain", "identification", "control", "simulation"):
         for source in sorted((_PACKAGE / room).rglob("*.py")):
             digest.update(str(source.relative_to(_PACKAGE)).encode())
             digest.update(source.read_bytes())

@@ -90,10 +90,10 @@ class Registry(Mapping[str, T], Generic[T]):
         """Forget the entries whose names are not among ``names``."""
         self._entries = {name: entry for name, entry in self._all().items() if name in set(names)}
 
-    def choose(self, parameter: str, name: str) -> T:
-        """Return the entry called ``name``; a ValueError names ``parameter`` and the names that there are."""
+    def choose(self, parameter: str, name: str, *besides: str) -> T:
+        """Return the entry called ``name``; a ValueError names ``parameter``, the names that there are, and others."""
         if name not in self._all():
-            raise ValueError(f"{parameter} must be one of {sorted(self._all())}, got {name!r}")
+            raise ValueError(f"{parameter} must be one of {sorted([*self._all(), *besides])}, got {name!r}")
         return self._all()[name]
 
     def __getitem__(self, name: str) -> T:

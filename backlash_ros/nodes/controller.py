@@ -28,6 +28,7 @@ from backlash_ros.nodes.parameters import declare_controller, refuse_unknown
 from backlash_ros.nodes.reports import ControllerReport, NodeFacts
 from backlash_ros.nodes.start_lines import margins_line, untold_drive
 from backlash_ros.nodes.tunables import Tunables
+from backlash_ros.ros.aside import Aside
 from backlash_ros.ros.diagnostics import ERROR, OK, status
 from backlash_ros.ros.later import LaterTrigger
 from backlash_ros.ros.lifecycle import ManagedNode
@@ -66,7 +67,7 @@ class Controller(ManagedNode):
         self._servo = Servo(self._drive, self._tunables.settings, self._tunables.limits)
         self._tunables.rejection_reason, self._tunables.changed = self._servo.rejection_reason, self._use
         self._gate = SampleGate(in_ns(self._state_timeout), in_ns(MISSING / self._rate), self._joints)
-        self._learning = LearnRequests(self._servo)
+        self._learning = LearnRequests(self._servo, Aside())
         self._measured, self._answer = Measurement(np.empty(5)), Answer()
         self._told, self._said = Fault.NONE, (False, False, Fault.NONE)
         self._estimated = self._changed = False

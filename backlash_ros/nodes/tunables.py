@@ -11,12 +11,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from backlash_ros.control import (
+    AUTO,
     DEFAULT_WEIGHTS,
+    EXPERIMENTS,
     LAWS,
     FaultThresholds,
     Gains,
     GainSet,
-    LearningSettings,
     Limits,
     Margins,
     ServoSettings,
@@ -71,7 +72,10 @@ def _declare_beside_gains(node: Node, drive: Drive) -> dict[str, Any]:
     values: dict[str, Any] = {"law": declare(node, "law", "two_region", text)}
     for parameters in {law.parameters.section: law.parameters for law in LAWS.values()}.values():
         values |= declare_quantities(node, parameters, read_only=False)
-    values |= declare_quantities(node, LearningSettings(), read_only=False)
+    text = describe("what learns the backlash", constraint=f"one of {sorted([AUTO, *EXPERIMENTS])}")
+    values["learning.experiment"] = declare(node, "learning.experiment", AUTO, text)
+    for parameters in {each.parameters.section: each.parameters for each in EXPERIMENTS.values()}.values():
+        values |= declare_quantities(node, parameters, read_only=False)
     values |= declare_quantities(node, Limits.of(drive), read_only=False)
     values |= declare_quantities(node, FaultThresholds.of(drive), read_only=False)
     any_gains = Gains(1.0, 0.0, 0.0)
@@ -196,10 +200,15 @@ class Tunables:
             law=values["law"],
             period=self._period,
             loop_delay=self._delay,
-            learning=take(LearningSettings, values),
+            experiment=values["learning.experiment"],
+            experiment_parameters=tuple(
+                (name, take(type(EXPERIMENTS[name].parameters), values)) for name in sorted(EXPERIMENTS)
+            ),
             thresholds=take(FaultThresholds, values),
             law_parameters=tuple((name, take(type(LAWS[name].parameters), values)) for name in sorted(LAWS)),
         )
+        if settings.experiment != AUTO:
+            EXPERIMENTS.choose("learning.experiment", settings.experiment, AUTO)
         design_law(self._drive, settings)  # refuses what cannot be designed
         return settings, take(Limits, values)
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, ServoSettings, design_gains
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Plant
+from backlash_ros.identification.fit import compile_filters
 from backlash_ros.simulation import Scenario, run
 
 
@@ -22,6 +23,7 @@ def main() -> None:
         for drive in (plain, replace(plain, load=replace(plain.load, coulomb_friction=0.01))):
             run(drive, settings, scenario)
             Plant(drive).advance(0.0, 0.0, settings.period)
+    compile_filters(CONTACTS.values())
 
 
 if __name__ == "__main__":

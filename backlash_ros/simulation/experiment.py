@@ -3,7 +3,7 @@
 from typing import cast
 
 from backlash_ros.control import BacklashEstimate, Limits, Servo, ServoSettings
-from backlash_ros.control.experiment import Outcome
+from backlash_ros.control.experiment import Deferred, Outcome
 from backlash_ros.drivetrain import Drive, Validated
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import Sensors
@@ -13,7 +13,7 @@ from backlash_ros.simulation.simulated_drive import SimulatedDrive
 def run_experiment(
     drive: Drive,
     settings: ServoSettings,
-    name: str = "limit_cycle",
+    name: str = "",
     parameters: Validated | None = None,
     *,
     model: Drive | None = None,
@@ -29,7 +29,7 @@ def run_experiment(
     ----------
     drive, model : what moves, and what the controller takes it for (the same by default)
     settings, limits : as for the controller node
-    parameters : of the experiment; by default those of the settings, or its own defaults
+    name, parameters : of the experiment; by default that of the settings, and those there, or its own defaults
     load_torque : on the output shaft throughout, N m
     sensors, delay, seed : between plant and controller, and of what is random there
 
@@ -48,24 +48,28 @@ def run_experiment(
 def excite(
     servo: Servo,
     plant: SimulatedDrive,
-    name: str = "limit_cycle",
+    name: str = "",
     parameters: Validated | None = None,
     *,
     load_torque: float = 0.0,
 ) -> Outcome:
     """Run an experiment with a servo on a simulated drive, both as they are, and return how it ended.
 
+    A servo that holds nothing yet takes a sample first, which shows which encoders there are.
+
     Raises
     ------
     ValueError, IntegrationError
         As `run_experiment`.
     """
+    if not servo.holding:
+        plant.advance(servo.update(plant.sample(), plant.elapsed), load_torque)
     servo.start_experiment(name, parameters)
     while True:
         command = servo.update(plant.sample(), plant.elapsed)
         outcome = servo.take_outcome()
         if outcome is not None:
-            return outcome
+            return outcome.work() if isinstance(outcome, Deferred) else outcome
         plant.advance(command, load_torque)
 
 
@@ -78,7 +82,7 @@ def learn_backlash(
     delay: Delay | None = None,
     seed: int = 0,
 ) -> BacklashEstimate:
-    """Let the limit cycle measure a simulated drive and return what was learned; see `run_experiment`.
+    """Learn the backlash of a simulated drive by the experiment of the settings; see `run_experiment`.
 
     Examples
     --------

@@ -32,6 +32,7 @@ from backlash_ros.simulation import Scenario, SimulatedDrive, run
 Start = Callable[..., Process]
 PATIENT = {"state_timeout": 10.0}
 """The test may be slow: silence is tested where it is meant."""
+BY_LIMIT_CYCLE = {**PATIENT, "learning__experiment": "limit_cycle"}
 
 
 @pytest.fixture
@@ -95,8 +96,11 @@ def ask_to_learn(peer: Peer) -> Future:
     return client.call_async(Trigger.Request())
 
 
-def test_learning_over_the_service(start: Start, peer: Peer) -> None:
-    start("controller", **PATIENT)
+@pytest.mark.parametrize(
+    ("experiment", "method", "near"), [("auto", "gap_probe", 0.005), ("limit_cycle", "gap_travel", 0.05)]
+)
+def test_learning_over_the_service(start: Start, peer: Peer, experiment: str, method: str, near: float) -> None:
+    start("controller", learning__experiment=experiment, **PATIENT)
     estimates: list[float] = []
     transient_local = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     peer.node.create_subscription(
@@ -106,12 +110,12 @@ def test_learning_over_the_service(start: Start, peer: Peer) -> None:
     answer = ask_to_learn(peer)
     while not answer.done():
         drive.step()
-        assert drive.tick < 5000
+        assert drive.tick < 50_000  # while it is computed, too
     response = answer.result()
     assert response.success, response.message
-    assert "by gap_travel" in response.message
+    assert f"by {method}" in response.message
     (learned,) = Parameters(peer, "controller").get("backlash_angle")
-    assert learned == pytest.approx(0.02, rel=0.05)
+    assert learned == pytest.approx(0.02, rel=near)
     peer.wait("the estimate", lambda: estimates)
     assert estimates[-1] == learned
     assert Parameters(peer, "controller").set(backlash_angle=0.0) == (True, "")
@@ -119,7 +123,7 @@ def test_learning_over_the_service(start: Start, peer: Peer) -> None:
 
 
 def test_learning_under_a_load_torque_keeps_the_old_estimate(start: Start, peer: Peer) -> None:
-    start("controller", backlash_angle=0.015, learning__attempts=1, **PATIENT)
+    start("controller", backlash_angle=0.015, learning__limit_cycle__attempts=1, **BY_LIMIT_CYCLE)
     drive = LockstepDrive(peer).matched()
     drive.load_torque = 0.1
     answer = ask_to_learn(peer)
@@ -146,7 +150,7 @@ def test_learning_beyond_the_limits_is_refused(start: Start, peer: Peer, limits:
         assert abs(drive.step()) < 1.0
         assert drive.tick < 5000
     assert not answer.result().success
-    assert answer.result().message.startswith("cannot learn: it swings by learning.kick = 0.1 rad")
+    assert answer.result().message.startswith("cannot learn: it swings by learning.gap_probe.swing = 0.3 rad")
     assert why in answer.result().message
 
 
@@ -173,7 +177,7 @@ def test_silence_ends_learning(start: Start, peer: Peer) -> None:
         assert drive.tick < 5000
     peer.wait("an answer", answer.done)
     assert not answer.result().success
-    assert answer.result().message == "no valid cycle: no joint_states for 5 s"
+    assert answer.result().message == "no gap measured: no joint_states for 5 s"
 
 
 def test_deactivation_ends_learning(start: Start, peer: Peer) -> None:
@@ -186,7 +190,7 @@ def test_deactivation_ends_learning(start: Start, peer: Peer) -> None:
     assert lifecycle.change(Transition.TRANSITION_DEACTIVATE)
     peer.wait("an answer", answer.done)
     assert not answer.result().success
-    assert answer.result().message == "no valid cycle: the controller is not active any more"
+    assert answer.result().message == "no gap measured: the controller is not active any more"
 
 
 def test_reference_is_not_taken_while_learning(start: Start, peer: Peer) -> None:
@@ -416,7 +420,7 @@ def test_unusable_start_parameter_ends_the_node_with_a_line_that_names_it(
 
 
 def test_whole_numbers_stand_for_floats(start: Start, peer: Peer) -> None:
-    start("controller", rate=500, gear__backlash_angle="0.04", learning__kick=1, **PATIENT)
+    start("controller", rate=500, gear__backlash_angle="0.04", learning__limit_cycle__kick=1, **PATIENT)
     parameters = Parameters(peer, "controller")
     accepted, reason = parameters.set(backlash_angle=1)
     assert accepted, reason
@@ -644,7 +648,7 @@ def test_cancel_ends_an_experiment_and_says_so(start: Start, peer: Peer) -> None
     assert (cancelled.success, cancelled.message) == (True, "cancelled")
     peer.wait("an answer", answer.done)
     assert not answer.result().success
-    assert answer.result().message == "no valid cycle: cancelled on request"
+    assert answer.result().message == "no gap measured: cancelled on request"
     assert "until reset_fault" not in process.output()
     drive.run(10)
     peer.wait("the end", lambda: states.series("experiment")[-1] == 0)

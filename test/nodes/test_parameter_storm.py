@@ -63,7 +63,7 @@ ITEM = st.one_of(
     items("laws.two_region.hysteresis", numbers(0, 10), 10.000001, -math.inf, math.nan),
     items("limits.command", numbers(1, 30), 0.0, -0.0, 0, math.nan),
     items("limits.position_upper", numbers(1, 100), REFERENCE / 2, 2e9, -2e9),
-    items("learning.cycles", st.one_of(st.integers(3, 1000), st.just(5.0)), 2, 5.5, math.nan),
+    items("learning.limit_cycle.cycles", st.one_of(st.integers(3, 1000), st.just(5.0)), 2, 5.5, math.nan),
     st.sampled_from(
         [
             Item("rate", 200.0, False),
@@ -74,7 +74,7 @@ ITEM = st.one_of(
     ),
 )
 KINDS = {"law": RclpyParameter.Type.STRING, "gain_set": RclpyParameter.Type.STRING}
-KINDS |= {"learning.cycles": RclpyParameter.Type.INTEGER}
+KINDS |= {"learning.limit_cycle.cycles": RclpyParameter.Type.INTEGER}
 
 
 def stored(item: Item) -> Any:

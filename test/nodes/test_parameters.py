@@ -69,11 +69,17 @@ def test_every_parameter_is_described_and_every_number_bounded(start: Start, pee
     described = {
         name: d for name, d in described.items() if d.type != ParameterType.PARAMETER_BOOL or not d.description
     }
-    without_unit = {"real_time_factor", "learning.cycles", "contact.restitution.restitution"}
+    without_unit = {"real_time_factor", "learning.limit_cycle.cycles", "contact.restitution.restitution"}
     without_unit |= {"contact.power.exponent", "contact.power_no_pull.exponent", "gear.reduction"}
     without_unit |= {"gear.backlash_variation", "gear.backlash_cycles"}
     without_unit |= {"gear.efficiency_forward", "gear.efficiency_backward"}
-    without_unit |= {"learning.attempts", "learning.spread", "laws.two_region.hysteresis", "laws.cascade.dead_band"}
+    without_unit |= {
+        "learning.limit_cycle.attempts",
+        "learning.limit_cycle.spread",
+        "learning.gap_probe.torque",
+        "laws.two_region.hysteresis",
+        "laws.cascade.dead_band",
+    }
     without_unit |= {"laws.switched_linear.reduction", "laws.elastic_lqg.lead"}
     without_unit |= {"sensors.motor_counts", "sensors.load_counts", "seed"}
     for name, descriptor in described.items():
@@ -168,11 +174,15 @@ def test_whatever_is_sent_is_refused_by_name(start: Start, peer: Peer) -> None:
         ("backlash_angle", value(0), "backlash_angle must be a number"),
         ("backlash_angle", value(ParameterType.PARAMETER_BOOL, bool_value=True), "backlash_angle must be a number"),
         (
-            "learning__cycles",
+            "learning__limit_cycle__cycles",
             value(ParameterType.PARAMETER_DOUBLE, double_value=5.5),
-            "learning.cycles must be a whole",
+            "learning.limit_cycle.cycles must be a whole",
         ),
-        ("learning__cycles", value(ParameterType.PARAMETER_BOOL, bool_value=True), "learning.cycles must be a "),
+        (
+            "learning__limit_cycle__cycles",
+            value(ParameterType.PARAMETER_BOOL, bool_value=True),
+            "learning.limit_cycle.cycles must be a ",
+        ),
         ("law", value(ParameterType.PARAMETER_BYTE_ARRAY, byte_array_value=[b"f"]), "law must be a text, one of"),
         ("gain_set", value(0), "gain_set must be a text, one of ['nominal', 'custom'], got None"),
         ("gains__fast__k", value(0), "gains.fast.k must be numbers"),

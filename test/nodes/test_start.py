@@ -100,10 +100,10 @@ def test_what_loses_nothing_is_converted(start: Start, peer: Peer) -> None:
         rate=500,
         gear__backlash_cycles=3.0,
         gains__fast__k="[31, 1, 0]",
-        learning__cycles=5.0,
+        learning__limit_cycle__cycles=5.0,
         motor__voltage_limit=12,
     )
-    names = ("rate", "gear.backlash_cycles", "gains.fast.k", "learning.cycles", "motor.voltage_limit")
+    names = ("rate", "gear.backlash_cycles", "gains.fast.k", "learning.limit_cycle.cycles", "motor.voltage_limit")
     values = Parameters(peer, "controller").get(*names)
     assert values == [500.0, 3, [31.0, 1.0, 0.0], 5, 12.0]
     assert [type(value) for value in values] == [float, int, list, int, float]

@@ -86,7 +86,7 @@ def play(
         if k == max(1, round(situation.since / period)):
             assert situation.learning or servo.set_reference(situation.reference) == ""
             if situation.learning:
-                servo.start_experiment()
+                servo.start_experiment("limit_cycle")
         command = servo.update(measured, drive.elapsed)
         servo.take_outcome()
         if servo.fault and latched < 0:

@@ -31,12 +31,12 @@ def summary(results: Path) -> dict:
     return json.loads((results / "summary.json").read_text())
 
 
-def test_backlash_is_learned_within_five_percent(summary: dict) -> None:
+def test_backlash_is_learned_within_half_a_percent(summary: dict) -> None:
     learned = summary["learned"]
     assert learned["valid"] is True
-    assert learned["method"] == "gap_travel"
+    assert learned["method"] == "gap_probe"
     assert learned["true_backlash_angle"] == pytest.approx(0.02)
-    assert learned["backlash_angle"] == pytest.approx(0.02, rel=0.05)
+    assert learned["backlash_angle"] == pytest.approx(0.02, rel=0.005)
 
 
 def test_two_region_law_comes_to_rest(summary: dict) -> None:

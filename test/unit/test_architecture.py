@@ -8,14 +8,15 @@ import pytest
 PACKAGE = Path(__file__).parents[2] / "backlash_ros"
 BELOW: dict[str, set[str]] = {
     "drivetrain": set(),
-    "control": {"gates", "drivetrain"},
+    "identification": {"drivetrain"},
+    "control": {"gates", "identification", "drivetrain"},
     "gates": set(),
-    "simulation": {"control", "gates", "drivetrain"},
-    "analysis": {"simulation", "control", "gates", "drivetrain"},
+    "simulation": {"control", "gates", "identification", "drivetrain"},
+    "analysis": {"simulation", "control", "gates", "identification", "drivetrain"},
     "ros": {"gates", "drivetrain"},
-    "nodes": {"ros", "gates", "analysis", "simulation", "control", "drivetrain"},
+    "nodes": {"ros", "gates", "analysis", "simulation", "control", "identification", "drivetrain"},
     "contract": {"ros", "gates", "drivetrain"},
-    "demo": {"ros", "analysis", "simulation", "control", "gates", "drivetrain"},
+    "demo": {"ros", "analysis", "simulation", "control", "gates", "identification", "drivetrain"},
 }
 """What each room may import beside itself."""
 ROS_ROOMS = {"ros", "nodes", "contract", "demo"}

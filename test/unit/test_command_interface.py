@@ -287,7 +287,7 @@ def test_every_law_does_with_a_current_what_it_does_with_a_voltage(law: str) -> 
 @pytest.mark.parametrize("period", [0.004, 0.001])
 def test_learning_works_with_a_current(period: float) -> None:
     settings = ServoSettings(gains_of(CURRENT_DRIVE), period=period)
-    estimate = learn_backlash(CURRENT_DRIVE, settings)
+    estimate = learn_backlash(CURRENT_DRIVE, settings.with_experiment("limit_cycle"))
     assert estimate.valid, estimate.reason
     assert estimate.method is Method.GAP_TRAVEL
     assert estimate.angle == pytest.approx(B, rel=0.05)

@@ -154,7 +154,7 @@ def test_with_the_motors_encoder_alone_the_zero_is_the_motors() -> None:
 def test_learning_is_judged_by_the_gap_where_it_took_place() -> None:
     gear = replace(NOMINAL_DRIVE.gear, backlash_variation=0.3)
     member = replace(EASY, drive=replace(NOMINAL_DRIVE, gear=gear))
-    learned = learn(member, NOMINAL_DRIVE, settings_for(NOMINAL_DRIVE, member), ("limit_cycle",))
+    learned, _ = learn(member, NOMINAL_DRIVE, settings_for(NOMINAL_DRIVE, member), ("limit_cycle",))
     assert learned.valid
     assert learned.gap == pytest.approx(0.026, rel=0.01)
     assert learned.angle == pytest.approx(learned.gap, rel=0.1)
@@ -398,10 +398,12 @@ def test_one_drive_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
         (["--seed", "1", "--drives", "0", "--json", "x"], "argument --drives: must be a whole number >= 1, got '0'"),
         (["--seed", "1", "--drives", "3"], "argument --json: must be given, unless --only is"),
         (["--seed", "1", "--drives", "3", "--json", "x", "--plot", "p"], "argument --plot: draws one drive"),
-        (["--seed", "1", "--only", "1", "--model", "best"], "argument --model: must be nominal or true, got 'best'"),
-        (["--seed", "1", "--only", "1", "--model", "identified"], "drives cannot be identified yet"),
+        (["--seed", "1", "--only", "1", "--model", "best"], "argument --model: invalid choice: 'best'"),
         (["--seed", "1", "--only", "1", "--laws", "best"], "argument --laws: must be of ['cascade', "),
-        (["--seed", "1", "--only", "1", "--experiments", "best"], "argument --experiments: must be of ['limit_cycle']"),
+        (
+            ["--seed", "1", "--only", "1", "--experiments", "best"],
+            "argument --experiments: must be of ['auto', 'gap_probe', ",
+        ),
         (["--seed", "1", "--only", "1", "--population", "best"], "argument --population: invalid choice: 'best'"),
         (["--seed", "1", "--only", "1", "--drive", "/nowhere"], "argument --drive: "),
         (["--seed", "1", "--drives", "3", "--json", "/proc/x/y"], "argument --json: must be a place that can be "),

@@ -1,13 +1,24 @@
 """A request to learn is answered once, however it ends; the servo is the real one, the clock the test's."""
 
 import math
+import time
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
 
 import numpy as np
 import pytest
 
-from backlash_ros.control import BacklashEstimate, GainSet, Method, Servo, ServoSettings
-from backlash_ros.control.experiment import Refusal
-from backlash_ros.control.learning import PATIENCE, LearnRequests, describe_outcome
+from backlash_ros.control import (
+    EXPERIMENTS,
+    BacklashEstimate,
+    GainSet,
+    LimitCycleSettings,
+    Method,
+    Servo,
+    ServoSettings,
+)
+from backlash_ros.control.experiment import Deferred, Excitation, NamedExperiment, Refusal
+from backlash_ros.control.learning import PATIENCE, LearnRequests, Reply, describe_outcome
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.signals import Measurement
 from backlash_ros.gates import Fault
@@ -17,11 +28,11 @@ AT_REST = Measurement(np.zeros(5))
 
 @pytest.fixture
 def servo(gains: GainSet) -> Servo:
-    return Servo(NOMINAL_DRIVE, ServoSettings(gains))
+    return Servo(NOMINAL_DRIVE, ServoSettings(gains).with_experiment("limit_cycle"))
 
 
 def test_a_request_waits_for_the_first_sample_and_no_longer_than_its_patience(servo: Servo) -> None:
-    requests = LearnRequests(servo)
+    requests = LearnRequests(servo, ThreadPoolExecutor(1))
     assert requests.ask(0) is None
     assert requests.begin() is None
     assert requests.waited(PATIENCE - 1, "no joint_states") is None
@@ -34,7 +45,7 @@ def test_a_request_waits_for_the_first_sample_and_no_longer_than_its_patience(se
 
 
 def test_a_second_request_is_refused_while_the_first_waits_or_runs(servo: Servo) -> None:
-    requests = LearnRequests(servo)
+    requests = LearnRequests(servo, ThreadPoolExecutor(1))
     refusal = (False, "cannot learn: already learning", None)
     assert requests.ask(0) is None
     assert requests.ask(0) == refusal
@@ -44,7 +55,7 @@ def test_a_second_request_is_refused_while_the_first_waits_or_runs(servo: Servo)
 
 
 def test_a_fault_refuses_when_asked_and_when_begun(servo: Servo) -> None:
-    requests = LearnRequests(servo)
+    requests = LearnRequests(servo, ThreadPoolExecutor(1))
     refusal = (False, "cannot learn while a fault is latched: silence", None)
     assert requests.ask(0) is None
     servo.fail(Fault.NO_SAMPLES, "silence")
@@ -53,7 +64,7 @@ def test_a_fault_refuses_when_asked_and_when_begun(servo: Servo) -> None:
 
 
 def test_cancel_ends_what_runs_and_refuses_what_waits(servo: Servo) -> None:
-    requests = LearnRequests(servo)
+    requests = LearnRequests(servo, ThreadPoolExecutor(1))
     assert requests.cancel() == (False, "there is no experiment to cancel", None)
     requests.ask(0)
     assert requests.cancel() == (True, "cancelled", None)
@@ -69,7 +80,7 @@ def test_cancel_ends_what_runs_and_refuses_what_waits(servo: Servo) -> None:
 
 
 def test_an_experiment_that_ends_by_itself_is_answered_with_its_reason(servo: Servo) -> None:
-    requests = LearnRequests(servo)
+    requests = LearnRequests(servo, ThreadPoolExecutor(1))
     requests.ask(0)
     servo.update(AT_REST)
     requests.begin()
@@ -81,6 +92,81 @@ def test_an_experiment_that_ends_by_itself_is_answered_with_its_reason(servo: Se
 
 
 def test_outcomes_in_words() -> None:
-    found = BacklashEstimate(0.02, Method.GAP_TRAVEL, 0.016, 0.03, 10, True, "10 cycles")
+    found = BacklashEstimate(0.02, Method.GAP_TRAVEL, valid=True, reason="10 cycles")
     assert describe_outcome(found) == "backlash 0.02 rad at the output, by gap_travel, from 10 cycles"
     assert describe_outcome(Refusal("it failed: OSError()")) == "it failed: OSError()"
+
+
+class _Probe:
+    """An experiment that is over with its first sample, and has something to compute."""
+
+    progress = 1.0
+
+    def __init__(self, work: object) -> None:
+        self.outcome = Deferred(work)  # type: ignore[arg-type]
+
+    def step(self, *_: object) -> Excitation:
+        return Excitation()
+
+    def cancel(self, reason: str) -> None:
+        """Too late."""
+
+
+def deferring(servo: Servo, work: object) -> LearnRequests:
+    """Return requests of which the first one is under way, its experiment over."""
+    EXPERIMENTS._entries["computes"] = NamedExperiment(
+        "computes", lambda *_: _Probe(work), LimitCycleSettings(), law=""
+    )
+    servo.use(servo.settings.with_experiment("computes"))
+    requests = LearnRequests(servo, ThreadPoolExecutor(1))
+    servo.update(AT_REST)
+    assert requests.ask(0) is None
+    assert requests.begin() is None
+    servo.update(AT_REST)
+    return requests
+
+
+def answer_of(requests: LearnRequests) -> Reply:
+    end = time.monotonic() + 60.0
+    while (reply := requests.end()) is None:
+        assert time.monotonic() < end
+    return reply
+
+
+def test_what_takes_computing_is_answered_when_it_is_done(servo: Servo) -> None:
+    gate = Event()
+
+    def work() -> BacklashEstimate:
+        assert gate.wait(60.0)
+        return BacklashEstimate(0.02, Method.GAP_PROBE, valid=True, reason="4 s of motion", uncertainty=1e-4)
+
+    requests = deferring(servo, work)
+    assert requests.end() is None
+    assert requests.computing
+    assert not servo.experimenting
+    assert requests.ask(0) == (False, "cannot learn: already learning", None)
+    gate.set()
+    assert answer_of(requests) == (
+        True,
+        "backlash 0.02 +- 0.0001 rad at the output, by gap_probe, from 4 s of motion",
+        0.02,
+    )
+    assert not requests.computing
+
+
+def test_computing_that_fails_is_a_refusal(servo: Servo) -> None:
+    def work() -> BacklashEstimate:
+        raise OSError("no disk")
+
+    assert answer_of(deferring(servo, work)) == (False, "it failed: OSError('no disk')", None)
+
+
+def test_computing_is_cancelled(servo: Servo) -> None:
+    gate = Event()
+    requests = deferring(servo, gate.wait)
+    assert requests.end() is None
+    assert requests.cancel() == (True, "cancelled", None)
+    assert requests.stop("cancelled on request") == (False, "cannot learn: cancelled on request", None)
+    assert not requests.computing
+    gate.set()
+    assert requests.end() is None

@@ -249,7 +249,7 @@ def test_reference_is_refused_where_nobody_would_follow_it(limited: Servo) -> No
     assert limited.set_reference(0.1) == "reference 0.1 rad came while no position is held"
     assert not limited.holding
     limited.update(np.zeros(5))
-    limited.start_experiment()
+    limited.start_experiment("limit_cycle")
     assert limited.set_reference(0.1) == "reference 0.1 rad came while learning"
     assert limited.reference == 0.0
     limited.fail(Fault.NO_SAMPLES, "test")
@@ -566,7 +566,7 @@ def test_unexplained_torque_is_forgotten_at_a_reset(drive: Drive, measured: Sequ
 @BOTH
 def test_fault_ends_learning_with_its_reason(drive: Drive) -> None:
     rig = started(drive)
-    rig.servo.start_experiment()
+    rig.servo.start_experiment("limit_cycle")
     assert rig.run(0.1) == ""
     rig.tamper = load_jumps
     fault = rig.run(0.1)
@@ -700,7 +700,7 @@ def test_impacts_of_the_limit_cycle_are_no_fault(drive: Drive, contact: Contact)
 def test_learning_is_no_fault_with_half_the_thresholds(drive: Drive, measured: Sequence[str]) -> None:
     rig = Rig(drive, settings_of(drive), thresholds=with_margin(drive, 0.5), measured=measured, bits=14)
     rig.run(0.1)
-    rig.servo.start_experiment()
+    rig.servo.start_experiment("limit_cycle")
     assert rig.run(2.0) == ""
 
 

@@ -29,7 +29,7 @@ def none() -> Collection[str]:
         ("motor.Resistance", "motor.resistance"),
         ("load.inertias", "load.inertia"),
         ("laws.cascade.dead_bend", "laws.cascade.dead_band"),
-        ("learning.kicks", "learning.kick"),
+        ("learning.gap_probe.swings", "learning.gap_probe.swing"),
         ("limit.command", "limits.command"),
         ("gain_sets.gentle.fast.q", "gain_sets.nominal.fast.q"),
         ("gains.fast", "gains.fast.q"),

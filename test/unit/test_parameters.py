@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 import yaml
 
-from backlash_ros.control import LearningSettings, ServoSettings
+from backlash_ros.control import LimitCycleSettings, ServoSettings
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Gear, Load, Motor, Validated, quantities
 from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.contacts.power import PowerContact
 
 CONTACT_VALUES = [kind() for kind in CONTACTS.values()]
-PARTS = [NOMINAL_DRIVE.motor, NOMINAL_DRIVE.gear, NOMINAL_DRIVE.load, *CONTACT_VALUES, LearningSettings()]
+PARTS = [NOMINAL_DRIVE.motor, NOMINAL_DRIVE.gear, NOMINAL_DRIVE.load, *CONTACT_VALUES, LimitCycleSettings()]
 FIELDS = [(part, name) for part in PARTS for name in quantities(type(part))]
 
 

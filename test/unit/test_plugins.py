@@ -87,7 +87,7 @@ class Push:
     def cancel(self, reason):
         self.outcome = self.outcome or Pushed(0.0, False, reason)
 
-    def step(self, measured, estimate, command):
+    def step(self, measured, estimate, command, elapsed):
         if self.outcome is not None:
             return Excitation()
         if self._tick == 0:
@@ -156,7 +156,7 @@ def test_an_experiment_is_added_as_a_file_and_runs_with_its_parameters(gains: Ga
     assert 0.005 < short.way < 0.7 * long.way
     with pytest.raises(ValueError, match=r"learning\.push\.torque must be > 0 N m and <= 10 N m, got -1"):
         type(EXPERIMENTS["push"].parameters)(torque=-1)
-    with pytest.raises(ValueError, match="push takes PushParameters as its parameters, got LearningSettings"):
+    with pytest.raises(ValueError, match="push takes PushParameters as its parameters, got LimitCycleSettings"):
         run_experiment(NOMINAL_DRIVE, settings, "push", EXPERIMENTS["limit_cycle"].parameters)
     servo = Servo(NOMINAL_DRIVE, settings)
     assert servo.experiment_refusal("push") == ""
@@ -200,7 +200,7 @@ class Broken:
     def __init__(self, *_):
         pass
 
-    def step(self, measured, estimate, command):
+    def step(self, measured, estimate, command, elapsed):
         STEP
 
     def cancel(self, reason):

@@ -133,8 +133,6 @@ def test_the_nominal_model_is_the_data_sheet_and_the_nominal_load() -> None:
     assert model.motor == replace(member.drive.motor, coulomb_friction=0.0)
     assert model.gear == replace(NOMINAL_DRIVE.gear, reduction=member.drive.gear.reduction)
     assert told_model(member, "true") == member.drive
-    with pytest.raises(ValueError, match="--model must be nominal or true, got 'identified'"):
-        told_model(member, "identified")
 
 
 def test_which_encoders_there_are() -> None:

@@ -74,7 +74,7 @@ def test_changed_law_acts_from_the_next_sample_on(gains: GainSet) -> None:
     servo.update(AT_REST)
     assert servo.region == FAST_REGION
     servo.use(settings)
-    servo.start_experiment()
+    servo.start_experiment("limit_cycle")
     servo.update(AT_REST)
     assert servo.region == FAST_REGION
 
@@ -95,7 +95,7 @@ def test_law_starts_anew_after_learning(gains: GainSet) -> None:
     servo = Servo(NOMINAL_DRIVE, two_region(gains, hysteresis=1.0))
     servo.update(AT_REST)
     assert servo.region == OVERDAMPED_REGION
-    servo.start_experiment()
+    servo.start_experiment("limit_cycle")
     servo.update(np.array([0.0, 0.0, math.nan, math.nan, 0.0]))
     assert servo.take_outcome() is not None
     servo.update(INSIDE_THE_HYSTERESIS)
@@ -116,7 +116,7 @@ def test_reset_with_the_load_elsewhere_is_no_kick(gains: GainSet, law: str) -> N
 def test_learning_is_refused_where_it_swings_beyond_an_end(gains: GainSet, side: str, end: float) -> None:
     servo = Servo(NOMINAL_DRIVE, ServoSettings(gains), replace(Limits.of(NOMINAL_DRIVE), **{side: end}))
     servo.update(AT_REST)
-    assert (f"limits.{side} = {end:g} rad" in servo.experiment_refusal()) == (abs(end) < 0.1)
+    assert (f"limits.{side} = {end:g} rad" in servo.experiment_refusal("limit_cycle")) == (abs(end) < 0.1)
 
 
 @pytest.mark.parametrize("rate", [250.0, 1000.0])

@@ -118,7 +118,7 @@ def test_integrator_holds_the_load_through_other_gains() -> None:
 def test_law_goes_on_from_what_holds_the_load_after_an_experiment(law: str) -> None:
     rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, law))
     rig.run(2.5)
-    rig.servo.start_experiment()
+    rig.servo.start_experiment("limit_cycle")
     held = rig.run(1.0)[1][-1]  # at rest between two kicks
     rig.servo.cancel("test")
     assert rig.servo.take_outcome() is not None

@@ -37,7 +37,7 @@ def test_telemetry_has_what_the_table_names_in_its_order(gains: GainSet) -> None
 def test_telemetry_tells_experiment_and_fault(gains: GainSet) -> None:
     servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
     servo.update(HELD)
-    servo.start_experiment()
+    servo.start_experiment("limit_cycle")
     servo.update(HELD)
     during = telemetry(servo, active=True, parameters_version=1)
     assert (during["experiment"], during["offset"], during["torque"]) == (1, 0.1, 0.0)

@@ -149,7 +149,7 @@ def report_of(
         "drive": drive or None,
         "experiments": list(task.experiments),
         "laws": list(task.laws),
-        "summary": summarize(collected, DEFAULT_LAW),
+        "summary": summarize(collected, DEFAULT_LAW, identified=task.model == "identified"),
         "judged_law": judged,
         "worst": worst,
         "failures": group_failures(collected, judged),
@@ -213,6 +213,11 @@ def learning_of(summary: dict[str, Any]) -> list[str]:
         f"{_percent(summary['learned'], summary['learned_interval'])} %",
         f"within 5 %, of the learned: {_percent(summary['learned_within_5'], summary['learned_within_5_interval'])} %",
         f"said to be valid, but wrong: {summary['wrong_valid']}",
+        *(
+            [f"all of the drive identified: {_percent(summary['identified'], summary['identified_interval'])} %"]
+            if summary["identified"] is not None
+            else []
+        ),
     ]
 
 

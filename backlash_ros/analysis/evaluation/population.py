@@ -197,17 +197,10 @@ def told_model(member: Member, model: str, around: Drive | None = None) -> Drive
     """Return what the controller takes the drive for: one of `MODELS`.
 
     The data sheet is always told: motor and reduction. ``nominal`` takes gap, contact and load of the population's
-    centre besides, and no dry friction; ``true`` is the drive itself.
-
-    Raises
-    ------
-    ValueError
-        For ``identified``: there is no identification yet.
+    centre besides, and no dry friction, and so does ``identified`` at first; ``true`` is the drive itself.
     """
     if model == "true":
         return member.drive
-    if model != "nominal":
-        raise ValueError(f"--model must be nominal or true, got {model!r}: drives cannot be identified yet")
     centre, drive = around or NOMINAL_DRIVE, member.drive
     return Drive(
         replace(drive.motor, coulomb_friction=0.0),

@@ -23,7 +23,10 @@ SHARES = ("quiet", "precise", "overshoot_ok", "faulted")
 _Z = 1.959963984540054
 """Of the normal distribution, for 95 %."""
 
-_DRIVE = ("number", "conditions", "can_outrun", "free", "learned", "close", "wrong", "inertia_ratio", "friction_share")
+_DRIVE = (
+    *("number", "conditions", "can_outrun", "free", "learned", "close", "wrong", "identified"),
+    *("inertia_ratio", "friction_share"),
+)
 _LAW = (*SHARES, "settle", "rise", "force", "recover", "severity")
 
 
@@ -53,6 +56,7 @@ class Collected:
             "learned": valid,
             "close": valid and error <= max(CLOSE * gap, member.load_count),
             "wrong": valid and error > WRONG * gap and error > WRONG_COUNTS * member.load_count,
+            "identified": learned["identified"],
             "inertia_ratio": drive.load.inertia / drive.reflected_inertia,
             "friction_share": friction_share(member),
         }
@@ -131,7 +135,7 @@ def _percentile(values: Array, percent: float) -> float | None:
     return float(np.percentile(values, percent)) if values.size else None
 
 
-def summarize(collected: Collected, default_law: str) -> dict[str, Any]:
+def summarize(collected: Collected, default_law: str, *, identified: bool = False) -> dict[str, Any]:
     """Return the summary as docs/evaluation.md describes it; None for what there is not."""
     learned, can_outrun = collected.drives("learned") > 0, collected.drives("can_outrun") > 0
     free = collected.drives("free") > 0
@@ -141,6 +145,7 @@ def summarize(collected: Collected, default_law: str) -> dict[str, Any]:
         "wrong_valid": int(np.count_nonzero(collected.drives("wrong"))),
         "identified": None,
         "identified_interval": None,
+        **(_share("identified", collected.drives("identified") > 0) if identified else {}),
         "laws": {},
         "default_law": default_law,
     }

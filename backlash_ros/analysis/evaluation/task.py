@@ -18,6 +18,7 @@ from backlash_ros.analysis.evaluation.judging import (
 from backlash_ros.analysis.evaluation.population import Member, draw_member, told_model
 from backlash_ros.analysis.metrics import Array
 from backlash_ros.control import (
+    AUTO,
     DEFAULT_WEIGHTS,
     BacklashEstimate,
     GainSet,
@@ -26,8 +27,11 @@ from backlash_ros.control import (
     check_stable,
     design_gains,
 )
+from backlash_ros.control.design.stability import LONGEST_DELAY
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M
+from backlash_ros.identification.drive import identified_drive
+from backlash_ros.identification.fit import Fit
 from backlash_ros.simulation import Run, Scenario, SimulatedDrive, excite, run
 
 STAND, STEP, SHORT, HOLD = 1.0, 6.0, 6.0, 10.0
@@ -37,6 +41,10 @@ CHANGE = STAND + STEP + SHORT + 0.5 * HOLD
 LENGTH = STAND + STEP + SHORT + HOLD
 SHORT_STEP = 5.0
 """In mean backlashes."""
+INERTIA_NEAR, GAP_NEAR, EFFORT_NEAR, DELAY_NEAR = 0.05, 0.03, 0.1, 0.25
+"""What counts as identified: shares of inertia, gap and friction, and of a period; of the gap a count, too."""
+SPEEDS = 1.0, 10.0
+"""Of the load, rad/s, at which its friction is judged, viscous and dry together."""
 
 _GRID = 1e-3
 """Time between the states that are judged, s, at most."""
@@ -50,7 +58,7 @@ class Task:
     population: str = "full"
     model: str = "nominal"
     encoders: str = "both"
-    experiments: tuple[str, ...] = ("limit_cycle",)
+    experiments: tuple[str, ...] = (AUTO,)
     laws: tuple[str, ...] = ("fast", "overdamped", "two_region")
     around: Drive | None = None
 
@@ -68,18 +76,26 @@ class Task:
 class Learned:
     """What became of learning.
 
-    ``angle`` that was learned and ``gap`` where it was, rad; ``experiment`` that made it, or the last that was tried;
-    ``time`` that all took, s.
+    ``angle`` that was learned with its standard ``uncertainty``, and ``gap`` where it was, rad; ``experiment`` that
+    made it, or the last that was tried; ``time`` that all took, s; ``swing``: farthest that the load was from where it
+    was at first, rad. Where the drive was identified, too: what was found, and whether all of it is near the truth.
     """
 
     valid: bool = False
     angle: float = math.nan
+    uncertainty: float = math.nan
     gap: float = math.nan
     experiment: str = ""
     method: str = ""
     reason: str = ""
     fault: str = ""
     time: float = math.nan
+    swing: float = math.nan
+    identified: bool = False
+    inertia: float = math.nan
+    viscous_friction: float = math.nan
+    coulomb_friction: float = math.nan
+    delay: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -103,15 +119,17 @@ class Verdict:
     recover: float = 0.5 * HOLD
 
 
-def settings_for(model: Drive, member: Member) -> ServoSettings:
+def settings_for(model: Drive, member: Member, delay: float | None = None) -> ServoSettings:
     """Return what a controller node has that was told a drive, its rate and its delay, and nothing else.
+
+    ``delay`` in s; the true one by default.
 
     Raises
     ------
     ValueError
         If it would refuse its gains, as the node does where they are unstable at the rate.
     """
-    period, delay = 1.0 / member.rate, member.delay.mean
+    period, delay = 1.0 / member.rate, member.delay.mean if delay is None else delay
     gains = {region: design_gains(region, model, weights) for region, weights in DEFAULT_WEIGHTS.items()}
     for region, designed in gains.items():
         check_stable(f"gains.{region}.k", model, designed, period, delay)
@@ -134,25 +152,65 @@ def true_reading(member: Member, theta_l: Array) -> Array:
     return theta_l + member.sensors.motor_offset * member.drive.gear.ratio
 
 
-def learn(member: Member, model: Drive, settings: ServoSettings, experiments: tuple[str, ...]) -> Learned:
-    """Let a controller learn the gap: the experiments one after the other, until one is valid."""
+class _Watched(SimulatedDrive):
+    """A simulated drive that keeps how far its load goes."""
+
+    swing = 0.0
+
+    def advance(self, command: float, load_torque: float = 0.0) -> None:
+        """Go on to the next sample."""
+        super().advance(command, load_torque)
+        self.swing = max(self.swing, abs(float(self.state[THETA_L])))
+
+
+def learn(
+    member: Member, model: Drive, settings: ServoSettings, experiments: tuple[str, ...]
+) -> tuple[Learned, Fit | None]:
+    """Let a controller learn the gap: the experiments one after the other, until one is valid.
+
+    Returns what became of it and, where it was valid, what was found besides.
+    """
     result, spent = Learned(), 0.0
     for name in experiments:
         servo = Servo(model, settings)
-        plant = SimulatedDrive(member.drive, settings.period, sensors=member.sensors, delay=member.delay)
+        plant = _Watched(member.drive, settings.period, sensors=member.sensors, delay=member.delay)
         try:
             outcome = excite(servo, plant, name, load_torque=member.load_torque)
         except IntegrationError as error:
-            return Learned(experiment=name, reason=f"not simulated: {error}", time=spent + plant.time)
+            return Learned(experiment=name, reason=f"not simulated: {error}", time=spent + plant.time), None
         gear, spent = member.drive.gear, spent + plant.time
         phase = gear.backlash_cycles * float(plant.state[THETA_L]) + gear.backlash_phase
         gap = gear.backlash_angle * (1.0 + gear.backlash_variation * math.cos(phase))
         result = Learned(
-            valid=outcome.valid, gap=gap, experiment=name, reason=outcome.reason, fault=servo.fault, time=spent
+            valid=outcome.valid,
+            gap=gap,
+            experiment=name,
+            reason=outcome.reason,
+            fault=servo.fault,
+            time=spent,
+            swing=max(result.swing, plant.swing) if result.experiment else plant.swing,
         )
         if isinstance(outcome, BacklashEstimate) and outcome.valid:
-            return replace(result, angle=outcome.angle, method=outcome.method.value)
-    return result
+            result = replace(result, angle=outcome.angle, uncertainty=outcome.uncertainty, method=outcome.method.value)
+            return result, outcome.fit
+    return result, None
+
+
+def _judge_identified(member: Member, result: Learned, found: Drive, delay: float) -> Learned:
+    """Return what was found beside the gap, and whether all of it is near the truth."""
+    load, truth = found.load, member.drive.load
+    viscous, dry = load.viscous_friction, load.coulomb_friction
+    near = [
+        abs(load.inertia / truth.inertia - 1.0) <= INERTIA_NEAR,
+        abs(result.angle - result.gap) <= max(GAP_NEAR * result.gap, member.load_count),
+        abs(delay - member.delay.mean) <= DELAY_NEAR / member.rate,
+    ]
+    for speed in SPEEDS:
+        effort = truth.viscous_friction * speed + truth.coulomb_friction
+        near.append(abs(viscous * speed + dry - effort) <= EFFORT_NEAR * effort)
+    return replace(
+        result, identified=all(near), inertia=load.inertia, viscous_friction=viscous, coulomb_friction=dry, delay=delay
+    )
 
 
 def scenario_of(member: Member) -> Scenario:
@@ -198,15 +256,23 @@ def judge_run(member: Member, scenario: Scenario, done: Run) -> Verdict:
 def perform(task: Task, number: int, laws: tuple[str, ...]) -> tuple[Learned, dict[str, Verdict], dict[str, Run]]:
     """Evaluate one drive: what was learned, and of each law its verdict and, where there was one, its run."""
     member = task.member(number)
-    model = told_model(member, task.model, task.around)
+    identify = task.model == "identified"
+    model, delay = told_model(member, task.model, task.around), 0.0 if identify else member.delay.mean
     verdicts: dict[str, Verdict] = {}
     runs: dict[str, Run] = {}
     try:
-        settings = settings_for(model, member)
+        settings = settings_for(model, member, delay)
     except ValueError as error:
         failed = Verdict(failure=str(error))
         return Learned(reason=str(error)), dict.fromkeys(laws, failed), runs
-    learned = learn(member, model, settings, task.experiments)
+    learned, found = learn(member, model, settings, task.experiments)
+    if identify and found is not None:
+        try:
+            model, delay = identified_drive(model, found), found.delay
+            learned = _judge_identified(member, learned, model, delay)
+            settings = settings_for(model, member, min(delay, LONGEST_DELAY / member.rate))
+        except ValueError as error:
+            return learned, dict.fromkeys(laws, Verdict(failure=str(error))), runs
     if learned.valid:
         settings = replace(settings, backlash_angle=learned.angle)
     scenario = scenario_of(member)

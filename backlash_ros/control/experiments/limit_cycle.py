@@ -8,45 +8,26 @@ load's share of the gap, J_r/(J_r + J_l) by momentum exchange; the paper takes t
 
 import math
 from dataclasses import dataclass
-from enum import Enum
 from typing import ClassVar
 
 import numpy as np
 
 from backlash_ros.control.design.limit_cycle import LimitCycle, find_limit_cycle, refine
-from backlash_ros.control.experiment import Excitation, NamedExperiment
+from backlash_ros.control.experiment import BacklashEstimate, Excitation, Method, NamedExperiment
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array, Estimate, Measurement
 
+_FEWEST_SAMPLES = 8
+"""Samples that a cycle must have: with fewer its turning points are not seen."""
 _FEWEST_STEPS = 4
 """Steps of a load encoder that its cycle must span: teeth at rest on one flank flicker between two neighbours."""
 
 
-class Method(Enum):
-    """How an estimate was made."""
-
-    GAP_TRAVEL = "gap_travel"
-    LOAD_AMPLITUDE = "load_amplitude"
-
-
 @dataclass(frozen=True)
-class BacklashEstimate:
-    """What learning found. ``angle`` (rad at the output) and the cycle's figures are 0 unless ``valid``."""
-
-    angle: float
-    method: Method
-    amplitude: float
-    period: float
-    cycles: int
-    valid: bool
-    reason: str
-
-
-@dataclass(frozen=True)
-class LearningSettings(Validated):
+class LimitCycleSettings(Validated):
     """How the learner excites and how long it waits."""
 
-    section: ClassVar[str] = "learning"
+    section: ClassVar[str] = "learning.limit_cycle"
 
     kick: float = quantity("reference step that starts the cycle", "rad", above=0, at_most=3.2, default=0.1)
     kick_time: float = quantity("time the kick is held", "s", above=0, at_most=10, default=0.25)
@@ -69,7 +50,7 @@ class BacklashLearner:
     period : of the samples, s
     """
 
-    def __init__(self, drive: Drive, settings: LearningSettings, period: float) -> None:
+    def __init__(self, drive: Drive, settings: LimitCycleSettings, period: float) -> None:
         self.outcome: BacklashEstimate | None = None
         self._drive = drive
         self._settings = settings
@@ -92,9 +73,9 @@ class BacklashLearner:
     def cancel(self, reason: str) -> None:
         """End without an estimate, for ``reason``."""
         if self.outcome is None:
-            self.outcome = BacklashEstimate(0.0, self._method, 0.0, 0.0, 0, False, f"no valid cycle: {reason}")
+            self.outcome = BacklashEstimate(0.0, self._method, valid=False, reason=f"no valid cycle: {reason}")
 
-    def step(self, measured: Measurement, estimate: Estimate, _command: float) -> Excitation:
+    def step(self, measured: Measurement, estimate: Estimate, _command: float, _elapsed: float) -> Excitation:
         """Take a sample; see `Experiment`."""
         if math.isnan(measured[THETA_L]):
             self.cancel("the load encoder is missing, and a motor encoder alone does not see the gap")
@@ -152,7 +133,12 @@ class BacklashLearner:
 
     def _accept_if_periodic(self, angle: float, cycle: LimitCycle, seen: LimitCycle) -> None:
         settings = self._settings
-        if cycle.cycles < settings.cycles:
+        if cycle.period < _FEWEST_SAMPLES * self._period:
+            self._last_refusal = (
+                f"a cycle of {cycle.period:.3g} s has fewer than {_FEWEST_SAMPLES} samples, "
+                "too few to see how far it goes"
+            )
+        elif cycle.cycles < settings.cycles:
             self._last_refusal = f"only {cycle.cycles} of {settings.cycles} cycles within {settings.measure_time:g} s"
         elif not angle >= settings.resolution:
             self._last_refusal = (
@@ -169,7 +155,13 @@ class BacklashLearner:
                 f"{cycle.cycles} cycles of {cycle.period:.4g} s, {cycle.amplitude:.4g} rad peak to peak at the load"
             )
             self.outcome = BacklashEstimate(
-                angle, self._method, cycle.amplitude, cycle.period, cycle.cycles, True, reason
+                angle,
+                self._method,
+                valid=True,
+                reason=reason,
+                amplitude=cycle.amplitude,
+                period=cycle.period,
+                cycles=cycle.cycles,
             )
 
     def _next_attempt(self) -> None:
@@ -190,7 +182,7 @@ EXPERIMENTS = {
     "limit_cycle": NamedExperiment(
         "backlash from the limit cycle of the fast gains",
         BacklashLearner,
-        LearningSettings(),
+        LimitCycleSettings(),
         swing="kick",
     )
 }

@@ -1,0 +1,259 @@
+"""Learning the backlash with both encoders: the motor goes to and fro across the gap, whatever acts on the load.
+
+The motor follows moves from rest to rest on its own encoder, which is stable whatever the load does, and which bounds
+the load's way, too: it is never farther from the motor than half the gap. A load that is free or held by friction is
+met on both flanks when the motor turns back. One that a torque holds on one flank is outrun: the motor jerks away
+faster than the torque drags the load along, meets the far flank, and brakes both; harder from one jerk to the next,
+until the teeth part no farther. The gap then comes from all that was recorded: see `identification`.
+"""
+
+import math
+from collections.abc import Generator
+from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+
+from backlash_ros.control.experiment import BacklashEstimate, Deferred, Excitation, Method, NamedExperiment, Outcome
+from backlash_ros.control.monitoring.thresholds import standstill_torque
+from backlash_ros.drivetrain import Drive, Validated, quantity
+from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Estimate, Measurement
+from backlash_ros.identification.fit import Recording, motor_side
+from backlash_ros.identification.gap import measure_gap
+from backlash_ros.identification.regression import guess_of
+
+_REST, _END = 0.25, 0.2
+_GENTLE, _LEVELS = 0.02, ((0.25, 0.02), (0.45, 0.07), (0.7, 0.16))
+"""Of a level: speed, as a share of what the acceleration reaches over the travel, and share of the torque."""
+_LEVEL_TIME, _JERK_TIME = 1.0, 2.6
+
+
+@dataclass(frozen=True)
+class GapProbeSettings(Validated):
+    """How far, how hard and how long it may move the load."""
+
+    section: ClassVar[str] = "learning.gap_probe"
+
+    swing: float = quantity("farthest that the load goes from where it is", "rad", above=0, at_most=3.2, default=0.3)
+    travel: float = quantity(
+        "way of the motor at first, at the output; more where the gap is wider",
+        "rad",
+        above=0,
+        at_most=3.2,
+        default=0.06,
+    )
+    torque: float = quantity("share of the torque at standstill that it may use", "", above=0, at_most=1, default=0.9)
+    time: float = quantity("after which no new move begins", "s", at_least=1, at_most=60, default=6.0)
+
+
+@dataclass(frozen=True)
+class _Move:
+    """From rest to rest: at the output, rad, rad/s and rad/s^2; or no move at all, for a while."""
+
+    start: float
+    end: float
+    up: float
+    down: float
+    peak: float
+    length: float
+
+    @staticmethod
+    def of(start: float, end: float, up: float, down: float, speed: float) -> "_Move":
+        way = abs(end - start)
+        peak = min(speed, math.sqrt(2.0 * way * up * down / (up + down)))
+        length = way / peak + 0.5 * peak * (1.0 / up + 1.0 / down) if way > 0.0 else 0.0
+        return _Move(start, end, up, down, peak, length)
+
+    @staticmethod
+    def rest(position: float, length: float) -> "_Move":
+        return _Move(position, position, 1.0, 1.0, 0.0, length)
+
+    def at(self, time: float) -> tuple[float, float, float]:
+        """Return position, speed and acceleration."""
+        sign, left = math.copysign(1.0, self.end - self.start), self.length - time
+        if left <= 0.0 or self.peak == 0.0:
+            return self.end, 0.0, 0.0
+        if time * self.up < self.peak:
+            return self.start + sign * 0.5 * self.up * time * time, sign * self.up * time, sign * self.up
+        if left * self.down < self.peak:
+            return self.end - sign * 0.5 * self.down * left * left, sign * self.down * left, -sign * self.down
+        begun = time - 0.5 * self.peak / self.up
+        return self.start + sign * self.peak * begun, sign * self.peak, 0.0
+
+
+class _MotorLoop:
+    """Follows the moves on the motor's encoder: what they take, and a PID on what is missing."""
+
+    def __init__(self, drive: Drive, period: float, most: float) -> None:
+        self.side = motor_side(drive)
+        self._period, self._most = period, most
+        bandwidth = min(120.0, 0.2 / period)
+        self._gains = tuple(
+            share * self.side.inertia * bandwidth**power for share, power in ((1.0, 2), (1.8, 1), (0.15, 3))
+        )
+        self._smooth = -math.expm1(-800.0 * period)
+        self._before = math.nan
+        self._speed = self._integral = 0.0
+
+    def torque(self, position: float, wanted: tuple[float, float, float]) -> float:
+        """Return the torque at standstill, N m at the output, for a reading and for where the motor should be."""
+        if math.isnan(self._before):
+            self._before = position
+        self._speed += self._smooth * ((position - self._before) / self._period - self._speed)
+        self._before = position
+        reference, speed, acceleration = wanted
+        stiff, damp, slow = self._gains
+        error = reference - position
+        torque = self.side.inertia * acceleration + self.side.viscous * speed + stiff * error
+        torque += damp * (speed - self._speed) + self._integral
+        if abs(torque) < 0.8 * self._most:
+            self._integral += slow * error * self._period
+        return min(max(torque, -self._most), self._most) + self.side.braking * speed
+
+
+class GapProbe:
+    """One run of the probe, an `Experiment`.
+
+    Parameters
+    ----------
+    drive : for its motor and gear ratio
+    period : of the samples, s
+    """
+
+    def __init__(self, drive: Drive, settings: GapProbeSettings, period: float) -> None:
+        self.outcome: Outcome | Deferred | None = None
+        self._drive, self._settings, self._period = drive, settings, period
+        self._standstill = standstill_torque(drive, drive.command_limit)
+        self._most = settings.torque * self._standstill
+        self._loop = _MotorLoop(drive, period, self._most)
+        self._rows: list[tuple[float, float, float, float]] = []
+        self._time, self._begun = 0.0, 0.0
+        self._move = _Move.rest(0.0, _REST)
+        self._moves = self._program()
+        self._target = 0.0
+
+    @property
+    def progress(self) -> float:
+        """How far it is, from 0 to 1, as if it took all its time."""
+        return 1.0 if self.outcome is not None else min(1.0, self._time / self._settings.time)
+
+    def cancel(self, reason: str) -> None:
+        """End without an estimate, for ``reason``."""
+        if self.outcome is None:
+            self.outcome = BacklashEstimate(0.0, Method.GAP_PROBE, valid=False, reason=f"no gap measured: {reason}")
+
+    def step(self, measured: Measurement, _estimate: Estimate, command: float, elapsed: float) -> Excitation:
+        """Take a sample; see `Experiment`."""
+        motor, load = self._drive.gear.ratio * measured[THETA_M], measured[THETA_L]
+        if math.isnan(motor) or math.isnan(load):
+            self.cancel("the gap is measured between two encoders, and one is missing")
+        if self.outcome is not None:
+            return Excitation()
+        if self._rows:
+            self._time += self._period * max(1, round(elapsed / self._period))
+        else:
+            self._target = motor
+            self._move = next(self._moves)
+        self._rows.append((self._time, motor, load, command))
+        if abs(load - self._rows[0][2]) > self._settings.swing:
+            self.cancel(
+                f"the load went {abs(load - self._rows[0][2]):.3g} rad from where it was, beyond "
+                f"{self._settings.section}.swing = {self._settings.swing:g} rad"
+            )
+            return Excitation()
+        while self._time >= self._begun + self._move.length - 1e-9:
+            self._begun += self._move.length
+            try:
+                self._move = next(self._moves)
+            except StopIteration:
+                self.outcome = Deferred(partial(_estimate_from, self._drive, self._recording(), self._standstill))
+                return Excitation()
+        wanted = self._move.at(self._time - self._begun + 0.5 * self._period)
+        return Excitation(torque=self._loop.torque(motor, wanted))
+
+    def _recording(self) -> Recording:
+        time, motor, load, command = np.array(self._rows).T
+        return Recording(time.copy(), motor.copy(), load.copy(), np.append(command[1:], 0.0))
+
+    def _to(self, end: float, up: float, down: float, speed: float) -> _Move:
+        start, self._target = self._target, end
+        return _Move.of(start, end, up, down, speed)
+
+    def _program(self) -> Generator[_Move, None, None]:
+        """Yield the moves, each when the one before is over."""
+        home, settings, inertia = self._target, self._settings, self._loop.side.inertia
+        yield _Move.rest(home, _REST)
+        travel, level, way = min(settings.travel, settings.swing), 0, 1.0
+        while level < len(_LEVELS) and self._time < settings.time:
+            share, part = _LEVELS[level]
+            acceleration = part * self._most / inertia
+            first, end = len(self._rows), self._time + _LEVEL_TIME
+            while self._time < end:
+                speed = share * math.sqrt(acceleration * travel)
+                yield self._to(home + 0.5 * way * travel, acceleration, acceleration, speed)
+                way = -way
+            load = np.array(self._rows[first:])[:, 2]
+            if np.ptp(load) < 0.3 * travel < 0.3 * settings.swing:
+                travel = min(1.7 * travel, settings.swing)
+                continue
+            level += 1
+            if level == 1 and (drag := self._drag()):
+                yield from self._outrun(home, drag)
+                break
+        gentle = _GENTLE * self._most / inertia
+        yield self._to(home, gentle, gentle, 0.25 * math.sqrt(gentle * settings.travel))
+        yield _Move.rest(home, _END)
+
+    def _drag(self) -> float:
+        """Return the acceleration that a torque gives the load, apart, in rad/s^2; 0 where friction holds it."""
+        time, motor, load, command = self._recording()
+        guesses = (
+            guess_of(self._loop.side, time, motor, load, command, 0.5 * self._period * late) for late in range(5)
+        )
+        guess = min(guesses, key=lambda guess: guess.misfit)
+        left = abs(guess.load_torque) - guess.coulomb_l
+        if left < max(2e-3 * self._standstill, 0.05 * abs(guess.load_torque)):
+            return 0.0
+        return math.copysign(left / max(guess.inertia, 0.05 * self._loop.side.inertia), guess.load_torque)
+
+    def _outrun(self, home: float, drag: float) -> Generator[_Move, None, None]:
+        """Yield jerks away from the flank on which the load rests, each farther and harder until the far one is met."""
+        settings, most = self._settings, self._most / self._loop.side.inertia
+        push, brake, gentle = min(1.25 * abs(drag) + 0.08 * most, most), 0.6 * most, 0.07 * most
+        # They part while the motor is the faster one, for a while after it has begun to brake, too.
+        part = settings.travel / 3.0 / (brake / push * max(push - abs(drag), 0.1 * push) / (brake + abs(drag)))
+        way, widest, met, end = part, 0.0, 0, self._time + _JERK_TIME
+        while self._time < end:
+            way = min(way, 0.75 * settings.swing)
+            first = len(self._rows)
+            yield self._to(home + math.copysign(way, drag), push, brake, math.inf)
+            yield _Move.rest(self._target, 0.03)
+            yield self._to(home, gentle, gentle, 0.45 * math.sqrt(gentle * settings.travel))
+            yield _Move.rest(self._target, 0.02)
+            motor, load = np.array(self._rows[first:])[:, 1:3].T
+            parted = float(np.ptp(motor - load))
+            met = 0 if parted > 1.15 * widest else met + (parted > 0.85 * widest)  # farther, but they did not part so
+            widest = max(widest, parted)
+            if met < 2:
+                push, way = min(1.2 * push, most), 1.3 * way
+
+
+def _estimate_from(drive: Drive, recording: Recording, torque: float) -> BacklashEstimate:
+    """Return what a recording says of the gap."""
+    gap = measure_gap(drive, recording, torque)
+    reason = gap.reason if gap.valid else f"no gap measured: {gap.reason}"
+    return BacklashEstimate(
+        gap.angle, Method.GAP_PROBE, valid=gap.valid, reason=reason, uncertainty=gap.uncertainty, fit=gap.fit
+    )
+
+
+EXPERIMENTS = {
+    "gap_probe": NamedExperiment(
+        "backlash from motion across the gap, with both encoders",
+        GapProbe,
+        GapProbeSettings(),
+        swing="swing",
+        law="",
+    )
+}

@@ -1,0 +1,42 @@
+"""A drive as a fit found it: what the controller designs for, and what a simulator plays."""
+
+import math
+from dataclasses import fields, replace
+
+from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain.contact import Contact
+from backlash_ros.identification.filter import COULOMB_L, COULOMB_M, LN_INERTIA, LN_TEETH, LN_VISCOUS
+from backlash_ros.identification.fit import Fit
+
+
+def identified_drive(drive: Drive, found: Fit) -> Drive:
+    """Return ``drive`` with gap, teeth, load and friction as found; motor and reduction are taken as they are.
+
+    Raises
+    ------
+    ValueError
+        If what was found is beyond what a drive may have.
+    """
+    x = [float(value) for value in found.parameters]
+    return replace(
+        drive,
+        motor=replace(drive.motor, coulomb_friction=x[COULOMB_M] * drive.gear.ratio),
+        gear=replace(drive.gear, backlash_angle=found.gap, contact=_scaled(found.contact, math.exp(x[LN_TEETH]))),
+        load=replace(
+            drive.load,
+            inertia=math.exp(x[LN_INERTIA]),
+            viscous_friction=math.exp(x[LN_VISCOUS]),
+            coulomb_friction=x[COULOMB_L],
+        ),
+    )
+
+
+def _scaled(contact: Contact, force: float) -> Contact:
+    """Return teeth with so many times the force."""
+    powers = {"stiffness": 1, "damping": 1, "wind_up": -1}
+    changes = {
+        part.name: getattr(contact, part.name) * force ** powers[part.name]
+        for part in fields(contact)
+        if part.name in powers
+    }
+    return replace(contact, **changes)

@@ -1,0 +1,356 @@
+"""Finds the parameters under which a recording of both encoders is least surprising, and says how sure that is.
+
+The innovations of the filter count with a pseudo-Huber loss, so that one odd sample moves nothing. Levenberg and
+Marquardt's method minimises it from many starts, at first with so much noise between the samples that every start finds
+its way, then with less and less.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
+from backlash_ros.drivetrain.contact import Contact
+from backlash_ros.drivetrain.contacts.elastic import SpringContact
+from backlash_ros.drivetrain.signals import Array
+from backlash_ros.identification.filter import (
+    COULOMB_L,
+    COULOMB_M,
+    DELAY,
+    ECCENTRICITY,
+    GAP_SLOPE,
+    GRAVITY,
+    LN_HALF_GAP,
+    LN_INERTIA,
+    LN_TEETH,
+    LN_VISCOUS,
+    OFFSET,
+    PARAMETERS,
+    TORQUE,
+    MotorSide,
+    Noise,
+    filter_with,
+)
+from backlash_ros.identification.regression import Guess, guess_of
+
+
+class Recording(NamedTuple):
+    """Samples of both angles and the commands that answered them, shapes (N,): s, rad, V or A.
+
+    ``motor`` is the motor's angle as seen at the output, n theta_m.
+    """
+
+    time: Array
+    motor: Array
+    load: Array
+    command: Array
+
+
+class Stage(NamedTuple):
+    """Variance of the motor's and of the load's speed per second, rad^2/s^3; share of the teeth's torque."""
+
+    motor: float
+    load: float
+    teeth: float
+
+
+STAGES = (Stage(1.0, 4.0, 0.05), Stage(0.3, 1.0, 0.035), Stage(0.09, 0.25, 0.02), Stage(0.03, 0.12, 0.013))
+FITS = 1.15
+"""Largest rms of the innovations, in their standard deviations, for which the model is taken for the drive's."""
+_CALM, _WIDTHS, _DEEPEST = 0.4, 25, 3
+_KNEE = 2.0
+"""Standard deviations from which on an innovation counts by its magnitude, no longer by its square."""
+_SMALL = 1e-12
+"""Variance of a reading beside its counts, rad^2."""
+
+
+def _row(values: dict[int, float], default: float) -> Array:
+    return np.array([values.get(index, default) for index in range(PARAMETERS)])
+
+
+_INF = math.inf
+_LOW = _row(
+    {LN_HALF_GAP: -14, LN_TEETH: -5, LN_INERTIA: -25, LN_VISCOUS: -18, COULOMB_L: 0, COULOMB_M: 0, DELAY: 0}, -_INF
+)
+_HIGH = _row({LN_HALF_GAP: 1, LN_TEETH: 5, LN_INERTIA: 12, LN_VISCOUS: 12}, _INF)
+_LARGEST = _row(
+    {LN_HALF_GAP: 0.3, GAP_SLOPE: 0.1, LN_TEETH: 0.5, LN_INERTIA: 0.7, LN_VISCOUS: 1, ECCENTRICITY: 0.01}, _INF
+)
+_SPREAD = _row(
+    {LN_HALF_GAP: 3, OFFSET: 1, GAP_SLOPE: 0.2, LN_TEETH: 0.02, LN_INERTIA: 3, LN_VISCOUS: 3, ECCENTRICITY: 0.005}, 1
+)
+_SPRING = 0.7
+"""What is believed beforehand, as standard deviations; of the force of a spring, more."""
+
+
+def motor_side(drive: Drive, contact: Contact | None = None) -> MotorSide:
+    """Return the motor of ``drive`` as the filter has it, with its teeth or others."""
+    n, motor, gear = drive.gear.ratio, drive.motor, drive.gear
+    K, R, current = motor.torque_constant, motor.resistance, drive.takes_current
+    contact = contact or gear.contact
+    mass = 1.0 / (gear.motor_radius**2 / motor.inertia + gear.load_radius**2 / drive.load.inertia)
+    return MotorSide(
+        inertia=drive.reflected_inertia,
+        viscous=motor.viscous_friction / n**2,
+        rate=math.inf if current else R / motor.inductance,
+        gain=K / n if current else K / (n * R),
+        braking=0.0 if current else K * K / (n * n * R),
+        load_radius=gear.load_radius,
+        contact=contact.constants(gear.load_radius, mass),
+    )
+
+
+def count_of(angle: Array) -> float:
+    """Return an encoder's count, rad: the smallest difference of its readings; next to none where there is none."""
+    steps = np.diff(np.unique(np.round(angle, 11)))
+    return float(np.min(steps[steps > 1e-9], initial=1e-2))
+
+
+@dataclass
+class _Problem:
+    """One recording under one contact law."""
+
+    side: MotorSide
+    contact: Contact
+    recording: Recording
+    prior: Array
+    spread: Array
+    counts: tuple[float, float]
+    passes: int = 0
+    innovations: Array = field(init=False)
+    derivatives: Array = field(init=False)
+    states: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        n = self.recording.time.size
+        self.innovations, self.states = np.zeros((n, 2)), np.zeros((n, 7))
+        self.derivatives = np.zeros((n, 2, PARAMETERS))
+
+    def look(self, x: Array, stage: Stage) -> tuple[float, Array, Array]:
+        """Return the cost, its gradient and Gauss and Newton's matrix; the variances count as if they were constant."""
+        reading_m, reading_l = (count * count / 12.0 + _SMALL for count in self.counts)
+        noise = Noise(reading_m, reading_l, stage.motor, stage.load, stage.teeth**2)
+        self.passes += 1
+        predict = filter_with(type(self.contact))  # type: ignore[arg-type]
+        logs = predict(self.side, noise, x, *self.recording, self.innovations, self.derivatives, self.states)
+        if not math.isfinite(logs):
+            return math.inf, np.zeros(PARAMETERS), np.eye(PARAMETERS)
+        nu, slopes = self.innovations[1:].ravel(), self.derivatives[1:].reshape(-1, PARAMETERS)
+        root = np.sqrt(1.0 + (nu / _KNEE) ** 2)
+        off = (x - self.prior) / self.spread
+        cost = 2.0 * _KNEE**2 * float(np.sum(root - 1.0)) + logs + float(off @ off)
+        weighed = slopes / root[:, None]
+        return cost, weighed.T @ nu + off / self.spread, weighed.T @ slopes + np.diag(1.0 / self.spread**2)
+
+    def solve(self, x: Array, stage: Stage, most: int, enough: float) -> "_Minimum":
+        """Go down from ``x``, until a step gains less than ``enough`` or ``most`` steps are done."""
+        damping = 1e-3
+        cost, gradient, matrix = self.look(x, stage)
+        for _ in range(most):
+            gain = 0.0
+            for _ in range(6):
+                step = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), -gradient)
+                new = np.clip(x + np.clip(step, -_LARGEST, _LARGEST), _LOW, _HIGH)
+                found, slope, curved = self.look(new, stage)
+                if found < cost:
+                    gain = cost - found
+                    x, cost, gradient, matrix = new, found, slope, curved
+                    damping = max(0.1 * damping, 1e-6)
+                    break
+                damping = 10.0 * max(damping, 1e-4)
+            if gain < enough:
+                break
+        return _Minimum(cost, x, matrix, self, _sizes(self.innovations[1:]))
+
+
+class _Minimum(NamedTuple):
+    cost: float
+    x: Array
+    matrix: Array
+    problem: _Problem
+    sizes: tuple[float, float]
+
+
+def _cost(found: _Minimum) -> float:
+    return found.cost
+
+
+def _sizes(innovations: Array) -> tuple[float, float]:
+    """Return the rms of both columns by the loss."""
+    mean = 2.0 * _KNEE**2 * np.mean(np.sqrt(1.0 + (innovations / _KNEE) ** 2) - 1.0, axis=0)
+    return math.sqrt(mean[0]), math.sqrt(mean[1])
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What was found: under one contact law the ``parameters`` of the filter, and their ``covariance``.
+
+    ``rms`` of the innovations of both angles by the loss, 1 where all is as believed; ``counts`` of both encoders, rad;
+    ``torques``: the least and the largest that the teeth bore in a few samples, N m.
+    """
+
+    contact: Contact
+    parameters: Array
+    covariance: Array
+    cost: float
+    rms: tuple[float, float]
+    counts: tuple[float, float]
+    torques: tuple[float, float]
+    passes: int
+
+    @property
+    def gap(self) -> float:
+        """The backlash where the load started, rad at the output."""
+        return 2.0 * math.exp(self.parameters[LN_HALF_GAP])
+
+    @property
+    def delay(self) -> float:
+        """Time from a sample to when its command acts, s."""
+        return float(self.parameters[DELAY])
+
+    @property
+    def gap_deviation(self) -> float:
+        """Its standard deviation by the noise alone, rad."""
+        return self.gap * math.sqrt(self.covariance[LN_HALF_GAP, LN_HALF_GAP])
+
+
+def _widths(x: Array, travel: float) -> list[Array]:
+    """Return gaps of any width within a travel (rad), with one wall where it is and the other one anywhere."""
+    result = [x]
+    half_gap = math.exp(x[LN_HALF_GAP])
+    for side in (1.0, -1.0):
+        for half in np.geomspace(0.05 * travel, 0.6 * travel, _WIDTHS):
+            other = x.copy()
+            other[LN_HALF_GAP], other[OFFSET] = math.log(half), x[OFFSET] + side * (half_gap - half)
+            result.append(other)
+    return result
+
+
+def _start(recording: Recording, guess: Guess, delay: float, inertia: float, share: float) -> Array:
+    x = recording.motor - recording.load
+    low, high = float(np.min(x)), float(np.max(x))
+    return _row(
+        {
+            LN_HALF_GAP: math.log(max(0.5 * share * (high - low), 1e-5)),
+            OFFSET: 0.5 * (low + high),
+            LN_INERTIA: math.log(inertia),
+            LN_VISCOUS: math.log(max(guess.viscous, 3e-4)),
+            COULOMB_L: guess.coulomb_l,
+            TORQUE: guess.load_torque,
+            COULOMB_M: guess.coulomb_m,
+            DELAY: delay,
+        },
+        0.0,
+    )
+
+
+def _believed(start: Array, contact: Contact, torque: float, period: float) -> tuple[Array, Array]:
+    """Return what is believed before the samples are seen: around what, and how closely."""
+    prior, spread = start.copy(), _SPREAD.copy()
+    prior[[GAP_SLOPE, LN_TEETH, GRAVITY, ECCENTRICITY]] = 0.0
+    spread[[COULOMB_L, TORQUE, COULOMB_M]] = torque
+    spread[GRAVITY] = 0.05 * torque
+    spread[DELAY] = 2.0 * period
+    if isinstance(contact, SpringContact):
+        spread[LN_TEETH] = _SPRING
+    return prior, spread
+
+
+def compile_filters(contacts: Iterable[type[Contact]]) -> None:
+    """Compile what fits need, so that processes that fit find the code."""
+    drive = NOMINAL_DRIVE
+    still, start = np.zeros(3), _row({LN_INERTIA: -7.0, LN_VISCOUS: -7.0, LN_HALF_GAP: -4.0}, 0.0)
+    for law in contacts:
+        side = motor_side(drive, law())
+        recording = Recording(np.array([0.0, 0.004, 0.008]), still, still, still)
+        _Problem(side, law(), recording, start, np.ones(PARAMETERS), (1e-4, 1e-4)).look(start, STAGES[0])
+
+
+def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays: Iterable[float], torque: float) -> Fit:
+    """Return the best fit of a recording.
+
+    Parameters
+    ----------
+    drive : for its motor and gear, which are taken as they are
+    contacts : the laws that are tried
+    delays : from a sample to when its command acts, s, that are tried as starts
+    torque : the largest that may act, N m at the output
+    """
+    time, motor, load, command = recording
+    side = motor_side(drive)
+    period = float(np.median(np.diff(time)))
+    counts = count_of(motor), count_of(load)
+    guesses = sorted(
+        ((guess_of(side, time, motor, load, command, delay), delay) for delay in delays),
+        key=lambda pair: pair[0].misfit,
+    )
+    guessed = max(guesses[0][0].inertia, 0.02 * side.inertia)
+    inertias = [guessed]
+    inertias += [share * side.inertia for share in (0.08, 0.4) if abs(math.log(share * side.inertia / guessed)) > 0.7]
+
+    def problem(contact: Contact, part: Recording, start: Array) -> _Problem:
+        prior, spread = _believed(start, contact, torque, period)
+        return _Problem(motor_side(drive, contact), contact, part, prior, spread, counts)
+
+    ends: list[_Minimum] = []
+    calm = Recording(*(values[: math.ceil(_CALM * time.size)] for values in recording))
+    for contact in contacts:
+        # The beginning, which is gentle, tells all but perhaps the far flank.
+        starts = [
+            _start(calm, guess, delay, inertia, share)
+            for guess, delay in guesses[:3]
+            for inertia in inertias
+            for share in ((1.0, 0.5) if delay == guesses[0][1] else (1.0,))
+        ]
+        found = min((problem(contact, calm, x).solve(x, STAGES[0], 6, 1.0) for x in starts), key=_cost)
+        for stage in STAGES[1:3]:
+            found = found.problem.solve(found.x, stage, 6, 1.0)
+        whole = problem(contact, recording, found.x)
+        widths = _widths(found.x, float(np.ptp(motor - load)))
+        scanned = sorted(((whole.look(x, STAGES[0])[0], k) for k, x in enumerate(widths)))
+        for _, k in scanned[:_DEEPEST]:
+            found = _Minimum(math.inf, widths[k], np.empty(0), whole, (math.inf, math.inf))
+            for stage in STAGES:
+                found = whole.solve(found.x, stage, 8, 0.5)
+            ends.append(whole.solve(found.x, STAGES[-1], 20, 0.02))
+    end = min(ends, key=_cost)
+    if max(end.sizes) > FITS:  # perhaps for the delay's sake
+        for contact in contacts:
+            best = min((found for found in ends if found.problem.contact is contact), key=_cost)
+            for _, delay in guesses:
+                found = best._replace(x=best.x.copy())
+                found.x[DELAY] = delay
+                for stage in STAGES:
+                    found = found.problem.solve(found.x, stage, 8, 0.5)
+                ends.append(found.problem.solve(found.x, STAGES[-1], 20, 0.02))
+        end = min(ends, key=_cost)
+    _, _, matrix = end.problem.look(end.x, STAGES[-1])
+    nu, bent = end.problem.innovations[1:], np.linalg.inv(matrix)
+    least, largest = np.sort(end.problem.states[1:, 5]), np.sort(end.problem.states[1:, 6])
+    return Fit(
+        contact=end.problem.contact,
+        parameters=end.x,
+        covariance=bent @ _scatter(end.problem) @ bent + bent,
+        cost=end.cost,
+        rms=_sizes(nu),
+        counts=counts,
+        torques=(float(least[2]), float(largest[-3])),
+        passes=sum(found.problem.passes for found in ends),
+    )
+
+
+_TOGETHER = 12
+
+
+def _scatter(problem: _Problem) -> Array:
+    """Return the covariance of the gradient where innovations are alike over a few samples (Newey & West, 1987)."""
+    nu = problem.innovations[1:]
+    scores = np.einsum("ki,kij->kj", nu / np.sqrt(1.0 + (nu / _KNEE) ** 2), problem.derivatives[1:])
+    total = scores.T @ scores
+    for lag in range(1, _TOGETHER + 1):
+        part = scores[lag:].T @ scores[:-lag]
+        total += (1.0 - lag / (_TOGETHER + 1)) * (part + part.T)
+    return np.asarray(total)

@@ -1,0 +1,73 @@
+"""A first guess of load, friction and torque, straight from the sum of both shafts' equations.
+
+Adding eq 1 and eq 2, both at the output, cancels the force of the teeth, in contact and apart:
+
+    J_r w_m' + B_r w_m + c_m sign w_m + J_l w_l' + B_l w_l + c_l sign w_l - tau_l = drive torque
+
+Weighted with smooth bumps and integrated by parts it needs no derivative of a reading (modulating functions: Shinbrot
+1957), and is linear in what is not known.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from backlash_ros.drivetrain.signals import Array
+from backlash_ros.identification.filter import MotorSide
+
+_WIDTH = 0.1
+
+
+class Guess(NamedTuple):
+    """Inertia, viscous and dry friction and torque of the load, the motor's dry friction; and the misfit, N m (rms)."""
+
+    inertia: float
+    viscous: float
+    coulomb_l: float
+    load_torque: float
+    coulomb_m: float
+    misfit: float
+
+
+def guess_of(side: MotorSide, time: Array, motor: Array, load: Array, command: Array, delay: float) -> Guess:
+    """Return what fits best if commands act ``delay`` s after their samples."""
+    period = float(np.median(np.diff(time)))
+    half = max(4, round(0.5 * _WIDTH / period))
+    s = np.arange(-half, half + 1) / half
+    width = half * period
+    bump = (1 - s**2) ** 4
+    first = -8 * s * (1 - s**2) ** 3 / width
+    second = (-8 * (1 - s**2) ** 3 + 48 * s**2 * (1 - s**2) ** 2) / width**2
+    centres = np.arange(half, time.size - half, max(1, half // 4))
+    rows = centres[:, None] + np.arange(-half, half + 1)
+    # The command in force between samples, lagging by the winding, as the mean of each period around a sample.
+    late = delay + (1.0 / side.rate if np.isfinite(side.rate) else 0.0)
+    fine = 8
+    grid = time[0] + (np.arange(time.size * fine) + 0.5) * period / fine - 0.5 * period
+    index = np.floor((grid - late - time[0]) / period + 1e-9).astype(int)
+    u = np.where(index >= 0, command[np.clip(index, 0, time.size - 1)], 0.0).reshape(-1, fine).mean(axis=1)
+
+    def speed(angle: Array) -> Array:
+        rate = np.gradient(angle, period)
+        return rate / np.sqrt(rate**2 + 0.05**2)
+
+    def weighed(values: Array, by: Array) -> Array:
+        result: Array = period * (values[rows] @ by)
+        return result
+
+    p, q = motor - motor[0], load - load[0]
+    known = side.gain * weighed(u, bump) + side.braking * weighed(p, first) - side.inertia * weighed(p, second)
+    known += side.viscous * weighed(p, first)
+    matrix = np.column_stack(
+        [
+            weighed(q, second),
+            -weighed(q, first),
+            weighed(speed(q), bump),
+            -weighed(np.ones_like(q), bump),
+            weighed(speed(p), bump),
+        ]
+    )
+    scale = 1.0 / weighed(np.ones_like(q), bump)[0]
+    found = lsq_linear(matrix * scale, known * scale, ([1e-7, 1e-7, 0, -np.inf, 0], np.inf))
+    return Guess(*(float(value) for value in (*found.x, np.sqrt(np.mean(found.fun**2)))))

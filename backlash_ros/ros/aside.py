@@ -1,0 +1,55 @@
+"""Computing beside the loop: in a process of its own, so that no sample waits for it."""
+
+import os
+import signal
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from threading import Thread
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+_KINDER = 10
+"""Added to the nice value of what computes."""
+
+
+class Aside(Executor):
+    """Does each piece of work in a process that ends with it, and with this one at the latest."""
+
+    def submit(self, work: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        """Start ``work``, which has to be picklable, as its result has; return what will have the result."""
+        future: Future[T] = Future()
+        context = get_context("spawn")
+        receiver, sender = context.Pipe(duplex=False)
+        process = context.Process(target=_do, args=(sender, work, args, kwargs), daemon=True)
+        # Ctrl-C is for the node: the process inherits that it is blocked.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        sender.close()
+        Thread(target=_wait, args=(receiver, future, process), daemon=True).start()
+        return future
+
+
+def _do(sender: Connection, work: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
+    os.nice(_KINDER)
+    try:
+        sender.send((work(*args, **kwargs), None))
+    except Exception as error:
+        sender.send((None, error))
+
+
+def _wait(receiver: Connection, future: "Future[Any]", process: Any) -> None:
+    try:
+        result, error = receiver.recv()
+    except EOFError:
+        process.join()
+        result, error = None, RuntimeError(f"the process that computed it ended with code {process.exitcode}")
+    if error is None:
+        future.set_result(result)
+    else:
+        future.set_exception(error)

@@ -1,0 +1,142 @@
+"""The probe while it runs: how far it goes, what ends it, and that the position is held afterwards."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as examples
+from hypothesis import strategies as st
+
+from backlash_ros.control import GainSet, GapProbeSettings, Limits, Method, Servo, ServoSettings
+from backlash_ros.control.experiment import Deferred
+from backlash_ros.control.experiments.gap_probe import _Move
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
+from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
+from backlash_ros.drivetrain.signals import OMEGA_L, THETA_L, Measurement
+from backlash_ros.simulation import SimulatedDrive, run_experiment
+
+
+def loaded(friction: float = 0.0, inertia: float = 5e-4, backlash: float = 0.02) -> Drive:
+    load = replace(NOMINAL_DRIVE.load, coulomb_friction=friction, inertia=inertia)
+    return replace(NOMINAL_DRIVE, load=load, gear=replace(NOMINAL_DRIVE.gear, backlash_angle=backlash))
+
+
+@pytest.mark.parametrize(
+    ("drive", "torque"),
+    [
+        (NOMINAL_DRIVE, 0.0),
+        (loaded(friction=0.2), 0.0),
+        (NOMINAL_DRIVE, 0.2),
+        (loaded(friction=0.05, inertia=1.5e-3), -0.4),
+        (loaded(backlash=0.004), 0.1),
+        (loaded(backlash=0.09), 0.0),
+    ],
+    ids=["free", "friction", "torque", "both", "small gap", "wide gap"],
+)
+def test_the_gap_is_measured_whatever_acts_on_the_load(gains: GainSet, drive: Drive, torque: float) -> None:
+    sensors = Sensors(measured=POSITIONS, motor_counts=4096.0, load_counts=65536.0)
+    estimate = run_experiment(
+        drive, ServoSettings(gains), "gap_probe", model=NOMINAL_DRIVE, load_torque=torque, sensors=sensors
+    )
+    assert estimate.valid, estimate.reason
+    assert estimate.method is Method.GAP_PROBE
+    assert estimate.angle == pytest.approx(drive.gear.backlash_angle, rel=0.02)
+    assert 0.0 < estimate.uncertainty < 0.02 * estimate.angle
+
+
+def test_one_encoder_is_refused(gains: GainSet) -> None:
+    for measured in (("theta_m",), ("theta_l",)):
+        estimate = run_experiment(NOMINAL_DRIVE, ServoSettings(gains), "gap_probe", sensors=Sensors(measured=measured))
+        assert not estimate.valid
+        assert estimate.reason == "no gap measured: the gap is measured between two encoders, and one is missing"
+
+
+def test_auto_takes_what_the_encoders_allow(gains: GainSet) -> None:
+    both = run_experiment(NOMINAL_DRIVE, ServoSettings(gains))
+    load = run_experiment(NOMINAL_DRIVE, ServoSettings(gains), sensors=Sensors(measured=("theta_l", "omega_l")))
+    assert (both.method, load.method) == (Method.GAP_PROBE, Method.LOAD_AMPLITUDE)
+
+
+def play(servo: Servo, plant: SimulatedDrive, samples: int, torque: float = 0.0) -> float:
+    """Go on, until an outcome is there; return how far the load was from where it is held, rad."""
+    swing = 0.0
+    for _ in range(samples):
+        plant.advance(servo.update(plant.sample(), plant.elapsed), torque)
+        swing = max(swing, abs(float(plant.state[THETA_L])))
+        if servo._experiment is not None and servo._experiment.outcome is not None:
+            break
+    return swing
+
+
+@pytest.mark.parametrize("torque", [0.0, 0.3, -0.45])
+@pytest.mark.parametrize("swing", [0.05, 0.15, 0.3])
+@pytest.mark.parametrize("inertia", [1.3e-4, 2e-3])
+def test_the_load_stays_within_the_swing(gains: GainSet, torque: float, swing: float, inertia: float) -> None:
+    drive = loaded(inertia=inertia)
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
+    plant = SimulatedDrive(drive, servo.settings.period, sensors=Sensors(measured=POSITIONS))
+    servo.update(plant.sample())
+    servo.start_experiment("gap_probe", GapProbeSettings(swing=swing, travel=min(0.06, swing)))
+    assert play(servo, plant, 5000, torque) <= swing + drive.gear.backlash_angle
+    outcome = servo.take_outcome()
+    assert outcome is not None
+    assert isinstance(outcome, Deferred) or "beyond learning.gap_probe.swing" in outcome.reason
+
+
+@examples(max_examples=25, deadline=None)
+@given(after=st.integers(1, 900), torque=st.sampled_from([0.0, 0.25, -0.1]))
+def test_it_is_cancelled_at_any_sample_and_ends_at_rest(gains: GainSet, after: int, torque: float) -> None:
+    drive = loaded(friction=0.02)
+    servo = Servo(drive, ServoSettings(gains).with_law("overdamped"))
+    plant = SimulatedDrive(drive, servo.settings.period)
+    servo.update(plant.sample())
+    servo.start_experiment("gap_probe")
+    play(servo, plant, after, torque)
+    servo.cancel("test")
+    outcome = servo.take_outcome()
+    assert outcome is not None
+    play(servo, plant, 1500, torque)
+    assert servo.fault == ""
+    assert abs(float(plant.state[OMEGA_L])) < 0.01
+    assert abs(servo.tracking_error) < 0.5 * drive.gear.backlash_angle
+
+
+def test_limits_that_are_nearer_than_the_swing_refuse_it(gains: GainSet) -> None:
+    limits = replace(Limits.of(NOMINAL_DRIVE), position_upper=0.25)
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains), limits)
+    servo.update(Measurement(np.zeros(5)))
+    assert "it swings by learning.gap_probe.swing = 0.3 rad to either side, but" in servo.experiment_refusal()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"swing": 0.0}, r"learning\.gap_probe\.swing must be > 0 rad and <= 3\.2 rad, got 0"),
+        ({"torque": 1.5}, r"learning\.gap_probe\.torque must be > 0 and <= 1, got 1\.5"),
+        ({"time": math.nan}, r"learning\.gap_probe\.time must be a finite number"),
+    ],
+)
+def test_settings_out_of_bounds_are_refused(change: dict[str, float], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        GapProbeSettings(**change)
+
+
+@given(
+    start=st.floats(-1, 1),
+    end=st.floats(-1, 1),
+    up=st.floats(1, 3000),
+    down=st.floats(1, 3000),
+    speed=st.floats(0.1, 50),
+)
+def test_a_move_goes_from_rest_to_rest(start: float, end: float, up: float, down: float, speed: float) -> None:
+    move = _Move.of(start, end, up, down, speed)
+    times = np.linspace(0.0, move.length, 400)
+    position, rate, acceleration = np.array([move.at(time) for time in times]).T
+    assert position[0] == pytest.approx(start, abs=1e-9)
+    assert position[-1] == pytest.approx(end, abs=1e-9)
+    assert np.all(np.abs(rate) <= speed * (1 + 1e-9))
+    assert np.all(np.abs(acceleration) <= max(up, down) * (1 + 1e-9))
+    assert np.max(np.abs(np.diff(position))) <= 1.01 * speed * (move.length / 399) + 1e-9
+    assert np.all((position >= min(start, end) - 1e-9) & (position <= max(start, end) + 1e-9))
