@@ -7,7 +7,7 @@ its way, then with less and less.
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -82,6 +82,9 @@ _LARGEST = _row(
 _SPREAD = _row(
     {LN_HALF_GAP: 3, OFFSET: 1, GAP_SLOPE: 0.2, LN_TEETH: 0.02, LN_INERTIA: 3, LN_VISCOUS: 3, ECCENTRICITY: 0.005}, 1
 )
+_NONE, _WORTH = 1e-6, 0.05
+"""N m, as good as none; cost that dry friction has to save for each sample to be believed: what the steps of the filter
+leave looks like a thousandth of a newton metre."""
 _SPRING = 0.7
 """What is believed beforehand, as standard deviations; of the force of a spring, more."""
 
@@ -327,6 +330,7 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
                     found = found.problem.solve(found.x, stage, 8, 0.5)
                 ends.append(found.problem.solve(found.x, STAGES[-1], 20, 0.02))
         end = min(ends, key=_cost)
+    end = _without_what_is_not_seen(end)
     _, _, matrix = end.problem.look(end.x, STAGES[-1])
     nu, bent = end.problem.innovations[1:], np.linalg.inv(matrix)
     least, largest = np.sort(end.problem.states[1:, 5]), np.sort(end.problem.states[1:, 6])
@@ -340,6 +344,17 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
         torques=(float(least[2]), float(largest[-3])),
         passes=sum(found.problem.passes for found in ends),
     )
+
+
+def _without_what_is_not_seen(end: _Minimum) -> _Minimum:
+    """Return a minimum without the dry friction, of either side, that explains next to nothing."""
+    for index in (COULOMB_M, COULOMB_L):
+        prior, spread, x = end.problem.prior.copy(), end.problem.spread.copy(), end.x.copy()
+        prior[index], spread[index], x[index] = 0.0, _NONE, 0.0
+        found = replace(end.problem, prior=prior, spread=spread).solve(x, STAGES[-1], 8, 0.02)
+        if found.cost < end.cost + _WORTH * found.problem.recording.time.size:
+            end = found
+    return end
 
 
 _TOGETHER = 12

@@ -64,7 +64,7 @@ def measured(number: int, population: str = "core") -> Gap:
     return measure_gap(told_model(member, "nominal"), recording, STALL)
 
 
-DRIVES = [k for k in range(8) if draw_member(SEED, k, "core").can_outrun]
+DRIVES = [k for k in range(6) if draw_member(SEED, k, "core").can_outrun]
 
 
 @pytest.mark.parametrize("number", DRIVES)
@@ -164,7 +164,7 @@ def stretched(recording: Recording) -> Recording:
     return recording._replace(motor=1.05 * recording.motor)
 
 
-@pytest.mark.parametrize("number", DRIVES[:2])
+@pytest.mark.parametrize("number", DRIVES[:1])
 @pytest.mark.parametrize("broken", [reversed_motor, frozen_load, slipping, stuck_bit, stretched])
 def test_a_broken_encoder_gives_no_gap(number: int, broken: object) -> None:
     member, recording, _ = probed(number)
