@@ -4,7 +4,7 @@ The experiments themselves are in `experiments`, a file each.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, NamedTuple, Protocol
 
@@ -76,7 +76,7 @@ class BacklashEstimate:
     amplitude: float = 0.0
     period: float = 0.0
     cycles: int = 0
-    fit: Fit | None = None
+    fit: Fit | None = field(default=None, repr=False, compare=False)
 
 
 class Experiment(Protocol):

@@ -14,7 +14,7 @@ from backlash_ros.control.experiment import Deferred
 from backlash_ros.control.experiments.gap_probe import _Move
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
-from backlash_ros.drivetrain.signals import OMEGA_L, THETA_L, Measurement
+from backlash_ros.drivetrain.signals import OMEGA_L, THETA_L, THETA_M, Measurement
 from backlash_ros.simulation import SimulatedDrive, run_experiment
 
 
@@ -101,6 +101,36 @@ def test_it_is_cancelled_at_any_sample_and_ends_at_rest(gains: GainSet, after: i
     assert servo.fault == ""
     assert abs(float(plant.state[OMEGA_L])) < 0.01
     assert abs(servo.tracking_error) < 0.5 * drive.gear.backlash_angle
+
+
+@examples(max_examples=25, deadline=None)
+@given(
+    at=st.integers(1, 900),
+    samples=st.sampled_from([1, 3, 10]),
+    signal=st.sampled_from([THETA_M, THETA_L]),
+    size=st.floats(0.005, 1e4),
+    way=st.sampled_from([1.0, -1.0]),
+    torque=st.sampled_from([0.0, 0.2]),
+)
+def test_wrong_samples_do_not_take_the_load_beyond_the_swing(
+    gains: GainSet, at: int, samples: int, signal: int, size: float, way: float, torque: float
+) -> None:
+    """An encoder jumps for a few samples: a fault, the end of the probe, or a load that stays where it may be."""
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
+    plant = SimulatedDrive(NOMINAL_DRIVE, servo.settings.period, sensors=Sensors(measured=POSITIONS))
+    servo.update(plant.sample())
+    servo.start_experiment("gap_probe")
+    swing = 0.0
+    for k in range(1200):
+        measured = plant.sample()
+        if at <= k < at + samples:
+            measured[signal] += way * size
+        command = servo.update(measured, plant.elapsed)
+        if servo.take_outcome() is not None or servo.latched:
+            break
+        plant.advance(command, torque)
+        swing = max(swing, abs(float(plant.state[THETA_L])))
+    assert swing <= 0.3 + NOMINAL_DRIVE.gear.backlash_angle
 
 
 def test_limits_that_are_nearer_than_the_swing_refuse_it(gains: GainSet) -> None:
