@@ -62,7 +62,7 @@ def starts_and_talks(executables: Path, variables: dict[str, str], log: Path) ->
                 )
                 for name in ("plant_simulator", "controller")
             ]
-        peer.wait("telemetry of the installed controller", lambda: told, 120)
+        peer.wait("telemetry of the installed controller", lambda: told, 250)
         for process in processes:
             process.terminate()
         assert [process.wait(timeout=30) for process in processes] == [0, 0]
