@@ -11,12 +11,12 @@ Weighted with smooth bumps and integrated by parts it needs no derivative of a r
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.filter import MotorSide
 
 _WIDTH = 0.1
+_LEAST = (1e-7, 1e-7, 0.0, -np.inf, 0.0)
 
 
 class Guess(NamedTuple):
@@ -69,5 +69,6 @@ def guess_of(side: MotorSide, time: Array, motor: Array, load: Array, command: A
         ]
     )
     scale = 1.0 / weighed(np.ones_like(q), bump)[0]
-    found = lsq_linear(matrix * scale, known * scale, ([1e-7, 1e-7, 0, -np.inf, 0], np.inf))
-    return Guess(*(float(value) for value in (*found.x, np.sqrt(np.mean(found.fun**2)))))
+    found = np.linalg.lstsq(matrix * scale, known * scale, rcond=None)[0]
+    misfit = scale * np.sqrt(np.mean((matrix @ found - known) ** 2))
+    return Guess(*(float(value) for value in (*np.maximum(found, _LEAST), misfit)))

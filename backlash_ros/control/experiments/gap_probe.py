@@ -209,7 +209,7 @@ class GapProbe:
         """Return the acceleration that a torque gives the load, apart, in rad/s^2; 0 where friction holds it."""
         time, motor, load, command = self._recording()
         guesses = (
-            guess_of(self._loop.side, time, motor, load, command, 0.5 * self._period * late) for late in range(5)
+            guess_of(self._loop.side, time, motor, load, command, 0.5 * self._period * late) for late in range(3)
         )
         guess = min(guesses, key=lambda guess: guess.misfit)
         left = abs(guess.load_torque) - guess.coulomb_l
