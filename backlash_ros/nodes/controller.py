@@ -19,6 +19,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
 from backlash_ros.control import LAWS, Servo
+from backlash_ros.control.acting import IDLE, ActingLaw
 from backlash_ros.control.learning import LearnRequests, Reply
 from backlash_ros.control.telemetry import telemetry
 from backlash_ros.control.tick import MISSING
@@ -100,8 +101,9 @@ class Controller(ManagedNode):
                 self.get_logger().info(text)
 
     def configure(self) -> None:
-        """Compile every law, so that choosing another one stalls no loop."""
+        """Compile every law, and none for experiments that act alone, so that choosing one stalls no loop."""
         self._tell_margins()
+        ActingLaw(IDLE)
         at_rest = Measurement(np.zeros(5))
         for law in LAWS:
             with suppress(ValueError):  # one that cannot be designed for this drive is refused when it is chosen
