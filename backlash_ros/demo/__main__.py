@@ -60,7 +60,7 @@ LOAD_STEP = 0.1
 _HOLD = 4.0
 _RISING = 0.4
 """Time in which every sample has to be answered within its period, s: else the rise says more of the machine."""
-_ATTEMPTS = 5
+_ATTEMPTS = 8
 _PATIENCE = 30.0
 WATCH = QoSProfile(depth=5000)
 _TIMEOUT = 0.5
