@@ -6,10 +6,11 @@ import numpy as np
 
 from backlash_ros.control.experiment import Deferred, Excitation, NamedExperiment, Outcome, Refusal
 from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, ControlLaw
+from backlash_ros.control.limits import Limits
 from backlash_ros.control.tick import tick_with
 from backlash_ros.drivetrain import Drive, Validated
 from backlash_ros.drivetrain.compiled import compiled_as
-from backlash_ros.drivetrain.signals import Array, Estimate, Measurement, Setpoint
+from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Array, Estimate, Measurement, Setpoint
 
 
 @compiled_as(LAW_SIGNATURE)
@@ -46,7 +47,7 @@ class ActingLaw:
 
 
 def swing_of(chosen: NamedExperiment, parameters: Validated) -> float:
-    """Return the largest offset that an experiment may ask for, rad."""
+    """Return how far an experiment may move the load to either side, rad; 0 where it does not say."""
     return float(getattr(parameters, chosen.swing)) if chosen.swing else 0.0
 
 
@@ -57,15 +58,24 @@ class ActingExperiment:
     ----------
     chosen, parameters : the experiment, and what it is run with
     law : the law that it names, as designed for the drive, or `IDLE`
-    drive, period : that it is made for; the period of the samples in s
+    calm : the over-damped law, which acts instead once the experiment asks for it
+    drive, period, limits : that it is made for; the period of the samples in s
     """
 
     def __init__(
-        self, chosen: NamedExperiment, parameters: Validated, law: ControlLaw, drive: Drive, period: float
+        self,
+        chosen: NamedExperiment,
+        parameters: Validated,
+        law: ControlLaw,
+        calm: ControlLaw,
+        drive: Drive,
+        period: float,
+        limits: Limits,
     ) -> None:
-        self.acting = ActingLaw(law)
-        self._run = chosen.make(drive, parameters, period)
-        self._swing = swing_of(chosen, parameters)
+        self.acting, self._calm = ActingLaw(law), calm
+        self._run = chosen.make(drive, parameters, period, limits)
+        self._swing, self._swing_name = swing_of(chosen, parameters), f"{parameters.section}.{chosen.swing}"
+        self._ratio, self._start = drive.gear.ratio, math.nan
         self._broken: Refusal | None = None
 
     @property
@@ -86,8 +96,16 @@ class ActingExperiment:
             self._broken = Refusal(f"{reason}; and it could not be cancelled: {error!r}")
 
     def excite(self, measured: Measurement, estimate: Estimate, command: float, elapsed: float) -> Excitation:
-        """Take a sample and return what it asks for: none where that is more than it may, which ends it."""
+        """Take a sample and return what it asks for: none where that, or the load's way, is too much, which ends it."""
         if self._broken is not None:
+            return Excitation()
+        load = self._ratio * measured[THETA_M] if math.isnan(measured[THETA_L]) else measured[THETA_L]
+        if math.isnan(self._start):
+            self._start = load
+        if (way := abs(load - self._start)) > self._swing > 0.0:
+            self.cancel(
+                f"the load went {way:.3g} rad from where it was, beyond {self._swing_name} = {self._swing:g} rad"
+            )
             return Excitation()
         try:
             wanted = self._run.step(measured, estimate, command, elapsed)
@@ -95,6 +113,8 @@ class ActingExperiment:
             self._broken = Refusal(f"it failed: {error!r}")
             return Excitation()
         if abs(wanted.offset) <= self._swing and math.isfinite(wanted.torque):
+            if wanted.calm and self.acting.law is not self._calm:
+                self.acting = ActingLaw(self._calm)
             return wanted
         self.cancel(
             f"it asked for an offset of {wanted.offset:g} rad and a torque of {wanted.torque:g} N m, "

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, NamedTuple, Protocol
 
+from backlash_ros.control.limits import Limits
 from backlash_ros.drivetrain import Drive, Validated
 from backlash_ros.drivetrain.signals import Estimate, Measurement
 from backlash_ros.identification.fit import Fit
@@ -16,11 +17,13 @@ from backlash_ros.identification.fit import Fit
 class Excitation(NamedTuple):
     """What an experiment asks of one sample: an ``offset`` on the setpoint, rad, and a ``torque`` at the output, N m.
 
-    The torque is the motor's, at standstill, added to what the law asks for; both together keep to the range.
+    The torque is the motor's, at standstill, added to what the law asks for; both together keep to the range. ``calm``
+    asks that the over-damped law acts from now on, to bring the load to rest.
     """
 
     offset: float = 0.0
     torque: float = 0.0
+    calm: bool = False
 
 
 class Outcome(Protocol):
@@ -117,14 +120,15 @@ class NamedExperiment(NamedTuple):
     Parameters
     ----------
     title : in words
-    make : starts a run for a drive, its own parameters and the period of the samples, s
+    make : starts a run for a drive, its own parameters, the period of the samples, s, and the limits in force
     parameters : the defaults
-    swing : name of the parameter that says how far it goes to either side, rad, and the largest offset; "" for none
+    swing : name of the parameter that says how far the load may go to either side, rad, and the setpoint with it: the
+        servo ends an experiment that goes farther; "" for none
     law : the law that acts meanwhile, with a state of its own; "" for none, so that its torque acts alone
     """
 
     title: str
-    make: Callable[[Drive, Any, float], Experiment]
+    make: Callable[[Drive, Any, float, Limits], Experiment]
     parameters: Validated
     swing: str = ""
     law: str = "fast"

@@ -318,7 +318,9 @@ class Servo:
                 f"{name} takes {type(chosen.parameters).__name__} as its parameters, got {type(parameters).__name__}"
             )
         law = design_law(self.drive, self.settings.with_law(chosen.law)) if chosen.law else IDLE
-        self._experiment = ActingExperiment(chosen, parameters, law, self.drive, self.settings.period)
+        calm = design_law(self.drive, self.settings.with_law("overdamped"))
+        period = self.settings.period
+        self._experiment = ActingExperiment(chosen, parameters, law, calm, self.drive, period, self.limits)
         self._begin(self._experiment.acting)
 
     def cancel(self, reason: str) -> None:
@@ -351,11 +353,13 @@ class Servo:
         inputs, acting = self._inputs, self._chosen
         inputs[ELAPSED] = elapsed or self.settings.period
         if self._experiment is not None:
-            acting = self._experiment.acting
-            excitation = Excitation()
+            before, excitation = self._experiment.acting, Excitation()
             if self.holding:
                 excitation = self._experiment.excite(measured, self.estimate, self.command, inputs[ELAPSED])
-            inputs[OFFSET], inputs[TORQUE] = excitation
+            inputs[OFFSET], inputs[TORQUE], _ = excitation
+            acting = self._experiment.acting
+            if acting is not before:
+                self._begin(acting)
         command = acting.tick(
             self.constants, self.memory.row, acting.law.constants, acting.state, self.segments, measured, inputs
         )

@@ -4,6 +4,7 @@ Symbols and signs are the paper's (Kalantari & Saadat Foomani, Scientia Iranica 
 is its n = R1/R2 and the exponent of `contacts.power` the n of its eq 11.
 """
 
+import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -98,6 +99,12 @@ class Gear(Validated):
     def motor_radius(self) -> float:
         """Pitch radius R1 of the motor's gear, m."""
         return self.load_radius / self.reduction
+
+    def backlash_at(self, theta_l: float) -> float:
+        """Return the backlash where the load is at ``theta_l`` (rad), rad at the output."""
+        return self.backlash_angle * (
+            1.0 + self.backlash_variation * math.cos(self.backlash_cycles * theta_l + self.backlash_phase)
+        )
 
     @property
     def backlash(self) -> float:

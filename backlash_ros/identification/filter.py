@@ -40,6 +40,9 @@ how much that torque grows with its angle (N m/rad); the motor's dry friction at
 load's encoder reads too much; s from a sample to when its command acts."""
 PARAMETERS = 12
 _P, _W, _T, _Q, _V = range(5)
+LEAST, LARGEST = 5, 6
+"""Columns of the states beside the filter's own: torques of the teeth since the sample before, N m."""
+STATES = 7
 
 _LONGEST = 5e-4
 _SHORTEST = 2e-5
@@ -224,8 +227,8 @@ def _predict(
     time : of the samples, s, shape (N,)
     motor, load : angles, the motor's as seen at the output; rad, shape (N,)
     command : that answered each sample, V or A, shape (N,)
-    innovations, derivatives, states : to be filled in, shapes (N, 2), (N, 2, `PARAMETERS`) and (N, 7): the state,
-        then the least and the largest torque of the teeth since the sample before, N m
+    innovations, derivatives, states : to be filled in, shapes (N, 2), (N, 2, `PARAMETERS`) and (N, `STATES`): the
+        state, then the `LEAST` and the `LARGEST` torque of the teeth since the sample before, N m
 
     Returns
     -------
@@ -321,8 +324,8 @@ def _predict(
             miss = reading - expected
             p, w, tau = p + gains[_P] * miss, w + gains[_W] * miss, tau + gains[_T] * miss
             q, v = q + gains[_Q] * miss, v + gains[_V] * miss
-        states[sample, 0], states[sample, 1], states[sample, 2] = p, w, tau
-        states[sample, 3], states[sample, 4], states[sample, 5], states[sample, 6] = q, v, least, largest
+        states[sample, _P], states[sample, _W], states[sample, _T] = p, w, tau
+        states[sample, _Q], states[sample, _V], states[sample, LEAST], states[sample, LARGEST] = q, v, least, largest
     return total
 
 

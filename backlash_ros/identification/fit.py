@@ -23,12 +23,15 @@ from backlash_ros.identification.filter import (
     ECCENTRICITY,
     GAP_SLOPE,
     GRAVITY,
+    LARGEST,
+    LEAST,
     LN_HALF_GAP,
     LN_INERTIA,
     LN_TEETH,
     LN_VISCOUS,
     OFFSET,
     PARAMETERS,
+    STATES,
     TORQUE,
     MotorSide,
     Noise,
@@ -122,21 +125,19 @@ class _Problem:
     prior: Array
     spread: Array
     counts: tuple[float, float]
-    passes: int = 0
     innovations: Array = field(init=False)
     derivatives: Array = field(init=False)
     states: Array = field(init=False)
 
     def __post_init__(self) -> None:
         n = self.recording.time.size
-        self.innovations, self.states = np.zeros((n, 2)), np.zeros((n, 7))
+        self.innovations, self.states = np.zeros((n, 2)), np.zeros((n, STATES))
         self.derivatives = np.zeros((n, 2, PARAMETERS))
 
     def look(self, x: Array, stage: Stage) -> tuple[float, Array, Array]:
         """Return the cost, its gradient and Gauss and Newton's matrix; the variances count as if they were constant."""
         reading_m, reading_l = (count * count / 12.0 + _SMALL for count in self.counts)
         noise = Noise(reading_m, reading_l, stage.motor, stage.load, stage.teeth**2)
-        self.passes += 1
         predict = filter_with(type(self.contact))  # type: ignore[arg-type]
         logs = predict(self.side, noise, x, *self.recording, self.innovations, self.derivatives, self.states)
         if not math.isfinite(logs):
@@ -166,13 +167,18 @@ class _Problem:
                 damping = 10.0 * max(damping, 1e-4)
             if gain < enough:
                 break
-        return _Minimum(cost, x, matrix, self, _sizes(self.innovations[1:]))
+        return _Minimum(cost, x, self, _sizes(self.innovations[1:]))
+
+    def descend(self, x: Array) -> "_Minimum":
+        """Go down through all stages to the bottom."""
+        for stage in STAGES:
+            x = self.solve(x, stage, 8, 0.5).x
+        return self.solve(x, STAGES[-1], 20, 0.02)
 
 
 class _Minimum(NamedTuple):
     cost: float
     x: Array
-    matrix: Array
     problem: _Problem
     sizes: tuple[float, float]
 
@@ -198,11 +204,9 @@ class Fit:
     contact: Contact
     parameters: Array
     covariance: Array
-    cost: float
     rms: tuple[float, float]
     counts: tuple[float, float]
     torques: tuple[float, float]
-    passes: int
 
     @property
     def gap(self) -> float:
@@ -314,35 +318,27 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
         whole = problem(contact, recording, found.x)
         widths = _widths(found.x, float(np.ptp(motor - load)))
         scanned = sorted(((whole.look(x, STAGES[0])[0], k) for k, x in enumerate(widths)))
-        for _, k in scanned[:_DEEPEST]:
-            found = _Minimum(math.inf, widths[k], np.empty(0), whole, (math.inf, math.inf))
-            for stage in STAGES:
-                found = whole.solve(found.x, stage, 8, 0.5)
-            ends.append(whole.solve(found.x, STAGES[-1], 20, 0.02))
+        ends += [whole.descend(widths[k]) for _, k in scanned[:_DEEPEST]]
     end = min(ends, key=_cost)
     if max(end.sizes) > FITS:  # perhaps for the delay's sake
         for contact in contacts:
             best = min((found for found in ends if found.problem.contact is contact), key=_cost)
             for _, delay in guesses:
-                found = best._replace(x=best.x.copy())
-                found.x[DELAY] = delay
-                for stage in STAGES:
-                    found = found.problem.solve(found.x, stage, 8, 0.5)
-                ends.append(found.problem.solve(found.x, STAGES[-1], 20, 0.02))
+                x = best.x.copy()
+                x[DELAY] = delay
+                ends.append(best.problem.descend(x))
         end = min(ends, key=_cost)
     end = _without_what_is_not_seen(end)
     _, _, matrix = end.problem.look(end.x, STAGES[-1])
     nu, bent = end.problem.innovations[1:], np.linalg.inv(matrix)
-    least, largest = np.sort(end.problem.states[1:, 5]), np.sort(end.problem.states[1:, 6])
+    least, largest = np.sort(end.problem.states[1:, LEAST]), np.sort(end.problem.states[1:, LARGEST])
     return Fit(
         contact=end.problem.contact,
         parameters=end.x,
         covariance=bent @ _scatter(end.problem) @ bent + bent,
-        cost=end.cost,
         rms=_sizes(nu),
         counts=counts,
         torques=(float(least[2]), float(largest[-3])),
-        passes=sum(found.problem.passes for found in ends),
     )
 
 

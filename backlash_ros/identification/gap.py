@@ -36,7 +36,7 @@ class Gap:
 
 
 def contacts_of(drive: Drive) -> list[Contact]:
-    """Return the contact laws that are tried: the drive's, and a spring where that is none."""
+    """Return the contact laws that are tried: the drive's own, then those of `power` and `elastic` that it is not."""
     own = drive.gear.contact
     names = [name for name in ("power", "elastic") if name != law_name(own)]
     return [own, *(CONTACTS[name]() for name in names)]

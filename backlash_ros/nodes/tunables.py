@@ -33,7 +33,7 @@ from backlash_ros.control.design.gain_sets import (
     resolve_set,
 )
 from backlash_ros.control.design.stability import LONGEST_DELAY
-from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Quantity
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Quantity, Validated
 from backlash_ros.ros.parameters import Names, declare, declare_number, declare_quantities, describe, in_use, take
 
 _K = "gains [k1, k2, k3] of V = -k1 (load angle - reference) - k2 load speed - k3 current"
@@ -66,16 +66,27 @@ def _declare_delay(node: Node, rate: float) -> float:
     return float(declare_number(node, "loop_delay", 0.0, Quantity(text, "s", 0.0, LONGEST_DELAY / rate)))
 
 
+def _declare_parameters_of(node: Node, registry: Mapping[str, Any]) -> dict[str, Any]:
+    """Declare the parameters of all laws, or of all experiments, and return what the user set."""
+    values: dict[str, Any] = {}
+    for parameters in {each.parameters.section: each.parameters for each in registry.values()}.values():
+        values |= declare_quantities(node, parameters, read_only=False)
+    return values
+
+
+def _parameters_of(registry: Mapping[str, Any], values: dict[str, Any]) -> tuple[tuple[str, Validated], ...]:
+    """Return the parameters of each law, or of each experiment, by its name, from all values."""
+    return tuple((name, take(type(registry[name].parameters), values)) for name in sorted(registry))
+
+
 def _declare_beside_gains(node: Node, drive: Drive) -> dict[str, Any]:
     """Declare the dynamic parameters that are no gains and return what the user set."""
     text = describe("control law", constraint=f"one of {sorted(LAWS)}")
     values: dict[str, Any] = {"law": declare(node, "law", "two_region", text)}
-    for parameters in {law.parameters.section: law.parameters for law in LAWS.values()}.values():
-        values |= declare_quantities(node, parameters, read_only=False)
+    values |= _declare_parameters_of(node, LAWS)
     text = describe("what learns the backlash", constraint=f"one of {sorted([AUTO, *EXPERIMENTS])}")
     values["learning.experiment"] = declare(node, "learning.experiment", AUTO, text)
-    for parameters in {each.parameters.section: each.parameters for each in EXPERIMENTS.values()}.values():
-        values |= declare_quantities(node, parameters, read_only=False)
+    values |= _declare_parameters_of(node, EXPERIMENTS)
     values |= declare_quantities(node, Limits.of(drive), read_only=False)
     values |= declare_quantities(node, FaultThresholds.of(drive), read_only=False)
     any_gains = Gains(1.0, 0.0, 0.0)
@@ -201,11 +212,9 @@ class Tunables:
             period=self._period,
             loop_delay=self._delay,
             experiment=values["learning.experiment"],
-            experiment_parameters=tuple(
-                (name, take(type(EXPERIMENTS[name].parameters), values)) for name in sorted(EXPERIMENTS)
-            ),
+            experiment_parameters=_parameters_of(EXPERIMENTS, values),
             thresholds=take(FaultThresholds, values),
-            law_parameters=tuple((name, take(type(LAWS[name].parameters), values)) for name in sorted(LAWS)),
+            law_parameters=_parameters_of(LAWS, values),
         )
         if settings.experiment != AUTO:
             EXPERIMENTS.choose("learning.experiment", settings.experiment, AUTO)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from faults_page import SECTION
 
-from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, Servo, ServoSettings, design_gains
+from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, LimitCycleSettings, Servo, ServoSettings, design_gains
 from backlash_ros.control.monitoring.plausibility import LATELY, PATIENCE, speed_lag
 from backlash_ros.control.monitoring.thresholds import mechanical_time_constant
 from backlash_ros.drivetrain import NOMINAL_DRIVE
@@ -28,6 +28,7 @@ GAINS = GainSet(
     **{region: design_gains(region, NOMINAL_DRIVE, weights) for region, weights in DEFAULT_WEIGHTS.items()},
 )
 BAD_FROM, WATCHED_FOR = 0.4, 0.35
+LARGE_KICK = LimitCycleSettings(swing=1.0, kick=0.1)
 """When the first bad sample comes, and how long the load is watched from there, s."""
 SENSORS = {"all signals": Sensors(), "positions alone": Sensors(measured=POSITIONS)}
 
@@ -86,7 +87,7 @@ def play(
         if k == max(1, round(situation.since / period)):
             assert situation.learning or servo.set_reference(situation.reference) == ""
             if situation.learning:
-                servo.start_experiment("limit_cycle")
+                servo.start_experiment("limit_cycle", LARGE_KICK)
         command = servo.update(measured, drive.elapsed)
         servo.take_outcome()
         if servo.fault and latched < 0:

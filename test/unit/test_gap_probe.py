@@ -1,6 +1,7 @@
 """The probe while it runs: how far it goes, what ends it, and that the position is held afterwards."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -83,6 +84,75 @@ def test_the_load_stays_within_the_swing(gains: GainSet, torque: float, swing: f
     outcome = servo.take_outcome()
     assert outcome is not None
     assert isinstance(outcome, Deferred) or "beyond learning.gap_probe.swing" in outcome.reason
+
+
+@pytest.mark.parametrize("volts", [3.0, 6.0])
+@pytest.mark.parametrize("torque", [0.1, 0.3])
+@pytest.mark.parametrize("inertia", [2e-4, 5e-4, 2e-3])
+def test_a_motor_of_which_little_may_be_used_stays_within_the_swing(
+    gains: GainSet, volts: float, torque: float, inertia: float
+) -> None:
+    """It plans with what limits.command leaves, and so can brake."""
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains), replace(Limits.of(NOMINAL_DRIVE), command=volts))
+    plant = SimulatedDrive(loaded(inertia=inertia), servo.settings.period, sensors=Sensors(measured=POSITIONS))
+    servo.update(plant.sample())
+    servo.start_experiment("gap_probe")
+    assert play(servo, plant, 5000, torque) <= 0.3
+    assert isinstance(servo.take_outcome(), Deferred)
+    assert servo.fault == ""
+
+
+@pytest.mark.parametrize("time", [1.0, 2.0])
+@pytest.mark.parametrize("torque", [0.0, 0.3])
+def test_it_ends_when_its_time_is_over(gains: GainSet, time: float, torque: float) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
+    plant = SimulatedDrive(NOMINAL_DRIVE, servo.settings.period, sensors=Sensors(measured=POSITIONS))
+    servo.update(plant.sample())
+    servo.start_experiment("gap_probe", GapProbeSettings(time=time))
+    play(servo, plant, 5000, torque)
+    assert isinstance(servo.take_outcome(), Deferred)
+    assert time <= plant.time <= time + 1.0
+
+
+def frozen(measured: Measurement, before: Measurement, signal: int) -> None:
+    measured[signal] = before[signal]
+
+
+def reversed_(measured: Measurement, _before: Measurement, signal: int) -> None:
+    measured[signal] *= -1.0
+
+
+def swapped(measured: Measurement, _before: Measurement, _signal: int) -> None:
+    measured[[THETA_M, THETA_L]] = measured[[THETA_L, THETA_M]]
+
+
+@pytest.mark.parametrize("torque", [0.0, 0.3])
+@pytest.mark.parametrize("start", [1, 400], ids=["from the start", "on the way"])
+@pytest.mark.parametrize("signal", [THETA_M, THETA_L], ids=["motor", "load"])
+@pytest.mark.parametrize("broken", [frozen, reversed_, swapped])
+def test_a_broken_encoder_ends_it_within_the_swing_and_gives_no_gap(
+    gains: GainSet, broken: Callable[[Measurement, Measurement, int], None], signal: int, start: int, torque: float
+) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
+    plant = SimulatedDrive(NOMINAL_DRIVE, servo.settings.period, sensors=Sensors(measured=POSITIONS))
+    servo.update(plant.sample())
+    servo.start_experiment("gap_probe")
+    swing, outcome, before = 0.0, None, plant.sample().copy()
+    for k in range(5000):
+        measured = plant.sample()
+        if k >= start:
+            broken(measured, before, signal)
+        before = measured.copy()
+        command = servo.update(measured, plant.elapsed)
+        outcome = servo.take_outcome()
+        if outcome is not None or servo.latched:
+            break
+        plant.advance(command, torque)
+        swing = max(swing, abs(float(plant.state[THETA_L])))
+    assert swing <= 0.3 + NOMINAL_DRIVE.gear.backlash_angle
+    if isinstance(outcome, Deferred):
+        outcome = outcome.work()
+    assert servo.latched or (outcome is not None and not outcome.valid)
 
 
 @examples(max_examples=25, deadline=None)

@@ -9,10 +9,10 @@ import pytest
 
 from backlash_ros.analysis.evaluation.population import Member, draw_member, told_model
 from backlash_ros.analysis.evaluation.task import settings_for
-from backlash_ros.control import BacklashEstimate, Servo
+from backlash_ros.control import Servo
 from backlash_ros.control.experiment import Deferred
 from backlash_ros.drivetrain import CONTACTS, Drive
-from backlash_ros.identification import filter as parameters_of
+from backlash_ros.drivetrain.signals import THETA_L
 from backlash_ros.identification.drive import identified_drive
 from backlash_ros.identification.filter import (
     COULOMB_L,
@@ -23,6 +23,7 @@ from backlash_ros.identification.filter import (
     LN_VISCOUS,
     OFFSET,
     PARAMETERS,
+    STATES,
     TORQUE,
     Noise,
     filter_with,
@@ -34,13 +35,12 @@ from backlash_ros.simulation import SimulatedDrive
 
 SEED = 20261122
 STALL = 6.0
-NAMES = [name for name in vars(parameters_of) if vars(parameters_of)[name] in range(PARAMETERS) and name.isupper()]
 
 
 @cache
-def probed(number: int, population: str = "core") -> tuple[Member, Recording, float]:
+def probed(number: int) -> tuple[Member, Recording, float]:
     """Return a drive, what the probe recorded of it, and the gap where the load was then, rad."""
-    member = draw_member(SEED, number, population)
+    member = draw_member(SEED, number, "core")
     model = told_model(member, "nominal")
     settings = settings_for(model, member)
     servo = Servo(model, settings)
@@ -49,18 +49,13 @@ def probed(number: int, population: str = "core") -> tuple[Member, Recording, fl
     while (outcome := servo.take_outcome()) is None:
         plant.advance(servo.update(plant.sample(), plant.elapsed), member.load_torque)
     assert isinstance(outcome, Deferred), outcome
-    gear = member.drive.gear
-    phase = gear.backlash_cycles * float(plant.state[2]) + gear.backlash_phase
-    return (
-        member,
-        outcome.work.args[1],  # type: ignore[attr-defined]
-        gear.backlash_angle * (1.0 + gear.backlash_variation * math.cos(phase)),
-    )
+    recording: Recording = outcome.work.args[1]  # type: ignore[attr-defined]
+    return member, recording, member.drive.gear.backlash_at(float(plant.state[THETA_L]))
 
 
 @cache
-def measured(number: int, population: str = "core") -> Gap:
-    member, recording, _ = probed(number, population)
+def measured(number: int) -> Gap:
+    member, recording, _ = probed(number)
     return measure_gap(told_model(member, "nominal"), recording, STALL)
 
 
@@ -103,7 +98,7 @@ def predicted(member: Member, recording: Recording, x: np.ndarray, teeth: float)
     innovations, derivatives = np.zeros((count, 2)), np.zeros((count, 2, PARAMETERS))
     noise = Noise(*readings, 0.03, 0.12, teeth**2)
     side = motor_side(told_model(member, "nominal"), contact)
-    filter_with(type(contact))(side, noise, x, *recording, innovations, derivatives, np.zeros((count, 7)))
+    filter_with(type(contact))(side, noise, x, *recording, innovations, derivatives, np.zeros((count, STATES)))
     return innovations[1:], derivatives[1:]
 
 
@@ -156,10 +151,6 @@ def stuck_bit(recording: Recording) -> Recording:
     return recording._replace(load=count * (whole | 16))
 
 
-def swapped(recording: Recording) -> Recording:
-    return recording._replace(motor=recording.load, load=recording.motor)
-
-
 def stretched(recording: Recording) -> Recording:
     return recording._replace(motor=1.05 * recording.motor)
 
@@ -196,7 +187,6 @@ def test_teeth_that_give_more_are_found_so() -> None:
 
 
 def test_an_estimate_says_how_sure_it_is() -> None:
-    assert BacklashEstimate.__doc__ is not None
     found = [measured(number) for number in DRIVES]
     errors = [abs(gap.angle - probed(number)[2]) for number, gap in zip(DRIVES, found, strict=True)]
     within = [error <= 2.0 * gap.uncertainty for error, gap in zip(errors, found, strict=True)]

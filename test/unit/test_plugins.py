@@ -76,7 +76,7 @@ class Pushed:
 
 
 class Push:
-    def __init__(self, drive, parameters, period):
+    def __init__(self, drive, parameters, period, limits):
         self.outcome, self._parameters, self._period = None, parameters, period
         self._tick, self._start = 0, 0.0
 

@@ -111,12 +111,12 @@ def test_reset_with_the_load_elsewhere_is_no_kick(gains: GainSet, law: str) -> N
 
 
 @pytest.mark.parametrize(
-    ("side", "end"), [("position_lower", -0.09), ("position_upper", 0.09), ("position_lower", -0.11)]
+    ("side", "end"), [("position_lower", -0.29), ("position_upper", 0.29), ("position_lower", -0.31)]
 )
 def test_learning_is_refused_where_it_swings_beyond_an_end(gains: GainSet, side: str, end: float) -> None:
     servo = Servo(NOMINAL_DRIVE, ServoSettings(gains), replace(Limits.of(NOMINAL_DRIVE), **{side: end}))
     servo.update(AT_REST)
-    assert (f"limits.{side} = {end:g} rad" in servo.experiment_refusal("limit_cycle")) == (abs(end) < 0.1)
+    assert (f"limits.{side} = {end:g} rad" in servo.experiment_refusal("limit_cycle")) == (abs(end) < 0.3)
 
 
 @pytest.mark.parametrize("rate", [250.0, 1000.0])

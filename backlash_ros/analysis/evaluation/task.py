@@ -170,7 +170,7 @@ def learn(
 
     Returns what became of it and, where it was valid, what was found besides.
     """
-    result, spent = Learned(), 0.0
+    result, spent, swing = Learned(), 0.0, 0.0
     for name in experiments:
         servo = Servo(model, settings)
         plant = _Watched(member.drive, settings.period, sensors=member.sensors, delay=member.delay)
@@ -178,17 +178,15 @@ def learn(
             outcome = excite(servo, plant, name, load_torque=member.load_torque)
         except IntegrationError as error:
             return Learned(experiment=name, reason=f"not simulated: {error}", time=spent + plant.time), None
-        gear, spent = member.drive.gear, spent + plant.time
-        phase = gear.backlash_cycles * float(plant.state[THETA_L]) + gear.backlash_phase
-        gap = gear.backlash_angle * (1.0 + gear.backlash_variation * math.cos(phase))
+        spent, swing = spent + plant.time, max(swing, plant.swing)
         result = Learned(
             valid=outcome.valid,
-            gap=gap,
+            gap=member.drive.gear.backlash_at(float(plant.state[THETA_L])),
             experiment=name,
             reason=outcome.reason,
             fault=servo.fault,
             time=spent,
-            swing=max(result.swing, plant.swing) if result.experiment else plant.swing,
+            swing=swing,
         )
         if isinstance(outcome, BacklashEstimate) and outcome.valid:
             result = replace(result, angle=outcome.angle, uncertainty=outcome.uncertainty, method=outcome.method.value)

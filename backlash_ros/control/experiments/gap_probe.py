@@ -16,7 +16,9 @@ from typing import ClassVar
 import numpy as np
 
 from backlash_ros.control.experiment import BacklashEstimate, Deferred, Excitation, Method, NamedExperiment, Outcome
+from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitoring.thresholds import standstill_torque
+from backlash_ros.control.observer import low_pass_gain
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Estimate, Measurement
 from backlash_ros.identification.fit import Recording, motor_side
@@ -43,8 +45,10 @@ class GapProbeSettings(Validated):
         at_most=3.2,
         default=0.06,
     )
-    torque: float = quantity("share of the torque at standstill that it may use", "", above=0, at_most=1, default=0.9)
-    time: float = quantity("after which no new move begins", "s", at_least=1, at_most=60, default=6.0)
+    torque: float = quantity(
+        "share that it may use of the torque at standstill under limits.command", "", above=0, at_most=1, default=0.9
+    )
+    time: float = quantity("after which it goes back and ends", "s", at_least=1, at_most=60, default=8.0)
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,7 @@ class _MotorLoop:
         self._gains = tuple(
             share * self.side.inertia * bandwidth**power for share, power in ((1.0, 2), (1.8, 1), (0.15, 3))
         )
-        self._smooth = -math.expm1(-800.0 * period)
+        self._smooth = low_pass_gain(800.0, period)
         self._before = math.nan
         self._speed = self._integral = 0.0
 
@@ -119,13 +123,14 @@ class GapProbe:
     ----------
     drive : for its motor and gear ratio
     period : of the samples, s
+    limits : for the largest command
     """
 
-    def __init__(self, drive: Drive, settings: GapProbeSettings, period: float) -> None:
+    def __init__(self, drive: Drive, settings: GapProbeSettings, period: float, limits: Limits) -> None:
         self.outcome: Outcome | Deferred | None = None
         self._drive, self._settings, self._period = drive, settings, period
         self._standstill = standstill_torque(drive, drive.command_limit)
-        self._most = settings.torque * self._standstill
+        self._most = settings.torque * standstill_torque(drive, min(limits.command, drive.command_limit))
         self._loop = _MotorLoop(drive, period, self._most)
         self._rows: list[tuple[float, float, float, float]] = []
         self._time, self._begun = 0.0, 0.0
@@ -156,12 +161,6 @@ class GapProbe:
             self._target = motor
             self._move = next(self._moves)
         self._rows.append((self._time, motor, load, command))
-        if abs(load - self._rows[0][2]) > self._settings.swing:
-            self.cancel(
-                f"the load went {abs(load - self._rows[0][2]):.3g} rad from where it was, beyond "
-                f"{self._settings.section}.swing = {self._settings.swing:g} rad"
-            )
-            return Excitation()
         while self._time >= self._begun + self._move.length - 1e-9:
             self._begun += self._move.length
             try:
@@ -188,7 +187,7 @@ class GapProbe:
         while level < len(_LEVELS) and self._time < settings.time:
             share, part = _LEVELS[level]
             acceleration = part * self._most / inertia
-            first, end = len(self._rows), self._time + _LEVEL_TIME
+            first, end = len(self._rows), min(self._time + _LEVEL_TIME, settings.time)
             while self._time < end:
                 speed = share * math.sqrt(acceleration * travel)
                 yield self._to(home + 0.5 * way * travel, acceleration, acceleration, speed)
@@ -223,7 +222,8 @@ class GapProbe:
         push, brake, gentle = min(1.25 * abs(drag) + 0.08 * most, most), 0.6 * most, 0.07 * most
         # They part while the motor is the faster one, for a while after it has begun to brake, too.
         part = settings.travel / 3.0 / (brake / push * max(push - abs(drag), 0.1 * push) / (brake + abs(drag)))
-        way, widest, met, end = part, 0.0, 0, self._time + _JERK_TIME
+        way, widest, met = part, 0.0, 0
+        end = min(self._time + _JERK_TIME, settings.time)
         while self._time < end:
             way = min(way, 0.75 * settings.swing)
             first = len(self._rows)

@@ -14,11 +14,17 @@ import numpy as np
 
 from backlash_ros.control.design.limit_cycle import LimitCycle, find_limit_cycle, refine
 from backlash_ros.control.experiment import BacklashEstimate, Excitation, Method, NamedExperiment
+from backlash_ros.control.limits import Limits
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array, Estimate, Measurement
 
 _FEWEST_SAMPLES = 8
 """Samples that a cycle must have: with fewer its turning points are not seen."""
+_AHEAD, _SHARE = 0.02, 0.5
+"""How far a look ahead goes, s, and the share of the swing at which it ends a run: the rest is for what goes on unseen
+where samples are late."""
+_REST, _LONGEST = 0.2, 3.0
+"""For how long a load that swung too far has to stand still, and how long that is waited for, s."""
 _FEWEST_STEPS = 4
 """Steps of a load encoder that its cycle must span: teeth at rest on one flank flicker between two neighbours."""
 
@@ -29,7 +35,8 @@ class LimitCycleSettings(Validated):
 
     section: ClassVar[str] = "learning.limit_cycle"
 
-    kick: float = quantity("reference step that starts the cycle", "rad", above=0, at_most=3.2, default=0.1)
+    swing: float = quantity("farthest that the load goes from where it is", "rad", above=0, at_most=3.2, default=0.3)
+    kick: float = quantity("reference step that starts the cycle", "rad", above=0, at_most=3.2, default=0.025)
     kick_time: float = quantity("time the kick is held", "s", above=0, at_most=10, default=0.25)
     settle_time: float = quantity("wait after the kick, before measuring", "s", at_least=0, at_most=10, default=0.5)
     measure_time: float = quantity("longest record of one attempt", "s", above=0, at_most=20, default=2.0)
@@ -39,6 +46,11 @@ class LimitCycleSettings(Validated):
         "smallest oscillation taken for a cycle, and smallest backlash", "rad", above=0, at_most=1, default=2e-4
     )
     spread: float = quantity("largest (max - min)/mean over the cycles", "", above=0, at_most=1, default=0.25)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.kick < self.swing:
+            raise ValueError(f"{self.section}.kick must be < swing = {self.swing:g} rad, got {self.kick!r}")
 
 
 class BacklashLearner:
@@ -50,7 +62,7 @@ class BacklashLearner:
     period : of the samples, s
     """
 
-    def __init__(self, drive: Drive, settings: LimitCycleSettings, period: float) -> None:
+    def __init__(self, drive: Drive, settings: LimitCycleSettings, period: float, _limits: Limits) -> None:
         self.outcome: BacklashEstimate | None = None
         self._drive = drive
         self._settings = settings
@@ -60,6 +72,8 @@ class BacklashLearner:
         self._attempt = 1
         self._record: list[Array] = []
         self._last_refusal = ""
+        self._start = self._before = math.nan
+        self._away, self._rest, self._calm = "", math.nan, 0
 
     @property
     def progress(self) -> float:
@@ -77,13 +91,16 @@ class BacklashLearner:
 
     def step(self, measured: Measurement, estimate: Estimate, _command: float, _elapsed: float) -> Excitation:
         """Take a sample; see `Experiment`."""
-        if math.isnan(measured[THETA_L]):
+        load = float(measured[THETA_L])
+        if math.isnan(load):
             self.cancel("the load encoder is missing, and a motor encoder alone does not see the gap")
         if self.outcome is not None:
             return Excitation()
         if math.isnan(measured[THETA_M]):
             self._method = Method.LOAD_AMPLITUDE
         settings = self._settings
+        if self._runs_away(load):
+            return self._come_to_rest()
         time = self._tick * self._period
         self._tick += 1
         if time < settings.kick_time:
@@ -98,6 +115,31 @@ class BacklashLearner:
                 if self.outcome is None:
                     self._next_attempt()
         return Excitation()
+
+    def _runs_away(self, load: float) -> bool:
+        """Return whether the load is, or was, about to leave the swing: a cycle grows where samples are late."""
+        if math.isnan(self._start):
+            self._start = self._before = load
+        speed, self._before = (load - self._before) / self._period, load
+        way = load - self._start
+        if not self._away and abs(way + _AHEAD * speed) > _SHARE * self._settings.swing:
+            self._away = (
+                f"the load swung by {abs(way):.3g} rad at {abs(speed):.3g} rad/s, and would have left "
+                f"{self._settings.section}.swing = {self._settings.swing:g} rad: samples or commands come too late for "
+                "the fast gains, or the kick is too large"
+            )
+            self._tick, self._rest = 0, load
+        return bool(self._away)
+
+    def _come_to_rest(self) -> Excitation:
+        """Let the over-damped law act until the load rests, or for a while; then end."""
+        self._tick += 1
+        self._calm += 1
+        if abs(self._before - self._rest) > self._settings.resolution:
+            self._rest, self._calm = self._before, 0
+        if self._calm * self._period >= _REST or self._tick * self._period >= _LONGEST:
+            self.cancel(self._away)
+        return Excitation(calm=True)
 
     def _judge(self) -> None:
         record = np.array(self._record)
@@ -183,6 +225,6 @@ EXPERIMENTS = {
         "backlash from the limit cycle of the fast gains",
         BacklashLearner,
         LimitCycleSettings(),
-        swing="kick",
+        swing="swing",
     )
 }
