@@ -69,6 +69,8 @@ class LearnRequests:
         """Refuse a request that has not begun, or of which only the computing is left."""
         if self._asked is None and self._computed is None:
             return None
+        if self._computed is not None:
+            self._computed.cancel()
         self._asked = self._computed = None
         return self._refused(f": {why}")
 

@@ -3,9 +3,11 @@
 import os
 import signal
 from collections.abc import Callable
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, InvalidStateError
+from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
+from multiprocessing.reduction import ForkingPickler
 from threading import Thread
 from typing import Any, TypeVar
 
@@ -16,7 +18,7 @@ _KINDER = 10
 
 
 class Aside(Executor):
-    """Does each piece of work in a process that ends with it, and with this one at the latest."""
+    """Does each piece of work in a process that ends with it, when it is cancelled, and with this one at the latest."""
 
     def submit(self, work: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Start ``work``, which has to be picklable, as its result has; return what will have the result."""
@@ -31,6 +33,7 @@ class Aside(Executor):
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         sender.close()
+        future.add_done_callback(lambda done: process.kill() if done.cancelled() else None)
         Thread(target=_wait, args=(receiver, future, process), daemon=True).start()
         return future
 
@@ -38,9 +41,11 @@ class Aside(Executor):
 def _do(sender: Connection, work: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
     os.nice(_KINDER)
     try:
-        sender.send((work(*args, **kwargs), None))
+        done = ForkingPickler.dumps((work(*args, **kwargs), None))
     except Exception as error:
-        sender.send((None, error))
+        done = ForkingPickler.dumps((None, error))
+    with suppress(BrokenPipeError):  # nobody waits for it any more
+        sender.send_bytes(done)
 
 
 def _wait(receiver: Connection, future: "Future[Any]", process: Any) -> None:
@@ -49,7 +54,8 @@ def _wait(receiver: Connection, future: "Future[Any]", process: Any) -> None:
     except EOFError:
         process.join()
         result, error = None, RuntimeError(f"the process that computed it ended with code {process.exitcode}")
-    if error is None:
-        future.set_result(result)
-    else:
-        future.set_exception(error)
+    with suppress(InvalidStateError):  # it was cancelled
+        if error is None:
+            future.set_result(result)
+        else:
+            future.set_exception(error)

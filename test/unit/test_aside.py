@@ -1,7 +1,12 @@
 """Computing in a process of its own: what it returns, what it raises, and that it may die."""
 
 import os
+import signal
+import time
+from concurrent.futures import CancelledError
 from functools import partial
+from multiprocessing import active_children
+from pickle import PicklingError
 
 import pytest
 
@@ -22,6 +27,22 @@ def test_an_error_comes_back() -> None:
 def test_a_process_that_dies_is_an_error() -> None:
     with pytest.raises(RuntimeError, match="the process that computed it ended with code 7"):
         Aside().submit(partial(os._exit, 7)).result(PATIENCE)
+
+
+def test_what_is_cancelled_ends_at_once() -> None:
+    before = set(active_children())
+    computed = Aside().submit(partial(time.sleep, 3600.0))
+    (process,) = set(active_children()) - before
+    assert computed.cancel()
+    process.join(PATIENCE)
+    assert process.exitcode == -signal.SIGKILL
+    with pytest.raises(CancelledError):
+        computed.result(PATIENCE)
+
+
+def test_a_result_that_cannot_be_sent_is_an_error() -> None:
+    with pytest.raises((AttributeError, TypeError, PicklingError), match="pickle"):
+        Aside().submit(partial(eval, "lambda: 0")).result(PATIENCE)
 
 
 def test_it_is_kinder_than_the_loop() -> None:
