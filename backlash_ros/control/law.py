@@ -58,6 +58,7 @@ class NoParameters(Validated):
 class NamedLaw(NamedTuple):
     """A law that can be chosen: its title in figures and tables, what designs it for a drive, its parameters' defaults.
 
+    ``adapts``: whether it goes by the backlash that was learned, so that a load that rattles in the gap means wear.
     ``design`` takes the drive, the servo's settings and the law's own parameters, and raises ValueError where they do
     not allow it.
     """
@@ -65,3 +66,4 @@ class NamedLaw(NamedTuple):
     title: str
     design: "Callable[[Drive, ServoSettings, Any], ControlLaw]"
     parameters: Validated = NoParameters()
+    adapts: bool = False

@@ -8,7 +8,7 @@ from backlash_ros.control.acting import IDLE, ActingExperiment, ActingLaw, swing
 from backlash_ros.control.command_range import range_constants
 from backlash_ros.control.experiment import Deferred, Excitation, NamedExperiment, Outcome
 from backlash_ros.control.experiments import EXPERIMENTS
-from backlash_ros.control.law import REGION
+from backlash_ros.control.law import REGION, ControlLaw
 from backlash_ros.control.laws import design_law
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitoring.faults import describe_fault
@@ -77,6 +77,7 @@ class Servo:
         self._inputs[KNOWN_LOAD_TORQUE] = math.nan
         self._watched = watched
         self._experiment: ActingExperiment | None = None
+        self._calming: ActingLaw | None = None
         self._hold()
         self.use(settings, limits or Limits.of(drive))
 
@@ -109,6 +110,7 @@ class Servo:
                 settings.period,
                 settings.velocity_bandwidth,
                 settings.backlash_angle,
+                may_grow=settings.renew,
             ),
             plausibility_constants(self.drive),
             range_constants(self.drive, limits),
@@ -116,8 +118,11 @@ class Servo:
         self.constants = pack(constants, watched=self._watched)
         if hasattr(self, "settings") and self.settings.law == settings.law:
             self._chosen.redesign(law)
+            if self.calmed:
+                self._calming = None
+                self._begin(self._chosen)
         else:
-            self._chosen = ActingLaw(law)
+            self._chosen, self._calming = ActingLaw(law), None
             self._begin(self._chosen)
         if limits != getattr(self, "limits", None):
             forget_ends(self.memory.monitor)
@@ -143,11 +148,31 @@ class Servo:
         if self.holding:
             acting.take_over(self.estimate, self.memory.setpoint, self.holding_voltage)
 
+    @property
+    def _acting(self) -> ActingLaw:
+        """What acts where there is no experiment."""
+        return self._calming or self._chosen
+
+    @property
+    def calmed(self) -> bool:
+        """Whether the over-damped gains act in place of the law."""
+        return self._calming is not None
+
+    def calm(self) -> None:
+        """Let the over-damped gains act in place of the law, until other settings are used or the load is let go of."""
+        if not self.calmed and self.holding:
+            self._calming = ActingLaw(self._overdamped())
+            self._begin(self._calming)
+
+    def _overdamped(self) -> ControlLaw:
+        return design_law(self.drive, self.settings.with_law("overdamped"))
+
     # Holding and faults.
 
     def release(self, reason: str) -> None:
         """Let go of the drive: command 0, forget what was observed, cancel an experiment; hold where it next shows."""
         self.memory.forget()
+        self._calming = None
         self._chosen.start()
         self._hold()
         self.cancel(reason)
@@ -234,7 +259,7 @@ class Servo:
     @property
     def region(self) -> int:
         """1 where the fast gains act, 2 where the over-damped ones do."""
-        return int((self._experiment.acting if self._experiment else self._chosen).state[REGION])
+        return int((self._experiment.acting if self._experiment else self._acting).state[REGION])
 
     @property
     def load_torque_estimate(self) -> float:
@@ -318,9 +343,10 @@ class Servo:
                 f"{name} takes {type(chosen.parameters).__name__} as its parameters, got {type(parameters).__name__}"
             )
         law = design_law(self.drive, self.settings.with_law(chosen.law)) if chosen.law else IDLE
-        calm = design_law(self.drive, self.settings.with_law("overdamped"))
         period = self.settings.period
-        self._experiment = ActingExperiment(chosen, parameters, law, calm, self.drive, period, self.limits)
+        self._experiment = ActingExperiment(
+            chosen, parameters, law, self._overdamped(), self.drive, period, self.limits
+        )
         self._begin(self._experiment.acting)
 
     def cancel(self, reason: str) -> None:
@@ -335,7 +361,7 @@ class Servo:
             self._experiment = None
             self.memory.setpoint[POSITION] -= self._inputs[OFFSET]
             self._inputs[OFFSET] = self._inputs[TORQUE] = 0.0
-            self._begin(self._chosen)  # it has not seen what the experiment did
+            self._begin(self._acting)  # it has not seen what the experiment did
         return outcome
 
     # The loop.
@@ -350,7 +376,7 @@ class Servo:
         """
         if self.latched:
             return 0.0
-        inputs, acting = self._inputs, self._chosen
+        inputs, acting = self._inputs, self._acting
         inputs[ELAPSED] = elapsed or self.settings.period
         if self._experiment is not None:
             before, excitation = self._experiment.acting, Excitation()

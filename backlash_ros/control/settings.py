@@ -20,7 +20,8 @@ class ServoSettings(Validated):
     between samples, s; ``loop_delay`` that from measuring to when the command acts, s, with which `margins` judges the
     gains; ``law`` names one of `laws.LAWS`, and ``experiment`` one of `experiments.EXPERIMENTS`, or is `AUTO`;
     ``law_parameters`` and ``experiment_parameters`` have the parameters of those whose defaults do not hold, as pairs
-    of name and value; ``thresholds`` are those of the drive by default.
+    of name and value; ``thresholds`` are those of the drive by default. ``renew``: whether wear is answered by learning
+    anew, which takes a gap for no fault that is up to six times as wide as it was learned.
     """
 
     gains: GainSet
@@ -31,6 +32,7 @@ class ServoSettings(Validated):
     experiment: str = AUTO
     experiment_parameters: tuple[tuple[str, Validated], ...] = ()
     thresholds: FaultThresholds | None = None
+    renew: bool = False
     backlash_angle: float = quantity(
         "backlash at the output shaft, within which the over-damped gains act; 0 while not known",
         "rad",

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from backlash_ros.control.law import FAST_REGION, OVERDAMPED_REGION
+from backlash_ros.control.monitoring.wear import WearWatch
 from backlash_ros.control.servo import Servo
 from backlash_ros.control.tick import HIGH, LOW
 from backlash_ros.drivetrain.signals import (
@@ -53,6 +54,9 @@ TELEMETRY = {
         "", "which gains act", {0: "none", FAST_REGION: "fast gains", OVERDAMPED_REGION: "over-damped gains"}
     ),
     "backlash_angle": Plotted("rad", "backlash as learned or given; 0 while not known"),
+    "gap_seen": Plotted("rad", "way between both flanks as the teeth have rested on them; 0 where on one alone"),
+    "rattle": Plotted("rad", "swing of the load, peak to peak, where it rattles while held; 0 where it does not"),
+    "calmed": Plotted("", "whether the over-damped gains act because the load rattled", {NO: "no", YES: "yes"}),
     "experiment": Plotted("", "whether an experiment is under way", {NO: "no", YES: "yes"}),
     "progress": Plotted("", "how far the experiment is, from 0 to 1"),
     "offset": Plotted("rad", "what the experiment adds to the setpoint"),
@@ -61,7 +65,7 @@ TELEMETRY = {
 """Everything that ``~/state`` has, in its order."""
 
 
-def telemetry(servo: Servo, *, active: bool, parameters_version: int) -> dict[str, float]:
+def telemetry(servo: Servo, wear: WearWatch, *, active: bool, parameters_version: int) -> dict[str, float]:
     """Return what there is to plot now, by the names of `TELEMETRY`."""
     estimate, setpoint, excitation = servo.estimate, servo.memory.setpoint, servo.excitation
     return {
@@ -85,6 +89,9 @@ def telemetry(servo: Servo, *, active: bool, parameters_version: int) -> dict[st
         "range_high": float(servo.memory.out[HIGH]),
         "region": servo.region if servo.holding else 0,
         "backlash_angle": servo.settings.backlash_angle,
+        "gap_seen": wear.gap,
+        "rattle": wear.rattle.swing if wear.rattle else 0.0,
+        "calmed": int(servo.calmed),
         "experiment": int(servo.experimenting),
         "progress": servo.progress,
         "offset": excitation.offset,

@@ -21,6 +21,7 @@ from std_srvs.srv import Trigger
 from backlash_ros.control import LAWS, Servo
 from backlash_ros.control.acting import IDLE, ActingLaw
 from backlash_ros.control.learning import LearnRequests, Reply
+from backlash_ros.control.monitoring.wear import WearWatch
 from backlash_ros.control.telemetry import telemetry
 from backlash_ros.control.tick import MISSING
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Measurement
@@ -69,6 +70,7 @@ class Controller(ManagedNode):
         self._tunables.rejection_reason, self._tunables.changed = self._servo.rejection_reason, self._use
         self._gate = SampleGate(in_ns(self._state_timeout), in_ns(MISSING / self._rate), self._joints)
         self._learning = LearnRequests(self._servo, Aside())
+        self._wear, self._noticed = WearWatch(self._servo), (False, False)
         self._measured, self._answer = Measurement(np.empty(5)), Answer()
         self._told, self._said = Fault.NONE, (False, False, Fault.NONE)
         self._estimated = self._changed = False
@@ -176,7 +178,19 @@ class Controller(ManagedNode):
             self._command.publish(self._answer.to(message.header.stamp, command))
         self._report.step_time.add(1e-9 * (now_ns() - began))
         self._report.age.add(1e-9 * (self.get_clock().now().nanoseconds - stamp))
+        if judged.action is Action.TAKE:
+            self._look_for_wear(1e-9 * judged.elapsed)
         self._after(judged, stamp)
+
+    def _look_for_wear(self, elapsed: float) -> None:
+        """Say what was noticed, and learn anew where that is allowed."""
+        learn = self._wear.look(self._measured, elapsed)
+        before, self._noticed = self._noticed, self._wear.kind
+        if self._noticed != before and any(self._noticed):
+            self.get_logger().warning(self._wear.finding, throttle_duration_sec=10.0)
+        if learn:
+            refusal = self._learning.ask(now_ns())
+            self.get_logger().info(f"learning anew{f': {refusal.text}' if refusal else ''}")
 
     def _act(self, action: Action, elapsed: float) -> float:
         """Return the command that a sample is answered with."""
@@ -248,7 +262,7 @@ class Controller(ManagedNode):
     def _publish_state(self, stamp: int) -> None:
         """Say everything worth plotting, as numbers by name."""
         self._changed, self._said = False, self._doing
-        values = telemetry(self._servo, active=self.active, parameters_version=self._tunables.version)
+        values = telemetry(self._servo, self._wear, active=self.active, parameters_version=self._tunables.version)
         level = (ERROR, self._servo.latched.name) if self._servo.latched else (OK, "")
         message = DiagnosticArray(status=[status("servo", "", [level], values)])
         message.header.stamp = to_stamp(stamp)
@@ -306,7 +320,7 @@ class Controller(ManagedNode):
         heard = self.configured and self._heard
         facts = NodeFacts(self.get_fully_qualified_name(), self.state, self.mismatches, commanders, heard)
         shown = {"parameters_version": self._tunables.version, **{key: values[key] for key in _SHOWN}}
-        return self._report.statuses(facts, self._joints, self._servo, self._gate, shown)
+        return self._report.statuses(facts, self._joints, self._servo, self._gate, self._wear.finding, shown)
 
 
 def main(args: Sequence[str] | None = None) -> int:

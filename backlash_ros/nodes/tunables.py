@@ -86,6 +86,8 @@ def _declare_beside_gains(node: Node, drive: Drive) -> dict[str, Any]:
     values |= _declare_parameters_of(node, LAWS)
     text = describe("what learns the backlash", constraint=f"one of {sorted([AUTO, *EXPERIMENTS])}")
     values["learning.experiment"] = declare(node, "learning.experiment", AUTO, text)
+    text = describe("whether the backlash is learned anew, which moves the load, where wear is noticed at rest")
+    values["learning.renew"] = declare(node, "learning.renew", False, text)
     values |= _declare_parameters_of(node, EXPERIMENTS)
     values |= declare_quantities(node, Limits.of(drive), read_only=False)
     values |= declare_quantities(node, FaultThresholds.of(drive), read_only=False)
@@ -212,6 +214,7 @@ class Tunables:
             period=self._period,
             loop_delay=self._delay,
             experiment=values["learning.experiment"],
+            renew=values["learning.renew"],
             experiment_parameters=_parameters_of(EXPERIMENTS, values),
             thresholds=take(FaultThresholds, values),
             law_parameters=_parameters_of(LAWS, values),

@@ -420,7 +420,7 @@ def test_unusable_start_parameter_ends_the_node_with_a_line_that_names_it(
 
 
 def test_whole_numbers_stand_for_floats(start: Start, peer: Peer) -> None:
-    start("controller", rate=500, gear__backlash_angle="0.04", learning__limit_cycle__kick=1, **PATIENT)
+    start("controller", rate=500, gear__backlash_angle="0.04", learning__limit_cycle__swing=1, **PATIENT)
     parameters = Parameters(peer, "controller")
     accepted, reason = parameters.set(backlash_angle=1)
     assert accepted, reason

@@ -99,5 +99,5 @@ def overdamped(drive: Drive, settings: "ServoSettings", _parameters: Validated) 
 LAWS = {
     "fast": NamedLaw("fast state feedback", fast),
     "overdamped": NamedLaw("over-damped state feedback", overdamped),
-    "two_region": NamedLaw("two-region law (adaptive)", two_region, TwoRegionParameters()),
+    "two_region": NamedLaw("two-region law (adaptive)", two_region, TwoRegionParameters(), adapts=True),
 }

@@ -63,6 +63,9 @@ _RATIO_ERROR = 0.02
 """Of the gear ratio: of so much of the travel the shafts may come apart without end."""
 
 
+_GROWS = 6.0
+"""Times as wide as it was learned, to which a gap may grow that is to be learned anew."""
+
 _COUNT = 2 * math.pi / 2**12
 """Of a coarse load encoder, rad."""
 
@@ -100,19 +103,24 @@ def monitor_constants(
     period: float,
     velocity_bandwidth: float,
     backlash_angle: float,
+    *,
+    may_grow: bool = False,
 ) -> MonitorConstants:
     """Return the monitor of one drive.
 
     A backlash that was learned (rad, > 0) narrows the gap: one and a half of the larger of that and the drive's own
-    (eccentric encoders, a gap that varies), the teeth pressed in, and two counts.
+    (eccentric encoders, a gap that varies), the teeth pressed in, and two counts. One that ``may_grow`` widens it, to
+    six of them.
     """
-    known = 1.5 * max(backlash_angle, drive.gear.backlash_angle) + 2.0 * pressed(drive) + 2.0 * _COUNT
+    share = _GROWS if may_grow else 1.5
+    known = share * max(backlash_angle, drive.gear.backlash_angle) + 2.0 * pressed(drive) + 2.0 * _COUNT
+    gap = (max if may_grow else min)(thresholds.gap, known)
     own = 1.0 / mechanical_time_constant(drive)
     bandwidth = min(max(own, _BANDWIDTHS[0]), _BANDWIDTHS[1])
     return MonitorConstants(
         velocity=float(thresholds.velocity),
         held_torque=float(min(thresholds.load_torque, _HELD * standstill_torque(drive, limits.command))),
-        gap=float(min(thresholds.gap, known) if backlash_angle > 0 else thresholds.gap),
+        gap=float(gap if backlash_angle > 0 else thresholds.gap),
         lower_end=float(limits.position_lower),
         upper_end=float(limits.position_upper),
         soft_zone=float(limits.soft_zone),

@@ -1,0 +1,215 @@
+"""Wear, noticed while the drive works, without an experiment: a gap that has grown, and a load that rattles while held.
+
+The gap shows between both encoders where the teeth rest on one flank and later on the other one; a rattle is a motion
+to and fro that does not die out while the setpoint stands still. Plain Python beside the tick, looked at after each
+answer.
+"""
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+from backlash_ros.control.laws import LAWS
+from backlash_ros.control.servo import Servo
+from backlash_ros.drivetrain.signals import THETA_L, THETA_M, VELOCITY, Measurement
+
+_GROWN = 1.5
+"""Times the backlash in use from which on a gap has grown: eccentric encoders and a gap that varies show less."""
+_GENTLE, _STILL = 0.15, 0.05
+"""Where teeth rest on a flank: share of the largest command, and way within the gap between two samples as a share of
+the backlash."""
+_RATIO_ERROR = 0.02
+"""Of the gear ratio: of so much of the travel the shafts may come apart without end."""
+_HELD, _REVERSALS, _SLOWEST = 0.3, 12, 2.0
+"""Time that the setpoint stands still before anything counts, s; how often a rattle turns back, each time within s."""
+_LASTS = 0.7
+"""Share of the earlier half of the swings that the later half of a rattle goes: what dies out is none."""
+_NO_STEP = 1e-9
+"""Rad."""
+_SHARE, _LEAST, _COUNTS = 0.1, 2e-4, 3.0
+"""Smallest swing that counts: share of the backlash, rad, and counts."""
+_REST, _AGAIN, _TRIES = 1.0, 60.0, 3
+"""Time that the load is held before it is learned anew, s; until the next try, s; and how many tries there are."""
+
+
+class Rattle(NamedTuple):
+    """A motion to and fro while held: of the load, rad peak to peak; in Hz; for how long, s."""
+
+    swing: float
+    frequency: float
+    duration: float
+
+
+class _Turn(NamedTuple):
+    """A reversal: when, s; how far it went since the one before; between which angles the load was meanwhile, rad."""
+
+    time: float
+    way: float
+    least: float
+    most: float
+
+
+class WearWatch:
+    """Looks at one servo, answers a rattle with the over-damped gains, and says when to learn anew.
+
+    ``rattle`` is the last one that the servo has or that calmed it, if any.
+    """
+
+    def __init__(self, servo: Servo) -> None:
+        self._servo = servo
+        self._forget()
+
+    def _forget(self) -> None:
+        """Begin anew, as for other settings."""
+        self._in_use = self._servo.settings
+        self.rattle: Rattle | None = None
+        self._time = self._since = 0.0
+        self._tries, self._next = 0, 0.0
+        self._reference = self._apart = math.nan
+        self._motor, self._load = math.nan, math.nan
+        self._count_m = self._count_l = 0.0
+        self._near, self._far = math.inf, -math.inf
+        self._await_turns(math.nan, math.nan)
+
+    def _await_turns(self, x: float, load: float) -> None:
+        """Forget how it turned, and a rattle that calmed nothing."""
+        if not self._servo.calmed:
+            self.rattle = None
+        self._turns: deque[_Turn] = deque(maxlen=_REVERSALS)
+        self._begun, self._way, self._whole = self._time, 0, False
+        self._low = self._high = x
+        self._least = self._most = load
+
+    @property
+    def gap(self) -> float:
+        """The way between both flanks, rad at the output."""
+        return max(0.0, self._far - self._near)
+
+    @property
+    def grown(self) -> bool:
+        """Whether the gap is larger than what is in use."""
+        return 0.0 < _GROWN * self._servo.settings.backlash_angle < self.gap
+
+    @property
+    def kind(self) -> tuple[bool, bool]:
+        """Whether the gap has grown, and whether the load rattles, or did until it was calmed."""
+        return self.grown, self.rattle is not None
+
+    @property
+    def finding(self) -> str:
+        """What was noticed and what is its likely cause, in words; empty for nothing."""
+        told, found = self._servo.settings.backlash_angle, []
+        if self.grown:
+            found.append(
+                f"the gap has grown: the teeth rested {self.gap:.3g} rad apart, {self.gap / told:.1f} times "
+                f"backlash_angle = {told:.3g} rad: learn again"
+            )
+        if self.rattle is not None:
+            swing, frequency, duration = self.rattle
+            found.append(
+                f"the load rattled while it was held, by {swing:.3g} rad peak to peak at {frequency:.3g} Hz for "
+                f"{duration:.1f} s: {self._cause(swing)}"
+                f"{'; until then the over-damped gains act' if self._servo.calmed else ''}"
+            )
+        return "; ".join(found)
+
+    def _cause(self, swing: float) -> str:
+        settings = self._servo.settings
+        if not LAWS[settings.law].adapts:
+            return f"law {settings.law!r} does not adapt to the backlash"
+        if settings.backlash_angle == 0.0:
+            return "the backlash is not known yet: call learn"
+        if swing > 2.0 * max(settings.backlash_angle, self.gap):
+            return "more than the gap: samples or commands may come late, or the gains be too high for the load"
+        return "the gap may have grown, or the load be lighter than load.inertia says: learn again"
+
+    def look(self, measured: Measurement, elapsed: float) -> bool:
+        """Take a sample that was answered; return whether the backlash is to be learned anew now.
+
+        Parameters
+        ----------
+        measured : as it came; nan where not measured
+        elapsed : since the sample before, s
+        """
+        servo = self._servo
+        if servo.settings is not self._in_use:
+            self._forget()
+        if servo.latched or servo.experimenting or not servo.holding:
+            self._reference = self._apart = math.nan
+            return False
+        self._time += elapsed
+        motor, load = servo.drive.gear.ratio * float(measured[THETA_M]), float(measured[THETA_L])
+        self._count_m = _smaller(self._count_m, abs(motor - self._motor))
+        self._count_l = _smaller(self._count_l, abs(load - self._load))
+        moved, self._motor, self._load = abs(motor - self._motor), motor, load
+        both = not math.isnan(motor - load)
+        x = motor - load if both else load if math.isnan(motor) else motor
+        load = motor if math.isnan(load) else load
+        if both:
+            self._look_at_the_gap(x, moved)
+        if servo.memory.setpoint[VELOCITY] != 0.0 or servo.reference != self._reference:
+            self._reference, self._since = servo.reference, self._time
+            self._await_turns(x, load)
+        elif self._time - self._since > _HELD:
+            self._look_for_turns(x, load)
+        return self._due()
+
+    def _look_at_the_gap(self, x: float, moved: float) -> None:
+        """Take the difference of both shafts (rad) where the teeth rest on a flank."""
+        servo, before = self._servo, self._apart
+        self._apart = x
+        if not math.isnan(moved):
+            self._near += _RATIO_ERROR * moved
+            self._far -= _RATIO_ERROR * moved
+        still = abs(x - before) <= max(_STILL * servo.settings.backlash_angle, self._count_m, self._count_l)
+        if still and abs(servo.command) <= _GENTLE * servo.limits.command:
+            self._near, self._far = min(self._near, x), max(self._far, x)
+
+    def _look_for_turns(self, x: float, load: float) -> None:
+        """Follow x (rad) up and down; it turns where it goes back by more than the smallest swing."""
+        told = self._servo.settings.backlash_angle
+        smallest = max(_SHARE * told, _LEAST, _COUNTS * (self._count_m + self._count_l))
+        self._low, self._high = min(self._low, x), max(self._high, x)
+        self._least, self._most = min(self._least, load), max(self._most, load)
+        up, down = x - self._low > smallest, self._high - x > smallest
+        if (up and self._way <= 0) or (down and self._way >= 0):
+            if self._whole:
+                self._turns.append(_Turn(self._time, self._high - self._low, self._least, self._most))
+            # The first way was seen in part.
+            self._whole, self._way = self._way != 0, -1 if down and self._way >= 0 else 1
+            self._low = self._high = x
+            self._least = self._most = load
+        turns = self._turns
+        if turns and self._time - turns[-1].time > _SLOWEST:
+            self._await_turns(x, load)
+        elif len(turns) == _REVERSALS and self._lasts():
+            half = (turns[-1].time - turns[0].time) / (_REVERSALS - 1)
+            swing = max(turn.most for turn in turns) - min(turn.least for turn in turns)
+            self.rattle = Rattle(swing, 0.5 / half, self._time - self._begun)
+            self._answer()
+
+    def _lasts(self) -> bool:
+        """Return whether the later half of the turns goes as far as the earlier one."""
+        ways, half = [turn.way for turn in self._turns], _REVERSALS // 2
+        return sum(ways[half:]) >= _LASTS * sum(ways[:half])
+
+    def _answer(self) -> None:
+        """Answer a rattle that the law in use should not have."""
+        settings = self._servo.settings
+        if LAWS[settings.law].adapts and settings.backlash_angle > 0.0:
+            self._servo.calm()
+
+    def _due(self) -> bool:
+        """Return whether to learn anew now: at rest, where that is allowed, and not over and over again."""
+        if not self._servo.settings.renew or not (self.grown or self._servo.calmed):
+            return False
+        if self._time - self._since < _REST or self._time < self._next or self._tries >= _TRIES:
+            return False
+        self._tries += 1
+        self._next = self._time + _AGAIN
+        return True
+
+
+def _smaller(count: float, step: float) -> float:
+    """Return an encoder's count, rad: the smallest step that it made; 0 while it made none."""
+    return step if step > _NO_STEP and not 0.0 < count <= step else count
