@@ -27,7 +27,7 @@ from backlash_ros.ros.timer import in_ns, now
 class NodeFacts:
     """What a node says of itself: its name, its state, and how many publishers of another quality of service there are.
 
-    ``commanders``: publishers of commands; ``heard``: whether anybody listens to ours.
+    ``commanders``: publishers of commands; ``heard``: whether anybody listens to ours; ``remarks``: more to judge.
     """
 
     name: str
@@ -35,6 +35,7 @@ class NodeFacts:
     mismatches: int
     commanders: int = 1
     heard: bool = True
+    remarks: Sequence[tuple[bytes, str]] = ()
 
     @property
     def active(self) -> bool:
@@ -43,7 +44,7 @@ class NodeFacts:
 
     def judged(self) -> list[tuple[bytes, str]]:
         """Return what both nodes judge alike."""
-        judgements = [(OK, self.state)]
+        judgements = [(OK, self.state), *self.remarks]
         if self.mismatches:
             judgements.append((WARN, f"{self.mismatches} publishers of a quality of service that does not match"))
         return judgements
