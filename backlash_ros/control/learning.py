@@ -14,11 +14,11 @@ PATIENCE = 5 * 10**9
 
 
 class Reply(NamedTuple):
-    """What a request is answered: whether it succeeded, the text, and the backlash that was learned, rad, if it was."""
+    """What a request is answered: whether it succeeded, the text, and what was learned, if anything was."""
 
     success: bool
     text: str
-    backlash_angle: float | None = None
+    estimate: BacklashEstimate | None = None
 
 
 class LearnRequests:
@@ -92,8 +92,8 @@ class LearnRequests:
             self._computed = None
         if outcome is None:
             return None
-        angle = outcome.angle if isinstance(outcome, BacklashEstimate) and outcome.valid else None
-        return Reply(outcome.valid, describe_outcome(outcome), angle)
+        estimate = outcome if isinstance(outcome, BacklashEstimate) and outcome.valid else None
+        return Reply(outcome.valid, describe_outcome(outcome), estimate)
 
     @staticmethod
     def _refused(why: str) -> Reply:

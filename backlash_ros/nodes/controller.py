@@ -1,8 +1,8 @@
 """The controller as a node: joint states in, the gate, one call of the servo, a command out at once.
 
 What is decided is decided without ROS: by `backlash_ros.gates.SampleGate` which samples are taken, by
-`backlash_ros.control.Servo` what they are answered, by `backlash_ros.control.learning` what becomes of a request to
-learn. Here are the topics, the services and the lifecycle.
+`backlash_ros.control.Servo` what they are answered. Here are the topics and the lifecycle; the services of learning are
+in `learning`.
 """
 
 import math
@@ -13,26 +13,21 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.duration import Duration
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
-from std_srvs.srv import Trigger
 
 from backlash_ros.control import LAWS, Servo
 from backlash_ros.control.acting import IDLE, ActingLaw
-from backlash_ros.control.learning import LearnRequests, Reply
-from backlash_ros.control.monitoring.wear import WearWatch
 from backlash_ros.control.telemetry import telemetry
 from backlash_ros.control.tick import MISSING
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Measurement
 from backlash_ros.gates import Action, Fault, Judged, SampleGate
+from backlash_ros.nodes.learning import Learning
 from backlash_ros.nodes.parameters import declare_controller, refuse_unknown
 from backlash_ros.nodes.reports import ControllerReport, NodeFacts
 from backlash_ros.nodes.start_lines import margins_line, untold_drive
 from backlash_ros.nodes.tunables import Tunables
-from backlash_ros.ros.aside import Aside
 from backlash_ros.ros.diagnostics import ERROR, OK, status
-from backlash_ros.ros.later import LaterTrigger
 from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.messages import (
     Answer,
@@ -69,8 +64,6 @@ class Controller(ManagedNode):
         self._servo = Servo(self._drive, self._tunables.settings, self._tunables.limits)
         self._tunables.rejection_reason, self._tunables.changed = self._servo.rejection_reason, self._use
         self._gate = SampleGate(in_ns(self._state_timeout), in_ns(MISSING / self._rate), self._joints)
-        self._learning = LearnRequests(self._servo, Aside())
-        self._wear, self._noticed = WearWatch(self._servo), (False, False)
         self._measured, self._answer = Measurement(np.empty(5)), Answer()
         self._told, self._said = Fault.NONE, (False, False, Fault.NONE)
         self._estimated = self._changed = False
@@ -81,8 +74,7 @@ class Controller(ManagedNode):
         self._in_use = self.speak(ParameterEvent, "~/parameters_in_use", TRANSIENT_LOCAL)
         self.listen(JointState, "joint_states", self._on_joint_states)
         self.listen(Float64, "reference", self._on_reference)
-        self._learn = LaterTrigger(self, "~/learn", self._on_learn)
-        self.create_service(Trigger, "~/cancel", self._on_cancel)
+        self._learning = Learning(self, self._servo, self._tunables, given)
         self._watchdog = Timer(0.5 * self._state_timeout, self._watch)
         self.own_timers.append(self._watchdog)
 
@@ -103,7 +95,11 @@ class Controller(ManagedNode):
                 self.get_logger().info(text)
 
     def configure(self) -> None:
-        """Compile every law, and none for experiments that act alone, so that choosing one stalls no loop."""
+        """Read the estimate file; compile every law, and none for experiments that act alone.
+
+        So choosing one stalls no loop.
+        """
+        self._learning.configure()
         self._tell_margins()
         ActingLaw(IDLE)
         at_rest = Measurement(np.zeros(5))
@@ -126,8 +122,13 @@ class Controller(ManagedNode):
         self._command.publish(answer(0.0))  # first, whatever an experiment does when it is cancelled
         self._servo.release("the controller is not active any more")
         self._command.publisher.wait_for_all_acked(_ACKNOWLEDGED)
-        self._reply(self._learning.end() or self._learning.stop("the controller is not active any more"))
+        self._learning.stop("the controller is not active any more")
         self.get_logger().info(f"stopped after {self._gate.taken} samples, {self._gate.dropped} messages dropped")
+
+    def destroy_node(self) -> None:
+        """End, once the last estimate is on the disk; not much later where that hangs."""
+        self._learning.finish()
+        super().destroy_node()
 
     def state_changed(self) -> None:
         """Say what the node does now, active or not."""
@@ -179,25 +180,15 @@ class Controller(ManagedNode):
         self._report.step_time.add(1e-9 * (now_ns() - began))
         self._report.age.add(1e-9 * (self.get_clock().now().nanoseconds - stamp))
         if judged.action is Action.TAKE:
-            self._look_for_wear(1e-9 * judged.elapsed)
+            self._learning.look(self._measured, 1e-9 * judged.elapsed)
         self._after(judged, stamp)
-
-    def _look_for_wear(self, elapsed: float) -> None:
-        """Say what was noticed, and learn anew where that is allowed."""
-        learn = self._wear.look(self._measured, elapsed)
-        before, self._noticed = self._noticed, self._wear.kind
-        if self._noticed != before and any(self._noticed):
-            self.get_logger().warning(self._wear.finding, throttle_duration_sec=10.0)
-        if learn:
-            refusal = self._learning.ask(now_ns())
-            self.get_logger().info(f"learning anew{f': {refusal.text}' if refusal else ''}")
 
     def _act(self, action: Action, elapsed: float) -> float:
         """Return the command that a sample is answered with."""
         if self._gate.fault:
             self._servo.fail(self._gate.fault, self._gate.why)
         if action is Action.TAKE:
-            self._reply(self._learning.begin())
+            self._learning.begin()
             return self._servo.update(self._measured, elapsed)
         if action is Action.REFUSE:
             self._servo.command = 0.0
@@ -214,7 +205,7 @@ class Controller(ManagedNode):
             self.get_logger().warning(f"{judged.reason}; {dropped} messages dropped so far", throttle_duration_sec=1.0)
         if self._servo.experimenting and not self._said[1]:
             self.get_logger().info("learning the backlash")
-        self._reply(self._learning.end())
+        self._learning.end()
         self._tell_fault()
         regular = judged.action is Action.TAKE and self._gate.taken % self._telemetry_every == 0
         if regular or (self._news and judged.action in (Action.TAKE, Action.REFUSE)):
@@ -254,7 +245,7 @@ class Controller(ManagedNode):
         self._command.publish(answer(0.0))  # first: the rest takes its time
         self._tell_fault()
         silence = "nobody listens to command" if self._gate.unheard else "no joint_states"
-        self._reply(self._learning.end() or self._learning.waited(at, silence))
+        self._learning.waited(at, silence)
         if self._news:
             self._publish_state(self.get_clock().now().nanoseconds)
         self._gate.unheard = False  # unless the next sample finds it so
@@ -262,36 +253,13 @@ class Controller(ManagedNode):
     def _publish_state(self, stamp: int) -> None:
         """Say everything worth plotting, as numbers by name."""
         self._changed, self._said = False, self._doing
-        values = telemetry(self._servo, self._wear, active=self.active, parameters_version=self._tunables.version)
+        values = telemetry(
+            self._servo, self._learning.wear, active=self.active, parameters_version=self._tunables.version
+        )
         level = (ERROR, self._servo.latched.name) if self._servo.latched else (OK, "")
         message = DiagnosticArray(status=[status("servo", "", [level], values)])
         message.header.stamp = to_stamp(stamp)
         self._state.publish(message)
-
-    # Learning.
-
-    def _on_learn(self) -> tuple[bool, str] | None:
-        if not self.active:
-            return False, f"cannot learn: the controller is {self.state}, not active"
-        refusal = self._learning.ask(now_ns())
-        return refusal and refusal[:2]
-
-    def _on_cancel(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message, _ = self._learning.cancel()
-        self._reply(self._learning.end() or self._learning.stop("cancelled on request"))
-        return response
-
-    def _reply(self, reply: Reply | None) -> None:
-        """Take over what was learned, and answer who asked."""
-        if reply is None:
-            return
-        accepted, text, angle = reply
-        self.get_logger().info(text)
-        if angle is not None:
-            result = self.set_parameters_atomically([Parameter("backlash_angle", value=angle)])
-            if not result.successful:
-                accepted, text = False, f"{text}, but it was refused: {result.reason}"
-        self._learn.answer(accepted, text)
 
     # Faults and diagnostics.
 
@@ -318,9 +286,10 @@ class Controller(ManagedNode):
         values = self._tunables.values
         commanders = self.count_publishers(self._command.publisher.topic_name) if self.configured else 0
         heard = self.configured and self._heard
-        facts = NodeFacts(self.get_fully_qualified_name(), self.state, self.mismatches, commanders, heard)
-        shown = {"parameters_version": self._tunables.version, **{key: values[key] for key in _SHOWN}}
-        return self._report.statuses(facts, self._joints, self._servo, self._gate, self._wear.finding, shown)
+        remarks, learned = self._learning.remarks(), self._learning.values()
+        facts = NodeFacts(self.get_fully_qualified_name(), self.state, self.mismatches, commanders, heard, remarks)
+        shown = {"parameters_version": self._tunables.version, **{key: values[key] for key in _SHOWN}, **learned}
+        return self._report.statuses(facts, self._joints, self._servo, self._gate, shown)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -64,6 +64,22 @@ class ControllerParameters:
     rate: float
     state_timeout: float
     telemetry_rate: float
+    estimate_file: str
+    use_estimate_file: bool
+
+
+def _declare_estimate_file(node: Node) -> tuple[str, bool]:
+    text = describe(
+        "file that keeps every valid estimate; empty for none",
+        constraint="a file of this controller, or a new one in a folder that is there",
+        read_only=True,
+    )
+    file = declare(node, "learning.estimate_file", "", text)
+    text = describe("take backlash_angle from that file when configured; the newest that was applied", read_only=True)
+    use = declare(node, "learning.use_estimate_file", False, text)
+    if use and not file:
+        raise ValueError("learning.use_estimate_file must be false where learning.estimate_file is empty, got true")
+    return file, use
 
 
 def declare_controller(node: Node) -> ControllerParameters:
@@ -73,7 +89,7 @@ def declare_controller(node: Node) -> ControllerParameters:
     timeout = declare_timeout(node, "state_timeout", text, 1.0 / rate)
     described = Quantity("rate of ~/state, at most rate; each change is sent besides", "Hz", 0.0, rate, True)
     telemetry_rate = declare_number(node, "telemetry_rate", min(50.0, rate), described)
-    return ControllerParameters(drive, joints, rate, timeout, telemetry_rate)
+    return ControllerParameters(drive, joints, rate, timeout, telemetry_rate, *_declare_estimate_file(node))
 
 
 @dataclass(frozen=True)

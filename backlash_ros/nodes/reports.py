@@ -27,7 +27,7 @@ from backlash_ros.ros.timer import in_ns, now
 class NodeFacts:
     """What a node says of itself: its name, its state, and how many publishers of another quality of service there are.
 
-    ``commanders``: publishers of commands; ``heard``: whether anybody listens to ours.
+    ``commanders``: publishers of commands; ``heard``: whether anybody listens to ours; ``remarks``: more to judge.
     """
 
     name: str
@@ -35,6 +35,7 @@ class NodeFacts:
     mismatches: int
     commanders: int = 1
     heard: bool = True
+    remarks: Sequence[tuple[bytes, str]] = ()
 
     @property
     def active(self) -> bool:
@@ -43,7 +44,7 @@ class NodeFacts:
 
     def judged(self) -> list[tuple[bytes, str]]:
         """Return what both nodes judge alike."""
-        judgements = [(OK, self.state)]
+        judgements = [(OK, self.state), *self.remarks]
         if self.mismatches:
             judgements.append((WARN, f"{self.mismatches} publishers of a quality of service that does not match"))
         return judgements
@@ -64,12 +65,9 @@ class ControllerReport:
         self._came = False
 
     def statuses(
-        self, facts: NodeFacts, joints: Sequence[str], servo: Servo, gate: SampleGate, wear: str, shown: dict[str, Any]
+        self, facts: NodeFacts, joints: Sequence[str], servo: Servo, gate: SampleGate, shown: dict[str, Any]
     ) -> list[DiagnosticStatus]:
-        """Return what there is to say of the time since the last call.
-
-        ``wear`` is what was noticed of it, in words; ``shown`` are parameters to repeat.
-        """
+        """Return what there is to say of the time since the last call; ``shown`` are parameters to repeat."""
         before, self._came = self._came, facts.active and not gate.waiting
         steady = before and self._came  # samples came all the time
         grown = self._since.look(
@@ -82,14 +80,10 @@ class ControllerReport:
             "fault_name": servo.latched.name if servo.latched else "",
             "learning": servo.experimenting,
             "progress": f"{servo.progress:.2f}",
-            "wear": wear,
             "samples_answered": gate.taken,
             "messages_dropped": gate.dropped,
             "last_dropped": gate.last_dropped,
         }
-        judged = self._servo(facts, servo, gate, grown["dropped"])
-        if wear:
-            judged.append((WARN, wear))
         age, step = self.age.take(), self.step_time.take()
         # By the stamps where they go on evenly: in simulated time the steady clock says nothing of the drive's rate.
         seconds = 1e-9 * grown["stamp"] if 0 < grown["stamp"] < in_ns(CLOCKS_DIFFER) else grown["at"]
@@ -109,7 +103,7 @@ class ControllerReport:
             "step_time": milliseconds(step),
         }
         return [
-            status(f"{facts.name}: servo", hardware, judged, said | shown),
+            status(f"{facts.name}: servo", hardware, self._servo(facts, servo, gate, grown["dropped"]), said | shown),
             status(f"{facts.name}: timing", hardware, timing, paced),
         ]
 

@@ -33,12 +33,14 @@ from backlash_ros.control.design.gain_sets import (
     resolve_set,
 )
 from backlash_ros.control.design.stability import LONGEST_DELAY
+from backlash_ros.control.estimates import APPLY
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Quantity, Validated
 from backlash_ros.ros.parameters import Names, declare, declare_number, declare_quantities, describe, in_use, take
 
 _K = "gains [k1, k2, k3] of V = -k1 (load angle - reference) - k2 load speed - k3 current"
 _K_UNIT = "V/rad, V s/rad, V/A"
 _K_BOUND = "k1 > 0 V/rad, all within +-1e+06, stable at the rate"
+_APPLY_BOUND = f"one of {list(APPLY)}"
 _Q_UNIT = "1/rad^2, s^2/rad^2"
 _Q_BOUND = "Q11 > 0 and <= 1e+12, Q22 >= 0 and <= 1e+12; or [0, 0] for none"
 
@@ -89,6 +91,8 @@ def _declare_beside_gains(node: Node, drive: Drive) -> dict[str, Any]:
     text = describe("whether the backlash is learned anew, which moves the load, where wear is noticed at rest")
     values["learning.renew"] = declare(node, "learning.renew", False, text)
     values |= _declare_parameters_of(node, EXPERIMENTS)
+    text = describe("what becomes of a valid estimate: backlash_angle at once, or when asked", constraint=_APPLY_BOUND)
+    values["learning.apply"] = declare(node, "learning.apply", "auto", text)
     values |= declare_quantities(node, Limits.of(drive), read_only=False)
     values |= declare_quantities(node, FaultThresholds.of(drive), read_only=False)
     any_gains = Gains(1.0, 0.0, 0.0)
@@ -219,6 +223,8 @@ class Tunables:
             thresholds=take(FaultThresholds, values),
             law_parameters=_parameters_of(LAWS, values),
         )
+        if values["learning.apply"] not in APPLY:
+            raise ValueError(f"learning.apply must be {_APPLY_BOUND}, got {values['learning.apply']!r}")
         if settings.experiment != AUTO:
             EXPERIMENTS.choose("learning.experiment", settings.experiment, AUTO)
         design_law(self._drive, settings)  # refuses what cannot be designed

@@ -1,4 +1,4 @@
-"""Computing beside the loop: in a process of its own, so that no sample waits for it."""
+"""Work beside the loop, so that no sample waits for it: computing in a process of its own, the disk in a thread."""
 
 import os
 import signal
@@ -8,6 +8,7 @@ from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
+from queue import SimpleQueue
 from threading import Thread
 from typing import Any, TypeVar
 
@@ -59,3 +60,36 @@ def _wait(receiver: Connection, future: "Future[Any]", process: Any) -> None:
             future.set_result(result)
         else:
             future.set_exception(error)
+
+
+class InTurn(Executor):
+    """Does one piece of work after the other in a thread: for what waits, but hardly computes.
+
+    The process ends without it where it hangs, as it may on a disk of the network.
+    """
+
+    def __init__(self) -> None:
+        self._queue: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._thread: Thread | None = None
+
+    def submit(self, work: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        """Put ``work`` behind the rest; return what will have its result."""
+        future: Future[T] = Future()
+
+        def do() -> None:
+            if not future.set_running_or_notify_cancel():
+                return
+            try:
+                future.set_result(work(*args, **kwargs))
+            except Exception as error:
+                future.set_exception(error)
+
+        self._queue.put(do)
+        if self._thread is None:
+            self._thread = Thread(target=self._work, daemon=True)
+            self._thread.start()
+        return future
+
+    def _work(self) -> None:
+        while True:
+            self._queue.get()()

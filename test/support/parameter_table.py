@@ -34,8 +34,8 @@ floats. No parameter can be deleted.
 
 What is in use is published on `~/parameters_in_use` (rcl_interfaces/ParameterEvent, transient local) under
 `new_parameters`: every parameter, and an integer `version` that rises by one with each request that is taken.
-Learning sets `backlash_angle` in the same way. The recorder keeps the topic; `read_bag` gives it as `in_use`,
-and what the simulator says of itself as `simulated`.
+Learning sets `backlash_angle` in the same way, and so does `~/apply_estimate`. The recorder keeps the topic; `read_bag`
+gives it as `in_use`, and what the simulator says of itself as `simulated`.
 
 Besides these every node has `use_sim_time` and `start_type_description_service`, which are ROS's own, and
 `qos_overrides.*` for its topics.
@@ -69,7 +69,9 @@ thresholds a sample is held against what physics lets it be: [faults.md](faults.
 
 LAW_PARAMETERS = "Each law's own, of use with that law alone. A law that is added has its parameters here too.\n"
 
-LEARNING = "A learning run keeps the values that it was started with; changes hold for the next one.\n"
+LEARNING = """A learning run keeps the values that it was started with; changes hold for the next one.
+`learning.apply` alone is read when the run ends. [learning.md](learning.md) says what the estimate file is.
+"""
 
 
 def describe_nodes() -> tuple[Described, Described]:

@@ -1,16 +1,19 @@
-"""Computing in a process of its own: what it returns, what it raises, and that it may die."""
+"""Work beside the loop: what a process or a thread returns, what it raises, and that it may die or hang."""
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from concurrent.futures import CancelledError
 from functools import partial
 from multiprocessing import active_children
 from pickle import PicklingError
+from threading import Event
 
 import pytest
 
-from backlash_ros.ros.aside import Aside
+from backlash_ros.ros.aside import Aside, InTurn
 
 PATIENCE = 60.0
 
@@ -47,3 +50,30 @@ def test_a_result_that_cannot_be_sent_is_an_error() -> None:
 
 def test_it_is_kinder_than_the_loop() -> None:
     assert Aside().submit(partial(os.nice, 0)).result(PATIENCE) > os.nice(0)
+
+
+def test_one_piece_of_work_after_the_other() -> None:
+    workers, gate, done = InTurn(), Event(), []
+    first = workers.submit(gate.wait, PATIENCE)
+    second = workers.submit(done.append, 1)
+    assert not done
+    gate.set()
+    assert first.result(PATIENCE)
+    assert second.result(PATIENCE) is None
+    assert done == [1]
+
+
+def test_work_that_fails_or_is_cancelled_does_not_hinder_the_next() -> None:
+    workers = InTurn()
+    with pytest.raises(ValueError, match="invalid literal"):
+        workers.submit(int, "x").result(PATIENCE)
+    gate = Event()
+    workers.submit(gate.wait, PATIENCE)
+    assert workers.submit(int, "2").cancel()
+    gate.set()
+    assert workers.submit(int, "1").result(PATIENCE) == 1
+
+
+def test_work_that_hangs_does_not_keep_the_process() -> None:
+    code = "from threading import Event; from backlash_ros.ros.aside import InTurn; InTurn().submit(Event().wait)"
+    assert subprocess.run([sys.executable, "-c", code], timeout=PATIENCE, check=False).returncode == 0

@@ -87,7 +87,7 @@ def test_an_experiment_that_ends_by_itself_is_answered_with_its_reason(servo: Se
     servo.update(Measurement(np.array([0.0, 0.0, math.nan, math.nan, 0.0])))
     reply = requests.end()
     assert reply is not None
-    assert (reply.success, reply.backlash_angle) == (False, None)
+    assert (reply.success, reply.estimate) == (False, None)
     assert "load encoder is missing" in reply.text
 
 
@@ -135,10 +135,11 @@ def answer_of(requests: LearnRequests) -> Reply:
 
 def test_what_takes_computing_is_answered_when_it_is_done(servo: Servo) -> None:
     gate = Event()
+    found = BacklashEstimate(0.02, Method.GAP_PROBE, valid=True, reason="4 s of motion", uncertainty=1e-4)
 
     def work() -> BacklashEstimate:
         assert gate.wait(60.0)
-        return BacklashEstimate(0.02, Method.GAP_PROBE, valid=True, reason="4 s of motion", uncertainty=1e-4)
+        return found
 
     requests = deferring(servo, work)
     assert requests.end() is None
@@ -149,7 +150,7 @@ def test_what_takes_computing_is_answered_when_it_is_done(servo: Servo) -> None:
     assert answer_of(requests) == (
         True,
         "backlash 0.02 +- 0.0001 rad at the output, by gap_probe, from 4 s of motion",
-        0.02,
+        found,
     )
     assert not requests.computing
 

@@ -1,0 +1,17 @@
+"""What becomes of a valid estimate: put in use or offered, kept in a file, taken from it at the next start."""
+
+from backlash_ros.control.estimates.applying import APPLY, Answer, Estimates
+from backlash_ros.control.estimates.file import EstimateFile
+from backlash_ros.control.estimates.record import DriveIdentity, History, KeptEstimate, parse, render
+
+__all__ = [
+    "APPLY",
+    "Answer",
+    "DriveIdentity",
+    "EstimateFile",
+    "Estimates",
+    "History",
+    "KeptEstimate",
+    "parse",
+    "render",
+]

@@ -1,0 +1,174 @@
+"""Whether an estimate is put in use or offered, and what who asked is answered once it is kept. Without ROS or a clock.
+
+All times are integer nanoseconds of the caller's steady clock, but for the date of an estimate.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, wait
+from dataclasses import replace
+from datetime import datetime, timezone
+from typing import Any, NamedTuple
+
+from backlash_ros.control.estimates.file import EstimateFile
+from backlash_ros.control.estimates.record import DriveIdentity, KeptEstimate
+from backlash_ros.control.experiment import BacklashEstimate
+
+APPLY = ("auto", "ask")
+"""Whether a valid estimate is put in use at once, or when asked for."""
+
+PATIENCE = 5 * 10**9
+"""Time that an answer waits for the file to be written, ns."""
+
+
+class Answer(NamedTuple):
+    """What a request is answered; ``service`` is "learn" or "apply_estimate"."""
+
+    service: str
+    success: bool
+    text: str
+
+
+class Estimates:
+    """The estimate on offer and the file, of one controller.
+
+    Parameters
+    ----------
+    put_in_use : sets ``backlash_angle``, rad, and returns why it was refused, empty where it was not
+    workers : write the file, one piece of work after the other, while the loop goes on
+    today : the date in UTC
+    """
+
+    def __init__(
+        self,
+        put_in_use: Callable[[float], str],
+        workers: Executor,
+        today: Callable[[], datetime] = lambda: datetime.now(timezone.utc),
+    ) -> None:
+        self._put_in_use, self._workers, self._today = put_in_use, workers, today
+        self.newest: KeptEstimate | None = None
+        self.trouble = ""
+        self._file: EstimateFile | None = None
+        self._path = ""
+        self._writing: Future[None] | None = None
+        self._held: tuple[Answer, int] | None = None
+
+    # From configure to clean-up.
+
+    def begin(self, path: str, drive: DriveIdentity, *, use: bool) -> str:
+        """Open the file at ``path``, if any, and put in use what it says where ``use``; return what to tell of it.
+
+        Raises
+        ------
+        ValueError
+            If the file, or what it says, cannot be used.
+        """
+        self.forget()
+        if not path:
+            return ""
+        if self._writing is not None and not self._writing.done():
+            raise ValueError(f"learning.estimate_file {path}: the last estimate is still being written")
+        self._file = EstimateFile(path, drive)
+        self._path = where = str(self._file.path)
+        kept = self._file.history.applied
+        if not use:
+            return f"estimates are kept in {where}"
+        if kept is None:
+            return f"{where} has no estimate that was applied: backlash_angle stays as the parameters give it"
+        if refusal := self._put_in_use(kept.angle):
+            raise ValueError(f"learning.estimate_file {where}: backlash_angle = {kept.angle:g} rad: {refusal}")
+        return f"backlash_angle = {kept.angle:.6g} rad, learned {kept.date} by {kept.method.value}, from {where}"
+
+    def forget(self) -> None:
+        """Offer nothing any more; the file has what there was."""
+        self.newest, self.trouble, self._file = None, "", None
+
+    # Requests.
+
+    @property
+    def busy(self) -> str:
+        """Why there can be no request now: the last one is not answered yet; empty where there can."""
+        return "the last estimate is still being written" if self._held else ""
+
+    def learned(self, estimate: BacklashEstimate, text: str, now: int, *, apply: bool) -> None:
+        """Take a valid estimate, ``text`` in words, and put it in use where ``apply``, or offer it."""
+        refusal = ""
+        try:
+            date = self._today().replace(microsecond=0)
+            kept = KeptEstimate(date, estimate.method, estimate.angle, estimate.uncertainty, applied=False)
+        except ValueError as error:
+            self._hold(Answer("learn", False, f"{text}, but it was refused: {error}"), now)
+            return
+        if apply:
+            refusal = self._put_in_use(kept.angle)
+            kept = replace(kept, applied=not refusal)
+        self.newest = kept
+        if self._file is not None:
+            self._file.history = self._file.history.with_newest(kept)
+            self._write(self._file)
+        if refusal:
+            text = f"{text}, but it was refused: {refusal}"
+        elif not apply:
+            text = f"{text}; it is not in use until apply_estimate"
+        self._hold(Answer("learn", not refusal, text), now)
+
+    def apply(self, now: int) -> str:
+        """Put the estimate on offer in use; return an empty text, or why not, which changes nothing."""
+        if self.busy:
+            return f"cannot apply: {self.busy}"
+        if self.newest is None:
+            return "there is no estimate to apply: none was learned since the controller was configured"
+        angle = f"{self.newest.angle:.6g} rad"
+        if self.newest.applied:
+            return f"the estimate of {angle} was applied already: set backlash_angle to use it again"
+        if refusal := self._put_in_use(self.newest.angle):
+            return f"backlash_angle = {angle} was refused: {refusal}"
+        self.newest = replace(self.newest, applied=True)
+        if self._file is not None:
+            self._file.history = self._file.history.with_newest_applied()
+            self._write(self._file)
+        self._hold(Answer("apply_estimate", True, f"backlash_angle = {angle} is in use"), now)
+        return ""
+
+    def _write(self, file: EstimateFile) -> None:
+        self._writing = self._workers.submit(file.write, file.history)
+
+    def _hold(self, answer: Answer, now: int) -> None:
+        self._held = answer, now + PATIENCE
+
+    def poll(self, now: int, *, wait_no_more: bool = False) -> Answer | None:
+        """Return the answer that is due, once: as soon as the file is written, or could not be."""
+        if self._writing is not None and self._writing.done():
+            error, self._writing = self._writing.exception(), None
+            self.trouble = f"it could not be kept in {self._path}: {error}" if error else ""
+        if self._held is None:
+            return None
+        answer, until = self._held
+        writing = self._writing is not None
+        if writing and now < until and not wait_no_more:
+            return None
+        self._held = None
+        unsure = f"it is still being written to {self._path}" if writing else self.trouble
+        return answer._replace(text=f"{answer.text}; {unsure}") if unsure else answer
+
+    def finish(self, seconds: float) -> bool:
+        """Wait for the file to be written; return whether it is."""
+        return self._writing is None or not wait([self._writing], seconds).not_done
+
+    # Diagnostics.
+
+    @property
+    def offer(self) -> str:
+        """The estimate that waits to be applied, in words; empty where there is none."""
+        if self.newest is None or self.newest.applied:
+            return ""
+        return f"an estimate of {self.newest.angle:.6g} rad waits for apply_estimate"
+
+    def values(self) -> dict[str, Any]:
+        """Return the newest estimate by name."""
+        newest, names = self.newest, ("rad", "uncertainty_rad", "method", "learned_at", "applied")
+        shown: tuple[Any, ...] = ("",) * len(names)
+        if newest is not None:
+            sure = newest.uncertainty or ""
+            shown = newest.angle, sure, newest.method.value, newest.date, newest.applied
+        listed = {f"estimate_{name}": value for name, value in zip(names, shown, strict=True)}
+        return {**listed, "estimate_file": self._path if self._file else ""}

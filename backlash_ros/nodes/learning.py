@@ -1,0 +1,156 @@
+"""The services of learning: the backlash is learned, put in use or offered, and kept.
+
+What becomes of a request is decided by `backlash_ros.control.learning`, what becomes of an estimate by
+`backlash_ros.control.estimates`.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+
+from backlash_ros.control import Servo
+from backlash_ros.control.estimates import Answer, DriveIdentity, Estimates
+from backlash_ros.control.learning import LearnRequests, Reply
+from backlash_ros.control.monitoring.wear import WearWatch
+from backlash_ros.drivetrain.signals import Measurement
+from backlash_ros.nodes.parameters import ControllerParameters
+from backlash_ros.nodes.tunables import Tunables
+from backlash_ros.ros.aside import Aside, InTurn
+from backlash_ros.ros.diagnostics import OK, WARN
+from backlash_ros.ros.later import LaterTrigger
+from backlash_ros.ros.lifecycle import ManagedNode
+from backlash_ros.ros.timer import Timer, now_ns
+
+_LOOK = 0.05
+"""Time between looks whether the file is written, s."""
+
+_FINISH = 2.0
+"""How long the end of the process waits for the file, s."""
+
+
+class Learning:
+    """``~/learn``, ``~/cancel`` and ``~/apply_estimate`` of one controller, and its estimate file."""
+
+    def __init__(self, node: ManagedNode, servo: Servo, tunables: Tunables, given: ControllerParameters) -> None:
+        self._node, self._tunables, self._given = node, tunables, given
+        self._requests = LearnRequests(servo, Aside())
+        self._estimates = Estimates(self._put_in_use, InTurn())
+        self.wear, self._noticed = WearWatch(servo), (False, False)
+        self._services = {
+            "learn": LaterTrigger(node, "~/learn", self._ask),
+            "apply_estimate": LaterTrigger(node, "~/apply_estimate", self._on_apply),
+        }
+        node.create_service(Trigger, "~/cancel", self._on_cancel)
+        node.own_timers.append(Timer(_LOOK, self._tell))
+
+    # The lifecycle.
+
+    def configure(self) -> None:
+        """Open the estimate file, and use it where the parameters say so; ValueError refuses it."""
+        given, node = self._given, self._node
+        drive = DriveIdentity(node.get_fully_qualified_name(), *given.joints, given.drive.gear.reduction)
+        node.held(self._estimates, Estimates.forget)
+        if text := self._estimates.begin(given.estimate_file, drive, use=given.use_estimate_file):
+            node.get_logger().info(text)
+
+    def stop(self, why: str) -> None:
+        """End what is under way, and answer everybody who waits."""
+        self._reply(self._requests.end() or self._requests.stop(why))
+        self._tell(wait_no_more=True)
+
+    def finish(self) -> None:
+        """Wait for the file, for a while."""
+        if not self._estimates.finish(_FINISH):
+            self._node.get_logger().error("the estimate file was not written before the end")
+
+    # Beside the samples.
+
+    def look(self, measured: Measurement, elapsed: float) -> None:
+        """Look for wear in a sample that was answered, ``elapsed`` s after the one before; learn anew where allowed."""
+        learn, log = self.wear.look(measured, elapsed), self._node.get_logger()
+        before, self._noticed = self._noticed, self.wear.kind
+        if self._noticed != before and any(self._noticed):
+            log.warning(self.wear.finding, throttle_duration_sec=10.0)
+        if learn:
+            refusal = self._ask()
+            log.info(f"not learned anew: {refusal[1]}" if refusal else "learning anew")
+
+    def begin(self) -> None:
+        """Begin what was asked for, before a sample is taken."""
+        self._reply(self._requests.begin())
+
+    def end(self) -> None:
+        """Look whether the experiment has ended."""
+        self._reply(self._requests.end())
+
+    def waited(self, now: int, silence: str) -> None:
+        """Look whether it has ended, or a request has waited for too long, with ``silence`` in words for why."""
+        self._reply(self._requests.end() or self._requests.waited(now, silence))
+
+    # Services.
+
+    def _ask(self) -> tuple[bool, str] | None:
+        """Ask for a run of the experiment; return why there is none."""
+        if not self._node.active:
+            return False, f"cannot learn: the controller is {self._node.state}, not active"
+        if self._estimates.busy:
+            return False, f"cannot learn: {self._estimates.busy}"
+        refusal = self._requests.ask(now_ns())
+        return refusal and refusal[:2]
+
+    def _on_cancel(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message, _ = self._requests.cancel()
+        self._reply(self._requests.end() or self._requests.stop("cancelled on request"))
+        return response
+
+    def _on_apply(self) -> tuple[bool, str] | None:
+        if refusal := self._estimates.apply(now_ns()):
+            self._node.get_logger().info(refusal)
+            return False, refusal
+        answer = self._look()
+        return answer and answer[1:]
+
+    def _put_in_use(self, angle: float) -> str:
+        """Set ``backlash_angle`` as anybody does; return why it was refused, or an empty text."""
+        result = self._node.set_parameters_atomically([Parameter("backlash_angle", value=angle)])
+        return "" if result.successful else str(result.reason)
+
+    def _reply(self, reply: Reply | None) -> None:
+        """Take over what was learned, or answer why there is nothing."""
+        if reply is None:
+            return
+        if reply.estimate is None:
+            self._node.get_logger().info(reply.text)
+            self._services["learn"].answer(reply.success, reply.text)
+        else:
+            apply = self._tunables.values["learning.apply"] == "auto"
+            self._estimates.learned(reply.estimate, reply.text, now_ns(), apply=apply)
+            self._tell()
+
+    def _look(self, *, wait_no_more: bool = False) -> Answer | None:
+        """Return the answer that is due; log it, and what is wrong with the file, once."""
+        before, log = self._estimates.trouble, self._node.get_logger()
+        answer = self._estimates.poll(now_ns(), wait_no_more=wait_no_more)
+        if answer is not None:
+            log.info(answer.text)
+        if self._estimates.trouble not in ("", before):
+            log.error(f"the last estimate: {self._estimates.trouble}")
+        return answer
+
+    def _tell(self, *, wait_no_more: bool = False) -> None:
+        """Answer who waits, where the answer is due."""
+        if answer := self._look(wait_no_more=wait_no_more):
+            self._services[answer.service].answer(answer.success, answer.text)
+
+    # Diagnostics.
+
+    def remarks(self) -> Sequence[tuple[bytes, str]]:
+        """Return what there is to judge: an estimate that waits, a file that could not be written, wear."""
+        offer, trouble = self._estimates.offer, self._estimates.trouble
+        return [(level, text) for level, text in ((OK, offer), (WARN, trouble), (WARN, self.wear.finding)) if text]
+
+    def values(self) -> dict[str, Any]:
+        """Return the newest estimate by name, and what was noticed of wear."""
+        return {**self._estimates.values(), "wear": self.wear.finding}

@@ -1,0 +1,281 @@
+"""What becomes of an estimate: in use or on offer, kept, answered; disk, parameter and clock are the test's."""
+
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from backlash_ros.control import BacklashEstimate, Method
+from backlash_ros.control.estimates import Answer, DriveIdentity, Estimates, History, KeptEstimate, parse, render
+from backlash_ros.control.estimates.applying import PATIENCE
+
+DRIVE = DriveIdentity("/controller", "motor", "load", 10.0)
+DAY = datetime(2026, 3, 29, 1, 30, 7, 123, tzinfo=timezone.utc)
+NEXT = "; it is not in use until apply_estimate"
+
+
+class Parameter:
+    """``backlash_angle``, as a node has it."""
+
+    def __init__(self) -> None:
+        self.value, self.refusal = 0.0, ""
+
+    def set(self, angle: float) -> str:
+        if not self.refusal:
+            self.value = angle
+        return self.refusal
+
+
+class Slow(Executor):
+    """Does what it was given when it is told to."""
+
+    def __init__(self) -> None:
+        self.left: list[tuple[Future[Any], Callable[[], Any]]] = []
+
+    def submit(self, work: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        self.left.append((Future(), lambda: work(*args, **kwargs)))
+        return self.left[-1][0]
+
+    def go_on(self) -> None:
+        future, work = self.left.pop(0)
+        try:
+            future.set_result(work())
+        except Exception as error:
+            future.set_exception(error)
+
+
+def estimate(angle: float = 0.02) -> BacklashEstimate:
+    return BacklashEstimate(angle, Method.GAP_PROBE, valid=True, reason="4 s", uncertainty=1e-4)
+
+
+@pytest.fixture
+def parameter() -> Parameter:
+    return Parameter()
+
+
+@pytest.fixture
+def disk() -> Slow:
+    return Slow()
+
+
+@pytest.fixture
+def estimates(parameter: Parameter, disk: Slow) -> Estimates:
+    return Estimates(parameter.set, disk, lambda: DAY)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "estimates.yaml"
+
+
+def kept(path: Path) -> list[tuple[float, bool]]:
+    return [(each.angle, each.applied) for each in parse(path.read_bytes(), DRIVE).estimates]
+
+
+def test_auto_puts_it_in_use_at_once(estimates: Estimates, parameter: Parameter) -> None:
+    estimates.learned(estimate(), "found", 0, apply=True)
+    assert parameter.value == 0.02
+    assert estimates.poll(0) == Answer("learn", True, "found")
+    assert estimates.poll(0) is None
+    assert estimates.offer == ""
+    assert estimates.apply(0) == "the estimate of 0.02 rad was applied already: set backlash_angle to use it again"
+
+
+def test_ask_offers_it_and_applies_it_once(estimates: Estimates, parameter: Parameter) -> None:
+    assert estimates.apply(0).startswith("there is no estimate to apply")
+    estimates.learned(estimate(), "found", 0, apply=False)
+    assert estimates.poll(0) == Answer("learn", True, f"found{NEXT}")
+    assert parameter.value == 0.0
+    assert estimates.offer == "an estimate of 0.02 rad waits for apply_estimate"
+    assert estimates.apply(0) == ""
+    assert estimates.poll(0) == Answer("apply_estimate", True, "backlash_angle = 0.02 rad is in use")
+    assert parameter.value == 0.02
+    assert estimates.offer == ""
+    assert "was applied already" in estimates.apply(0)
+
+
+def test_the_next_one_takes_the_place_of_the_one_on_offer(estimates: Estimates, parameter: Parameter) -> None:
+    for angle in (0.02, 0.03):
+        estimates.learned(estimate(angle), "found", 0, apply=False)
+        estimates.poll(0)
+    assert estimates.apply(0) == ""
+    assert parameter.value == 0.03
+
+
+def test_what_the_parameter_refuses_stays_on_offer(estimates: Estimates, parameter: Parameter) -> None:
+    parameter.refusal = "the law cannot be designed"
+    estimates.learned(estimate(), "found", 0, apply=True)
+    assert estimates.poll(0) == Answer("learn", False, "found, but it was refused: the law cannot be designed")
+    assert estimates.apply(0) == "backlash_angle = 0.02 rad was refused: the law cannot be designed"
+    parameter.refusal = ""
+    assert estimates.apply(0) == ""
+    assert parameter.value == 0.02
+
+
+@pytest.mark.parametrize("apply", [True, False])
+def test_what_is_out_of_bounds_is_neither_used_nor_offered(
+    estimates: Estimates, parameter: Parameter, path: Path, apply: bool
+) -> None:
+    estimates.begin(str(path), DRIVE, use=False)
+    for angle in (0.0, 3.3, float("nan")):
+        estimates.learned(estimate(angle), "found", 0, apply=apply)
+        answer = estimates.poll(0)
+        assert answer is not None
+        assert not answer.success
+        assert "found, but it was refused: backlash_angle_rad must be" in answer.text
+    assert (parameter.value, estimates.newest) == (0.0, None)
+    assert kept(path) == []
+
+
+def test_the_answer_comes_when_the_file_is_written(estimates: Estimates, disk: Slow, path: Path) -> None:
+    estimates.begin(str(path), DRIVE, use=False)
+    estimates.learned(estimate(), "found", 0, apply=False)
+    assert estimates.poll(PATIENCE - 1) is None
+    assert estimates.busy
+    assert estimates.apply(0) == "cannot apply: the last estimate is still being written"
+    disk.go_on()
+    assert estimates.poll(0) == Answer("learn", True, f"found{NEXT}")
+    assert kept(path) == [(0.02, False)]
+    estimates.apply(0)
+    assert estimates.poll(0) is None
+    disk.go_on()
+    assert estimates.poll(0) == Answer("apply_estimate", True, "backlash_angle = 0.02 rad is in use")
+    assert kept(path) == [(0.02, True)]
+    assert (parse(path.read_bytes(), DRIVE).estimates[0].date) == "2026-03-29T01:30:07Z"
+
+
+def test_every_valid_estimate_is_kept(estimates: Estimates, disk: Slow, path: Path) -> None:
+    estimates.begin(str(path), DRIVE, use=False)
+    for angle, apply in ((0.02, True), (0.03, False), (0.04, True)):
+        estimates.learned(estimate(angle), "found", 0, apply=apply)
+        disk.go_on()
+        estimates.poll(0)
+    assert kept(path) == [(0.02, True), (0.03, False), (0.04, True)]
+
+
+def test_a_disk_that_hangs_holds_up_no_answer_for_long_and_no_end(estimates: Estimates, disk: Slow, path: Path) -> None:
+    estimates.begin(str(path), DRIVE, use=False)
+    estimates.learned(estimate(), "found", 0, apply=True)
+    assert estimates.poll(PATIENCE) == Answer("learn", True, f"found; it is still being written to {path}")
+    assert not estimates.busy
+    assert not estimates.finish(0.0)
+    estimates.learned(estimate(0.03), "found", 0, apply=True)
+    assert estimates.poll(0, wait_no_more=True) == Answer("learn", True, f"found; it is still being written to {path}")
+    with pytest.raises(ValueError, match="the last estimate is still being written"):
+        estimates.begin(str(path), DRIVE, use=True)
+    disk.go_on()
+    disk.go_on()
+    assert estimates.finish(0.0)
+    assert estimates.poll(0) is None
+    assert kept(path) == [(0.02, True), (0.03, True)]
+
+
+def test_a_write_that_fails_is_told_and_the_estimate_is_in_use(
+    estimates: Estimates, parameter: Parameter, disk: Slow, path: Path
+) -> None:
+    estimates.begin(str(path), DRIVE, use=False)
+    path.unlink()
+    path.mkdir()
+    estimates.learned(estimate(), "found", 0, apply=True)
+    disk.go_on()
+    why = f"it could not be kept in {path}: it is no regular file"
+    assert estimates.poll(0) == Answer("learn", True, f"found; {why}")
+    assert estimates.trouble == why
+    assert parameter.value == 0.02
+    path.rmdir()
+    estimates.learned(estimate(0.03), "found", 0, apply=True)
+    disk.go_on()
+    assert estimates.poll(0) == Answer("learn", True, "found")
+    assert estimates.trouble == ""
+    assert kept(path) == [(0.02, True), (0.03, True)]  # the one before too
+
+
+def test_a_failure_after_the_answer_is_seen(estimates: Estimates, disk: Slow, path: Path) -> None:
+    estimates.begin(str(path), DRIVE, use=False)
+    estimates.learned(estimate(), "found", 0, apply=True)
+    assert estimates.poll(PATIENCE) is not None
+    path.write_text("somebody else's")
+    disk.go_on()
+    assert estimates.poll(PATIENCE) is None
+    assert "somebody else has changed it" in estimates.trouble
+    assert path.read_text() == "somebody else's"
+
+
+def test_clean_up_ends_the_offer_and_the_file_has_it(estimates: Estimates, path: Path) -> None:
+    estimates.begin("", DRIVE, use=False)
+    estimates.learned(estimate(), "found", 0, apply=False)
+    estimates.poll(0)
+    estimates.forget()
+    assert estimates.offer == ""
+    assert estimates.apply(0).startswith("there is no estimate to apply")
+
+
+def test_the_newest_that_was_applied_is_used_at_the_start(
+    estimates: Estimates, parameter: Parameter, path: Path
+) -> None:
+    used, offered = (
+        KeptEstimate(DAY.replace(microsecond=0), Method.GAP_PROBE, angle, 0.0, applied=angle == 0.02)
+        for angle in (0.02, 0.03)
+    )
+    path.write_text(render(History(DRIVE, (used, offered))))
+    assert estimates.begin(str(path), DRIVE, use=False) == f"estimates are kept in {path}"
+    assert parameter.value == 0.0
+    text = estimates.begin(str(path), DRIVE, use=True)
+    assert text == f"backlash_angle = 0.02 rad, learned 2026-03-29T01:30:07Z by gap_probe, from {path}"
+    assert parameter.value == 0.02
+    assert estimates.apply(0).startswith("there is no estimate to apply")
+
+
+def test_without_one_that_was_applied_the_parameter_stays(
+    estimates: Estimates, parameter: Parameter, path: Path
+) -> None:
+    parameter.value = 0.015
+    for _ in range(2):  # no file yet, and one without estimates
+        text = estimates.begin(str(path), DRIVE, use=True)
+        assert text == f"{path} has no estimate that was applied: backlash_angle stays as the parameters give it"
+    assert parameter.value == 0.015
+
+
+def test_what_the_parameter_refuses_at_the_start_is_an_error_that_names_the_file(
+    estimates: Estimates, parameter: Parameter, path: Path
+) -> None:
+    parameter.refusal = "it is unstable"
+    path.write_text(render(History(DRIVE, (KeptEstimate(DAY, Method.GAP_PROBE, 0.02, 0.0, applied=True),))))
+    with pytest.raises(ValueError, match=f"{path}: backlash_angle = 0.02 rad: it is unstable"):
+        estimates.begin(str(path), DRIVE, use=True)
+
+
+@pytest.mark.parametrize("use", [True, False])
+def test_another_drives_file_is_refused_used_or_not(estimates: Estimates, path: Path, use: bool) -> None:
+    path.write_text(render(History(DriveIdentity("/axis2/controller", "motor", "load", 10.0))))
+    before = path.read_text()
+    with pytest.raises(ValueError, match=r"drive\.controller must be '/controller'"):
+        estimates.begin(str(path), DRIVE, use=use)
+    assert path.read_text() == before
+
+
+def test_values_for_the_diagnostics(estimates: Estimates, path: Path) -> None:
+    names = ("rad", "uncertainty_rad", "method", "learned_at", "applied")
+    nothing = {f"estimate_{name}": "" for name in names} | {"estimate_file": ""}
+    assert estimates.values() == nothing
+    estimates.begin(str(path), DRIVE, use=False)
+    estimates.learned(estimate(), "found", 0, apply=False)
+    assert estimates.values() == {
+        "estimate_rad": 0.02,
+        "estimate_uncertainty_rad": 1e-4,
+        "estimate_method": "gap_probe",
+        "estimate_learned_at": "2026-03-29T01:30:07Z",
+        "estimate_applied": False,
+        "estimate_file": str(path),
+    }
+
+
+def test_by_a_thread_it_is_kept_too(parameter: Parameter, path: Path) -> None:
+    estimates = Estimates(parameter.set, ThreadPoolExecutor(1))
+    estimates.begin(str(path), DRIVE, use=False)
+    estimates.learned(estimate(), "found", 0, apply=True)
+    assert estimates.finish(60.0)
+    assert kept(path) == [(0.02, True)]

@@ -1,0 +1,190 @@
+"""The text of an estimate file: it reads back equal, no part passes for the whole, what is foreign is refused."""
+
+import math
+import re
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from backlash_ros.control import Method
+from backlash_ros.control.estimates import DriveIdentity, History, KeptEstimate, parse, render
+from backlash_ros.control.estimates.record import MOST
+
+DRIVE = DriveIdentity("/controller", "motor", "load", 10.0)
+DAY = datetime(2026, 3, 29, 1, 30, tzinfo=timezone.utc)
+SURE = KeptEstimate(DAY, Method.GAP_PROBE, 0.0199, 5e-05, applied=True)
+OFFERED = KeptEstimate(DAY + timedelta(days=1), Method.LOAD_AMPLITUDE, 0.021, 0.0, applied=False)
+BOTH = History(DRIVE, (SURE, OFFERED))
+TEXT = """\
+# Backlash estimates of one drive, the newest last: docs/learning.md of backlash_ros.
+format: backlash_ros/backlash_estimates
+version: 1
+drive:
+  controller: /controller
+  motor_joint: motor
+  load_joint: load
+  gear_reduction: 10.0
+count: 2
+estimates:
+- learned_at: "2026-03-29T01:30:00Z"
+  method: gap_probe
+  backlash_angle_rad: 0.0199
+  standard_uncertainty_rad: 5.0e-05
+  applied: true
+- learned_at: "2026-03-30T01:30:00Z"
+  method: load_amplitude
+  backlash_angle_rad: 0.021
+  standard_uncertainty_rad: null
+  applied: false
+"""
+
+NAMES = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
+ESTIMATES = st.builds(
+    KeptEstimate,
+    st.datetimes(datetime(1, 1, 1), datetime(9999, 12, 31), timezones=st.just(timezone.utc)).map(
+        lambda moment: moment.replace(microsecond=0)
+    ),
+    st.sampled_from(Method),
+    st.floats(0.0, 3.2, exclude_min=True),
+    st.floats(0.0, 3.2).map(abs),
+    st.booleans(),
+)
+DRIVES = st.builds(DriveIdentity, NAMES, NAMES, NAMES, st.floats(0.01, 1000.0))
+HISTORIES = st.builds(History, DRIVES, st.lists(ESTIMATES, max_size=4).map(tuple))
+
+
+def test_the_text_is_the_documented_one() -> None:
+    assert render(BOTH) == TEXT
+    assert parse(TEXT.encode(), DRIVE) == BOTH
+    page = Path(__file__).parents[2] / "docs" / "learning.md"
+    assert TEXT in page.read_text()
+
+
+@given(HISTORIES)
+def test_what_is_written_reads_back_equal(history: History) -> None:
+    assert parse(render(history).encode(), history.drive) == history
+
+
+@pytest.mark.parametrize("history", [BOTH, History(DRIVE, (SURE,)), History(DRIVE)], ids=["two", "one", "none"])
+def test_a_file_cut_off_anywhere_reads_equal_or_is_refused(history: History) -> None:
+    whole = render(history).encode()
+    equal = 0
+    for length in range(len(whole)):
+        try:
+            read = parse(whole[:length], DRIVE)
+        except ValueError:
+            continue
+        assert read == history, whole[:length]
+        equal += 1
+    assert equal == 1  # where the last line's end alone is missing
+
+
+@given(st.integers(0, len(TEXT) - 1), st.integers(0, 255))
+def test_a_wrong_byte_is_refused_or_a_value_within_bounds(place: int, byte: int) -> None:
+    damaged = bytearray(TEXT.encode())
+    damaged[place] = byte
+    try:
+        read = parse(bytes(damaged), DRIVE)
+    except ValueError:
+        return
+    assert read.drive == DRIVE
+    assert all(0.0 < each.angle <= 3.2 for each in read.estimates)
+
+
+@given(st.binary(max_size=200))
+def test_anything_at_all_is_refused(content: bytes) -> None:
+    with pytest.raises(ValueError, match="it is no"):
+        parse(content, DRIVE)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        ("backlash_ros/backlash", "other/backlash", "format must be 'backlash_ros/backlash_estimates', got 'other/"),
+        ("version: 1", "version: 2", "version must be 1, the only one known here, got 2"),
+        ("version: 1", "version: true", "version must be 1, the only one known here, got True"),
+        (
+            "/controller",
+            "/axis2/controller",
+            "drive.controller must be '/controller', as this controller has it, got '/ax",
+        ),
+        (
+            "motor_joint: motor",
+            "motor_joint: m",
+            "drive.motor_joint must be 'motor', as this controller has it, got 'm'",
+        ),
+        ("load_joint: load", "load_joint: 3", "drive.load_joint must be 'load', as this controller has it, got 3"),
+        ("10.0", "12.0", "drive.gear_reduction must be 10.0, as this controller has it, got 12.0: these are another"),
+        ("10.0", ".nan", "drive.gear_reduction must be a finite number"),
+        ("10.0", "[10.0]", "drive.gear_reduction must be a finite number"),
+        ("  load_joint: load\n", "", "drive must have the key 'load_joint', got"),
+        ("count: 2", "count: 3", "count must be the number of estimates, 2, got 3: part of it is missing"),
+        ("count: 2", "count: true", "count must be the number of estimates, 2, got True"),
+        ("0.0199", "7.1", r"estimates[0].backlash_angle_rad must be > 0 rad and <= 3.2 rad, got 7.1"),
+        ("0.0199", "0.0", r"estimates[0].backlash_angle_rad must be > 0 rad and <= 3.2 rad, got 0.0"),
+        ("0.0199", "-0.02", r"estimates[0].backlash_angle_rad must be > 0 rad and <= 3.2 rad, got -0.02"),
+        ("0.0199", ".nan", r"estimates[0].backlash_angle_rad must be a finite number, > 0 rad and <= 3.2 rad, got nan"),
+        ("0.0199", ".inf", r"estimates[0].backlash_angle_rad must be a finite number"),
+        ("0.0199", "true", r"estimates[0].backlash_angle_rad must be a finite number"),
+        ("0.0199", "wide", r"estimates[0].backlash_angle_rad must be a finite number"),
+        ("0.0199", "", r"estimates[0].backlash_angle_rad must be a finite number"),
+        ("5.0e-05", "-1.0e-05", r"estimates[0].standard_uncertainty_rad must be >= 0 rad and <= 3.2 rad, got -1e-05"),
+        ("5.0e-05", ".nan", r"estimates[0].standard_uncertainty_rad must be a finite number"),
+        (
+            "gap_probe",
+            "guess",
+            r"estimates[0].method must be one of ['gap_travel', 'load_amplitude', 'gap_probe'], got",
+        ),
+        ("gap_probe", "[]", r"estimates[0].method must be one of"),
+        ("applied: true", "applied: 1", r"estimates[0].applied must be true or false, got 1"),
+        ('"2026-03-29T01:30:00Z"', '"yesterday"', r"estimates[0].learned_at must be a date in UTC between quotes"),
+        ('"2026-03-29T01:30:00Z"', "2026-03-29T01:30:00Z", r"estimates[0].learned_at must be a date in UTC"),
+        ('"2026-03-29T01:30:00Z"', '"2026-02-30T01:30:00Z"', r"estimates[0].learned_at must be a date in UTC"),
+        ("  applied: true\n", "", r"estimates[0] must have the key 'applied', got"),
+        ("  applied: true\n", "  applied: true\n  by: me\n", r"estimates[0] must have the keys"),
+        ("  applied: true\n", "  applied: true\n  applied: true\n", "the key 'applied' stands twice"),
+        ("version: 1", "version: 1\ncount: 2", "the key 'count' stands twice"),
+        ("version: 1", "version: 1\nby: me", "the file must have the keys"),
+        ("estimates:", "estimates: 5\nothers:", "the file must have the keys"),
+        ("format:", "--- {}\n---\nformat:", "it is no YAML: expected a single document"),
+        ("gap_probe", "!!python/object/apply:os.getpid []", "it is no YAML: could not determine a constructor"),
+        ("gap_probe", "!!timestamp x", "it is no YAML"),
+        ("gap_probe", "[" * 5000, "it is no YAML"),
+    ],
+)
+def test_a_file_that_is_not_ours_is_refused_with_key_value_and_bound(old: str, new: str, why: str) -> None:
+    assert old in TEXT
+    with pytest.raises(ValueError, match=re.escape(why)):
+        parse(TEXT.replace(old, new, 1).encode(), DRIVE)
+
+
+@pytest.mark.parametrize("written", ["10", "10.000001", "1.0e+1"])
+def test_the_same_gear_may_be_written_differently(written: str) -> None:
+    assert parse(TEXT.replace("10.0", written, 1).encode(), DRIVE) == BOTH
+
+
+@pytest.mark.parametrize(("angle", "uncertainty"), [(math.nan, 0.0), (0.0, 0.0), (3.3, 0.0), (0.02, math.inf)])
+def test_an_estimate_out_of_bounds_is_none(angle: float, uncertainty: float) -> None:
+    with pytest.raises(ValueError, match="_rad must be"):
+        KeptEstimate(DAY, Method.GAP_PROBE, angle, uncertainty, applied=False)
+
+
+def test_the_newest_that_was_applied_counts() -> None:
+    assert BOTH.applied == SURE
+    assert BOTH.with_newest_applied().applied is not None
+    assert BOTH.with_newest_applied().applied.angle == OFFERED.angle
+    assert History(DRIVE, (OFFERED,)).applied is None
+
+
+def test_the_oldest_are_left_out_but_never_the_last_that_was_applied() -> None:
+    history = History(DRIVE, (SURE,))
+    for _ in range(2 * MOST):
+        history = history.with_newest(OFFERED)
+    assert history.estimates == (SURE, *[OFFERED] * (MOST - 1))
+    for _ in range(MOST):
+        history = history.with_newest(SURE)
+    assert history.estimates == (SURE,) * MOST
+    assert len(render(history)) < 100_000
