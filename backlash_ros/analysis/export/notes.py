@@ -33,8 +33,8 @@ def rigid(drive: Drive) -> tuple[str, ...]:
     lines = (
         f"* Backlash: {gear.backlash_angle!r} rad at the output, with teeth of {gear.contact.section}. Both "
         "joints turn as one here, or each alone without mimic.",
-        f"  As one joint at the output both are {drive.effective_inertia!r} kg m^2, {drive.effective_friction!r} N m s/rad, "
-        f"{friction!r} N m.",
+        f"* Both sides as one joint at the output: {drive.effective_inertia:.6g} kg m^2, damping "
+        f"{drive.effective_friction:.6g} N m s/rad, friction {friction:.6g} N m.",
         f"* The winding: {motor.resistance!r} ohm, {motor.inductance!r} H. The joint takes a torque, N m.",
     )
     if drive.takes_current:
@@ -45,6 +45,6 @@ def rigid(drive: Drive) -> tuple[str, ...]:
     back = motor.torque_constant**2 / motor.resistance
     return (
         *lines,
-        f"* The torque constant and the back-EMF: 1 V is {motor.torque_constant / motor.resistance!r} N m at the "
-        f"motor's joint, which then has {back!r} N m s/rad more damping than said here.",
+        f"* The torque constant and the back-EMF: 1 V is {motor.torque_constant / motor.resistance:.6g} N m at the "
+        f"motor's joint, which then has {back:.6g} N m s/rad more damping than said here.",
     )

@@ -56,8 +56,8 @@ def sdf(axis: Axis, torque: float | None = None) -> str:
         "What this file cannot say:",
         *rigid(drive),
         *unsaid(drive),
-        "* What Gazebo Harmonic takes of it depends on the engine: DART, the default, follows no mimic (gz-physics issue "
-        "432), bullet-featherstone does but has no damping or friction (712); stiffness of stops: ODE and Simbody alone.",
+        "* What Gazebo Harmonic takes of it depends on the engine: DART, the default, follows no mimic (gz-physics "
+        "issue 432), bullet-featherstone does but has no damping or friction (712); only ODE and Simbody have soft stops.",
     )
 
 
