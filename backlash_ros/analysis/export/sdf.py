@@ -57,7 +57,7 @@ def sdf(axis: Axis, torque: float | None = None) -> str:
         *rigid(drive),
         *unsaid(drive),
         "* What Gazebo Harmonic takes of it depends on the engine: DART, the default, follows no mimic (gz-physics "
-        "issue 432), bullet-featherstone does but has no damping or friction (712); only ODE and Simbody have soft stops.",
+        "issue 432), bullet-featherstone does but has no damping or friction (712); ODE and Simbody have soft stops.",
     )
 
 

@@ -22,7 +22,7 @@ from backlash_ros.drivetrain import Drive
 Torque = Callable[[float, float], float]
 """What the teeth carry (N m) at an angle between motor and load (rad) and its rate (rad/s), at the output."""
 
-SHARE = 0.25
+SHARE = 0.5
 """Of the torque at standstill: where the limit is fitted by default."""
 LARGEST_POWER = 3
 """p of the steepest limit: a higher one follows a steep law further down, but its stiffest part needs shorter steps."""
