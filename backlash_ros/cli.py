@@ -14,14 +14,15 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from backlash_ros.analysis.evaluation.command import evaluate, replay
-from backlash_ros.analysis.evaluation.drive_file import read_drive
+from backlash_ros.analysis.evaluation.drive_file import read_axis, read_drive
 from backlash_ros.analysis.evaluation.population import ENCODERS, MODELS, POPULATIONS
 from backlash_ros.analysis.evaluation.task import Task
+from backlash_ros.analysis.export import FORMATS
 from backlash_ros.analysis.figures import FIGURES, draw
 from backlash_ros.analysis.jsonable import jsonable
 from backlash_ros.analysis.page import write_page
 from backlash_ros.analysis.paper import CASES, PARTS, judge, reproduce, respond
-from backlash_ros.analysis.staging import staging
+from backlash_ros.analysis.staging import staging, write_text
 from backlash_ros.control import AUTO, EXPERIMENTS, LAWS
 from backlash_ros.simulation.batch import CannotRunError
 
@@ -113,6 +114,30 @@ def _add_evaluation(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=lambda a, console: _evaluate(parser, a, console))
 
 
+def _add_export(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("drive", type=Path, metavar="DRIVE", help="ROS parameter file, such as config/nominal_drive.yaml")
+    add("--format", choices=list(FORMATS), required=True)
+    add("--out", type=Path, metavar="FILE", help="file to write; by default the text is printed")
+    add("--torque", type=float, metavar="T", help="on the output, N m, at which the limit is fitted to the teeth")
+    add("--force", action="store_true", help="write over a file that is there")
+    parser.set_defaults(run=lambda a, _: _export(parser, a))
+
+
+def _export(parser: argparse.ArgumentParser, given: argparse.Namespace) -> None:
+    try:
+        text = FORMATS[given.format](read_axis(given.drive), given.torque)
+    except (OSError, ValueError) as error:
+        parser.error(str(error))
+    if given.out is None:
+        print(text, end="")
+        return
+    try:
+        write_text(given.out, text, overwrite=given.force)
+    except FileExistsError:
+        parser.error(f"argument --out: '{given.out}' is there already; --force writes over it")
+
+
 def _unwritable(place: Path, *, folder: bool) -> str:
     """Return why a file, or files in a folder, cannot be written there; empty where they can."""
     if place.is_dir() and not folder:
@@ -167,6 +192,12 @@ def main(args: Sequence[str] | None = None) -> int:
     single.set_defaults(run=lambda a, console: simulate(a.law, a.case, console))
     judging = commands.add_parser("evaluate", help="learning and laws judged on a random population of drives")
     _add_evaluation(judging)
+    exporting = commands.add_parser(
+        "export",
+        help="a drive as a file for MuJoCo, or as URDF or SDF",
+        epilog="example: backlash export config/nominal_drive.yaml --format mujoco --out drive.xml",
+    )
+    _add_export(exporting)
     parsed = parser.parse_args(args)
     command: Callable[[argparse.Namespace, Console], None] = parsed.run
     try:

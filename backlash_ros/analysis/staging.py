@@ -1,5 +1,6 @@
 """Results that appear complete or not at all: made in a folder beside their place, put there when they are done."""
 
+import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -45,3 +46,21 @@ def staging(target: Path) -> Iterator[Path]:
         with suppress(OSError):  # the first that is not empty is needed, and those above it too
             for parent in reversed(parents):
                 parent.rmdir()
+
+
+def write_text(target: Path, text: str, *, overwrite: bool) -> None:
+    """Write a whole file, or nothing.
+
+    Raises
+    ------
+    FileExistsError
+        If there is a file and it shall not be overwritten.
+    OSError
+        As `staging`, or if the disk is full.
+    """
+    if not overwrite and os.path.lexists(target):
+        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
+    with staging(target) as folder:
+        made = folder / "text"
+        made.write_text(text, encoding="utf-8")
+        made.replace(target)

@@ -1,16 +1,57 @@
 """A drive from a file of ROS parameters, such as config/nominal_drive.yaml, without ROS."""
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from backlash_ros.control.limits import NO_LIMIT
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Gear, Load, Motor, Validated, quantities
 
 
+@dataclass(frozen=True)
+class Axis:
+    """A drive, the names of its joints, and the ends of the load's travel, rad; infinite where there are none."""
+
+    drive: Drive
+    motor_joint: str = "motor"
+    load_joint: str = "load"
+    position_lower: float = -math.inf
+    position_upper: float = math.inf
+
+    def __post_init__(self) -> None:
+        for name in ("motor_joint", "load_joint"):
+            value = getattr(self, name)
+            if not isinstance(value, str) or not value or not value.isprintable():
+                raise ValueError(f"{name} must be a name in printable letters, got {value!r}")
+        if self.motor_joint == self.load_joint:
+            raise ValueError(f"motor_joint and load_joint must differ, got {self.load_joint!r} for both")
+        for name in ("position_lower", "position_upper"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
+                raise ValueError(f"limits.{name} must be a number, in rad, got {value!r}")
+        if not self.position_lower < self.position_upper:
+            raise ValueError(
+                f"limits.position_lower must be < limits.position_upper, got {self.position_lower!r} and "
+                f"{self.position_upper!r} rad"
+            )
+
+    @property
+    def has_ends(self) -> bool:
+        """Whether the load's travel ends on both sides."""
+        return math.isfinite(self.position_lower) and math.isfinite(self.position_upper)
+
+
 def read_drive(path: Path) -> Drive:
-    """Return the drive that a parameter file describes; what it does not say is the nominal drive's.
+    """Return the drive that a parameter file describes: see `read_axis`."""
+    return read_axis(path).drive
+
+
+def read_axis(path: Path) -> Axis:
+    """Return the axis that a parameter file describes; what it does not say is the nominal drive's.
 
     The parameters stand under ``/**: ros__parameters:``, or at the top.
 
@@ -27,12 +68,15 @@ def read_drive(path: Path) -> Drive:
         contact = _section(parameters, "contact")
         law = CONTACTS.choose("contact.law", str(contact.get("law", "power")))
         teeth = law(**_own(law, _section(contact, law.section.removeprefix("contact."))))
-        return Drive(
+        drive = Drive(
             Motor(**_values(nominal.motor) | _own(Motor, _section(parameters, "motor"))),
             Gear(**_values(nominal.gear) | _own(Gear, _section(parameters, "gear")), contact=teeth),
             Load(**_values(nominal.load) | _own(Load, _section(parameters, "load"))),
             str(parameters.get("command_interface", nominal.command_interface)),
         )
+        lower, upper = (_end(parameters, name) for name in ("position_lower", "position_upper"))
+        names = {name: parameters[name] for name in ("motor_joint", "load_joint") if name in parameters}
+        return Axis(drive, **names, position_lower=lower, position_upper=upper)
     except (ValueError, yaml.YAMLError) as error:
         reason = " ".join(str(error).split())
         raise ValueError(f"{path}: {reason}") from error
@@ -53,6 +97,13 @@ def _section(parameters: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     if not isinstance(section, Mapping):
         raise ValueError(f"{name} must have parameters by name, got {section!r}")
     return section
+
+
+def _end(parameters: Mapping[str, Any], name: str) -> Any:
+    """Return an end of the travel, rad; infinite where it is not given, or so far away that it is none."""
+    none = -math.inf if name == "position_lower" else math.inf
+    value = _section(parameters, "limits").get(name, none)
+    return none if isinstance(value, float) and abs(value) >= NO_LIMIT else value
 
 
 def _values(part: Validated) -> dict[str, Any]:
