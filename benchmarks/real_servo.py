@@ -183,7 +183,9 @@ def parameter_table(fit: ServoFit) -> list[str]:
     return lines
 
 
-def group_table(recordings: Sequence[Recorded], half: Sequence[Recorded], best: Rung, first: Rung) -> list[str]:
+def group_table(
+    recordings: Sequence[Recorded], half: Sequence[Recorded], first: Rung, best: Rung, title: str
+) -> list[str]:
     """Return errors by group: of the other half, and where the whole group was left out of the fit, as Markdown."""
     labels: tuple[tuple[str, Callable[[Recorded], Any], bool], ...] = (
         ("motion", lambda r: r.kind, True),
@@ -193,7 +195,7 @@ def group_table(recordings: Sequence[Recorded], half: Sequence[Recorded], best: 
     )
     runs = [recorded.run for recorded in recordings]
     lines = [
-        f"| runs | {first.name} | {best.name} | the same, fitted to all runs with another motion or length |",
+        f"| runs | {first.name} | {title} | the same, fitted to all runs with another motion or length |",
         "|---|---|---|---|",
     ]
     for name, label, apart in labels:
@@ -246,12 +248,13 @@ def report(recordings: Sequence[Recorded], figure: Path | None) -> str:
     rungs = climb(fitted, foretold)
     best = min(rungs, key=lambda rung: rung.crossed)
     gaps = []
-    for rung in (rungs[0], best):
+    title = "all terms" if best is rungs[-1] else f"all terms to {best.name!r}"
+    for rung, called in ((rungs[0], rungs[0].name), (best, title)):
         gap = judge_gap(fitted, rung.fit)
         out = mean_errors(gap.fit.servo, foretold)
         everything = np.concatenate([gap.fit.errors, out])
-        gaps.append((f"{rung.name}, and a gap", gap, float(np.mean(out)), float(np.mean(everything))))
-        say(f"gap beside {rung.name}: {gap.reason}")
+        gaps.append((f"{called}, and a gap", gap, float(np.mean(out)), float(np.mean(everything))))
+        say(f"gap beside {called}: {gap.reason}")
     if figure is not None:
         draw(figure, other, rungs[0], best)
     spread, limits = repeats(recordings), reported_limit(half)
@@ -263,7 +266,7 @@ def report(recordings: Sequence[Recorded], figure: Path | None) -> str:
         *ladder_table(rungs, gaps),
         "",
         f"Goal over all runs: {GOAL} rad. {'Met' if error <= GOAL else 'Missed'}: {error:.4f} rad with the model that "
-        f"foretells the folds best, {best.name!r}. "
+        f"foretells the folds best, {title}. "
         f"Of the runs that were not fitted, {100 * np.mean(best.foretold <= GOAL):.1f} % are within it; the largest "
         f"error of a run is {best.foretold[worst]:.4f} rad "
         f"({other[worst].kind}, gain {other[worst].gain}, {other[worst].mass:.3f} kg at {other[worst].length:g} m).",
@@ -277,13 +280,13 @@ def report(recordings: Sequence[Recorded], figure: Path | None) -> str:
     for name, gap, _, _ in gaps:
         verdict = f"{gap.angle:.3g} +- {gap.uncertainty:.1g} rad" if gap.valid else "refused"
         place = "" if gap.valid else f" (the fit put it at {gap.fit.servo.backlash_angle:.2g} rad)"
-        lines += [f"Gap, {name}: {verdict}: {gap.reason}{place}.", ""]
+        lines += [f"Gap ({name}): {verdict}: {gap.reason}{place}.", ""]
     lines += [
         f"Speed limit of the goal from the duty that the servo reported, {limits.size} steps of the fitted half: "
         f"median {np.median(limits):.2f} rad/s, quartiles {np.quantile(limits, 0.25):.2f} to "
         f"{np.quantile(limits, 0.75):.2f}; fitted to the angles alone: {best.fit.servo.speed_limit:.2f}.",
         "",
-        *group_table(recordings, other, best, rungs[0]),
+        *group_table(recordings, other, rungs[0], best, title),
         "",
     ]
     return "\n".join(lines)
