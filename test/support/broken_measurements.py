@@ -163,7 +163,7 @@ KINDS: Mapping[str, Kind] = {
 
 
 class Found(NamedTuple):
-    """What became of one run: whether there was an estimate, whether it is wrong, how far it went beyond the swing, b."""
+    """What became of a run: was there an estimate, was it wrong, and how far beyond the swing did it go, in b."""
 
     kind: str
     valid: bool
