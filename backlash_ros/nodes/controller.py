@@ -41,7 +41,7 @@ from backlash_ros.ros.messages import (
 from backlash_ros.ros.overrides import values_given
 from backlash_ros.ros.run import run
 from backlash_ros.ros.timer import Timer, in_ns, now, now_ns
-from backlash_ros.ros.topics import TRANSIENT_LOCAL
+from backlash_ros.ros.topics import HISTORY, TRANSIENT_LOCAL
 
 _SHOWN = ("law", "gain_set", "gains.fast.k", "gains.overdamped.k", "backlash_angle")
 """Parameters that the diagnostics repeat; all of them are in ~/parameters_in_use."""
@@ -71,7 +71,7 @@ class Controller(ManagedNode):
         self._command = self.speak(Float64MultiArray, "command")
         self._state = self.speak(DiagnosticArray, "~/state")
         self._estimate = self.speak(Float64, "~/backlash_estimate", TRANSIENT_LOCAL)
-        self._in_use = self.speak(ParameterEvent, "~/parameters_in_use", TRANSIENT_LOCAL)
+        self._in_use = self.speak(ParameterEvent, "~/parameters_in_use", HISTORY)
         self.listen(JointState, "joint_states", self._on_joint_states)
         self.listen(Float64, "reference", self._on_reference)
         self._learning = Learning(self, self._servo, self._tunables, given)

@@ -30,7 +30,7 @@ from backlash_ros.ros.messages import answered_sample, fill_joint_state, to_stam
 from backlash_ros.ros.parameters import in_use, sensors_of
 from backlash_ros.ros.run import run
 from backlash_ros.ros.timer import Timer, in_ns, now, now_ns
-from backlash_ros.ros.topics import TRANSIENT_LOCAL
+from backlash_ros.ros.topics import HISTORY
 from backlash_ros.simulation import SimulatedDrive
 from backlash_ros.simulation.simulated_drive import largest_load_torque
 
@@ -62,7 +62,7 @@ class PlantSimulator(ManagedNode):
         self._report = SimulatorReport(math.nan if self._lockstep else 1.0 / self._turn)
         self._sample = JointState()
         self._states = self.speak(JointState, "joint_states")
-        self._in_use, self._version = self.speak(ParameterEvent, "~/parameters_in_use", TRANSIENT_LOCAL), 1
+        self._in_use, self._version = self.speak(ParameterEvent, "~/parameters_in_use", HISTORY), 1
         self._clock_topic = self.speak(Clock, "/clock") if self._own_time else None
         self.listen(Float64MultiArray, "command", self._on_command)
         self.listen(Float64, "load_torque", self._on_load_torque)

@@ -40,6 +40,14 @@ TRANSIENT_LOCAL = QoSProfile(
 )
 """Of values that hold until they change: a late subscriber gets the last one."""
 
+HISTORY = QoSProfile(
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    history=HistoryPolicy.KEEP_LAST,
+    depth=10,
+)
+"""The same where each value counts: the last ten, so that a recorder that lags behind two changes has both."""
+
 
 def overridable() -> QoSOverridingOptions:
     """Let the user override a topic's quality of service with ``qos_overrides`` parameters."""
