@@ -111,7 +111,7 @@ def _messages(path: Path, topics: Topics) -> tuple[_Messages, str, str]:
                 else:
                     value = _value(message, target, topics.index, path)
                     found.commands.append((received, _answered(message), value))
-    except AnyReaderError as error:
+    except (AnyReaderError, FileNotFoundError) as error:
         raise ValueError(f"{path}: is no rosbag2 that can be read: {error}") from error
     return found, source, target
 

@@ -113,7 +113,7 @@ def _with_lost(recording: Recording, notes: list[str]) -> Recording:
     period = float(np.median(steps))
     if np.mean(np.abs(steps / period - 1.0) < _EVEN) < _REGULAR:
         return recording
-    lost = np.where(steps < HOLE * period, np.round(steps / period) - 1.0, 0.0).astype(int)
+    lost = np.where(steps < HOLE * period, np.maximum(np.round(steps / period) - 1.0, 0.0), 0.0).astype(int)
     if np.any(holes := steps >= HOLE * period):
         first = float(time[int(np.argmax(holes))])
         notes.append(f"{np.sum(holes)} holes of more than {HOLE} periods, the first after {first:.3f} s")
