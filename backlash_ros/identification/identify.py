@@ -87,7 +87,7 @@ def _unexplained(drive: Drive, recording: Recording, gap: Gap, found: Fit) -> st
     misfits = not max(found.rms) <= FITS
     if not misfits and abs(found.scale) <= SCALE:
         return ""
-    suspected = suspicion(drive, recording, found.delay)
+    suspected = suspicion(drive, recording, delays_of(float(np.median(np.diff(recording.time)))))
     return f"{suspected}: {gap.reason}" if suspected else gap.reason
 
 

@@ -1,7 +1,7 @@
 """Whether a recording can be what it is told to be: units, directions, enough motion; before and after the fit."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -16,8 +16,9 @@ _LIMIT, _FAST = 1.02, 1.5
 """Times the drive's largest command, and times its no-load speed, beyond which a unit is wrong."""
 _FARTHER, _LOST = 1.5, 0.5
 """Times the motor's way that the load may go, and rad of the motor's way that a gap may take from it."""
-_ALIKE, _BETTER = 0.9, 0.3
-"""Least correlation of both angles that says something of their scale; share of the misfit that says what is wrong."""
+_ALIKE, _BETTER, _GOOD, _INERTIAS = 0.9, 0.3, 0.1, (0.02, 20.0)
+"""Least correlation of both angles that says something of their scale. What is suspected has to explain the motion:
+with so much of the misfit as told, so much of the torque left, and a load of so many times the motor's inertia."""
 _DEGREE = math.degrees(1.0)
 
 
@@ -104,7 +105,7 @@ def _explained(scale: float, ratio: float) -> str:
 def _otherwise(drive: Drive, recording: Recording) -> Iterator[tuple[str, Recording]]:
     """Yield what could be wrong, and the recording put right."""
     _, motor, load, command = recording
-    ratio, per_volt = drive.gear.ratio, drive.motor.resistance
+    per_volt = drive.motor.resistance
     yield (
         "the command seems to turn the motor backwards, or both encoders to count so",
         recording._replace(command=-command),
@@ -114,25 +115,24 @@ def _otherwise(drive: Drive, recording: Recording) -> Iterator[tuple[str, Record
         yield f"both angles seem to be in {text}", scaled
     yield "motor and load seem to be swapped", recording._replace(motor=load, load=motor)
     yield (
-        "motor and load seem to be swapped, with the gear between them",
-        recording._replace(motor=load * ratio, load=motor / ratio),
-    )
-    yield (
         "the command seems to be in amperes" if not drive.takes_current else "the command seems to be in volts",
         recording._replace(command=command / per_volt if drive.takes_current else command * per_volt),
     )
 
 
-def suspicion(drive: Drive, recording: Recording, delay: float) -> str:
+def suspicion(drive: Drive, recording: Recording, delays: Sequence[float]) -> str:
     """Return what explains a recording much better than what it was told to be; empty where nothing does.
 
-    ``delay`` from a sample to when its command acts, s.
+    ``delays`` from a sample to when its command acts, s: those that are tried.
     """
     side = motor_side(drive)
+    low, high = (share * side.inertia for share in _INERTIAS)
 
     def misfit(recording: Recording) -> float:
-        return guess_of(side, *recording, delay).misfit / float(np.nanstd(side.gain * recording.command))
+        guess = min((guess_of(side, *recording, delay) for delay in delays), key=lambda guess: guess.misfit)
+        share = guess.misfit / float(np.nanstd(side.gain * recording.command))
+        return share if low < guess.inertia < high else math.inf
 
     told = misfit(recording)
     found = min(((misfit(other), text) for text, other in _otherwise(drive, recording)), default=(math.inf, ""))
-    return found[1] if found[0] < _BETTER * min(told, 1.0) else ""
+    return found[1] if found[0] < min(_BETTER * told, _GOOD) else ""
