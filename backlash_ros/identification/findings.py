@@ -25,6 +25,8 @@ from backlash_ros.identification.gap import Gap
 NOISE, MODEL, LEAST, LEAST_DELAY = 2.0, 0.005, 1e-4, 0.005
 """What an uncertainty is made of: times the standard deviation by the noise; beside it a share of the value, a share
 of the torque at standstill for each torque, and of the period for the delay."""
+UNSEEN = 3.0
+"""Times the uncertainty of all else where the gap is not told: teeth that are not known bias what acts through them."""
 SURE_INERTIA, SURE_FRICTION, SURE_RESISTANCE, SURE_TORQUE = 0.05, 0.25, 0.1, 0.1
 """Largest standard uncertainty of what is told, as a share of its value; of all but the inertia, `SMALL` will do."""
 SMALL = 1e-3
@@ -207,7 +209,8 @@ def findings_of(drive: Drive, gap: Gap, found: Fit, period: float) -> list[Findi
     gap : with its verdict; the teeth are told only where it is valid
     period : of the samples, s
     """
-    rules = _Rules(drive, found.parameters, found.covariance, period, stall_of(drive))
+    covariance = found.covariance * (1.0 if gap.valid else UNSEEN**2)
+    rules = _Rules(drive, found.parameters, covariance, period, stall_of(drive))
     teeth = rules.teeth(found.contact)
     width = Finding("gear.backlash_angle", "b", "the gap, where the load started", "rad")
     if gap.valid:
