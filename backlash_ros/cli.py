@@ -1,4 +1,4 @@
-"""The command `backlash`: the paper's figures, single runs, and the judgement on a population, without ROS."""
+"""The command `backlash`: the paper's figures, single runs, populations judged, drives identified, without ROS."""
 
 import argparse
 import errno
@@ -22,6 +22,8 @@ from backlash_ros.analysis.figures import FIGURES, draw
 from backlash_ros.analysis.jsonable import jsonable
 from backlash_ros.analysis.page import write_page
 from backlash_ros.analysis.paper import CASES, PARTS, judge, reproduce, respond
+from backlash_ros.analysis.recordings.arguments import add_identification, in_the_way, request_of
+from backlash_ros.analysis.recordings.command import identify_recording
 from backlash_ros.analysis.staging import staging, write_text
 from backlash_ros.control import AUTO, EXPERIMENTS, LAWS
 from backlash_ros.simulation.batch import CannotRunError
@@ -178,8 +180,26 @@ def _evaluate(parser: argparse.ArgumentParser, given: argparse.Namespace, consol
         parser.exit(130, "\nstopped: the same command goes on from here\n")
 
 
+def _identify(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> int:
+    try:
+        request = request_of(given)
+    except ValueError as error:
+        parser.error(str(error))
+    for name, place in in_the_way(request):
+        parser.error(f"argument --{name}: '{place}' exists; --force overwrites it")
+    for name in ("json", "drive_file"):
+        if (place := getattr(request, name)) is not None and (why := _unwritable(place, folder=False)):
+            option = name.replace("_", "-")
+            parser.error(f"argument --{option}: must be a place that can be written, got '{place}': {why}")
+    try:
+        return identify_recording(request, console)
+    except ValueError as error:
+        print(f"{parser.prog}: {error}", file=sys.stderr)
+        return 1
+
+
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the command; the exit code is 2 for arguments that cannot be used."""
+    """Run the command; the exit code is 2 for arguments that cannot be used, 1 where a recording tells nothing."""
     parser = _Parser(prog="backlash", description=__doc__)
     commands = parser.add_subparsers(required=True)
     drawing = commands.add_parser("figures", help="the paper's figures, computed and drawn")
@@ -198,14 +218,16 @@ def main(args: Sequence[str] | None = None) -> int:
         epilog="example: backlash export config/nominal_drive.yaml --format mujoco --out drive.xml",
     )
     _add_export(exporting)
+    finding = commands.add_parser("identify", help="what a recording tells of a drive, with uncertainties")
+    add_identification(finding)
+    finding.set_defaults(run=lambda a, console: _identify(finding, a, console))
     parsed = parser.parse_args(args)
-    command: Callable[[argparse.Namespace, Console], None] = parsed.run
+    command: Callable[[argparse.Namespace, Console], int | None] = parsed.run
     try:
-        command(parsed, Console())
+        return command(parsed, Console()) or 0
     except OSError as error:
         print(f"backlash: {error}", file=sys.stderr)
         return 2
-    return 0
 
 
 if __name__ == "__main__":

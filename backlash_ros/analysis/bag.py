@@ -114,7 +114,7 @@ def _mend(torn: Path, mended: Path) -> None:
 
 
 @contextmanager
-def _readable(bag: Path) -> Iterator[Path]:
+def readable(bag: Path) -> Iterator[Path]:
     """Yield the bag, or a passing copy of what can be read where its writer was killed while writing."""
     files = list(bag.glob("*.mcap"))
     if len(files) == 1 and _is_torn(files[0]):
@@ -143,8 +143,8 @@ def read_bag(path: str | Path, *, motor_joint: str = "motor", load_joint: str = 
     in_use: list[tuple[float, int, dict[str, Any]]] = []
     simulated: list[tuple[float, int, dict[str, Any]]] = []
     with (
-        _readable(Path(path)) as readable,
-        AnyReader([readable], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
+        readable(Path(path)) as whole,
+        AnyReader([whole], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
     ):
         messages = {connection.topic: 0 for connection in reader.connections}
         for connection, timestamp, raw in reader.messages():

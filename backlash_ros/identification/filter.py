@@ -99,19 +99,45 @@ def _observe(z: Array, row: int, column: int, scale: float, variance: float, way
 
 
 @compiled
+def _likely(command: Array, row: int) -> tuple[float, float]:
+    """Return the command of a ``row`` and how far off it may be: where it is nan, as much as those around differ."""
+    if not math.isnan(command[row]):
+        return command[row], 0.0
+    before, after, last = row, row, command.shape[0] - 1
+    while before > 0 and math.isnan(command[before]):
+        before -= 1
+    while after < last and math.isnan(command[after]):
+        after += 1
+    low = command[before] if not math.isnan(command[before]) else command[after]
+    high = command[after] if not math.isnan(command[after]) else low
+    off = abs(high - low)
+    if before > 0 and not math.isnan(command[before - 1]):
+        off = max(off, abs(low - command[before - 1]))
+    if after < last and not math.isnan(command[after + 1]):
+        off = max(off, abs(command[after + 1] - high))
+    return 0.5 * (low + high), off
+
+
+@compiled
 def _in_force(
     time: Array, command: Array, delay: float, held: int, now: float, length: float
-) -> tuple[int, float, float]:
-    """Return which command acts ``now``, the mean of what does for a ``length``, and its derivative by the delay."""
+) -> tuple[int, float, float, float]:
+    """Return which command acts ``now``; the mean of what does for a ``length``, its slope by the delay, its doubt.
+
+    Before the first one acts, half of it is taken to act, more or less.
+    """
     while held + 1 < time.shape[0] and time[held + 1] + delay <= now:
         held += 1
     while held >= 0 and time[held] + delay > now:
         held -= 1
-    mean = command[held] if held >= 0 else 0.0
+    mean, doubt = _likely(command, max(held, 0))
+    if held < 0:
+        mean, doubt = 0.5 * mean, 0.5 * abs(mean)
     if held + 1 >= time.shape[0] or time[held + 1] + delay > now + length + 1e-12:
-        return held, mean, 0.0
-    share, follows = (time[held + 1] + delay - now) / length, command[held + 1]
-    return held, share * mean + (1.0 - share) * follows, (mean - follows) / length
+        return held, mean, 0.0, doubt
+    follows, more = _likely(command, held + 1)
+    share = (time[held + 1] + delay - now) / length
+    return held, share * mean + (1.0 - share) * follows, (mean - follows) / length, max(doubt, more)
 
 
 @compiled
@@ -225,10 +251,12 @@ def _predict(
     Parameters
     ----------
     time : of the samples, s, shape (N,)
-    motor, load : angles, the motor's as seen at the output; rad, shape (N,)
-    command : that answered each sample, V or A, shape (N,)
+    motor, load : angles, the motor's as seen at the output; rad, shape (N,); nan, but for the first, where there is no
+        reading: there the innovations stay as they are
+    command : that answered each sample, V or A, shape (N,); nan where it was not recorded
     innovations, derivatives, states : to be filled in, shapes (N, 2), (N, 2, `PARAMETERS`) and (N, `STATES`): the
-        state, then the `LEAST` and the `LARGEST` torque of the teeth since the sample before, N m
+        state, then the `LEAST` and the `LARGEST` torque of the teeth since the sample before, N m; speeds and torque of
+        the first state are those to start from
 
     Returns
     -------
@@ -246,10 +274,9 @@ def _predict(
         z[row, row] = _UNSURE
     z[_P, _P], z[_Q, _Q] = noise.motor_reading, noise.load_reading
     forcing, none, gains = np.zeros((3, _COLUMNS)), np.zeros((3, _COLUMNS)), np.zeros(5)
-    p, w, tau, q, v = motor[0], 0.0, 0.0, load[0], 0.0
+    states[0, _P], states[0, _Q] = motor[0], load[0]
+    p, w, tau, q, v = states[0, _P], states[0, _W], states[0, _T], states[0, _Q], states[0, _V]
     start, total, held = load[0], 0.0, 0
-    states[0, :] = 0.0
-    states[0, _P], states[0, _Q] = p, q
     for sample in range(1, time.shape[0]):
         now, end = time[sample - 1], time[sample]
         least, largest = math.inf, -math.inf
@@ -264,7 +291,7 @@ def _predict(
             rate, approach = math.sqrt(max(k, 0.0) * per_inertia), math.copysign(1.0, x) * r
             dt = _step_length(_LONGEST, h - abs(x), approach, torque, k, rate)
             dt = (end - now) / math.ceil((end - now) / dt - 1e-6)
-            held, volts, slope = _in_force(time, command, delay, held, now, dt)
+            held, volts, slope, doubt = _in_force(time, command, delay, held, now, dt)
             # The drive torque relaxes towards what command and speed settle at.
             decay = math.exp(-side.rate * dt)
             lag = (1.0 - decay) / (side.rate * dt) if math.isfinite(side.rate) else 0.0
@@ -301,9 +328,10 @@ def _predict(
             _carry(z, none, 5, (k, kappa), shafts, inverse, current, 0.5 * dt)
             p, q = p + 0.5 * dt * (w + w1), q + 0.5 * dt * (v + v1)
             w, v = w1, v1
-            # Noise: of each speed, and of the teeth's torque, which acts on both.
+            # Noise: of each speed, of a command that is not known, and of the teeth's torque, which acts on both.
             shaken = noise.teeth * torque * torque * dt * 1e-3
-            z[_W, _W] += noise.motor_speed * dt + shaken / side.inertia**2
+            unknown = (side.gain * doubt / side.inertia) ** 2 * (end - time[sample - 1]) if doubt > 0.0 else 0.0
+            z[_W, _W] += (noise.motor_speed + unknown) * dt + shaken / side.inertia**2
             z[_V, _V] += noise.load_speed * dt + shaken / inertia**2
             z[_W, _V] -= shaken / (side.inertia * inertia)
             z[_V, _W] -= shaken / (side.inertia * inertia)
@@ -312,6 +340,8 @@ def _predict(
             (0, _P, -1, 1.0, motor[sample], noise.motor_reading),
             (1, _Q, 5 + ECCENTRICITY, scale, load[sample], noise.load_reading),
         ):
+            if math.isnan(reading):
+                continue
             expected = p if which == 0 else q + (scale - 1.0) * (q - start)
             expectable = variance + factor * factor * z[row, row]
             per_deviation = 1.0 / math.sqrt(expectable)

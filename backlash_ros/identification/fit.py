@@ -43,13 +43,20 @@ from backlash_ros.identification.regression import Guess, guess_of
 class Recording(NamedTuple):
     """Samples of both angles and the commands that answered them, shapes (N,): s, rad, V or A.
 
-    ``motor`` is the motor's angle as seen at the output, n theta_m.
+    ``motor`` is the motor's angle as seen at the output, n theta_m. Times need not be even; an angle, but for the
+    first, is nan where there is no reading, and a command where it was not recorded.
     """
 
     time: Array
     motor: Array
     load: Array
     command: Array
+
+    @property
+    def travel(self) -> Array:
+        """The motor's angle less the load's where both were read, rad."""
+        both = self.motor - self.load
+        return np.asarray(both[np.isfinite(both)])
 
 
 class Stage(NamedTuple):
@@ -88,6 +95,8 @@ _SPREAD = _row(
 _NONE, _WORTH = 1e-6, 0.05
 """N m, as good as none; cost that dry friction has to save for each sample to be believed: what the steps of the filter
 leave looks like a thousandth of a newton metre."""
+_FIRST, _MOVING = 0.02, 0.3
+"""s from which the first speeds are taken, and rad/s below which they are none."""
 _SPRING = 0.7
 """What is believed beforehand, as standard deviations; of the force of a spring, more."""
 
@@ -111,8 +120,26 @@ def motor_side(drive: Drive, contact: Contact | None = None) -> MotorSide:
 
 def count_of(angle: Array) -> float:
     """Return an encoder's count, rad: the smallest difference of its readings; next to none where there is none."""
-    steps = np.diff(np.unique(np.round(angle, 11)))
+    steps = np.diff(np.unique(np.round(angle[np.isfinite(angle)], 11)))
     return float(np.min(steps[steps > 1e-9], initial=1e-2))
+
+
+def noise_of(counts: tuple[float, float], stage: Stage) -> Noise:
+    """Return the variances that the filter takes, for both encoders' counts, rad."""
+    motor, load = (count * count / 12.0 + _SMALL for count in counts)
+    return Noise(motor, load, stage.motor, stage.load, stage.teeth**2)
+
+
+def first_states(recording: Recording) -> Array:
+    """Return room for the filter's states, shape (N, `STATES`), with the speeds to start from, where it does not at rest."""
+    states = np.zeros((recording.time.size, STATES))
+    first = recording.time <= recording.time[0] + _FIRST
+    for column, angle in ((1, recording.motor), (4, recording.load)):
+        read = first & np.isfinite(angle)
+        if np.sum(read) > 2:
+            speed = float(np.polyfit(recording.time[read], angle[read], 1)[0])
+            states[0, column] = speed if abs(speed) > _MOVING else 0.0
+    return states
 
 
 @dataclass
@@ -131,13 +158,12 @@ class _Problem:
 
     def __post_init__(self) -> None:
         n = self.recording.time.size
-        self.innovations, self.states = np.zeros((n, 2)), np.zeros((n, STATES))
+        self.innovations, self.states = np.zeros((n, 2)), first_states(self.recording)
         self.derivatives = np.zeros((n, 2, PARAMETERS))
 
     def look(self, x: Array, stage: Stage) -> tuple[float, Array, Array]:
         """Return the cost, its gradient and Gauss and Newton's matrix; the variances count as if they were constant."""
-        reading_m, reading_l = (count * count / 12.0 + _SMALL for count in self.counts)
-        noise = Noise(reading_m, reading_l, stage.motor, stage.load, stage.teeth**2)
+        noise = noise_of(self.counts, stage)
         predict = filter_with(type(self.contact))  # type: ignore[arg-type]
         logs = predict(self.side, noise, x, *self.recording, self.innovations, self.derivatives, self.states)
         if not math.isfinite(logs):
@@ -219,6 +245,11 @@ class Fit:
         return float(self.parameters[DELAY])
 
     @property
+    def scale(self) -> float:
+        """By what share the load's encoder reads too much."""
+        return float(self.parameters[ECCENTRICITY])
+
+    @property
     def gap_deviation(self) -> float:
         """Its standard deviation by the noise alone, rad."""
         return self.gap * math.sqrt(self.covariance[LN_HALF_GAP, LN_HALF_GAP])
@@ -237,8 +268,7 @@ def _widths(x: Array, travel: float) -> list[Array]:
 
 
 def _start(recording: Recording, guess: Guess, delay: float, inertia: float, share: float) -> Array:
-    x = recording.motor - recording.load
-    low, high = float(np.min(x)), float(np.max(x))
+    low, high = float(np.min(recording.travel)), float(np.max(recording.travel))
     return _row(
         {
             LN_HALF_GAP: math.log(max(0.5 * share * (high - low), 1e-5)),
@@ -316,7 +346,7 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
         for stage in STAGES[1:3]:
             found = found.problem.solve(found.x, stage, 6, 1.0)
         whole = problem(contact, recording, found.x)
-        widths = _widths(found.x, float(np.ptp(motor - load)))
+        widths = _widths(found.x, float(np.ptp(recording.travel)))
         scanned = sorted(((whole.look(x, STAGES[0])[0], k) for k, x in enumerate(widths)))
         ends += [whole.descend(widths[k]) for _, k in scanned[:_DEEPEST]]
     end = min(ends, key=_cost)
@@ -328,9 +358,12 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
                 x[DELAY] = delay
                 ends.append(best.problem.descend(x))
         end = min(ends, key=_cost)
+    believed = end.problem.spread
     end = _without_what_is_not_seen(end)
     _, _, matrix = end.problem.look(end.x, STAGES[-1])
-    nu, bent = end.problem.innovations[1:], np.linalg.inv(matrix)
+    # Friction that was left out could be there, as far as the recording goes.
+    bent = np.linalg.inv(matrix + np.diag(believed**-2 - end.problem.spread**-2))
+    nu = end.problem.innovations[1:]
     least, largest = np.sort(end.problem.states[1:, LEAST]), np.sort(end.problem.states[1:, LARGEST])
     return Fit(
         contact=end.problem.contact,

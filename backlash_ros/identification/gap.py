@@ -8,12 +8,11 @@ import numpy as np
 
 from backlash_ros.drivetrain import CONTACTS, Drive
 from backlash_ros.drivetrain.contact import Contact, law_name
-from backlash_ros.identification.filter import ECCENTRICITY
 from backlash_ros.identification.fit import FITS, Fit, Recording, fit
 
 _FLANK = 0.04
 """Share of the torque at standstill that a flank has borne to be counted as seen."""
-_SCALE = 0.015
+SCALE = 0.015
 """Largest share by which the load's encoder may read too much or too little: what an eccentric disk does."""
 _SURE, _HALF_COUNT = 0.05, 0.5
 """Largest standard uncertainty: share of the gap, or counts."""
@@ -42,6 +41,11 @@ def contacts_of(drive: Drive) -> list[Contact]:
     return [own, *(CONTACTS[name]() for name in names)]
 
 
+def delays_of(period: float) -> list[float]:
+    """Return the delays that are tried as starts, s, for samples with a period, s."""
+    return [0.5 * period * k for k in range(_HALF_PERIODS)]
+
+
 def measure_gap(drive: Drive, recording: Recording, torque: float, contacts: Sequence[Contact] = ()) -> Gap:
     """Return the gap where the load started.
 
@@ -51,12 +55,11 @@ def measure_gap(drive: Drive, recording: Recording, torque: float, contacts: Seq
     torque : of the motor at standstill, N m at the output
     contacts : the laws that are tried, see `contacts_of`
     """
-    period = float(recording.time[-1] / (recording.time.size - 1))
-    delays = [0.5 * period * k for k in range(_HALF_PERIODS)]
-    found = fit(drive, recording, contacts or contacts_of(drive), delays, torque)
+    period = float(np.median(np.diff(recording.time)))
+    found = fit(drive, recording, contacts or contacts_of(drive), delays_of(period), torque)
     gap, (count_m, count_l) = found.gap, found.counts
     deviation = _NOISE * found.gap_deviation
-    way = float(np.ptp(recording.load))
+    way = float(np.nanmax(recording.load) - np.nanmin(recording.load))
     uncertainty = math.hypot(deviation, _MODEL * gap, _CURVED * way**2 * gap, _COUNT * math.hypot(count_m, count_l))
     why = ""
     if not max(found.rms) <= FITS:
@@ -65,10 +68,10 @@ def measure_gap(drive: Drive, recording: Recording, torque: float, contacts: Seq
             f"as large as the encoders' counts allow, and may be {FITS:g} times; check that both encoders count in "
             "the direction of the gear and with its ratio, that couplings hold, and that nothing else moves the load"
         )
-    elif abs(scale := float(found.parameters[ECCENTRICITY])) > _SCALE:
+    elif abs(scale := found.scale) > SCALE:
         why = (
             f"the load's angle grows by {100 * scale:+.1f} % more than the motor's through the gear, and may differ by "
-            f"{100 * _SCALE:g} %: check gear.reduction, and that the encoders are the right ones"
+            f"{100 * SCALE:g} %: check gear.reduction, and that the encoders are the right ones"
         )
     elif not found.torques[0] < -_FLANK * torque < _FLANK * torque < found.torques[1]:
         side = "negative" if found.torques[0] >= -_FLANK * torque else "positive"
@@ -81,7 +84,8 @@ def measure_gap(drive: Drive, recording: Recording, torque: float, contacts: Seq
     if why:
         return Gap(0.0, 0.0, False, why, found)
     told = (
-        f"{recording.time[-1]:.1f} s of motion, with teeth by the {law_name(found.contact)} law that bore "
+        f"{recording.time[-1] - recording.time[0]:.1f} s of motion, with teeth by the {law_name(found.contact)} law "
+        "that bore "
         f"{found.torques[0]:.2g} to {found.torques[1]:.2g} N m"
     )
     return Gap(gap, uncertainty, True, told, found)

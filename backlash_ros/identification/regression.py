@@ -31,22 +31,28 @@ class Guess(NamedTuple):
 
 
 def guess_of(side: MotorSide, time: Array, motor: Array, load: Array, command: Array, delay: float) -> Guess:
-    """Return what fits best if commands act ``delay`` s after their samples."""
+    """Return what fits best if commands act ``delay`` s after their samples.
+
+    Angles are taken from straight lines through the readings, evenly in time; a command holds until the next.
+    """
     period = float(np.median(np.diff(time)))
+    even = time[0] + period * np.arange(round((time[-1] - time[0]) / period) + 1)
+    p, q = (np.interp(even, time[np.isfinite(angle)], angle[np.isfinite(angle)]) for angle in (motor, load))
+    told = np.isfinite(command)
     half = max(4, round(0.5 * _WIDTH / period))
     s = np.arange(-half, half + 1) / half
     width = half * period
     bump = (1 - s**2) ** 4
     first = -8 * s * (1 - s**2) ** 3 / width
     second = (-8 * (1 - s**2) ** 3 + 48 * s**2 * (1 - s**2) ** 2) / width**2
-    centres = np.arange(half, time.size - half, max(1, half // 4))
+    centres = np.arange(half, even.size - half, max(1, half // 4))
     rows = centres[:, None] + np.arange(-half, half + 1)
     # The command in force between samples, lagging by the winding, as the mean of each period around a sample.
     late = delay + (1.0 / side.rate if np.isfinite(side.rate) else 0.0)
     fine = 8
-    grid = time[0] + (np.arange(time.size * fine) + 0.5) * period / fine - 0.5 * period
-    index = np.floor((grid - late - time[0]) / period + 1e-9).astype(int)
-    u = np.where(index >= 0, command[np.clip(index, 0, time.size - 1)], 0.0).reshape(-1, fine).mean(axis=1)
+    grid = time[0] + (np.arange(even.size * fine) + 0.5) * period / fine - 0.5 * period
+    index = np.searchsorted(time[told], grid - late + 1e-9 * period, side="right") - 1
+    u = command[told][np.maximum(index, 0)].reshape(-1, fine).mean(axis=1)
 
     def speed(angle: Array) -> Array:
         rate = np.gradient(angle, period)
@@ -56,7 +62,7 @@ def guess_of(side: MotorSide, time: Array, motor: Array, load: Array, command: A
         result: Array = period * (values[rows] @ by)
         return result
 
-    p, q = motor - motor[0], load - load[0]
+    p, q = p - p[0], q - q[0]
     known = side.gain * weighed(u, bump) + side.braking * weighed(p, first) - side.inertia * weighed(p, second)
     known += side.viscous * weighed(p, first)
     matrix = np.column_stack(

@@ -111,7 +111,7 @@ def test_in_use_has_a_new_version_for_each_request_that_is_taken(start: Start, p
     assert [version for version, _ in in_use.heard] == [1, 2, 3]
     assert (values["law"], values[HYSTERESIS], values["gains.fast.k"]) == ("fast", 0.2, [20.0, 0.6, 0.1])
     late = InUse(peer)
-    assert late.heard == in_use.heard[-1:]
+    peer.wait("all versions, late", lambda: late.heard == in_use.heard)
 
 
 def test_the_next_command_follows_what_is_published(start: Start, peer: Peer) -> None:

@@ -1,0 +1,142 @@
+"""The arguments of `backlash identify`."""
+
+import argparse
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from backlash_ros.analysis.recordings.bag_topics import STAMPS, Topics
+from backlash_ros.analysis.recordings.command import Request
+from backlash_ros.analysis.recordings.csv_file import ColumnNames
+from backlash_ros.analysis.recordings.encoder import UNITS, Encoder
+from backlash_ros.analysis.recordings.samples import COMMAND_UNITS, TIME_UNITS, Reading
+
+EXAMPLE = """example: an axis recorded as a table, the motor's encoder counted before the gear, the load's in degrees
+
+  backlash identify axis.csv --drive my_axis.yaml --motor-unit counts --motor-counts 4096 --load-unit deg \\
+      --load-column angle --command-column volts --drive-file identified.yaml
+
+docs/identification.md has the rules."""
+DESCRIPTION = (
+    "The load's inertia and friction, load torque, delay, gap and encoder offset of a drive, with standard "
+    "uncertainties, from any recording of both encoders and the command. What the recording cannot tell is named."
+)
+
+
+def _number(least: float, *, above: bool = False) -> Callable[[str], float]:
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value) or value < least or (above and value == least):
+            raise argparse.ArgumentTypeError(f"must be a number {'>' if above else '>='} {least:g}, got {text!r}")
+        return value
+
+    return parse
+
+
+def _index(text: str) -> int:
+    if not text.isascii() or not text.isdigit():
+        raise argparse.ArgumentTypeError(f"must be a whole number >= 0, got {text!r}")
+    return int(text)
+
+
+def add_identification(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments to a parser."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description, parser.epilog = DESCRIPTION, EXAMPLE
+    add = parser.add_argument
+    add("recording", type=Path, metavar="RECORDING", help="folder or file of a rosbag2 (mcap, sqlite3), or a CSV table")
+    add("--drive", type=Path, metavar="FILE", help="drive file whose motor and gear are taken as they are")
+    add("--drive-file", type=Path, metavar="FILE", help="file to write the drive into that was found")
+    add("--json", type=Path, metavar="FILE", help="file to write all figures into")
+    add("--force", action="store_true", help="overwrite files that exist")
+    add(
+        "--from",
+        type=_number(0.0),
+        default=0.0,
+        dest="start",
+        metavar="S",
+        help="use what comes after, s from the start",
+    )
+    add("--to", type=_number(0.0, above=True), default=math.inf, dest="end", metavar="S", help="use what comes before")
+
+    units = parser.add_argument_group("angles and command")
+    add = units.add_argument
+    for shaft in ("motor", "load"):
+        add(f"--{shaft}-unit", choices=list(UNITS), default="rad")
+        add(
+            f"--{shaft}-counts",
+            type=_number(0.0, above=True),
+            default=0.0,
+            metavar="N",
+            help="of its encoder in a turn",
+        )
+        text = "units after which its angle begins again; found where that is one turn"
+        add(f"--{shaft}-wraps", type=_number(0.0, above=True), default=0.0, metavar="X", help=text)
+    text = "the shaft that its angle is counted at; motor (the default) is before the gear"
+    add("--motor-at", choices=["motor", "output"], default="motor", help=text)
+    add("--command-unit", choices=COMMAND_UNITS, default="", help="by default what the drive takes")
+    add("--supply", type=_number(0.0, above=True), default=0.0, metavar="V", help="voltage of a duty cycle of 1")
+    text = "what a row's command is: the answer to its angles (the default), or what acted when they were read"
+    add("--command-row", choices=["answer", "acting"], default="answer", help=text)
+
+    table, names = parser.add_argument_group("tables"), ColumnNames()
+    for name in ("time", "motor", "load", "command"):
+        default = getattr(names, name)
+        table.add_argument(f"--{name}-column", default=default, metavar="NAME", help=f"by default {default}")
+    table.add_argument("--time-unit", choices=list(TIME_UNITS), default="s")
+
+    bag, topics = parser.add_argument_group("bags"), Topics()
+    bag.add_argument("--joint-topic", default="", metavar="TOPIC", help="where there are several with joint states")
+    bag.add_argument("--motor-joint", default=topics.motor_joint, metavar="NAME", help="by default motor")
+    bag.add_argument("--load-joint", default=topics.load_joint, metavar="NAME", help="by default load")
+    bag.add_argument("--command-topic", default="", metavar="TOPIC", help="by default the one that ends with /command")
+    bag.add_argument("--command-index", type=_index, default=0, metavar="K", help="which of its numbers, from 0 on")
+    bag.add_argument("--stamps", choices=STAMPS, default=topics.stamps, help="whose time a sample has")
+
+
+def request_of(given: argparse.Namespace) -> Request:
+    """Return what was asked for; ValueError for arguments that do not go together."""
+    encoders = []
+    for shaft in ("motor", "load"):
+        unit, counts, wraps = (getattr(given, f"{shaft}_{name}") for name in ("unit", "counts", "wraps"))
+        try:
+            encoders.append(Encoder(unit, counts, wraps))
+        except ValueError as error:
+            raise ValueError(f"argument --{shaft}-counts: {error}") from error
+    reading = Reading(
+        time_unit=given.time_unit,
+        motor=encoders[0],
+        load=encoders[1],
+        motor_at=given.motor_at,
+        command_unit=given.command_unit,
+        supply=given.supply,
+        answer=given.command_row == "answer",
+        start=given.start,
+        end=given.end,
+    )
+    return Request(
+        given.recording,
+        reading,
+        ColumnNames(given.time_column, given.motor_column, given.load_column, given.command_column),
+        Topics(
+            given.joint_topic,
+            given.command_topic,
+            given.motor_joint,
+            given.load_joint,
+            given.command_index,
+            given.stamps,
+        ),
+        given.drive,
+        given.json,
+        given.drive_file,
+        given.force,
+    )
+
+
+def in_the_way(request: Request) -> Sequence[tuple[str, Path]]:
+    """Return the arguments that name files which exist and must not be overwritten."""
+    places = (("json", request.json), ("drive-file", request.drive_file))
+    return [(name, place) for name, place in places if place is not None and place.exists() and not request.force]

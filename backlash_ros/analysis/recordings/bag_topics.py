@@ -1,0 +1,187 @@
+"""Reading the samples and commands of one drive from a rosbag2: which answered which, and when they were taken."""
+
+import math
+import re
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.typesys import Stores, get_typestore
+
+from backlash_ros.analysis.bag import readable
+from backlash_ros.analysis.recordings.samples import Columns
+
+STAMPS = ("header", "log")
+_JOINT_STATE = "sensor_msgs/msg/JointState"
+_STAMP = re.compile(r"(-?\d+)\.(\d{9})")
+_FASTER = 1.2
+"""Commands for each sample beyond which there are more than answers."""
+
+
+@dataclass(frozen=True)
+class Topics:
+    """What is read: topics (found where there is but one), joints, which of the command's numbers, and which time.
+
+    ``stamps``: the time of a sample is its header's, or that at which it was recorded.
+    """
+
+    joint_states: str = ""
+    command: str = ""
+    motor_joint: str = "motor"
+    load_joint: str = "load"
+    index: int = 0
+    stamps: str = "header"
+
+
+@dataclass
+class _Messages:
+    """Of samples: times of both clocks, ns, and both positions; of commands: time recorded, sample named, value."""
+
+    stamps: list[int]
+    received: list[int]
+    positions: list[tuple[float, float]]
+    commands: list[tuple[int, int | None, float]]
+    joints: set[str]
+
+
+def _one_of(given: str, found: Sequence[str], what: str, option: str, path: Path) -> str:
+    """Return the topic that was asked for, or the only one."""
+    if given:
+        wanted = given if given.startswith("/") else f"/{given}"
+        if wanted not in found:
+            raise ValueError(f"{path}: there is no {what} on '{wanted}'; there is on {sorted(found)}")
+        return wanted
+    if len(found) != 1:
+        raise ValueError(f"{path}: {option} must be given: {what} are on {sorted(found)}")
+    return found[0]
+
+
+def _positions(message: Any, topics: Topics) -> tuple[float, float]:
+    names = list(message.name)
+    motor, load = (
+        float(message.position[names.index(joint)])
+        if joint in names and names.index(joint) < len(message.position)
+        else math.nan
+        for joint in (topics.motor_joint, topics.load_joint)
+    )
+    return motor, load
+
+
+def _answered(message: Any) -> int | None:
+    """Return the stamp of the sample that a command names in its label, ns."""
+    layout = getattr(message, "layout", None)
+    named = _STAMP.fullmatch(layout.dim[0].label) if layout is not None and layout.dim else None
+    return None if named is None else int(named[1]) * 10**9 + int(named[2])
+
+
+def _value(message: Any, topic: str, index: int, path: Path) -> float:
+    data = np.ravel(getattr(message, "data", ()))
+    if index >= data.size or data.dtype.kind not in "iuf":
+        raise ValueError(f"{path}: a message on '{topic}' must have a number data[{index}], has {data.tolist()!r}")
+    return float(data[index])
+
+
+def _messages(path: Path, topics: Topics) -> tuple[_Messages, str, str]:
+    found = _Messages([], [], [], [], set())
+    try:
+        with (
+            readable(path) as bag,
+            AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
+        ):
+            states = sorted({c.topic for c in reader.connections if c.msgtype == _JOINT_STATE})
+            others = sorted({c.topic for c in reader.connections if c.msgtype.startswith("std_msgs/msg/")})
+            source = _one_of(topics.joint_states, states, "joint states", "--joint-topic", path)
+            likely = [topic for topic in others if topic.split("/")[-1] == "command"]
+            likely = likely if len(likely) == 1 and not topics.command else others
+            target = _one_of(topics.command, likely, "commands (std_msgs)", "--command-topic", path)
+            for connection, received, raw in reader.messages():
+                if connection.topic not in {source, target}:
+                    continue
+                message: Any = reader.deserialize(raw, connection.msgtype)
+                if connection.topic == source:
+                    stamp = message.header.stamp
+                    found.stamps.append(int(stamp.sec) * 10**9 + int(stamp.nanosec))
+                    found.received.append(received)
+                    found.positions.append(_positions(message, topics))
+                    found.joints |= set(message.name)
+                else:
+                    value = _value(message, target, topics.index, path)
+                    found.commands.append((received, _answered(message), value))
+    except (AnyReaderError, FileNotFoundError) as error:
+        raise ValueError(f"{path}: is no rosbag2 that can be read: {error}") from error
+    return found, source, target
+
+
+def _pair(found: _Messages, *, by_header: bool) -> tuple[list[int], list[int], list[tuple[float, float]], list[float]]:
+    """Return stamps, times recorded, positions and commands by sample.
+
+    An answer that names its sample is that sample's, also where the sample itself is missing. Where answers name none,
+    a sample's is the last that was recorded before the next sample, and without one the command before holds.
+    """
+    named = {stamp: (value, received) for received, stamp, value in found.commands if stamp is not None}
+    if len(named) > 0.5 * len(found.commands):
+        seen, first, last = set(found.stamps), found.stamps[0], max(found.stamps)
+        rows = [
+            (stamp, received, both, named.get(stamp, (math.nan, 0))[0])
+            for stamp, received, both in zip(found.stamps, found.received, found.positions, strict=True)
+        ]
+        rows += [
+            (stamp, received, (math.nan, math.nan), value)
+            for stamp, (value, received) in named.items()
+            if by_header and stamp not in seen and first < stamp < last
+        ]
+        if len(rows) > len(found.stamps):
+            rows.sort(key=lambda row: row[0])
+        stamps, received, positions, commands = (list(column) for column in zip(*rows, strict=True))
+        return stamps, received, positions, commands
+    times = [received for received, _, _ in found.commands]
+    answers = []
+    for follows in (*found.received[1:], math.inf):
+        k = bisect_right(times, follows - 1) - 1
+        answers.append(found.commands[k][2] if k >= 0 else math.nan)
+    return found.stamps, found.received, found.positions, answers
+
+
+def read_topics(path: Path, topics: Topics) -> Columns:
+    """Return the samples and commands of a drive, from a folder, or a file, of a rosbag2.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    ValueError
+        Names the topic, joint or clock that cannot be used.
+    """
+    found, source, target = _messages(path, topics)
+    if not found.stamps or not found.commands:
+        empty = source if not found.stamps else target
+        raise ValueError(f"{path}: there is no message on '{empty}'")
+    for joint in (topics.motor_joint, topics.load_joint):
+        if joint not in found.joints:
+            raise ValueError(f"{path}: '{source}' has no joint '{joint}'; it has {sorted(found.joints)}")
+    if len(found.commands) > _FASTER * len(found.stamps):
+        raise ValueError(
+            f"{path}: '{target}' has {len(found.commands)} commands for {len(found.stamps)} samples on '{source}', "
+            f"and may have {_FASTER:g} for each: which one acted cannot be told"
+        )
+    if topics.stamps == "header" and len(set(found.stamps)) == 1:
+        raise ValueError(
+            f"{path}: all headers of '{source}' have the same stamp; --stamps log takes the recorder's time"
+        )
+    stamps, received, positions, commands = _pair(found, by_header=topics.stamps == "header")
+    clock = stamps if topics.stamps == "header" else received
+    time = np.array([1e-9 * (ns - clock[0]) for ns in clock])
+    motor, load = np.array(positions).T
+    names = (
+        f"the {topics.stamps}'s time on '{source}'",
+        f"joint '{topics.motor_joint}'",
+        f"joint '{topics.load_joint}'",
+        f"'{target}'",
+    )
+    command = np.array(commands)
+    command[~np.isfinite(command)] = math.nan
+    return Columns(time, motor.copy(), load.copy(), command, names, lambda k: f"in sample {k + 1}")

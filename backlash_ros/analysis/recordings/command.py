@@ -1,0 +1,91 @@
+"""What `backlash identify` does: reads, identifies, prints, writes."""
+
+import json
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rich.console import Console
+
+from backlash_ros.analysis.evaluation.drive_file import read_drive
+from backlash_ros.analysis.recordings.bag_topics import Topics, read_topics
+from backlash_ros.analysis.recordings.csv_file import ColumnNames, read_csv
+from backlash_ros.analysis.recordings.drive_text import drive_text
+from backlash_ros.analysis.recordings.report import content_of, show
+from backlash_ros.analysis.recordings.samples import Columns, Reading, drive_for, recording_of
+from backlash_ros.analysis.staging import staging
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
+from backlash_ros.identification.identify import Identified, identify
+
+FOUND, REFUSED = 0, 1
+_WHOLE = 0.01
+"""Counts in a turn by which their number may be off from a whole one to be taken for it."""
+TABLES = {".csv", ".tsv", ".txt"}
+"""Endings of files that are tables; everything else is a bag."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is identified, how it is read, and what is written; ``drive`` None is the nominal one."""
+
+    recording: Path
+    reading: Reading = field(default_factory=Reading)
+    columns: ColumnNames = field(default_factory=ColumnNames)
+    topics: Topics = field(default_factory=Topics)
+    drive: Path | None = None
+    json: Path | None = None
+    drive_file: Path | None = None
+    force: bool = False
+
+
+def _read(request: Request) -> Columns:
+    path = request.recording
+    if not path.exists():
+        raise FileNotFoundError(f"there is no recording '{path}'")
+    if path.suffix.lower() in TABLES and path.is_file():
+        return read_csv(path, request.columns)
+    return read_topics(path, request.topics)
+
+
+def _write(place: Path, text: str) -> None:
+    """Write a file, all of it or nothing."""
+    with staging(place) as folder:
+        (folder / place.name).write_text(text)
+        (folder / place.name).replace(place)
+
+
+def counts_of(found: Identified, reading: Reading, drive: Drive) -> tuple[float, float]:
+    """Return the counts of both encoders in a turn of their shafts: as told, else as seen; 0 where there are none."""
+    seen = found.fit.counts if found.fit is not None else (0.0, 0.0)
+    result = []
+    for encoder, count in ((reading.motor, seen[0] / drive.gear.ratio), (reading.load, seen[1])):
+        turn = 2.0 * math.pi / count if count > 0.0 else 0.0
+        result.append(encoder.counts or (float(round(turn)) if abs(turn - round(turn)) < _WHOLE else 0.0))
+    return result[0], result[1]
+
+
+def identify_recording(request: Request, console: Console) -> int:
+    """Identify, print and write; return the exit code: 0 where something was found, 1 where nothing was.
+
+    Raises
+    ------
+    OSError, ValueError
+        If a file cannot be read or written, or is not what it was told to be.
+    """
+    told = read_drive(request.drive) if request.drive else NOMINAL_DRIVE
+    drive = drive_for(told, request.reading)
+    name = str(request.drive) if request.drive else "the nominal drive: give yours with --drive"
+    recording, notes = recording_of(_read(request), request.reading, drive)
+    found = identify(drive, recording)
+    source = str(request.recording)
+    show(found, source, name, notes, console)
+    written = []
+    if request.json is not None:
+        _write(request.json, json.dumps(content_of(found, source, name, notes), indent=1) + "\n")
+        written.append(str(request.json))
+    if request.drive_file is not None and found.valid:
+        _write(request.drive_file, drive_text(found, counts_of(found, request.reading, drive), source))
+        written.append(str(request.drive_file))
+    if written:
+        console.print(f"written: {'; '.join(written)}", highlight=False, markup=False, soft_wrap=True)
+    return FOUND if found.valid else REFUSED

@@ -1,0 +1,88 @@
+"""What was identified, for people in a table and for programs as JSON."""
+
+import math
+from dataclasses import asdict
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from backlash_ros.analysis.jsonable import jsonable
+from backlash_ros.identification.findings import Finding
+from backlash_ros.identification.held_out import Score
+from backlash_ros.identification.identify import Identified
+
+
+def _figures(finding: Finding) -> tuple[str, str]:
+    """Return value and uncertainty with as many digits as the uncertainty is worth."""
+    if abs(finding.value) < 1e-3 * finding.uncertainty:
+        return "0", f"{finding.uncertainty:.2g}"
+    digits = max(0, math.floor(math.log10(max(abs(finding.value), finding.uncertainty))) - _place(finding) + 2)
+    return f"{round(finding.value, 1 - _place(finding)):.{max(digits, 1)}g}", f"{finding.uncertainty:.2g}"
+
+
+def _place(finding: Finding) -> int:
+    return math.floor(math.log10(finding.uncertainty))
+
+
+def _scored(score: Score) -> str:
+    def compared(own: float, told: float) -> str:
+        return f"{own:.3g} (as told: {told:.3g})" if math.isfinite(told) else f"{own:.3g} (as told: cannot follow)"
+
+    return (
+        f"Held out: fitted to the first {score.start:.2f} s, judged on the {score.length:.2f} s after.\n"
+        f"  each sample against its prediction, in standard deviations: {compared(score.rms, score.told_rms)}\n"
+        f"  the load's angle from the command alone, for {score.free:.2g} s each, rms, rad: "
+        f"{compared(score.error, score.told_error)}"
+    )
+
+
+def show(found: Identified, source: str, told: str, notes: list[str], console: Console) -> None:
+    """Print what was found, or why nothing was."""
+
+    def say(text: str) -> None:
+        console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+    say(f"{source}; motor and gear ratio as told by {told}")
+    for note in notes:
+        say(f"  {note}")
+    if found.stretch:
+        say(f"  used: {found.stretch}")
+    if found.reason:
+        say(f"Nothing can be told: {found.reason}.")
+        return
+    table = Table(box=None, pad_edge=False, header_style="")
+    for name, style in (("", ""), ("value", ""), ("+-", ""), ("unit", ""), ("", "")):
+        table.add_column(name, style=style, justify="right" if name in {"value", "+-"} else "left", no_wrap=name != "")
+    reasons: dict[str, list[str]] = {}
+    for finding in found.findings:
+        if finding.told:
+            table.add_row(finding.symbol, *_figures(finding), finding.unit, finding.what)
+        else:
+            reasons.setdefault(finding.why, []).append(finding.symbol)
+    console.print(table, highlight=False, markup=False)
+    if reasons:
+        say("The recording cannot tell:")
+    for why, symbols in reasons.items():
+        say(f"  {', '.join(symbols)}: {why}")
+    if found.gap is not None and found.gap.valid:
+        say(f"The gap comes from {found.gap.reason}.")
+    if found.score is not None:
+        say(_scored(found.score))
+
+
+def content_of(found: Identified, source: str, told: str, notes: list[str]) -> dict[str, Any]:
+    """Return all of it as JSON takes it; where there is a reason there is no value."""
+    content = {
+        "recording": source,
+        "drive": told,
+        "valid": found.valid,
+        "reason": found.reason,
+        "notes": notes,
+        "stretch": found.stretch,
+        "period": found.period,
+        "findings": [{**asdict(finding), "told": finding.told} for finding in found.findings],
+        "held_out": None if found.score is None else asdict(found.score),
+    }
+    result: dict[str, Any] = jsonable(content)
+    return result

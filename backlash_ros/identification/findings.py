@@ -1,0 +1,220 @@
+"""What a fit tells of a drive: each quantity with its standard uncertainty, or why the recording cannot tell it."""
+
+import math
+from dataclasses import dataclass
+
+from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain.contacts.elastic import SpringContact
+from backlash_ros.drivetrain.signals import Array
+from backlash_ros.identification.filter import (
+    COULOMB_L,
+    COULOMB_M,
+    DELAY,
+    ECCENTRICITY,
+    GAP_SLOPE,
+    GRAVITY,
+    LN_INERTIA,
+    LN_TEETH,
+    LN_VISCOUS,
+    OFFSET,
+    TORQUE,
+)
+from backlash_ros.identification.fit import Fit
+from backlash_ros.identification.gap import Gap
+
+NOISE, MODEL, LEAST, LEAST_DELAY = 2.0, 0.005, 1e-4, 0.005
+"""What an uncertainty is made of: times the standard deviation by the noise; beside it a share of the value, a share
+of the torque at standstill for each torque, and of the period for the delay."""
+UNSEEN = 3.0
+"""Times the uncertainty of all else where the gap is not told: teeth that are not known bias what acts through them."""
+SURE_INERTIA, SURE_FRICTION, SURE_RESISTANCE, SURE_TORQUE = 0.05, 0.25, 0.1, 0.1
+"""Largest standard uncertainty of what is told, as a share of its value; of all but the inertia, `SMALL` will do."""
+SMALL = 1e-3
+"""Torque that hardly matters, as a share of the torque at standstill."""
+SURE_DELAY, SURE_SLOPE, SURE_TEETH, SURE_SCALE = 0.25, 0.1, 0.2, 2.5e-3
+"""Largest standard uncertainty: of the delay, in periods; of what the gap changes by, in gaps for each rad; of the
+teeth's stiffness, as a share; of the share by which the load's encoder reads too much."""
+SPEEDS = 1.0, 10.0
+"""Of the load, rad/s, at which its friction is told, viscous and dry together."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One quantity: ``value`` and standard ``uncertainty`` in ``unit``, both nan where ``why`` says why not.
+
+    ``key`` is its name in a drive file; empty where it has none.
+    """
+
+    key: str
+    symbol: str
+    what: str
+    unit: str
+    value: float = math.nan
+    uncertainty: float = math.nan
+    why: str = ""
+
+    @property
+    def told(self) -> bool:
+        """Whether there is a value."""
+        return not self.why
+
+
+def stall_of(drive: Drive) -> float:
+    """Return the torque at standstill that the largest command makes, N m at the output."""
+    motor = drive.motor
+    most = motor.voltage_limit / motor.resistance
+    if drive.takes_current:
+        most = min(most, motor.current_limit)
+    return motor.torque_constant * most / drive.gear.ratio
+
+
+@dataclass(frozen=True)
+class _Rules:
+    """A fit, and what may be told of it."""
+
+    drive: Drive
+    x: Array
+    covariance: Array
+    period: float
+    stall: float
+
+    def deviation(self, index: int) -> float:
+        least = {DELAY: LEAST_DELAY * self.period, **dict.fromkeys((COULOMB_L, COULOMB_M, TORQUE), LEAST * self.stall)}
+        deviation = NOISE * math.sqrt(max(float(self.covariance[index, index]), 0.0))
+        return math.hypot(deviation, least.get(index, 0.0))
+
+    def decide(
+        self, row: Finding, value: float, deviation: float, bound: float, hint: str = "", model: float = MODEL
+    ) -> Finding:
+        """Return a row with its value if its ``deviation``, and a share by the ``model``, are within a ``bound``."""
+        uncertainty = math.hypot(deviation, model * value)
+        if uncertainty <= bound:
+            return Finding(row.key, row.symbol, row.what, row.unit, value, uncertainty)
+        why = f"its standard uncertainty is {uncertainty:.2g} {row.unit}, more than {bound:.2g}"
+        return Finding(row.key, row.symbol, row.what, row.unit, why=f"{why}{hint}")
+
+    def resistance(self, speed: float) -> tuple[float, float]:
+        """Return the load's friction at a speed, viscous and dry, and its deviation, N m."""
+        viscous = math.exp(self.x[LN_VISCOUS]) * speed
+        cov, v, c = self.covariance, LN_VISCOUS, COULOMB_L
+        variance = viscous**2 * cov[v, v] + cov[c, c] + 2.0 * viscous * cov[v, c]
+        deviation = NOISE * math.sqrt(max(float(variance), 0.0))
+        return viscous + float(self.x[c]), math.hypot(deviation, LEAST * self.stall)
+
+    def load(self) -> list[Finding]:
+        x, small = self.x, SMALL * self.stall
+        inertia, viscous, dry = math.exp(x[LN_INERTIA]), math.exp(x[LN_VISCOUS]), float(x[COULOMB_L])
+        both = [
+            self.decide(
+                Finding("", f"{speed:g} B_l + c_l", f"the load's friction at {speed:g} rad/s", "N m"),
+                *(at := self.resistance(speed)),
+                max(SURE_RESISTANCE * at[0], small),
+            )
+            for speed in SPEEDS
+        ]
+        hint = (
+            "; viscous and dry friction are told apart poorly, see both together" if any(r.told for r in both) else ""
+        )
+        return [
+            self.decide(
+                Finding("load.inertia", "J_l", "the load's inertia", "kg m^2"),
+                inertia,
+                self.deviation(LN_INERTIA) * inertia,
+                SURE_INERTIA * inertia,
+            ),
+            self.decide(
+                Finding("load.viscous_friction", "B_l", "the load's viscous friction", "N m s/rad"),
+                viscous,
+                self.deviation(LN_VISCOUS) * viscous,
+                SURE_FRICTION * viscous,
+                hint,
+            ),
+            self.decide(
+                Finding("load.coulomb_friction", "c_l", "the load's dry friction", "N m"),
+                dry,
+                self.deviation(COULOMB_L),
+                max(SURE_FRICTION * dry, small),
+                hint,
+            ),
+            *both,
+        ]
+
+    def around(self) -> list[Finding]:
+        """Return what acts on both shafts from outside, and when."""
+        x, ratio, small = self.x, self.drive.gear.ratio, SMALL * self.stall
+        dry, torque, slope = float(x[COULOMB_M]), float(x[TORQUE]), float(x[GRAVITY])
+        return [
+            self.decide(
+                Finding("motor.coulomb_friction", "c_m", "the motor's dry friction, before the gear", "N m"),
+                dry * ratio,
+                self.deviation(COULOMB_M) * ratio,
+                max(SURE_FRICTION * dry, small) * ratio,
+            ),
+            self.decide(
+                Finding("", "tau_l", "load torque and weight where the load started", "N m"),
+                torque,
+                self.deviation(TORQUE),
+                max(SURE_TORQUE * abs(torque), 2.0 * small),
+            ),
+            self.decide(
+                Finding("", "dtau_l/dtheta_l", "how that torque grows with the load's angle: weight", "N m/rad"),
+                slope,
+                self.deviation(GRAVITY),
+                max(SURE_TORQUE * abs(slope), 10.0 * small),
+            ),
+            self.decide(
+                Finding("delay.command", "delay", "from a sample to when its command acts", "s"),
+                float(x[DELAY]),
+                self.deviation(DELAY),
+                SURE_DELAY * self.period,
+            ),
+        ]
+
+    def encoder(self) -> Finding:
+        """Return by what share the load's encoder reads too much where it is: what eccentricity does."""
+        row = Finding("", "eccentricity", "share by which the load's encoder reads too much here", "")
+        return self.decide(row, float(self.x[ECCENTRICITY]), self.deviation(ECCENTRICITY), SURE_SCALE)
+
+    def teeth(self, contact: object) -> list[Finding]:
+        """Return what is known of the gap beside its width where both flanks were seen."""
+        x = self.x
+        rows = [
+            self.decide(
+                Finding("sensors.load_offset", "offset", "what the load's encoder shows at the motor's zero", "rad"),
+                -float(x[OFFSET]),
+                self.deviation(OFFSET),
+                math.inf,
+                model=0.0,
+            ),
+            self.decide(
+                Finding("", "(db/dtheta_l)/b", "by what share the gap widens with the load's angle", "1/rad"),
+                float(x[GAP_SLOPE]),
+                self.deviation(GAP_SLOPE),
+                SURE_SLOPE,
+            ),
+        ]
+        if isinstance(contact, SpringContact):
+            give = contact.wind_up * math.exp(-x[LN_TEETH])
+            row = Finding("contact.elastic.wind_up", "wind-up", "twist of the output by the teeth's give", "rad/(N m)")
+            rows.append(self.decide(row, give, self.deviation(LN_TEETH) * give, SURE_TEETH * give))
+        return rows
+
+
+def findings_of(drive: Drive, gap: Gap, found: Fit, period: float) -> list[Finding]:
+    """Return all that a fit tells, in a fixed order: load, what acts from outside, gap, encoders.
+
+    Parameters
+    ----------
+    drive : as told
+    gap : with its verdict; the teeth are told only where it is valid
+    period : of the samples, s
+    """
+    covariance = found.covariance * (1.0 if gap.valid else UNSEEN**2)
+    rules = _Rules(drive, found.parameters, covariance, period, stall_of(drive))
+    teeth = rules.teeth(found.contact)
+    width = Finding("gear.backlash_angle", "b", "the gap, where the load started", "rad")
+    if gap.valid:
+        width = Finding(width.key, width.symbol, width.what, width.unit, gap.angle, gap.uncertainty)
+    else:
+        width, *teeth = (Finding(r.key, r.symbol, r.what, r.unit, why=gap.reason) for r in (width, *teeth))
+    return [width, *rules.load(), *rules.around(), *teeth, rules.encoder()]

@@ -1,0 +1,143 @@
+"""How well a drive that was found explains what it was not fitted to, and how well the drive as told does."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain.contact import Contact
+from backlash_ros.drivetrain.signals import Array
+from backlash_ros.identification.filter import (
+    COULOMB_L,
+    COULOMB_M,
+    LN_HALF_GAP,
+    LN_INERTIA,
+    LN_VISCOUS,
+    OFFSET,
+    PARAMETERS,
+    filter_with,
+)
+from backlash_ros.identification.fit import STAGES, Fit, Recording, first_states, motor_side, noise_of
+
+SHARE = 0.75
+"""Of the recording, by time, that a fit sees before it is scored on the rest."""
+_FREE = 1.0
+"""s from one start of a free simulation to the next."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """How what was fitted to the first part of a recording explains the rest, from ``start`` s on, ``length`` s long.
+
+    ``rms`` of what each sample differs from its prediction by those before, in standard deviations, the worse of both
+    encoders; ``error`` of the load's angle (rms, rad) in simulations that see nothing but the command, for ``free`` s
+    each; ``told_*`` of the drive as told.
+    """
+
+    start: float
+    length: float
+    free: float
+    rms: float
+    error: float
+    told_rms: float
+    told_error: float
+
+
+def told_parameters(drive: Drive, recording: Recording) -> Array:
+    """Return the filter's parameters of a drive as told: no load torque, no delay, the gap around where the load is."""
+    x = np.zeros(PARAMETERS)
+    x[LN_HALF_GAP] = math.log(0.5 * drive.gear.backlash_angle)
+    x[OFFSET] = 0.5 * float(np.min(recording.travel) + np.max(recording.travel))
+    x[LN_INERTIA] = math.log(drive.load.inertia)
+    x[LN_VISCOUS] = math.log(max(drive.load.viscous_friction, 1e-9))
+    x[COULOMB_L], x[COULOMB_M] = drive.load.coulomb_friction, drive.motor.coulomb_friction / drive.gear.ratio
+    return x
+
+
+def _pass(
+    drive: Drive,
+    contact: Contact,
+    x: Array,
+    recording: Recording,
+    counts: tuple[float, float],
+    state: Array | None = None,
+) -> tuple[Array, Array]:
+    """Return innovations and states of one pass of the filter, from a ``state`` on where there is one."""
+    size = recording.time.size
+    innovations, states = np.full((size, 2), math.nan), first_states(recording)
+    if state is not None:
+        states[0] = state
+    predict = filter_with(type(contact))  # type: ignore[arg-type]
+    noise, slopes = noise_of(counts, STAGES[-1]), np.zeros((size, 2, PARAMETERS))
+    logs = predict(motor_side(drive, contact), noise, x, *recording, innovations, slopes, states)
+    if math.isinf(logs):
+        innovations[:], states[:] = math.inf, math.inf
+    return innovations, states
+
+
+def _rms(
+    drive: Drive, contact: Contact, x: Array, recording: Recording, start: float, counts: tuple[float, float]
+) -> float:
+    """Return the rms of `Score` from ``start`` on; infinite where the model cannot follow."""
+    innovations, _ = _pass(drive, contact, x, recording, counts)
+    rest = innovations[recording.time >= start]
+    return math.sqrt(max(float(np.nanmean(np.square(rest[:, column]))) for column in (0, 1)))
+
+
+def _begins(recording: Recording, start: float) -> list[float]:
+    """Return when the free simulations start, s."""
+    last = max(float(recording.time[-1]) - 0.5 * _FREE, start)
+    return [float(begin) for begin in np.arange(start, last + 1e-9, _FREE)]
+
+
+def _error(misses: list[Array]) -> float:
+    return math.sqrt(float(np.nanmean(np.square(np.concatenate(misses)))))
+
+
+def _errors(drive: Drive, found: Fit, recording: Recording, start: float) -> tuple[float, float]:
+    """Return the errors of `Score`: of what was found, and of the drive as told from the same states."""
+    time, motor, load, command = recording
+    own: list[Array] = []
+    other: list[Array] = []
+    as_told = told_parameters(drive, recording)
+    for begin in _begins(recording, start):
+        first, end = (int(k) for k in np.searchsorted(time, (begin, begin + _FREE)))
+        unseen = [angle[:end].copy() for angle in (motor, load)]
+        for angle in unseen:
+            angle[first:] = math.nan
+        blind = Recording(time[:end], unseen[0], unseen[1], command[:end])
+        _, states = _pass(drive, found.contact, found.parameters, blind, found.counts)
+        own.append(states[first:, 3] - load[first:end])
+        state = states[first]
+        angles = [np.full(end - first, math.nan) for _ in range(2)]
+        angles[0][0], angles[1][0] = state[0], state[3]
+        x, half = as_told.copy(), 0.5 * drive.gear.backlash_angle
+        inside = min(max(state[0] - state[3] - found.parameters[OFFSET], -0.9 * half), 0.9 * half)
+        x[OFFSET] = state[0] - state[3] - inside
+        alone = Recording(time[first:end], angles[0], angles[1], command[first:end])
+        _, states = _pass(drive, drive.gear.contact, x, alone, found.counts, state)
+        other.append(states[:, 3] - load[first:end])
+    return _error(own), _error(other)
+
+
+def first_part(recording: Recording) -> Recording:
+    """Return what a fit sees before it is scored."""
+    end = recording.time[0] + SHARE * (recording.time[-1] - recording.time[0])
+    return Recording(*(values[recording.time < end] for values in recording))
+
+
+def score(drive: Drive, found: Fit, recording: Recording) -> Score:
+    """Return how a fit to the `first_part` of a recording explains the rest.
+
+    Parameters
+    ----------
+    drive : as told; the fit took its motor and gear as they are
+    """
+    first, last = float(recording.time[0]), float(recording.time[-1])
+    start = first + SHARE * (last - first)
+    error, told_error = _errors(drive, found, recording, start)
+    rms = _rms(drive, found.contact, found.parameters, recording, start, found.counts)
+    as_told = told_parameters(drive, recording)
+    told_rms = _rms(drive, drive.gear.contact, as_told, recording, start, found.counts)
+    return Score(start - first, last - start, min(_FREE, last - start), rms, error, told_rms, told_error)

@@ -1,0 +1,113 @@
+"""What a recording of both encoders tells of a drive, whatever made it move; or why it tells nothing."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from backlash_ros.drivetrain import Drive
+from backlash_ros.identification.drive import identified_drive
+from backlash_ros.identification.findings import Finding, findings_of, stall_of
+from backlash_ros.identification.fit import FITS, Fit, Recording, fit
+from backlash_ros.identification.gap import SCALE, Gap, contacts_of, delays_of, measure_gap
+from backlash_ros.identification.held_out import Score, first_part, score
+from backlash_ros.identification.plausible import implausible, suspicion
+from backlash_ros.identification.stretch import informative
+
+FRICTION = "load.viscous_friction", "load.coulomb_friction"
+_TEETH = "gear.backlash_angle"
+
+
+@dataclass(frozen=True)
+class Identified:
+    """What was found: ``findings``, or the ``reason`` why nothing can be told.
+
+    ``drive`` is the drive as told with what was found in it, and ``replaced`` names that as a drive file does; what the
+    recording cannot tell is as it was told. ``stretch``: which part was fitted, empty for all of it. ``period`` of the
+    samples, s.
+    """
+
+    reason: str
+    drive: Drive
+    findings: tuple[Finding, ...] = ()
+    replaced: frozenset[str] = frozenset()
+    score: Score | None = None
+    gap: Gap | None = None
+    stretch: str = ""
+    period: float = 0.0
+    fit: Fit | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def valid(self) -> bool:
+        """Whether anything was found."""
+        return any(finding.told for finding in self.findings)
+
+    def of(self, key: str) -> Finding:
+        """Return the finding with a key of the drive file, or a symbol."""
+        return next(finding for finding in self.findings if key in {finding.key, finding.symbol})
+
+
+def identify(drive: Drive, recording: Recording) -> Identified:
+    """Return what a recording tells of a drive.
+
+    Parameters
+    ----------
+    drive : as told: its motor, gear ratio and command are taken as they are, its contact law is tried first
+    recording : see `Recording`; its samples need not be even
+
+    Notes
+    -----
+    The values come from all of the stretch that is fitted; the score from a fit to its first three quarters.
+    """
+    chosen, stretch = informative(recording)
+    period = float(np.median(np.diff(chosen.time))) if chosen.time.size > 1 else 0.0
+    refused = Identified("", drive, stretch=stretch, period=period)
+    if why := implausible(drive, chosen):
+        return replace(refused, reason=why)
+    gap = measure_gap(drive, chosen, stall_of(drive))
+    found = gap.fit
+    assert found is not None
+    if why := _unexplained(drive, chosen, gap, found):
+        return replace(refused, reason=why, gap=gap, fit=found)
+    rows = findings_of(drive, gap, found, period)
+    fitted, replaced = _replaced(drive, found, rows)
+    before = fit(drive, first_part(chosen), contacts_of(drive), delays_of(period), stall_of(drive))
+    return replace(
+        refused,
+        drive=fitted,
+        replaced=replaced,
+        findings=tuple(rows),
+        gap=gap,
+        fit=found,
+        score=score(drive, before, chosen),
+    )
+
+
+def _unexplained(drive: Drive, recording: Recording, gap: Gap, found: Fit) -> str:
+    """Return why nothing of a fit can be believed, not the gap alone; empty where it can."""
+    misfits = not max(found.rms) <= FITS
+    if not misfits:
+        return gap.reason if abs(found.scale) > SCALE else ""
+    suspected = suspicion(drive, recording, delays_of(float(np.median(np.diff(recording.time)))))
+    return f"{suspected}: {gap.reason}" if suspected else gap.reason
+
+
+def _replaced(drive: Drive, found: Fit, rows: list[Finding]) -> tuple[Drive, frozenset[str]]:
+    """Return the drive as told with what the rows tell, and the names of that."""
+    fitted = identified_drive(drive, found)
+    told = {row.key for row in rows if row.told} - {""}
+    if all(row.told for row in rows if row.symbol.endswith("B_l + c_l")):
+        told |= set(FRICTION)  # together they are right, whichever of both it is
+    else:
+        told -= set(FRICTION)
+    load = {
+        name: getattr(fitted.load, name)
+        for name in ("inertia", "viscous_friction", "coulomb_friction")
+        if f"load.{name}" in told
+    }
+    result = replace(drive, load=replace(drive.load, **load))
+    if "motor.coulomb_friction" in told:
+        result = replace(result, motor=fitted.motor)
+    if _TEETH in told:
+        result = replace(result, gear=fitted.gear)
+        told |= {"contact"}
+    return result, frozenset(told)

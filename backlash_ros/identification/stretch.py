@@ -1,0 +1,61 @@
+"""The part of a recording that tells most: without a hole, and where both shafts move most against each other."""
+
+import numpy as np
+
+from backlash_ros.identification.fit import Recording
+
+LONGEST = 12.0
+"""s that are fitted at most."""
+HOLE = 10
+"""Periods without a sample that end a stretch: nobody knows what happened in between."""
+_STEP, _STILL = 0.5, 0.3
+"""s from one stretch that is tried to the next, and s at rest that are kept ahead of the motion."""
+
+
+def _part(recording: Recording, first: int, last: int) -> Recording:
+    return Recording(*(values[first:last] for values in recording))
+
+
+def _starts(recording: Recording, first: int) -> int:
+    """Return the first row, from ``first`` on, where both angles were read; the end where there is none."""
+    read = np.flatnonzero(np.isfinite(recording.motor[first:] + recording.load[first:]))
+    return first + int(read[0]) if read.size else recording.time.size
+
+
+def _still(recording: Recording) -> int:
+    """Return how many rows at rest there are too many ahead of the motion."""
+    time, motor, load, command = recording
+    moved = np.zeros(time.size, dtype=bool)
+    for values in (motor, load, command):
+        moved |= np.abs(values - values[0]) > 0.02 * (np.nanmax(values) - np.nanmin(values))
+    return max(0, int(np.searchsorted(time, time[int(np.argmax(moved))] - _STILL)))
+
+
+def informative(recording: Recording, longest: float = LONGEST) -> tuple[Recording, str]:
+    """Return the stretch that is fitted, and in words which one it is where it is not all.
+
+    A hole of more than `HOLE` periods ends a stretch. Of one that lasts more than ``longest`` s the part counts in
+    which the angle between the shafts goes the longest way to and fro. Rest ahead of the motion is left out.
+    """
+    period = float(np.median(np.diff(recording.time)))
+    holes = np.flatnonzero(np.diff(recording.time) > HOLE * period) + 1
+    best, most = recording, -1.0
+    for first, last in zip((0, *holes), (*holes, recording.time.size), strict=True):
+        whole = _part(recording, min(_starts(recording, first), last), last)
+        if whole.time.size < 2:
+            continue
+        between = whole.motor - whole.load
+        steps = np.abs(np.diff(between, prepend=between[0]))
+        way = np.concatenate(([0.0], np.cumsum(np.where(np.isfinite(steps), steps, 0.0))))
+        time = whole.time
+        for start in np.arange(time[0], max(time[-1] - longest, time[0]) + _STEP, _STEP):
+            begin, end = np.searchsorted(time, (start, start + longest))
+            if end - begin > 1 and way[end] - way[begin] > 1.001 * most:
+                most = float(way[end] - way[begin])
+                best = _part(whole, _starts(whole, int(begin)), int(end))
+    best = _part(best, _starts(best, _still(best)), best.time.size)
+    start, end = (float(best.time[k] - recording.time[0]) for k in (0, -1))
+    length = float(recording.time[-1] - recording.time[0])
+    whole_of_it = end - start > 0.98 * length
+    told = "" if whole_of_it else f"{start:.2f} to {end:.2f} s of {length:.2f} s, where the shafts move most"
+    return best, told

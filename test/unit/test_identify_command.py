@@ -1,0 +1,131 @@
+"""`backlash identify`: what it prints and writes, its exit codes, and the commands of docs/identification.md."""
+
+import json
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+import yaml
+from recorded import probed, stepped, write_bag, write_csv, write_drive
+
+from backlash_ros.analysis.evaluation.drive_file import read_drive
+from backlash_ros.cli import main
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "identification.md").read_text()
+COMMANDS = [line for block in re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL) for line in block.splitlines() if line]
+EXAMPLE = shlex.split(COMMANDS[0])[2:]
+TRUE_GAP, TRUE_INERTIA, TRUE_DELAY = 0.004228, 5.854e-4, 0.002
+"""Of the axis in docs/examples/axis.csv: drive 1 of the population `full`, under the gap probe."""
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the examples and a bag in it."""
+    shutil.copytree(ROOT / "docs" / "examples", tmp_path / "docs" / "examples", ignore=shutil.ignore_patterns("*.pyc"))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_every_command_of_the_page_works(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert len(COMMANDS) == 4
+    (here / "results").mkdir()
+    write_bag(here / "results" / "bag", *probed(1, "full"))
+    for command in COMMANDS:
+        words = shlex.split(command)
+        assert words[0] == ".venv/bin/backlash"
+        assert main(words[1:]) == 0, command
+        printed = capsys.readouterr().out
+        assert "written: results/axis" in printed or "kg m^2" in printed
+    found = json.loads((here / "results" / "axis.json").read_text())
+    told = {row["symbol"]: row for row in found["findings"]}
+    assert told["b"]["value"] == pytest.approx(TRUE_GAP, rel=0.03)
+    assert told["J_l"]["value"] == pytest.approx(TRUE_INERTIA, rel=0.05)
+    assert told["delay"]["value"] == pytest.approx(TRUE_DELAY, abs=1e-3)
+    assert found["valid"]
+    assert found["held_out"]["error"] < 0.1 * found["held_out"]["told_error"]
+    drive = read_drive(here / "results" / "axis.yaml")
+    assert drive.gear.backlash_angle == pytest.approx(told["b"]["value"], rel=1e-5)
+    assert drive.load.inertia == pytest.approx(told["J_l"]["value"], rel=1e-5)
+    assert drive.motor.torque_constant == 0.09303
+    file = yaml.safe_load((here / "results" / "axis.yaml").read_text())["/**"]["ros__parameters"]
+    assert file["delay"]["command"] == file["loop_delay"] == pytest.approx(told["delay"]["value"], rel=1e-5)
+    assert (file["rate"], file["sensors"]["motor_counts"], file["sensors"]["load_counts"]) == (250.0, 4096.0, 262144.0)
+    assert file["backlash_angle"] == file["gear"]["backlash_angle"]
+    floats = [value for section in ("motor", "gear", "load") for value in file[section].values()]
+    assert not any(isinstance(value, str) for value in floats)
+
+
+def test_what_cannot_be_told_is_not_in_the_drive_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    member, recording = stepped(2, "core")
+    table = write_csv(tmp_path / "a.csv", member, recording)
+    sheet, out = write_drive(tmp_path / "a.yaml", member), tmp_path / "deep" / "out.yaml"
+    assert main(["identify", str(table), "--drive", str(sheet), "--drive-file", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "The recording cannot tell:\n  b, offset" in printed
+    assert "far flank was not seen" in printed
+    assert read_drive(out).gear == read_drive(sheet).gear
+    assert read_drive(out).load.inertia == pytest.approx(member.drive.load.inertia, rel=0.05)
+    text = out.read_text()
+    assert re.search(r"backlash_angle: 0.02 +# as told: the recording cannot tell \[rad\]", text)
+    assert re.search(r"inertia: \S+ +# found, \+- \S+ \[kg m\^2\]", text)
+    assert "    backlash_angle:" not in text.replace("      backlash_angle", "")
+
+
+def test_a_recording_that_tells_nothing_ends_with_1_and_the_reason(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    member, recording = stepped(3, "core", length=1.0)
+    table = write_csv(tmp_path / "a.csv", member, recording._replace(load=-recording.load))
+    out, numbers = tmp_path / "out.yaml", tmp_path / "out.json"
+    assert main(["identify", str(table), "--drive-file", str(out), "--json", str(numbers)]) == 1
+    assert "Nothing can be told: " in (printed := capsys.readouterr().out)
+    assert "one encoder counts against the other" in printed
+    assert "the nominal drive: give yours with --drive" in printed
+    assert not out.exists()
+    content = json.loads(numbers.read_text())
+    assert (content["valid"], content["findings"]) == (False, [])
+    assert "one encoder counts against the other" in content["reason"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["nosuch.csv"], 2, "backlash: there is no recording 'nosuch.csv'"),
+        ([*EXAMPLE[:1]], 1, "docs/examples/axis.csv: must have one column 'time', has 0; columns: ['t', 'ticks'"),
+        (["docs/examples"], 1, "docs/examples: is no rosbag2 that can be read"),
+        (["a.csv", "--motor-unit", "counts"], 2, "argument --motor-counts: counts for each turn must be given"),
+        (["a.csv", "--motor-counts", "0"], 2, "argument --motor-counts: must be a number > 0, got '0'"),
+        (["a.csv", "--load-unit", "grad"], 2, "argument --load-unit: invalid choice: 'grad'"),
+        (["a.csv", "--command-unit", "duty"], 2, "the supply must be > 0 V"),
+        (["a.csv", "--from", "3", "--to", "2"], 2, "must end after it starts, got 3 to 2 s"),
+        (["a.csv", "--command-index", "-1"], 2, "--command-index"),
+        (["a.csv", "--json", "docs/examples/axis.csv"], 2, "'docs/examples/axis.csv' exists; --force overwrites it"),
+        (["a.csv", "--drive-file", "docs"], 2, "argument --drive-file: 'docs' exists"),
+        (["a.csv", "--drive-file", "docs", "--force"], 2, "must be a place that can be written, got 'docs'"),
+        ([EXAMPLE[0], "--drive", "docs/examples/axis.csv"], 1, "docs/examples/axis.csv: must have ROS parameters"),
+        ([], 2, "the following arguments are required: RECORDING"),
+    ],
+)
+def test_arguments_that_cannot_be_used_end_with_a_line(
+    arguments: list[str], code: int, said: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        ended: object = main(["identify", *arguments])
+    except SystemExit as error:
+        ended = error.code
+    printed = capsys.readouterr().err
+    assert ended == code, printed
+    assert said in printed
+    assert printed.count("\n") == 1
+
+
+def test_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["identify", "--help"])
+    printed = capsys.readouterr().out
+    assert "backlash identify axis.csv --drive my_axis.yaml" in printed
+    for option in re.findall(r"`(--[a-z-]+)", PAGE):
+        assert option in printed
