@@ -19,9 +19,9 @@ import matplotlib as mpl
 import numpy as np
 
 from backlash_ros.drivetrain import quantities
-from backlash_ros.identification.output_error import ServoFit, fit_servo, mean_errors, refit
-from backlash_ros.identification.position_servo import PositionServo, ServoRun, simulate
-from backlash_ros.identification.servo_gap import FOLDS, ServoGap, judge_gap
+from backlash_ros.identification.one_encoder.output_error import ServoFit, fit_servo, mean_errors, refit
+from backlash_ros.identification.one_encoder.position_servo import PositionServo, ServoRun, simulate
+from backlash_ros.identification.one_encoder.servo_gap import FOLDS, ServoGap, judge_gap
 
 ERROR_GAIN, LARGEST_DUTY, GRAVITY = 0.165, 0.97, 9.80665
 """Duty for each unit of the firmware's gain and each rad, and at which it clips, as the authors measured; m/s^2."""

@@ -131,7 +131,7 @@ def noise_of(counts: tuple[float, float], stage: Stage) -> Noise:
 
 
 def first_states(recording: Recording) -> Array:
-    """Return room for the filter's states, shape (N, `STATES`), with the speeds to start from, where it does not at rest."""
+    """Return room for the filter's states, shape (N, `STATES`), with the speeds to start from where it is in motion."""
     states = np.zeros((recording.time.size, STATES))
     first = recording.time <= recording.time[0] + _FIRST
     for column, angle in ((1, recording.motor), (4, recording.load)):

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from backlash_ros.identification.output_error import ServoFit, fit_servo, mean_errors, refit
-from backlash_ros.identification.position_servo import ServoRun
+from backlash_ros.identification.one_encoder.output_error import ServoFit, fit_servo, mean_errors, refit
+from backlash_ros.identification.one_encoder.position_servo import ServoRun
 
 FOLDS = 4
 LEAST_GAIN = 0.1

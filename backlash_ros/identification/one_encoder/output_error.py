@@ -21,7 +21,7 @@ from scipy.optimize import least_squares
 
 from backlash_ros.drivetrain.quantity import quantities
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.position_servo import (
+from backlash_ros.identification.one_encoder.position_servo import (
     NO_LIMIT,
     PARAMETERS,
     PositionServo,
