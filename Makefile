@@ -101,7 +101,7 @@ soak: $(READY)
 # up to Python 3.11.
 FLOORS := .venv-floors
 test-floors: $(FLOORS)/.ready
-	$(FLOORS)/bin/python -m pytest $(SIDE_BY_SIDE) backlash_ros test/unit --ignore=test/unit/test_gates.py
+	$(FLOORS)/bin/python -m pytest $(SIDE_BY_SIDE) -m "not population" backlash_ros test/unit --ignore=test/unit/test_gates.py
 
 $(FLOORS)/.ready: requirements/floors.txt
 	@echo "== $(FLOORS): Python environment with the oldest supported dependencies"

@@ -25,8 +25,7 @@ _FINE = 8
 
 def true_gap(member: Member) -> float:
     """Return the gap where the load is at first, rad."""
-    gear = member.drive.gear
-    return gear.backlash_angle * (1.0 + gear.backlash_variation * math.cos(gear.backlash_phase))
+    return member.drive.gear.backlash_at(0.0)
 
 
 @cache

@@ -86,6 +86,7 @@ def test_the_load_stays_within_the_swing(gains: GainSet, torque: float, swing: f
     assert isinstance(outcome, Deferred) or "beyond learning.gap_probe.swing" in outcome.reason
 
 
+@pytest.mark.population
 @pytest.mark.parametrize("volts", [3.0, 6.0])
 @pytest.mark.parametrize("torque", [0.1, 0.3])
 @pytest.mark.parametrize("inertia", [2e-4, 5e-4, 2e-3])
@@ -126,6 +127,7 @@ def swapped(measured: Measurement, _before: Measurement, _signal: int) -> None:
     measured[[THETA_M, THETA_L]] = measured[[THETA_L, THETA_M]]
 
 
+@pytest.mark.population
 @pytest.mark.parametrize("torque", [0.0, 0.3])
 @pytest.mark.parametrize("start", [1, 400], ids=["from the start", "on the way"])
 @pytest.mark.parametrize("signal", [THETA_M, THETA_L], ids=["motor", "load"])

@@ -185,6 +185,7 @@ def test_a_cycle_of_few_samples_is_refused() -> None:
     assert taken.valid
 
 
+@pytest.mark.population
 @pytest.mark.parametrize("late", range(7))
 @pytest.mark.parametrize("inertia", [0.2, 1, 4])
 def test_late_samples_do_not_take_the_load_beyond_the_swing(gains: GainSet, late: int, inertia: float) -> None:

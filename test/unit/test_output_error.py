@@ -154,6 +154,7 @@ def test_names_friction_that_is_not_there() -> None:
     assert fit.untold.keys() == {"weight_share"} or fit.servo.weight_share < 3.0 * fit.uncertainty["weight_share"]
 
 
+@pytest.mark.population
 def test_finds_the_plant_of_the_package() -> None:
     """The other simulation, with two shafts, winding and teeth, stepped by its controller's period."""
     drive = replace(

@@ -66,8 +66,8 @@ class Operated:
         return np.array(angles)
 
 
-@pytest.mark.parametrize("gradual", [True, False])
-@pytest.mark.parametrize("load_torque", [0.0, 0.1])
+@pytest.mark.population
+@pytest.mark.parametrize(("gradual", "load_torque"), [(True, 0.0), (False, 0.0), (False, 0.1)])
 def test_a_gap_that_grows_five_times_is_learned_anew_and_quiet_again(
     gains: GainSet, gradual: bool, load_torque: float
 ) -> None:
@@ -96,7 +96,8 @@ def test_a_grown_gap_is_told_and_nothing_moves_by_itself(gains: GainSet) -> None
     assert axis.asked == 0
 
 
-@pytest.mark.parametrize("number", range(8))
+@pytest.mark.population
+@pytest.mark.parametrize("number", range(5))
 @pytest.mark.parametrize("population", ["core", "full"])
 def test_a_healthy_drive_shows_no_wear(population: str, number: int) -> None:
     member = draw_member(20261123, number, population)
