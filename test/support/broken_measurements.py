@@ -1,6 +1,6 @@
 """Learning where the measurement is broken, or the load not free: never valid and wrong; the table in docs/learning.md.
 
-`python test/support/broken_measurements.py --drives 16` runs each kind on as many random drives and fills in the page.
+`python test/support/broken_measurements.py --drives 8` runs each kind on as many random drives and fills in the page.
 """
 
 import argparse
@@ -182,8 +182,6 @@ def play(kind: str, number: int, seed: int, population: str) -> Found:
     delay = replace(member.delay, sample=member.delay.sample + how.late / member.rate)
     plant = SimulatedDrive(member.drive, 1.0 / member.rate, sensors=member.sensors, delay=delay)
     rng, before, farthest = np.random.default_rng([seed, number]), np.full(5, math.nan), 0.0
-    servo.update(plant.sample())
-    servo.start_experiment("gap_probe")
     outcome: Outcome | Deferred | None = None
     elapsed = 0.0
     try:
@@ -194,6 +192,8 @@ def play(kind: str, number: int, seed: int, population: str) -> Found:
             before = measured.copy()
             elapsed += plant.elapsed
             if rng.random() >= how.lost:
+                if servo.holding and not servo.experimenting:
+                    servo.start_experiment("gap_probe")
                 servo.update(measured, elapsed)
                 outcome, elapsed = servo.take_outcome(), 0.0
             plant.advance(servo.command, member.load_torque + how.load(plant.time, plant.state, member))
