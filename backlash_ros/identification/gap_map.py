@@ -1,0 +1,163 @@
+"""The gap around the output's turn, from a recording at each of several places, and the eccentricity apart from it.
+
+Pure computation. At each place the fit tells the gap, and where its middle is: the motor's angle less the load's. An
+eccentric encoder, or gear, moves the middle once per turn, by -e sin(theta_l + phase), and leaves the gap as it is.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain.contact import Contact
+from backlash_ros.drivetrain.signals import Array
+from backlash_ros.identification.filter import OFFSET
+from backlash_ros.identification.fit import Fit, Recording
+from backlash_ros.identification.gap import Gap, measure_gap
+
+_FEWEST = 0.75
+"""Share of the places that must be measured."""
+_RATIO, _COUNT = 0.005, 0.3
+"""By what share ``gear.reduction`` may be off, as a standard deviation; and what the middle of the gap is uncertain by
+beside the noise, in counts of the load's encoder."""
+_SEEN = 2.0
+"""Standard uncertainties from which on an eccentricity is told as one."""
+
+
+@dataclass(frozen=True)
+class GapMap:
+    """The gap at each place that was measured.
+
+    ``places``: what the load's encoder read there, rad, in rising order; ``gaps`` and standard ``uncertainties`` there,
+    rad at the output. The load's angle reads too much by ``eccentricity`` sin(angle + ``phase``), rad;
+    ``eccentricity_uncertainty`` is its standard uncertainty in any phase.
+    """
+
+    places: tuple[float, ...]
+    gaps: tuple[float, ...]
+    uncertainties: tuple[float, ...]
+    eccentricity: float
+    phase: float
+    eccentricity_uncertainty: float
+
+    @property
+    def mean(self) -> float:
+        """Mean of the gaps, rad."""
+        return math.fsum(self.gaps) / len(self.gaps)
+
+    @property
+    def smallest(self) -> int:
+        """Index of the place with the smallest gap."""
+        return self.gaps.index(min(self.gaps))
+
+    @property
+    def largest(self) -> int:
+        """Index of the place with the largest gap."""
+        return self.gaps.index(max(self.gaps))
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        smallest, largest = self.smallest, self.largest
+        told = (
+            f"the gap is {self.gaps[smallest]:.4g} rad where it is smallest, at {self.places[smallest]:.3g} rad, "
+            f"{self.gaps[largest]:.4g} rad where it is largest, at {self.places[largest]:.3g} rad, and "
+            f"{self.mean:.4g} rad on average; "
+        )
+        unsure = self.eccentricity_uncertainty
+        if self.eccentricity > _SEEN * unsure:
+            return f"{told}the load's angle is off by {self.eccentricity:.2g} +- {unsure:.1g} rad once per turn"
+        return f"{told}an eccentricity of {_SEEN * unsure:.1g} rad would have been seen, and was not"
+
+
+class Mapped(NamedTuple):
+    """What recordings say of the gap around the turn: a ``map``, unless it is not ``valid``, and the best ``fit``."""
+
+    map: GapMap | None
+    reason: str
+    fit: Fit | None = None
+
+
+def incomplete(measured: Sequence[bool], *, closed: bool) -> bool:
+    """Return whether more than a quarter of the places are missing, or two neighbours; ``closed``: all around."""
+    pairs = zip(measured, [*measured[1:], measured[0] if closed else True], strict=True)
+    return sum(measured) < _FEWEST * len(measured) or any(not (here or there) for here, there in pairs)
+
+
+def map_gaps(drive: Drive, recordings: Sequence[Recording], torque: float, places: int, *, closed: bool) -> Mapped:
+    """Return the gap around the turn.
+
+    Parameters
+    ----------
+    drive, torque : as `measure_gap` takes them
+    recordings : of the first places, in their order; each starts with the load at rest at its place
+    places : how many there should be
+    closed : whether the last one is the neighbour of the first
+    """
+    reached = [k < len(recordings) for k in range(places)]
+    if incomplete(reached, closed=closed):
+        return Mapped(None, f"only {len(recordings)} of {places} places were reached")
+    found = _measured(drive, recordings, torque)
+    measured = [k < len(found) and found[k].valid for k in range(places)]
+    told = f"{sum(measured)} of {places} places"
+    surest = min((gap for gap in found if gap.valid), key=lambda gap: gap.uncertainty / gap.angle, default=found[0])
+    if incomplete(measured, closed=closed):
+        k, why = next((k, gap.reason) for k, gap in enumerate(found) if not gap.valid)
+        return Mapped(
+            None,
+            f"only {told} were measured, and three quarters must be, and of two neighbours one; "
+            f"at {recordings[k].load[0]:.3g} rad: {why}",
+            surest.fit,
+        )
+    pairs = [(recording, gap) for recording, gap in zip(recordings, found, strict=True) if gap.valid]
+    readings = np.array([recording.load[0] for recording, _ in pairs])
+    amplitude, phase, uncertainty = _eccentricity(readings, [gap for _, gap in pairs])
+    result = GapMap(
+        tuple(float(reading) for reading in readings),
+        tuple(gap.angle for _, gap in pairs),
+        tuple(gap.uncertainty for _, gap in pairs),
+        amplitude,
+        phase,
+        uncertainty,
+    )
+    return Mapped(result, f"{told}: {result}", surest.fit)
+
+
+def _measured(drive: Drive, recordings: Sequence[Recording], torque: float) -> list[Gap]:
+    """Return the gap of each place: teeth are by the contact law of the place before, else by any."""
+    found: list[Gap] = []
+    laws: list[Contact] = []
+    for recording in recordings:
+        gap = measure_gap(drive, recording, torque, laws)
+        if laws and not gap.valid:
+            gap = measure_gap(drive, recording, torque)
+        if gap.valid and gap.fit is not None:
+            laws = [gap.fit.contact]
+        found.append(gap)
+    return found
+
+
+def _eccentricity(readings: Array, gaps: Sequence[Gap]) -> tuple[float, float, float]:
+    """Return amplitude, phase and standard uncertainty of the load's error once per turn, by least squares.
+
+    A reduction that is slightly off moves the middle, too, in proportion to the angle.
+    """
+    fits = [gap.fit for gap in gaps if gap.fit is not None]
+    middles = np.array([fit.parameters[OFFSET] for fit in fits])
+    deviations = np.array(
+        [math.hypot(math.sqrt(fit.covariance[OFFSET, OFFSET]), _COUNT * fit.counts[1]) for fit in fits]
+    )
+    centre = float(np.mean(readings))
+    columns = np.stack([-np.sin(readings), -np.cos(readings), readings - centre, np.ones(readings.size)], axis=1)
+    weighed, wanted = columns / deviations[:, None], (middles - np.mean(middles)) / deviations
+    matrix = weighed.T @ weighed
+    matrix[2, 2] += 1.0 / _RATIO**2
+    covariance = np.linalg.inv(matrix)
+    a, b, ratio, mean = covariance @ (weighed.T @ wanted)
+    left = wanted - weighed @ np.array([a, b, ratio, mean])
+    free = max(1, readings.size - columns.shape[1])
+    scatter = max(1.0, float(left @ left) / free)
+    uncertainty = math.sqrt(scatter * float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
+    return math.hypot(a, b), math.atan2(b, a), uncertainty
