@@ -58,6 +58,22 @@ class GapMap:
         """Index of the place with the largest gap."""
         return self.gaps.index(max(self.gaps))
 
+    def values(self) -> dict[str, float | str]:
+        """Return it by name: numbers to plot, and ``gap_map_rad``, a text with every place and its gap."""
+        smallest, largest = self.smallest, self.largest
+        pairs = zip(self.places, self.gaps, strict=True)
+        return {
+            "gap_smallest_rad": self.gaps[smallest],
+            "gap_smallest_at_rad": self.places[smallest],
+            "gap_mean_rad": self.mean,
+            "gap_largest_rad": self.gaps[largest],
+            "gap_largest_at_rad": self.places[largest],
+            "eccentricity_rad": self.eccentricity,
+            "eccentricity_phase_rad": self.phase,
+            "eccentricity_uncertainty_rad": self.eccentricity_uncertainty,
+            "gap_map_rad": ", ".join(f"{place:.3f}: {gap:.6g}" for place, gap in pairs),
+        }
+
     def __str__(self) -> str:
         """Return it in words."""
         smallest, largest = self.smallest, self.largest

@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import NamedTuple
@@ -14,6 +15,7 @@ from hypothesis import settings as examples
 from hypothesis import strategies as st
 
 from backlash_ros.control import BacklashEstimate, GainSet, GapMapSettings, Limits, Method, Servo, ServoSettings
+from backlash_ros.control.estimates import Estimates
 from backlash_ros.control.experiment import Deferred, Outcome
 from backlash_ros.control.learning import describe_outcome
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
@@ -361,7 +363,7 @@ def test_lost_samples_change_nothing(gains: GainSet) -> None:
     ("change", "message"),
     [
         ({"places": 5}, r"learning\.gap_map\.places must be a whole number >= 6 and <= 64, got 5"),
-        ({"turn": 7.0}, r"learning\.gap_map\.turn must be >= 0\.1 rad and <= 6\.28319 rad, got 7"),
+        ({"turn": 7.0}, r"learning\.gap_map\.turn must be >= 0\.1 rad and <= 6\.3 rad, got 7"),
         ({"swing": 0.0}, r"learning\.gap_map\.swing must be > 0 rad and <= 3\.2 rad, got 0"),
         ({"speed": 0.0}, r"learning\.gap_map\.speed must be > 0 rad/s and <= 100 rad/s, got 0"),
         ({"time": math.nan}, r"learning\.gap_map\.time must be a finite number"),
@@ -438,6 +440,22 @@ def test_a_quarter_of_the_places_may_be_missing_and_no_two_neighbours(
         assert found.map is None
         assert f"only {8 - len(lost)} of 8 places were measured" in found.reason
         assert found.reason.endswith("no flank")
+
+
+def test_the_diagnostics_have_the_map(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = combined(monkeypatch, AROUND, [Seen(0.02 + 0.001 * k, 0.0) for k in range(8)]).map
+    kept = Estimates(lambda _: "", ThreadPoolExecutor(1))
+    assert "gap_map_rad" not in kept.values()
+    estimate = BacklashEstimate(0.027, Method.GAP_MAP, valid=True, reason="", map=found)
+    kept.learned(estimate, "", 0, apply=True)
+    values = kept.values()
+    assert values["estimate_method"] == "gap_map"
+    assert values["gap_smallest_rad"] == pytest.approx(0.02)
+    assert values["gap_smallest_at_rad"] == AROUND[0]
+    assert values["gap_largest_rad"] == pytest.approx(0.027) == values["estimate_rad"]
+    assert values["gap_map_rad"].startswith("-2.749: 0.02, -1.963: 0.021, ")
+    kept.forget()
+    assert "gap_map_rad" not in kept.values()
 
 
 def test_the_ends_of_a_part_of_the_turn_are_no_neighbours() -> None:

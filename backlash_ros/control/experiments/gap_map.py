@@ -43,7 +43,7 @@ class GapMapSettings(Validated):
         "range over which they are spread, half of it to either side of where the load is",
         "rad",
         at_least=0.1,
-        at_most=_TURN,
+        at_most=6.3,
         default=_TURN,
     )
     swing: float = quantity("farthest that the load goes from each place", "rad", above=0, at_most=3.2, default=0.3)
