@@ -14,15 +14,19 @@ import numpy as np
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.filter import OFFSET
+from backlash_ros.identification.filter import GAP_SLOPE, OFFSET
 from backlash_ros.identification.fit import Fit, Recording
 from backlash_ros.identification.gap import Gap, measure_gap
 
+_TURN = 2.0 * math.pi
 _FEWEST = 0.75
 """Share of the places that must be measured."""
 _RATIO, _COUNT = 0.005, 0.3
 """By what share ``gear.reduction`` may be off, as a standard deviation; and what the middle of the gap is uncertain by
 beside the noise, in counts of the load's encoder."""
+_SLOPED = 0.75
+"""What the uncertainty has besides: a share of the gap for each square radian of the load's way and each 1/rad by which
+the gap's slope in the fit is not that between the neighbours, since the far flank may be met at the way's end alone."""
 _SEEN = 2.0
 """Standard uncertainties from which on an eccentricity is told as one."""
 
@@ -133,7 +137,7 @@ def map_gaps(drive: Drive, recordings: Sequence[Recording], torque: float, place
     result = GapMap(
         tuple(float(reading) for reading in readings),
         tuple(gap.angle for _, gap in pairs),
-        tuple(gap.uncertainty for _, gap in pairs),
+        _uncertainties(readings, pairs, closed=closed),
         amplitude,
         phase,
         uncertainty,
@@ -153,6 +157,21 @@ def _measured(drive: Drive, recordings: Sequence[Recording], torque: float) -> l
             laws = [gap.fit.contact]
         found.append(gap)
     return found
+
+
+def _uncertainties(readings: Array, pairs: Sequence[tuple[Recording, Gap]], *, closed: bool) -> tuple[float, ...]:
+    """Return the standard uncertainties, larger where a fit and the neighbours do not agree on how the gap changes."""
+    gaps, at = np.array([gap.angle for _, gap in pairs]), readings
+    if closed:
+        at = np.concatenate(([at[-1] - _TURN], at, [at[0] + _TURN]))
+    between = np.gradient(np.pad(gaps, 1, mode="wrap") if closed else gaps, at)
+    slopes = (between[1:-1] if closed else between) / gaps
+    result = []
+    for (recording, gap), slope in zip(pairs, slopes, strict=True):
+        own = gap.fit.parameters[GAP_SLOPE] if gap.fit is not None else 0.0
+        unsure = _SLOPED * abs(own - slope) * float(np.ptp(recording.load)) ** 2 * gap.angle
+        result.append(math.hypot(gap.uncertainty, unsure))
+    return tuple(result)
 
 
 def _eccentricity(readings: Array, gaps: Sequence[Gap]) -> tuple[float, float, float]:
