@@ -5,6 +5,7 @@ from backlash_ros.control.design.limit_cycle import LimitCycle, find_limit_cycle
 from backlash_ros.control.design.stability import Margins, check_stable, stability_margins
 from backlash_ros.control.experiment import BacklashEstimate, Method
 from backlash_ros.control.experiments import EXPERIMENTS
+from backlash_ros.control.experiments.gap_map import GapMapSettings
 from backlash_ros.control.experiments.gap_probe import GapProbeSettings
 from backlash_ros.control.experiments.limit_cycle import LimitCycleSettings
 from backlash_ros.control.law import FAST_REGION, OVERDAMPED_REGION, ControlLaw
@@ -31,6 +32,7 @@ __all__ = [
     "FaultThresholds",
     "GainSet",
     "Gains",
+    "GapMapSettings",
     "GapProbeSettings",
     "LimitCycle",
     "LimitCycleSettings",

@@ -48,7 +48,18 @@ class ActingLaw:
 
 def swing_of(chosen: NamedExperiment, parameters: Validated) -> float:
     """Return how far an experiment may move the load to either side, rad; 0 where it does not say."""
+    return at_once(chosen, parameters) + (0.5 * float(getattr(parameters, chosen.turn)) if chosen.turn else 0.0)
+
+
+def at_once(chosen: NamedExperiment, parameters: Validated) -> float:
+    """Return how far an experiment may move the load at once, rad; 0 where it does not say."""
     return float(getattr(parameters, chosen.swing)) if chosen.swing else 0.0
+
+
+def swing_name(chosen: NamedExperiment, parameters: Validated) -> str:
+    """Return which parameters say how far an experiment may move the load to either side."""
+    half = f"half of {parameters.section}.{chosen.turn} and " if chosen.turn else ""
+    return f"{half}{parameters.section}.{chosen.swing}"
 
 
 class ActingExperiment:
@@ -74,7 +85,8 @@ class ActingExperiment:
     ) -> None:
         self.acting, self._calm = ActingLaw(law), calm
         self._run = chosen.make(drive, parameters, period, limits)
-        self._swing, self._swing_name = swing_of(chosen, parameters), f"{parameters.section}.{chosen.swing}"
+        self._swing, self._swing_name = swing_of(chosen, parameters), swing_name(chosen, parameters)
+        self._goes_away = bool(chosen.turn)
         self._ratio, self._start = drive.gear.ratio, math.nan
         self._broken: Refusal | None = None
 
@@ -82,6 +94,11 @@ class ActingExperiment:
     def outcome(self) -> Outcome | Deferred | None:
         """How it ended, or what tells that; None while it runs."""
         return self._broken or self._run.outcome
+
+    @property
+    def left_away(self) -> bool:
+        """Whether it has ended where it was, which may be far from where it began."""
+        return self._goes_away and not isinstance(self.outcome, Deferred)
 
     @property
     def progress(self) -> float:

@@ -12,6 +12,7 @@ from backlash_ros.control.limits import Limits
 from backlash_ros.drivetrain import Drive, Validated
 from backlash_ros.drivetrain.signals import Estimate, Measurement
 from backlash_ros.identification.fit import Fit
+from backlash_ros.identification.gap_map import GapMap
 
 
 class Excitation(NamedTuple):
@@ -61,6 +62,7 @@ class Method(Enum):
     GAP_TRAVEL = "gap_travel"
     LOAD_AMPLITUDE = "load_amplitude"
     GAP_PROBE = "gap_probe"
+    GAP_MAP = "gap_map"
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,8 @@ class BacklashEstimate:
     """What learning found: ``angle`` and standard ``uncertainty``, rad at the output, both 0 unless ``valid``.
 
     ``uncertainty`` is 0, too, where the method has none. ``amplitude`` (rad), ``period`` (s) and ``cycles`` are those
-    of a limit cycle, ``fit`` is what a probe of the gap found besides, valid or not.
+    of a limit cycle, ``fit`` is what a probe of the gap found besides, valid or not. ``map`` has the gaps around the
+    turn, of which ``angle`` is the largest, and ``fit`` is then that of the place that is most certain.
     """
 
     angle: float
@@ -80,6 +83,7 @@ class BacklashEstimate:
     period: float = 0.0
     cycles: int = 0
     fit: Fit | None = field(default=None, repr=False, compare=False)
+    map: GapMap | None = None
 
 
 class Experiment(Protocol):
@@ -124,6 +128,9 @@ class NamedExperiment(NamedTuple):
     parameters : the defaults
     swing : name of the parameter that says how far the load may go to either side, rad, and the setpoint with it: the
         servo ends an experiment that goes farther; "" for none
+    turn : name of the parameter that says over which range it goes besides, rad, half of it to either side, slowly and
+        without a leap, so that ``limits.step`` does not bound it; "" for none. Where such a run does not come back, the
+        load is held where it ends
     law : the law that acts meanwhile, with a state of its own; "" for none, so that its torque acts alone
     """
 
@@ -131,4 +138,5 @@ class NamedExperiment(NamedTuple):
     make: Callable[[Drive, Any, float, Limits], Experiment]
     parameters: Validated
     swing: str = ""
+    turn: str = ""
     law: str = "fast"

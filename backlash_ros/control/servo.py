@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from backlash_ros.control.acting import IDLE, ActingExperiment, ActingLaw, swing_of
+from backlash_ros.control.acting import IDLE, ActingExperiment, ActingLaw, at_once, swing_name, swing_of
 from backlash_ros.control.command_range import range_constants
 from backlash_ros.control.experiment import Deferred, Excitation, NamedExperiment, Outcome
 from backlash_ros.control.experiments import EXPERIMENTS
@@ -86,6 +86,13 @@ class Servo:
         self.segments = AtRest(math.nan).segments(self.memory.setpoint)
         self._end: float | None = None
         self._reach: tuple[float, float] | None = None
+
+    def _hold_at(self, angle: float) -> None:
+        """Hold a load that is far from its reference at an angle, rad, so that it does not leap back."""
+        self.segments = AtRest(angle).segments(self.memory.setpoint)
+        self.memory.setpoint[:] = angle, 0.0, 0.0
+        self.memory.out[PLAN_TIME] = NOT_BEGUN
+        self._end = self._reach = None
 
     # Tuning.
 
@@ -313,13 +320,12 @@ class Servo:
         if not chosen.swing:
             return ""
         parameters = parameters or self._parameters_of(name)
-        swing = swing_of(chosen, parameters)
+        swing, leap = swing_of(chosen, parameters), at_once(chosen, parameters)
         least, largest = self._extremes
-        ways = ((least - swing, least), (largest + swing, largest))
-        reasons = (self.limits.rejection_reason(there, from_here) for there, from_here in ways)
+        ways = ((least - swing, leap), (largest + swing, -leap))
+        reasons = (self.limits.rejection_reason(there, there + back) for there, back in ways)
         why = next(filter(None, reasons), "")
-        where = f"{parameters.section}.{chosen.swing}"
-        return why and f"it swings by {where} = {swing:g} rad to either side, but {why}"
+        return why and f"it swings by {swing_name(chosen, parameters)} = {swing:g} rad to either side, but {why}"
 
     def _parameters_of(self, name: str) -> Validated:
         return dict(self.settings.experiment_parameters).get(name, EXPERIMENTS[name].parameters)
@@ -357,10 +363,12 @@ class Servo:
     def take_outcome(self) -> Outcome | Deferred | None:
         """Return how an experiment ended, or what tells that, once; None while there is none that has."""
         outcome = None if self._experiment is None else self._experiment.outcome
-        if outcome is not None:
-            self._experiment = None
+        if self._experiment is not None and outcome is not None:
             self.memory.setpoint[POSITION] -= self._inputs[OFFSET]
             self._inputs[OFFSET] = self._inputs[TORQUE] = 0.0
+            if self.holding and self._experiment.left_away:
+                self._hold_at(self.load_angle)
+            self._experiment = None
             self._begin(self._acting)  # it has not seen what the experiment did
         return outcome
 

@@ -402,7 +402,7 @@ def test_one_drive_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
         (["--seed", "1", "--only", "1", "--laws", "best"], "argument --laws: must be of ['cascade', "),
         (
             ["--seed", "1", "--only", "1", "--experiments", "best"],
-            "argument --experiments: must be of ['auto', 'gap_probe', ",
+            "argument --experiments: must be of ['auto', 'gap_map', ",
         ),
         (["--seed", "1", "--only", "1", "--population", "best"], "argument --population: invalid choice: 'best'"),
         (["--seed", "1", "--only", "1", "--drive", "/nowhere"], "argument --drive: "),

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from backlash_ros.control import GainSet, GapProbeSettings, Limits, Method, Servo, ServoSettings
 from backlash_ros.control.experiment import Deferred
-from backlash_ros.control.experiments.gap_probe import _Move
+from backlash_ros.control.motor_moves import Move
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.drivetrain.signals import OMEGA_L, THETA_L, THETA_M, Measurement
@@ -233,7 +233,7 @@ def test_settings_out_of_bounds_are_refused(change: dict[str, float], message: s
     speed=st.floats(0.1, 50),
 )
 def test_a_move_goes_from_rest_to_rest(start: float, end: float, up: float, down: float, speed: float) -> None:
-    move = _Move.of(start, end, up, down, speed)
+    move = Move.of(start, end, up, down, speed)
     times = np.linspace(0.0, move.length, 400)
     position, rate, acceleration = np.array([move.at(time) for time in times]).T
     assert position[0] == pytest.approx(start, abs=1e-9)

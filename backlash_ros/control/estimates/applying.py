@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from backlash_ros.control.estimates.file import EstimateFile
 from backlash_ros.control.estimates.record import DriveIdentity, KeptEstimate
 from backlash_ros.control.experiment import BacklashEstimate
+from backlash_ros.identification.gap_map import GapMap
 
 APPLY = ("auto", "ask")
 """Whether a valid estimate is put in use at once, or when asked for."""
@@ -46,6 +47,7 @@ class Estimates:
     ) -> None:
         self._put_in_use, self._workers, self._today = put_in_use, workers, today
         self.newest: KeptEstimate | None = None
+        self.map: GapMap | None = None
         self.trouble = ""
         self._file: EstimateFile | None = None
         self._path = ""
@@ -80,7 +82,7 @@ class Estimates:
 
     def forget(self) -> None:
         """Offer nothing any more; the file has what there was."""
-        self.newest, self.trouble, self._file = None, "", None
+        self.newest, self.map, self.trouble, self._file = None, None, "", None
 
     # Requests.
 
@@ -101,7 +103,7 @@ class Estimates:
         if apply:
             refusal = self._put_in_use(kept.angle)
             kept = replace(kept, applied=not refusal)
-        self.newest = kept
+        self.newest, self.map = kept, estimate.map
         if self._file is not None:
             self._file.history = self._file.history.with_newest(kept)
             self._write(self._file)
@@ -164,11 +166,12 @@ class Estimates:
         return f"an estimate of {self.newest.angle:.6g} rad waits for apply_estimate"
 
     def values(self) -> dict[str, Any]:
-        """Return the newest estimate by name."""
+        """Return the newest estimate by name, with its map where it has one."""
         newest, names = self.newest, ("rad", "uncertainty_rad", "method", "learned_at", "applied")
         shown: tuple[Any, ...] = ("",) * len(names)
         if newest is not None:
             sure = newest.uncertainty or ""
             shown = newest.angle, sure, newest.method.value, newest.date, newest.applied
         listed = {f"estimate_{name}": value for name, value in zip(names, shown, strict=True)}
-        return {**listed, "estimate_file": self._path if self._file else ""}
+        around = self.map.values() if self.map else {}
+        return {**listed, "estimate_file": self._path if self._file else "", **around}

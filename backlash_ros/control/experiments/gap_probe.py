@@ -18,10 +18,10 @@ import numpy as np
 from backlash_ros.control.experiment import BacklashEstimate, Deferred, Excitation, Method, NamedExperiment, Outcome
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitoring.thresholds import standstill_torque
-from backlash_ros.control.observer import low_pass_gain
+from backlash_ros.control.motor_moves import MotorLoop, Move
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Estimate, Measurement
-from backlash_ros.identification.fit import Recording, motor_side
+from backlash_ros.identification.fit import Recording
 from backlash_ros.identification.gap import measure_gap
 from backlash_ros.identification.regression import guess_of
 
@@ -51,71 +51,6 @@ class GapProbeSettings(Validated):
     time: float = quantity("after which it goes back and ends", "s", at_least=1, at_most=60, default=8.0)
 
 
-@dataclass(frozen=True)
-class _Move:
-    """From rest to rest: at the output, rad, rad/s and rad/s^2; or no move at all, for a while."""
-
-    start: float
-    end: float
-    up: float
-    down: float
-    peak: float
-    length: float
-
-    @staticmethod
-    def of(start: float, end: float, up: float, down: float, speed: float) -> "_Move":
-        way = abs(end - start)
-        peak = min(speed, math.sqrt(2.0 * way * up * down / (up + down)))
-        length = way / peak + 0.5 * peak * (1.0 / up + 1.0 / down) if way > 0.0 else 0.0
-        return _Move(start, end, up, down, peak, length)
-
-    @staticmethod
-    def rest(position: float, length: float) -> "_Move":
-        return _Move(position, position, 1.0, 1.0, 0.0, length)
-
-    def at(self, time: float) -> tuple[float, float, float]:
-        """Return position, speed and acceleration."""
-        sign, left = math.copysign(1.0, self.end - self.start), self.length - time
-        if left <= 0.0 or self.peak == 0.0:
-            return self.end, 0.0, 0.0
-        if time * self.up < self.peak:
-            return self.start + sign * 0.5 * self.up * time * time, sign * self.up * time, sign * self.up
-        if left * self.down < self.peak:
-            return self.end - sign * 0.5 * self.down * left * left, sign * self.down * left, -sign * self.down
-        begun = time - 0.5 * self.peak / self.up
-        return self.start + sign * self.peak * begun, sign * self.peak, 0.0
-
-
-class _MotorLoop:
-    """Follows the moves on the motor's encoder: what they take, and a PID on what is missing."""
-
-    def __init__(self, drive: Drive, period: float, most: float) -> None:
-        self.side = motor_side(drive)
-        self._period, self._most = period, most
-        bandwidth = min(120.0, 0.2 / period)
-        self._gains = tuple(
-            share * self.side.inertia * bandwidth**power for share, power in ((1.0, 2), (1.8, 1), (0.15, 3))
-        )
-        self._smooth = low_pass_gain(800.0, period)
-        self._before = math.nan
-        self._speed = self._integral = 0.0
-
-    def torque(self, position: float, wanted: tuple[float, float, float]) -> float:
-        """Return the torque at standstill, N m at the output, for a reading and for where the motor should be."""
-        if math.isnan(self._before):
-            self._before = position
-        self._speed += self._smooth * ((position - self._before) / self._period - self._speed)
-        self._before = position
-        reference, speed, acceleration = wanted
-        stiff, damp, slow = self._gains
-        error = reference - position
-        torque = self.side.inertia * acceleration + self.side.viscous * speed + stiff * error
-        torque += damp * (speed - self._speed) + self._integral
-        if abs(torque) < 0.8 * self._most:
-            self._integral += slow * error * self._period
-        return min(max(torque, -self._most), self._most) + self.side.braking * speed
-
-
 class GapProbe:
     """One run of the probe, an `Experiment`.
 
@@ -124,17 +59,25 @@ class GapProbe:
     drive : for its motor and gear ratio
     period : of the samples, s
     limits : for the largest command
+    loop : that has moved the motor so far; a new one by default
     """
 
-    def __init__(self, drive: Drive, settings: GapProbeSettings, period: float, limits: Limits) -> None:
+    def __init__(
+        self,
+        drive: Drive,
+        settings: GapProbeSettings,
+        period: float,
+        limits: Limits,
+        loop: MotorLoop | None = None,
+    ) -> None:
         self.outcome: Outcome | Deferred | None = None
         self._drive, self._settings, self._period = drive, settings, period
         self._standstill = standstill_torque(drive, drive.command_limit)
         self._most = settings.torque * standstill_torque(drive, min(limits.command, drive.command_limit))
-        self._loop = _MotorLoop(drive, period, self._most)
+        self._loop = loop or MotorLoop(drive, period, self._most)
         self._rows: list[tuple[float, float, float, float]] = []
         self._time, self._begun = 0.0, 0.0
-        self._move = _Move.rest(0.0, _REST)
+        self._move = Move.rest(0.0, _REST)
         self._moves = self._program()
         self._target = 0.0
 
@@ -166,23 +109,24 @@ class GapProbe:
             try:
                 self._move = next(self._moves)
             except StopIteration:
-                self.outcome = Deferred(partial(_estimate_from, self._drive, self._recording(), self._standstill))
+                self.outcome = Deferred(partial(_estimate_from, self._drive, self.recording(), self._standstill))
                 return Excitation()
         wanted = self._move.at(self._time - self._begun + 0.5 * self._period)
         return Excitation(torque=self._loop.torque(motor, wanted))
 
-    def _recording(self) -> Recording:
+    def recording(self) -> Recording:
+        """Return what was seen so far."""
         time, motor, load, command = np.array(self._rows).T
         return Recording(time.copy(), motor.copy(), load.copy(), np.append(command[1:], 0.0))
 
-    def _to(self, end: float, up: float, down: float, speed: float) -> _Move:
+    def _to(self, end: float, up: float, down: float, speed: float) -> Move:
         start, self._target = self._target, end
-        return _Move.of(start, end, up, down, speed)
+        return Move.of(start, end, up, down, speed)
 
-    def _program(self) -> Generator[_Move, None, None]:
+    def _program(self) -> Generator[Move, None, None]:
         """Yield the moves, each when the one before is over."""
         home, settings, inertia = self._target, self._settings, self._loop.side.inertia
-        yield _Move.rest(home, _REST)
+        yield Move.rest(home, _REST)
         travel, level, way = min(settings.travel, settings.swing), 0, 1.0
         while level < len(_LEVELS) and self._time < settings.time:
             share, part = _LEVELS[level]
@@ -202,11 +146,11 @@ class GapProbe:
                 break
         gentle = _GENTLE * self._most / inertia
         yield self._to(home, gentle, gentle, 0.25 * math.sqrt(gentle * settings.travel))
-        yield _Move.rest(home, _END)
+        yield Move.rest(home, _END)
 
     def _drag(self) -> float:
         """Return the acceleration that a torque gives the load, apart, in rad/s^2; 0 where friction holds it."""
-        time, motor, load, command = self._recording()
+        time, motor, load, command = self.recording()
         guesses = (
             guess_of(self._loop.side, time, motor, load, command, 0.5 * self._period * late) for late in range(3)
         )
@@ -216,7 +160,7 @@ class GapProbe:
             return 0.0
         return math.copysign(left / max(guess.inertia, 0.05 * self._loop.side.inertia), guess.load_torque)
 
-    def _outrun(self, home: float, drag: float) -> Generator[_Move, None, None]:
+    def _outrun(self, home: float, drag: float) -> Generator[Move, None, None]:
         """Yield jerks away from the flank on which the load rests, each farther and harder until the far one is met."""
         settings, most = self._settings, self._most / self._loop.side.inertia
         push, brake, gentle = min(1.25 * abs(drag) + 0.08 * most, most), 0.6 * most, 0.07 * most
@@ -228,9 +172,9 @@ class GapProbe:
             way = min(way, 0.75 * settings.swing)
             first = len(self._rows)
             yield self._to(home + math.copysign(way, drag), push, brake, math.inf)
-            yield _Move.rest(self._target, 0.03)
+            yield Move.rest(self._target, 0.03)
             yield self._to(home, gentle, gentle, 0.45 * math.sqrt(gentle * settings.travel))
-            yield _Move.rest(self._target, 0.02)
+            yield Move.rest(self._target, 0.02)
             motor, load = np.array(self._rows[first:])[:, 1:3].T
             parted = float(np.ptp(motor - load))
             met = 0 if parted > 1.15 * widest else met + (parted > 0.85 * widest)  # farther, but they did not part so

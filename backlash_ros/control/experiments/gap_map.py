@@ -1,0 +1,220 @@
+"""The gap around the output's turn: a probe of the gap at each of several places, and slow moves between them.
+
+The motor goes from place to place on its own encoder, from rest to rest, and back at the end. At each place the probe
+of `gap_probe` moves it across the gap. What all of them saw gives the smallest, the mean and the largest gap, and apart
+from them the eccentricity: see `identification.gap_map`.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar
+
+from backlash_ros.control.experiment import BacklashEstimate, Deferred, Excitation, Method, NamedExperiment, Outcome
+from backlash_ros.control.experiments.gap_probe import GapProbe, GapProbeSettings
+from backlash_ros.control.limits import Limits
+from backlash_ros.control.monitoring.thresholds import standstill_torque
+from backlash_ros.control.motor_moves import MotorLoop, Move
+from backlash_ros.drivetrain import Drive, Validated, quantity
+from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Estimate, Measurement
+from backlash_ros.identification.fit import Recording
+from backlash_ros.identification.gap_map import map_gaps
+
+_TURN = 2.0 * math.pi
+_GENTLE, _RAMP, _OF_NO_LOAD = 0.02, 0.2, 0.3
+"""Of the way from place to place: the largest share of the torque for its acceleration, the shortest time to its speed,
+s, and the largest share of the speed without load."""
+_SETTLE = 0.3
+"""Time for the load to come to rest, s."""
+_WAY = 0.2
+"""Share of a place's progress that is the way there."""
+
+
+@dataclass(frozen=True)
+class GapMapSettings(Validated):
+    """Where, how far, how hard and how long it may move the load."""
+
+    section: ClassVar[str] = "learning.gap_map"
+
+    places: int = quantity(
+        "at which the gap is measured, evenly spread", "", at_least=6, at_most=64, whole=True, default=8
+    )
+    turn: float = quantity(
+        "range over which they are spread, half of it to either side of where the load is",
+        "rad",
+        at_least=0.1,
+        at_most=6.3,
+        default=_TURN,
+    )
+    swing: float = quantity("farthest that the load goes from each place", "rad", above=0, at_most=3.2, default=0.3)
+    travel: float = quantity(
+        "way of the motor at first at each place, at the output; more where the gap is wider",
+        "rad",
+        above=0,
+        at_most=3.2,
+        default=0.06,
+    )
+    torque: float = quantity(
+        "share that it may use of the torque at standstill under limits.command", "", above=0, at_most=1, default=0.9
+    )
+    speed: float = quantity("of the load from place to place", "rad/s", above=0, at_most=100, default=1.0)
+    time: float = quantity(
+        "after which no new place begins, and it goes back and ends", "s", at_least=1, at_most=3600, default=120.0
+    )
+
+    @property
+    def offsets(self) -> tuple[float, ...]:
+        """The places from where the load is, rad."""
+        return tuple(self.turn * ((k + 0.5) / self.places - 0.5) for k in range(self.places))
+
+    @property
+    def closed(self) -> bool:
+        """Whether the last place is the neighbour of the first."""
+        apart = self.turn / self.places
+        return _TURN - self.turn < 0.5 * apart
+
+
+class GapMapper:
+    """One run of the map, an `Experiment`; parameters as those of `GapProbe`."""
+
+    def __init__(self, drive: Drive, settings: GapMapSettings, period: float, limits: Limits) -> None:
+        self.outcome: Outcome | Deferred | None = None
+        self._drive, self._settings, self._period, self._limits = drive, settings, period, limits
+        self._standstill = standstill_torque(drive, drive.command_limit)
+        most = settings.torque * standstill_torque(drive, min(limits.command, drive.command_limit))
+        self._loop = MotorLoop(drive, period, most)
+        side = self._loop.side
+        losses = side.braking + side.viscous
+        self._speed = min(settings.speed, _OF_NO_LOAD * most / losses if losses > 0.0 else math.inf)
+        self._acceleration = min(_GENTLE * most / side.inertia, self._speed / _RAMP)
+        self._recordings: list[Recording] = []
+        self._probe: GapProbe | None = None
+        self._time, self._begun = 0.0, 0.0
+        self._move: Move | None = None
+        self._home = self._home_load = self._place = math.nan
+
+    @property
+    def progress(self) -> float:
+        """How far it is, from 0 to 1, as if every place took all its time."""
+        if self.outcome is not None:
+            return 1.0
+        if self._probe is not None:
+            share = _WAY + (1.0 - _WAY) * self._probe.progress
+        else:
+            length = self._move.length + _SETTLE if self._move else math.inf
+            share = _WAY * min(1.0, (self._time - self._begun) / length)
+        return (len(self._recordings) + share) / (self._settings.places + _WAY)
+
+    def cancel(self, reason: str) -> None:
+        """End without an estimate, for ``reason``."""
+        if self.outcome is None:
+            self.outcome = BacklashEstimate(0.0, Method.GAP_MAP, valid=False, reason=f"no map of the gap: {reason}")
+
+    def step(self, measured: Measurement, estimate: Estimate, command: float, elapsed: float) -> Excitation:
+        """Take a sample; see `Experiment`."""
+        motor, load = float(self._drive.gear.ratio * measured[THETA_M]), float(measured[THETA_L])
+        if math.isnan(motor) or math.isnan(load):
+            self.cancel("the gap is measured between two encoders, and one is missing")
+        if self.outcome is not None:
+            return Excitation()
+        if self._move is None:
+            self._home, self._home_load = motor, load
+            self._move = self._way_from(motor)
+        else:
+            self._time += self._period * max(1, round(elapsed / self._period))
+        excitation = None
+        if self._probe is None:
+            excitation = self._travel(self._move, motor, load)
+        if self._probe is not None:
+            excitation = self._look(self._probe, measured, estimate, command, elapsed)
+        return excitation or Excitation()
+
+    @property
+    def _last(self) -> bool:
+        """Whether there is no place to go to any more, but back."""
+        return len(self._recordings) == self._settings.places or self._time >= self._settings.time
+
+    def _way_from(self, motor: float) -> Move:
+        """Return the move from where the motor is, rad at the output, to the next place, or back."""
+        self._begun = self._time
+        self._back = self._last
+        end = self._home + (0.0 if self._back else self._settings.offsets[len(self._recordings)])
+        return Move.of(motor, end, self._acceleration, self._acceleration, self._speed)
+
+    def _travel(self, move: Move, motor: float, load: float) -> Excitation | None:
+        """Move on; at the end begin to look there, or end."""
+        time, settings = self._time - self._begun, self._settings
+        wanted = move.at(time + 0.5 * self._period)
+        off = load - self._home_load - (wanted[0] - self._home)
+        if not abs(off) <= settings.swing:
+            self.cancel(
+                f"on its way the load was {abs(off):.3g} rad from where the motor should have taken it, beyond "
+                f"{settings.section}.swing = {settings.swing:g} rad"
+            )
+        elif time < move.length + _SETTLE:
+            return Excitation(torque=self._loop.torque(motor, wanted))
+        elif self._back:
+            self.outcome = Deferred(
+                partial(_estimate_from, self._drive, tuple(self._recordings), self._standstill, settings)
+            )
+        else:
+            probe = GapProbeSettings(swing=settings.swing, travel=settings.travel, torque=settings.torque)
+            self._probe = GapProbe(self._drive, probe, self._period, self._limits, self._loop)
+            self._place = load
+        return None
+
+    def _look(
+        self, probe: GapProbe, measured: Measurement, estimate: Estimate, command: float, elapsed: float
+    ) -> Excitation | None:
+        """Let the probe have the sample; go on to the next place where it is over."""
+        load, swing = float(measured[THETA_L]), self._settings.swing
+        if not abs(load - self._place) <= swing:
+            self.cancel(
+                f"the load went {abs(load - self._place):.3g} rad from the place at {self._place:.3g} rad, beyond "
+                f"{self._settings.section}.swing = {swing:g} rad"
+            )
+            return None
+        excitation = probe.step(measured, estimate, command, elapsed)
+        if probe.outcome is None:
+            return excitation
+        if not isinstance(probe.outcome, Deferred):
+            self.cancel(probe.outcome.reason)
+            return None
+        self._recordings.append(probe.recording())
+        self._probe = None
+        motor = float(self._drive.gear.ratio * measured[THETA_M])
+        self._move = self._way_from(motor)
+        return self._travel(self._move, motor, load)
+
+
+def _estimate_from(
+    drive: Drive, recordings: tuple[Recording, ...], torque: float, settings: GapMapSettings
+) -> BacklashEstimate:
+    """Return what the recordings say: the largest gap is the one to be quiet in."""
+    found = map_gaps(drive, recordings, torque, settings.places, closed=settings.closed)
+    if found.map is None:
+        late = f" within {settings.section}.time = {settings.time:g} s" if len(recordings) < settings.places else ""
+        reason = f"no map of the gap{late}: {found.reason}"
+        return BacklashEstimate(0.0, Method.GAP_MAP, valid=False, reason=reason, fit=found.fit)
+    k = found.map.largest
+    return BacklashEstimate(
+        found.map.gaps[k],
+        Method.GAP_MAP,
+        valid=True,
+        reason=found.reason,
+        uncertainty=found.map.uncertainties[k],
+        fit=found.fit,
+        map=found.map,
+    )
+
+
+EXPERIMENTS = {
+    "gap_map": NamedExperiment(
+        "backlash around the turn of the output, with both encoders",
+        GapMapper,
+        GapMapSettings(),
+        swing="swing",
+        turn="turn",
+        law="",
+    )
+}

@@ -1,0 +1,85 @@
+"""Moves of the motor from rest to rest, and a loop on its own encoder that follows them, for experiments without a law.
+
+The loop is stable whatever the load does, and bounds the load's way, too: it is never farther from the motor than half
+the gap.
+"""
+
+import math
+from dataclasses import dataclass
+
+from backlash_ros.control.observer import low_pass_gain
+from backlash_ros.drivetrain import Drive
+from backlash_ros.identification.fit import motor_side
+
+
+@dataclass(frozen=True)
+class Move:
+    """From rest to rest: at the output, rad, rad/s and rad/s^2; or no move at all, for a while."""
+
+    start: float
+    end: float
+    up: float
+    down: float
+    peak: float
+    length: float
+
+    @staticmethod
+    def of(start: float, end: float, up: float, down: float, speed: float) -> "Move":
+        """Return a move that is no faster than ``speed``."""
+        way = abs(end - start)
+        peak = min(speed, math.sqrt(2.0 * way * up * down / (up + down)))
+        length = way / peak + 0.5 * peak * (1.0 / up + 1.0 / down) if way > 0.0 else 0.0
+        return Move(start, end, up, down, peak, length)
+
+    @staticmethod
+    def rest(position: float, length: float) -> "Move":
+        """Return a while, s, at rest."""
+        return Move(position, position, 1.0, 1.0, 0.0, length)
+
+    def at(self, time: float) -> tuple[float, float, float]:
+        """Return position, speed and acceleration."""
+        sign, left = math.copysign(1.0, self.end - self.start), self.length - time
+        if left <= 0.0 or self.peak == 0.0:
+            return self.end, 0.0, 0.0
+        if time * self.up < self.peak:
+            return self.start + sign * 0.5 * self.up * time * time, sign * self.up * time, sign * self.up
+        if left * self.down < self.peak:
+            return self.end - sign * 0.5 * self.down * left * left, sign * self.down * left, -sign * self.down
+        begun = time - 0.5 * self.peak / self.up
+        return self.start + sign * self.peak * begun, sign * self.peak, 0.0
+
+
+class MotorLoop:
+    """Follows the moves on the motor's encoder: what they take, and a PID on what is missing.
+
+    Parameters
+    ----------
+    drive, period : for the motor; the period of the samples in s
+    most : torque at standstill that it may use, N m at the output
+    """
+
+    def __init__(self, drive: Drive, period: float, most: float) -> None:
+        self.side = motor_side(drive)
+        self._period, self._most = period, most
+        bandwidth = min(120.0, 0.2 / period)
+        self._gains = tuple(
+            share * self.side.inertia * bandwidth**power for share, power in ((1.0, 2), (1.8, 1), (0.15, 3))
+        )
+        self._smooth = low_pass_gain(800.0, period)
+        self._before = math.nan
+        self._speed = self._integral = 0.0
+
+    def torque(self, position: float, wanted: tuple[float, float, float]) -> float:
+        """Return the torque at standstill, N m at the output, for a reading and for where the motor should be."""
+        if math.isnan(self._before):
+            self._before = position
+        self._speed += self._smooth * ((position - self._before) / self._period - self._speed)
+        self._before = position
+        reference, speed, acceleration = wanted
+        stiff, damp, slow = self._gains
+        error = reference - position
+        torque = self.side.inertia * acceleration + self.side.viscous * speed + stiff * error
+        torque += damp * (speed - self._speed) + self._integral
+        if abs(torque) < 0.8 * self._most:
+            self._integral += slow * error * self._period
+        return min(max(torque, -self._most), self._most) + self.side.braking * speed

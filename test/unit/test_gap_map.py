@@ -1,0 +1,466 @@
+"""The map of the gap around the turn: what it finds, how far and how fast it goes, what ends it, what it never says."""
+
+import math
+import re
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as examples
+from hypothesis import strategies as st
+
+from backlash_ros.control import BacklashEstimate, GainSet, GapMapSettings, Limits, Method, Servo, ServoSettings
+from backlash_ros.control.estimates import Estimates
+from backlash_ros.control.experiment import Deferred, Outcome
+from backlash_ros.control.learning import describe_outcome
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
+from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
+from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array, Measurement
+from backlash_ros.identification import gap_map
+from backlash_ros.identification.filter import LN_HALF_GAP, OFFSET, PARAMETERS
+from backlash_ros.identification.fit import Fit, Recording
+from backlash_ros.identification.gap import Gap
+from backlash_ros.identification.gap_map import incomplete, map_gaps
+from backlash_ros.simulation import SimulatedDrive
+
+RATIO = NOMINAL_DRIVE.gear.ratio
+FEW = GapMapSettings(places=6)
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A drive of which the gap varies around the turn, and what it shows of itself."""
+
+    variation: float = 0.3
+    cycles: int = 1
+    phase: float = 1.0
+    friction: float = 0.02
+    eccentricity: float = 1e-3
+    eccentricity_phase: float = 0.7
+    torque: float = 0.0
+    rate: float = 250.0
+
+    @property
+    def drive(self) -> Drive:
+        gear = replace(
+            NOMINAL_DRIVE.gear,
+            backlash_variation=self.variation,
+            backlash_cycles=self.cycles,
+            backlash_phase=self.phase,
+        )
+        return replace(NOMINAL_DRIVE, gear=gear, load=replace(NOMINAL_DRIVE.load, coulomb_friction=self.friction))
+
+    @property
+    def sensors(self) -> Sensors:
+        return Sensors(
+            measured=POSITIONS,
+            motor_counts=4096.0,
+            load_counts=65536.0,
+            load_eccentricity=self.eccentricity,
+            eccentricity_phase=self.eccentricity_phase,
+        )
+
+    @property
+    def mirrored(self) -> "Machine":
+        return replace(self, phase=-self.phase, eccentricity_phase=-self.eccentricity_phase, torque=-self.torque)
+
+
+VARYING = Machine()
+PUSHED = Machine(variation=0.2, cycles=2, phase=-0.5, friction=0.0, eccentricity=5e-4, torque=0.2, rate=1000.0)
+
+
+class Rig:
+    """A servo with a simulated drive, where an experiment has been started."""
+
+    def __init__(
+        self,
+        gains: GainSet,
+        machine: Machine = VARYING,
+        parameters: GapMapSettings = FEW,
+        law: str = "overdamped",
+    ) -> None:
+        self.machine = machine
+        self.servo = Servo(NOMINAL_DRIVE, ServoSettings(gains, period=1.0 / machine.rate, law=law))
+        self.plant = SimulatedDrive(machine.drive, 1.0 / machine.rate, sensors=machine.sensors)
+        self.farthest = 0.0
+        self.step()
+        self.servo.start_experiment("gap_map", parameters)
+
+    def step(self, spoil: Callable[[Measurement], None] = lambda _: None, torque: float | None = None) -> None:
+        measured = self.plant.sample()
+        spoil(measured)
+        command = self.servo.update(measured, self.plant.elapsed)
+        self.plant.advance(command, self.machine.torque if torque is None else torque)
+        self.farthest = max(self.farthest, abs(float(self.plant.state[THETA_L])))
+
+    def play(self, most: int = 100_000) -> Outcome | Deferred | None:
+        """Go on until there is an outcome, or a fault."""
+        for _ in range(most):
+            self.step()
+            if (outcome := self.servo.take_outcome()) is not None:
+                return outcome
+        return None
+
+    def rest(self, seconds: float = 3.0) -> None:
+        for _ in range(round(seconds * self.machine.rate)):
+            self.step()
+
+
+@cache
+def mapped(gains: GainSet, machine: Machine) -> BacklashEstimate:
+    outcome = Rig(gains, machine).play()
+    assert isinstance(outcome, Deferred)
+    found = outcome.work()
+    assert isinstance(found, BacklashEstimate)
+    return found
+
+
+@pytest.mark.parametrize("machine", [VARYING, PUSHED], ids=["friction, 250 Hz", "load torque, 1 kHz"])
+def test_the_gap_is_found_at_each_place_and_the_eccentricity_apart_from_it(gains: GainSet, machine: Machine) -> None:
+    found = mapped(gains, machine)
+    assert found.valid, found.reason
+    assert found.method is Method.GAP_MAP
+    assert found.map is not None
+    seen, count = found.map, 2.0 * math.pi / machine.sensors.load_counts
+    assert len(seen.places) == FEW.places
+    for place, gap, uncertainty in zip(seen.places, seen.gaps, seen.uncertainties, strict=True):
+        error = abs(gap - machine.drive.gear.backlash_at(place))
+        assert error < max(0.03 * gap, count)
+        assert error < 3.0 * uncertainty
+        assert uncertainty < 0.05 * gap
+    error = seen.eccentricity * np.exp(1j * seen.phase)
+    error -= machine.eccentricity * np.exp(1j * machine.eccentricity_phase)
+    assert abs(error) < min(3.0 * seen.eccentricity_uncertainty, 0.1 * machine.eccentricity)
+
+
+def test_the_largest_gap_is_the_one_that_is_used(gains: GainSet) -> None:
+    found = mapped(gains, VARYING)
+    assert found.map is not None
+    seen = found.map
+    assert found.angle == max(seen.gaps) == seen.gaps[seen.largest]
+    assert found.uncertainty == seen.uncertainties[seen.largest]
+    assert min(seen.gaps) < seen.mean < max(seen.gaps)
+    assert found.fit is not None
+    text = describe_outcome(found)
+    assert text.startswith(f"backlash {found.angle:.6g} +- ")
+    assert "by gap_map, from 6 of 6 places: the gap is " in text
+    assert f"{min(seen.gaps):.4g} rad where it is smallest, at {seen.places[seen.smallest]:.3g} rad" in text
+    assert "the load's angle is off by 0.001 +- " in text
+
+
+def test_a_mirrored_drive_gives_a_mirrored_map(gains: GainSet) -> None:
+    here, there = mapped(gains, VARYING).map, mapped(gains, VARYING.mirrored).map
+    assert here is not None
+    assert there is not None
+    assert np.allclose(here.places, [-place for place in reversed(there.places)], atol=0.03)
+    assert np.allclose(here.gaps, there.gaps[::-1], rtol=0.02)
+    assert here.phase == pytest.approx(-there.phase, abs=0.1)
+
+
+@pytest.mark.parametrize("torque", [0.0, 0.3])
+@pytest.mark.parametrize(("turn", "swing"), [(1.0, 0.2), (2.0 * math.pi, 0.3)])
+def test_it_stays_within_its_range_and_speed_and_comes_back(
+    gains: GainSet, turn: float, swing: float, torque: float
+) -> None:
+    rig = Rig(gains, replace(VARYING, torque=torque), GapMapSettings(places=6, turn=turn, swing=swing, speed=2.0))
+    progress, outcome = [], None
+    while outcome is None:
+        rig.step()
+        run = rig.servo._experiment
+        assert run is not None
+        if run._run._probe is None:  # type: ignore[attr-defined]
+            assert abs(RATIO * float(rig.plant.state[OMEGA_M])) < 1.3 * 2.0 + 0.5
+        progress.append(rig.servo.progress)
+        outcome = rig.servo.take_outcome()
+    assert isinstance(outcome, Deferred)
+    assert rig.farthest <= turn * 5 / 12 + swing + 0.03
+    assert rig.farthest >= turn * 5 / 12 - 0.03
+    assert progress == sorted(progress)
+    assert progress[-1] == 0.0 or progress[-1] == 1.0
+    rig.rest()
+    assert rig.servo.fault == ""
+    assert abs(float(rig.plant.state[THETA_L])) < 0.02
+    assert abs(float(rig.plant.state[OMEGA_L])) < 0.01
+
+
+@examples(max_examples=25, deadline=None)
+@given(
+    after=st.integers(1, 7000),
+    torque=st.sampled_from([0.0, 0.25, -0.1]),
+    law=st.sampled_from(["overdamped", "two_region"]),
+)
+def test_it_is_cancelled_at_any_sample_and_is_held_where_it_is(
+    gains: GainSet, after: int, torque: float, law: str
+) -> None:
+    """It does not leap back; with the over-damped gains it rests. The backlash is not known, so the others rattle."""
+    rig = Rig(gains, replace(VARYING, torque=torque), law=law)
+    assert rig.play(after) is None
+    where = float(rig.plant.state[THETA_L])
+    rig.servo.cancel("test")
+    outcome = rig.servo.take_outcome()
+    assert isinstance(outcome, BacklashEstimate)
+    assert not outcome.valid
+    assert outcome.reason == "no map of the gap: test"
+    for _ in range(1000):
+        rig.step()
+        assert abs(float(rig.plant.state[THETA_L]) - where) < FEW.swing
+    assert rig.servo.fault == ""
+    assert abs(rig.servo.tracking_error) < 0.03
+    assert law != "overdamped" or abs(float(rig.plant.state[OMEGA_L])) < 0.01
+
+
+def test_a_load_that_leaves_the_swing_ends_it_and_is_held_there(gains: GainSet) -> None:
+    machine = replace(VARYING, torque=0.3)
+    rig = Rig(gains, machine, GapMapSettings(places=6, turn=3.0, swing=0.08))
+    outcome = rig.play()
+    assert isinstance(outcome, BacklashEstimate)
+    assert "from the place at -1.2" in outcome.reason
+    assert "beyond learning.gap_map.swing = 0.08 rad" in outcome.reason
+    where = float(rig.plant.state[THETA_L])
+    rig.rest()
+    assert abs(float(rig.plant.state[THETA_L]) - where) < 0.08
+    assert abs(float(rig.plant.state[OMEGA_L])) < 0.01
+
+
+def test_when_its_time_is_over_it_goes_back_and_says_how_far_it_came(gains: GainSet) -> None:
+    rig = Rig(gains, parameters=replace(FEW, time=5.0))
+    outcome = rig.play()
+    assert 5.0 < rig.plant.time < 20.0
+    assert abs(float(rig.plant.state[THETA_L])) < 0.03
+    assert isinstance(outcome, Deferred)
+    found = outcome.work()
+    assert not found.valid
+    assert found.reason == ("no map of the gap within learning.gap_map.time = 5 s: only 1 of 6 places were reached")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"position_upper": 3.0}, r"got 3\.44"),
+        ({"position_lower": -3.0}, r"got -3\.44"),
+        ({"step": 0.2}, r"within limits\.step = 0\.2 rad of"),
+    ],
+)
+def test_limits_that_are_too_narrow_refuse_it(gains: GainSet, change: dict[str, float], message: str) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains), replace(Limits.of(NOMINAL_DRIVE), **change))
+    servo.update(Measurement(np.zeros(5)))
+    why = servo.experiment_refusal("gap_map")
+    assert why.startswith(
+        "it swings by half of learning.gap_map.turn and learning.gap_map.swing = 3.44159 rad to either side, but "
+    )
+    assert re.search(message, why)
+
+
+def test_a_step_limit_bounds_what_it_does_at_each_place_and_not_the_slow_way(gains: GainSet) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains), replace(Limits.of(NOMINAL_DRIVE), step=0.5))
+    servo.update(Measurement(np.zeros(5)))
+    assert servo.experiment_refusal("gap_map") == ""
+
+
+def test_a_joint_with_ends_maps_what_is_between_them(gains: GainSet) -> None:
+    limits = replace(Limits.of(NOMINAL_DRIVE), position_lower=-0.9, position_upper=0.9)
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains), limits)
+    servo.update(Measurement(np.zeros(5)))
+    assert servo.experiment_refusal("gap_map", GapMapSettings(turn=1.2, swing=0.25)) == ""
+
+
+def frozen(measured: Measurement, shown: list[float], signal: int) -> None:
+    shown[:] = shown or [float(measured[signal])]
+    measured[signal] = shown[0]
+
+
+def reversed_(measured: Measurement, shown: list[float], signal: int) -> None:
+    measured[signal] *= -1.0
+
+
+def swapped(measured: Measurement, shown: list[float], signal: int) -> None:
+    measured[[THETA_M, THETA_L]] = measured[[THETA_L, THETA_M]]
+
+
+def missing(measured: Measurement, shown: list[float], signal: int) -> None:
+    measured[signal] = math.nan
+
+
+@pytest.mark.parametrize("start", [1, 300, 1200, 5000], ids=["from the start", "on the way", "at a place", "late"])
+@pytest.mark.parametrize("signal", [THETA_M, THETA_L], ids=["motor", "load"])
+@pytest.mark.parametrize("broken", [frozen, reversed_, swapped, missing])
+def test_a_broken_encoder_ends_it_near_and_gives_no_map(
+    gains: GainSet, broken: Callable[[Measurement, list[float], int], None], signal: int, start: int
+) -> None:
+    rig = Rig(gains)
+    outcome, shown, where = None, list[float](), math.nan
+    for k in range(20_000):
+        if k == start:
+            where = float(rig.plant.state[THETA_L])
+        rig.step(partial(broken, shown=shown, signal=signal) if k >= start else lambda _: None)
+        outcome = rig.servo.take_outcome()
+        if outcome is not None or rig.servo.latched:
+            break
+    assert abs(float(rig.plant.state[THETA_L]) - where) < FEW.swing
+    assert rig.servo.latched or (isinstance(outcome, BacklashEstimate) and not outcome.valid)
+
+
+@examples(max_examples=12, deadline=None)
+@given(
+    at=st.integers(1, 3000),
+    samples=st.sampled_from([1, 3, 10]),
+    signal=st.sampled_from([THETA_M, THETA_L]),
+    size=st.floats(0.005, 1e4),
+    way=st.sampled_from([1.0, -1.0]),
+)
+def test_wrong_samples_do_not_take_the_load_astray(
+    gains: GainSet, at: int, samples: int, signal: int, size: float, way: float
+) -> None:
+    rig = Rig(gains)
+
+    def jump(measured: Measurement) -> None:
+        measured[signal] += way * size
+
+    for k in range(3200):
+        rig.step(jump if at <= k < at + samples else lambda _: None)
+        if rig.servo.take_outcome() is not None or rig.servo.latched:
+            break
+    assert rig.farthest <= 0.5 * FEW.turn + FEW.swing
+
+
+def test_a_load_torque_that_changes_on_the_way_gives_no_wrong_map(gains: GainSet) -> None:
+    """Its place is missing, or right; the others are right."""
+    machine = replace(VARYING, friction=0.0)
+    rig, outcome, k = Rig(gains, machine), None, 0
+    while outcome is None:
+        k += 1
+        rig.step(torque=0.25 if k > 2600 else 0.1)
+        outcome = rig.servo.take_outcome()
+    assert isinstance(outcome, Deferred)
+    found = outcome.work()
+    assert isinstance(found, BacklashEstimate)
+    assert found.map is not None
+    for place, gap in zip(found.map.places, found.map.gaps, strict=True):
+        assert gap == pytest.approx(machine.drive.gear.backlash_at(place), rel=0.03)
+
+
+def test_lost_samples_change_nothing(gains: GainSet) -> None:
+    """Every fortieth is lost: the moves go by the time that has passed."""
+    rig, outcome, k = Rig(gains, parameters=replace(FEW, turn=1.0)), None, 0
+    while outcome is None:
+        k += 1
+        if k % 40 == 0:
+            rig.plant.sample()
+            rig.plant.advance(rig.servo.command, 0.0)
+        rig.step()
+        outcome = rig.servo.take_outcome()
+    assert isinstance(outcome, Deferred)
+    assert rig.servo.fault == ""
+    assert rig.farthest < 0.9
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"places": 5}, r"learning\.gap_map\.places must be a whole number >= 6 and <= 64, got 5"),
+        ({"turn": 7.0}, r"learning\.gap_map\.turn must be >= 0\.1 rad and <= 6\.3 rad, got 7"),
+        ({"swing": 0.0}, r"learning\.gap_map\.swing must be > 0 rad and <= 3\.2 rad, got 0"),
+        ({"speed": 0.0}, r"learning\.gap_map\.speed must be > 0 rad/s and <= 100 rad/s, got 0"),
+        ({"time": math.nan}, r"learning\.gap_map\.time must be a finite number"),
+    ],
+)
+def test_settings_out_of_bounds_are_refused(change: dict[str, float], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        GapMapSettings(**change)  # type: ignore[arg-type]
+
+
+# What becomes of the fits, without any.
+
+
+class Seen(NamedTuple):
+    """The gap at a place, rad, and how far its middle is from where it is on average."""
+
+    gap: float
+    middle: float
+
+
+def combined(monkeypatch: pytest.MonkeyPatch, places: Array, seen: list[Seen | None]) -> gap_map.Mapped:
+    """Return the map where the fits have found what was ``seen``."""
+
+    def measure(_drive: Drive, recording: Recording, *_: object) -> Gap:
+        place = seen[list(places).index(recording.load[0])]
+        if place is None:
+            return Gap(0.0, 0.0, False, "no flank")
+        x = np.zeros(PARAMETERS)
+        x[LN_HALF_GAP], x[OFFSET] = math.log(0.5 * place.gap), 0.4 + place.middle
+        fit = Fit(NOMINAL_DRIVE.gear.contact, x, 1e-10 * np.eye(PARAMETERS), (1, 1), (1e-4, 1e-4), (-1, 1))
+        return Gap(place.gap, 1e-5, True, "", fit)
+
+    monkeypatch.setattr(gap_map, "measure_gap", measure)
+    recordings = [Recording(*np.full((4, 3), place)) for place in places]
+    return map_gaps(NOMINAL_DRIVE, recordings, 6.0, len(places), closed=True)
+
+
+AROUND = np.array(GapMapSettings().offsets)
+
+
+@given(amplitude=st.floats(0.0, 0.01), phase=st.floats(-3.1, 3.1), ratio=st.floats(-2e-3, 2e-3))
+def test_eccentricity_is_told_from_a_gap_that_varies_and_from_a_reduction_that_is_off(
+    amplitude: float, phase: float, ratio: float
+) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        found = combined(
+            patch,
+            AROUND,
+            [Seen(0.02 + 0.005 * math.cos(r), -amplitude * math.sin(r + phase) + ratio * r) for r in AROUND],
+        ).map
+    assert found is not None
+    error = found.eccentricity * np.exp(1j * found.phase) - amplitude * np.exp(1j * phase)
+    assert abs(error) < 1e-5 + 3.0 * found.eccentricity_uncertainty
+    assert found.eccentricity_uncertainty < 1e-4
+    assert max(found.gaps) == pytest.approx(0.025, rel=0.02)
+
+
+def test_a_coupling_that_slips_makes_the_eccentricity_unsure(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = combined(monkeypatch, AROUND, [Seen(0.02, 0.006 * (k > 4)) for k in range(8)]).map
+    assert found is not None
+    assert found.eccentricity_uncertainty > 5e-4
+
+
+@pytest.mark.parametrize("lost", [(2, 5), (1, 2), (0, 7), (0, 2, 4)])
+def test_a_quarter_of_the_places_may_be_missing_and_no_two_neighbours(
+    monkeypatch: pytest.MonkeyPatch, lost: tuple[int, ...]
+) -> None:
+    found = combined(monkeypatch, AROUND, [None if k in lost else Seen(0.02, 0.0) for k in range(8)])
+    if lost == (2, 5):
+        assert found.map is not None
+        assert found.reason.startswith("6 of 8 places: ")
+        assert len(found.map.gaps) == 6
+    else:
+        assert found.map is None
+        assert f"only {8 - len(lost)} of 8 places were measured" in found.reason
+        assert found.reason.endswith("no flank")
+
+
+def test_the_diagnostics_have_the_map(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = combined(monkeypatch, AROUND, [Seen(0.02 + 0.001 * k, 0.0) for k in range(8)]).map
+    kept = Estimates(lambda _: "", ThreadPoolExecutor(1))
+    assert "gap_map_rad" not in kept.values()
+    estimate = BacklashEstimate(0.027, Method.GAP_MAP, valid=True, reason="", map=found)
+    kept.learned(estimate, "", 0, apply=True)
+    values = kept.values()
+    assert values["estimate_method"] == "gap_map"
+    assert values["gap_smallest_rad"] == pytest.approx(0.02)
+    assert values["gap_smallest_at_rad"] == AROUND[0]
+    assert values["gap_largest_rad"] == pytest.approx(0.027) == values["estimate_rad"]
+    assert values["gap_map_rad"].startswith("-2.749: 0.02, -1.963: 0.021, ")
+    kept.forget()
+    assert "gap_map_rad" not in kept.values()
+
+
+def test_the_ends_of_a_part_of_the_turn_are_no_neighbours() -> None:
+    measured = [False, True, True, True, True, True, True, False]
+    assert incomplete(measured, closed=True)
+    assert not incomplete(measured, closed=False)
+    assert GapMapSettings().closed
+    assert not GapMapSettings(turn=5.5).closed
