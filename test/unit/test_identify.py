@@ -12,12 +12,12 @@ from recorded import probed, stepped, true_gap, without
 
 from backlash_ros.analysis.evaluation.population import Member, told_model
 from backlash_ros.analysis.recordings.samples import Columns, Reading, recording_of
-from backlash_ros.identification.findings import SPEEDS, findings_of
 from backlash_ros.identification.fit import Recording, motor_side
-from backlash_ros.identification.identify import Identified, identify
-from backlash_ros.identification.plausible import implausible
+from backlash_ros.identification.recordings.findings import SPEEDS, findings_of
+from backlash_ros.identification.recordings.identify import Identified, identify
+from backlash_ros.identification.recordings.plausible import implausible
+from backlash_ros.identification.recordings.stretch import informative
 from backlash_ros.identification.regression import guess_of
-from backlash_ros.identification.stretch import informative
 
 MOTIONS = {"probe": probed, "steps": stepped, "uneven": lambda k, population: stepped(k, population, uneven=True)}
 

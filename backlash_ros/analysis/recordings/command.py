@@ -15,7 +15,7 @@ from backlash_ros.analysis.recordings.report import content_of, show
 from backlash_ros.analysis.recordings.samples import Columns, Reading, drive_for, recording_of
 from backlash_ros.analysis.staging import staging
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
-from backlash_ros.identification.identify import Identified, identify
+from backlash_ros.identification.recordings.identify import Identified, identify
 
 FOUND, REFUSED = 0, 1
 _WHOLE = 0.01

@@ -5,8 +5,8 @@ from dataclasses import fields
 
 from backlash_ros.drivetrain import Validated, quantities
 from backlash_ros.drivetrain.contact import law_name
-from backlash_ros.identification.findings import Finding
-from backlash_ros.identification.identify import Identified
+from backlash_ros.identification.recordings.findings import Finding
+from backlash_ros.identification.recordings.identify import Identified
 
 LONGEST_DELAY = 10
 """Periods of delay that a controller takes at most."""

@@ -8,9 +8,9 @@ from rich.console import Console
 from rich.table import Table
 
 from backlash_ros.analysis.jsonable import jsonable
-from backlash_ros.identification.findings import Finding
-from backlash_ros.identification.held_out import Score
-from backlash_ros.identification.identify import Identified
+from backlash_ros.identification.recordings.findings import Finding
+from backlash_ros.identification.recordings.held_out import Score
+from backlash_ros.identification.recordings.identify import Identified
 
 
 def _figures(finding: Finding) -> tuple[str, str]:

@@ -11,7 +11,7 @@ from backlash_ros.analysis.recordings.encoder import Encoder
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.fit import Recording
-from backlash_ros.identification.stretch import HOLE
+from backlash_ros.identification.recordings.stretch import HOLE
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 COMMAND_UNITS = ("V", "A", "duty")

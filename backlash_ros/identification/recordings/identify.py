@@ -6,12 +6,12 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.identification.drive import identified_drive
-from backlash_ros.identification.findings import Finding, findings_of, stall_of
 from backlash_ros.identification.fit import FITS, Fit, Recording, fit
 from backlash_ros.identification.gap import SCALE, Gap, contacts_of, delays_of, measure_gap
-from backlash_ros.identification.held_out import Score, first_part, score
-from backlash_ros.identification.plausible import implausible, suspicion
-from backlash_ros.identification.stretch import informative
+from backlash_ros.identification.recordings.findings import Finding, findings_of, stall_of
+from backlash_ros.identification.recordings.held_out import Score, first_part, score
+from backlash_ros.identification.recordings.plausible import implausible, suspicion
+from backlash_ros.identification.recordings.stretch import informative
 
 FRICTION = "load.viscous_friction", "load.coulomb_friction"
 _TEETH = "gear.backlash_angle"
