@@ -6,6 +6,7 @@ from backlash_ros.control.design.stability import Margins, check_stable, stabili
 from backlash_ros.control.experiment import BacklashEstimate, Method
 from backlash_ros.control.experiments import EXPERIMENTS
 from backlash_ros.control.experiments.gap_probe import GapProbeSettings
+from backlash_ros.control.experiments.hysteresis import HysteresisSettings
 from backlash_ros.control.experiments.limit_cycle import LimitCycleSettings
 from backlash_ros.control.law import FAST_REGION, OVERDAMPED_REGION, ControlLaw
 from backlash_ros.control.laws import LAWS, design_law
@@ -32,6 +33,7 @@ __all__ = [
     "GainSet",
     "Gains",
     "GapProbeSettings",
+    "HysteresisSettings",
     "LimitCycle",
     "LimitCycleSettings",
     "Limits",

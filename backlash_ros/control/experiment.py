@@ -9,9 +9,11 @@ from enum import Enum
 from typing import Any, NamedTuple, Protocol
 
 from backlash_ros.control.limits import Limits
+from backlash_ros.control.monitoring.thresholds import FaultThresholds
 from backlash_ros.drivetrain import Drive, Validated
 from backlash_ros.drivetrain.signals import Estimate, Measurement
 from backlash_ros.identification.fit import Fit
+from backlash_ros.identification.lost_motion import LostMotion
 
 
 class Excitation(NamedTuple):
@@ -61,6 +63,7 @@ class Method(Enum):
     GAP_TRAVEL = "gap_travel"
     LOAD_AMPLITUDE = "load_amplitude"
     GAP_PROBE = "gap_probe"
+    HYSTERESIS = "hysteresis"
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,8 @@ class BacklashEstimate:
     """What learning found: ``angle`` and standard ``uncertainty``, rad at the output, both 0 unless ``valid``.
 
     ``uncertainty`` is 0, too, where the method has none. ``amplitude`` (rad), ``period`` (s) and ``cycles`` are those
-    of a limit cycle, ``fit`` is what a probe of the gap found besides, valid or not.
+    of a limit cycle, ``fit`` is what a probe of the gap found besides, valid or not, and ``lost_motion`` what the
+    torque on an output that stands did.
     """
 
     angle: float
@@ -80,6 +84,7 @@ class BacklashEstimate:
     period: float = 0.0
     cycles: int = 0
     fit: Fit | None = field(default=None, repr=False, compare=False)
+    lost_motion: LostMotion | None = field(default=None, repr=False, compare=False)
 
 
 class Experiment(Protocol):
@@ -125,6 +130,8 @@ class NamedExperiment(NamedTuple):
     swing : name of the parameter that says how far the load may go to either side, rad, and the setpoint with it: the
         servo ends an experiment that goes farther; "" for none
     law : the law that acts meanwhile, with a state of its own; "" for none, so that its torque acts alone
+    refusal : tells of a drive, the parameters, the limits and the thresholds of faults why a run cannot begin, empty
+        where it can; None where there is never a reason
     """
 
     title: str
@@ -132,3 +139,4 @@ class NamedExperiment(NamedTuple):
     parameters: Validated
     swing: str = ""
     law: str = "fast"
+    refusal: Callable[[Drive, Any, Limits, FaultThresholds], str] | None = None
