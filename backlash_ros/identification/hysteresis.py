@@ -30,10 +30,12 @@ from backlash_ros.identification.lost_motion import Curve, LostMotion
 _BLOCK, _SETTLED, _FAST = 0.008, 0.06, 0.5
 """Samples are averaged over so long, s; they count when the motor has been slow for so long, s: slower than a share of
 the speed through the gap."""
-_WARM_UP = 2
-"""Branches of the torque, at first, that do not count."""
+_WARM_UP, _END = 2, 2
+"""Branches of the torque, at first and at last, that do not count."""
 _FAINT = 0.01
 """Share of the torque below which the teeth's place says little."""
+_MOST_LOSS = 0.4
+"""Largest share of the torque that friction may take."""
 _BETTER, _AS_GOOD = 0.8, 1.1
 """Share of the own law's residual below which another is taken; times the best one's up to which a law may be right."""
 _LOSS, _WEIGHT = 0.05, 4.0
@@ -44,7 +46,7 @@ _REPEATS = 0.05
 """Largest spread from cycle to cycle: share of the gap."""
 _SURE, _HALF_COUNT = 0.05, 0.5
 """Largest standard uncertainty: share of the gap, or counts."""
-_NOISE, _MODEL, _COUNT = 1.25, 0.004, 0.12
+_NOISE, _MODEL, _COUNT = 1.25, 0.006, 0.12
 """What the uncertainty is made of: times the standard deviation by the residuals, a share, and one of a count."""
 _GIVE_MODEL, _GIVE_COUNT = 0.01, 0.3
 """The same of a stiffness: a share, and one of a count over the way that it is from."""
@@ -88,7 +90,7 @@ def _points(curve: Curve, drive: Drive, speed: float) -> _Points:
     lately = np.convolve(fast, after)[: fast.size] > 0.5
     branch = curve.branch[:n:size]
     middle = 0.5 * (np.max(x) + np.min(x))
-    counts = (branch >= _WARM_UP) & ~lately & ~fast
+    counts = (branch >= _WARM_UP) & (branch <= branch[-1] - _END) & ~lately & ~fast
     return _Points(x, torque, np.sign(x - middle), (branch - _WARM_UP) // 2, counts)
 
 
@@ -262,6 +264,8 @@ def measure_lost_motion(
             f"no model of teeth and friction explains the curve: its angles are {best.rms:.2g} rad off (rms); check "
             "the couplings, that nothing else moves the load, and that encoders count without gaps"
         )
+    elif best.values[_C] + best.values[_MU] * top > _MOST_LOSS * float(np.max(points.torque)):
+        why = "friction takes about half of the torque: what a gear that locks itself bears is not seen at the motor"
     elif not spread <= max(_REPEATS * gap, 2.0 * count):
         why = (
             f"the cycles differ by {spread:.2g} rad, and may differ by {max(_REPEATS * gap, 2.0 * count):.2g} rad: "

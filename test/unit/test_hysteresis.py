@@ -137,6 +137,31 @@ def test_teeth_that_lose_power_are_told_from_the_motor_s_friction(gains: GainSet
     assert found.gap == pytest.approx(0.02, rel=0.01)
 
 
+def test_a_gear_that_locks_itself_is_refused(gains: GainSet) -> None:
+    drive = standing(BRAKED, contact=elastic(1.0))
+    drive = replace(drive, gear=replace(drive.gear, efficiency_forward=0.5, efficiency_backward=0.0))
+    estimate = measured(gains, drive)
+    assert not estimate.valid
+    assert "friction takes about half of the torque" in estimate.reason
+
+
+def test_a_load_that_is_heavy_but_free_goes_to_and_fro_and_ends_at_rest(gains: GainSet) -> None:
+    servo, plant = started(gains, standing({"inertia": 1000.0}, contact=elastic(1.0), motor_friction=0.02))
+    assert play(servo, plant, 8000) < 0.005
+    assert isinstance(servo.take_outcome(), Deferred)
+    assert abs(float(plant.state[OMEGA_L])) < 5e-4
+
+
+def test_a_wrong_reduction_is_not_seen_and_the_gap_is_wrong_by_its_factor(gains: GainSet) -> None:
+    """The output does not move: nothing tells the gear's ratio."""
+    drive = standing(BRAKED, contact=elastic(1.0))
+    model = replace(told(drive), gear=replace(told(drive).gear, reduction=13.0))
+    sensors = Sensors(measured=POSITIONS, motor_counts=2.0**14, load_counts=2.0**16)
+    estimate = run_experiment(drive, ServoSettings(gains), "hysteresis", model=model, sensors=sensors)
+    assert isinstance(estimate, BacklashEstimate)
+    assert estimate.angle == pytest.approx(0.02 * 10.0 / 13.0, rel=0.01)
+
+
 def test_the_words_are_those_of_gearbox_makers(gains: GainSet) -> None:
     estimate = measured(gains, standing(BRAKED, contact=elastic(1.0)))
     for words in ("arcmin", "lost motion", "N m/arcmin", "between +-0.09 N m", "elastic law"):

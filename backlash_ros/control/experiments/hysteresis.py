@@ -25,8 +25,9 @@ from backlash_ros.identification.fit import motor_side
 from backlash_ros.identification.hysteresis import measure_lost_motion
 from backlash_ros.identification.lost_motion import Curve
 
-_GENTLE = 0.25
-"""Share of the torque in the first cycle, which shows whether the load stands."""
+_GENTLE, _BEFORE, _AFTER = 0.25, 0.75, math.sqrt(0.5)
+"""Shares of the torque before the cycles, of which the first shows whether the load stands, and after them: the speed
+that a swing gives a heavy load goes by its square, so the load goes to and fro about where it is, and ends at rest."""
 _NEAR, _SLOWLY = 0.15, 0.3
 """Share of the torque below which it changes slowly, and the share of its rate there: the teeth part and meet."""
 _HELD, _BLOCKED = 0.9, 0.9
@@ -133,8 +134,8 @@ class Hysteresis:
         self._damping = 1.8 * self._side.inertia * bandwidth
         self._stiffness = 0.3 * self._side.inertia * bandwidth**2
         self._smooth, self._slowly = low_pass_gain(_QUICK, period), low_pass_gain(_SLOW, period)
-        gentle = _GENTLE * self._most
-        self._targets = [gentle, -gentle, *[self._most, -self._most] * settings.cycles, 0.0]
+        shares = (_GENTLE, -_BEFORE, *(1.0, -1.0) * settings.cycles, _AFTER, 0.0)
+        self._targets = [share * self._most for share in shares]
         self._whole = float(np.sum(np.abs(np.diff([0.0, *self._targets]))))
         self._branch, self._torque, self._done = 0, 0.0, 0.0
         self._rows: list[tuple[float, float, float, float, float]] = []
@@ -174,7 +175,7 @@ class Hysteresis:
             self._speed += self._smooth * (speed - self._speed)
             self._slow_speed += self._slowly * (self._speed - self._slow_speed)
         else:
-            self._farthest = motor
+            self._farthest = motor - load
         drive, side = self._drive, self._side
         if math.isnan(measured[CURRENT]):
             torque = side.gain * command - side.braking * self._speed
@@ -185,7 +186,7 @@ class Hysteresis:
             self._trouble, self._hold = self._watch(motor, load), motor
         if self._trouble:
             return self._come_to_rest(motor, lapsed)
-        self._go_on(lapsed, motor)
+        self._go_on(lapsed, motor, load)
         if self.outcome is not None:
             return Excitation()
         return self._braked(self._torque, _UNBRAKED * self._settings.speed)
@@ -213,13 +214,13 @@ class Hysteresis:
                 f"the load moved by {way:.3g} rad, beyond {where}: the output must be locked, braked or heavy; "
                 "gap_probe measures a load that is free"
             )
-        way = self._direction * (self._farthest - motor)
+        way = self._direction * (self._farthest - (motor - load))
         if way > settings.movement:
             return (
                 f"the motor moved by {way:.3g} rad against its torque, beyond {where}: check the sign of the command "
                 "and that its encoder counts in the direction of the gear"
             )
-        self._farthest = motor if way < 0.0 else self._farthest
+        self._farthest = motor - load if way < 0.0 else self._farthest
         if self._time > settings.time:
             return (
                 f"it was not over after {settings.section}.time = {settings.time:g} s: the gap is wider, or the gear "
@@ -232,7 +233,7 @@ class Hysteresis:
         """Which way the torque goes, 1 or -1."""
         return math.copysign(1.0, self._targets[self._branch] - self._torque)
 
-    def _go_on(self, lapsed: float, motor: float) -> None:
+    def _go_on(self, lapsed: float, motor: float, load: float) -> None:
         """Change the torque: at its rate while the motor stands, else so that it keeps its speed."""
         wanted, way, target = self._settings.speed, self._direction, self._targets[self._branch]
         stands = min(max(1.0 - 2.0 * way * self._slow_speed / wanted, 0.0), 1.0)
@@ -242,7 +243,7 @@ class Hysteresis:
         self._torque += way * rate * lapsed
         if way * (self._torque - target) < 0.0:
             return
-        self._torque, self._farthest = target, motor
+        self._torque, self._farthest = target, motor - load
         if self._branch + 1 < len(self._targets):
             self._branch += 1
             return
