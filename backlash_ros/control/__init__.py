@@ -7,6 +7,7 @@ from backlash_ros.control.experiment import BacklashEstimate, Method
 from backlash_ros.control.experiments import EXPERIMENTS
 from backlash_ros.control.experiments.gap_map import GapMapSettings
 from backlash_ros.control.experiments.gap_probe import GapProbeSettings
+from backlash_ros.control.experiments.hysteresis import HysteresisSettings
 from backlash_ros.control.experiments.limit_cycle import LimitCycleSettings
 from backlash_ros.control.law import FAST_REGION, OVERDAMPED_REGION, ControlLaw
 from backlash_ros.control.laws import LAWS, design_law
@@ -34,6 +35,7 @@ __all__ = [
     "Gains",
     "GapMapSettings",
     "GapProbeSettings",
+    "HysteresisSettings",
     "LimitCycle",
     "LimitCycleSettings",
     "Limits",

@@ -9,10 +9,12 @@ from enum import Enum
 from typing import Any, NamedTuple, Protocol
 
 from backlash_ros.control.limits import Limits
+from backlash_ros.control.monitoring.thresholds import FaultThresholds
 from backlash_ros.drivetrain import Drive, Validated
 from backlash_ros.drivetrain.signals import Estimate, Measurement
 from backlash_ros.identification.fit import Fit
 from backlash_ros.identification.gap_map import GapMap
+from backlash_ros.identification.lost_motion import LostMotion
 
 
 class Excitation(NamedTuple):
@@ -63,6 +65,7 @@ class Method(Enum):
     LOAD_AMPLITUDE = "load_amplitude"
     GAP_PROBE = "gap_probe"
     GAP_MAP = "gap_map"
+    HYSTERESIS = "hysteresis"
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,7 @@ class BacklashEstimate:
     ``uncertainty`` is 0, too, where the method has none. ``amplitude`` (rad), ``period`` (s) and ``cycles`` are those
     of a limit cycle, ``fit`` is what a probe of the gap found besides, valid or not. ``map`` has the gaps around the
     turn, of which ``angle`` is the largest, and ``fit`` is then that of the place that is most certain.
+    ``lost_motion`` is what the torque on an output that stands did.
     """
 
     angle: float
@@ -84,6 +88,7 @@ class BacklashEstimate:
     cycles: int = 0
     fit: Fit | None = field(default=None, repr=False, compare=False)
     map: GapMap | None = None
+    lost_motion: LostMotion | None = field(default=None, repr=False, compare=False)
 
 
 class Experiment(Protocol):
@@ -132,6 +137,8 @@ class NamedExperiment(NamedTuple):
         without a leap, so that ``limits.step`` does not bound it; "" for none. Where such a run does not come back, the
         load is held where it ends
     law : the law that acts meanwhile, with a state of its own; "" for none, so that its torque acts alone
+    refusal : tells of a drive, the parameters, the limits and the thresholds of faults why a run cannot begin, empty
+        where it can; None where there is never a reason
     """
 
     title: str
@@ -140,3 +147,4 @@ class NamedExperiment(NamedTuple):
     swing: str = ""
     turn: str = ""
     law: str = "fast"
+    refusal: Callable[[Drive, Any, Limits, FaultThresholds], str] | None = None

@@ -315,11 +315,14 @@ class Servo:
         return name, EXPERIMENTS.choose("learning.experiment", name, AUTO)
 
     def experiment_refusal(self, name: str = "", parameters: Validated | None = None) -> str:
-        """Return why an experiment would go beyond the limits from where the load is held; empty where not."""
+        """Return why an experiment cannot begin, or would go beyond the limits from where the load is held."""
         name, chosen = self._named(name)
+        parameters = parameters or self._parameters_of(name)
+        thresholds = self.settings.thresholds_of(self.drive)
+        if chosen.refusal and (why := chosen.refusal(self.drive, parameters, self.limits, thresholds)):
+            return why
         if not chosen.swing:
             return ""
-        parameters = parameters or self._parameters_of(name)
         swing, leap = swing_of(chosen, parameters), at_once(chosen, parameters)
         least, largest = self._extremes
         ways = ((least - swing, leap), (largest + swing, -leap))

@@ -1,0 +1,301 @@
+"""Gap, lost motion and stiffness from the angle between the shafts while a slow torque works on an output that stands.
+
+With x = n theta_m - theta_l, the motor's torque T and what the teeth bear tau, both N m at the output:
+
+    x = x0 +- (h + wind-up(abs(tau)))                          on either flank, by a contact law
+    T - C - mu abs(tau) <= tau <= T + C + mu abs(tau)          the motor moves at either end only, else it sticks
+
+Half the gap h, its middle x0, the Coulomb friction C, the teeth's loss mu and, of a spring, its give make the squares
+of x least. The branches up and down lie 2 (C + mu abs(tau)) apart, which tells friction from wind-up. Samples at speed,
+in the gap and just after it, do not count. Beside that, without a law: slopes, and places at a torque.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq, least_squares
+
+from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain.contact import Contact, law_name
+from backlash_ros.drivetrain.contacts.elastic import SpringContact
+from backlash_ros.drivetrain.signals import Array
+from backlash_ros.identification.fit import count_of, motor_side
+from backlash_ros.identification.gap import contacts_of
+from backlash_ros.identification.lost_motion import Curve, LostMotion
+
+_BLOCK, _SETTLED, _FAST = 0.008, 0.06, 0.5
+"""Samples are averaged over so long, s; they count when the motor has been slow for so long, s: slower than a share of
+the speed through the gap."""
+_WARM_UP, _END = 2, 2
+"""Branches of the torque, at first and at last, that do not count."""
+_FAINT = 0.01
+"""Share of the torque below which the teeth's place says little."""
+_MOST_LOSS = 0.4
+"""Largest share of the torque that friction may take."""
+_BETTER, _AS_GOOD = 0.8, 1.1
+"""Share of the own law's residual below which another is taken; times the best one's up to which a law may be right."""
+_LOSS, _WEIGHT = 0.05, 4.0
+"""Loss of the teeth as it is believed beforehand, a standard deviation; how much that counts, in single counts."""
+_FITS, _FITS_COUNTS = 0.03, 1.0
+"""Largest residual: share of the gap, or counts."""
+_REPEATS = 0.05
+"""Largest spread from cycle to cycle: share of the gap."""
+_SURE, _HALF_COUNT = 0.05, 0.5
+"""Largest standard uncertainty: share of the gap, or counts."""
+_NOISE, _MODEL, _COUNT = 1.25, 0.006, 0.12
+"""What the uncertainty is made of: times the standard deviation by the residuals, a share, and one of a count."""
+_GIVE_MODEL, _GIVE_COUNT = 0.01, 0.3
+"""The same of a stiffness: a share, and one of a count over the way that it is from."""
+_X0, _H, _C, _MU, _GIVE = range(5)
+
+
+class _Points(NamedTuple):
+    """Means over a few samples, and which of them count: angle, torque, side of the middle, cycle."""
+
+    x: Array
+    torque: Array
+    side: Array
+    cycle: Array
+    counts: NDArray[np.bool_]
+
+
+class _Found(NamedTuple):
+    contact: Contact
+    values: Array
+    covariance: Array
+    rms: float
+    teeth: Array
+
+
+def _points(curve: Curve, drive: Drive, speed: float) -> _Points:
+    """Return what the fit sees of a recording in which the motor crosses the gap at ``speed``, rad/s."""
+    period = float(curve.time[-1] / (curve.time.size - 1))
+    size = max(1, round(_BLOCK / period))
+    n = curve.time.size // size * size
+
+    def mean(values: Array) -> Array:
+        return np.asarray(values[:n].reshape(-1, size).mean(axis=1))
+
+    x, torque, time = mean(curve.motor - curve.load), mean(curve.torque), mean(curve.time)
+    near = max(1, round(0.02 / (size * period)))
+    rate = np.zeros_like(x)
+    rate[near:-near] = (x[2 * near :] - x[: -2 * near]) / (time[2 * near :] - time[: -2 * near])
+    torque = torque - motor_side(drive).viscous * rate
+    fast = np.abs(rate) > _FAST * speed
+    after = np.ones(max(1, round(_SETTLED / (size * period))))
+    lately = np.convolve(fast, after)[: fast.size] > 0.5
+    branch = curve.branch[:n:size]
+    middle = 0.5 * (np.max(x) + np.min(x))
+    counts = (branch >= _WARM_UP) & (branch <= branch[-1] - _END) & ~lately & ~fast
+    return _Points(x, torque, np.sign(x - middle), (branch - _WARM_UP) // 2, counts)
+
+
+def _teeth_torque(torque: Array, friction: float, loss: float) -> Array:
+    """Return what the teeth bear, N m, under a motor's torque that changes slowly: the motor sticks, then slips."""
+    up, down = torque - friction, torque + friction
+    least = np.where(up > 0.0, up / (1.0 + loss), up / (1.0 - loss)).tolist()
+    most = np.where(down > 0.0, down / (1.0 - loss), down / (1.0 + loss)).tolist()
+    teeth, held = [], 0.0
+    for low, high in zip(least, most, strict=True):
+        held = min(max(held, low), high)
+        teeth.append(held)
+    return np.array(teeth)
+
+
+def static_place(drive: Drive, contact: Contact, half_gap: float, torque: float) -> float:
+    """Return how far from the middle of the gap the teeth rest under a torque (N m, > 0), rad at the output."""
+    radius = drive.gear.load_radius
+    constants = contact.constants(radius, drive.contact_mass)
+
+    def excess(place: float) -> float:
+        return radius * contact.force(constants, radius * half_gap, radius * place, 0.0)[3] - torque
+
+    farthest = 2.0 * half_gap
+    while excess(farthest) < 0.0:
+        farthest *= 2.0
+    return float(brentq(excess, 0.0, farthest, xtol=1e-12))
+
+
+def _places(drive: Drive, contact: Contact, values: Array, teeth: Array) -> Array:
+    """Return how far from the middle of the gap torques of the teeth (N m, >= 0) press, rad."""
+    half_gap = float(values[_H])
+    if isinstance(contact, SpringContact):
+        return np.asarray(half_gap + values[_GIVE] * teeth)
+    top = float(np.max(teeth)) + 1e-9
+    grid = np.geomspace(0.2 * _FAINT * top, 1.001 * top, 24)
+    placed = [static_place(drive, contact, half_gap, float(each)) for each in grid]
+    return np.asarray(np.interp(np.log(np.maximum(teeth, grid[0])), np.log(grid), placed))
+
+
+def _covariance(jacobian: Array, residual: Array, lag: int) -> Array:
+    """Return that of the parameters, with residuals that resemble each other up to ``lag`` (Newey and West)."""
+    scores = jacobian * residual[:, None]
+    middle = scores.T @ scores
+    for k in range(1, min(lag, residual.size - 1)):
+        cross = (1.0 - k / lag) * scores[k:].T @ scores[:-k]
+        middle += cross + cross.T
+    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    return np.asarray(inverse @ middle @ inverse)
+
+
+def _fit(drive: Drive, contact: Contact, points: _Points, count: float) -> _Found:
+    """Return the parameters under which ``contact`` explains the points best; a ``count`` is in rad."""
+    spring = isinstance(contact, SpringContact)
+    top = float(np.max(np.abs(points.torque)))
+
+    def residual(values: Array) -> Array:
+        teeth = _teeth_torque(points.torque, float(values[_C]), float(values[_MU]))
+        pressed = np.maximum(points.side * teeth, 0.0)
+        weight = np.clip(pressed / (_FAINT * top) - 1.0, 0.0, 1.0) * points.counts
+        off = points.x - values[_X0] - points.side * _places(drive, contact, values, pressed)
+        return np.append(weight * off, _WEIGHT * count / math.sqrt(12.0) * values[_MU] / _LOSS)
+
+    x = points.x[points.counts]
+    reach = 0.5 * float(np.ptp(x))
+    start = [0.5 * float(np.max(x) + np.min(x)), 0.9 * reach, 0.01 * top, 0.0]
+    scale = [0.1 * reach, 0.1 * reach, 0.02 * top, 0.02]
+    low, high = [-np.inf, 1e-9, 0.0, 0.0], [np.inf, np.inf, 0.5 * top, 0.5]
+    if spring:
+        start, scale = [*start, 0.1 * reach / top], [*scale, 0.1 * reach / top]
+        low, high = [*low, 0.0], [*high, np.inf]
+    start[_C], start[_MU] = 0.02 * top, 0.01
+    found = least_squares(residual, start, bounds=(low, high), x_scale=scale, method="trf", max_nfev=60)
+    off, jacobian = found.fun[:-1], found.jac[:-1]
+    rms = math.sqrt(float(np.sum(off**2)) / max(1, int(np.count_nonzero(off))))
+    lag = max(2, int(np.sum(points.counts)) // 24)
+    teeth = _teeth_torque(points.torque, float(found.x[_C]), float(found.x[_MU]))
+    return _Found(contact, found.x, _covariance(jacobian, off, lag), rms, teeth)
+
+
+def _slope(points: _Points, teeth: Array, side: float, count: float) -> tuple[float, float]:
+    """Return the stiffness of a flank from half its torque on, N m/rad, and its standard uncertainty."""
+    pressed = side * teeth
+    chosen = points.counts & (points.side == side) & (pressed > 0.5 * np.max(pressed))
+    design = np.column_stack((np.ones(np.sum(chosen)), pressed[chosen]))
+    angle = side * points.x[chosen]
+    best = np.linalg.lstsq(design, angle, rcond=None)[0]
+    deviation = math.sqrt(_covariance(design, angle - design @ best, max(2, angle.size // 12))[1, 1])
+    give = max(float(best[1]), 1e-12)
+    share = math.hypot(_NOISE * deviation / give, _GIVE_MODEL, _GIVE_COUNT * count / (give * np.ptp(pressed[chosen])))
+    return 1.0 / give, share / give
+
+
+def _cycle_travels(points: _Points, teeth: Array) -> Array:
+    """Return for each cycle how far the places at about half the torque of both flanks are apart, rad."""
+    share = np.abs(teeth) / np.max(np.abs(teeth))
+    there = points.counts & (share > 0.4) & (share < 0.6)
+    travels = []
+    for cycle in np.unique(points.cycle[points.counts]):
+        flanks = [points.x[there & (points.cycle == cycle) & (points.side == side)] for side in (1.0, -1.0)]
+        if min(map(np.size, flanks)) > 0:
+            travels.append(float(np.mean(flanks[0]) - np.mean(flanks[1])))
+    return np.array(travels)
+
+
+def _refused(reason: str) -> LostMotion:
+    return LostMotion(valid=False, reason=reason)
+
+
+def measure_lost_motion(
+    drive: Drive, curve: Curve, speed: float, at: float, contacts: Sequence[Contact] = ()
+) -> LostMotion:
+    """Return what a recording says.
+
+    Parameters
+    ----------
+    drive : for its motor, friction by speed and gear ratio, which are taken as they are, and its contact law
+    speed : of the motor through the gap, rad/s at the output
+    at : torque to either side between which the lost motion is, N m
+    contacts : the laws that are tried, the drive's own first; see `contacts_of`
+    """
+    points = _points(curve, drive, speed)
+    count_m = count_of(curve.motor)
+    count_l = count_of(curve.load) if np.ptp(curve.load) > 0.0 else 0.0
+    count = math.hypot(count_m, count_l)
+    if np.sum(points.counts) < 50 or min(np.sum(points.counts & (points.side == s)) for s in (-1.0, 1.0)) < 20:
+        return _refused("the motor hardly moved, or never came to rest on both flanks: check its encoder and command")
+    if np.ptp(points.x[points.counts]) < 3.0 * max(count_m, 1e-7):
+        return _refused("the motor hardly moved under the torque: its encoder stands still, or there is no gap")
+    tried = [_fit(drive, contact, points, count) for contact in contacts or contacts_of(drive)]
+    best = min(tried, key=lambda each: each.rms)
+    if tried[0].rms * _BETTER <= best.rms:
+        best = tried[0]
+    gap = 2.0 * float(best.values[_H])
+    travels = _cycle_travels(points, best.teeth)
+    spread = float(np.ptp(travels)) if travels.size > 1 else math.inf
+    repeat = float(np.std(travels, ddof=1)) / math.sqrt(travels.size) if travels.size > 1 else math.inf
+    others = [2.0 * float(each.values[_H]) for each in tried if each.rms <= _AS_GOOD * best.rms]
+    unsure = 0.5 * (max([gap, *others]) - min([gap, *others]))
+    deviation = math.hypot(_NOISE * 2.0 * math.sqrt(best.covariance[_H, _H]), repeat, unsure)
+    floor = math.hypot(_MODEL * gap, _COUNT * count_m, _COUNT * count_l)
+    uncertainty = math.hypot(deviation, floor)
+    lost, lost_deviation = _lost_motion(drive, best, at)
+    flanks = [_slope(points, best.teeth, side, count) for side in (-1.0, 1.0)]
+    top = min(float(np.max(best.teeth)), -float(np.min(best.teeth)))
+    spring = isinstance(best.contact, SpringContact)
+    edge = 0.0 if spring else _edge_torque(drive, best)
+    every = max(1, points.x.size // 600)
+    found = LostMotion(
+        valid=True,
+        reason="",
+        gap=gap,
+        gap_uncertainty=uncertainty,
+        lost_motion=lost,
+        lost_motion_uncertainty=math.hypot(_NOISE * lost_deviation, repeat, floor),
+        at=at,
+        stiffness=(flanks[0][0], flanks[1][0]),
+        stiffness_uncertainty=(flanks[0][1], flanks[1][1]),
+        friction=float(best.values[_C]),
+        friction_uncertainty=_NOISE * math.sqrt(best.covariance[_C, _C]),
+        loss=float(best.values[_MU]),
+        torque=top,
+        contact=law_name(best.contact),
+        gap_torque=edge,
+        torques=points.torque[::every],
+        angles=points.x[::every] - best.values[_X0],
+    )
+    why = ""
+    if not best.rms <= max(_FITS * gap, _FITS_COUNTS * count):
+        why = (
+            f"no model of teeth and friction explains the curve: its angles are {best.rms:.2g} rad off (rms); check "
+            "the couplings, that nothing else moves the load, and that encoders count without gaps"
+        )
+    elif best.values[_C] + best.values[_MU] * top > _MOST_LOSS * float(np.max(points.torque)):
+        why = "friction takes about half of the torque: what a gear that locks itself bears is not seen at the motor"
+    elif not spread <= max(_REPEATS * gap, 2.0 * count):
+        why = (
+            f"the cycles differ by {spread:.2g} rad, and may differ by {max(_REPEATS * gap, 2.0 * count):.2g} rad: "
+            "something slips, gives way or warms up; hold the output better, or go more slowly"
+        )
+    elif not deviation <= max(_SURE * gap, _HALF_COUNT * count) or not uncertainty < 0.5 * gap:
+        why = f"the gap is {gap:.3g} rad with a standard uncertainty of {uncertainty:.2g} rad, too much to be used"
+    told = f"{travels.size} cycles of torque on an output that stood; {found.in_words()}"
+    return replace(found, valid=not why, reason=why or told)
+
+
+def _edge_torque(drive: Drive, found: _Found) -> float:
+    """Return what the teeth bear at the edge of the gap, N m."""
+    radius, half_gap = drive.gear.load_radius, drive.gear.load_radius * float(found.values[_H])
+    constants = found.contact.constants(radius, drive.contact_mass)
+    return radius * found.contact.force(constants, half_gap, half_gap, 0.0)[3]
+
+
+def _lost_motion(drive: Drive, found: _Found, at: float) -> tuple[float, float]:
+    """Return the angle between plus and minus ``at`` (N m), rad, and its standard deviation."""
+
+    def of(values: Array) -> float:
+        half_gap = float(values[_H])
+        if isinstance(found.contact, SpringContact):
+            return 2.0 * (half_gap + float(values[_GIVE]) * at)
+        return 2.0 * static_place(drive, found.contact, half_gap, at)
+
+    here, slopes = of(found.values), np.zeros(found.values.size)
+    for k in range(slopes.size):
+        step = np.zeros(slopes.size)
+        step[k] = 1e-4 * max(abs(float(found.values[k])), 1e-9)
+        slopes[k] = (of(found.values + step) - here) / step[k]
+    return here, math.sqrt(max(float(slopes @ found.covariance @ slopes), 0.0))
