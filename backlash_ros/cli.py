@@ -187,7 +187,7 @@ def _identify(parser: argparse.ArgumentParser, given: argparse.Namespace, consol
         parser.error(str(error))
     for name, place in in_the_way(request):
         parser.error(f"argument --{name}: '{place}' exists; --force overwrites it")
-    for name in ("json", "drive_file"):
+    for name in ("json", "drive_file", "certificate"):
         if (place := getattr(request, name)) is not None and (why := _unwritable(place, folder=False)):
             option = name.replace("_", "-")
             parser.error(f"argument --{option}: must be a place that can be written, got '{place}': {why}")
@@ -220,7 +220,8 @@ def main(args: Sequence[str] | None = None) -> int:
     _add_export(exporting)
     finding = commands.add_parser("identify", help="what a recording tells of a drive, with uncertainties")
     add_identification(finding)
-    finding.set_defaults(run=lambda a, console: _identify(finding, a, console))
+    words = tuple(sys.argv[1:] if args is None else args)
+    finding.set_defaults(words=words, run=lambda a, console: _identify(finding, a, console))
     parsed = parser.parse_args(args)
     command: Callable[[argparse.Namespace, Console], int | None] = parsed.run
     try:

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -51,6 +52,14 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
     add("--drive", type=Path, metavar="FILE", help="drive file whose motor and gear are taken as they are")
     add("--drive-file", type=Path, metavar="FILE", help="file to write the drive into that was found")
     add("--json", type=Path, metavar="FILE", help="file to write all figures into")
+    add("--certificate", type=Path, metavar="FILE.html", help="file to write a page with results and pictures into")
+    add(
+        "--rated-torque",
+        type=_number(0.0, above=True),
+        default=0.0,
+        metavar="T",
+        help="N m at the output, at 3 %% of which lost motion is given; by default the motor's at standstill",
+    )
     add("--force", action="store_true", help="overwrite files that exist")
     add(
         "--from",
@@ -133,10 +142,13 @@ def request_of(given: argparse.Namespace) -> Request:
         given.json,
         given.drive_file,
         given.force,
+        given.certificate,
+        given.rated_torque,
+        shlex.join(["backlash", *given.words]),
     )
 
 
 def in_the_way(request: Request) -> Sequence[tuple[str, Path]]:
     """Return the arguments that name files which exist and must not be overwritten."""
-    places = (("json", request.json), ("drive-file", request.drive_file))
+    places = (("json", request.json), ("drive-file", request.drive_file), ("certificate", request.certificate))
     return [(name, place) for name, place in places if place is not None and place.exists() and not request.force]

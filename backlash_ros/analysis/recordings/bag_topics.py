@@ -184,4 +184,4 @@ def read_topics(path: Path, topics: Topics) -> Columns:
     )
     command = np.array(commands)
     command[~np.isfinite(command)] = math.nan
-    return Columns(time, motor.copy(), load.copy(), command, names, lambda k: f"in sample {k + 1}")
+    return Columns(time, motor.copy(), load.copy(), command, names, lambda k: f"in sample {k + 1}", 1e-9 * clock[0])

@@ -7,15 +7,18 @@ from pathlib import Path
 
 from rich.console import Console
 
-from backlash_ros.analysis.evaluation.drive_file import read_drive
+from backlash_ros.analysis.certificate import Subject, certificate
+from backlash_ros.analysis.evaluation.drive_file import Axis, read_axis
 from backlash_ros.analysis.recordings.bag_topics import Topics, read_topics
 from backlash_ros.analysis.recordings.csv_file import ColumnNames, read_csv
 from backlash_ros.analysis.recordings.drive_text import drive_text
 from backlash_ros.analysis.recordings.report import content_of, show
-from backlash_ros.analysis.recordings.samples import Columns, Reading, drive_for, recording_of
+from backlash_ros.analysis.recordings.samples import Columns, Reading, began, drive_for, recording_of
 from backlash_ros.analysis.staging import staging
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
+from backlash_ros.identification.recordings.findings import stall_of
 from backlash_ros.identification.recordings.identify import Identified, identify
+from backlash_ros.identification.teeth import lost_motion_of
 
 FOUND, REFUSED = 0, 1
 _WHOLE = 0.01
@@ -26,7 +29,10 @@ TABLES = {".csv", ".tsv", ".txt"}
 
 @dataclass(frozen=True)
 class Request:
-    """What is identified, how it is read, and what is written; ``drive`` None is the nominal one."""
+    """What is identified, how it is read, and what is written; ``drive`` None is the nominal one.
+
+    ``rated_torque`` in N m at the output, 0 for the motor's at standstill; ``command`` is the line that asks for this.
+    """
 
     recording: Path
     reading: Reading = field(default_factory=Reading)
@@ -36,21 +42,35 @@ class Request:
     json: Path | None = None
     drive_file: Path | None = None
     force: bool = False
+    certificate: Path | None = None
+    rated_torque: float = 0.0
+    command: str = ""
 
 
 def _read(request: Request) -> Columns:
     path = request.recording
     if not path.exists():
         raise FileNotFoundError(f"there is no recording '{path}'")
-    if path.suffix.lower() in TABLES and path.is_file():
+    if _is_table(path):
         return read_csv(path, request.columns)
     return read_topics(path, request.topics)
+
+
+def _is_table(path: Path) -> bool:
+    return path.suffix.lower() in TABLES and path.is_file()
+
+
+def _joints(request: Request, axis: Axis) -> tuple[str, str]:
+    """Return the names of the motor's and the load's joint: as read, in a table as in the drive file."""
+    if _is_table(request.recording):
+        return axis.motor_joint, axis.load_joint
+    return request.topics.motor_joint, request.topics.load_joint
 
 
 def _write(place: Path, text: str) -> None:
     """Write a file, all of it or nothing."""
     with staging(place) as folder:
-        (folder / place.name).write_text(text)
+        (folder / place.name).write_text(text, encoding="utf-8")
         (folder / place.name).replace(place)
 
 
@@ -72,20 +92,39 @@ def identify_recording(request: Request, console: Console) -> int:
     OSError, ValueError
         If a file cannot be read or written, or is not what it was told to be.
     """
-    told = read_drive(request.drive) if request.drive else NOMINAL_DRIVE
-    drive = drive_for(told, request.reading)
+    axis = read_axis(request.drive) if request.drive else Axis(NOMINAL_DRIVE)
+    drive = drive_for(axis.drive, request.reading)
     name = str(request.drive) if request.drive else "the nominal drive: give yours with --drive"
-    recording, notes = recording_of(_read(request), request.reading, drive)
+    columns = _read(request)
+    recording, notes = recording_of(columns, request.reading, drive)
     found = identify(drive, recording)
+    rated = request.rated_torque or stall_of(drive)
+    derived = lost_motion_of(drive, found, rated)
     source = str(request.recording)
     show(found, source, name, notes, console)
     written = []
     if request.json is not None:
-        _write(request.json, json.dumps(content_of(found, source, name, notes), indent=1) + "\n")
+        _write(request.json, json.dumps(content_of(found, source, name, notes, derived), indent=1) + "\n")
         written.append(str(request.json))
     if request.drive_file is not None and found.valid:
         _write(request.drive_file, drive_text(found, counts_of(found, request.reading, drive), source))
         written.append(str(request.drive_file))
+    if request.certificate is not None:
+        subject = Subject(
+            source,
+            _joints(request, axis),
+            recording,
+            drive,
+            str(request.drive or ""),
+            request.command,
+            counts_of(found, request.reading, drive),
+            tuple(notes),
+            began(columns, request.reading),
+            derived,
+            (rated, request.rated_torque > 0.0),
+        )
+        _write(request.certificate, certificate(subject, found))
+        written.append(str(request.certificate))
     if written:
         console.print(f"written: {'; '.join(written)}", highlight=False, markup=False, soft_wrap=True)
     return FOUND if found.valid else REFUSED

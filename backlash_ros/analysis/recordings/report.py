@@ -1,6 +1,7 @@
 """What was identified, for people in a table and for programs as JSON."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -71,8 +72,10 @@ def show(found: Identified, source: str, told: str, notes: list[str], console: C
         say(_scored(found.score))
 
 
-def content_of(found: Identified, source: str, told: str, notes: list[str]) -> dict[str, Any]:
-    """Return all of it as JSON takes it; where there is a reason there is no value."""
+def content_of(
+    found: Identified, source: str, told: str, notes: list[str], derived: Sequence[Finding] = ()
+) -> dict[str, Any]:
+    """Return all of it, and what was ``derived`` from it, as JSON takes it; where there is a reason is no value."""
     content = {
         "recording": source,
         "drive": told,
@@ -82,6 +85,7 @@ def content_of(found: Identified, source: str, told: str, notes: list[str]) -> d
         "stretch": found.stretch,
         "period": found.period,
         "findings": [{**asdict(finding), "told": finding.told} for finding in found.findings],
+        "derived": [{**asdict(finding), "told": finding.told} for finding in derived],
         "held_out": None if found.score is None else asdict(found.score),
     }
     result: dict[str, Any] = jsonable(content)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from datetime import datetime, timezone
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +22,16 @@ _MISSING = 0.2
 """Largest share of the rows without a number."""
 _EVEN, _REGULAR = 0.2, 0.9
 """Share of the period by which times may be off in a recording that is sampled evenly, and of how many samples."""
+_DATES = 946684800.0, 4102444800.0
+"""s from 1970 to 2000 and to 2100: a clock between them shows a date, others count from a start of their own."""
 
 
 @dataclass(frozen=True)
 class Columns:
     """What a file holds, as it stands there, shapes (N,): nan where there is no number.
 
-    ``names`` of time, motor, load and command in errors; ``place`` says where a row is.
+    ``names`` of time, motor, load and command in errors; ``place`` says where a row is. ``epoch``: what the time is
+    counted from, in the clock's own count, s.
     """
 
     time: Array
@@ -36,6 +40,7 @@ class Columns:
     command: Array
     names: tuple[str, str, str, str]
     place: Callable[[int], str]
+    epoch: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -128,6 +133,12 @@ def _with_lost(recording: Recording, notes: list[str]) -> Recording:
     nothing = np.full(new.size, math.nan)
     values = (np.insert(column, into, nothing) for column in recording[1:])
     return Recording(np.insert(time, into, new), *values)
+
+
+def began(columns: Columns, reading: Reading) -> datetime | None:
+    """Return when the part that is used began, in UTC, where its clock counts from 1970; None where it does not."""
+    first = columns.time[0] * TIME_UNITS[reading.time_unit] + columns.epoch + reading.start
+    return datetime.fromtimestamp(first, timezone.utc) if _DATES[0] <= first <= _DATES[1] else None
 
 
 def command_of(columns: Columns, reading: Reading) -> Array:

@@ -55,7 +55,7 @@ def told_parameters(drive: Drive, recording: Recording) -> Array:
     return x
 
 
-def _pass(
+def follow(
     drive: Drive,
     contact: Contact,
     x: Array,
@@ -80,7 +80,7 @@ def _rms(
     drive: Drive, contact: Contact, x: Array, recording: Recording, start: float, counts: tuple[float, float]
 ) -> float:
     """Return the rms of `Score` from ``start`` on; infinite where the model cannot follow."""
-    innovations, _ = _pass(drive, contact, x, recording, counts)
+    innovations, _ = follow(drive, contact, x, recording, counts)
     rest = innovations[recording.time >= start]
     return math.sqrt(max(float(np.nanmean(np.square(rest[:, column]))) for column in (0, 1)))
 
@@ -95,28 +95,45 @@ def _error(misses: list[Array]) -> float:
     return math.sqrt(float(np.nanmean(np.square(np.concatenate(misses)))))
 
 
+def _free(drive: Drive, found: Fit, recording: Recording, begin: float) -> tuple[int, int, Array]:
+    """Return the first row of a free simulation, the row after its last, and its states."""
+    time, motor, load, command = recording
+    first, end = (int(k) for k in np.searchsorted(time, (begin, begin + _FREE)))
+    unseen = [angle[:end].copy() for angle in (motor, load)]
+    for angle in unseen:
+        angle[first:] = math.nan
+    blind = Recording(time[:end], unseen[0], unseen[1], command[:end])
+    _, states = follow(drive, found.contact, found.parameters, blind, found.counts)
+    return first, end, states[first:]
+
+
+def free_simulations(drive: Drive, found: Fit, recording: Recording) -> list[Recording]:
+    """Return the free simulations by which a fit to the `first_part` of a recording is scored, in their order."""
+    first, last = float(recording.time[0]), float(recording.time[-1])
+    result = []
+    for begin in _begins(recording, first + SHARE * (last - first)):
+        row, end, states = _free(drive, found, recording, begin)
+        result.append(Recording(recording.time[row:end], states[:, 0], states[:, 3], recording.command[row:end]))
+    return result
+
+
 def _errors(drive: Drive, found: Fit, recording: Recording, start: float) -> tuple[float, float]:
     """Return the errors of `Score`: of what was found, and of the drive as told from the same states."""
-    time, motor, load, command = recording
+    time, _, load, command = recording
     own: list[Array] = []
     other: list[Array] = []
     as_told = told_parameters(drive, recording)
     for begin in _begins(recording, start):
-        first, end = (int(k) for k in np.searchsorted(time, (begin, begin + _FREE)))
-        unseen = [angle[:end].copy() for angle in (motor, load)]
-        for angle in unseen:
-            angle[first:] = math.nan
-        blind = Recording(time[:end], unseen[0], unseen[1], command[:end])
-        _, states = _pass(drive, found.contact, found.parameters, blind, found.counts)
-        own.append(states[first:, 3] - load[first:end])
-        state = states[first]
+        first, end, states = _free(drive, found, recording, begin)
+        own.append(states[:, 3] - load[first:end])
+        state = states[0]
         angles = [np.full(end - first, math.nan) for _ in range(2)]
         angles[0][0], angles[1][0] = state[0], state[3]
         x, half = as_told.copy(), 0.5 * drive.gear.backlash_angle
         inside = min(max(state[0] - state[3] - found.parameters[OFFSET], -0.9 * half), 0.9 * half)
         x[OFFSET] = state[0] - state[3] - inside
         alone = Recording(time[first:end], angles[0], angles[1], command[first:end])
-        _, states = _pass(drive, drive.gear.contact, x, alone, found.counts, state)
+        _, states = follow(drive, drive.gear.contact, x, alone, found.counts, state)
         other.append(states[:, 3] - load[first:end])
     return _error(own), _error(other)
 

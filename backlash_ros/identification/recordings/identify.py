@@ -23,7 +23,7 @@ class Identified:
 
     ``drive`` is the drive as told with what was found in it, and ``replaced`` names that as a drive file does; what the
     recording cannot tell is as it was told. ``stretch``: which part was fitted, empty for all of it. ``period`` of the
-    samples, s.
+    samples, s. ``recording`` is the part that was fitted, ``before`` the fit to its first three quarters.
     """
 
     reason: str
@@ -35,6 +35,8 @@ class Identified:
     stretch: str = ""
     period: float = 0.0
     fit: Fit | None = field(default=None, repr=False, compare=False)
+    recording: Recording | None = field(default=None, repr=False, compare=False)
+    before: Fit | None = field(default=None, repr=False, compare=False)
 
     @property
     def valid(self) -> bool:
@@ -60,7 +62,7 @@ def identify(drive: Drive, recording: Recording) -> Identified:
     """
     chosen, stretch = informative(recording)
     period = float(np.median(np.diff(chosen.time))) if chosen.time.size > 1 else 0.0
-    refused = Identified("", drive, stretch=stretch, period=period)
+    refused = Identified("", drive, stretch=stretch, period=period, recording=chosen)
     if why := implausible(drive, chosen):
         return replace(refused, reason=why)
     gap = measure_gap(drive, chosen, stall_of(drive))
@@ -79,6 +81,7 @@ def identify(drive: Drive, recording: Recording) -> Identified:
         gap=gap,
         fit=found,
         score=score(drive, before, chosen),
+        before=before,
     )
 
 

@@ -1,0 +1,196 @@
+"""A certificate as one page of HTML that needs nothing else: no script, no other file, no network."""
+
+import math
+from html import escape
+
+from backlash_ros.analysis.certificate.pictures import draw, loop_picture, motion_picture
+from backlash_ros.analysis.certificate.rounding import brief, in_gear_units, in_si
+from backlash_ros.analysis.certificate.rows import (
+    Row,
+    counts_at_output,
+    fitted_part,
+    recording_rows,
+    result_rows,
+    told_rows,
+)
+from backlash_ros.analysis.certificate.style import STYLE
+from backlash_ros.analysis.certificate.subject import PACKAGE, Subject, version_of_package
+from backlash_ros.identification.fit import FITS
+from backlash_ros.identification.recordings.held_out import Score
+from backlash_ros.identification.recordings.identify import Identified
+from backlash_ros.identification.teeth import LOST_MOTION_SHARE
+
+_UNCERTAINTY = (
+    "All values come from one fit to all samples that were used: a Kalman filter on the equations of motor, teeth and "
+    "load, whose prediction errors are made least. Uncertainties are standard uncertainties: twice the standard "
+    "deviation by the encoders' noise, and a share for the model. They hold if what was taken as given is right."
+)
+_LOST = (
+    "Lost motion is the way of the output between \u2212{share:g} % and +{share:g} % of {whose} ({rated} N m at "
+    "the output), motor held, the gap in it. Lost motion and stiffness come from the teeth as fitted to the motion, "
+    "not from a slow run of the torque to and fro."
+)
+
+
+def certificate(subject: Subject, found: Identified) -> str:
+    """Return the page.
+
+    Parameters
+    ----------
+    found : what was identified in ``subject.recording``; a reason why nothing can be told makes a page, too
+    """
+    title = f"Drive certificate: {subject.joints[0]}, {subject.joints[1]}"
+    rows = result_rows(subject, found)
+    parts = [
+        f"<h1>{_text(title)}</h1>",
+        f'<p class="under">{_text(subject.source)}</p>',
+        _verdict(found),
+        *([] if subject.sheet else [_p(_NO_SHEET, "verdict bad")]),
+    ]
+    if rows:
+        parts += ["<h2>Results</h2>", _results(rows), *_about(subject, found)]
+    parts += ["<h2>Pictures</h2>", '<div class="pictures">', *_pictures(subject, found), "</div>"]
+    if found.score is not None:
+        parts += ["<h2>Held out</h2>", _held_out(found.score)]
+    given = f"from {subject.sheet}" if subject.sheet else "the nominal drive's"
+    parts += [
+        "<h2>Recording</h2>",
+        _pairs(recording_rows(subject, found)),
+        "<h2>Taken as given</h2>",
+        _p(f"These are {given}. The recording shows errors in them only where they are large."),
+        _pairs(told_rows(subject, found)),
+        "<h2>Make it again</h2>",
+        _p(f"{PACKAGE} {version_of_package()}"),
+        f"<pre>{_text(subject.command)}</pre>",
+    ]
+    body = "\n".join(parts)
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{_text(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n{body}\n</main>\n</body>\n</html>\n"
+    )
+
+
+_HARD_SPACE, _NO_LETTER = "\u00a0", "\ufffd"
+_NO_SHEET = (
+    "No drive file was given, so motor and gear ratio are those of the nominal drive. The values below hold only for "
+    "a drive that has this motor and this ratio."
+)
+
+
+def _text(text: str) -> str:
+    """Return any text as a page may hold it: escaped, and without what is no letter, which a file's name may have."""
+    shown = "".join(letter if letter.isprintable() or letter == _HARD_SPACE else _NO_LETTER for letter in text)
+    return escape(shown)
+
+
+def _words(text: str) -> str:
+    return text.replace("+-", "\u00b1")
+
+
+def _p(text: str, kind: str = "") -> str:
+    return f'<p class="{kind}">{_text(text)}</p>' if kind else f"<p>{_text(text)}</p>"
+
+
+def _verdict(found: Identified) -> str:
+    """Return in one sentence what the recording tells."""
+    if found.reason:
+        return _p(f"Nothing can be told: {found.reason}.", "verdict bad")
+    missing = sum(not row.told for row in found.findings)
+    rest = f"; {missing} of {len(found.findings)} quantities cannot be told" if missing else ""
+    if found.gap is None or not found.gap.valid:
+        why = found.gap.reason if found.gap is not None else ""
+        return _p(f"The recording does not tell the gap: {why}{rest}.", "verdict bad")
+    width = found.of("b")
+    return _p(
+        f"The gap is {in_gear_units(width)} ({in_si(width)}) at the output where the load started{rest}.", "verdict"
+    )
+
+
+def _results(rows: list[Row]) -> str:
+    lines = [
+        "<table>",
+        '<thead><tr><th scope="col">quantity</th><th scope="col">value \u00b1 standard uncertainty</th>'
+        '<th scope="col">in gear makers\u2019 units</th><th scope="col">method, and what it comes from</th>'
+        "</tr></thead>",
+        "<tbody>",
+    ]
+    for row in rows:
+        name = f'<th scope="row">{_text(_words(row.what))} <span class="symbol">{_text(row.symbol)}</span></th>'
+        if row.why:
+            lines.append(f'<tr>{name}<td class="why" colspan="3">cannot be told: {_text(row.why)}</td></tr>')
+            continue
+        lines.append(
+            f'<tr>{name}<td class="number">{_text(row.value)}</td><td class="number">{_text(row.gear)}</td>'
+            f"<td>{_text(row.method)}</td></tr>"
+        )
+    return "\n".join([*lines, "</tbody>", "</table>"])
+
+
+def _about(subject: Subject, found: Identified) -> list[str]:
+    """Return what has to be known to read the results."""
+    parts = []
+    if found.gap is not None and found.gap.valid:
+        parts.append(_p(f"The gap comes from {found.gap.reason}. It holds for this law and these torques."))
+    rated, told = subject.rated
+    if subject.derived:
+        whose = "the rated torque" if told else "the motor's torque at standstill, since no rated torque was given"
+        parts.append(_p(_LOST.format(share=100.0 * LOST_MOTION_SHARE, whose=whose, rated=brief(rated))))
+    return [*parts, _p(_UNCERTAINTY)]
+
+
+def _figure(picture: str, caption: str) -> str:
+    return f"<figure>{picture}<figcaption>{_text(caption)}</figcaption></figure>"
+
+
+def _pictures(subject: Subject, found: Identified) -> list[str]:
+    part, fit = fitted_part(subject, found), found.fit
+    motion = draw(motion_picture, subject, part, found.before, found.score, counts_at_output(subject))
+    if found.score is None or found.before is None or fit is None:
+        return [_figure(motion, "Both angles as measured, the motor's through the gear.")]
+    caption = (
+        f"Dots: measured. Lines: simulated from the command alone, begun anew every {brief(found.score.free, 2)} s, by "
+        "a fit that did not see this part. Below: measured less simulated. The motor's angle is taken through the gear "
+        "and so is a count of its encoder. Angles are counted from where they began."
+    )
+    width = found.of("b")
+    loop = draw(loop_picture, subject, part, fit, width)
+    shaded = "Shaded: the gap where the load started. " if width.told else "The gap is not told. "
+    told = (
+        f"{shaded}Dots: torque and twist at each sample as the filter has them. Line: the law of the teeth that was "
+        "fitted, at rest. Dots beside the line are damping of the teeth, and noise."
+    )
+    return [_figure(motion, caption), _figure(loop, told)]
+
+
+def _held_out(score: Score) -> str:
+    verdict = (
+        "as well as the encoders' counts allow" if score.rms <= FITS else "less well than the encoders' counts allow"
+    )
+    head = '<thead><tr><th scope="col"></th><th scope="col">as found</th><th scope="col">as told</th></tr></thead>'
+    rows = (
+        ("each sample against its prediction, in standard deviations (1 is as expected)", score.rms, score.told_rms),
+        (
+            f"load's angle from the command alone, for {brief(score.free, 2)} s each, rms, rad",
+            score.error,
+            score.told_error,
+        ),
+    )
+    cells = [
+        f'<tr><th scope="row">{_text(what)}</th>' + _scored("as found", own) + _scored("as told", told) + "</tr>"
+        for what, own, told in rows
+    ]
+    text = (
+        f"A second fit saw the first {score.start:.2f} s alone. From one sample to the next it foretells the "
+        f"{score.length:.2f} s after {verdict}; from the command alone its errors add up. Beside it the drive as told."
+    )
+    return "\n".join([_p(text), "<table>", head, "<tbody>", *cells, "</tbody>", "</table>"])
+
+
+def _scored(name: str, value: float) -> str:
+    return f'<td class="number" data-name="{name}">{brief(value) if math.isfinite(value) else "cannot follow"}</td>'
+
+
+def _pairs(rows: list[tuple[str, str]]) -> str:
+    cells = [f'<tr><th scope="row">{_text(name)}</th><td>{_text(value)}</td></tr>' for name, value in rows]
+    return "\n".join(["<table>", "<tbody>", *cells, "</tbody>", "</table>"])

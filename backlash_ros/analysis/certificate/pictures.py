@@ -1,0 +1,182 @@
+"""The pictures of a certificate as SVG that takes its colours from the page: light, dark, on paper."""
+
+import math
+import re
+from collections.abc import Callable
+from io import StringIO
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from backlash_ros.analysis.certificate.rounding import GEAR_UNITS, in_gear_units
+from backlash_ros.analysis.certificate.subject import Subject
+from backlash_ros.drivetrain.signals import Array
+from backlash_ros.identification.fit import Fit, Recording
+from backlash_ros.identification.recordings.findings import Finding
+from backlash_ros.identification.recordings.held_out import Score, free_simulations
+from backlash_ros.identification.teeth import loop_of, static_torque
+
+INK, FAINT, MOTOR, LOAD, MODEL, BAND = (f"#0a0b{k:02x}" for k in range(1, 7))
+"""Colours to draw with, that no picture has by chance, in place of the page's."""
+_COLOURS = {INK: "ink", FAINT: "faint", MOTOR: "motor", LOAD: "load", MODEL: "model", BAND: "band"}
+"""The page's variables that take their place."""
+_MOST = 1500
+"""Points of a curve that are drawn at most."""
+_WIDTH = 5.0
+_STYLE: Any = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "backlash_ros",
+    "font.family": "sans-serif",
+    "font.size": 10,
+    "axes.titlesize": 10,
+    "axes.titlelocation": "left",
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.grid": True,
+    "grid.color": BAND,
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "legend.fontsize": 9,
+    "legend.frameon": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.formatter.useoffset": False,
+}
+_DOT: dict[str, Any] = {"linestyle": "none", "marker": ".", "markeredgewidth": 0}
+
+
+def _svg(figure: Figure, name: str, title: str) -> str:
+    """Return a figure as an element of a page: its ids its own, its colours the page's."""
+    out = StringIO()
+    figure.savefig(out, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    plt.close(figure)
+    text = out.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>|<style[^>]*>.*?</style>|<!--.*?-->", "", text, flags=re.DOTALL)
+    box = re.search(r'viewBox="[^"]*"', text)
+    assert box is not None
+    label = title.replace('"', "'")
+    text = re.sub(r"<svg[^>]*>", f'<svg {box[0]} role="img" aria-label="{label}">', text, count=1)
+    text = text.replace("xlink:href=", "href=")
+    text = re.sub(r'\bid="', f'id="{name}-', text)
+    text = re.sub(r'href="#', f'href="#{name}-', text)
+    text = re.sub(r"url\(#", f"url(#{name}-", text)
+    text = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font: \1px sans-serif", text)
+    for colour, variable in _COLOURS.items():
+        text = text.replace(colour, f"var(--{variable})")
+    return re.sub(r"\n\s*", "\n", text)
+
+
+def _thin(*columns: Array) -> list[Array]:
+    """Return columns with every so many rows of theirs left out that few enough stay."""
+    step = max(1, math.ceil(columns[0].size / _MOST))
+    return [column[::step] for column in columns]
+
+
+def _legend(figure: Figure, axes: Axes, columns: int) -> None:
+    """Put the legend above the axes, where no curve is."""
+    axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=columns, borderaxespad=0.2, handlelength=1.4)
+    figure.align_ylabels()
+
+
+def _residual(measured: Array, modelled: Array, count: float) -> tuple[Array, str]:
+    """Return measured less modelled and its unit: counts where the encoder has them."""
+    miss = measured - modelled
+    return (miss / count, "counts") if count > 0.0 else (1e3 * miss, "mrad")
+
+
+def motion_picture(
+    told: Subject, recording: Recording, before: Fit | None, score: Score | None, counts: tuple[float, float]
+) -> str:
+    """Return what was recorded, the free simulations of what was held out, and by how much these are off.
+
+    Parameters
+    ----------
+    recording : the part that was fitted
+    before, score : the fit that did not see the last quarter, and how it did there; None where nothing was fitted
+    counts : of both encoders at the output, rad; 0 where they are not known
+    """
+    time = recording.time - recording.time[0]
+    if before is None or score is None:
+        figure, axes = plt.subplots(figsize=(_WIDTH, 2.6), constrained_layout=True)
+        _angles(axes, time, recording)
+        axes.set_xlabel("time, s")
+        _legend(figure, axes, 2)
+        return _svg(figure, "motion", "Both angles over time as measured.")
+    figure, (whole, near, *rest) = plt.subplots(
+        4, 1, figsize=(_WIDTH, 6.6), constrained_layout=True, height_ratios=[1.2, 1.8, 1, 1]
+    )
+    _angles(whole, time, recording)
+    whole.axvspan(score.start, score.start + score.length, color=BAND, linewidth=0, zorder=0)
+    whole.set_xlabel("time, s (shaded: held out)")
+    _legend(figure, whole, 2)
+    for angle, colour, name in ((recording.motor, MOTOR, "motor"), (recording.load, LOAD, "load")):
+        held = time >= score.start
+        near.plot(*_thin(time[held], angle[held] - angle[0]), color=colour, label=name, markersize=6, **_DOT)
+    near.plot([], [], color=MODEL, linewidth=1.0, label="modelled")
+    runs = free_simulations(told.told, before, recording)
+    for run in runs:
+        at = run.time - recording.time[0]
+        rows = np.searchsorted(recording.time, run.time)
+        for angle, first in ((run.motor, recording.motor[0]), (run.load, recording.load[0])):
+            near.plot(*_thin(at, angle - first), color=MODEL, linewidth=0.8)
+        for axes, measured, modelled, colour, count in (
+            (rest[0], recording.motor[rows], run.motor, MOTOR, counts[0]),
+            (rest[1], recording.load[rows], run.load, LOAD, counts[1]),
+        ):
+            miss, unit = _residual(measured, modelled, count)
+            axes.plot(*_thin(at, miss), color=colour, linewidth=1.0)
+            axes.set_ylabel(f"{'motor' if axes is rest[0] else 'load'},\n{unit}")
+    for axes in (near, *rest):
+        axes.set_xlim(score.start, score.start + score.length)
+    near.set_ylabel("angle, rad")
+    near.tick_params(labelbottom=False)
+    rest[0].tick_params(labelbottom=False)
+    rest[0].set_title("measured less modelled")
+    rest[1].set_xlabel("time, s")
+    _legend(figure, near, 3)
+    return _svg(figure, "motion", "Both angles over time, measured and modelled, and their difference.")
+
+
+def _angles(axes: Axes, time: Array, recording: Recording) -> None:
+    for angle, colour, name in ((recording.motor, MOTOR, "motor, through the gear"), (recording.load, LOAD, "load")):
+        axes.plot(*_thin(time, angle - angle[0]), color=colour, linewidth=1.2, label=name)
+    axes.set(ylabel="angle, rad", xlim=(time[0], time[-1]))
+
+
+def loop_picture(told: Subject, recording: Recording, found: Fit, width: Finding) -> str:
+    """Return the teeth's torque over their twist, with the law that was fitted and its ``width`` where it is told."""
+    loop = loop_of(told.told, found, recording)
+    factor, _ = GEAR_UNITS["rad"]
+    figure, axes = plt.subplots(figsize=(_WIDTH, 4.4), constrained_layout=True)
+    if width.told:
+        axes.axvspan(-500.0 * width.value, 500.0 * width.value, color=BAND, linewidth=0, zorder=0)
+        place: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "top"}
+        axes.text(0.0, 0.96, f"gap\n{in_gear_units(width)}", **place)
+    axes.plot(*_thin(1e3 * loop.twist, loop.torque), color=MOTOR, markersize=4, label="by the samples", **_DOT)
+    twist = np.linspace(float(np.min(loop.twist)), float(np.max(loop.twist)), 201)
+    axes.plot(1e3 * twist, static_torque(told.told, found, twist), color=MODEL, linewidth=1.4, label="law, at rest")
+    axes.set(xlabel="motor's angle through the gear less the load's, mrad", ylabel="torque of the teeth, N m")
+    top = axes.secondary_xaxis("top", functions=(_times(1e-3 * factor), _times(1e3 / factor)))
+    top.set_xlabel("arcmin")
+    axes.legend(loc="lower right", frameon=False)
+    return _svg(figure, "loop", "The torque of the teeth over the angle between the shafts.")
+
+
+def _times(factor: float) -> Any:
+    return lambda values: np.asarray(values) * factor
+
+
+def draw(make: Callable[..., str], *args: Any, **options: Any) -> str:
+    """Return a picture, drawn in the certificate's style."""
+    with plt.rc_context(_STYLE):
+        return make(*args, **options)

@@ -1,0 +1,66 @@
+"""How a certificate looks: light, dark, on a phone and on A4."""
+
+STYLE = """
+:root {
+  color-scheme: light dark;
+  --paper: #ffffff; --ink: #1b1f24; --faint: #6a7280; --line: #d4d8de; --band: #e9ecf0;
+  --motor: #0b62a8; --load: #b3470b; --model: #1b1f24; --good: #14703c; --bad: #a3210f;
+}
+@media (prefers-color-scheme: dark) {
+  :root {
+    --paper: #14171b; --ink: #e6e8eb; --faint: #9aa3af; --line: #3a4048; --band: #262b31;
+    --motor: #6cb2f2; --load: #f0945a; --model: #e6e8eb; --good: #63c98d; --bad: #ff8d7a;
+  }
+}
+* { box-sizing: border-box; }
+body {
+  margin: 0 auto; padding: 1.5rem 1rem 3rem; max-width: 64rem; background: var(--paper); color: var(--ink);
+  font: 1rem/1.45 system-ui, sans-serif; overflow-wrap: anywhere;
+}
+h1 { font-size: 1.6rem; line-height: 1.2; margin: 0; }
+h2 { font-size: 1.15rem; margin: 2rem 0 .5rem; break-after: avoid; }
+p { margin: .5rem 0; max-width: 46rem; }
+.under { color: var(--faint); margin-top: .2rem; }
+.verdict { border-left: .3rem solid var(--good); padding: .1rem 0 .1rem .8rem; margin: 1rem 0; font-size: 1.1rem; }
+.verdict.bad { border-color: var(--bad); }
+table { border-collapse: collapse; width: 100%; font-size: .92rem; }
+th, td { text-align: left; vertical-align: top; padding: .35rem .8rem .35rem 0; border-bottom: 1px solid var(--line); }
+thead th { color: var(--faint); font-weight: 600; }
+tbody th { font-weight: 400; width: 34%; }
+tr { break-inside: avoid; }
+td.number { white-space: nowrap; font-variant-numeric: tabular-nums; }
+td.why { color: var(--bad); }
+.symbol { color: var(--faint); font-size: .85em; white-space: nowrap; }
+.pictures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 24rem), 1fr)); gap: 1.5rem; }
+figure { margin: 0; break-inside: avoid; }
+figure svg { width: 100%; height: auto; display: block; max-width: 36rem; }
+figure svg * { stroke-linejoin: round; stroke-linecap: butt; }
+figcaption { font-size: .88rem; color: var(--faint); margin-top: .4rem; }
+code, pre { font: .88em/1.5 ui-monospace, monospace; }
+pre { white-space: pre-wrap; border: 1px solid var(--line); padding: .6rem .8rem; margin: .5rem 0; }
+@media screen and (min-width: 40rem) { tbody th { width: 26%; } }
+@media screen and (max-width: 40rem) {
+  thead { position: absolute; left: -200vw; }
+  table, tbody, tr, th, td { display: block; border: 0; padding: 0; }
+  tr { border-bottom: 1px solid var(--line); padding: .5rem 0; }
+  tbody th { font-weight: 600; width: auto; }
+  td[data-name]::before { content: attr(data-name) ": "; }
+  .symbol { font-weight: 400; }
+  td.number { white-space: normal; }
+}
+@page { size: A4; margin: 14mm; }
+@media print {
+  :root {
+    --paper: #ffffff; --ink: #000000; --faint: #4a4f57; --line: #b9bec6; --band: #e9ecf0;
+    --motor: #0b62a8; --load: #b3470b; --model: #000000; --good: #14703c; --bad: #a3210f;
+  }
+  html { font-size: 8.5pt; }
+  body { padding: 0; max-width: none; }
+  p { max-width: none; }
+  h2 { margin-top: 1.2rem; }
+  h2 + p { break-after: avoid; }
+  th, td { padding: .2rem .6rem .2rem 0; }
+  .pictures { grid-template-columns: 1fr 1fr; }
+  .verdict, .pictures, th, td { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
+}
+"""
