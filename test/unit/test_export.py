@@ -1,6 +1,7 @@
 """`backlash export`: every number is the drive's, what is wrong is refused, and the commands of the page run."""
 
 import math
+import os
 import re
 import shutil
 import subprocess
@@ -321,6 +322,7 @@ def test_commands_of_the_page_run(tmp_path: Path) -> None:
     blocks = re.findall(r"```(sh|python)\n(.*?)```", PAGE.read_text(), re.DOTALL)
     commands = [line for kind, block in blocks if kind == "sh" for line in block.splitlines()]
     assert len(commands) >= 3
+    env = {**os.environ, "PYTHONPATH": str(ROOT)}
     for command in commands:
         assert command.startswith("backlash export ")
         run = [sys.executable, "-m", "backlash_ros.cli", *command.split()[1:]]
@@ -329,6 +331,6 @@ def test_commands_of_the_page_run(tmp_path: Path) -> None:
     if find_spec("mujoco") is not None:
         for code in (block for kind, block in blocks if kind == "python"):
             run = [sys.executable, "-c", code]
-            done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+            done = subprocess.run(run, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=120, check=False)
             assert done.returncode == 0, done.stderr
             assert float(done.stdout.split()[0]) == pytest.approx(0.145, abs=0.01)

@@ -2,6 +2,7 @@
 
 import math
 import re
+import sqlite3
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -111,7 +112,7 @@ def _messages(path: Path, topics: Topics) -> tuple[_Messages, str, str]:
                 else:
                     value = _value(message, target, topics.index, path)
                     found.commands.append((received, _answered(message), value))
-    except (AnyReaderError, FileNotFoundError) as error:
+    except (AnyReaderError, FileNotFoundError, sqlite3.DatabaseError) as error:
         raise ValueError(f"{path}: is no rosbag2 that can be read: {error}") from error
     return found, source, target
 
