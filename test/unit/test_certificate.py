@@ -29,6 +29,8 @@ from backlash_ros.identification.recordings.held_out import free_simulations
 from backlash_ros.identification.recordings.identify import Identified, identify
 from backlash_ros.identification.teeth import LOST_MOTION_SHARE, loop_of, lost_motion_of, static_torque
 
+pytestmark = pytest.mark.population
+
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "identification.md").read_text()
 COMMAND = next(line for line in re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL) if "--certificate" in line)

@@ -35,6 +35,8 @@ from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.contacts.power import PowerContact
 from backlash_ros.drivetrain.contacts.restitution import RestitutionContact
 
+pytestmark = pytest.mark.population
+
 WITHIN = 0.1
 """Of the rms of the motion."""
 HAS_DC_MOTOR = tuple(int(part) for part in mujoco.__version__.split(".")[:2]) >= (3, 7)
@@ -55,7 +57,6 @@ def drive_of(number: int, interface: str, population: str = "core") -> tuple[Dri
     return with_mean_gap(drive), period
 
 
-@pytest.mark.population
 @pytest.mark.parametrize("interface", INTERFACES)
 def test_steps_are_followed(interface: str) -> None:
     """Two seconds of steps under the default law, gap crossings and both flanks; only the commands are played.

@@ -28,6 +28,8 @@ from backlash_ros.identification.gap import Gap
 from backlash_ros.identification.gap_map import incomplete, map_gaps
 from backlash_ros.simulation import SimulatedDrive
 
+pytestmark = pytest.mark.population
+
 RATIO = NOMINAL_DRIVE.gear.ratio
 FEW = GapMapSettings(places=6)
 

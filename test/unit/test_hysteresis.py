@@ -24,6 +24,8 @@ from backlash_ros.identification.hysteresis import static_place
 from backlash_ros.identification.lost_motion import LostMotion
 from backlash_ros.simulation import SimulatedDrive, run_experiment
 
+pytestmark = pytest.mark.population
+
 HEAVY, BRAKED = {"inertia": 1e5}, {"coulomb_friction": 10.0}
 STANDSTILL = 6.0
 """Torque of the nominal drive, N m at the output."""

@@ -19,6 +19,8 @@ from backlash_ros.identification.recordings.plausible import implausible
 from backlash_ros.identification.recordings.stretch import informative
 from backlash_ros.identification.regression import guess_of
 
+pytestmark = pytest.mark.population
+
 MOTIONS = {"probe": probed, "steps": stepped, "uneven": lambda k, population: stepped(k, population, uneven=True)}
 
 
@@ -60,7 +62,6 @@ CASES = [
 ]
 
 
-@pytest.mark.population
 @pytest.mark.parametrize("case", CASES, ids=lambda case: "-".join(map(str, case)))
 def test_what_is_told_is_right(case: tuple[int, str, str, float]) -> None:
     member, found = identified(*case)
@@ -143,7 +144,6 @@ BROKEN: dict[str, tuple[Callable[[Recording], Recording], str]] = {
 }
 
 
-@pytest.mark.population
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_broken_recording_is_refused_with_the_reason(name: str) -> None:
     member, recording = stepped(3, "core")

@@ -17,6 +17,8 @@ from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Array, Measurement
 from backlash_ros.simulation import SimulatedDrive
 
+pytestmark = pytest.mark.population
+
 B = NOMINAL_DRIVE.gear.backlash_angle
 COUNTED = Sensors(measured=POSITIONS, motor_counts=4096.0, load_counts=65536.0)
 PERIOD = 0.004
@@ -66,7 +68,6 @@ class Operated:
         return np.array(angles)
 
 
-@pytest.mark.population
 @pytest.mark.parametrize(("gradual", "load_torque"), [(True, 0.0), (False, 0.0), (False, 0.1)])
 def test_a_gap_that_grows_five_times_is_learned_anew_and_quiet_again(
     gains: GainSet, gradual: bool, load_torque: float
@@ -96,7 +97,6 @@ def test_a_grown_gap_is_told_and_nothing_moves_by_itself(gains: GainSet) -> None
     assert axis.asked == 0
 
 
-@pytest.mark.population
 @pytest.mark.parametrize("number", range(5))
 @pytest.mark.parametrize("population", ["core", "full"])
 def test_a_healthy_drive_shows_no_wear(population: str, number: int) -> None:
