@@ -337,6 +337,7 @@ def command(folder: Path, *more: str, drives: int = 3) -> list[str]:
     return ["evaluate", "--seed", "1", "--drives", str(drives), "--json", str(folder / "result.json"), *more]
 
 
+@pytest.mark.population
 def test_the_same_command_gives_the_same_files(tmp_path: Path) -> None:
     pytest.importorskip("pyarrow")
     import pyarrow.parquet  # noqa: PLC0415
@@ -361,6 +362,7 @@ def test_the_same_command_gives_the_same_files(tmp_path: Path) -> None:
         assert {name: row[name] for name in drawn} == drawn
 
 
+@pytest.mark.population
 def test_a_batch_that_was_killed_ends_in_the_same_file(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     killed, whole = tmp_path / "killed", tmp_path / "whole"
@@ -457,6 +459,7 @@ def test_what_failed_is_in_the_report_with_its_parameters(
     assert "2 drives could not be run" in capsys.readouterr().out
 
 
+@pytest.mark.population
 def test_a_cluster_writes_the_same_file(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     environment = {"PYTHONPATH": os.pathsep.join(sys.path)}

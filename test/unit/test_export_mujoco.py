@@ -61,14 +61,14 @@ def drive_of(number: int, interface: str, population: str = "core") -> tuple[Dri
 def test_steps_are_followed(interface: str) -> None:
     """Two seconds of steps under the default law, gap crossings and both flanks; only the commands are played.
 
-    Nine of ten: after an impact a difference in the last digit may grow, as between two versions of a library.
+    All but one of six: after an impact a difference in the last digit may grow, as between two versions of a library.
     """
     missed = []
-    for number in range(10):
+    for number in range(6):
         drive, period = drive_of(number, interface)
         here = record_steps(drive, period, number)
         missed.append(max(errors(here, play_there(drive, here))))
-    assert sum(miss < WITHIN for miss in missed) >= 9
+    assert sum(miss < WITHIN for miss in missed) >= 5
     assert np.median(missed) < 0.5 * WITHIN
 
 

@@ -155,6 +155,7 @@ def stretched(recording: Recording) -> Recording:
     return recording._replace(motor=1.05 * recording.motor)
 
 
+@pytest.mark.population
 @pytest.mark.parametrize("number", DRIVES[:1])
 @pytest.mark.parametrize("broken", [reversed_motor, frozen_load, slipping, stuck_bit, stretched])
 def test_a_broken_encoder_gives_no_gap(number: int, broken: object) -> None:
