@@ -19,6 +19,7 @@ NEAR = st.floats(-1.0, 1.0).map(lambda x: math.copysign(10 ** (4 * abs(x) - 3), 
 """From 1 thousandth to 10, either sign: what is close enough to the truth to be believed."""
 
 
+@pytest.mark.population
 @settings(max_examples=400, deadline=None)
 @given(
     kind=st.sampled_from(sorted(SENSORS)),

@@ -181,6 +181,7 @@ def part(kind: type) -> st.SearchStrategy:
     return st.builds(kind, **fields)
 
 
+@pytest.mark.population
 @settings(max_examples=500, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     drive=st.builds(Drive, part(Motor), part(Gear), part(Load), st.sampled_from(COMMAND_INTERFACES)),

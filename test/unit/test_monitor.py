@@ -631,6 +631,7 @@ def test_load_torque_within_the_default_threshold_is_no_fault(drive: Drive, law:
         assert rig.step(target, 0.5) == ""
 
 
+@pytest.mark.population
 @BOTH
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
 @pytest.mark.parametrize(
