@@ -14,7 +14,6 @@ from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitoring.faults import describe_fault
 from backlash_ros.control.monitoring.monitor import forget_ends, monitor_constants, unexplained_torque
 from backlash_ros.control.monitoring.plausibility import plausibility_constants
-from backlash_ros.control.monitoring.thresholds import standstill_torque
 from backlash_ros.control.observer import estimate_of
 from backlash_ros.control.setpoint import DURATION, AtRest, Source, extent, plan_rejection
 from backlash_ros.control.settings import AUTO, ServoSettings
@@ -280,7 +279,7 @@ class Servo:
         The law's estimate is none of it: there is none with one encoder, and ``torque_bandwidth`` may be 0.
         """
         drive = self.drive
-        reach = standstill_torque(drive, self.limits.command)
+        reach = drive.standstill_torque(self.limits.command)
         torque = min(max(unexplained_torque(self.memory.monitor), -reach), reach)
         return -torque * drive.gear.ratio * drive.motor.resistance / drive.motor.torque_constant
 

@@ -15,6 +15,8 @@ depends on the half gap, and what that costs turns the load: see `dynamics`.
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
+from scipy.optimize import brentq
+
 from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.quantity import Validated
 
@@ -22,6 +24,8 @@ Constants = tuple[float, ...]
 """A contact law's constants, eight numbers: see `as_constants`."""
 
 _CONSTANTS = 8
+_FARTHEST = 1e9
+"""Half gaps that teeth are pressed at most."""
 
 ToothForce = tuple[float, float, float, float, float]
 """force, stiffness, damping, elastic, elastic_stiffness."""
@@ -135,6 +139,31 @@ class Contact(Validated):
     def edge_stiffness(self, half_gap: float, load_radius: float) -> float:
         """Return the spring that stands for the teeth at the edge of the gap, N/m along the pitch line."""
         raise NotImplementedError
+
+
+def gap_at_rest(contact: Contact, constants: Constants, half_gap: float, force: float) -> float:
+    """Return the gap at which teeth at rest carry a ``force`` (N, > 0), m: beyond its edge, or within it.
+
+    Parameters
+    ----------
+    constants : of ``contact``
+    half_gap : half the backlash, m
+
+    Raises
+    ------
+    ValueError
+        If they carry none that large.
+    """
+
+    def missing(gap: float) -> float:
+        return contact.force(constants, half_gap, gap, 0.0)[0] - force
+
+    high = half_gap
+    while missing(high) < 0.0:
+        high *= 2.0
+        if high > _FARTHEST * half_gap:
+            raise ValueError(f"the teeth cannot carry a force of {force:g} N")
+    return float(brentq(missing, 0.0, high, xtol=1e-30, rtol=1e-14))
 
 
 def law_name(contact: Contact) -> str:

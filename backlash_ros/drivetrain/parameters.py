@@ -178,6 +178,16 @@ class Drive:
         """Largest magnitude of the command that the drive obeys, V or A."""
         return self.motor.current_limit if self.takes_current else self.motor.voltage_limit
 
+    def standstill_torque(self, command: float = math.inf) -> float:
+        """Return the torque on the output shaft that a command (V or A) makes at standstill, N m.
+
+        By default the largest that the drive obeys. A current is at most what the law's voltage, within its limit,
+        drives through the winding that is emulated.
+        """
+        motor, command = self.motor, min(command, self.command_limit)
+        voltage = min(command * motor.resistance if self.takes_current else command, motor.voltage_limit)
+        return motor.torque_constant * voltage / motor.resistance / self.gear.ratio
+
     @property
     def reflected_inertia(self) -> float:
         """Motor inertia seen at the output, J_r = J_m/n^2, kg m^2."""

@@ -106,7 +106,6 @@ def motor_side(drive: Drive, contact: Contact | None = None) -> MotorSide:
     n, motor, gear = drive.gear.ratio, drive.motor, drive.gear
     K, R, current = motor.torque_constant, motor.resistance, drive.takes_current
     contact = contact or gear.contact
-    mass = 1.0 / (gear.motor_radius**2 / motor.inertia + gear.load_radius**2 / drive.load.inertia)
     return MotorSide(
         inertia=drive.reflected_inertia,
         viscous=motor.viscous_friction / n**2,
@@ -114,7 +113,7 @@ def motor_side(drive: Drive, contact: Contact | None = None) -> MotorSide:
         gain=K / n if current else K / (n * R),
         braking=0.0 if current else K * K / (n * n * R),
         load_radius=gear.load_radius,
-        contact=contact.constants(gear.load_radius, mass),
+        contact=contact.constants(gear.load_radius, drive.contact_mass),
     )
 
 

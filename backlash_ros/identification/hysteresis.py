@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq, least_squares
+from scipy.optimize import least_squares
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.drivetrain.contact import Contact, law_name
+from backlash_ros.drivetrain.contact import Contact, gap_at_rest, law_name
 from backlash_ros.drivetrain.contacts.elastic import SpringContact
 from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.fit import count_of, motor_side
@@ -110,14 +110,7 @@ def static_place(drive: Drive, contact: Contact, half_gap: float, torque: float)
     """Return how far from the middle of the gap the teeth rest under a torque (N m, > 0), rad at the output."""
     radius = drive.gear.load_radius
     constants = contact.constants(radius, drive.contact_mass)
-
-    def excess(place: float) -> float:
-        return radius * contact.force(constants, radius * half_gap, radius * place, 0.0)[3] - torque
-
-    farthest = 2.0 * half_gap
-    while excess(farthest) < 0.0:
-        farthest *= 2.0
-    return float(brentq(excess, 0.0, farthest, xtol=1e-12))
+    return gap_at_rest(contact, constants, radius * half_gap, torque / radius) / radius
 
 
 def _places(drive: Drive, contact: Contact, values: Array, teeth: Array) -> Array:

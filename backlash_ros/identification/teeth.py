@@ -5,10 +5,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.drivetrain.contact import Constants, Contact, law_name
+from backlash_ros.drivetrain.contact import Constants, Contact, gap_at_rest, law_name
 from backlash_ros.drivetrain.contacts.elastic import SpringContact
 from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.filter import GAP_SLOPE, LN_HALF_GAP, LN_TEETH, OFFSET
@@ -50,10 +49,8 @@ class _Teeth(NamedTuple):
 
     def twist(self, torque: float) -> float:
         """Return the twist from the middle of the gap at which teeth at rest bear a torque > 0, rad."""
-        outside = 2.0 * self.half_gap
-        while self.torque(outside) < torque:
-            outside *= 2.0
-        return float(brentq(lambda twist: self.torque(twist) - torque, 0.0, outside, xtol=1e-12))
+        force = torque / (self.radius * self.strength)
+        return gap_at_rest(self.contact, self.constants, self.radius * self.half_gap, force) / self.radius
 
 
 def _teeth_of(drive: Drive, found: Fit) -> _Teeth:

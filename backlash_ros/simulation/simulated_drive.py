@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 
-from backlash_ros.control.monitoring.thresholds import standstill_torque
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.constants import PlantConstants, plant_constants
@@ -40,7 +39,7 @@ def largest_load_torque(drive: Drive) -> float:
     law, each parameter within 3 times the nominal one's, 0.1 s took at most 0.005 s of one core under this torque and
     0.008 s under ten times as much; a drive with every friction, a weight and a gap that varies takes longer.
     """
-    return float(f"{_IN_REAL_TIME * standstill_torque(drive, drive.command_limit):.3g}")
+    return float(f"{_IN_REAL_TIME * drive.standstill_torque():.3g}")
 
 
 @compiled

@@ -24,7 +24,7 @@ from backlash_ros.analysis.recordings.samples import Columns, Reading, began
 from backlash_ros.cli import main
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.identification.fit import Recording
-from backlash_ros.identification.recordings.findings import Finding, findings_of, stall_of
+from backlash_ros.identification.recordings.findings import Finding, findings_of
 from backlash_ros.identification.recordings.held_out import free_simulations
 from backlash_ros.identification.recordings.identify import Identified, identify
 from backlash_ros.identification.teeth import LOST_MOTION_SHARE, loop_of, lost_motion_of, static_torque
@@ -228,7 +228,7 @@ def test_a_gap_that_is_not_told_has_its_reason_in_place_of_a_number(made: Made) 
     gap = replace(found.gap, angle=0.0, uncertainty=0.0, valid=False, reason="the far flank was not seen")
     rows = tuple(findings_of(about.told, gap, found.fit, found.period))
     unsure = replace(found, gap=gap, findings=rows)
-    derived = lost_motion_of(about.told, unsure, stall_of(about.told))
+    derived = lost_motion_of(about.told, unsure, about.told.standstill_torque())
     page = Parsed(certificate(replace(about, derived=derived), unsure))
     assert "The recording does not tell the gap: the far flank was not seen" in page.text
     assert [row.why for row in derived] == [gap.reason] * 2

@@ -20,7 +20,6 @@ from backlash_ros.analysis.export import FORMATS, mjcf, sdf, urdf
 from backlash_ros.analysis.export.sides import STANDARD_GRAVITY, output_of
 from backlash_ros.analysis.export.teeth import fit_limit, give, teeth_of
 from backlash_ros.cli import main
-from backlash_ros.control.monitoring.thresholds import standstill_torque
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.contacts.power import PowerContact, PowerNoPullContact
@@ -194,7 +193,7 @@ def test_urdf_has_the_interfaces_that_the_page_on_real_drives_asks_for() -> None
 def test_joints_of_urdf_and_sdf_are_the_drives(drive: Drive) -> None:
     axis = Axis(drive, position_lower=-1.5, position_upper=2.0)
     robot, model = parsed(urdf(axis)), parsed(sdf(axis))
-    n, stall = drive.gear.ratio, standstill_torque(drive, drive.command_limit)
+    n, stall = drive.gear.ratio, drive.standstill_torque()
     for name, part, ratio in (("motor", drive.motor, n), ("load", drive.load, 1.0)):
         joint, turn = found(robot, f"joint[@name='{name}']"), found(model, f".//joint[@name='{name}']/axis")
         limit, dynamics = found(joint, "limit"), found(joint, "dynamics")

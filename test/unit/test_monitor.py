@@ -13,7 +13,7 @@ from samples import EVERYTHING, sample_of
 
 from backlash_ros.control import LAWS, NO_LIMIT, FaultThresholds, GainSet, Limits, Servo, ServoSettings, design_gains
 from backlash_ros.control.command_range import clamp, range_constants, voltage_range
-from backlash_ros.control.monitoring.thresholds import mechanical_time_constant, standstill_torque
+from backlash_ros.control.monitoring.thresholds import mechanical_time_constant
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Contact, Drive, Plant
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.contacts.power import PowerContact, PowerNoPullContact
@@ -30,7 +30,7 @@ LOAD_ONLY = ("theta_l",)
 MOTOR_ONLY = ("theta_m",)
 MEASURED = {"everything": EVERYTHING, "positions": POSITIONS, "load_only": LOAD_ONLY, "motor_only": MOTOR_ONLY}
 
-HELD = standstill_torque(NOMINAL_DRIVE, 24.0)
+HELD = NOMINAL_DRIVE.standstill_torque(24.0)
 NO_LOAD_SPEED = 48.0
 
 Tamper = Callable[[Measurement, Measurement], Measurement]
@@ -794,7 +794,7 @@ def test_practical_drive_shows_no_fault(
     rig = Rig(drive, settings_of(drive, 0.002, law=law), measured=measured, bits=bits)
     rig.run(0.02)
     assert rig.step(0.1 / time_constant * ratio, 0.1) == ""
-    rig.load_torque = share * standstill_torque(drive, drive.command_limit)
+    rig.load_torque = share * drive.standstill_torque()
     rig.run(0.3)
     assert rig.servo.fault == ""
     assert rig.step(-3.0, 0.3) == ""

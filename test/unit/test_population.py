@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from backlash_ros.analysis.evaluation.population import Member, draw_member, told_model
-from backlash_ros.control.monitoring.thresholds import standstill_torque
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 
 MEMBERS = [draw_member(1, number) for number in range(1500)]
@@ -79,7 +78,7 @@ def test_dry_friction_is_a_share_of_the_stall_torque_at_the_output(side: str) ->
         drive = member.drive
         friction = getattr(drive, side).coulomb_friction / (drive.gear.ratio if side == "motor" else 1.0)
         if friction:
-            shares.append(friction / standstill_torque(drive, drive.command_limit))
+            shares.append(friction / drive.standstill_torque())
     assert min(shares) >= 0.001 * (1 - 1e-9)
     assert max(shares) <= 0.05 * (1 + 1e-9)
     assert np.median(shares) == pytest.approx(math.sqrt(0.001 * 0.05), rel=0.15)

@@ -3,11 +3,10 @@
 from collections.abc import Callable
 
 from backlash_ros.analysis.evaluation.population import Member
-from backlash_ros.control.monitoring.thresholds import standstill_torque
 
 
 def _stall(member: Member) -> float:
-    return standstill_torque(member.drive, member.drive.command_limit)
+    return member.drive.standstill_torque()
 
 
 def _inertia_ratio(member: Member) -> float:

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from backlash_ros.control.monitoring.thresholds import standstill_torque
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Validated
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
@@ -65,7 +64,7 @@ class Member:
         """
         drive = self.drive
         needed = 1.2 * drive.reflected_inertia * abs(self.standing_torque) / drive.load.inertia + 0.5
-        return needed <= standstill_torque(drive, drive.command_limit)
+        return needed <= drive.standstill_torque()
 
     @property
     def free(self) -> bool:
@@ -143,8 +142,8 @@ def draw_member(
         )
         gear = replace(gear, reduction=gear.reduction * reduction)
     moved = replace(centre, motor=motor, gear=gear)
-    stall = standstill_torque(moved, moved.command_limit)
-    scale = standstill_torque(centre, centre.command_limit) / standstill_torque(NOMINAL_DRIVE, 24.0)
+    stall = moved.standstill_torque()
+    scale = centre.standstill_torque() / NOMINAL_DRIVE.standstill_torque(24.0)
 
     inertia = centre.load.inertia * log_between(0.25, 4.0)
     viscous = centre.load.viscous_friction * log_between(0.5, 2.0)

@@ -14,7 +14,6 @@ from backlash_ros.analysis.evaluation.judging import OVERSHOOT, PRECISE, QUIET, 
 from backlash_ros.analysis.evaluation.population import Member
 from backlash_ros.analysis.evaluation.task import Learned, Verdict
 from backlash_ros.analysis.metrics import Array
-from backlash_ros.control.monitoring.thresholds import standstill_torque
 
 CLOSE, WRONG = 0.05, 0.2
 """A learned gap is good within the first, wrong beyond the second, of the gap where it was learned."""
@@ -94,7 +93,7 @@ def friction_share(member: Member) -> float:
     """Return the dry friction of both sides, at the output, over the stall torque."""
     drive = member.drive
     friction = drive.load.coulomb_friction + drive.motor.coulomb_friction / drive.gear.ratio
-    return friction / standstill_torque(drive, drive.command_limit)
+    return friction / drive.standstill_torque()
 
 
 def severity(member: Member, verdict: dict[str, Any]) -> float:

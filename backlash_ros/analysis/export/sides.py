@@ -3,7 +3,6 @@
 import math
 from dataclasses import dataclass
 
-from backlash_ros.control.monitoring.thresholds import standstill_torque
 from backlash_ros.drivetrain import Drive
 
 STANDARD_GRAVITY = 9.81
@@ -46,7 +45,7 @@ def output_of(drive: Drive) -> Body:
 
 def torque_limits(drive: Drive) -> tuple[float, float]:
     """Return the largest torque that the motor gives at standstill, N m: at its own shaft and at the output."""
-    torque = standstill_torque(drive, drive.command_limit)
+    torque = drive.standstill_torque()
     return torque * drive.gear.ratio, torque
 
 

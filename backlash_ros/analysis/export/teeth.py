@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from backlash_ros.control.monitoring.thresholds import standstill_torque
 from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain.contact import gap_at_rest
 
 Torque = Callable[[float, float], float]
 """What the teeth carry (N m) at an angle between motor and load (rad) and its rate (rad/s), at the output."""
@@ -137,14 +137,14 @@ def fit_limit(drive: Drive, torque: float | None = None) -> Limit:
         If the torque is none, or the teeth cannot carry it.
     """
     if torque is None:
-        torque = SHARE * standstill_torque(drive, drive.command_limit)
+        torque = SHARE * drive.standstill_torque()
     if not 0.0 < torque < math.inf:
         raise ValueError(f"torque must be > 0 N m and finite, got {torque!r}")
     gear, radius, half_gap = drive.gear, drive.gear.load_radius, 0.5 * drive.gear.backlash_angle
     teeth, per_torque = teeth_of(drive), give(drive)
-    carried = _where(teeth, half_gap, torque)
+    carried = _where(drive, torque)
     stiffness = _slope(drive, carried)
-    straight = abs(_slope(drive, _where(teeth, half_gap, 0.5 * torque)) - stiffness) <= _STRAIGHT * stiffness
+    straight = abs(_slope(drive, _where(drive, 0.5 * torque)) - stiffness) <= _STRAIGHT * stiffness
     # Not above half of the law's own exponent there, so that a gap is left.
     steps = 0 if straight else int(0.25 * stiffness * carried / torque - 0.5)
     power = min(max(steps, 0), LARGEST_POWER)
@@ -153,7 +153,7 @@ def fit_limit(drive: Drive, torque: float | None = None) -> Limit:
     if abs(edge - half_gap) < 1e-9 * half_gap:
         edge = half_gap
     # The energy from the touch to the torque is what a speed brings there.
-    touch = _where(teeth, half_gap, _TOUCH * torque)
+    touch = _where(drive, _TOUCH * torque)
     constants = gear.contact.constants(radius, drive.contact_mass)
     energy = (gear.contact.energy(constants, half_gap * radius, at * radius) for at in (carried, touch))
     speed = math.sqrt(2.0 * per_torque * (next(energy) - next(energy)))
@@ -176,14 +176,15 @@ def fit_limit(drive: Drive, torque: float | None = None) -> Limit:
     return Limit(torque, edge, depth, power, torque / depth, found.damping, speed, law, left(ratio))
 
 
-def _where(teeth: Torque, half_gap: float, torque: float) -> float:
+def _where(drive: Drive, torque: float) -> float:
     """Return the angle at which the teeth carry a torque at rest, rad."""
-    high = half_gap
-    while teeth(high, 0.0) < torque:
-        high *= 2.0
-        if high > 1e6 * half_gap + 1e3:
-            raise ValueError(f"the teeth cannot carry a torque of {torque:g} N m")
-    return float(brentq(lambda angle: teeth(angle, 0.0) - torque, 0.0, high, xtol=1e-30, rtol=1e-14))
+    gear = drive.gear
+    constants = gear.contact.constants(gear.load_radius, drive.contact_mass)
+    try:
+        gap = gap_at_rest(gear.contact, constants, 0.5 * gear.backlash, torque / gear.load_radius)
+    except ValueError as error:
+        raise ValueError(f"the teeth cannot carry a torque of {torque:g} N m") from error
+    return gap / gear.load_radius
 
 
 def _slope(drive: Drive, angle: float) -> float:

@@ -16,7 +16,6 @@ from backlash_ros.analysis.recordings.report import content_of, show
 from backlash_ros.analysis.recordings.samples import Columns, Reading, began, drive_for, recording_of
 from backlash_ros.analysis.staging import staging
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
-from backlash_ros.identification.recordings.findings import stall_of
 from backlash_ros.identification.recordings.identify import Identified, identify
 from backlash_ros.identification.teeth import lost_motion_of
 
@@ -98,7 +97,7 @@ def identify_recording(request: Request, console: Console) -> int:
     columns = _read(request)
     recording, notes = recording_of(columns, request.reading, drive)
     found = identify(drive, recording)
-    rated = request.rated_torque or stall_of(drive)
+    rated = request.rated_torque or drive.standstill_torque()
     derived = lost_motion_of(drive, found, rated)
     source = str(request.recording)
     show(found, source, name, notes, console)

@@ -13,7 +13,6 @@ from typing import ClassVar
 from backlash_ros.control.experiment import BacklashEstimate, Deferred, Excitation, Method, NamedExperiment, Outcome
 from backlash_ros.control.experiments.gap_probe import GapProbe, GapProbeSettings
 from backlash_ros.control.limits import Limits
-from backlash_ros.control.monitoring.thresholds import standstill_torque
 from backlash_ros.control.motor_moves import MotorLoop, Move
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Estimate, Measurement
@@ -80,8 +79,8 @@ class GapMapper:
     def __init__(self, drive: Drive, settings: GapMapSettings, period: float, limits: Limits) -> None:
         self.outcome: Outcome | Deferred | None = None
         self._drive, self._settings, self._period, self._limits = drive, settings, period, limits
-        self._standstill = standstill_torque(drive, drive.command_limit)
-        most = settings.torque * standstill_torque(drive, min(limits.command, drive.command_limit))
+        self._standstill = drive.standstill_torque()
+        most = settings.torque * drive.standstill_torque(limits.command)
         self._loop = MotorLoop(drive, period, most)
         side = self._loop.side
         losses = side.braking + side.viscous

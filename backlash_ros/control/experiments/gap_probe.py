@@ -17,7 +17,6 @@ import numpy as np
 
 from backlash_ros.control.experiment import BacklashEstimate, Deferred, Excitation, Method, NamedExperiment, Outcome
 from backlash_ros.control.limits import Limits
-from backlash_ros.control.monitoring.thresholds import standstill_torque
 from backlash_ros.control.motor_moves import MotorLoop, Move
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Estimate, Measurement
@@ -72,8 +71,8 @@ class GapProbe:
     ) -> None:
         self.outcome: Outcome | Deferred | None = None
         self._drive, self._settings, self._period = drive, settings, period
-        self._standstill = standstill_torque(drive, drive.command_limit)
-        self._most = settings.torque * standstill_torque(drive, min(limits.command, drive.command_limit))
+        self._standstill = drive.standstill_torque()
+        self._most = settings.torque * drive.standstill_torque(limits.command)
         self._loop = loop or MotorLoop(drive, period, self._most)
         self._rows: list[tuple[float, float, float, float]] = []
         self._time, self._begun = 0.0, 0.0

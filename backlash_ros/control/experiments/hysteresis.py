@@ -17,7 +17,7 @@ import numpy as np
 
 from backlash_ros.control.experiment import BacklashEstimate, Deferred, Excitation, Method, NamedExperiment, Outcome
 from backlash_ros.control.limits import Limits
-from backlash_ros.control.monitoring.thresholds import FaultThresholds, standstill_torque
+from backlash_ros.control.monitoring.thresholds import FaultThresholds
 from backlash_ros.control.observer import low_pass_gain
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.signals import CURRENT, THETA_L, THETA_M, Estimate, Measurement
@@ -88,11 +88,11 @@ class HysteresisSettings(Validated):
 
     def rated(self, drive: Drive) -> float:
         """Return the rated torque, N m at the output."""
-        return self.rated_torque or 0.5 * standstill_torque(drive, drive.command_limit)
+        return self.rated_torque or 0.5 * drive.standstill_torque()
 
     def applied(self, drive: Drive, limits: Limits) -> float:
         """Return the torque that it goes up to, N m at the output."""
-        return self.torque * standstill_torque(drive, min(limits.command, drive.command_limit))
+        return self.torque * drive.standstill_torque(limits.command)
 
 
 def refusal(drive: Drive, settings: HysteresisSettings, limits: Limits, thresholds: FaultThresholds) -> str:

@@ -32,7 +32,6 @@ from backlash_ros.control.monitoring.thresholds import (
     FaultThresholds,
     mechanical_time_constant,
     pressed,
-    standstill_torque,
 )
 from backlash_ros.control.observer import ObserverConstants, low_pass_gain, observer_step
 from backlash_ros.drivetrain import Drive, compiled
@@ -119,7 +118,7 @@ def monitor_constants(
     bandwidth = min(max(own, _BANDWIDTHS[0]), _BANDWIDTHS[1])
     return MonitorConstants(
         velocity=float(thresholds.velocity),
-        held_torque=float(min(thresholds.load_torque, _HELD * standstill_torque(drive, limits.command))),
+        held_torque=float(min(thresholds.load_torque, _HELD * drive.standstill_torque(limits.command))),
         gap=float(gap if backlash_angle > 0 else thresholds.gap),
         lower_end=float(limits.position_lower),
         upper_end=float(limits.position_upper),

@@ -15,16 +15,6 @@ _LEAST_GAP = 0.1
 """Of the default faults.gap, rad: gears have less backlash, and ``gear.backlash_angle`` may be a guess."""
 
 
-def standstill_torque(drive: Drive, command: float) -> float:
-    """Return the torque on the output shaft that a command (V or A) makes at standstill, N m.
-
-    A current is at most what the law's voltage, within its limit, drives through the winding that is emulated.
-    """
-    motor = drive.motor
-    voltage = min(command * motor.resistance if drive.takes_current else command, motor.voltage_limit)
-    return motor.torque_constant * voltage / motor.resistance / drive.gear.ratio
-
-
 def mechanical_time_constant(drive: Drive) -> float:
     """Return in what time the drive without friction gets to 63 % of its speed at a constant voltage, s."""
     motor = drive.motor
@@ -36,7 +26,7 @@ def pressed(drive: Drive) -> float:
 
     By twice the torque at standstill, a reversal at full speed, that has worked all the way through the gap.
     """
-    gap, wound = drive.gear.backlash_angle, drive.gear.wind_up(2 * standstill_torque(drive, drive.command_limit))
+    gap, wound = drive.gear.backlash_angle, drive.gear.wind_up(2 * drive.standstill_torque())
     return wound + math.sqrt(wound * (wound + 2 * gap))  # torque (gap + pressed) = torque/wound pressed^2/2
 
 
@@ -66,7 +56,7 @@ class FaultThresholds(Validated):
         ``drive`` has, and the teeth `pressed` in, to either side; 0.1 rad at least.
         """
         motor, gear = drive.motor, drive.gear
-        torque = standstill_torque(drive, drive.command_limit)
+        torque = drive.standstill_torque()
         fall = math.sqrt(2 * torque * gear.backlash_angle / drive.load.inertia)
         no_load = gear.ratio * motor.voltage_limit / motor.torque_constant
         return cls(

@@ -59,15 +59,6 @@ class Finding:
         return not self.why
 
 
-def stall_of(drive: Drive) -> float:
-    """Return the torque at standstill that the largest command makes, N m at the output."""
-    motor = drive.motor
-    most = motor.voltage_limit / motor.resistance
-    if drive.takes_current:
-        most = min(most, motor.current_limit)
-    return motor.torque_constant * most / drive.gear.ratio
-
-
 @dataclass(frozen=True)
 class _Rules:
     """A fit, and what may be told of it."""
@@ -210,7 +201,7 @@ def findings_of(drive: Drive, gap: Gap, found: Fit, period: float) -> list[Findi
     period : of the samples, s
     """
     covariance = found.covariance * (1.0 if gap.valid else UNSEEN**2)
-    rules = _Rules(drive, found.parameters, covariance, period, stall_of(drive))
+    rules = _Rules(drive, found.parameters, covariance, period, drive.standstill_torque())
     teeth = rules.teeth(found.contact)
     width = Finding("gear.backlash_angle", "b", "the gap, where the load started", "rad")
     if gap.valid:

@@ -8,7 +8,7 @@ from backlash_ros.drivetrain import Drive
 from backlash_ros.identification.drive import identified_drive
 from backlash_ros.identification.fit import FITS, Fit, Recording, fit
 from backlash_ros.identification.gap import SCALE, Gap, contacts_of, delays_of, measure_gap
-from backlash_ros.identification.recordings.findings import Finding, findings_of, stall_of
+from backlash_ros.identification.recordings.findings import Finding, findings_of
 from backlash_ros.identification.recordings.held_out import Score, first_part, score
 from backlash_ros.identification.recordings.plausible import implausible, suspicion
 from backlash_ros.identification.recordings.stretch import informative
@@ -65,14 +65,14 @@ def identify(drive: Drive, recording: Recording) -> Identified:
     refused = Identified("", drive, stretch=stretch, period=period, recording=chosen)
     if why := implausible(drive, chosen):
         return replace(refused, reason=why)
-    gap = measure_gap(drive, chosen, stall_of(drive))
+    gap = measure_gap(drive, chosen, drive.standstill_torque())
     found = gap.fit
     assert found is not None
     if why := _unexplained(drive, chosen, gap, found):
         return replace(refused, reason=why, gap=gap, fit=found)
     rows = findings_of(drive, gap, found, period)
     fitted, replaced = _replaced(drive, found, rows)
-    before = fit(drive, first_part(chosen), contacts_of(drive), delays_of(period), stall_of(drive))
+    before = fit(drive, first_part(chosen), contacts_of(drive), delays_of(period), drive.standstill_torque())
     return replace(
         refused,
         drive=fitted,
