@@ -1,7 +1,7 @@
 """What a fit tells of a drive: each quantity with its standard uncertainty, or why the recording cannot tell it."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.contacts.elastic import SpringContact
@@ -80,9 +80,9 @@ class _Rules:
         """Return a row with its value if its ``deviation``, and a share by the ``model``, are within a ``bound``."""
         uncertainty = math.hypot(deviation, model * value)
         if uncertainty <= bound:
-            return Finding(row.key, row.symbol, row.what, row.unit, value, uncertainty)
+            return replace(row, value=value, uncertainty=uncertainty)
         why = f"its standard uncertainty is {uncertainty:.2g} {row.unit}, more than {bound:.2g}"
-        return Finding(row.key, row.symbol, row.what, row.unit, why=f"{why}{hint}")
+        return replace(row, why=f"{why}{hint}")
 
     def resistance(self, speed: float) -> tuple[float, float]:
         """Return the load's friction at a speed, viscous and dry, and its deviation, N m."""
