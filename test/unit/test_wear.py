@@ -1,5 +1,6 @@
 """Wear: what is noticed while the drive works, what is not, and that it is learned anew where that is allowed."""
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -31,13 +32,20 @@ def grown(factor: float, drive: Drive = NOMINAL_DRIVE) -> Drive:
 class Operated:
     """A servo that goes to and fro, its drive, and the watch; who operates it does nothing."""
 
-    def __init__(self, settings: ServoSettings, drive: Drive = NOMINAL_DRIVE, load_torque: float = 0.0) -> None:
+    def __init__(
+        self,
+        settings: ServoSettings,
+        drive: Drive = NOMINAL_DRIVE,
+        load_torque: float = 0.0,
+        sensors: Sensors = COUNTED,
+    ) -> None:
         self.servo = Servo(NOMINAL_DRIVE, settings)
         self.watch = WearWatch(self.servo)
-        self.plant = SimulatedDrive(drive, settings.period, sensors=COUNTED)
+        self.plant = SimulatedDrive(drive, settings.period, sensors=sensors)
         self.load_torque = load_torque
         self.learned: list[BacklashEstimate] = []
         self.asked = 0
+        self.wrong: Callable[[Measurement], None] | None = None
 
     def wear(self, factor: float) -> None:
         """Let the gap be so many times as wide from now on."""
@@ -52,6 +60,8 @@ class Operated:
             if to_and_fro and k % round(to_and_fro / PERIOD) == 0:
                 servo.set_reference(0.0 if servo.reference > 0.25 else way)
             measured = self.plant.sample()
+            if self.wrong is not None:
+                self.wrong(measured)
             command = servo.update(measured, self.plant.elapsed)
             if self.watch.look(measured, self.plant.elapsed):
                 self.asked += 1
@@ -164,6 +174,25 @@ def look_at(gains: GainSet, angle: Callable[[float], float], seconds: float = 4.
     return watch
 
 
+@pytest.mark.parametrize("signal", [THETA_M, THETA_L])
+@pytest.mark.parametrize("samples", [1, 3, 10])
+@pytest.mark.parametrize("at", [2.05, 3.5])
+@pytest.mark.parametrize("sensors", [COUNTED, Sensors(motor_counts=4096.0, load_counts=65536.0)])
+def test_wrong_samples_are_no_wear(gains: GainSet, sensors: Sensors, at: float, samples: int, signal: int) -> None:
+    """Ten in a row, in motion or at rest: nothing is learned anew for them, which would move the load."""
+    axis = Operated(ServoSettings(gains, backlash_angle=B, renew=True), sensors=sensors)
+    axis.run(4.0)
+    off, count = 2.5 * B / (NOMINAL_DRIVE.gear.ratio if signal == THETA_M else 1.0), itertools.count()
+
+    def wrong(measured: Measurement) -> None:
+        measured[signal] += off if 0 <= next(count) - round(at / PERIOD) < samples else 0.0
+
+    axis.wrong = wrong
+    axis.run(6.0)
+    assert axis.servo.fault == ""
+    assert (axis.watch.kind, axis.asked) == ((False, False), 0)
+
+
 @pytest.mark.parametrize("frequency", [1.0, 7.0, 30.0])
 def test_a_rattle_that_lasts_is_told_from_one_that_dies_out(gains: GainSet, frequency: float) -> None:
     def swing(t: float) -> float:
@@ -179,20 +208,16 @@ def test_a_rattle_that_lasts_is_told_from_one_that_dies_out(gains: GainSet, freq
     assert look_at(gains, lambda t: 0.1 * t, seconds).rattle is None
 
 
-def test_it_does_not_try_for_ever(gains: GainSet) -> None:
+def test_it_does_not_try_for_ever(gains: GainSet, monkeypatch: pytest.MonkeyPatch) -> None:
     """Learning fails each time; a minute apart, three times, and then the load is left alone."""
     axis = Operated(ServoSettings(gains, backlash_angle=B, renew=True).with_experiment("limit_cycle"), load_torque=0.2)
     axis.run(1.0, way=0.0)
-    axis.watch._near, axis.watch._far = 0.0, 5 * B  # as if it had been seen
-
-    def wait(seconds: float) -> None:
-        for _ in range(round(seconds)):
-            axis.run(1.0, to_and_fro=0.0)
-            axis.watch._near, axis.watch._far = 0.0, 5 * B
-
-    wait(30.0)
+    monkeypatch.setattr(
+        WearWatch, "grown", property(lambda _: True, lambda *_: None), raising=False
+    )  # as if it had been seen
+    axis.run(30.0, to_and_fro=0.0)
     assert axis.asked == 1
-    wait(250.0)
+    axis.run(250.0, to_and_fro=0.0)
     assert axis.asked == 3
     assert not any(estimate.valid for estimate in axis.learned)
 

@@ -18,6 +18,9 @@ _GROWN = 1.5
 _GENTLE, _STILL = 0.15, 0.05
 """Where teeth rest on a flank: share of the largest command, and way within the gap between two samples as a share of
 the backlash."""
+_SOONEST, _FEWEST, _LATEST = 0.1, 24, 60.0
+"""A gap has grown where that is seen twice: after this time (s) and so many samples at the soonest, since wrong samples
+in a row are no gap, and within this time, s."""
 _RATIO_ERROR = 0.02
 """Of the gear ratio: of so much of the travel the shafts may come apart without end."""
 _HELD, _REVERSALS, _SLOWEST = 0.3, 12, 2.0
@@ -52,7 +55,8 @@ class _Turn(NamedTuple):
 class WearWatch:
     """Looks at one servo, answers a rattle with the over-damped gains, and says when to learn anew.
 
-    ``rattle`` is the last one that the servo has or that calmed it, if any.
+    ``grown``: whether the gap is larger than what is in use. ``rattle``: the last one that the servo has or that calmed
+    it, if any.
     """
 
     def __init__(self, servo: Servo) -> None:
@@ -68,8 +72,14 @@ class WearWatch:
         self._reference = self._apart = math.nan
         self._motor, self._load = math.nan, math.nan
         self._count_m = self._count_l = 0.0
-        self._near, self._far = math.inf, -math.inf
+        self._both = False
+        self._once, self.grown = -math.inf, False
+        self._begin_range()
         self._await_turns(math.nan, math.nan)
+
+    def _begin_range(self) -> None:
+        """Forget between what the teeth have rested."""
+        self._near, self._far = math.inf, -math.inf
 
     def _await_turns(self, x: float, load: float) -> None:
         """Forget how it turned, and a rattle that calmed nothing."""
@@ -84,11 +94,6 @@ class WearWatch:
     def gap(self) -> float:
         """The way between both flanks, rad at the output."""
         return max(0.0, self._far - self._near)
-
-    @property
-    def grown(self) -> bool:
-        """Whether the gap is larger than what is in use."""
-        return 0.0 < _GROWN * self._servo.settings.backlash_angle < self.gap
 
     @property
     def kind(self) -> tuple[bool, bool]:
@@ -139,15 +144,17 @@ class WearWatch:
             return False
         self._time += elapsed
         motor, load = servo.drive.gear.ratio * float(measured[THETA_M]), float(measured[THETA_L])
-        self._count_m = _smaller(self._count_m, abs(motor - self._motor))
+        moved = abs(motor - self._motor)
+        self._count_m = _smaller(self._count_m, moved)
         self._count_l = _smaller(self._count_l, abs(load - self._load))
-        moved, self._motor, self._load = abs(motor - self._motor), motor, load
-        both = not math.isnan(motor - load)
+        self._motor, self._load = motor, load
+        both, before = not math.isnan(motor - load), self._both
+        self._both = both
         x = motor - load if both else load if math.isnan(motor) else motor
         load = motor if math.isnan(load) else load
         if both:
             self._look_at_the_gap(x, moved)
-        if servo.memory.setpoint[VELOCITY] != 0.0 or servo.reference != self._reference:
+        if servo.memory.setpoint[VELOCITY] != 0.0 or servo.reference != self._reference or both != before:
             self._reference, self._since = servo.reference, self._time
             self._await_turns(x, load)
         elif self._time - self._since > _HELD:
@@ -164,6 +171,18 @@ class WearWatch:
         still = abs(x - before) <= max(_STILL * servo.settings.backlash_angle, self._count_m, self._count_l)
         if still and abs(servo.command) <= _GENTLE * servo.limits.command:
             self._near, self._far = min(self._near, x), max(self._far, x)
+        if not self.grown:
+            self._look_whether_it_has_grown()
+
+    def _look_whether_it_has_grown(self) -> None:
+        """Believe a gap that is wider than the backlash in use once it is seen anew."""
+        settings, since = self._servo.settings, self._time - self._once
+        if since < max(_SOONEST, _FEWEST * settings.period):
+            self._begin_range()
+        elif 0.0 < _GROWN * settings.backlash_angle < self.gap:
+            self.grown, self._once = since < _LATEST, self._time
+            if not self.grown:
+                self._begin_range()
 
     def _look_for_turns(self, x: float, load: float) -> None:
         """Follow x (rad) up and down; it turns where it goes back by more than the smallest swing."""
@@ -175,14 +194,18 @@ class WearWatch:
         if (up and self._way <= 0) or (down and self._way >= 0):
             if self._whole:
                 self._turns.append(_Turn(self._time, self._high - self._low, self._least, self._most))
+                self._judge()
             # The first way was seen in part.
             self._whole, self._way = self._way != 0, -1 if down and self._way >= 0 else 1
             self._low = self._high = x
             self._least = self._most = load
-        turns = self._turns
-        if turns and self._time - turns[-1].time > _SLOWEST:
+        if self._turns and self._time - self._turns[-1].time > _SLOWEST:
             self._await_turns(x, load)
-        elif len(turns) == _REVERSALS and self._lasts():
+
+    def _judge(self) -> None:
+        """Look whether what turned is a rattle."""
+        turns = self._turns
+        if len(turns) == _REVERSALS and self._lasts():
             half = (turns[-1].time - turns[0].time) / (_REVERSALS - 1)
             swing = max(turn.most for turn in turns) - min(turn.least for turn in turns)
             self.rattle = Rattle(swing, 0.5 / half, self._time - self._begun)
