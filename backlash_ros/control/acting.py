@@ -87,7 +87,7 @@ class ActingExperiment:
         self._run = chosen.make(drive, parameters, period, limits)
         self._swing, self._swing_name = swing_of(chosen, parameters), swing_name(chosen, parameters)
         self._goes_away = bool(chosen.turn)
-        self._ratio, self._start = drive.gear.ratio, math.nan
+        self._ratio, self._period, self._start = drive.gear.ratio, period, math.nan
         self._broken: Refusal | None = None
 
     @property
@@ -112,6 +112,11 @@ class ActingExperiment:
         except Exception as error:
             self._broken = Refusal(f"{reason}; and it could not be cancelled: {error!r}")
 
+    def _periods(self, elapsed: float) -> int:
+        """Return how many periods a time is, s; 1 where it is none."""
+        periods = elapsed / self._period
+        return max(1, round(periods)) if math.isfinite(periods) else 1
+
     def excite(self, measured: Measurement, estimate: Estimate, command: float, elapsed: float) -> Excitation:
         """Take a sample and return what it asks for: none where that, or the load's way, is too much, which ends it."""
         if self._broken is not None:
@@ -125,7 +130,7 @@ class ActingExperiment:
             )
             return Excitation()
         try:
-            wanted = self._run.step(measured, estimate, command, elapsed)
+            wanted = self._run.step(measured, estimate, command, self._period * self._periods(elapsed))
         except Exception as error:
             self._broken = Refusal(f"it failed: {error!r}")
             return Excitation()

@@ -114,7 +114,7 @@ class Experiment(Protocol):
         ----------
         measured : this sample
         estimate, command : the observer's estimate at the sample before, and the command since then, V or A
-        elapsed : since the sample before, s
+        elapsed : since the sample before, s, in whole periods: stamps jitter, the drive's period does not
         """
         ...
 

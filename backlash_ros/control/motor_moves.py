@@ -60,7 +60,7 @@ class MotorLoop:
 
     def __init__(self, drive: Drive, period: float, most: float) -> None:
         self.side = motor_side(drive)
-        self._period, self._most = period, most
+        self._most = most
         bandwidth = min(120.0, 0.2 / period)
         self._gains = tuple(
             share * self.side.inertia * bandwidth**power for share, power in ((1.0, 2), (1.8, 1), (0.15, 3))
@@ -69,11 +69,11 @@ class MotorLoop:
         self._before = math.nan
         self._speed = self._integral = 0.0
 
-    def torque(self, position: float, wanted: tuple[float, float, float]) -> float:
-        """Return the torque at standstill, N m at the output, for a reading and for where the motor should be."""
+    def torque(self, position: float, wanted: tuple[float, float, float], elapsed: float) -> float:
+        """Return the torque at standstill, N m at the output, for a reading, s after the last, and what is wanted."""
         if math.isnan(self._before):
             self._before = position
-        self._speed += self._smooth * ((position - self._before) / self._period - self._speed)
+        self._speed += self._smooth * ((position - self._before) / elapsed - self._speed)
         self._before = position
         reference, speed, acceleration = wanted
         stiff, damp, slow = self._gains
@@ -81,5 +81,5 @@ class MotorLoop:
         torque = self.side.inertia * acceleration + self.side.viscous * speed + stiff * error
         torque += damp * (speed - self._speed) + self._integral
         if abs(torque) < 0.8 * self._most:
-            self._integral += slow * error * self._period
+            self._integral += slow * error * elapsed
         return min(max(torque, -self._most), self._most) + self.side.braking * speed

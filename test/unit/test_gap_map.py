@@ -5,11 +5,12 @@ import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from experiments import Broken, frozen, missing, reversed_, swapped
 from hypothesis import given
 from hypothesis import settings as examples
 from hypothesis import strategies as st
@@ -271,35 +272,23 @@ def test_a_joint_with_ends_maps_what_is_between_them(gains: GainSet) -> None:
     assert servo.experiment_refusal("gap_map", GapMapSettings(turn=1.2, swing=0.25)) == ""
 
 
-def frozen(measured: Measurement, shown: list[float], signal: int) -> None:
-    shown[:] = shown or [float(measured[signal])]
-    measured[signal] = shown[0]
-
-
-def reversed_(measured: Measurement, shown: list[float], signal: int) -> None:
-    measured[signal] *= -1.0
-
-
-def swapped(measured: Measurement, shown: list[float], signal: int) -> None:
-    measured[[THETA_M, THETA_L]] = measured[[THETA_L, THETA_M]]
-
-
-def missing(measured: Measurement, shown: list[float], signal: int) -> None:
-    measured[signal] = math.nan
-
-
 @pytest.mark.parametrize("start", [1, 300, 1200, 5000], ids=["from the start", "on the way", "at a place", "late"])
 @pytest.mark.parametrize("signal", [THETA_M, THETA_L], ids=["motor", "load"])
 @pytest.mark.parametrize("broken", [frozen, reversed_, swapped, missing])
 def test_a_broken_encoder_ends_it_near_and_gives_no_map(
-    gains: GainSet, broken: Callable[[Measurement, list[float], int], None], signal: int, start: int
+    gains: GainSet, broken: Broken, signal: int, start: int
 ) -> None:
     rig = Rig(gains)
-    outcome, shown, where = None, list[float](), math.nan
+    outcome, before, where = None, rig.plant.sample().copy(), math.nan
+
+    def change(measured: Measurement) -> None:
+        broken(measured, before, signal)
+        before[:] = measured
+
     for k in range(20_000):
         if k == start:
             where = float(rig.plant.state[THETA_L])
-        rig.step(partial(broken, shown=shown, signal=signal) if k >= start else lambda _: None)
+        rig.step(change if k >= start else lambda _: None)
         outcome = rig.servo.take_outcome()
         if outcome is not None or rig.servo.latched:
             break

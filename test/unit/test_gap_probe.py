@@ -1,18 +1,18 @@
 """The probe while it runs: how far it goes, what ends it, and that the position is held afterwards."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from experiments import Broken, frozen, play, reversed_, swapped
 from hypothesis import given
 from hypothesis import settings as examples
 from hypothesis import strategies as st
 
 from backlash_ros.control import GainSet, GapProbeSettings, Limits, Method, Servo, ServoSettings
 from backlash_ros.control.experiment import Deferred
-from backlash_ros.control.motor_moves import Move
+from backlash_ros.control.motor_moves import MotorLoop, Move
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.drivetrain.signals import OMEGA_L, THETA_L, THETA_M, Measurement
@@ -60,17 +60,6 @@ def test_auto_takes_what_the_encoders_allow(gains: GainSet) -> None:
     assert (both.method, load.method) == (Method.GAP_PROBE, Method.LOAD_AMPLITUDE)
 
 
-def play(servo: Servo, plant: SimulatedDrive, samples: int, torque: float = 0.0) -> float:
-    """Go on, until an outcome is there; return how far the load was from where it is held, rad."""
-    swing = 0.0
-    for _ in range(samples):
-        plant.advance(servo.update(plant.sample(), plant.elapsed), torque)
-        swing = max(swing, abs(float(plant.state[THETA_L])))
-        if servo._experiment is not None and servo._experiment.outcome is not None:
-            break
-    return swing
-
-
 @pytest.mark.parametrize("torque", [0.0, 0.3, -0.45])
 @pytest.mark.parametrize("swing", [0.05, 0.15, 0.3])
 @pytest.mark.parametrize("inertia", [1.3e-4, 2e-3])
@@ -115,25 +104,13 @@ def test_it_ends_when_its_time_is_over(gains: GainSet, time: float, torque: floa
     assert time <= plant.time <= time + 1.0
 
 
-def frozen(measured: Measurement, before: Measurement, signal: int) -> None:
-    measured[signal] = before[signal]
-
-
-def reversed_(measured: Measurement, _before: Measurement, signal: int) -> None:
-    measured[signal] *= -1.0
-
-
-def swapped(measured: Measurement, _before: Measurement, _signal: int) -> None:
-    measured[[THETA_M, THETA_L]] = measured[[THETA_L, THETA_M]]
-
-
 @pytest.mark.population
 @pytest.mark.parametrize("torque", [0.0, 0.3])
 @pytest.mark.parametrize("start", [1, 400], ids=["from the start", "on the way"])
 @pytest.mark.parametrize("signal", [THETA_M, THETA_L], ids=["motor", "load"])
 @pytest.mark.parametrize("broken", [frozen, reversed_, swapped])
 def test_a_broken_encoder_ends_it_within_the_swing_and_gives_no_gap(
-    gains: GainSet, broken: Callable[[Measurement, Measurement, int], None], signal: int, start: int, torque: float
+    gains: GainSet, broken: Broken, signal: int, start: int, torque: float
 ) -> None:
     servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
     plant = SimulatedDrive(NOMINAL_DRIVE, servo.settings.period, sensors=Sensors(measured=POSITIONS))
@@ -155,6 +132,17 @@ def test_a_broken_encoder_ends_it_within_the_swing_and_gives_no_gap(
     if isinstance(outcome, Deferred):
         outcome = outcome.work()
     assert servo.latched or (outcome is not None and not outcome.valid)
+
+
+@pytest.mark.parametrize("lost", [1, 3, 20])
+def test_lost_samples_make_no_kick(lost: int) -> None:
+    """A motor that follows its move is at the same speed after a silence."""
+    loop, move, period = MotorLoop(NOMINAL_DRIVE, 0.004, 5.0), Move.of(0.0, 3.0, 20.0, 20.0, 4.0), 0.004
+    for k in range(1, 61):
+        even = loop.torque(move.at(k * period)[0], move.at(k * period), period)
+    at = move.at((60 + 1 + lost) * period)
+    after = loop.torque(at[0], at, (1 + lost) * period)
+    assert after == pytest.approx(even, abs=0.02)
 
 
 @examples(max_examples=25, deadline=None)

@@ -1,12 +1,12 @@
 """Lost motion on an output that stands: what is found, what ends it, and that it ends at rest."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from experiments import Broken, frozen, play, reversed_, stuck_bit, swapped
 from hypothesis import given
 from hypothesis import settings as examples
 from hypothesis import strategies as st
@@ -173,17 +173,6 @@ def test_the_words_are_those_of_gearbox_makers(gains: GainSet) -> None:
 # What ends it.
 
 
-def play(servo: Servo, plant: SimulatedDrive, samples: int, torque: float = 0.0) -> float:
-    """Go on, until an outcome is there; return how far the load went, rad."""
-    way = 0.0
-    for _ in range(samples):
-        plant.advance(servo.update(plant.sample(), plant.elapsed), torque)
-        way = max(way, abs(float(plant.state[THETA_L])))
-        if servo._experiment is not None and servo._experiment.outcome is not None:
-            break
-    return way
-
-
 def started(gains: GainSet, drive: Drive, **changes: Any) -> tuple[Servo, SimulatedDrive]:
     servo = Servo(NOMINAL_DRIVE, ServoSettings(gains).with_law("overdamped"))
     sensors = Sensors(measured=POSITIONS, motor_counts=4096.0, load_counts=65536.0)
@@ -242,30 +231,13 @@ def test_progress_grows_from_0_to_1(gains: GainSet) -> None:
     assert progress[-1] > 0.99
 
 
-def frozen(sample: Measurement, before: Measurement, signal: int) -> None:
-    sample[signal] = before[signal]
-
-
-def reversed_(sample: Measurement, _before: Measurement, signal: int) -> None:
-    sample[signal] *= -1.0
-
-
-def swapped(sample: Measurement, _before: Measurement, _signal: int) -> None:
-    sample[[THETA_M, THETA_L]] = sample[[THETA_L, THETA_M]]
-
-
-def stuck_bit(sample: Measurement, _before: Measurement, signal: int) -> None:
-    count = 2.0 * math.pi / 4096.0
-    sample[signal] = (round(float(sample[signal]) / count) | 32) * count
-
-
 @pytest.mark.parametrize("held", [BRAKED, {}], ids=["braked", "free"])
 @pytest.mark.parametrize("start", [1, 1500], ids=["from the start", "on the way"])
 @pytest.mark.parametrize("signal", [THETA_M, THETA_L], ids=["motor", "load"])
 @pytest.mark.parametrize("broken", [frozen, reversed_, swapped, stuck_bit])
 def test_a_broken_encoder_gives_no_wrong_gap(
     gains: GainSet,
-    broken: Callable[[Measurement, Measurement, int], None],
+    broken: Broken,
     signal: int,
     start: int,
     held: dict[str, float],

@@ -120,10 +120,10 @@ class GapMapper:
             self._home, self._home_load = motor, load
             self._move = self._way_from(motor)
         else:
-            self._time += self._period * max(1, round(elapsed / self._period))
+            self._time += elapsed
         excitation = None
         if self._probe is None:
-            excitation = self._travel(self._move, motor, load)
+            excitation = self._travel(self._move, motor, load, elapsed)
         if self._probe is not None:
             excitation = self._look(self._probe, measured, estimate, command, elapsed)
         return excitation or Excitation()
@@ -140,7 +140,7 @@ class GapMapper:
         end = self._home + (0.0 if self._back else self._settings.offsets[len(self._recordings)])
         return Move.of(motor, end, self._acceleration, self._acceleration, self._speed)
 
-    def _travel(self, move: Move, motor: float, load: float) -> Excitation | None:
+    def _travel(self, move: Move, motor: float, load: float, elapsed: float) -> Excitation | None:
         """Move on; at the end begin to look there, or end."""
         time, settings = self._time - self._begun, self._settings
         wanted = move.at(time + 0.5 * self._period)
@@ -151,7 +151,7 @@ class GapMapper:
                 f"{settings.section}.swing = {settings.swing:g} rad"
             )
         elif time < move.length + _SETTLE:
-            return Excitation(torque=self._loop.torque(motor, wanted))
+            return Excitation(torque=self._loop.torque(motor, wanted, elapsed))
         elif self._back:
             self.outcome = Deferred(
                 partial(_estimate_from, self._drive, tuple(self._recordings), self._standstill, settings)
@@ -183,7 +183,7 @@ class GapMapper:
         self._probe = None
         motor = float(self._drive.gear.ratio * measured[THETA_M])
         self._move = self._way_from(motor)
-        return self._travel(self._move, motor, load)
+        return self._travel(self._move, motor, load, elapsed)
 
 
 def _estimate_from(

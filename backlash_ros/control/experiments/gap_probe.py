@@ -98,7 +98,7 @@ class GapProbe:
         if self.outcome is not None:
             return Excitation()
         if self._rows:
-            self._time += self._period * max(1, round(elapsed / self._period))
+            self._time += elapsed
         else:
             self._target = motor
             self._move = next(self._moves)
@@ -111,7 +111,7 @@ class GapProbe:
                 self.outcome = Deferred(partial(_estimate_from, self._drive, self.recording(), self._standstill))
                 return Excitation()
         wanted = self._move.at(self._time - self._begun + 0.5 * self._period)
-        return Excitation(torque=self._loop.torque(motor, wanted))
+        return Excitation(torque=self._loop.torque(motor, wanted, elapsed))
 
     def recording(self) -> Recording:
         """Return what was seen so far."""

@@ -168,10 +168,9 @@ class Hysteresis:
         if self.outcome is not None:
             return Excitation()
         rows = self._rows
-        lapsed = self._period * max(1, round(elapsed / self._period))
         if rows:
-            self._time += lapsed
-            speed = (motor - rows[-1][1]) / lapsed
+            self._time += elapsed
+            speed = (motor - rows[-1][1]) / elapsed
             self._speed += self._smooth * (speed - self._speed)
             self._slow_speed += self._slowly * (self._speed - self._slow_speed)
         else:
@@ -185,8 +184,8 @@ class Hysteresis:
         if not self._trouble:
             self._trouble, self._hold = self._watch(motor, load), motor
         if self._trouble:
-            return self._come_to_rest(motor, lapsed)
-        self._go_on(lapsed, motor, load)
+            return self._come_to_rest(motor, elapsed)
+        self._go_on(elapsed, motor, load)
         if self.outcome is not None:
             return Excitation()
         return self._braked(self._torque, _UNBRAKED * self._settings.speed)
@@ -197,9 +196,9 @@ class Hysteresis:
         braked = self._speed - min(max(self._speed, -free), free)
         return Excitation(torque=min(max(torque - self._damping * braked, -cap), cap))
 
-    def _come_to_rest(self, motor: float, lapsed: float) -> Excitation:
+    def _come_to_rest(self, motor: float, elapsed: float) -> Excitation:
         """Hold the motor where the trouble began until it rests, or for a while; then end."""
-        self._rest += lapsed
+        self._rest += elapsed
         if self._rest > _LONGEST or (self._rest > _REST and abs(self._slow_speed) < 0.05 * self._settings.speed):
             self.cancel(self._trouble)
             return Excitation()
@@ -233,14 +232,14 @@ class Hysteresis:
         """Which way the torque goes, 1 or -1."""
         return math.copysign(1.0, self._targets[self._branch] - self._torque)
 
-    def _go_on(self, lapsed: float, motor: float, load: float) -> None:
+    def _go_on(self, elapsed: float, motor: float, load: float) -> None:
         """Change the torque: at its rate while the motor stands, else so that it keeps its speed."""
         wanted, way, target = self._settings.speed, self._direction, self._targets[self._branch]
         stands = min(max(1.0 - 2.0 * way * self._slow_speed / wanted, 0.0), 1.0)
         press = self._rate * (_SLOWLY if abs(self._torque) < _NEAR * self._most else 1.0)
         turn = self._stiffness * (wanted - way * self._speed)
         rate = min(max(stands * press + (1.0 - stands) * turn, -self._rate), self._rate)
-        self._torque += way * rate * lapsed
+        self._torque += way * rate * elapsed
         if way * (self._torque - target) < 0.0:
             return
         self._torque, self._farthest = target, motor - load

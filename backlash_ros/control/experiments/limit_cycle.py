@@ -89,7 +89,7 @@ class BacklashLearner:
         if self.outcome is None:
             self.outcome = BacklashEstimate(0.0, self._method, valid=False, reason=f"no valid cycle: {reason}")
 
-    def step(self, measured: Measurement, estimate: Estimate, _command: float, _elapsed: float) -> Excitation:
+    def step(self, measured: Measurement, estimate: Estimate, _command: float, elapsed: float) -> Excitation:
         """Take a sample; see `Experiment`."""
         load = float(measured[THETA_L])
         if math.isnan(load):
@@ -99,7 +99,7 @@ class BacklashLearner:
         if math.isnan(measured[THETA_M]):
             self._method = Method.LOAD_AMPLITUDE
         settings = self._settings
-        if self._runs_away(load):
+        if self._runs_away(load, elapsed):
             return self._come_to_rest()
         time = self._tick * self._period
         self._tick += 1
@@ -116,11 +116,11 @@ class BacklashLearner:
                     self._next_attempt()
         return Excitation()
 
-    def _runs_away(self, load: float) -> bool:
+    def _runs_away(self, load: float, elapsed: float) -> bool:
         """Return whether the load is, or was, about to leave the swing: a cycle grows where samples are late."""
         if math.isnan(self._start):
             self._start = self._before = load
-        speed, self._before = (load - self._before) / self._period, load
+        speed, self._before = (load - self._before) / elapsed, load
         way = load - self._start
         if not self._away and abs(way + _AHEAD * speed) > _SHARE * self._settings.swing:
             self._away = (
