@@ -4,6 +4,7 @@ import argparse
 import errno
 import json
 import os
+import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -22,7 +23,7 @@ from backlash_ros.analysis.figures import FIGURES, draw
 from backlash_ros.analysis.jsonable import jsonable
 from backlash_ros.analysis.page import write_page
 from backlash_ros.analysis.paper import CASES, PARTS, judge, reproduce, respond
-from backlash_ros.analysis.recordings.arguments import add_identification, in_the_way, request_of
+from backlash_ros.analysis.recordings.arguments import add_identification, in_the_way, number_of, request_of
 from backlash_ros.analysis.recordings.command import identify_recording
 from backlash_ros.analysis.staging import staging, write_text
 from backlash_ros.control import AUTO, EXPERIMENTS, LAWS
@@ -198,6 +199,32 @@ def _identify(parser: argparse.ArgumentParser, given: argparse.Namespace, consol
         return 1
 
 
+def _add_measurement(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("--out", type=Path, metavar="DIR", help="new folder for recording, drive file and certificate; named by now")
+    add("--namespace", default="/", metavar="NS", help="of the controller and its topics, such as /axis_1")
+    add("--experiment", type=_entry_of(EXPERIMENTS, AUTO), default="", metavar="NAME", help="else the controller's own")
+    text = "N m at the output, at 3 %% of which lost motion is given; by default the motor's at standstill"
+    add("--rated-torque", type=number_of(0.0, above=True), default=0.0, metavar="T", help=text)
+
+
+def _measure(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> int:
+    try:
+        from backlash_ros.measure.command import Measurement, folder_of_now, measure  # noqa: PLC0415 - needs ROS
+        from backlash_ros.ros.client import ClientError  # noqa: PLC0415
+    except ImportError as error:
+        parser.error(f"needs ROS 2: {error}")
+    out = given.out or folder_of_now()
+    try:
+        request = Measurement(out, given.namespace, given.experiment, given.rated_torque)
+        return measure(request, shlex.join(["backlash", *given.words]), console)
+    except FileExistsError as error:
+        parser.error(f"argument {error}")
+    except (ClientError, ValueError) as error:
+        print(f"{parser.prog}: {error}", file=sys.stderr)
+        return 1
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command; the exit code is 2 for arguments that cannot be used, 1 where a recording tells nothing."""
     parser = _Parser(prog="backlash", description=__doc__)
@@ -222,6 +249,13 @@ def main(args: Sequence[str] | None = None) -> int:
     add_identification(finding)
     words = tuple(sys.argv[1:] if args is None else args)
     finding.set_defaults(words=words, run=lambda a, console: _identify(finding, a, console))
+    measuring = commands.add_parser(
+        "measure",
+        help="let a running controller measure its drive: recording, drive file and certificate",
+        epilog="example: backlash measure --out my_axis --experiment gap_probe",
+    )
+    _add_measurement(measuring)
+    measuring.set_defaults(words=words, run=lambda a, console: _measure(measuring, a, console))
     parsed = parser.parse_args(args)
     command: Callable[[argparse.Namespace, Console], int | None] = parsed.run
     try:

@@ -10,12 +10,10 @@ import math
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,16 +21,12 @@ import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
-from rclpy.parameter import Parameter
-from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
-from rclpy.task import Future
 from rich.console import Console
 from rich.table import Table
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
-from std_srvs.srv import Trigger
 
 from backlash_ros.analysis.bag import read_bag
 from backlash_ros.analysis.jsonable import jsonable
@@ -50,6 +44,7 @@ from backlash_ros.analysis.session import (
 from backlash_ros.analysis.staging import staging
 from backlash_ros.control import design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.ros.client import Client, ClientError, start_node, stop_node
 from backlash_ros.ros.isolation import isolated
 from backlash_ros.ros.topics import RECEIVE, SEND, TOPICS
 
@@ -61,29 +56,17 @@ _HOLD = 4.0
 _RISING = 0.4
 """Time in which every sample has to be answered within its period, s: else the rise says more of the machine."""
 _ATTEMPTS = 8
-_PATIENCE = 30.0
 WATCH = QoSProfile(depth=5000)
 _TIMEOUT = 0.5
 """Silence that both sides bear, s: a shared machine may stall for longer than the default of 0.1 s."""
 
 
-class DemoError(RuntimeError):
-    """The demo could not go on; the text says what was waited for."""
-
-
-def _done_or_over(future: Future, end: float) -> bool:
-    return future.done() or time.monotonic() > end
-
-
-class Session:
+class Session(Client):
     """The running system seen from outside: what a user does with topics, services and parameters."""
 
     def __init__(self, node: Node, children: dict[str, subprocess.Popen[bytes]], say: Callable[[str], None]) -> None:
-        self._node = node
+        super().__init__(node, children)
         self._say = say
-        self._children = children
-        self._executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
-        self._executor.add_node(node)
         self.angle = math.nan
         self.speed = math.nan
         self.reference = node.create_publisher(Float64, "reference", SEND)
@@ -95,8 +78,6 @@ class Session:
         node.create_subscription(Float64MultiArray, "command", self._on_command, WATCH)
         node.create_subscription(DiagnosticArray, "controller/state", self._on_state, RECEIVE)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, WATCH)
-        self._learn = node.create_client(Trigger, "controller/learn")
-        self._parameters = AsyncParameterClient(node, "controller")
 
     def _on_joint_states(self, message: JointState, info: dict[str, int]) -> None:
         k = message.name.index("load")
@@ -114,72 +95,13 @@ class Session:
             if status.name == "/plant_simulator: timing":
                 self._obeyed = any(entry.key == "answered_in_period" and entry.value != "0" for entry in status.values)
 
-    def wait(self, what: str, condition: Callable[[], bool], seconds: float = _PATIENCE) -> None:
-        """Spin until ``condition`` holds; DemoError when it does not within ``seconds`` or a process has ended."""
-        end = time.monotonic() + seconds
-        while not condition():
-            for name, child in self._children.items():
-                if child.poll() is not None:
-                    raise DemoError(f"{name} ended with code {child.returncode}")
-            if time.monotonic() > end:
-                raise DemoError(f"waited {seconds:g} s for {what}")
-            self._executor.spin_once(timeout_sec=0.05)
-
-    def pause(self, seconds: float) -> None:
-        """Let the loop run for ``seconds``."""
-        end = time.monotonic() + seconds
-        self.wait("time to pass", lambda: time.monotonic() >= end, seconds + _PATIENCE)
-
-    def _ask(self, what: str, send: Callable[[], Future]) -> Any:
-        """Send a request that may be sent twice, and return its answer.
-
-        The first answer of a service can be lost: the client may know the server before the server knows the client.
-        """
-        for _ in range(3):
-            future = send()
-            self.wait(what, partial(_done_or_over, future, time.monotonic() + _PATIENCE / 3))
-            if future.done():
-                return future.result()
-            future.cancel()
-        raise DemoError(f"waited {_PATIENCE:g} s for {what}")
-
     def ready(self) -> None:
         """Wait until every process takes part."""
         self.wait("the drive's joint states", lambda: not math.isnan(self.angle))
         self.wait("the controller to answer them", lambda: self._closed)
         self.wait("the drive to hear the answers", lambda: self._obeyed)
-        self.wait("the controller's services", self._learn.service_is_ready)
-        self.wait("the controller's parameters", self._parameters.services_are_ready)
-        for topic in list(TOPICS)[:-2]:
-            self.wait(f"the recorder on {topic}", partial(self._recorded, topic))
-
-    def _recorded(self, topic: str) -> bool:
-        subscriptions = self._node.get_subscriptions_info_by_topic(self._node.resolve_topic_name(topic))
-        return any(endpoint.node_name == "recorder" for endpoint in subscriptions)
-
-    def learn(self) -> tuple[bool, str]:
-        """Call ``~/learn`` and return its answer."""
-        future = self._learn.call_async(Trigger.Request())
-        self.wait("the learner", future.done)
-        response = future.result()
-        return response.success, response.message
-
-    def get(self, name: str) -> Any:
-        """Return a parameter of the controller."""
-        values = self._ask(f"parameter {name}", lambda: self._parameters.get_parameters([name])).values
-        return rclpy.parameter.parameter_value_to_python(values[0])
-
-    def set(self, **parameters: Any) -> tuple[bool, str]:
-        """Set parameters of the controller, all or none."""
-        request = [Parameter(name, value=value) for name, value in parameters.items()]
-        result = self._ask("parameters", lambda: self._parameters.set_parameters_atomically(request)).result
-        return result.successful, result.reason
-
-    def must_set(self, **parameters: Any) -> None:
-        """Set parameters that cannot be refused."""
-        accepted, reason = self.set(**parameters)
-        if not accepted:
-            raise DemoError(f"the controller refused {parameters}: {reason}")
+        self.wait_for_controller()
+        self.wait_for_recorder(list(TOPICS)[:-2])
 
     def move(self, target: float) -> float:
         """Send a reference and return when, s since the epoch."""
@@ -189,7 +111,7 @@ class Session:
 
     def settle_at(self, target: float) -> None:
         """Go to ``target`` with the two-region law and wait for rest."""
-        self.must_set(law="two_region", gain_set="nominal")
+        self.must_set({"law": "two_region", "gain_set": "nominal"})
         self.move(target)
         b = NOMINAL_DRIVE.gear.backlash_angle
         self.wait("rest", lambda: abs(self.angle - target) < 0.5 * b and abs(self.speed) < 0.01)
@@ -199,7 +121,7 @@ class Session:
         """Step from 0 to ``target`` with ``law`` and hold; again where answers came late meanwhile."""
         for attempt in range(_ATTEMPTS):
             self.settle_at(0.0)
-            self.must_set(law=law)
+            self.must_set({"law": law})
             self._samples.clear()
             self._answers.clear()
             start = self.move(target)
@@ -215,46 +137,28 @@ def _parameters(*assignments: str) -> list[str]:
     return [word for assignment in assignments for word in ("-p", assignment)]
 
 
-def start_node(name: str, log: Path, *ros_arguments: str) -> subprocess.Popen[bytes]:
-    """Start a node of this package as a process of its own."""
-    command = [sys.executable, "-m", f"backlash_ros.nodes.{name}", "--ros-args", *ros_arguments]
-    with log.open("wb") as output:
-        return subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
-
-
-def stop_node(process: subprocess.Popen[bytes]) -> int:
-    """End a node as Ctrl-C does and return its exit code; killed if it does not end in time."""
-    if process.poll() is None:
-        process.send_signal(signal.SIGINT)
-    try:
-        return process.wait(timeout=15)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        return process.wait()
-
-
 def perform(session: Session, say: Callable[[str], None]) -> dict[str, Any]:
     """Do what the demo shows; return when each part was."""
     say("waiting for simulator, controller and recorder to find each other")
     session.ready()
     say("learning the backlash: the motor goes to and fro across the gap")
     for _ in range(_ATTEMPTS):
-        valid, answer = session.learn()
+        valid, answer = session.call("learn")
         say(f"  {answer}")
         if valid:
             break
     else:
-        raise DemoError(f"the backlash was not learned: {answer}")
-    script: dict[str, Any] = {"learned": (valid, answer, session.get("backlash_angle")), "steps": {}}
+        raise ClientError(f"the backlash was not learned: {answer}")
+    script: dict[str, Any] = {"learned": (valid, answer, session.get("backlash_angle")["backlash_angle"]), "steps": {}}
     for law in LABELS:
         say(f"step 0 to 1 rad: {LABELS[law]}")
         script["steps"][law] = session.step(law)
     say("swapping the gain set while the load moves")
     session.settle_at(0.0)
-    session.must_set(law="overdamped")
+    session.must_set({"law": "overdamped"})
     start = session.move(1.0)
     session.wait("the load to move", lambda: session.angle > 0.3)
-    accepted, reason = session.set(gain_set="brisk")
+    accepted, reason = session.set({"gain_set": "brisk"})
     session.pause(1.0)
     script["swap"] = accepted, reason, Interval(start, time.time(), 1.0)
     say(f"putting {LOAD_STEP:g} N m on the load")
@@ -355,7 +259,7 @@ def record(folder: Path, console: Console) -> dict[str, Any]:
         script = perform(Session(node, children, say), say)
         for name, child in reversed(children.items()):  # controller first: 0 V goes out while everybody listens
             if (code := stop_node(child)) != 0:
-                raise DemoError(f"{name} ended with code {code}")
+                raise ClientError(f"{name} ended with code {code}")
     say("reading the bag")
     return judge(script, folder)
 
@@ -415,11 +319,11 @@ def main(args: Sequence[str] | None = None) -> int:
         except KeyboardInterrupt:
             console.print("stopped; nothing was written")
             return 130
-        except (DemoError, OSError, RuntimeError) as error:
+        except (ClientError, OSError, RuntimeError) as error:
             if told:  # amid a message rclpy makes another error of the interruption
                 console.print("stopped; nothing was written")
                 return 130
-            if not isinstance(error, (DemoError, OSError)):
+            if not isinstance(error, (ClientError, OSError)):
                 raise
             console.print(f"failed: {error}", markup=False)
             for log in sorted(folder.glob("*.log")):

@@ -4,6 +4,7 @@ import json
 import re
 import shlex
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,11 @@ import yaml
 from recorded import probed, stepped, write_bag, write_csv, write_drive
 
 from backlash_ros.analysis.evaluation.drive_file import read_drive
+from backlash_ros.analysis.recordings.drive_text import drive_text
 from backlash_ros.cli import main
+from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE
+from backlash_ros.identification.recordings.findings import Finding
+from backlash_ros.identification.recordings.identify import Identified
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "identification.md").read_text()
@@ -72,6 +77,15 @@ def test_what_cannot_be_told_is_not_in_the_drive_file(tmp_path: Path, capsys: py
     assert re.search(r"backlash_angle: 0.02 +# as told: the recording cannot tell \[rad\]", text)
     assert re.search(r"inertia: \S+ +# found, \+- \S+ \[kg m\^2\]", text)
     assert "    backlash_angle:" not in text.replace("      backlash_angle", "")
+
+
+@pytest.mark.parametrize("law", sorted(CONTACTS))
+def test_a_drive_that_was_found_reads_back(tmp_path: Path, law: str) -> None:
+    drive = replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, contact=CONTACTS[law]()))
+    unseen = tuple(Finding(key, key, "", "", why="not seen") for key in ("sensors.load_offset", "delay.command"))
+    found = Identified("", drive, unseen, period=0.004, replaced=frozenset({"contact", "gear.backlash_angle"}))
+    (tmp_path / "found.yaml").write_text(drive_text(found, (0.0, 0.0), "axis.csv"))
+    assert read_drive(tmp_path / "found.yaml") == drive
 
 
 def test_a_recording_that_tells_nothing_ends_with_1_and_the_reason(

@@ -24,7 +24,9 @@ DESCRIPTION = (
 )
 
 
-def _number(least: float, *, above: bool = False) -> Callable[[str], float]:
+def number_of(least: float, *, above: bool = False) -> Callable[[str], float]:
+    """Return what reads an argument that is a finite number, not less than, or ``above``, the least."""
+
     def parse(text: str) -> float:
         try:
             value = float(text)
@@ -55,7 +57,7 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
     add("--certificate", type=Path, metavar="FILE.html", help="file to write a page with results and pictures into")
     add(
         "--rated-torque",
-        type=_number(0.0, above=True),
+        type=number_of(0.0, above=True),
         default=0.0,
         metavar="T",
         help="N m at the output, at 3 %% of which lost motion is given; by default the motor's at standstill",
@@ -63,13 +65,15 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
     add("--force", action="store_true", help="overwrite files that exist")
     add(
         "--from",
-        type=_number(0.0),
+        type=number_of(0.0),
         default=0.0,
         dest="start",
         metavar="S",
         help="use what comes after, s from the start",
     )
-    add("--to", type=_number(0.0, above=True), default=math.inf, dest="end", metavar="S", help="use what comes before")
+    add(
+        "--to", type=number_of(0.0, above=True), default=math.inf, dest="end", metavar="S", help="use what comes before"
+    )
 
     units = parser.add_argument_group("angles and command")
     add = units.add_argument
@@ -77,17 +81,17 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
         add(f"--{shaft}-unit", choices=list(UNITS), default="rad")
         add(
             f"--{shaft}-counts",
-            type=_number(0.0, above=True),
+            type=number_of(0.0, above=True),
             default=0.0,
             metavar="N",
             help="of its encoder in a turn",
         )
         text = "units after which its angle begins again; found where that is one turn"
-        add(f"--{shaft}-wraps", type=_number(0.0, above=True), default=0.0, metavar="X", help=text)
+        add(f"--{shaft}-wraps", type=number_of(0.0, above=True), default=0.0, metavar="X", help=text)
     text = "the shaft that its angle is counted at; motor (the default) is before the gear"
     add("--motor-at", choices=["motor", "output"], default="motor", help=text)
     add("--command-unit", choices=COMMAND_UNITS, default="", help="by default what the drive takes")
-    add("--supply", type=_number(0.0, above=True), default=0.0, metavar="V", help="voltage of a duty cycle of 1")
+    add("--supply", type=number_of(0.0, above=True), default=0.0, metavar="V", help="voltage of a duty cycle of 1")
     text = "what a row's command is: the answer to its angles (the default), or what acted when they were read"
     add("--command-row", choices=["answer", "acting"], default="answer", help=text)
 

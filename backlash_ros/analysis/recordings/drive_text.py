@@ -53,8 +53,10 @@ def _section(part: Validated, name: str, found: Identified, indent: int, *, whol
         key = f"{part.section}.{field.name}"
         replaced = key in found.replaced or (whole and "contact" in found.replaced)
         remark = _remark(keys.get(key), replaced, quantities(type(part))[field.name].unit)
-        value = _number(_rounded(getattr(part, field.name), keys.get(key)) if replaced else getattr(part, field.name))
-        lines.append(f"{' ' * (indent + 2)}{f'{field.name}: {value}':34s} {remark}".rstrip())
+        value = getattr(part, field.name)
+        if replaced and not isinstance(value, int):
+            value = _rounded(value, keys.get(key))
+        lines.append(f"{' ' * (indent + 2)}{f'{field.name}: {_number(value)}':34s} {remark}".rstrip())
     return lines
 
 

@@ -1,0 +1,202 @@
+"""Measures the drive of a controller that runs: an experiment, recorded, identified and written up."""
+
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import rclpy
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rich.console import Console
+from rich.progress import Progress, TaskID
+
+from backlash_ros.analysis.recordings.bag_topics import Topics
+from backlash_ros.analysis.recordings.command import FOUND, REFUSED, Request, identify_recording
+from backlash_ros.analysis.staging import staging
+from backlash_ros.ros.client import Client, ClientError, start_node, stop_node
+from backlash_ros.ros.topics import RECEIVE
+
+TOLD, BAG, IDENTIFIED, FIGURES, CERTIFICATE = "told.yaml", "bag", "identified.yaml", "figures.json", "certificate.html"
+"""The files that a measurement leaves."""
+INTERRUPTED = 130
+_FIND = 10.0
+_LONGEST = 900.0
+"""Time in which the controller must show, and in which it must answer, s."""
+_AFTER = 0.2
+"""Time for which is recorded before and after, s: the bag then has the last answers, too."""
+_DRIVE = ("motor.", "gear.", "load.", "contact.", "limits.position_")
+_AXIS = ("command_interface", "motor_joint", "load_joint")
+"""Parameters that say what the drive is taken for."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What is measured and where that goes.
+
+    ``out``: a new folder; ``namespace`` of the controller, which has the name ``controller`` there; ``experiment``, or
+    that of the controller where empty; ``rated_torque`` in N m, 0 for the motor's at standstill.
+    """
+
+    out: Path
+    namespace: str = "/"
+    experiment: str = ""
+    rated_torque: float = 0.0
+
+
+def told_parameters(values: dict[str, Any]) -> str:
+    """Return the text of a parameter file with what a controller takes its drive for.
+
+    Parameters
+    ----------
+    values : the controller's parameters by name
+    """
+    tree: dict[str, Any] = {}
+    for name, value in sorted(values.items()):
+        if name in _AXIS or name.startswith(_DRIVE):
+            *sections, last = name.split(".")
+            at = tree
+            for section in sections:
+                at = at.setdefault(section, {})
+            at[last] = value
+    return yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False)
+
+
+class _Operator(Client):
+    """Lets the controller learn, shows how far it is, and cancels what was not ended."""
+
+    def __init__(self, node: Node, children: dict[str, subprocess.Popen[bytes]]) -> None:
+        super().__init__(node, children)
+        self._bar: tuple[Progress, TaskID] | None = None
+        node.create_subscription(DiagnosticArray, "controller/state", self._on_state, RECEIVE)
+
+    def _on_state(self, message: DiagnosticArray) -> None:
+        if self._bar is not None:
+            values = {entry.key: entry.value for entry in message.status[0].values}
+            bar, task = self._bar
+            bar.update(task, completed=float(values["progress"]))
+
+    def learn(self, console: Console) -> tuple[bool, str]:
+        """Let it learn; where that is interrupted, cancel it."""
+        with Progress(console=console, transient=True) as bar:
+            self._bar = bar, bar.add_task("measuring", total=1.0)
+            try:
+                return self.call("learn", _LONGEST)
+            except BaseException:
+                with suppress(ClientError):
+                    self.call("cancel", 5.0)
+                raise
+            finally:
+                self._bar = None
+
+    @contextmanager
+    def using(self, experiment: str) -> Iterator[None]:
+        """Let the controller use another experiment for a while."""
+        if not experiment:
+            yield
+            return
+        before = self.get("learning.experiment")
+        self.must_set({"learning.experiment": experiment})
+        try:
+            yield
+        finally:
+            self.must_set(before)
+
+
+def _record(request: Measurement, folder: Path, console: Console) -> str:
+    """Let the controller learn while a bag is written into ``folder``; return why nothing was learned, if so."""
+    namespace = f"__ns:={request.namespace}"
+    with ExitStack() as stack:
+        context = rclpy.Context()
+        rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+        stack.callback(context.try_shutdown)
+        node = Node("measure", context=context, namespace=request.namespace)
+        stack.callback(node.destroy_node)
+        children: dict[str, subprocess.Popen[bytes]] = {}
+        operator = _Operator(node, children)
+        try:
+            operator.wait_for_controller(_FIND)
+        except ClientError as error:
+            where = node.resolve_service_name("controller/learn")
+            raise ClientError(f"no controller offers {where}: {error}; start one, or give --namespace") from error
+        (folder / TOLD).write_text(told_parameters(operator.get()))
+        recorder = start_node("recorder", folder / "recorder.log", "-r", namespace, "-p", f"output:={folder / BAG}")
+        children["recorder"] = recorder
+        stack.callback(stop_node, recorder)
+        operator.wait_for_recorder(["joint_states", "command"])
+        operator.pause(_AFTER)
+        with operator.using(request.experiment):
+            valid, answer = operator.learn(console)
+        console.print(answer, markup=False, highlight=False, soft_wrap=True)
+        operator.pause(_AFTER)
+        if (code := stop_node(recorder)) != 0:
+            raise ClientError(f"the recorder ended with code {code}: {(folder / 'recorder.log').read_text()[-500:]}")
+    (folder / "recorder.log").unlink()
+    return "" if valid else answer
+
+
+def measure(request: Measurement, command: str, console: Console) -> int:
+    """Measure, print and write; return the exit code: 0 where something was found, 1 where nothing was.
+
+    The folder appears once the controller has answered, with the recording; what the recording tells is added to it.
+
+    Parameters
+    ----------
+    command : the line that asks for this
+
+    Raises
+    ------
+    ClientError
+        If there is no controller, it does not answer, or nothing could be recorded.
+    OSError
+        If the folder cannot be written.
+    """
+    out = request.out
+    if out.exists():
+        raise FileExistsError(f"--out must be a new folder, got '{out}', which exists")
+    before = [signal.signal(number, _interrupt) for number in (signal.SIGINT, signal.SIGTERM)]
+    try:
+        with staging(out) as folder:
+            refusal = _record(request, folder, console)
+            folder.rename(out)
+    except KeyboardInterrupt:
+        console.print("stopped: the experiment was cancelled, and nothing was written")
+        return INTERRUPTED
+    finally:
+        for number, handler in zip((signal.SIGINT, signal.SIGTERM), before, strict=True):
+            signal.signal(number, handler)
+    values = yaml.safe_load((out / TOLD).read_text())["/**"]["ros__parameters"]
+    prefix = request.namespace.rstrip("/")
+    topics = Topics(f"{prefix}/joint_states", f"{prefix}/command", values["motor_joint"], values["load_joint"])
+    found = identify_recording(
+        Request(
+            out / BAG,
+            topics=topics,
+            drive=out / TOLD,
+            json=out / FIGURES,
+            drive_file=out / IDENTIFIED,
+            certificate=out / CERTIFICATE,
+            rated_torque=request.rated_torque,
+            command=command,
+        ),
+        console,
+    )
+    return REFUSED if refusal else found
+
+
+def _interrupt(_number: int, _frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+def folder_of_now() -> Path:
+    """Return the folder that a measurement goes into by default."""
+    return Path(time.strftime("measured_%Y_%m_%d-%H_%M_%S"))
+
+
+__all__ = ["FOUND", "REFUSED", "Measurement", "folder_of_now", "measure", "told_parameters"]

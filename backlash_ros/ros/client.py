@@ -1,0 +1,136 @@
+"""A controller seen from outside, and nodes of this package as processes of their own: for programs that run them."""
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.task import Future
+from std_srvs.srv import Trigger
+
+PATIENCE = 30.0
+"""Time that is waited by default, s."""
+
+
+class ClientError(RuntimeError):
+    """Something did not come about; the text says what was waited for, or what was refused."""
+
+
+def start_node(name: str, log: Path, *ros_arguments: str) -> subprocess.Popen[bytes]:
+    """Start a node of this package, as ``python -m`` would, with what it prints in ``log``."""
+    command = [sys.executable, "-m", f"backlash_ros.nodes.{name}", "--ros-args", *ros_arguments]
+    with log.open("wb") as output:
+        return subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
+
+
+def stop_node(process: subprocess.Popen[bytes]) -> int:
+    """End a node as Ctrl-C does and return its exit code; killed if it does not end in time."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    try:
+        return process.wait(timeout=15)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.wait()
+
+
+def _done_or_over(future: Future, end: float) -> bool:
+    return future.done() or time.monotonic() > end
+
+
+class Client:
+    """What a user does with a controller's services and parameters.
+
+    Parameters
+    ----------
+    node : that asks; it is spun while something is waited for
+    children : processes without which waiting is in vain, by name
+    controller : name of the controller's node
+    """
+
+    def __init__(
+        self, node: Node, children: dict[str, subprocess.Popen[bytes]], controller: str = "controller"
+    ) -> None:
+        self.node, self._children = node, children
+        self._executor = SingleThreadedExecutor(context=node.context)
+        self._executor.add_node(node)
+        self.services = {name: node.create_client(Trigger, f"{controller}/{name}") for name in ("learn", "cancel")}
+        self.parameters = AsyncParameterClient(node, controller)
+
+    def wait(self, what: str, condition: Callable[[], bool], seconds: float = PATIENCE) -> None:
+        """Spin until ``condition`` holds; ClientError when it does not within ``seconds`` or a child has ended."""
+        end = time.monotonic() + seconds
+        while not condition():
+            for name, child in self._children.items():
+                if child.poll() is not None:
+                    raise ClientError(f"{name} ended with code {child.returncode}")
+            if time.monotonic() > end:
+                raise ClientError(f"waited {seconds:g} s for {what}")
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def pause(self, seconds: float) -> None:
+        """Let time pass."""
+        end = time.monotonic() + seconds
+        self.wait("time to pass", lambda: time.monotonic() >= end, seconds + PATIENCE)
+
+    def wait_for_controller(self, seconds: float = PATIENCE) -> None:
+        """Wait until the controller's services are there."""
+        for name, service in self.services.items():
+            self.wait(f"the controller's service {name}", service.service_is_ready, seconds)
+        self.wait("the controller's parameters", self.parameters.services_are_ready, seconds)
+
+    def wait_for_recorder(self, topics: Sequence[str]) -> None:
+        """Wait until a recorder listens to topics."""
+        for topic in topics:
+            self.wait(f"the recorder on {topic}", partial(self._is_recorded, topic))
+
+    def _is_recorded(self, topic: str) -> bool:
+        subscriptions = self.node.get_subscriptions_info_by_topic(self.node.resolve_topic_name(topic))
+        return any(endpoint.node_name == "recorder" for endpoint in subscriptions)
+
+    def call(self, service: str, seconds: float = PATIENCE) -> tuple[bool, str]:
+        """Call a service once and return its answer: whether it succeeded, and the text."""
+        future = self.services[service].call_async(Trigger.Request())
+        self.wait(f"the answer of {service}", future.done, seconds)
+        response = future.result()
+        return response.success, response.message
+
+    def _ask(self, what: str, send: Callable[[], Future]) -> Any:
+        """Send a request that may be sent twice, and return its answer.
+
+        The first answer of a service can be lost: the client may know the server before the server knows the client.
+        """
+        for _ in range(3):
+            future = send()
+            self.wait(what, partial(_done_or_over, future, time.monotonic() + PATIENCE / 3))
+            if future.done():
+                return future.result()
+            future.cancel()
+        raise ClientError(f"waited {PATIENCE:g} s for {what}")
+
+    def get(self, *names: str) -> dict[str, Any]:
+        """Return parameters of the controller by name, all of them where none is named."""
+        if not names:
+            names = tuple(self._ask("parameter names", self.parameters.list_parameters).result.names)
+        values = self._ask("parameters", lambda: self.parameters.get_parameters(names)).values
+        return dict(zip(names, map(parameter_value_to_python, values), strict=True))
+
+    def set(self, parameters: dict[str, Any]) -> tuple[bool, str]:
+        """Set parameters of the controller, all or none; return whether that succeeded, and why not."""
+        request = [Parameter(name, value=value) for name, value in parameters.items()]
+        result = self._ask("parameters", lambda: self.parameters.set_parameters_atomically(request)).result
+        return result.successful, result.reason
+
+    def must_set(self, parameters: dict[str, Any]) -> None:
+        """Set parameters; ClientError where they are refused."""
+        accepted, reason = self.set(parameters)
+        if not accepted:
+            raise ClientError(f"the controller refused {parameters}: {reason}")
