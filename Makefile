@@ -46,7 +46,7 @@ demo: $(READY)
 ALONE := test/system/test_demo.py test/system/test_contract.py
 SIDE_BY_SIDE := -n 3 --dist worksteal
 test: $(READY)
-	$(BIN)/python -m backlash_ros.simulation  # compiles once for all
+	$(BIN)/python -m backlash_ros.simulation  # compiles once for all, on all cores
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE) $(ALONE:%=--ignore=%)
 	$(BIN)/python -m pytest $(ALONE)
 
@@ -97,11 +97,13 @@ bench: $(READY)
 soak: $(READY)
 	$(BIN)/python benchmarks/real_time.py soak
 
-# The pure tests on the oldest supported dependencies, less those of the gates, which have none. numba 0.58 has wheels
-# up to Python 3.11.
+# The pure tests on the oldest supported dependencies, less those of the gates, which have none, and of the architecture,
+# which read our sources alone. numba 0.58 has wheels up to Python 3.11.
 FLOORS := .venv-floors
+NO_FLOOR := test/unit/test_gates.py test/unit/test_architecture.py
 test-floors: $(FLOORS)/.ready
-	$(FLOORS)/bin/python -m pytest $(SIDE_BY_SIDE) -m "not population" backlash_ros test/unit --ignore=test/unit/test_gates.py
+	$(FLOORS)/bin/python -m backlash_ros.simulation
+	$(FLOORS)/bin/python -m pytest $(SIDE_BY_SIDE) -m "not population" backlash_ros test/unit $(NO_FLOOR:%=--ignore=%)
 
 $(FLOORS)/.ready: requirements/floors.txt
 	@echo "== $(FLOORS): Python environment with the oldest supported dependencies"

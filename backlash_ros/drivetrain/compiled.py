@@ -92,38 +92,34 @@ def _warn_uncached(why: str) -> None:
 
 
 class _Turn:
-    """Lets one process at a time compile: those that wait for it find what it compiled.
+    """Lets one process at a time compile a function: those that wait for it find what it compiled.
 
-    It is entered around each compilation, one within another where a function calls others, and holds the lock from the
-    first function that is not in the cache until the outermost is done.
+    A function waits for those that it calls while it holds its own turn, and they never for it: nobody waits in a ring.
+    What does not call one another is compiled side by side.
     """
 
     _PATIENCE = 120.0
     """Seconds: whoever holds the lock longer is stopped, not compiling."""
 
-    def __init__(self) -> None:
-        self._depth = 0
+    def __init__(self, lock: Path) -> None:
+        self._path = lock
         self._lock: int | None = None
-        self._said = False
-
-    def __enter__(self) -> None:
-        self._depth += 1
-
-    def __exit__(self, *_: object) -> None:
-        self._depth -= 1
-        if not self._depth and self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
 
     def take(self) -> None:
         """Wait for the lock, unless it is held; where there can be none, go on without."""
-        if self._lock is not None or _CACHE is None:
+        if self._lock is not None:
             return
         with contextlib.suppress(OSError):
-            self._lock = os.open(_CACHE / "compiling.lock", os.O_CREAT | os.O_RDWR, 0o666)
+            self._lock = os.open(self._path, os.O_CREAT | os.O_RDWR, 0o666)
             end = time.monotonic() + self._PATIENCE
             while not self._taken() and time.monotonic() < end:
                 time.sleep(0.05)
+
+    def leave(self) -> None:
+        """Let the next one have it, if it is held."""
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
 
     def _taken(self) -> bool:
         assert self._lock is not None
@@ -133,27 +129,32 @@ class _Turn:
             return False
         return True
 
-    def say(self) -> None:
-        """Log once that it takes its time, as soon as somebody reads the log."""
-        if not self._said and _log.isEnabledFor(logging.INFO):
-            self._said = True
-            _log.info("compiling, once for this version of the package: about half a minute")
-
 
 _log = logging.getLogger(__name__)
-_turn = _Turn()
+_said: list[str] = []
+
+
+def _say_once() -> None:
+    """Log once that compiling takes its time, as soon as somebody reads the log."""
+    if not _said and _log.isEnabledFor(logging.INFO):
+        _said.append("compiling, once for this version of the package: about half a minute")
+        _log.info(_said[0])
 
 
 class _Cache(_FunctionCache):  # type: ignore[misc]
     """A cache that does without itself where the disk is full or a file cannot be read."""
 
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self.turn = _Turn(Path(self._cache_path, f"{self._impl.filename_base}.lock"))
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         found = self._load(sig, target_context)
         if found is None:
-            _turn.take()
+            self.turn.take()
             found = self._load(sig, target_context)  # another process may have been at it
         if found is None:
-            _turn.say()
+            _say_once()
         return found
 
     def _load(self, sig: Any, target_context: Any) -> Any:
@@ -177,6 +178,19 @@ _INLINES = numba.version_info[:2] >= (0, 59)
 """Whether numba can put one function into another: older versions take minutes, so they leave it to LLVM."""
 
 
+def _keep(dispatcher: Any, cache: _Cache) -> None:
+    """Let ``dispatcher`` take its code from the cache, and its turn to compile what is not there."""
+    compile_one = dispatcher.compile
+
+    def compile_in_turn(signature: Any) -> Any:
+        try:
+            return compile_one(signature)
+        finally:
+            cache.turn.leave()
+
+    dispatcher._cache, dispatcher.compile = cache, compile_in_turn
+
+
 def _dispatcher(function: Callable[..., Any], *, fused: bool = False, inlined: bool = False) -> Any:
     """Return numba's dispatcher for ``function``, cached on disk where possible.
 
@@ -188,17 +202,10 @@ def _dispatcher(function: Callable[..., Any], *, fused: bool = False, inlined: b
     if inlined:
         options |= {"inline": "always"} if _INLINES else {"forceinline": True}
     dispatcher: Any = numba.njit(error_model="numpy", **options)(function)
-    compile_one = dispatcher.compile
-
-    def compile_in_turn(signature: Any) -> Any:
-        with _turn:
-            return compile_one(signature)
-
-    dispatcher.compile = compile_in_turn
     if _CACHE is not None:
         chosen, _config.CACHE_DIR = _config.CACHE_DIR, str(_CACHE)
         try:
-            dispatcher._cache = _Cache(function)
+            _keep(dispatcher, _Cache(function))
         except (OSError, RuntimeError) as error:
             _warn_uncached(f"compiled code cannot be stored: {error}")
         finally:

@@ -1,30 +1,54 @@
 """Compiles every law and every contact once, so that processes that start together find the code: python -m this."""
 
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
+from multiprocessing import get_context
 
 import numpy as np
 
 from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, ServoSettings, design_gains
-from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Plant
+from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Plant
 from backlash_ros.identification.fit import compile_filters
 from backlash_ros.simulation import Scenario, run
 
 
-def main() -> None:
-    """Run each of them for two samples."""
+def parts() -> list[Callable[[], None]]:
+    """Return what compiles all of it, part by part; neighbours have little in common."""
     gains = {region: design_gains(region, NOMINAL_DRIVE, weights) for region, weights in DEFAULT_WEIGHTS.items()}
     settings, scenario = ServoSettings(GainSet(**gains)), Scenario(np.ones(2))
-    for law in LAWS:
+
+    def follow(law: str) -> None:
         with suppress(ValueError):  # one from outside that is not made for this drive
             run(NOMINAL_DRIVE, settings.with_law(law), scenario)
-    for contact in CONTACTS.values():
-        plain = replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, contact=contact()))
-        for drive in (plain, replace(plain, load=replace(plain.load, coulomb_friction=0.01))):
-            run(drive, settings, scenario)
-            Plant(drive).advance(0.0, 0.0, settings.period)
-    compile_filters(CONTACTS.values())
+
+    def move(drive: Drive) -> None:
+        Plant(drive).advance(0.0, 0.0, settings.period)
+        run(drive, settings, scenario)
+
+    plain = [replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, contact=law())) for law in CONTACTS.values()]
+    rough = [replace(drive, load=replace(drive.load, coulomb_friction=0.01)) for drive in plain]
+    return [
+        *(partial(move, drive) for drive in (*plain, *rough)),
+        *(partial(follow, law) for law in LAWS),
+        partial(compile_filters, CONTACTS.values()),
+    ]
+
+
+def main() -> None:
+    """Run each of them for two samples."""
+    for part in parts():
+        part()
+
+
+def _compile(part: int) -> None:
+    parts()[part]()
 
 
 if __name__ == "__main__":
-    main()
+    # The library is compiled already: importing it did so.
+    with ProcessPoolExecutor(mp_context=get_context("fork")) as pool:
+        for _ in pool.map(_compile, range(len(parts()))):
+            pass

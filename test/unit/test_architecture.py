@@ -115,8 +115,8 @@ SIGNALS |= {"POSITION", "VELOCITY", "ACCELERATION"}
 
 
 def test_the_order_of_the_signals_is_said_in_one_file() -> None:
-    sources = sorted(PACKAGE.rglob("*.py"))
-    where = {name: [source.name for source in sources if name in assigned(source)] for name in SIGNALS}
+    names = {source: assigned(source) for source in sorted(PACKAGE.rglob("*.py"))}
+    where = {name: [source.name for source in names if name in names[source]] for name in SIGNALS}
     assert where == {name: ["signals.py"] for name in SIGNALS}
 
 

@@ -229,17 +229,75 @@ def test_processes_that_start_together_compile_each_function_once(tmp_path: Path
     assert (again.stdout.split(), again.stderr) == ([], "")
 
 
+CALLERS = """
+from backlash_ros.drivetrain.compiled import compiled
+
+
+@compiled
+def called(x):
+    return x + 1.0
+
+
+@compiled
+def double(x):
+    return 2.0 * called(x)
+
+
+@compiled
+def square(x):
+    return called(x) ** 2
+"""
+
+IN_ORDER = """
+import sys
+from numba.core import event
+sys.path.insert(0, sys.argv[1])
+import callers
+with event.install_recorder("numba:compile") as recorder:
+    assert [getattr(callers, name)(4.0) for name in sys.argv[2:]]
+print(*(e.data["dispatcher"].py_func.__name__ for _, e in recorder.buffer if e.is_start))
+"""
+
+
+def test_processes_that_begin_at_either_end_share_the_work(tmp_path: Path) -> None:
+    """Neither waits for a function that it does not need, nor both for one another."""
+    (tmp_path / "callers.py").write_text(CALLERS)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    command = [sys.executable, "-c", IN_ORDER, str(tmp_path)]
+    started = [
+        subprocess.Popen([*command, *order], env=environment, stdout=subprocess.PIPE, text=True)
+        for order in (("double", "square"), ("square", "double"))
+    ]
+    compiled_by = [process.communicate(timeout=120)[0].split() for process in started]
+    assert [process.returncode for process in started] == [0, 0]
+    assert sorted(compiled_by[0] + compiled_by[1]) == ["called", "double", "square"]
+
+
+def test_what_another_process_compiles_holds_up_no_other_function(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_wait(_seconds: float) -> None:
+        raise AssertionError("waited")
+
+    other, own = offset(), compiled(lambda x: x - 3.0)
+    elsewhere = module._Turn(other._cache.turn._path)
+    elsewhere.take()
+    monkeypatch.setattr(module.time, "sleep", no_wait)
+    assert own(1.0) == -2.0
+    with pytest.raises(AssertionError, match="waited"):
+        other(1.0)
+    elsewhere.leave()
+    assert other(1.0) == 4.0
+
+
 def test_a_process_that_keeps_the_lock_does_not_stop_the_others(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(module, "_CACHE", tmp_path)
     monkeypatch.setattr(module._Turn, "_PATIENCE", 0.2)
-    first, second = module._Turn(), module._Turn()
-    with first:
-        first.take()
-        with second:
-            second.take()
-            assert not second._taken()
-    with second:
-        second.take()
-        assert second._taken()
+    first, second = (module._Turn(tmp_path / "lock") for _ in range(2))
+    first.take()
+    second.take()
+    assert not second._taken()
+    first.leave()
+    second.leave()
+    second.take()
+    assert second._taken()
+    second.leave()

@@ -333,7 +333,11 @@ def test_the_page_is_filled_from_a_report(tmp_path: Path) -> None:
 # The command.
 
 
-def command(folder: Path, *more: str, drives: int = 3) -> list[str]:
+BRIEF = ("--experiments", "limit_cycle")
+"""Learning that takes a tenth of a second a drive: enough where it is asked how drives are handed out and put down."""
+
+
+def command(folder: Path, *more: str, drives: int = 2) -> list[str]:
     return ["evaluate", "--seed", "1", "--drives", str(drives), "--json", str(folder / "result.json"), *more]
 
 
@@ -351,10 +355,10 @@ def test_the_same_command_gives_the_same_files(tmp_path: Path) -> None:
         files.append({path.name: path.read_bytes() for path in folder.rglob("*") if path.is_file()})
     assert files[0] == files[1]
     content = json.loads(files[0]["result.json"])
-    assert (content["seed"], content["drives"], content["laws"]) == (1, 3, ["two_region"])
+    assert (content["seed"], content["drives"], content["laws"]) == (1, 2, ["two_region"])
     assert set(content["summary"]["laws"]) == {"two_region"}
     table = pyarrow.parquet.read_table(tmp_path / "first" / "out" / "runs.parquet")
-    assert table.num_rows == 6  # the fast law is run besides: ratios refer to it
+    assert table.num_rows == 4  # the fast law is run besides: ratios refer to it
     rows = table.to_pylist()
     assert [(row["number"], row["law"]) for row in rows[:2]] == [(0, "fast"), (0, "two_region")]
     for row in rows:
@@ -366,7 +370,7 @@ def test_the_same_command_gives_the_same_files(tmp_path: Path) -> None:
 def test_a_batch_that_was_killed_ends_in_the_same_file(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     killed, whole = tmp_path / "killed", tmp_path / "whole"
-    arguments = [sys.executable, "-m", "backlash_ros.cli", *command(killed, "--laws", "fast", drives=5)]
+    arguments = [sys.executable, "-m", "backlash_ros.cli", *command(killed, "--laws", "fast", *BRIEF, drives=30)]
     first = subprocess.Popen(arguments, env=environment, stdout=subprocess.DEVNULL)
     end = time.monotonic() + 120
     while not (journals := list(killed.glob(".result.json.*.journal"))) or journals[0].read_bytes().count(b"\n") < 2:
@@ -377,17 +381,17 @@ def test_a_batch_that_was_killed_ends_in_the_same_file(tmp_path: Path) -> None:
     first.wait()
     assert not (killed / "result.json").exists()
     resumed = subprocess.run(arguments, env=environment, capture_output=True, text=True, check=True, timeout=120)
-    assert "of 5 drives are in" in resumed.stdout
-    assert main(command(whole, "--laws", "fast", drives=5)) == 0
+    assert "of 30 drives are in" in resumed.stdout
+    assert main(command(whole, "--laws", "fast", *BRIEF, drives=30)) == 0
     assert (killed / "result.json").read_bytes() == (whole / "result.json").read_bytes()
     assert [path.name for path in killed.iterdir()] == ["result.json"]
 
 
 def test_one_drive_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plot = tmp_path / "drive_2.png"
-    assert main(["evaluate", "--seed", "1", "--only", "2", "--laws", "two_region", "--plot", str(plot)]) == 0
+    assert main(["evaluate", "--seed", "1", "--only", "3", "--laws", "two_region", "--plot", str(plot)]) == 0
     content = json.loads(capsys.readouterr().out)
-    assert content["parameters"]["number"] == 2
+    assert content["parameters"]["number"] == 3
     assert set(content["laws"]) == {"two_region"}
     assert plot.read_bytes().startswith(b"\x89PNG")
 
@@ -450,7 +454,7 @@ def test_what_failed_is_in_the_report_with_its_parameters(
     from backlash_ros.control import LAWS  # noqa: PLC0415
 
     LAWS.add(plugin)
-    assert main(command(tmp_path, "--laws", "broken", drives=2)) == 0
+    assert main(command(tmp_path, "--laws", "broken", *BRIEF)) == 0
     content = json.loads((tmp_path / "result.json").read_text())
     assert [each["failure"] for each in content["failed_runs"]] == ["RuntimeError: a law with a bug"] * 2
     assert content["failed_runs"][1]["parameters"]["number"] == 1
@@ -464,12 +468,12 @@ def test_a_cluster_writes_the_same_file(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     environment = {"PYTHONPATH": os.pathsep.join(sys.path)}
     here, there = tmp_path / "here", tmp_path / "there"
-    assert main(command(here, "--laws", "fast", drives=2)) == 0
+    assert main(command(here, "--laws", "fast", *BRIEF, drives=4)) == 0
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=2, processes=True, dashboard_address=None, env=environment
     ) as cluster:
         address = cluster.scheduler_address
-        assert main(command(there, "--laws", "fast", "--scheduler", address, drives=2)) == 0
+        assert main(command(there, "--laws", "fast", "--scheduler", address, *BRIEF, drives=4)) == 0
     assert (here / "result.json").read_bytes() == (there / "result.json").read_bytes()
 
 
