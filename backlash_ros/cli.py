@@ -203,7 +203,7 @@ def _add_measurement(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--out", type=Path, metavar="DIR", help="new folder for recording, drive file and certificate; named by now")
     add("--namespace", default="/", metavar="NS", help="of the controller and its topics, such as /axis_1")
-    add("--experiment", type=_entry_of(EXPERIMENTS, AUTO), default="", metavar="NAME", help="else the controller's own")
+    add("--experiment", type=_entry_of(EXPERIMENTS, AUTO), metavar="NAME", help="else the controller's own")
     text = "N m at the output, at 3 %% of which lost motion is given; by default the motor's at standstill"
     add("--rated-torque", type=number_of(0.0, above=True), default=0.0, metavar="T", help=text)
 
@@ -216,7 +216,7 @@ def _measure(parser: argparse.ArgumentParser, given: argparse.Namespace, console
         parser.error(f"needs ROS 2: {error}")
     out = given.out or folder_of_now()
     try:
-        request = Measurement(out, given.namespace, given.experiment, given.rated_torque)
+        request = Measurement(out, given.namespace, given.experiment or "", given.rated_torque)
         return measure(request, shlex.join(["backlash", *given.words]), console)
     except FileExistsError as error:
         parser.error(f"argument {error}")
