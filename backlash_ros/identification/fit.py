@@ -37,6 +37,7 @@ from backlash_ros.identification.filter import (
     Noise,
     filter_with,
 )
+from backlash_ros.identification.newey_west import newey_west
 from backlash_ros.identification.regression import Guess, guess_of
 
 
@@ -385,15 +386,12 @@ def _without_what_is_not_seen(end: _Minimum) -> _Minimum:
     return end
 
 
-_TOGETHER = 12
+_TOGETHER = 13
+"""Samples from which on innovations do not resemble each other."""
 
 
 def _scatter(problem: _Problem) -> Array:
-    """Return the covariance of the gradient where innovations are alike over a few samples (Newey & West, 1987)."""
+    """Return the covariance of the gradient."""
     nu = problem.innovations[1:]
     scores = np.einsum("ki,kij->kj", nu / np.sqrt(1.0 + (nu / _KNEE) ** 2), problem.derivatives[1:])
-    total = scores.T @ scores
-    for lag in range(1, _TOGETHER + 1):
-        part = scores[lag:].T @ scores[:-lag]
-        total += (1.0 - lag / (_TOGETHER + 1)) * (part + part.T)
-    return np.asarray(total)
+    return newey_west(scores, _TOGETHER)
