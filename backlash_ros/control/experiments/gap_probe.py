@@ -170,14 +170,14 @@ class GapProbe:
         drag = (torque - load.coulomb_l) / max(load.inertia, 0.05 * inertia)
         hard = min(1.25 * drag + 0.08 * most, most)
         both = max(0.7 * (self._most - torque) / (inertia + load.inertia), 0.07 * most)
-        # They part while the motor is the faster one: for as long as it takes to turn.
-        speed = 0.5 * hard * math.sqrt(2.0 * settings.travel / 3.0 / max(hard - drag, 0.1 * hard))
+        # They part while the motor turns.
+        turning = math.sqrt(2.0 * settings.travel / 3.0 / max(hard - drag, 0.1 * hard))
         widest, met = 0.0, 0
         end = min(self._time + _THROW_TIME, settings.time)
         yield self._back(home)
         while self._time < end:
             soft = min(both, hard)
-            speed = min(speed, Throw.fastest(_SHARE * settings.swing, soft, hard))
+            speed = min(0.5 * hard * turning, Throw.fastest(_SHARE * settings.swing, soft, hard))
             first = len(self._rows)
             yield Throw(home, math.copysign(1.0, load.load_torque), speed, soft, hard)
             yield Move.rest(home, _SETTLE)
@@ -186,7 +186,7 @@ class GapProbe:
             met = 0 if parted > 1.15 * widest else met + (parted > 0.85 * widest)  # farther, but they did not part so
             widest = max(widest, parted)
             if met < 2:
-                hard, speed = min(1.2 * hard, most), 1.15 * speed
+                hard, turning = min(1.2 * hard, most), 1.15 * turning
 
 
 def _estimate_from(drive: Drive, recording: Recording, torque: float) -> BacklashEstimate:
