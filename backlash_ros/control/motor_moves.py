@@ -49,6 +49,46 @@ class Move:
         return self.start + sign * self.peak * begun, sign * self.peak, 0.0
 
 
+@dataclass(frozen=True)
+class Throw:
+    """To one side and back, from rest to rest, turning as fast as possible: at the output, rad, rad/s and rad/s^2.
+
+    The motor runs up to ``speed`` with ``soft``, turns with ``hard`` until it is as fast the other way, and brakes to
+    where it began. A load that a torque pulls to ``side``, 1 or -1, is thrown against the torque and falls back. So
+    both stay near where they began while the motor gains on the load, for twice as long as from rest to that speed.
+    """
+
+    home: float
+    side: float
+    speed: float
+    soft: float
+    hard: float
+
+    @staticmethod
+    def fastest(way: float, soft: float, hard: float) -> float:
+        """Return the speed of a throw that goes as far as a ``way``, rad."""
+        return math.sqrt(2.0 * way * soft * hard / (soft + hard))
+
+    @property
+    def length(self) -> float:
+        """How long it takes, s."""
+        return 2.0 * self.speed * (1.0 / self.soft + 1.0 / self.hard)
+
+    def at(self, time: float) -> tuple[float, float, float]:
+        """Return position, speed and acceleration."""
+        after = time - 0.5 * self.length
+        left = 0.5 * self.length - abs(after)
+        if left <= 0.0:
+            return self.home, 0.0, 0.0
+        if abs(after) * self.hard < self.speed:
+            way = 0.5 * self.speed**2 * (1.0 / self.soft + 1.0 / self.hard)
+            place, speed, acceleration = 0.5 * self.hard * after**2 - way, self.hard * after, self.hard
+        else:
+            place, acceleration = -0.5 * self.soft * left**2, -self.soft
+            speed = math.copysign(self.soft * left, after)
+        return self.home + self.side * place, self.side * speed, self.side * acceleration
+
+
 class MotorLoop:
     """Follows the moves on the motor's encoder: what they take, and a PID on what is missing.
 

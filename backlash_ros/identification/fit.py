@@ -37,6 +37,7 @@ from backlash_ros.identification.filter import (
     Noise,
     filter_with,
 )
+from backlash_ros.identification.newey_west import newey_west
 from backlash_ros.identification.regression import Guess, guess_of
 
 
@@ -70,7 +71,9 @@ class Stage(NamedTuple):
 STAGES = (Stage(1.0, 4.0, 0.05), Stage(0.3, 1.0, 0.035), Stage(0.09, 0.25, 0.02), Stage(0.03, 0.12, 0.013))
 FITS = 1.15
 """Largest rms of the innovations, in their standard deviations, for which the model is taken for the drive's."""
-_CALM, _WIDTHS, _DEEPEST = 0.4, 25, 3
+_CALM, _KEPT, _WIDTHS, _DEEPEST = 0.4, 4, 25, 3
+_RIVAL = 200.0
+"""Cost by which the beginning may speak against a contact law that is still tried on all of the recording."""
 _KNEE = 2.0
 """Standard deviations from which on an innovation counts by its magnitude, no longer by its square."""
 _SMALL = 1e-12
@@ -331,31 +334,42 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
         prior, spread = _believed(start, contact, torque, period)
         return _Problem(motor_side(drive, contact), contact, part, prior, spread, counts)
 
-    ends: list[_Minimum] = []
     calm = Recording(*(values[: math.ceil(_CALM * time.size)] for values in recording))
-    for contact in contacts:
-        # The beginning, which is gentle, tells all but perhaps the far flank.
+
+    def of_the_calm(contact: Contact) -> _Minimum:
+        """Return what the beginning tells, which is gentle: all but perhaps the far flank."""
         starts = [
             _start(calm, guess, delay, inertia, share)
             for guess, delay in guesses[:3]
             for inertia in inertias
             for share in ((1.0, 0.5) if delay == guesses[0][1] else (1.0,))
         ]
-        found = min((problem(contact, calm, x).solve(x, STAGES[0], 6, 1.0) for x in starts), key=_cost)
-        for stage in STAGES[1:3]:
-            found = found.problem.solve(found.x, stage, 6, 1.0)
-        whole = problem(contact, recording, found.x)
-        widths = _widths(found.x, float(np.ptp(recording.travel)))
+        tried = sorted((problem(contact, calm, x).solve(x, STAGES[0], 6, 1.0) for x in starts), key=_cost)
+        for stage in STAGES[1:3]:  # with much noise a wrong one may look better than the right one
+            tried = [each.problem.solve(each.x, stage, 6, 1.0) for each in tried[:_KEPT]]
+        return min(tried, key=_cost)
+
+    def of_all(start: _Minimum) -> list[_Minimum]:
+        """Return what all of the recording tells from the most likely widths on."""
+        whole = problem(start.problem.contact, recording, start.x)
+        widths = _widths(start.x, float(np.ptp(recording.travel)))
         scanned = sorted(((whole.look(x, STAGES[0])[0], k) for k, x in enumerate(widths)))
-        ends += [whole.descend(widths[k]) for _, k in scanned[:_DEEPEST]]
+        return [whole.descend(widths[k]) for _, k in scanned[:_DEEPEST]]
+
+    gentle = [of_the_calm(contact) for contact in contacts]
+    cheapest = min(map(_cost, gentle))
+    ends = [end for start in gentle if start.cost < cheapest + _RIVAL for end in of_all(start)]
     end = min(ends, key=_cost)
-    if max(end.sizes) > FITS:  # perhaps for the delay's sake
-        for contact in contacts:
-            best = min((found for found in ends if found.problem.contact is contact), key=_cost)
+    if max(end.sizes) > FITS:  # perhaps for the sake of the delay, or of another law
+        for start in gentle:
+            alike = [found for found in ends if found.problem.contact is start.problem.contact]
+            best = min(alike or of_all(start), key=_cost)
+            ends.append(best)
             for _, delay in guesses:
-                x = best.x.copy()
-                x[DELAY] = delay
-                ends.append(best.problem.descend(x))
+                if abs(delay - best.x[DELAY]) > 0.2 * period:
+                    x = best.x.copy()
+                    x[DELAY] = delay
+                    ends.append(best.problem.descend(x))
         end = min(ends, key=_cost)
     believed = end.problem.spread
     end = _without_what_is_not_seen(end)
@@ -385,15 +399,12 @@ def _without_what_is_not_seen(end: _Minimum) -> _Minimum:
     return end
 
 
-_TOGETHER = 12
+_TOGETHER = 13
+"""Samples from which on innovations do not resemble each other."""
 
 
 def _scatter(problem: _Problem) -> Array:
-    """Return the covariance of the gradient where innovations are alike over a few samples (Newey & West, 1987)."""
+    """Return the covariance of the gradient."""
     nu = problem.innovations[1:]
     scores = np.einsum("ki,kij->kj", nu / np.sqrt(1.0 + (nu / _KNEE) ** 2), problem.derivatives[1:])
-    total = scores.T @ scores
-    for lag in range(1, _TOGETHER + 1):
-        part = scores[lag:].T @ scores[:-lag]
-        total += (1.0 - lag / (_TOGETHER + 1)) * (part + part.T)
-    return np.asarray(total)
+    return newey_west(scores, _TOGETHER)

@@ -26,6 +26,7 @@ from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.fit import count_of, motor_side
 from backlash_ros.identification.gap import contacts_of
 from backlash_ros.identification.lost_motion import Curve, LostMotion
+from backlash_ros.identification.newey_west import newey_west
 
 _BLOCK, _SETTLED, _FAST = 0.008, 0.06, 0.5
 """Samples are averaged over so long, s; they count when the motor has been slow for so long, s: slower than a share of
@@ -124,15 +125,10 @@ def _places(drive: Drive, contact: Contact, values: Array, teeth: Array) -> Arra
     return np.asarray(np.interp(np.log(np.maximum(teeth, grid[0])), np.log(grid), placed))
 
 
-def _covariance(jacobian: Array, residual: Array, lag: int) -> Array:
-    """Return that of the parameters, with residuals that resemble each other up to ``lag`` (Newey and West)."""
-    scores = jacobian * residual[:, None]
-    middle = scores.T @ scores
-    for k in range(1, min(lag, residual.size - 1)):
-        cross = (1.0 - k / lag) * scores[k:].T @ scores[:-k]
-        middle += cross + cross.T
+def _covariance(jacobian: Array, residual: Array, together: int) -> Array:
+    """Return that of the parameters, with residuals that resemble each other over fewer than so many samples."""
     inverse = np.linalg.pinv(jacobian.T @ jacobian)
-    return np.asarray(inverse @ middle @ inverse)
+    return np.asarray(inverse @ newey_west(jacobian * residual[:, None], together) @ inverse)
 
 
 def _fit(drive: Drive, contact: Contact, points: _Points, count: float) -> _Found:
@@ -159,9 +155,9 @@ def _fit(drive: Drive, contact: Contact, points: _Points, count: float) -> _Foun
     found = least_squares(residual, start, bounds=(low, high), x_scale=scale, method="trf", max_nfev=60)
     off, jacobian = found.fun[:-1], found.jac[:-1]
     rms = math.sqrt(float(np.sum(off**2)) / max(1, int(np.count_nonzero(off))))
-    lag = max(2, int(np.sum(points.counts)) // 24)
+    together = max(2, int(np.sum(points.counts)) // 24)
     teeth = _teeth_torque(points.torque, float(found.x[_C]), float(found.x[_MU]))
-    return _Found(contact, found.x, _covariance(jacobian, off, lag), rms, teeth)
+    return _Found(contact, found.x, _covariance(jacobian, off, together), rms, teeth)
 
 
 def _slope(points: _Points, teeth: Array, side: float, count: float) -> tuple[float, float]:

@@ -11,12 +11,14 @@ Weighted with smooth bumps and integrated by parts it needs no derivative of a r
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import nnls
 
 from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.filter import MotorSide
 
 _WIDTH = 0.1
-_LEAST = (1e-7, 1e-7, 0.0, -np.inf, 0.0)
+_LEAST = 1e-7
+"""Inertia and viscous friction of a load that shows none, kg m^2 and N m s/rad."""
 
 
 class Guess(NamedTuple):
@@ -65,16 +67,21 @@ def guess_of(side: MotorSide, time: Array, motor: Array, load: Array, command: A
     p, q = p - p[0], q - q[0]
     known = side.gain * weighed(u, bump) + side.braking * weighed(p, first) - side.inertia * weighed(p, second)
     known += side.viscous * weighed(p, first)
-    matrix = np.column_stack(
-        [
-            weighed(q, second),
-            -weighed(q, first),
-            weighed(speed(q), bump),
-            -weighed(np.ones_like(q), bump),
-            weighed(speed(p), bump),
-        ]
-    )
     scale = 1.0 / weighed(np.ones_like(q), bump)[0]
-    found = np.linalg.lstsq(matrix * scale, known * scale, rcond=None)[0]
-    misfit = scale * np.sqrt(np.mean((matrix @ found - known) ** 2))
-    return Guess(*(float(value) for value in (*np.maximum(found, _LEAST), misfit)))
+    matrix = scale * np.column_stack(
+        [weighed(q, second), -weighed(q, first), weighed(speed(q), bump), weighed(speed(p), bump)]
+    )
+    known *= scale
+    # Friction of motor and load look alike while the teeth are in contact: none is negative, in the solution itself.
+    # The torque, which may have either sign, is what the means leave.
+    means, mean = matrix.mean(axis=0), known.mean()
+    found, norm = nnls(matrix - means, known - mean)
+    inertia, viscous, coulomb_l, coulomb_m = (float(value) for value in found)
+    return Guess(
+        inertia=max(inertia, _LEAST),
+        viscous=max(viscous, _LEAST),
+        coulomb_l=coulomb_l,
+        load_torque=float(means @ found - mean),
+        coulomb_m=coulomb_m,
+        misfit=float(norm / np.sqrt(known.size)),
+    )

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from backlash_ros.control import GainSet, GapProbeSettings, Limits, Method, Servo, ServoSettings
 from backlash_ros.control.experiment import Deferred
-from backlash_ros.control.motor_moves import MotorLoop, Move
+from backlash_ros.control.motor_moves import MotorLoop, Move, Throw
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.drivetrain.signals import OMEGA_L, THETA_L, THETA_M, Measurement
@@ -33,8 +33,9 @@ def loaded(friction: float = 0.0, inertia: float = 5e-4, backlash: float = 0.02)
         (loaded(friction=0.05, inertia=1.5e-3), -0.4),
         (loaded(backlash=0.004), 0.1),
         (loaded(backlash=0.09), 0.0),
+        (loaded(inertia=3.25e-4, backlash=0.066), -0.5),
     ],
-    ids=["free", "friction", "torque", "both", "small gap", "wide gap"],
+    ids=["free", "friction", "torque", "both", "small gap", "wide gap", "wide gap under a torque"],
 )
 def test_the_gap_is_measured_whatever_acts_on_the_load(gains: GainSet, drive: Drive, torque: float) -> None:
     sensors = Sensors(measured=POSITIONS, motor_counts=4096.0, load_counts=65536.0)
@@ -230,3 +231,29 @@ def test_a_move_goes_from_rest_to_rest(start: float, end: float, up: float, down
     assert np.all(np.abs(acceleration) <= max(up, down) * (1 + 1e-9))
     assert np.max(np.abs(np.diff(position))) <= 1.01 * speed * (move.length / 399) + 1e-9
     assert np.all((position >= min(start, end) - 1e-9) & (position <= max(start, end) + 1e-9))
+
+
+@given(
+    home=st.floats(-1, 1),
+    side=st.sampled_from([1.0, -1.0]),
+    way=st.floats(0.001, 0.5),
+    soft=st.floats(1, 3000),
+    hard=st.floats(1, 3000),
+)
+def test_a_throw_goes_to_one_side_and_back_from_rest_to_rest(
+    home: float, side: float, way: float, soft: float, hard: float
+) -> None:
+    throw = Throw(home, side, Throw.fastest(way, soft, hard), soft, hard)
+    times = np.linspace(0.0, throw.length, 401)
+    position, rate, acceleration = np.array([throw.at(time) for time in times]).T
+    gone, step = side * (position - home), throw.length / 400
+    assert (gone[0], gone[-1]) == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert (rate[0], rate[-1]) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert np.min(gone) == pytest.approx(-way, rel=1e-6)
+    assert np.max(gone) <= 1e-9
+    assert np.max(np.abs(rate)) <= throw.speed * (1.0 + 1e-9)
+    assert side * acceleration[200] == pytest.approx(hard)
+    # Position and speed are integrals of what is said to be their rate.
+    assert np.max(np.abs(np.diff(position) - 0.5 * step * (rate[1:] + rate[:-1]))) <= max(soft, hard) * step**2
+    assert np.max(np.abs(np.diff(rate))) <= max(soft, hard) * step * (1.0 + 1e-9)
+    assert throw.at(throw.length + 0.1) == (home, 0.0, 0.0)

@@ -11,7 +11,7 @@ from backlash_ros.analysis.evaluation.population import Member, draw_member, tol
 from backlash_ros.analysis.evaluation.task import settings_for
 from backlash_ros.control import Servo
 from backlash_ros.control.experiment import Deferred
-from backlash_ros.drivetrain import CONTACTS, Drive
+from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.signals import THETA_L
 from backlash_ros.identification.drive import identified_drive
 from backlash_ros.identification.filter import (
@@ -179,6 +179,24 @@ def test_a_regression_finds_inertia_and_torque_without_a_derivative() -> None:
     guess = guess_of(motor_side(told_model(member, "nominal")), *recording, member.delay.command)
     assert guess.load_torque == pytest.approx(member.standing_torque, abs=0.05)
     assert guess.inertia == pytest.approx(member.drive.load.inertia, rel=0.5)
+
+
+@pytest.mark.parametrize("counts", [(4096.0, 4096.0), (4096.0, 65536.0), (2.0**17, 2.0**18)])
+def test_friction_that_cannot_be_told_apart_is_guessed_right_in_sum(counts: tuple[float, float]) -> None:
+    """A load torque keeps the teeth in contact: it is not much of one side's less nearly as much of the other's."""
+    drive = replace(NOMINAL_DRIVE, command_interface="current")
+    side, inertia, viscous, dry, torque = motor_side(drive), 3e-4, 5e-3, 0.05, -0.3
+    time = 1e-3 * np.arange(1300)
+    angle = 0.03 * np.sin(6.0 * np.pi * time) * np.sin(0.8 * np.pi * time)
+    speed = np.gradient(angle, 1e-3)
+    effort = (side.inertia + inertia) * np.gradient(speed, 1e-3) + (side.viscous + viscous) * speed - torque
+    effort += dry * np.sign(speed)
+    motor_count, load_count = 2.0 * np.pi * drive.gear.ratio / counts[0], 2.0 * np.pi / counts[1]
+    motor, load = motor_count * np.floor(angle / motor_count), load_count * np.floor((angle + 0.01) / load_count)
+    guess = guess_of(side, time, motor, load, np.append(effort[1:], 0.0) / side.gain, -0.5e-3)
+    assert min(guess.coulomb_l, guess.coulomb_m) >= 0.0
+    assert guess.coulomb_l + guess.coulomb_m == pytest.approx(dry, rel=0.2)
+    assert guess.load_torque == pytest.approx(torque, abs=0.01)
 
 
 def test_teeth_that_give_more_are_found_so() -> None:

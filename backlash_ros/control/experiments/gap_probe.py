@@ -2,9 +2,10 @@
 
 The motor follows moves from rest to rest on its own encoder, which is stable whatever the load does, and which bounds
 the load's way, too: it is never farther from the motor than half the gap. A load that is free or held by friction is
-met on both flanks when the motor turns back. One that a torque holds on one flank is outrun: the motor jerks away
-faster than the torque drags the load along, meets the far flank, and brakes both; harder from one jerk to the next,
-until the teeth part no farther. The gap then comes from all that was recorded: see `identification`.
+met on both flanks when the motor turns back. One that a torque holds on one flank is thrown against that torque: the
+motor runs up with it, turns faster than the torque turns the load, meets the far flank, and brakes both where they
+began; harder from one throw to the next, until the teeth part no farther. The gap then comes from all that was
+recorded: see `identification`.
 """
 
 import math
@@ -17,17 +18,19 @@ import numpy as np
 
 from backlash_ros.control.experiment import BacklashEstimate, Deferred, Excitation, Method, NamedExperiment, Outcome
 from backlash_ros.control.limits import Limits
-from backlash_ros.control.motor_moves import MotorLoop, Move
+from backlash_ros.control.motor_moves import MotorLoop, Move, Throw
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Estimate, Measurement
 from backlash_ros.identification.fit import Recording
 from backlash_ros.identification.gap import measure_gap
-from backlash_ros.identification.regression import guess_of
+from backlash_ros.identification.regression import Guess, guess_of
 
 _REST, _END = 0.25, 0.2
 _GENTLE, _LEVELS = 0.02, ((0.25, 0.02), (0.45, 0.07), (0.7, 0.16))
 """Of a level: speed, as a share of what the acceleration reaches over the travel, and share of the torque."""
-_LEVEL_TIME, _JERK_TIME = 1.0, 2.6
+_LEVEL_TIME, _THROW_TIME, _SETTLE = 1.0, 2.4, 0.08
+_SHARE = 0.65
+"""Of the swing: how far the motor goes in a throw. The load goes farther by the gap."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,7 @@ class GapProbe:
         self._loop = loop or MotorLoop(drive, period, self._most)
         self._rows: list[tuple[float, float, float, float]] = []
         self._time, self._begun = 0.0, 0.0
-        self._move = Move.rest(0.0, _REST)
+        self._move: Move | Throw = Move.rest(0.0, _REST)
         self._moves = self._program()
         self._target = 0.0
 
@@ -122,7 +125,11 @@ class GapProbe:
         start, self._target = self._target, end
         return Move.of(start, end, up, down, speed)
 
-    def _program(self) -> Generator[Move, None, None]:
+    def _back(self, home: float) -> Move:
+        gentle = _GENTLE * self._most / self._loop.side.inertia
+        return self._to(home, gentle, gentle, 0.25 * math.sqrt(gentle * self._settings.travel))
+
+    def _program(self) -> Generator[Move | Throw, None, None]:
         """Yield the moves, each when the one before is over."""
         home, settings, inertia = self._target, self._settings, self._loop.side.inertia
         yield Move.rest(home, _REST)
@@ -140,46 +147,46 @@ class GapProbe:
                 travel = min(1.7 * travel, settings.swing)
                 continue
             level += 1
-            if level == 1 and (drag := self._drag()):
-                yield from self._outrun(home, drag)
+            if level == 1 and (dragged := self._dragged()):
+                yield from self._outrun(home, dragged)
                 break
-        gentle = _GENTLE * self._most / inertia
-        yield self._to(home, gentle, gentle, 0.25 * math.sqrt(gentle * settings.travel))
+        yield self._back(home)
         yield Move.rest(home, _END)
 
-    def _drag(self) -> float:
-        """Return the acceleration that a torque gives the load, apart, in rad/s^2; 0 where friction holds it."""
+    def _dragged(self) -> Guess | None:
+        """Return what is guessed of a load that a torque drags along once it is apart; None where friction holds it."""
         time, motor, load, command = self.recording()
         guesses = (
             guess_of(self._loop.side, time, motor, load, command, 0.5 * self._period * late) for late in range(3)
         )
         guess = min(guesses, key=lambda guess: guess.misfit)
         left = abs(guess.load_torque) - guess.coulomb_l
-        if left < max(2e-3 * self._standstill, 0.05 * abs(guess.load_torque)):
-            return 0.0
-        return math.copysign(left / max(guess.inertia, 0.05 * self._loop.side.inertia), guess.load_torque)
+        return guess if left >= max(2e-3 * self._standstill, 0.05 * abs(guess.load_torque)) else None
 
-    def _outrun(self, home: float, drag: float) -> Generator[Move, None, None]:
-        """Yield jerks away from the flank on which the load rests, each farther and harder until the far one is met."""
-        settings, most = self._settings, self._most / self._loop.side.inertia
-        push, brake, gentle = min(1.25 * abs(drag) + 0.08 * most, most), 0.6 * most, 0.07 * most
-        # They part while the motor is the faster one, for a while after it has begun to brake, too.
-        part = settings.travel / 3.0 / (brake / push * max(push - abs(drag), 0.1 * push) / (brake + abs(drag)))
-        way, widest, met = part, 0.0, 0
-        end = min(self._time + _JERK_TIME, settings.time)
+    def _outrun(self, home: float, load: Guess) -> Generator[Move | Throw, None, None]:
+        """Yield throws of a load that rests on a flank, each farther and harder until the far one is met."""
+        settings, inertia = self._settings, self._loop.side.inertia
+        most, torque = self._most / inertia, abs(load.load_torque)
+        drag = (torque - load.coulomb_l) / max(load.inertia, 0.05 * inertia)
+        hard = min(1.25 * drag + 0.08 * most, most)
+        both = max(0.7 * (self._most - torque) / (inertia + load.inertia), 0.07 * most)
+        # They part while the motor turns.
+        turning = math.sqrt(2.0 * settings.travel / 3.0 / max(hard - drag, 0.1 * hard))
+        widest, met = 0.0, 0
+        end = min(self._time + _THROW_TIME, settings.time)
+        yield self._back(home)
         while self._time < end:
-            way = min(way, 0.75 * settings.swing)
+            soft = min(both, hard)
+            speed = min(0.5 * hard * turning, Throw.fastest(_SHARE * settings.swing, soft, hard))
             first = len(self._rows)
-            yield self._to(home + math.copysign(way, drag), push, brake, math.inf)
-            yield Move.rest(self._target, 0.03)
-            yield self._to(home, gentle, gentle, 0.45 * math.sqrt(gentle * settings.travel))
-            yield Move.rest(self._target, 0.02)
-            motor, load = np.array(self._rows[first:])[:, 1:3].T
-            parted = float(np.ptp(motor - load))
+            yield Throw(home, math.copysign(1.0, load.load_torque), speed, soft, hard)
+            yield Move.rest(home, _SETTLE)
+            motor, angle = np.array(self._rows[first:])[:, 1:3].T
+            parted = float(np.ptp(motor - angle))
             met = 0 if parted > 1.15 * widest else met + (parted > 0.85 * widest)  # farther, but they did not part so
             widest = max(widest, parted)
             if met < 2:
-                push, way = min(1.2 * push, most), 1.3 * way
+                hard, turning = min(1.2 * hard, most), 1.15 * turning
 
 
 def _estimate_from(drive: Drive, recording: Recording, torque: float) -> BacklashEstimate:
