@@ -21,7 +21,7 @@ SEED = 20261122
 
 
 @pytest.mark.parametrize(("population", "number"), [("core", 10), ("full", 16)])
-def test_a_random_drive_is_found_and_quiet_from_then_on(
+def test_a_random_drive_is_found_and_quiet_from_then_on_and_at_the_next_start(
     rig: Callable[..., Rig], tmp_path: Path, population: str, number: int
 ) -> None:
     member = draw_member(SEED, number, population)
@@ -65,6 +65,10 @@ def test_a_random_drive_is_found_and_quiet_from_then_on(
     assert move.swing <= threshold(QUIET, b, count)
     assert move.error <= threshold(PRECISE, b, count)
     assert move.overshoot <= threshold(OVERSHOOT, b, count)
+    # The next start has it from the file, with all that follows from it.
+    assert made.process.stop() == 0
+    again = rig(member, learning__estimate_file=file, learning__use_estimate_file=True)
+    assert again.in_use() == found
 
 
 def test_with_ask_it_is_offered_and_applied_together(rig: Callable[..., Rig]) -> None:
