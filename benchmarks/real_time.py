@@ -3,6 +3,7 @@
     real_time.py soak       one axis for minutes: samples lost, answers late, memory grown; exit code 0 if it held
     real_time.py axes       six axes in one pair of processes, beside one axis alone: answered within the period
     real_time.py lockstep   how many times faster than real time a simulated minute runs
+    real_time.py identify   one axis while it identifies its drive, fit and all, beside the same axis while it holds
     real_time.py step       the controller's step, sample to answer published, beside a plain node that only publishes
 
 Run with `make soak` and `make bench`. What else the machine does counts here, so how late a bare sleep wakes up stands
@@ -33,6 +34,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
+from std_srvs.srv import Trigger
 
 from backlash_ros.ros.isolation import isolated
 from backlash_ros.ros.messages import answer, stamp_label
@@ -321,6 +323,40 @@ def lockstep(seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool
     return {"seconds simulated": simulated, "times real time": round(simulated / (last["at"] - first["at"]), 2)}, True
 
 
+def identify(seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
+    """Let one axis identify its drive and hold still, in turns of the same length."""
+    words, name = ["--ros-args", *PATIENT, *extra], "/plant_simulator: timing"
+    counts = {doing: [0, 0, 0] for doing in ("identifies", "holds")}
+    lasted, valid = [], 0
+    with pair(words, words) as (graph, *_):
+        graph.wait("answers", lambda: int(graph.said.get(name, {}).get("answered_in_period", 0)))
+        client = graph.node.create_client(Trigger, "controller/identify")
+        graph.wait("the service", client.service_is_ready)
+        graph.spin(WARM_UP)
+        said = graph.fresh(name)[0]
+        while sum(lasted) < 0.5 * seconds:
+            began, asked = time.monotonic(), client.call_async(Trigger.Request())
+            for doing, seen in counts.items():
+                if doing == "holds":
+                    graph.spin(lasted[-1])
+                else:
+                    graph.wait("an answer", asked.done, 5 * PATIENCE)
+                    lasted.append(time.monotonic() - began)
+                    valid += asked.result().success
+                before, said = said, graph.fresh(name)[0]
+                for k, key in enumerate(("samples", "answered_in_period", "late_samples")):
+                    seen[k] += int(said[key]) - int(before[key])
+    figures = {
+        "runs": len(lasted),
+        "of them valid": valid,
+        "time from asking to the answer, median, s": round(statistics.median(lasted), 1),
+    }
+    for doing, (samples, in_period, late) in counts.items():
+        figures[f"answered within the period while it {doing}, %"] = round(100 * in_period / samples, 2)
+        figures[f"late samples while it {doing}"] = late
+    return figures, True
+
+
 def step(seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
     """Let controller and plain node answer one simulator in turns: same message, same subscribers."""
     figures: dict[str, Any] = {"seconds": seconds, "turns": TURNS}
@@ -349,7 +385,7 @@ def step(seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
 def main() -> int:
     """Measure, print, and write JSON where asked."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["soak", "axes", "lockstep", "step"])
+    parser.add_argument("what", choices=["soak", "axes", "lockstep", "identify", "step"])
     parser.add_argument("--minutes", type=float, default=10.0, help="of the soak")
     parser.add_argument("--seconds", type=float, default=60.0, help="of six axes, and simulated in lockstep")
     parser.add_argument("--json", type=Path, help="file to write the figures to")
@@ -364,7 +400,8 @@ def main() -> int:
         if asked.what == "soak":
             figures, held = soak(asked.minutes, extra if asked.newest else [*NOTHING_LOST, *extra])
         else:
-            figures, held = {"axes": axes, "lockstep": lockstep, "step": step}[asked.what](asked.seconds, extra)
+            measures = {"axes": axes, "lockstep": lockstep, "identify": identify, "step": step}
+            figures, held = measures[asked.what](asked.seconds, extra)
     finally:
         seen = bare.stop()
     figures |= seen | {"load average": os.getloadavg()[0]}

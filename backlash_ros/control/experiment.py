@@ -3,7 +3,7 @@
 The experiments themselves are in `experiments`, a file each.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, NamedTuple, Protocol
@@ -15,6 +15,7 @@ from backlash_ros.drivetrain.signals import Estimate, Measurement
 from backlash_ros.identification.fit import Fit
 from backlash_ros.identification.gap_map import GapMap
 from backlash_ros.identification.lost_motion import LostMotion
+from backlash_ros.identification.recordings.findings import Finding
 
 
 class Excitation(NamedTuple):
@@ -66,6 +67,7 @@ class Method(Enum):
     GAP_PROBE = "gap_probe"
     GAP_MAP = "gap_map"
     HYSTERESIS = "hysteresis"
+    IDENTIFY = "identify"
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,40 @@ class BacklashEstimate:
     fit: Fit | None = field(default=None, repr=False, compare=False)
     map: GapMap | None = None
     lost_motion: LostMotion | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """What it sets: values by the names of parameters."""
+        return {"backlash_angle": self.angle}
+
+    @property
+    def uncertainties(self) -> dict[str, float]:
+        """Standard uncertainties of what it sets, by name, where they are known."""
+        return {"backlash_angle": self.uncertainty} if self.uncertainty > 0.0 else {}
+
+
+@dataclass(frozen=True)
+class DriveEstimate(BacklashEstimate):
+    """What identification found: load, friction, teeth and delay, and the gap, 0 where it is not told.
+
+    ``findings`` have all that there is to tell, and why what is not told is not. ``drive`` is what of it is a
+    parameter, by name, beside ``backlash_angle``, and ``deviations`` its standard uncertainties, as far as they are
+    known.
+    """
+
+    drive: Mapping[str, Any] = field(default_factory=dict)
+    deviations: Mapping[str, float] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """What it sets: values by the names of parameters."""
+        return {**self.drive, **(super().parameters if self.angle > 0.0 else {})}
+
+    @property
+    def uncertainties(self) -> dict[str, float]:
+        """Standard uncertainties of what it sets, by name, where they are known."""
+        return {**self.deviations, **super().uncertainties}
 
 
 class Experiment(Protocol):

@@ -1,4 +1,4 @@
-"""Requests to learn: when an experiment begins, when it is refused, and what is answered. Without ROS, without a clock.
+"""Requests to learn or identify: when an experiment begins or is refused, and what is answered. Without ROS or a clock.
 
 All times are integer nanoseconds of the caller's steady clock.
 """
@@ -6,8 +6,12 @@ All times are integer nanoseconds of the caller's steady clock.
 from concurrent.futures import Executor, Future
 from typing import NamedTuple
 
-from backlash_ros.control.experiment import BacklashEstimate, Deferred, Outcome, Refusal
+from backlash_ros.control.experiment import BacklashEstimate, Deferred, DriveEstimate, Outcome, Refusal
 from backlash_ros.control.servo import Servo
+from backlash_ros.identification.recordings.findings import Finding
+
+EXPERIMENT_OF = {"learn": "", "identify": "identify"}
+"""The services, and which experiment each runs: that of the settings where there is no name."""
 
 PATIENCE = 5 * 10**9
 """Time that a request waits for the first sample, ns: discovery may take some."""
@@ -24,11 +28,13 @@ class Reply(NamedTuple):
 class LearnRequests:
     """One request at a time, from the asking to the answer, for one servo.
 
-    What takes some computing is done by ``workers``, while the servo goes on.
+    What takes some computing is done by ``workers``, while the servo goes on. ``service`` is the one of `EXPERIMENT_OF`
+    that the last request which was taken came from.
     """
 
     def __init__(self, servo: Servo, workers: Executor) -> None:
         self._servo, self._workers = servo, workers
+        self.service = "learn"
         self._asked: int | None = None
         self._computed: Future[Outcome] | None = None
 
@@ -37,13 +43,13 @@ class LearnRequests:
         """Whether an experiment is over and its outcome is being computed."""
         return self._computed is not None
 
-    def ask(self, now: int) -> Reply | None:
+    def ask(self, now: int, service: str = "learn") -> Reply | None:
         """Take a request; return its refusal, or None where the answer comes later."""
         if self._asked is not None or self._servo.experimenting or self.computing:
-            return Reply(False, "cannot learn: already learning")
+            return Reply(False, f"cannot {service}: already learning")
         if self._servo.latched:
-            return self._refused(f" while a fault is latched: {self._servo.fault}")
-        self._asked = now
+            return Reply(False, f"cannot {service} while a fault is latched: {self._servo.fault}")
+        self._asked, self.service = now, service
         return None
 
     def begin(self) -> Reply | None:
@@ -53,9 +59,9 @@ class LearnRequests:
         self._asked = None
         if self._servo.latched:
             return self._refused(f" while a fault is latched: {self._servo.fault}")
-        if why := self._servo.experiment_refusal():
+        if why := self._servo.experiment_refusal(EXPERIMENT_OF[self.service]):
             return self._refused(f": {why}")
-        self._servo.start_experiment()
+        self._servo.start_experiment(EXPERIMENT_OF[self.service])
         return None
 
     def waited(self, now: int, silence: str) -> Reply | None:
@@ -95,14 +101,22 @@ class LearnRequests:
         estimate = outcome if isinstance(outcome, BacklashEstimate) and outcome.valid else None
         return Reply(outcome.valid, describe_outcome(outcome), estimate)
 
-    @staticmethod
-    def _refused(why: str) -> Reply:
-        return Reply(False, f"cannot learn{why}")
+    def _refused(self, why: str) -> Reply:
+        return Reply(False, f"cannot {self.service}{why}")
 
 
 def describe_outcome(outcome: Outcome) -> str:
     """Return an outcome in words: the estimate and how it was made, or why there is none."""
     if not (isinstance(outcome, BacklashEstimate) and outcome.valid):
         return outcome.reason
+    if isinstance(outcome, DriveEstimate):
+        told = ", ".join(_describe(each) for each in outcome.findings if each.told)
+        missing = "; ".join(f"{each.symbol}: {each.why}" for each in outcome.findings if not each.told)
+        return f"{told}, from {outcome.reason}{f'; not told: {missing}' if missing else ''}"
     sure = f" +- {outcome.uncertainty:.2g}" if outcome.uncertainty > 0.0 else ""
     return f"backlash {outcome.angle:.6g}{sure} rad at the output, by {outcome.method.value}, from {outcome.reason}"
+
+
+def _describe(found: Finding) -> str:
+    value = found.value if abs(found.value) > 1e-3 * found.uncertainty else 0.0
+    return f"{found.symbol} = {value:.4g} +- {found.uncertainty:.2g} {found.unit}".rstrip()

@@ -177,6 +177,12 @@ def observer_step(
         memory[LOAD_TORQUE] += low_pass_gain(torque_bandwidth, period) / period * unexplained
 
 
+def keep_estimate(constants: ObserverConstants, memory: Array) -> None:
+    """Let the estimate go on under other ``constants``: with other inertias the momentum is another one, no torque."""
+    if memory[_STARTED] != 0.0:
+        memory[_MOMENTUM] = constants.J_l * memory[OMEGA_L] + constants.J_m * memory[OMEGA_M] / constants.ratio
+
+
 def estimate_of(memory: Array) -> Estimate:
     """Return the estimate in an observer's memory, as a view."""
     return Estimate(memory[: LOAD_TORQUE + 1])

@@ -12,9 +12,9 @@ from backlash_ros.control.law import REGION, ControlLaw
 from backlash_ros.control.laws import design_law
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitoring.faults import describe_fault
-from backlash_ros.control.monitoring.monitor import forget_ends, monitor_constants, unexplained_torque
+from backlash_ros.control.monitoring.monitor import forget_ends, keep_torque, monitor_constants, unexplained_torque
 from backlash_ros.control.monitoring.plausibility import plausibility_constants
-from backlash_ros.control.observer import estimate_of
+from backlash_ros.control.observer import estimate_of, keep_estimate
 from backlash_ros.control.setpoint import DURATION, AtRest, Source, extent, plan_rejection
 from backlash_ros.control.settings import AUTO, ServoSettings
 from backlash_ros.control.tick import (
@@ -95,33 +95,38 @@ class Servo:
 
     # Tuning.
 
-    def use(self, settings: ServoSettings, limits: Limits | None = None) -> None:
+    def use(self, settings: ServoSettings, limits: Limits | None = None, drive: Drive | None = None) -> None:
         """Use ``settings`` from the next sample on; what the observer, and the same law, remember is kept.
 
-        Another law starts from what holds the load.
+        Another law starts from what holds the load. A ``drive`` may have another load, friction and teeth; motor,
+        reduction and command have to be those of the one before. An experiment goes on with what it was started with.
 
         Raises
         ------
         ValueError
             If the law cannot be designed; nothing is changed then.
         """
-        limits = limits or self.limits
-        law = design_law(self.drive, settings)
+        limits, drive = limits or self.limits, drive or self.drive
+        law, observer = design_law(drive, settings), settings.observer(drive)
         constants = TickConstants(
-            settings.observer(self.drive),
+            observer,
             monitor_constants(
-                self.drive,
+                drive,
                 limits,
-                settings.thresholds_of(self.drive),
+                settings.thresholds_of(drive),
                 settings.period,
                 settings.velocity_bandwidth,
                 settings.backlash_angle,
                 may_grow=settings.renew,
             ),
-            plausibility_constants(self.drive),
-            range_constants(self.drive, limits),
+            plausibility_constants(drive),
+            range_constants(drive, limits),
         )
         self.constants = pack(constants, watched=self._watched)
+        if drive != self.drive:
+            keep_estimate(observer, self.memory.observer)
+            keep_torque(observer, self.memory.monitor)
+            self.drive = drive
         if hasattr(self, "settings") and self.settings.law == settings.law:
             self._chosen.redesign(law)
             if self.calmed:

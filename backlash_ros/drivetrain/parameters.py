@@ -8,9 +8,9 @@ import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from backlash_ros.drivetrain.contact import Contact
+from backlash_ros.drivetrain.contact import Contact, law_name
 from backlash_ros.drivetrain.contacts.power import PowerContact
-from backlash_ros.drivetrain.quantity import Validated, quantity
+from backlash_ros.drivetrain.quantity import Validated, quantities, quantity
 
 COMMAND_INTERFACES = ("voltage", "current")
 """What the drive takes as its command: the motor's voltage, V, or its current, A, which its own inner loop closes."""
@@ -213,6 +213,17 @@ class Drive:
     def motor_share(self) -> float:
         """Share of the gap that the load crosses in a limit cycle, J_r/(J_r + J_l) by momentum exchange."""
         return self.reflected_inertia / self.effective_inertia
+
+
+FOUND = "load.", "contact.", "gear.backlash_angle", "motor.coulomb_friction"
+"""Beginnings of the names of what is found of a drive once it is there; the rest is on data sheets."""
+
+
+def values_of(drive: Drive) -> dict[str, float | int | str]:
+    """Return the parameters of a drive by name, the contact's own alone."""
+    parts = (drive.motor, drive.gear, drive.load, drive.gear.contact)
+    numbers = {f"{part.section}.{name}": getattr(part, name) for part in parts for name in quantities(type(part))}
+    return {**numbers, "contact.law": law_name(drive.gear.contact), "command_interface": drive.command_interface}
 
 
 NOMINAL_DRIVE = Drive(

@@ -20,6 +20,7 @@ from backlash_ros.control import LAWS, Servo
 from backlash_ros.control.acting import IDLE, ActingLaw
 from backlash_ros.control.telemetry import telemetry
 from backlash_ros.control.tick import MISSING
+from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Measurement
 from backlash_ros.gates import Action, Fault, Judged, SampleGate
 from backlash_ros.nodes.learning import Learning
@@ -56,12 +57,13 @@ class Controller(ManagedNode):
     def __init__(self, namespace: str = "") -> None:
         super().__init__("controller", namespace)
         given = declare_controller(self)
-        self._drive, self._joints, self._rate = given.drive, given.joints, given.rate
+        self._joints, self._rate = given.joints, given.rate
         self._state_timeout = given.state_timeout
         self._telemetry_every = max(1, round(given.rate / given.telemetry_rate))
-        self._tunables = Tunables(self, self._drive, self._rate)
+        self._tunables = Tunables(self, given.drive, self._rate)
         refuse_unknown(self)
-        self._servo = Servo(self._drive, self._tunables.settings, self._tunables.limits)
+        _, drive, _, settings, limits = self._tunables.in_use
+        self._servo = Servo(drive, settings, limits)
         self._tunables.rejection_reason, self._tunables.changed = self._servo.rejection_reason, self._use
         self._gate = SampleGate(in_ns(self._state_timeout), in_ns(MISSING / self._rate), self._joints)
         self._measured, self._answer = Measurement(np.empty(5)), Answer()
@@ -103,9 +105,12 @@ class Controller(ManagedNode):
         self._tell_margins()
         ActingLaw(IDLE)
         at_rest = Measurement(np.zeros(5))
+        settings = self._tunables.in_use.settings
         for law in LAWS:
-            with suppress(ValueError):  # one that cannot be designed for this drive is refused when it is chosen
-                Servo(self._drive, self._tunables.settings.with_law(law)).update(at_rest)
+            for drive in (self._servo.drive, NOMINAL_DRIVE):  # one that cannot be designed now may be for what is found
+                with suppress(ValueError):
+                    Servo(drive, settings.with_law(law)).update(at_rest)
+                    break
         self._servo.reset()
         self._publish_in_use()
         self._publish_estimate()
@@ -137,7 +142,8 @@ class Controller(ManagedNode):
     # Parameters.
 
     def _use(self, names: set[str]) -> None:
-        self._servo.use(self._tunables.settings, self._tunables.limits)
+        _, drive, _, settings, limits = self._tunables.in_use
+        self._servo.use(settings, limits, drive)
         self._changed = True
         if self.configured:
             self._publish_in_use()
@@ -161,7 +167,7 @@ class Controller(ManagedNode):
             return
         unusable = ""
         try:
-            read_joint_state(message, *self._joints, self._drive.motor.torque_constant, out=self._measured)
+            read_joint_state(message, *self._joints, self._servo.drive.motor.torque_constant, out=self._measured)
         except NotOurJointsError:
             return
         except BadSampleError as error:
@@ -204,7 +210,7 @@ class Controller(ManagedNode):
             dropped = self._gate.dropped
             self.get_logger().warning(f"{judged.reason}; {dropped} messages dropped so far", throttle_duration_sec=1.0)
         if self._servo.experimenting and not self._said[1]:
-            self.get_logger().info("learning the backlash")
+            self.get_logger().info(self._learning.doing)
         self._learning.end()
         self._tell_fault()
         regular = judged.action is Action.TAKE and self._gate.taken % self._telemetry_every == 0
@@ -267,7 +273,7 @@ class Controller(ManagedNode):
         """Say a fault that was latched just now."""
         before, self._told = self._told, self._servo.latched
         if self._told and self._told is not before:
-            unit = self._drive.command_unit
+            unit = self._servo.drive.command_unit
             self.get_logger().error(f"{self._told.name}: {self._servo.fault}: command 0 {unit} until reset_fault")
             self.publish_diagnostics()
 

@@ -1,10 +1,11 @@
-"""The services of learning: the backlash is learned, put in use or offered, and kept.
+"""The services of learning: backlash or drive are learned, put in use or offered, and kept.
 
 What becomes of a request is decided by `backlash_ros.control.learning`, what becomes of an estimate by
 `backlash_ros.control.estimates`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from rclpy.parameter import Parameter
@@ -12,7 +13,7 @@ from std_srvs.srv import Trigger
 
 from backlash_ros.control import Servo
 from backlash_ros.control.estimates import Answer, DriveIdentity, Estimates
-from backlash_ros.control.learning import LearnRequests, Reply
+from backlash_ros.control.learning import EXPERIMENT_OF, LearnRequests, Reply
 from backlash_ros.control.monitoring.wear import WearWatch
 from backlash_ros.drivetrain.signals import Measurement
 from backlash_ros.nodes.parameters import ControllerParameters
@@ -31,17 +32,15 @@ _FINISH = 2.0
 
 
 class Learning:
-    """``~/learn``, ``~/cancel`` and ``~/apply_estimate`` of one controller, and its estimate file."""
+    """``~/learn``, ``~/identify``, ``~/cancel`` and ``~/apply_estimate`` of one controller, and its estimate file."""
 
     def __init__(self, node: ManagedNode, servo: Servo, tunables: Tunables, given: ControllerParameters) -> None:
         self._node, self._tunables, self._given = node, tunables, given
         self._requests = LearnRequests(servo, Aside())
         self._estimates = Estimates(self._put_in_use, InTurn())
         self.wear, self._noticed = WearWatch(servo), (False, False)
-        self._services = {
-            "learn": LaterTrigger(node, "~/learn", self._ask),
-            "apply_estimate": LaterTrigger(node, "~/apply_estimate", self._on_apply),
-        }
+        self._services = {name: LaterTrigger(node, f"~/{name}", partial(self._ask, name)) for name in EXPERIMENT_OF}
+        self._services["apply_estimate"] = LaterTrigger(node, "~/apply_estimate", self._on_apply)
         node.create_service(Trigger, "~/cancel", self._on_cancel)
         node.own_timers.append(Timer(_LOOK, self._tell))
 
@@ -50,7 +49,7 @@ class Learning:
     def configure(self) -> None:
         """Open the estimate file, and use it where the parameters say so; ValueError refuses it."""
         given, node = self._given, self._node
-        drive = DriveIdentity(node.get_fully_qualified_name(), *given.joints, given.drive.gear.reduction)
+        drive = DriveIdentity(node.get_fully_qualified_name(), *given.joints, given.drive["gear.reduction"])
         node.held(self._estimates, Estimates.forget)
         if text := self._estimates.begin(given.estimate_file, drive, use=given.use_estimate_file):
             node.get_logger().info(text)
@@ -74,7 +73,7 @@ class Learning:
         if self._noticed != before and any(self._noticed):
             log.warning(self.wear.finding, throttle_duration_sec=10.0)
         if learn:
-            refusal = self._ask()
+            refusal = self._ask("learn")
             log.info(f"not learned anew: {refusal[1]}" if refusal else "learning anew")
 
     def begin(self) -> None:
@@ -89,15 +88,20 @@ class Learning:
         """Look whether it has ended, or a request has waited for too long, with ``silence`` in words for why."""
         self._reply(self._requests.end() or self._requests.waited(now, silence))
 
+    @property
+    def doing(self) -> str:
+        """What an experiment that begins is for, in words."""
+        return "identifying the drive" if self._requests.service == "identify" else "learning the backlash"
+
     # Services.
 
-    def _ask(self) -> tuple[bool, str] | None:
-        """Ask for a run of the experiment; return why there is none."""
+    def _ask(self, service: str) -> tuple[bool, str] | None:
+        """Ask for a run of a service's experiment; return why there is none."""
         if not self._node.active:
-            return False, f"cannot learn: the controller is {self._node.state}, not active"
+            return False, f"cannot {service}: the controller is {self._node.state}, not active"
         if self._estimates.busy:
-            return False, f"cannot learn: {self._estimates.busy}"
-        refusal = self._requests.ask(now_ns())
+            return False, f"cannot {service}: {self._estimates.busy}"
+        refusal = self._requests.ask(now_ns(), service)
         return refusal and refusal[:2]
 
     def _on_cancel(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -112,9 +116,10 @@ class Learning:
         answer = self._look()
         return answer and answer[1:]
 
-    def _put_in_use(self, angle: float) -> str:
-        """Set ``backlash_angle`` as anybody does; return why it was refused, or an empty text."""
-        result = self._node.set_parameters_atomically([Parameter("backlash_angle", value=angle)])
+    def _put_in_use(self, values: Mapping[str, Any]) -> str:
+        """Set parameters as anybody does; return why they were refused, or an empty text."""
+        parameters = [Parameter(name, value=value) for name, value in values.items()]
+        result = self._node.set_parameters_atomically(parameters)
         return "" if result.successful else str(result.reason)
 
     def _reply(self, reply: Reply | None) -> None:
@@ -123,10 +128,10 @@ class Learning:
             return
         if reply.estimate is None:
             self._node.get_logger().info(reply.text)
-            self._services["learn"].answer(reply.success, reply.text)
+            self._services[self._requests.service].answer(reply.success, reply.text)
         else:
-            apply = self._tunables.values["learning.apply"] == "auto"
-            self._estimates.learned(reply.estimate, reply.text, now_ns(), apply=apply)
+            apply, service = self._tunables.values["learning.apply"] == "auto", self._requests.service
+            self._estimates.learned(reply.estimate, reply.text, now_ns(), apply=apply, service=service)
             self._tell()
 
     def _look(self, *, wait_no_more: bool = False) -> Answer | None:

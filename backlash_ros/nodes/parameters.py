@@ -8,8 +8,10 @@ from rclpy.node import Node
 
 from backlash_ros.drivetrain import Drive, Quantity
 from backlash_ros.drivetrain.delay import Delay
+from backlash_ros.drivetrain.parameters import FOUND
 from backlash_ros.ros.overrides import check_known, values_given
 from backlash_ros.ros.parameters import (
+    NONE,
     Names,
     declare,
     declare_autostart,
@@ -21,6 +23,7 @@ from backlash_ros.ros.parameters import (
     declare_sensors,
     declare_timeout,
     describe,
+    drive_of,
     take,
 )
 from backlash_ros.ros.topics import TOPICS
@@ -43,23 +46,26 @@ class SimulatorParameters:
 
 def declare_simulator(node: Node) -> SimulatorParameters:
     """Declare the plant simulator's parameters and return them; ValueError names the one that is refused."""
-    drive, joints, rate = declare_drive(node), declare_joints(node), declare_rate(node)
+    drive, joints, rate = drive_of(declare_drive(node)), declare_joints(node), declare_rate(node)
     described = Quantity("simulated time over real time", "", 0.0, 100.0, True)
     factor = declare_number(node, "real_time_factor", 1.0, described)
     text = "wait for the answer to each sample; time is then the plant's, published on /clock"
     lockstep = declare(node, "lockstep", False, describe(text, read_only=True))
     text = "silence on command after which the motor gets 0 V; an answer is as old as the sample that it names"
     timeout = declare_timeout(node, "command_timeout", text, 1.0 / rate / factor)
-    sensors, delay = declare_sensors(node), take(Delay, declare_quantities(node, Delay(), read_only=True))
+    sensors, delay = declare_sensors(node), take(Delay, declare_quantities(node, Delay(), dynamic=NONE))
     seed = declare_number(node, "seed", 0, Quantity("seed of noise and jitter", "", 0, 2**31 - 1, whole=True))
     return SimulatorParameters(drive, joints, rate, factor, lockstep, timeout, sensors, delay, seed)
 
 
 @dataclass(frozen=True)
 class ControllerParameters:
-    """What the controller is told once; what can change while it runs is in `Tunables`. Times in s, rates in Hz."""
+    """What the controller is told at the start; what can change while it runs is in `Tunables`.
 
-    drive: Drive
+    Times in s, rates in Hz; ``drive`` are values by name, some of them dynamic.
+    """
+
+    drive: dict[str, Any]
     joints: tuple[str, str]
     rate: float
     state_timeout: float
@@ -75,7 +81,7 @@ def _declare_estimate_file(node: Node) -> tuple[str, bool]:
         read_only=True,
     )
     file = declare(node, "learning.estimate_file", "", text)
-    text = describe("take backlash_angle from that file when configured; the newest that was applied", read_only=True)
+    text = describe("use what that file says was applied when configured; of each parameter the newest", read_only=True)
     use = declare(node, "learning.use_estimate_file", False, text)
     if use and not file:
         raise ValueError("learning.use_estimate_file must be false where learning.estimate_file is empty, got true")
@@ -84,7 +90,7 @@ def _declare_estimate_file(node: Node) -> tuple[str, bool]:
 
 def declare_controller(node: Node) -> ControllerParameters:
     """Declare the controller's parameters beside the tunable ones; ValueError names the one that is refused."""
-    drive, joints, rate = declare_drive(node), declare_joints(node), declare_rate(node)
+    drive, joints, rate = declare_drive(node, FOUND), declare_joints(node), declare_rate(node)
     text = "silence on joint_states after which the command is 0 V and a fault is latched"
     timeout = declare_timeout(node, "state_timeout", text, 1.0 / rate)
     described = Quantity("rate of ~/state, at most rate; each change is sent besides", "Hz", 0.0, rate, True)

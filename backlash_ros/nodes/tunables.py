@@ -4,7 +4,7 @@ A request that is refused changes nothing. What is in use is published each time
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import ParameterEvent, SetParametersResult
 from rclpy.node import Node
@@ -31,11 +31,22 @@ from backlash_ros.control.design.gain_sets import (
     expand,
     gain_set_of,
     resolve_set,
+    what_stays,
 )
 from backlash_ros.control.design.stability import LONGEST_DELAY
 from backlash_ros.control.estimates import APPLY
-from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Quantity, Validated
-from backlash_ros.ros.parameters import Names, declare, declare_number, declare_quantities, describe, in_use, take
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Quantity, Validated, quantities
+from backlash_ros.ros.parameters import (
+    ALL,
+    Names,
+    declare,
+    declare_number,
+    declare_quantities,
+    describe,
+    drive_of,
+    in_use,
+    take,
+)
 
 _K = "gains [k1, k2, k3] of V = -k1 (load angle - reference) - k2 load speed - k3 current"
 _K_UNIT = "V/rad, V s/rad, V/A"
@@ -43,6 +54,9 @@ _K_BOUND = "k1 > 0 V/rad, all within +-1e+06, stable at the rate"
 _APPLY_BOUND = f"one of {list(APPLY)}"
 _Q_UNIT = "1/rad^2, s^2/rad^2"
 _Q_BOUND = "Q11 > 0 and <= 1e+12, Q22 >= 0 and <= 1e+12; or [0, 0] for none"
+
+Sets = dict[str, dict[str, list[float]]]
+"""The values of ``gains.*`` that each named set stands for."""
 
 
 def _gain_names(prefix: str) -> list[str]:
@@ -63,16 +77,16 @@ def _set_names(node: Node) -> list[str]:
     return names
 
 
-def _declare_delay(node: Node, rate: float) -> float:
+def _delay(rate: float) -> Quantity:
     text = "delay of the drive, both ways, that gains are judged with: from measuring to when the command acts"
-    return float(declare_number(node, "loop_delay", 0.0, Quantity(text, "s", 0.0, LONGEST_DELAY / rate)))
+    return Quantity(text, "s", 0.0, LONGEST_DELAY / rate)
 
 
 def _declare_parameters_of(node: Node, registry: Mapping[str, Any]) -> dict[str, Any]:
     """Declare the parameters of all laws, or of all experiments, and return what the user set."""
     values: dict[str, Any] = {}
     for parameters in {each.parameters.section: each.parameters for each in registry.values()}.values():
-        values |= declare_quantities(node, parameters, read_only=False)
+        values |= declare_quantities(node, parameters, dynamic=ALL)
     return values
 
 
@@ -81,29 +95,29 @@ def _parameters_of(registry: Mapping[str, Any], values: dict[str, Any]) -> tuple
     return tuple((name, take(type(registry[name].parameters), values)) for name in sorted(registry))
 
 
-def _declare_beside_gains(node: Node, drive: Drive) -> dict[str, Any]:
-    """Declare the dynamic parameters that are no gains and return what the user set."""
+def _declare_beside_gains(node: Node, drive: Drive, rate: float) -> dict[str, Any]:
+    """Declare the dynamic parameters that are no gains, and not the drive's, and return what the user set."""
+    values: dict[str, Any] = {"loop_delay": declare_number(node, "loop_delay", 0.0, _delay(rate), read_only=False)}
     text = describe("control law", constraint=f"one of {sorted(LAWS)}")
-    values: dict[str, Any] = {"law": declare(node, "law", "two_region", text)}
+    values["law"] = declare(node, "law", "two_region", text)
     values |= _declare_parameters_of(node, LAWS)
-    text = describe("what learns the backlash", constraint=f"one of {sorted([AUTO, *EXPERIMENTS])}")
+    text = describe("what ~/learn runs", constraint=f"one of {sorted([AUTO, *EXPERIMENTS])}")
     values["learning.experiment"] = declare(node, "learning.experiment", AUTO, text)
     text = describe("whether the backlash is learned anew, which moves the load, where wear is noticed at rest")
     values["learning.renew"] = declare(node, "learning.renew", False, text)
     values |= _declare_parameters_of(node, EXPERIMENTS)
-    text = describe("what becomes of a valid estimate: backlash_angle at once, or when asked", constraint=_APPLY_BOUND)
+    text = describe("when a valid estimate is put in use: at once, or when asked", constraint=_APPLY_BOUND)
     values["learning.apply"] = declare(node, "learning.apply", "auto", text)
-    values |= declare_quantities(node, Limits.of(drive), read_only=False)
-    values |= declare_quantities(node, FaultThresholds.of(drive), read_only=False)
+    values |= declare_quantities(node, Limits.of(drive), dynamic=ALL)
+    values |= declare_quantities(node, FaultThresholds.of(drive), dynamic=ALL)
     any_gains = Gains(1.0, 0.0, 0.0)
-    return values | declare_quantities(node, ServoSettings(GainSet(any_gains, any_gains)), read_only=False)
+    return values | declare_quantities(node, ServoSettings(GainSet(any_gains, any_gains)), dynamic=ALL)
 
 
 def tunable_names(given: Mapping[str, Any]) -> set[str]:
     """Return the names of what `Tunables` declares where the overrides are ``given``; nothing is designed for it."""
     names: Any = Names()
-    _declare_delay(names, 1.0)
-    _declare_beside_gains(names, NOMINAL_DRIVE)
+    _declare_beside_gains(names, NOMINAL_DRIVE, 1.0)
     sets = [*_set_names(names), *(given.get("gain_set_names") or [])]
     return {
         *names.declared,
@@ -113,22 +127,34 @@ def tunable_names(given: Mapping[str, Any]) -> set[str]:
     }
 
 
+class Choice(NamedTuple):
+    """All parameters that count, by name, and what they stand for."""
+
+    values: dict[str, Any]
+    drive: Drive
+    sets: Sets
+    settings: ServoSettings
+    limits: Limits
+
+
 class Tunables:
-    """The tunable parameters of one controller, and the settings and limits that they stand for.
+    """The tunable parameters of one controller, and the drive, settings and limits that they stand for, ``in_use``.
 
     ``rejection_reason`` says why limits cannot be taken now, empty where they can; ``changed`` is called with the names
     after each swap.
+
+    Parameters
+    ----------
+    drive : values of the drive's parameters, which are declared
+    rate : of the samples, Hz
     """
 
-    def __init__(self, node: Node, drive: Drive, rate: float) -> None:
+    def __init__(self, node: Node, drive: Mapping[str, Any], rate: float) -> None:
         self._node = node
-        self._drive = drive
-        self._period = 1.0 / rate
-        self._delay = _declare_delay(node, rate)
-        self._sets = self._declare_gain_sets()
-        self.values = self._declare()
-        self.settings, self.limits = self._built(self.values)
-        self._candidate = self.values, self.settings, self.limits
+        self._rate = rate
+        self._given_sets = self._declare_gain_sets()
+        self.in_use = self._declare(drive)
+        self._candidate = self.in_use
         self.version = 1
         self.rejection_reason: Callable[[Limits], str] = lambda _limits: ""
         self.changed: Callable[[set[str]], None] = lambda _names: None
@@ -136,22 +162,29 @@ class Tunables:
         node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._swap)
 
+    @property
+    def values(self) -> dict[str, Any]:
+        """The parameters in use, by name."""
+        return self.in_use.values
+
     def margins(self) -> dict[str, dict[str, Margins]]:
         """Return how far the gains of each set, and those in use, are from unstable, by set and region."""
-        sets = {**self._sets, self.values["gain_set"]: self.values}
+        values, drive, sets, settings, _ = self.in_use
+        period, delay = settings.period, settings.loop_delay
         return {
             name: {
-                region: stability_margins(self._drive, Gains(*values[f"gains.{region}.k"]), self._period, self._delay)
+                region: stability_margins(drive, Gains(*gains[f"gains.{region}.k"]), period, delay)
                 for region in REGIONS
             }
-            for name, values in sets.items()
+            for name, gains in {**sets, values["gain_set"]: values}.items()
         }
 
     def message(self) -> ParameterEvent:
         """Return all parameters that are in use, the fixed ones too, with their version, as a message."""
         return in_use(self._node, self.version, self.values)
 
-    def _declare_gain_sets(self) -> dict[str, dict[str, list[float]]]:
+    def _declare_gain_sets(self) -> dict[str, Any]:
+        """Declare them and return what each region of each is given by."""
         node = self._node
         sets = {}
         for name in _set_names(node):
@@ -176,13 +209,19 @@ class Tunables:
                     "q": declare(node, f"{prefix}.q", NO_WEIGHTS if any(k) else defaults[region], text),
                     "k": k,
                 }
-            sets[name] = resolve_set(name, chosen, self._drive, self._period, self._delay)
+            sets[name] = chosen
         return sets
 
-    def _declare(self) -> dict[str, Any]:
-        node, sets = self._node, self._sets
+    def _sets(self, drive: Drive, delay: float) -> Sets:
+        """Return the named sets for a drive; ValueError where one cannot be designed, or is unstable."""
+        period = 1.0 / self._rate
+        return {name: resolve_set(name, given, drive, period, delay) for name, given in self._given_sets.items()}
+
+    def _declare(self, drive_values: Mapping[str, Any]) -> Choice:
+        node, drive = self._node, drive_of(drive_values)
+        values = {**drive_values, **_declare_beside_gains(node, drive, self._rate)}
+        sets = self._sets(drive, values["loop_delay"])
         first = next(iter(sets))
-        values = _declare_beside_gains(node, self._drive)
         # A set stands for its gains; gains given beside it at the start make it custom, as they do later.
         given: dict[str, Any] = {}
         start = sets[first]
@@ -199,7 +238,7 @@ class Tunables:
                     given[name] = value
         if given and asked["gain_set"] == first:
             asked = {"gain_set": CUSTOM}
-        values |= start | expand({**asked, **given}, sets, self._drive)
+        values |= start | expand({**asked, **given}, sets, drive)
         changed = [
             Parameter(name, value=value)
             for name, value in values.items()
@@ -207,16 +246,20 @@ class Tunables:
         ]
         if changed:
             node.set_parameters_atomically(changed)
-        return values
+        return self._built(values)
 
-    def _built(self, values: dict[str, Any]) -> tuple[ServoSettings, Limits]:
+    def _built(self, values: dict[str, Any]) -> Choice:
+        """Return what parameters stand for; ValueError names what is out of bounds, unstable or cannot be designed."""
+        drive, delay, period = drive_of(values), values["loop_delay"], 1.0 / self._rate
+        _delay(self._rate).check("loop_delay", delay)
+        sets = self._sets(drive, delay)
         settings = take(
             ServoSettings,
             values,
-            gains=gain_set_of(values, self._sets, self._drive, self._period, self._delay),
+            gains=gain_set_of(values, sets, drive, period, delay),
             law=values["law"],
-            period=self._period,
-            loop_delay=self._delay,
+            period=period,
+            loop_delay=delay,
             experiment=values["learning.experiment"],
             renew=values["learning.renew"],
             experiment_parameters=_parameters_of(EXPERIMENTS, values),
@@ -227,14 +270,31 @@ class Tunables:
             raise ValueError(f"learning.apply must be {_APPLY_BOUND}, got {values['learning.apply']!r}")
         if settings.experiment != AUTO:
             EXPERIMENTS.choose("learning.experiment", settings.experiment, AUTO)
-        design_law(self._drive, settings)  # refuses what cannot be designed
-        return settings, take(Limits, values)
+        design_law(drive, settings)  # refuses what cannot be designed
+        return Choice(values, drive, sets, settings, take(Limits, values))
+
+    def _for_another(self, drive: Drive, changes: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what stays for another drive, and thresholds that follow from it where those in use did."""
+        values, before, *_ = self.in_use
+        old, new = FaultThresholds.of(before), FaultThresholds.of(drive)
+        follow = {
+            f"faults.{name}": getattr(new, name)
+            for name in quantities(FaultThresholds)
+            if values[f"faults.{name}"] == getattr(old, name) != getattr(new, name)
+        }
+        return {**what_stays(changes, values), **follow}
 
     def _complete(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Add what a request implies: a set's gains, gains designed from weights."""
+        """Add what a request implies: a set's gains, gains designed from weights, what follows from another drive."""
         changes = {p.name: p.value for p in parameters}
         try:
-            full = expand(changes, self._sets, self._drive)
+            values = {**self.values, **changes}
+            drive, sets = drive_of(values), self.in_use.sets
+            full = changes
+            if drive != self.in_use.drive:
+                sets = self._sets(drive, values["loop_delay"])
+                full = {**self._for_another(drive, changes), **changes}
+            full = expand(full, sets, drive)
         except (ValueError, TypeError):
             return parameters  # refused, with its reason, when it is validated
         kept = [p for p in parameters if full[p.name] is p.value]
@@ -244,16 +304,15 @@ class Tunables:
     def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
         values = {**self.values, **{p.name: p.value for p in parameters if p.name in self.values}}
         try:
-            settings, limits = self._built(values)
+            self._candidate = self._built(values)
         except (ValueError, TypeError) as error:
             return SetParametersResult(successful=False, reason=str(error))
-        self._candidate = values, settings, limits
-        reason = self.rejection_reason(limits)
+        reason = self.rejection_reason(self._candidate.limits)
         return SetParametersResult(successful=not reason, reason=reason)
 
     def _swap(self, parameters: list[Parameter]) -> None:
         names = {p.name for p in parameters if p.name in self.values}
         if names:
-            self.values, self.settings, self.limits = self._candidate
+            self.in_use = self._candidate
             self.version += 1
             self.changed(names)

@@ -36,6 +36,9 @@ KINDS = {
 }
 """The types of parameters in words."""
 
+ALL, NONE = ("",), ()
+"""Beginnings of the names of parameters that may change while the node runs."""
+
 _ABOVE = 1e-12
 """Where a range begins that excludes its lower bound, above that: a range has no open end. Nothing real is smaller."""
 
@@ -102,39 +105,53 @@ def declare_number(node: Node, name: str, default: float, described: Quantity, *
     return declare(node, name, default, descriptor, described.check)
 
 
-def declare_quantities(node: Node, value: Validated, *, read_only: bool) -> dict[str, Any]:
-    """Declare a parameter for each quantity of ``value``, which gives the defaults; return what the user set."""
+def declare_quantities(node: Node, value: Validated, *, dynamic: tuple[str, ...]) -> dict[str, Any]:
+    """Declare a parameter for each quantity of ``value``, which gives the defaults; return what the user set.
+
+    Those whose names begin with one of ``dynamic`` may change later: `ALL`, `NONE`, or some.
+    """
     declared = {}
     for name, described in quantities(type(value)).items():
         full = f"{value.section}.{name}" if value.section else name
-        declared[full] = declare_number(node, full, getattr(value, name), described, read_only=read_only)
+        fixed = not full.startswith(dynamic)
+        declared[full] = declare_number(node, full, getattr(value, name), described, read_only=fixed)
     return declared
 
 
-def take(kind: type[V], values: dict[str, Any], **others: Any) -> V:
+def take(kind: type[V], values: Mapping[str, Any], **others: Any) -> V:
     """Build a validated value from parameters named by its section; ValueError names the one that is out of bounds."""
     prefix = f"{kind.section}." if kind.section else ""
     return kind(**{name: values[prefix + name] for name in quantities(kind)}, **others)
 
 
-def declare_drive(node: Node) -> Drive:
-    """Declare the drive's parameters, read-only and by default the nominal drive's, and return the drive."""
+def declare_drive(node: Node, dynamic: tuple[str, ...] = NONE) -> dict[str, Any]:
+    """Declare the drive's parameters, by default the nominal drive's, and return what the user set.
+
+    They are read-only, but for those whose names begin with one of ``dynamic``.
+    """
     values: dict[str, Any] = {}
     for part in (NOMINAL_DRIVE.motor, NOMINAL_DRIVE.gear, NOMINAL_DRIVE.load):
-        values |= declare_quantities(node, part, read_only=True)
-    text = describe("force law of the teeth", constraint=f"one of {list(CONTACTS)}", read_only=True)
-    law = declare(node, "contact.law", law_name(NOMINAL_DRIVE.gear.contact), text)
+        values |= declare_quantities(node, part, dynamic=dynamic)
+    fixed = not "contact.law".startswith(dynamic)
+    text = describe("force law of the teeth", constraint=f"one of {list(CONTACTS)}", read_only=fixed)
+    values["contact.law"] = declare(node, "contact.law", law_name(NOMINAL_DRIVE.gear.contact), text)
     for kind in CONTACTS.values():
-        values |= declare_quantities(node, kind(), read_only=True)
-    contact = take(CONTACTS.choose("contact.law", law), values)
+        values |= declare_quantities(node, kind(), dynamic=dynamic)
     text = describe("what the command is", constraint=f"one of {list(COMMAND_INTERFACES)}", read_only=True)
-    interface = declare(node, "command_interface", NOMINAL_DRIVE.command_interface, text)
-    return Drive(take(Motor, values), take(Gear, values, contact=contact), take(Load, values), interface)
+    values["command_interface"] = declare(node, "command_interface", NOMINAL_DRIVE.command_interface, text)
+    return values
+
+
+def drive_of(values: Mapping[str, Any]) -> Drive:
+    """Return the drive that a set of parameters stands for; ValueError names the one that is out of bounds."""
+    contact = take(CONTACTS.choose("contact.law", values["contact.law"]), values)
+    gear = take(Gear, values, contact=contact)
+    return Drive(take(Motor, values), gear, take(Load, values), values["command_interface"])
 
 
 def declare_sensors(node: Node) -> dict[str, Any]:
     """Declare the parameters of the sensors, dynamic and by default exact ones, and return what the user set."""
-    values = declare_quantities(node, Sensors(), read_only=False)
+    values = declare_quantities(node, Sensors(), dynamic=ALL)
     text = describe("signals that there are", constraint=f"of {list(STATE_NAMES)}, one angle at least")
     values["sensors.measured"] = declare(node, "sensors.measured", list(STATE_NAMES), text)
     text = describe("whether the drive finds its speeds from its counted positions, over one sample")

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 import rclpy
+from data_sheet import Rig
 from faults_page import SECTION, page
 from graph import Peer, Process
 from rclpy.signals import SignalHandlerOptions
@@ -81,3 +82,9 @@ def start(domain: int, tmp_path: Path, request: pytest.FixtureRequest) -> Iterat
     for process in started:
         # Shown by pytest where the test failed.
         print(f"--- {process.log.stem}\n{re.sub(r'Extension modules:.*', '', process.output())}")
+
+
+@pytest.fixture
+def rig(start: Callable[..., Process], peer: Peer, tmp_path: Path) -> Callable[..., Rig]:
+    """Start a controller that is told the data sheet of a `Member`, and the drive; keyword arguments as for `start`."""
+    return lambda member, **parameters: Rig(start, peer, tmp_path, member, **parameters)

@@ -23,8 +23,9 @@ Start = Callable[..., Process]
 QUICK = {"state_timeout": 10.0, "learning__experiment": "limit_cycle"}
 ASK = {**QUICK, "learning__apply": "ask"}
 DRIVE = DriveIdentity("/controller", "motor", "load", 10.0)
+ANGLE = {"backlash_angle": 0.0195}
 KEPT = History(
-    DRIVE, (KeptEstimate(datetime(2026, 3, 29, tzinfo=timezone.utc), Method.GAP_PROBE, 0.0195, 1e-4, applied=True),)
+    DRIVE, (KeptEstimate(datetime(2026, 3, 29, tzinfo=timezone.utc), Method.GAP_PROBE, ANGLE, {}, applied=True),)
 )
 TRANSIENT_LOCAL = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -60,7 +61,7 @@ def apply(peer: Peer) -> Trigger.Response:
 
 
 def kept(file: Path, drive: DriveIdentity = DRIVE) -> list[tuple[float, bool]]:
-    return [(each.angle, each.applied) for each in parse(file.read_bytes(), drive).estimates]
+    return [(each.parameters["backlash_angle"], each.applied) for each in parse(file.read_bytes(), drive).estimates]
 
 
 class Said:
@@ -96,12 +97,12 @@ def test_an_estimate_is_offered_and_applied_when_asked(start: Start, peer: Peer,
     ((angle, applied),) = kept(file)
     assert angle == pytest.approx(0.02, rel=0.05)
     assert not applied
-    values = said.wait(DiagnosticStatus.OK, f"an estimate of {angle:.6g} rad waits for apply_estimate")
+    values = said.wait(DiagnosticStatus.OK, f"an estimate waits for apply_estimate: backlash_angle = {angle:.6g} rad")
     assert (values["estimate_rad"], values["estimate_method"]) == (str(angle), "gap_travel")
     assert (values["estimate_applied"], values["estimate_file"]) == ("False", str(file))
     assert said.in_use == []
     answer = apply(peer)
-    assert (answer.success, answer.message) == (True, f"backlash_angle = {angle:.6g} rad is in use")
+    assert (answer.success, answer.message) == (True, f"in use: backlash_angle = {angle:.6g} rad")
     assert parameters.get("backlash_angle") == [angle]
     assert kept(file) == [(angle, True)]
     peer.wait("the estimate", lambda: said.in_use == [angle])
@@ -199,7 +200,7 @@ def test_without_a_file_yet_it_starts_with_the_parameter(start: Start, peer: Pee
         "controller", learning__estimate_file=file, learning__use_estimate_file=True, backlash_angle=0.015, **QUICK
     )
     assert Parameters(peer, "controller").get("backlash_angle") == [0.015]
-    assert f"{file} has no estimate that was applied: backlash_angle stays" in process.output()
+    assert f"{file} has no estimate that was applied: all stays" in process.output()
     assert kept(file) == []
 
 
@@ -207,15 +208,19 @@ def test_without_a_file_yet_it_starts_with_the_parameter(start: Start, peer: Pee
 @pytest.mark.parametrize(
     ("old", "new", "why"),
     [
-        ("0.0195", "7.1", "estimates[0].backlash_angle_rad must be > 0 rad and <= 3.2 rad, got 7.1"),
-        ("0.0195", ".nan", "estimates[0].backlash_angle_rad must be a finite number, > 0 rad and <= 3.2 rad, got nan"),
+        ("0.0195", "7.1", "estimates[0].parameters.backlash_angle must be > 0 rad and <= 3.2 rad, got 7.1"),
+        (
+            "0.0195",
+            ".nan",
+            "estimates[0].parameters.backlash_angle must be a finite number, > 0 rad and <= 3.2 rad, got nan",
+        ),
         (
             "load_joint: load",
             "load_joint: wrist",
             "drive.load_joint must be 'load', as this controller has it, got 'wrist'",
         ),
         ("10.0", "5.0", "drive.gear_reduction must be 10.0, as this controller has it, got 5.0"),
-        ("version: 1", "version: 2", "version must be 1, the only one known here, got 2"),
+        ("version: 2", "version: 1", "version must be 2, the only one known here, got 1"),
         ("  applied: true\n", "", "estimates[0] must have the key 'applied'"),
     ],
 )

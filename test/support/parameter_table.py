@@ -15,7 +15,8 @@ from backlash_ros.nodes.controller import Controller
 from backlash_ros.nodes.plant_simulator import PlantSimulator
 from backlash_ros.ros.isolation import isolated
 
-Described = dict[str, tuple[ParameterDescriptor, Any]]
+Described = dict[str, tuple[Any, ...]]
+"""Descriptor and default by name; and in words where it may change, if that is not the descriptor's alone."""
 
 FROM_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """What rclpy declares by itself, not told here."""
@@ -26,19 +27,26 @@ HEADER = """# Parameters
 
 Made from the code by `make docs`; a test keeps it so. The same, from a node that runs: `ros2 param describe`.
 
-*read-only* parameters are given at the start. *dynamic* ones may be changed while the controller runs and act from the
-next sample on. A request is validated together with everything else that is set, and taken whole
-or not at all (`set_parameters_atomically`; `ros2 param set` and `load` send their parameters one by one, and each has
-to be valid with those before it). A refusal names the parameter, the value and the bound. Whole numbers stand for
-floats. No parameter can be deleted.
+*read-only* parameters are given at the start. *dynamic* ones may be changed while the node runs and act from the
+next sample on; what is found of a drive once it is there is dynamic in the controller. A request is validated together
+with everything else that is set, and taken whole or not at all (`set_parameters_atomically`; `ros2 param set` and
+`load` send their parameters one by one, and each has to be valid with those before it). A refusal names the parameter,
+the value and the bound. Whole numbers stand for floats. No parameter can be deleted.
 
 What is in use is published on `~/parameters_in_use` (rcl_interfaces/ParameterEvent, transient local) under
 `new_parameters`: every parameter, and an integer `version` that rises by one with each request that is taken.
-Learning sets `backlash_angle` in the same way, and so does `~/apply_estimate`. The recorder keeps the topic; `read_bag`
-gives it as `in_use`, and what the simulator says of itself as `simulated`.
+`~/learn` sets `backlash_angle` in the same way, `~/identify` what it has found of the drive, and `~/apply_estimate`
+either. The recorder keeps the topic; `read_bag` gives it as `in_use`, and what the simulator says of itself as
+`simulated`.
 
 Besides these every node has `use_sim_time` and `start_type_description_service`, which are ROS's own, and
 `qos_overrides.*` for its topics.
+"""
+
+BOTH = """Simulator and controller must be told the same drive, but for what the controller finds by itself.
+
+Where the drive changes in the controller, gains that were designed from weights are designed anew, `faults.*` that
+were the old drive's defaults become the new one's, and every gain set has to be stable.
 """
 
 GAINS = """`gains.<region>.k` is always what is in use. It comes from one of three places:
@@ -100,7 +108,8 @@ def _value(value: Any) -> str:
     return f"[{', '.join(map(_value, value))}]"
 
 
-def _row(name: str, described: ParameterDescriptor, default: Any) -> str:
+def _row(name: str, described: ParameterDescriptor, default: Any, change: str = "") -> str:
+    change = change or ("read-only" if described.read_only else "dynamic")
     unit = "".join(_UNIT.findall(described.description))
     bound = described.additional_constraints
     if described.floating_point_range and unit:
@@ -111,7 +120,7 @@ def _row(name: str, described: ParameterDescriptor, default: Any) -> str:
         _value(default),
         unit,
         bound,
-        "read-only" if described.read_only else "dynamic",
+        change,
         _UNIT.sub("", described.description),
     )
     return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
@@ -123,11 +132,20 @@ def _section(title: str, text: str, parameters: Described) -> str:
     return f"\n## {title}\n\n{text}\n{heading}\n{rows}\n"
 
 
+def _of_both(simulator: tuple[Any, ...], controller: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return what to say of a parameter of both nodes, which has to mean the same in both."""
+    (described, default), (other, other_default) = simulator, controller
+    fixed = described.read_only, other.read_only
+    described.read_only = other.read_only = True
+    assert (described, default) == (other, other_default), described.name
+    return described, default, {(True, True): "read-only", (True, False): "dynamic in the controller"}[fixed]
+
+
 def parameter_table() -> str:
     """Return the page."""
     simulator, controller = describe_nodes()
     plain_first = sorted(simulator, key=lambda name: "." in name)
-    shared = {name: simulator[name] for name in plain_first if controller.get(name) == simulator[name]}
+    shared = {name: _of_both(simulator[name], controller[name]) for name in plain_first if name in controller}
     own = {name: described for name, described in controller.items() if name not in shared}
     sets = ("gain_set", "gains.")
 
@@ -138,7 +156,11 @@ def parameter_table() -> str:
     gains = {name.replace(".nominal.", ".<name>."): described for name, described in part(*sets).items()}
     return HEADER + "".join(
         (
-            _section("Both nodes", "Simulator and controller must be told the same drive.\n", shared),
+            _section(
+                "Both nodes",
+                BOTH,
+                shared,
+            ),
             _section("Simulator", "", {name: simulator[name] for name in simulator if name not in shared}),
             _section("Controller", "", rest),
             _section("Laws", LAW_PARAMETERS, part("laws.")),

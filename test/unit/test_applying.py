@@ -1,6 +1,6 @@
 """What becomes of an estimate: in use or on offer, kept, answered; disk, parameter and clock are the test's."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from datetime import datetime, timezone
 from pathlib import Path
@@ -11,6 +11,7 @@ import pytest
 from backlash_ros.control import BacklashEstimate, Method
 from backlash_ros.control.estimates import Answer, DriveIdentity, Estimates, History, KeptEstimate, parse, render
 from backlash_ros.control.estimates.applying import PATIENCE
+from backlash_ros.control.experiment import DriveEstimate
 
 DRIVE = DriveIdentity("/controller", "motor", "load", 10.0)
 DAY = datetime(2026, 3, 29, 1, 30, 7, 123, tzinfo=timezone.utc)
@@ -18,14 +19,19 @@ NEXT = "; it is not in use until apply_estimate"
 
 
 class Parameter:
-    """``backlash_angle``, as a node has it."""
+    """Parameters, as a node has them; ``value`` is ``backlash_angle``."""
 
     def __init__(self) -> None:
-        self.value, self.refusal = 0.0, ""
+        self.values: dict[str, Any] = {"backlash_angle": 0.0}
+        self.refusal = ""
 
-    def set(self, angle: float) -> str:
+    @property
+    def value(self) -> float:
+        return float(self.values["backlash_angle"])
+
+    def set(self, values: Mapping[str, Any]) -> str:
         if not self.refusal:
-            self.value = angle
+            self.values |= values
         return self.refusal
 
 
@@ -72,7 +78,7 @@ def path(tmp_path: Path) -> Path:
 
 
 def kept(path: Path) -> list[tuple[float, bool]]:
-    return [(each.angle, each.applied) for each in parse(path.read_bytes(), DRIVE).estimates]
+    return [(each.parameters["backlash_angle"], each.applied) for each in parse(path.read_bytes(), DRIVE).estimates]
 
 
 def test_auto_puts_it_in_use_at_once(estimates: Estimates, parameter: Parameter) -> None:
@@ -81,7 +87,9 @@ def test_auto_puts_it_in_use_at_once(estimates: Estimates, parameter: Parameter)
     assert estimates.poll(0) == Answer("learn", True, "found")
     assert estimates.poll(0) is None
     assert estimates.offer == ""
-    assert estimates.apply(0) == "the estimate of 0.02 rad was applied already: set backlash_angle to use it again"
+    assert estimates.apply(0) == (
+        "the newest estimate was applied already: backlash_angle = 0.02 rad; set that to use it again"
+    )
 
 
 def test_ask_offers_it_and_applies_it_once(estimates: Estimates, parameter: Parameter) -> None:
@@ -89,9 +97,9 @@ def test_ask_offers_it_and_applies_it_once(estimates: Estimates, parameter: Para
     estimates.learned(estimate(), "found", 0, apply=False)
     assert estimates.poll(0) == Answer("learn", True, f"found{NEXT}")
     assert parameter.value == 0.0
-    assert estimates.offer == "an estimate of 0.02 rad waits for apply_estimate"
+    assert estimates.offer == "an estimate waits for apply_estimate: backlash_angle = 0.02 rad"
     assert estimates.apply(0) == ""
-    assert estimates.poll(0) == Answer("apply_estimate", True, "backlash_angle = 0.02 rad is in use")
+    assert estimates.poll(0) == Answer("apply_estimate", True, "in use: backlash_angle = 0.02 rad")
     assert parameter.value == 0.02
     assert estimates.offer == ""
     assert "was applied already" in estimates.apply(0)
@@ -115,6 +123,36 @@ def test_what_the_parameter_refuses_stays_on_offer(estimates: Estimates, paramet
     assert parameter.value == 0.02
 
 
+DRIVE_FOUND = DriveEstimate(
+    0.0,
+    Method.IDENTIFY,
+    valid=True,
+    reason="4 s of motion",
+    drive={"load.inertia": 6e-4, "contact.law": "elastic"},
+    deviations={"load.inertia": 5e-6},
+)
+
+
+def test_what_was_found_of_a_drive_is_set_together_and_no_gap_where_none_was_told(
+    estimates: Estimates, parameter: Parameter, disk: Slow, path: Path
+) -> None:
+    estimates.begin(str(path), DRIVE, use=False)
+    estimates.learned(estimate(), "found", 0, apply=True)
+    disk.go_on()
+    estimates.poll(0)
+    estimates.learned(DRIVE_FOUND, "found", 0, apply=True, service="identify")
+    disk.go_on()
+    assert estimates.poll(0) == Answer("identify", True, "found")
+    assert parameter.values == {"backlash_angle": 0.02, "load.inertia": 6e-4, "contact.law": "elastic"}
+    newest = parse(path.read_bytes(), DRIVE).estimates[-1]
+    assert newest.parameters == {"load.inertia": 6e-4, "contact.law": "elastic"}
+    assert newest.uncertainties == {"load.inertia": 5e-6}
+    parameter.values = {"backlash_angle": 0.0}
+    text = estimates.begin(str(path), DRIVE, use=True)
+    assert parameter.values == {"backlash_angle": 0.02, "load.inertia": 6e-4, "contact.law": "elastic"}
+    assert text.startswith("backlash_angle = 0.02 rad, load.inertia = 0.0006 kg m^2, contact.law = elastic, the newest")
+
+
 @pytest.mark.parametrize("apply", [True, False])
 def test_what_is_out_of_bounds_is_neither_used_nor_offered(
     estimates: Estimates, parameter: Parameter, path: Path, apply: bool
@@ -125,7 +163,7 @@ def test_what_is_out_of_bounds_is_neither_used_nor_offered(
         answer = estimates.poll(0)
         assert answer is not None
         assert not answer.success
-        assert "found, but it was refused: backlash_angle_rad must be" in answer.text
+        assert "found, but it was refused: parameters.backlash_angle must be" in answer.text
     assert (parameter.value, estimates.newest) == (0.0, None)
     assert kept(path) == []
 
@@ -142,7 +180,7 @@ def test_the_answer_comes_when_the_file_is_written(estimates: Estimates, disk: S
     estimates.apply(0)
     assert estimates.poll(0) is None
     disk.go_on()
-    assert estimates.poll(0) == Answer("apply_estimate", True, "backlash_angle = 0.02 rad is in use")
+    assert estimates.poll(0) == Answer("apply_estimate", True, "in use: backlash_angle = 0.02 rad")
     assert kept(path) == [(0.02, True)]
     assert (parse(path.read_bytes(), DRIVE).estimates[0].date) == "2026-03-29T01:30:07Z"
 
@@ -217,14 +255,14 @@ def test_the_newest_that_was_applied_is_used_at_the_start(
     estimates: Estimates, parameter: Parameter, path: Path
 ) -> None:
     used, offered = (
-        KeptEstimate(DAY.replace(microsecond=0), Method.GAP_PROBE, angle, 0.0, applied=angle == 0.02)
+        KeptEstimate(DAY.replace(microsecond=0), Method.GAP_PROBE, {"backlash_angle": angle}, {}, applied=angle == 0.02)
         for angle in (0.02, 0.03)
     )
     path.write_text(render(History(DRIVE, (used, offered))))
     assert estimates.begin(str(path), DRIVE, use=False) == f"estimates are kept in {path}"
     assert parameter.value == 0.0
     text = estimates.begin(str(path), DRIVE, use=True)
-    assert text == f"backlash_angle = 0.02 rad, learned 2026-03-29T01:30:07Z by gap_probe, from {path}"
+    assert text == f"backlash_angle = 0.02 rad, the newest learned 2026-03-29T01:30:07Z by gap_probe, from {path}"
     assert parameter.value == 0.02
     assert estimates.apply(0).startswith("there is no estimate to apply")
 
@@ -232,10 +270,10 @@ def test_the_newest_that_was_applied_is_used_at_the_start(
 def test_without_one_that_was_applied_the_parameter_stays(
     estimates: Estimates, parameter: Parameter, path: Path
 ) -> None:
-    parameter.value = 0.015
+    parameter.values["backlash_angle"] = 0.015
     for _ in range(2):  # no file yet, and one without estimates
         text = estimates.begin(str(path), DRIVE, use=True)
-        assert text == f"{path} has no estimate that was applied: backlash_angle stays as the parameters give it"
+        assert text == f"{path} has no estimate that was applied: all stays as the parameters give it"
     assert parameter.value == 0.015
 
 
@@ -243,7 +281,9 @@ def test_what_the_parameter_refuses_at_the_start_is_an_error_that_names_the_file
     estimates: Estimates, parameter: Parameter, path: Path
 ) -> None:
     parameter.refusal = "it is unstable"
-    path.write_text(render(History(DRIVE, (KeptEstimate(DAY, Method.GAP_PROBE, 0.02, 0.0, applied=True),))))
+    path.write_text(
+        render(History(DRIVE, (KeptEstimate(DAY, Method.GAP_PROBE, {"backlash_angle": 0.02}, {}, applied=True),)))
+    )
     with pytest.raises(ValueError, match=f"{path}: backlash_angle = 0.02 rad: it is unstable"):
         estimates.begin(str(path), DRIVE, use=True)
 
@@ -258,7 +298,7 @@ def test_another_drives_file_is_refused_used_or_not(estimates: Estimates, path: 
 
 
 def test_values_for_the_diagnostics(estimates: Estimates, path: Path) -> None:
-    names = ("rad", "uncertainty_rad", "method", "learned_at", "applied")
+    names = ("rad", "uncertainty_rad", "parameters", "method", "learned_at", "applied")
     nothing = {f"estimate_{name}": "" for name in names} | {"estimate_file": ""}
     assert estimates.values() == nothing
     estimates.begin(str(path), DRIVE, use=False)
@@ -266,6 +306,7 @@ def test_values_for_the_diagnostics(estimates: Estimates, path: Path) -> None:
     assert estimates.values() == {
         "estimate_rad": 0.02,
         "estimate_uncertainty_rad": 1e-4,
+        "estimate_parameters": "backlash_angle = 0.02 rad",
         "estimate_method": "gap_probe",
         "estimate_learned_at": "2026-03-29T01:30:07Z",
         "estimate_applied": False,

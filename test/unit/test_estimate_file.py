@@ -14,7 +14,7 @@ from backlash_ros.control.estimates import DriveIdentity, EstimateFile, History,
 
 DRIVE = DriveIdentity("/controller", "motor", "load", 10.0)
 DAY = datetime(2026, 3, 29, 1, 30, tzinfo=timezone.utc)
-ONE = History(DRIVE, (KeptEstimate(DAY, Method.GAP_PROBE, 0.02, 1e-4, applied=True),))
+ONE = History(DRIVE, (KeptEstimate(DAY, Method.GAP_PROBE, {"backlash_angle": 0.02}, {}, applied=True),))
 
 
 @pytest.fixture
@@ -61,7 +61,7 @@ def test_a_file_that_cannot_be_read_is_refused_and_left_as_it_is(path: Path) -> 
         refused(path, "it is")
         assert path.read_bytes() == content
     path.write_text(render(ONE).replace("0.02\n", "4.0\n"))
-    refused(path, "estimates[0].backlash_angle_rad must be > 0 rad and <= 3.2 rad, got 4.0")
+    refused(path, "estimates[0].parameters.backlash_angle must be > 0 rad and <= 3.2 rad, got 4.0")
 
 
 def test_no_folder_no_file(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
@@ -15,13 +16,20 @@ from backlash_ros.control.estimates.record import MOST
 
 DRIVE = DriveIdentity("/controller", "motor", "load", 10.0)
 DAY = datetime(2026, 3, 29, 1, 30, tzinfo=timezone.utc)
-SURE = KeptEstimate(DAY, Method.GAP_PROBE, 0.0199, 5e-05, applied=True)
-OFFERED = KeptEstimate(DAY + timedelta(days=1), Method.LOAD_AMPLITUDE, 0.021, 0.0, applied=False)
+SURE = KeptEstimate(DAY, Method.GAP_PROBE, {"backlash_angle": 0.0199}, {"backlash_angle": 5e-05}, applied=True)
+OFFERED = KeptEstimate(
+    DAY + timedelta(days=1),
+    Method.IDENTIFY,
+    {"load.inertia": 0.00051, "contact.law": "power", "contact.power.exponent": 21},
+    {},
+    applied=False,
+)
 BOTH = History(DRIVE, (SURE, OFFERED))
+WIDER = replace(SURE, parameters={"backlash_angle": 0.03})
 TEXT = """\
-# Backlash estimates of one drive, the newest last: docs/learning.md of backlash_ros.
-format: backlash_ros/backlash_estimates
-version: 1
+# Estimates of one drive, the newest last: docs/learning.md of backlash_ros.
+format: backlash_ros/estimates
+version: 2
 drive:
   controller: /controller
   motor_joint: motor
@@ -31,25 +39,39 @@ count: 2
 estimates:
 - learned_at: "2026-03-29T01:30:00Z"
   method: gap_probe
-  backlash_angle_rad: 0.0199
-  standard_uncertainty_rad: 5.0e-05
+  parameters:
+    backlash_angle: 0.0199
+  standard_uncertainties:
+    backlash_angle: 5.0e-05
   applied: true
 - learned_at: "2026-03-30T01:30:00Z"
-  method: load_amplitude
-  backlash_angle_rad: 0.021
-  standard_uncertainty_rad: null
+  method: identify
+  parameters:
+    load.inertia: 0.00051
+    contact.law: power
+    contact.power.exponent: 21
+  standard_uncertainties: {}
   applied: false
 """
 
 NAMES = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
+PARAMETERS = st.fixed_dictionaries(
+    {"backlash_angle": st.floats(0.0, 3.2, exclude_min=True)},
+    optional={
+        "load.coulomb_friction": st.floats(0.0, 1e5).map(abs),
+        "loop_delay": st.floats(0.0, 0.04).map(abs),
+        "contact.law": st.sampled_from(["power", "elastic"]),
+        "contact.power.exponent": st.integers(1, 101),
+    },
+)
 ESTIMATES = st.builds(
     KeptEstimate,
     st.datetimes(datetime(1, 1, 1), datetime(9999, 12, 31), timezones=st.just(timezone.utc)).map(
         lambda moment: moment.replace(microsecond=0)
     ),
     st.sampled_from(Method),
-    st.floats(0.0, 3.2, exclude_min=True),
-    st.floats(0.0, 3.2).map(abs),
+    PARAMETERS,
+    st.dictionaries(st.just("backlash_angle"), st.floats(0.0, 3.2, exclude_min=True), max_size=1),
     st.booleans(),
 )
 DRIVES = st.builds(DriveIdentity, NAMES, NAMES, NAMES, st.floats(0.01, 1000.0))
@@ -91,7 +113,8 @@ def test_a_wrong_byte_is_refused_or_a_value_within_bounds(place: int, byte: int)
     except ValueError:
         return
     assert read.drive == DRIVE
-    assert all(0.0 < each.angle <= 3.2 for each in read.estimates)
+    assert all(0.0 < each.parameters.get("backlash_angle", 1.0) <= 3.2 for each in read.estimates)
+    assert all(0.0 < each.parameters.get("load.inertia", 1.0) <= 1e5 for each in read.estimates)
 
 
 @given(st.binary(max_size=200))
@@ -103,9 +126,9 @@ def test_anything_at_all_is_refused(content: bytes) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "why"),
     [
-        ("backlash_ros/backlash", "other/backlash", "format must be 'backlash_ros/backlash_estimates', got 'other/"),
-        ("version: 1", "version: 2", "version must be 1, the only one known here, got 2"),
-        ("version: 1", "version: true", "version must be 1, the only one known here, got True"),
+        ("backlash_ros/est", "other/est", "format must be 'backlash_ros/estimates', got 'other/"),
+        ("version: 2", "version: 1", "version must be 2, the only one known here, got 1"),
+        ("version: 2", "version: true", "version must be 2, the only one known here, got True"),
         (
             "/controller",
             "/axis2/controller",
@@ -123,21 +146,48 @@ def test_anything_at_all_is_refused(content: bytes) -> None:
         ("  load_joint: load\n", "", "drive must have the key 'load_joint', got"),
         ("count: 2", "count: 3", "count must be the number of estimates, 2, got 3: part of it is missing"),
         ("count: 2", "count: true", "count must be the number of estimates, 2, got True"),
-        ("0.0199", "7.1", r"estimates[0].backlash_angle_rad must be > 0 rad and <= 3.2 rad, got 7.1"),
-        ("0.0199", "0.0", r"estimates[0].backlash_angle_rad must be > 0 rad and <= 3.2 rad, got 0.0"),
-        ("0.0199", "-0.02", r"estimates[0].backlash_angle_rad must be > 0 rad and <= 3.2 rad, got -0.02"),
-        ("0.0199", ".nan", r"estimates[0].backlash_angle_rad must be a finite number, > 0 rad and <= 3.2 rad, got nan"),
-        ("0.0199", ".inf", r"estimates[0].backlash_angle_rad must be a finite number"),
-        ("0.0199", "true", r"estimates[0].backlash_angle_rad must be a finite number"),
-        ("0.0199", "wide", r"estimates[0].backlash_angle_rad must be a finite number"),
-        ("0.0199", "", r"estimates[0].backlash_angle_rad must be a finite number"),
-        ("5.0e-05", "-1.0e-05", r"estimates[0].standard_uncertainty_rad must be >= 0 rad and <= 3.2 rad, got -1e-05"),
-        ("5.0e-05", ".nan", r"estimates[0].standard_uncertainty_rad must be a finite number"),
+        ("0.0199", "7.1", r"estimates[0].parameters.backlash_angle must be > 0 rad and <= 3.2 rad, got 7.1"),
+        ("0.0199", "0.0", r"estimates[0].parameters.backlash_angle must be > 0 rad and <= 3.2 rad, got 0.0"),
+        ("0.0199", "-0.02", r"estimates[0].parameters.backlash_angle must be > 0 rad and <= 3.2 rad, got -0.02"),
+        (
+            "0.0199",
+            ".nan",
+            r"estimates[0].parameters.backlash_angle must be a finite number, > 0 rad and <= 3.2 rad, got nan",
+        ),
+        ("0.0199", ".inf", r"estimates[0].parameters.backlash_angle must be a finite number"),
+        ("0.0199", "true", r"estimates[0].parameters.backlash_angle must be a finite number"),
+        ("0.0199", "wide", r"estimates[0].parameters.backlash_angle must be a finite number"),
+        ("0.0199", "", r"estimates[0].parameters.backlash_angle must be a finite number"),
+        (
+            "5.0e-05",
+            "-1.0e-05",
+            "estimates[0].standard_uncertainties.backlash_angle must be > 0 and <= 1e+09, got -1e-05",
+        ),
+        ("5.0e-05", ".nan", "estimates[0].standard_uncertainties.backlash_angle must be a finite number"),
+        (
+            "  backlash_angle: 5.0e-05",
+            "  load.inertia: 5.0e-05",
+            "must be of numbers in parameters, got 'load.inertia'",
+        ),
+        (
+            "    backlash_angle: 0.0199",
+            "    motor.resistance: 1.0",
+            "estimates[0].parameters must be of ['contact.law',",
+        ),
+        ("\n    backlash_angle: 0.0199", " {}", "estimates[0].parameters must have a value at least, got none"),
+        ("\n    backlash_angle: 0.0199", " 0.0199", "estimates[0].parameters must be values by name, got 0.0199"),
+        (
+            "0.00051",
+            "0.0",
+            "estimates[1].parameters.load.inertia must be >= 1e-09 kg m^2 and <= 100000 kg m^2, got 0.0",
+        ),
+        ("law: power", "law: glue", "estimates[1].parameters.contact.law must be one of ['elastic', 'power'"),
+        ("21", "21.5", "estimates[1].parameters.contact.power.exponent must be a whole number"),
         (
             "gap_probe",
             "guess",
             r"estimates[0].method must be one of ['gap_travel', 'load_amplitude', 'gap_probe', 'gap_map', "
-            "'hysteresis'], got",
+            "'hysteresis', 'identify'], got",
         ),
         ("gap_probe", "[]", r"estimates[0].method must be one of"),
         ("applied: true", "applied: 1", r"estimates[0].applied must be true or false, got 1"),
@@ -147,8 +197,8 @@ def test_anything_at_all_is_refused(content: bytes) -> None:
         ("  applied: true\n", "", r"estimates[0] must have the key 'applied', got"),
         ("  applied: true\n", "  applied: true\n  by: me\n", r"estimates[0] must have the keys"),
         ("  applied: true\n", "  applied: true\n  applied: true\n", "the key 'applied' stands twice"),
-        ("version: 1", "version: 1\ncount: 2", "the key 'count' stands twice"),
-        ("version: 1", "version: 1\nby: me", "the file must have the keys"),
+        ("version: 2", "version: 2\ncount: 2", "the key 'count' stands twice"),
+        ("version: 2", "version: 2\nby: me", "the file must have the keys"),
         ("estimates:", "estimates: 5\nothers:", "the file must have the keys"),
         ("format:", "--- {}\n---\nformat:", "it is no YAML: expected a single document"),
         ("gap_probe", "!!python/object/apply:os.getpid []", "it is no YAML: could not determine a constructor"),
@@ -167,25 +217,30 @@ def test_the_same_gear_may_be_written_differently(written: str) -> None:
     assert parse(TEXT.replace("10.0", written, 1).encode(), DRIVE) == BOTH
 
 
-@pytest.mark.parametrize(("angle", "uncertainty"), [(math.nan, 0.0), (0.0, 0.0), (3.3, 0.0), (0.02, math.inf)])
+@pytest.mark.parametrize(("angle", "uncertainty"), [(math.nan, 1e-4), (0.0, 1e-4), (3.3, 1e-4), (0.02, math.inf)])
 def test_an_estimate_out_of_bounds_is_none(angle: float, uncertainty: float) -> None:
-    with pytest.raises(ValueError, match="_rad must be"):
-        KeptEstimate(DAY, Method.GAP_PROBE, angle, uncertainty, applied=False)
+    with pytest.raises(ValueError, match="backlash_angle must be"):
+        KeptEstimate(DAY, Method.GAP_PROBE, {"backlash_angle": angle}, {"backlash_angle": uncertainty}, applied=False)
 
 
 def test_the_newest_that_was_applied_counts() -> None:
     assert BOTH.applied == SURE
-    assert BOTH.with_newest_applied().applied is not None
-    assert BOTH.with_newest_applied().applied.angle == OFFERED.angle
+    assert BOTH.parameters == SURE.parameters
+    applied = BOTH.with_newest_applied()
+    assert applied.applied is not None
+    assert applied.applied.parameters == OFFERED.parameters
+    assert applied.parameters == {**SURE.parameters, **OFFERED.parameters}
+    assert applied.with_newest(WIDER).parameters == {**WIDER.parameters, **OFFERED.parameters}
     assert History(DRIVE, (OFFERED,)).applied is None
 
 
-def test_the_oldest_are_left_out_but_never_the_last_that_was_applied() -> None:
-    history = History(DRIVE, (SURE,))
+def test_the_oldest_are_left_out_but_never_what_is_in_use() -> None:
+    applied = replace(OFFERED, applied=True)
+    history = History(DRIVE, (SURE, applied))
     for _ in range(2 * MOST):
         history = history.with_newest(OFFERED)
-    assert history.estimates == (SURE, *[OFFERED] * (MOST - 1))
-    for _ in range(MOST):
-        history = history.with_newest(SURE)
-    assert history.estimates == (SURE,) * MOST
+    assert history.estimates == (SURE, applied, *[OFFERED] * (MOST - 2))
+    for _ in range(2 * MOST):
+        history = history.with_newest(WIDER)
+    assert history.estimates == (applied, *[WIDER] * (MOST - 1))
     assert len(render(history)) < 100_000

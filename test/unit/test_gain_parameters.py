@@ -1,9 +1,11 @@
 """What a request for some gain parameters means for all of them."""
 
+from dataclasses import replace
+
 import pytest
 
 from backlash_ros.control import design_gains
-from backlash_ros.control.design.gain_sets import CUSTOM, expand, gain_set_of, resolve_set
+from backlash_ros.control.design.gain_sets import CUSTOM, expand, gain_set_of, resolve_set, what_stays
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 
 WEIGHTS = {"fast": {"q": [1000.0, 1.0], "k": [0.0] * 3}, "overdamped": {"q": [4.0, 0.0], "k": [0.0] * 3}}
@@ -94,3 +96,42 @@ def test_gains_are_judged_with_the_delay_that_was_given() -> None:
     gain_set_of(values, SETS, NOMINAL_DRIVE, PERIOD, 0.019)
     with pytest.raises(ValueError, match=r"gains\.fast\.k = .* with a delay of 0\.02 s"):
         gain_set_of(values, SETS, NOMINAL_DRIVE, PERIOD, 0.02)
+
+
+HEAVY = replace(NOMINAL_DRIVE, load=replace(NOMINAL_DRIVE.load, inertia=4 * NOMINAL_DRIVE.load.inertia))
+FOR_HEAVY = {
+    "nominal": resolve_set("nominal", WEIGHTS, HEAVY, PERIOD, 0.0),
+    "gentle": resolve_set("gentle", NUMBERS, HEAVY, PERIOD, 0.0),
+}
+
+
+@pytest.mark.parametrize(
+    ("before", "changes", "fast", "overdamped"),
+    [
+        ({}, {}, "weights", "weights"),
+        ({"gain_set": "gentle"}, {}, "numbers", "numbers"),
+        ({"gains.fast.k": [25.0, 0.7, 0.1]}, {}, [25.0, 0.7, 0.1], "weights"),
+        ({"gain_set": CUSTOM}, {}, "weights", "weights"),
+        ({}, {"gains.fast.k": [25.0, 0.7, 0.1]}, [25.0, 0.7, 0.1], "weights"),
+        ({}, {"gain_set": "gentle"}, "numbers", "numbers"),
+        ({"gain_set": "gentle"}, {"gain_set": "nominal"}, "weights", "weights"),
+        ({"gain_set": "gentle"}, {"gains.overdamped.q": [4.0, 0.0]}, "numbers", "weights"),
+        ({}, {"gain_set": CUSTOM}, "weights", "weights"),
+    ],
+)
+def test_for_another_drive_what_was_designed_is_designed_anew_and_numbers_stay(
+    before: dict[str, object], changes: dict[str, object], fast: object, overdamped: object
+) -> None:
+    values = {**START, **expand(before, SETS, NOMINAL_DRIVE)}
+    full = expand({**what_stays(changes, values), **changes}, FOR_HEAVY, HEAVY)
+    values |= full
+    gain_set_of(values, FOR_HEAVY, HEAVY, PERIOD, 0.0)
+    for region, wanted in (("fast", fast), ("overdamped", overdamped)):
+        k, q = f"gains.{region}.k", f"gains.{region}.q"
+        designed = {"weights": FOR_HEAVY["nominal"][k], "numbers": SETS["gentle"][k]}
+        assert values[k] == (designed[wanted] if isinstance(wanted, str) else wanted)
+        assert values[q] == (WEIGHTS[region]["q"] if wanted == "weights" else [0.0, 0.0])
+    own = {**before, **changes}
+    named = CUSTOM if any(name.startswith("gains.") for name in own) else own.get("gain_set", "nominal")
+    assert values["gain_set"] == named
+    assert FOR_HEAVY["nominal"]["gains.fast.k"] != SETS["nominal"]["gains.fast.k"]

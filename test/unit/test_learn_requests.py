@@ -17,11 +17,12 @@ from backlash_ros.control import (
     Servo,
     ServoSettings,
 )
-from backlash_ros.control.experiment import Deferred, Excitation, NamedExperiment, Refusal
+from backlash_ros.control.experiment import Deferred, DriveEstimate, Excitation, NamedExperiment, Refusal
 from backlash_ros.control.learning import PATIENCE, LearnRequests, Reply, describe_outcome
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.signals import Measurement
 from backlash_ros.gates import Fault
+from backlash_ros.identification.recordings.findings import Finding
 
 AT_REST = Measurement(np.zeros(5))
 
@@ -91,9 +92,47 @@ def test_an_experiment_that_ends_by_itself_is_answered_with_its_reason(servo: Se
     assert "load encoder is missing" in reply.text
 
 
+def test_identify_is_answered_as_that_and_runs_an_experiment_of_its_own(servo: Servo) -> None:
+    requests = LearnRequests(servo, ThreadPoolExecutor(1))
+    assert requests.ask(0, "identify") is None
+    assert requests.ask(0) == (False, "cannot learn: already learning", None)
+    assert requests.ask(0, "identify") == (False, "cannot identify: already learning", None)
+    assert requests.waited(PATIENCE, "no joint_states") == (False, "cannot identify: no joint_states for 5 s", None)
+    servo.update(AT_REST)
+    assert requests.ask(0, "identify") is None
+    assert requests.begin() is None
+    servo.update(AT_REST)
+    requests.cancel()
+    assert requests.end() == (False, "nothing was identified: cancelled on request", None)
+    assert requests.service == "identify"
+
+
+def test_one_encoder_alone_is_refused_by_identify(servo: Servo) -> None:
+    requests = LearnRequests(servo, ThreadPoolExecutor(1))
+    load_alone = Measurement(np.array([math.nan, math.nan, 0.0, 0.0, 0.0]))
+    servo.update(load_alone)
+    requests.ask(0, "identify")
+    requests.begin()
+    servo.update(load_alone)
+    reply = requests.end()
+    assert reply is not None
+    assert (reply.success, reply.estimate) == (False, None)
+    assert "nothing was identified" in reply.text
+    assert "one is missing" in reply.text
+
+
 def test_outcomes_in_words() -> None:
     found = BacklashEstimate(0.02, Method.GAP_TRAVEL, valid=True, reason="10 cycles")
     assert describe_outcome(found) == "backlash 0.02 rad at the output, by gap_travel, from 10 cycles"
+    told = (
+        Finding("load.inertia", "J_l", "", "kg m^2", 5e-4, 2e-6),
+        Finding("motor.coulomb_friction", "c_m", "", "N m", 3e-10, 1e-4),
+        Finding("load.coulomb_friction", "c_l", "", "N m", why="too little motion"),
+    )
+    drive = DriveEstimate(0.0, Method.IDENTIFY, valid=True, reason="4 s of motion", findings=told)
+    assert describe_outcome(drive) == (
+        "J_l = 0.0005 +- 2e-06 kg m^2, c_m = 0 +- 0.0001 N m, from 4 s of motion; not told: c_l: too little motion"
+    )
     assert describe_outcome(Refusal("it failed: OSError()")) == "it failed: OSError()"
 
 

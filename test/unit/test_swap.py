@@ -9,9 +9,10 @@ import pytest
 
 from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, Servo, ServoSettings, design_gains
 from backlash_ros.control.laws.cascade import CascadeParameters
+from backlash_ros.control.monitoring.monitor import unexplained_torque
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
-from backlash_ros.drivetrain.signals import THETA_L, Array
+from backlash_ros.drivetrain.signals import OMEGA_L, THETA_L, Array
 from backlash_ros.simulation import SimulatedDrive
 
 B = NOMINAL_DRIVE.gear.backlash_angle
@@ -134,3 +135,49 @@ def test_what_holds_the_load_is_forgotten_with_it() -> None:
     rig.servo.release("test")
     assert rig.servo.holding_voltage == 0.0
     assert rig.servo.update(np.array([math.nan, math.nan, 0.3, math.nan, math.nan])) == 0.0
+
+
+@pytest.mark.parametrize("watched", [True, False])
+@pytest.mark.parametrize("sensors", ["everything", "positions"])
+@pytest.mark.parametrize("inertia", [0.25, 4.0])
+@pytest.mark.parametrize("moved_for", [0.02, 0.06])
+def test_another_load_that_is_told_on_the_way_makes_no_torque(
+    watched: bool, sensors: str, inertia: float, moved_for: float
+) -> None:
+    """The momentum seen so far is another one with another inertia; the difference is no torque on the load."""
+    rigs = []
+    for told in (False, True):
+        rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, "two_region"), SENSORS[sensors], load_torque=0.0)
+        rig.servo = Servo(NOMINAL_DRIVE, rig.servo.settings, watched=watched)
+        rig.run(1.0)
+        rig.servo.set_reference(1.0)
+        rig.run(moved_for)
+        if told:
+            load = replace(NOMINAL_DRIVE.load, inertia=inertia * NOMINAL_DRIVE.load.inertia)
+            rig.servo.use(rig.servo.settings, drive=replace(NOMINAL_DRIVE, load=load))
+            assert rig.servo.drive.load == load
+        before = rig.servo.load_torque_estimate, rig.servo.holding_voltage
+        rigs.append((rig, before, rig.run(PERIOD)[1][0], unexplained_torque(rig.servo.memory.monitor)))
+    (same, torque, command, unexplained), (other, torque_too, command_too, unexplained_too) = rigs
+    assert torque == torque_too
+    # What is left is what the true load does to the wrong one within a period.
+    speed = abs(same.servo.estimate[OMEGA_L])
+    assert speed > 2.0
+    momentum = abs(inertia - 1.0) * NOMINAL_DRIVE.load.inertia * speed
+    assert abs(command_too - command) < 0.25 * 40.0 * momentum * 4.0  # by the law's estimate and k_tau
+    assert abs(unexplained_too - unexplained) < 2.0 * momentum  # by the monitor's
+    assert other.servo.fault == ""
+
+
+def test_another_drive_moves_all_that_is_derived_from_it() -> None:
+    servo = Servo(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, "elastic_lqg"))
+    wide = replace(HEAVY, gear=replace(HEAVY.gear, backlash_angle=3 * B))
+    servo.use(servo.settings, drive=wide)
+    fresh = Servo(wide, servo.settings)
+    np.testing.assert_array_equal(servo.constants, fresh.constants)
+    np.testing.assert_array_equal(servo.law_arrays[0], fresh.law_arrays[0])
+    before = servo.constants.copy()
+    with pytest.raises(ValueError, match=r"laws\.elastic_lqg takes"):
+        servo.use(servo.settings.with_law("elastic_lqg", CascadeParameters()), drive=NOMINAL_DRIVE)
+    np.testing.assert_array_equal(servo.constants, before)
+    assert servo.drive == wide

@@ -7,7 +7,6 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs rclpy")
 
-from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.nodes.tunables import Tunables
 
 
@@ -21,8 +20,8 @@ from backlash_ros.nodes.tunables import Tunables
 )
 def test_gain_sets_that_cannot_be_told_apart_are_refused(names: list[str], text: str) -> None:
     node: Any = SimpleNamespace(
-        declare_parameter=lambda name, *_: SimpleNamespace(value=0.0 if name == "loop_delay" else names),
+        declare_parameter=lambda *_: SimpleNamespace(value=names),
         set_descriptor=lambda *_: None,
     )
     with pytest.raises(ValueError, match=text):
-        Tunables(node, NOMINAL_DRIVE, 250.0)
+        Tunables(node, {}, 250.0)

@@ -180,7 +180,6 @@ def learn(
             return Learned(experiment=name, reason=f"not simulated: {error}", time=spent + plant.time), None
         spent, swing = spent + plant.time, max(swing, plant.swing)
         result = Learned(
-            valid=outcome.valid,
             gap=member.drive.gear.backlash_at(float(plant.state[THETA_L])),
             experiment=name,
             reason=outcome.reason,
@@ -188,8 +187,10 @@ def learn(
             time=spent,
             swing=swing,
         )
-        if isinstance(outcome, BacklashEstimate) and outcome.valid:
-            result = replace(result, angle=outcome.angle, uncertainty=outcome.uncertainty, method=outcome.method.value)
+        if isinstance(outcome, BacklashEstimate) and outcome.valid and outcome.angle > 0.0:
+            result = replace(
+                result, valid=True, angle=outcome.angle, uncertainty=outcome.uncertainty, method=outcome.method.value
+            )
             return result, outcome.fit
     return result, None
 

@@ -2,7 +2,8 @@
 
 ``gains.<region>.k`` is always what is in use. ``gains.<region>.q`` are the LQR weights it was designed from, [0, 0]
 where it was given as numbers. ``gain_set`` names the set that both came from, ``custom`` where they came one by one.
-Choosing a set sets its gains; setting gains makes the set custom; setting weights designs the gains.
+Choosing a set sets its gains; setting gains makes the set custom; setting weights designs the gains. For another drive
+sets and weights are what stays, and gains are designed anew.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,6 +45,19 @@ def resolve_set(
         values[f"gains.{region}.k"] = gains.as_array().tolist()
         values[f"gains.{region}.q"] = list(q)
     return values
+
+
+def what_stays(changes: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what of the gains in use, ``values``, holds for another drive, beside what ``changes`` say of them.
+
+    That is the set, or of each region the weights, from which the gains follow.
+    """
+    if "gain_set" not in changes and not any(name.startswith("gains.") for name in changes):
+        changes = {"gain_set": values["gain_set"]}
+    if changes.get("gain_set", CUSTOM) != CUSTOM:
+        return {"gain_set": changes["gain_set"]}
+    pairs = ((f"gains.{region}.q", f"gains.{region}.k") for region in REGIONS)
+    return {q: values[q] for q, k in pairs if _given(values[q]) and q not in changes and k not in changes}
 
 
 def expand(changes: Mapping[str, Any], sets: Mapping[str, Mapping[str, list[float]]], drive: Drive) -> dict[str, Any]:

@@ -3,14 +3,14 @@
 All times are integer nanoseconds of the caller's steady clock, but for the date of an estimate.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future, wait
 from dataclasses import replace
 from datetime import datetime, timezone
 from typing import Any, NamedTuple
 
 from backlash_ros.control.estimates.file import EstimateFile
-from backlash_ros.control.estimates.record import DriveIdentity, KeptEstimate
+from backlash_ros.control.estimates.record import DriveIdentity, KeptEstimate, in_words
 from backlash_ros.control.experiment import BacklashEstimate
 from backlash_ros.identification.gap_map import GapMap
 
@@ -22,7 +22,7 @@ PATIENCE = 5 * 10**9
 
 
 class Answer(NamedTuple):
-    """What a request is answered; ``service`` is "learn" or "apply_estimate"."""
+    """What a request is answered; ``service`` is "learn", "identify" or "apply_estimate"."""
 
     service: str
     success: bool
@@ -34,14 +34,14 @@ class Estimates:
 
     Parameters
     ----------
-    put_in_use : sets ``backlash_angle``, rad, and returns why it was refused, empty where it was not
+    put_in_use : sets parameters, all or none, and returns why they were refused, empty where they were not
     workers : write the file, one piece of work after the other, while the loop goes on
     today : the date in UTC
     """
 
     def __init__(
         self,
-        put_in_use: Callable[[float], str],
+        put_in_use: Callable[[Mapping[str, Any]], str],
         workers: Executor,
         today: Callable[[], datetime] = lambda: datetime.now(timezone.utc),
     ) -> None:
@@ -71,14 +71,15 @@ class Estimates:
             raise ValueError(f"learning.estimate_file {path}: the last estimate is still being written")
         self._file = EstimateFile(path, drive)
         self._path = where = str(self._file.path)
-        kept = self._file.history.applied
+        history = self._file.history
+        newest, parameters = history.applied, history.parameters
         if not use:
             return f"estimates are kept in {where}"
-        if kept is None:
-            return f"{where} has no estimate that was applied: backlash_angle stays as the parameters give it"
-        if refusal := self._put_in_use(kept.angle):
-            raise ValueError(f"learning.estimate_file {where}: backlash_angle = {kept.angle:g} rad: {refusal}")
-        return f"backlash_angle = {kept.angle:.6g} rad, learned {kept.date} by {kept.method.value}, from {where}"
+        if newest is None:
+            return f"{where} has no estimate that was applied: all stays as the parameters give it"
+        if refusal := self._put_in_use(parameters):
+            raise ValueError(f"learning.estimate_file {where}: {in_words(parameters)}: {refusal}")
+        return f"{in_words(parameters)}, the newest learned {newest.date} by {newest.method.value}, from {where}"
 
     def forget(self) -> None:
         """Offer nothing any more; the file has what there was."""
@@ -91,17 +92,17 @@ class Estimates:
         """Why there can be no request now: the last one is not answered yet; empty where there can."""
         return "the last estimate is still being written" if self._held else ""
 
-    def learned(self, estimate: BacklashEstimate, text: str, now: int, *, apply: bool) -> None:
+    def learned(self, estimate: BacklashEstimate, text: str, now: int, *, apply: bool, service: str = "learn") -> None:
         """Take a valid estimate, ``text`` in words, and put it in use where ``apply``, or offer it."""
         refusal = ""
         try:
             date = self._today().replace(microsecond=0)
-            kept = KeptEstimate(date, estimate.method, estimate.angle, estimate.uncertainty, applied=False)
+            kept = KeptEstimate(date, estimate.method, estimate.parameters, estimate.uncertainties, applied=False)
         except ValueError as error:
-            self._hold(Answer("learn", False, f"{text}, but it was refused: {error}"), now)
+            self._hold(Answer(service, False, f"{text}, but it was refused: {error}"), now)
             return
         if apply:
-            refusal = self._put_in_use(kept.angle)
+            refusal = self._put_in_use(kept.parameters)
             kept = replace(kept, applied=not refusal)
         self.newest, self.map = kept, estimate.map
         if self._file is not None:
@@ -111,7 +112,7 @@ class Estimates:
             text = f"{text}, but it was refused: {refusal}"
         elif not apply:
             text = f"{text}; it is not in use until apply_estimate"
-        self._hold(Answer("learn", not refusal, text), now)
+        self._hold(Answer(service, not refusal, text), now)
 
     def apply(self, now: int) -> str:
         """Put the estimate on offer in use; return an empty text, or why not, which changes nothing."""
@@ -119,16 +120,16 @@ class Estimates:
             return f"cannot apply: {self.busy}"
         if self.newest is None:
             return "there is no estimate to apply: none was learned since the controller was configured"
-        angle = f"{self.newest.angle:.6g} rad"
+        values = in_words(self.newest.parameters)
         if self.newest.applied:
-            return f"the estimate of {angle} was applied already: set backlash_angle to use it again"
-        if refusal := self._put_in_use(self.newest.angle):
-            return f"backlash_angle = {angle} was refused: {refusal}"
+            return f"the newest estimate was applied already: {values}; set that to use it again"
+        if refusal := self._put_in_use(self.newest.parameters):
+            return f"{values} was refused: {refusal}"
         self.newest = replace(self.newest, applied=True)
         if self._file is not None:
             self._file.history = self._file.history.with_newest_applied()
             self._write(self._file)
-        self._hold(Answer("apply_estimate", True, f"backlash_angle = {angle} is in use"), now)
+        self._hold(Answer("apply_estimate", True, f"in use: {values}"), now)
         return ""
 
     def _write(self, file: EstimateFile) -> None:
@@ -163,15 +164,15 @@ class Estimates:
         """The estimate that waits to be applied, in words; empty where there is none."""
         if self.newest is None or self.newest.applied:
             return ""
-        return f"an estimate of {self.newest.angle:.6g} rad waits for apply_estimate"
+        return f"an estimate waits for apply_estimate: {in_words(self.newest.parameters)}"
 
     def values(self) -> dict[str, Any]:
         """Return the newest estimate by name, with its map where it has one."""
-        newest, names = self.newest, ("rad", "uncertainty_rad", "method", "learned_at", "applied")
+        newest, names = self.newest, ("rad", "uncertainty_rad", "parameters", "method", "learned_at", "applied")
         shown: tuple[Any, ...] = ("",) * len(names)
         if newest is not None:
-            sure = newest.uncertainty or ""
-            shown = newest.angle, sure, newest.method.value, newest.date, newest.applied
+            angle, sure = (each.get("backlash_angle", "") for each in (newest.parameters, newest.uncertainties))
+            shown = angle, sure, in_words(newest.parameters), newest.method.value, newest.date, newest.applied
         listed = {f"estimate_{name}": value for name, value in zip(names, shown, strict=True)}
         around = self.map.values() if self.map else {}
         return {**listed, "estimate_file": self._path if self._file else "", **around}

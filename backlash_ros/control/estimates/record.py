@@ -14,21 +14,34 @@ import yaml
 
 from backlash_ros.control.experiment import Method
 from backlash_ros.control.settings import ServoSettings
-from backlash_ros.drivetrain import Gear, Quantity, quantities
+from backlash_ros.drivetrain import CONTACTS, Gear, Load, Motor, Quantity, Validated, quantities
+from backlash_ros.drivetrain.parameters import FOUND
 
-FORMAT, VERSION = "backlash_ros/backlash_estimates", 1
+FORMAT, VERSION = "backlash_ros/estimates", 2
 MOST = 100
 """Estimates that a file keeps: the newest ones, and the newest of those that were applied."""
 
-_LARGEST = quantities(ServoSettings)["backlash_angle"].upper
-_ANGLE = Quantity("backlash at the output", "rad", 0.0, _LARGEST, open_lower=True)
-_UNCERTAINTY = Quantity("its standard uncertainty", "rad", 0.0, _LARGEST)
+
+def _bounds() -> dict[str, Quantity]:
+    """Return the numbers that an estimate may have, by the names of parameters."""
+    angle = quantities(ServoSettings)["backlash_angle"]
+    parts: tuple[type[Validated], ...] = (Motor, Gear, Load, *CONTACTS.values())
+    numbers = {f"{part.section}.{name}": each for part in parts for name, each in quantities(part).items()}
+    return {
+        **{name: each for name, each in numbers.items() if name.startswith(FOUND)},
+        "backlash_angle": replace(angle, open_lower=True),
+        "loop_delay": Quantity("delay of the drive, both ways", "s", 0.0, 10.0),
+    }
+
+
+_LAW = "contact.law"
+_DEVIATION = Quantity("a standard uncertainty", "", 0.0, 1e9, open_lower=True)
 _REDUCTION = quantities(Gear)["reduction"]
 _SAME_GEAR = 1e-6
 """Relative difference of gear reductions that are the same one, written differently."""
 
 _KEYS = ("format", "version", "drive", "count", "estimates")
-_ENTRY = ("learned_at", "method", "backlash_angle_rad", "standard_uncertainty_rad", "applied")
+_ENTRY = ("learned_at", "method", "parameters", "standard_uncertainties", "applied")
 _TIME = "%Y-%m-%dT%H:%M:%SZ"
 
 
@@ -42,27 +55,53 @@ class DriveIdentity:
     gear_reduction: float
 
 
+def _check(where: str, parameters: Mapping[str, Any], uncertainties: Mapping[str, Any]) -> None:
+    """Raise ValueError unless parameters can be an estimate's, and have such standard uncertainties."""
+    bounds = _bounds()
+    if not parameters:
+        raise ValueError(f"{where}parameters must have a value at least, got none")
+    for name, value in parameters.items():
+        if name == _LAW:
+            CONTACTS.choose(f"{where}parameters.{_LAW}", value)
+        elif name in bounds:
+            bounds[name].check(f"{where}parameters.{name}", value)
+        else:
+            raise ValueError(f"{where}parameters must be of {[_LAW, *bounds]}, got {shortened(name)}")
+    for name, value in uncertainties.items():
+        if name not in parameters or name == _LAW:
+            raise ValueError(f"{where}standard_uncertainties must be of numbers in parameters, got {shortened(name)}")
+        _DEVIATION.check(f"{where}standard_uncertainties.{name}", value)
+
+
+def in_words(parameters: Mapping[str, Any]) -> str:
+    """Return values by name as a text, numbers with their units."""
+    bounds = _bounds()
+    return ", ".join(
+        f"{name} = {value}" if name == _LAW else f"{name} = {value:.6g} {bounds[name].unit}".rstrip()
+        for name, value in parameters.items()
+    )
+
+
 @dataclass(frozen=True)
 class KeptEstimate:
     """A valid estimate: when it was learned (UTC, whole seconds), how, and whether it was put in use.
 
-    ``angle`` and standard ``uncertainty``: rad at the output; the latter is 0 where the method has none.
+    ``parameters`` by name, in SI units, and their standard ``uncertainties``, as far as they are known.
 
     Raises
     ------
     ValueError
-        If an angle is not finite or beyond the bounds of ``backlash_angle``.
+        If a value is out of bounds, or none that is ever estimated.
     """
 
     learned_at: datetime
     method: Method
-    angle: float
-    uncertainty: float
+    parameters: Mapping[str, Any]
+    uncertainties: Mapping[str, float]
     applied: bool
 
     def __post_init__(self) -> None:
-        _ANGLE.check("backlash_angle_rad", self.angle)
-        _UNCERTAINTY.check("standard_uncertainty_rad", self.uncertainty)
+        _check("", self.parameters, self.uncertainties)
 
     @property
     def date(self) -> str:
@@ -83,13 +122,17 @@ class History:
         """The newest estimate that was applied."""
         return next((each for each in reversed(self.estimates) if each.applied), None)
 
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """What the estimates that were applied come to: of each parameter the newest value."""
+        return {name: value for each in self.estimates if each.applied for name, value in each.parameters.items()}
+
     def with_newest(self, estimate: KeptEstimate) -> "History":
-        """Return the history with one more, without the oldest where there are too many."""
-        every = replace(self, estimates=(*self.estimates, estimate))
-        kept, applied = every.estimates[-MOST:], every.applied
-        if applied is not None and not any(each.applied for each in kept):
-            kept = (applied, *kept[1:])
-        return replace(self, estimates=kept)
+        """Return the history with one more; where there are too many without the oldest that `parameters` spares."""
+        every = (*self.estimates, estimate)
+        holding = {name: k for k, each in enumerate(every) if each.applied for name in each.parameters}
+        oldest = next(k for k in range(len(every)) if k not in holding.values()) if len(every) > MOST else -1
+        return replace(self, estimates=tuple(each for k, each in enumerate(every) if k != oldest))
 
     def with_newest_applied(self) -> "History":
         """Return the history in which the newest was applied."""
@@ -99,22 +142,29 @@ class History:
 # Writing.
 
 
-def _number(value: float) -> str:
-    """Return a number that reads back equal; YAML 1.1 takes 5e-05 for a text, 5.0e-05 for a number."""
+def _scalar(value: Any) -> str:
+    """Return a value that reads back equal; YAML 1.1 takes 5e-05 for a text, 5.0e-05 for a number."""
+    if not isinstance(value, float):
+        return str(value)
     text = repr(float(value))
     return text if "." in text else text.replace("e", ".0e")
 
 
-def _rendered(estimate: KeptEstimate) -> str:
-    uncertainty = _number(estimate.uncertainty) if estimate.uncertainty > 0.0 else "null"
-    values = (
-        f'"{estimate.date}"',
-        estimate.method.value,
-        _number(estimate.angle),
-        uncertainty,
-        str(estimate.applied).lower(),
+def _values(key: str, values: Mapping[str, Any]) -> list[str]:
+    return (
+        [f"{key}:", *(f"  {name}: {_scalar(value)}" for name, value in values.items())] if values else [f"{key}: {{}}"]
     )
-    lines = [f"{key}: {value}" for key, value in zip(_ENTRY, values, strict=True)]
+
+
+def _rendered(estimate: KeptEstimate) -> str:
+    learned_at, method, parameters, uncertainties, applied = _ENTRY
+    lines = [
+        f'{learned_at}: "{estimate.date}"',
+        f"{method}: {estimate.method.value}",
+        *_values(parameters, estimate.parameters),
+        *_values(uncertainties, estimate.uncertainties),
+        f"{applied}: {str(estimate.applied).lower()}",
+    ]
     return "- " + "\n  ".join(lines) + "\n"
 
 
@@ -126,7 +176,7 @@ def render(history: History) -> str:
     drive = {"drive": {each.name: getattr(history.drive, each.name) for each in fields(DriveIdentity)}}
     entries = "\n" + "".join(map(_rendered, history.estimates)) if history.estimates else " []\n"
     return (
-        "# Backlash estimates of one drive, the newest last: docs/learning.md of backlash_ros.\n"
+        "# Estimates of one drive, the newest last: docs/learning.md of backlash_ros.\n"
         f"format: {FORMAT}\nversion: {VERSION}\n"
         f"{yaml.safe_dump(drive, sort_keys=False, default_flow_style=False)}"
         f"count: {len(history.estimates)}\n"
@@ -187,9 +237,11 @@ def _is_ours(found: Mapping[str, Any], drive: DriveIdentity) -> None:
 def _estimate(where: str, value: Any) -> KeptEstimate:
     entry = _mapping(where, value, _ENTRY)
     date, method, applied = entry["learned_at"], entry["method"], entry["applied"]
-    uncertainty = 0.0 if entry["standard_uncertainty_rad"] is None else entry["standard_uncertainty_rad"]
-    _ANGLE.check(f"{where}.backlash_angle_rad", entry["backlash_angle_rad"])
-    _UNCERTAINTY.check(f"{where}.standard_uncertainty_rad", uncertainty)
+    numbers = [entry[key] for key in ("parameters", "standard_uncertainties")]
+    for key, values in zip(("parameters", "standard_uncertainties"), numbers, strict=True):
+        if not isinstance(values, dict):
+            raise ValueError(f"{where}.{key} must be values by name, got {shortened(values)}")
+    _check(f"{where}.", *numbers)
     try:
         learned_at = datetime.strptime(date, _TIME).replace(tzinfo=timezone.utc)
     except (TypeError, ValueError):
@@ -200,7 +252,14 @@ def _estimate(where: str, value: Any) -> KeptEstimate:
         raise ValueError(f"{where}.method must be one of {methods}, got {shortened(method)}")
     if not isinstance(applied, bool):
         raise ValueError(f"{where}.applied must be true or false, got {shortened(applied)}")
-    return KeptEstimate(learned_at, Method(method), float(entry["backlash_angle_rad"]), float(uncertainty), applied)
+    parameters, uncertainties = map(_as_declared, numbers)
+    return KeptEstimate(learned_at, Method(method), parameters, uncertainties, applied)
+
+
+def _as_declared(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values in the types of their parameters: 1 for 1.0 where that is no whole number."""
+    bounds = _bounds()
+    return {name: value if name == _LAW or bounds[name].whole else float(value) for name, value in values.items()}
 
 
 def parse(content: bytes, drive: DriveIdentity) -> History:

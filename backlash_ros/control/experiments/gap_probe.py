@@ -9,7 +9,7 @@ recorded: see `identification`.
 """
 
 import math
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
@@ -111,10 +111,14 @@ class GapProbe:
             try:
                 self._move = next(self._moves)
             except StopIteration:
-                self.outcome = Deferred(partial(_estimate_from, self._drive, self.recording(), self._standstill))
+                self.outcome = Deferred(self.work())
                 return Excitation()
         wanted = self._move.at(self._time - self._begun + 0.5 * self._period)
         return Excitation(torque=self._loop.torque(motor, wanted, elapsed))
+
+    def work(self) -> Callable[[], Outcome]:
+        """Return what computes the outcome from what was seen."""
+        return partial(_estimate_from, self._drive, self.recording(), self._standstill)
 
     def recording(self) -> Recording:
         """Return what was seen so far."""

@@ -148,6 +148,11 @@ def forget_ends(memory: Array) -> None:
     memory[[_LOWER, _UPPER]] = -math.inf, math.inf
 
 
+def keep_torque(observer: ObserverConstants, memory: Array) -> None:
+    """Let the torque that was found go on where the ``observer`` is another drive's."""
+    observing.keep_estimate(observer, memory[_OBSERVER:_SAMPLE])
+
+
 def unexplained_torque(memory: Array) -> float:
     """Return the torque on the output shaft that the drive does not explain, N m: a load torque, where all is well."""
     return float(memory[_UNEXPLAINED])

@@ -1,0 +1,73 @@
+"""Identifying the drive with both encoders: the motion of the gap's probe tells load, friction and delay, too."""
+
+from collections.abc import Callable
+from functools import partial
+
+from backlash_ros.control.experiment import DriveEstimate, Method, NamedExperiment, Outcome, Refusal
+from backlash_ros.control.experiments.gap_probe import GapProbe, GapProbeSettings
+from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain.parameters import values_of
+from backlash_ros.identification.fit import Recording
+from backlash_ros.identification.recordings.identify import Identified, identify
+
+_NAMES = {"delay.command": "loop_delay"}
+"""What a finding is for the controller, where its key is the simulator's."""
+
+
+class Identify(GapProbe):
+    """One run of the gap's probe, from which all of the drive is identified."""
+
+    def cancel(self, reason: str) -> None:
+        """End without a result, for ``reason``."""
+        if self.outcome is None:
+            self.outcome = _nothing(reason)
+
+    def work(self) -> Callable[[], Outcome]:
+        """Return what identifies the drive from what was seen."""
+        return partial(_estimate_from, self._drive, self.recording())
+
+
+def _nothing(reason: str) -> Refusal:
+    return Refusal(f"nothing was identified: {reason}")
+
+
+def _estimate_from(drive: Drive, recording: Recording) -> Outcome:
+    """Return what a recording tells of a drive."""
+    try:
+        found = identify(drive, recording, hold_out=False)
+    except ValueError as error:
+        return _nothing(str(error))
+    if not found.valid:
+        return _nothing(found.reason or "; ".join(f"{each.symbol}: {each.why}" for each in found.findings))
+    gap, values = found.of("gear.backlash_angle"), _parameters_of(found)
+    told = {_NAMES.get(each.key, each.key): each.uncertainty for each in found.findings if each.told}
+    return DriveEstimate(
+        gap.value if gap.told else 0.0,
+        Method.IDENTIFY,
+        valid=True,
+        reason=f"{recording.time[-1] - recording.time[0]:.1f} s of motion",
+        uncertainty=gap.uncertainty if gap.told else 0.0,
+        fit=found.fit,
+        drive=values,
+        deviations={name: deviation for name, deviation in told.items() if name in values},
+        findings=found.findings,
+    )
+
+
+def _parameters_of(found: Identified) -> dict[str, float | int | str]:
+    """Return what was found by the names of parameters; the teeth count as one."""
+    wanted = tuple(f"{name}." if name == "contact" else name for name in found.replaced)
+    values = {name: value for name, value in values_of(found.drive).items() if name.startswith(wanted)}
+    others = {_NAMES[each.key]: each.value for each in found.findings if each.told and each.key in _NAMES}
+    return {**values, **others}
+
+
+EXPERIMENTS = {
+    "identify": NamedExperiment(
+        "load, friction, gap, teeth and delay from motion across the gap, with both encoders",
+        Identify,
+        GapProbeSettings(),
+        swing="swing",
+        law="",
+    )
+}

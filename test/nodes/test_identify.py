@@ -1,0 +1,135 @@
+"""~/identify over DDS: a drive drawn at random is found, its parameters are in use, and it is quiet from then on."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from data_sheet import FAULTS, NAMES, OTHERS, Rig
+
+from backlash_ros.analysis.evaluation.judging import OVERSHOOT, PRECISE, QUIET, judge_move, threshold
+from backlash_ros.analysis.evaluation.population import draw_member
+from backlash_ros.analysis.evaluation.task import DELAY_NEAR, EFFORT_NEAR, GAP_NEAR, INERTIA_NEAR, SPEEDS
+from backlash_ros.control import DEFAULT_WEIGHTS, FaultThresholds, design_gains
+from backlash_ros.control.estimates import DriveIdentity, parse
+from backlash_ros.drivetrain.parameters import FOUND
+from backlash_ros.ros.parameters import drive_of
+
+SEED = 20261122
+
+
+@pytest.mark.parametrize(("population", "number"), [("core", 10), ("full", 16)])
+def test_a_random_drive_is_found_and_quiet_from_then_on_and_at_the_next_start(
+    rig: Callable[..., Rig], tmp_path: Path, population: str, number: int
+) -> None:
+    member = draw_member(SEED, number, population)
+    file = tmp_path / "estimates.yaml"
+    made = rig(member, learning__estimate_file=file)
+    told = made.in_use()
+    answer = made.call("identify")
+    assert answer.success, answer.message
+    found = made.in_use()
+    # What is set is near the truth, by the tolerances of the evaluation.
+    drive, load = member.drive, member.drive.load
+    gap = drive.gear.backlash_at(0.0)
+    assert found["load.inertia"] == pytest.approx(load.inertia, rel=INERTIA_NEAR)
+    assert found["backlash_angle"] == pytest.approx(gap, abs=max(GAP_NEAR * gap, member.load_count))
+    assert found["gear.backlash_angle"] == found["backlash_angle"]
+    assert found["loop_delay"] == pytest.approx(member.delay.command, abs=DELAY_NEAR / member.rate)
+    for speed in SPEEDS:
+        effort = found["load.viscous_friction"] * speed + found["load.coulomb_friction"]
+        assert effort == pytest.approx(load.viscous_friction * speed + load.coulomb_friction, rel=EFFORT_NEAR)
+    # What follows from it is in use: gains, thresholds; what is no finding is as told.
+    model = drive_of(found)
+    for region, weights in DEFAULT_WEIGHTS.items():
+        designed = design_gains(region, model, weights).as_array()
+        np.testing.assert_allclose(found[f"gains.{region}.k"], designed, rtol=1e-9)
+    assert found["gains.fast.k"] != told["gains.fast.k"]
+    thresholds = FaultThresholds.of(model)
+    assert [found[name] for name in FAULTS] == [thresholds.velocity, thresholds.load_torque, thresholds.gap]
+    assert {name for name in NAMES if told[name] != found[name]} <= {
+        *OTHERS,
+        *(n for n in NAMES if n.startswith(FOUND)),
+    }
+    assert all(text in answer.message for text in ("J_l = ", "b = ", "tau_l", "delay", "offset"))
+    (kept,) = parse(file.read_bytes(), DriveIdentity("/controller", "motor", "load", drive.gear.reduction)).estimates
+    assert kept.applied
+    assert dict(kept.parameters) == {name: found[name] for name in kept.parameters}
+    assert kept.uncertainties["load.inertia"] > 0.0
+    # And the drive is quiet with it.
+    time, position = made.step(0.5, 6.0)
+    b, count = drive.gear.backlash_angle, member.load_count
+    move = judge_move(time, position, made.start + 0.5, b, count)
+    assert move.swing <= threshold(QUIET, b, count)
+    assert move.error <= threshold(PRECISE, b, count)
+    assert move.overshoot <= threshold(OVERSHOOT, b, count)
+    # The next start has it from the file, with all that follows from it.
+    assert made.process.stop() == 0
+    again = rig(member, learning__estimate_file=file, learning__use_estimate_file=True)
+    assert again.in_use() == found
+
+
+def test_with_ask_it_is_offered_and_applied_together(rig: Callable[..., Rig]) -> None:
+    made = rig(draw_member(SEED, 4, "core"), learning__apply="ask")
+    told = made.in_use()
+    answer = made.call("identify")
+    assert answer.success, answer.message
+    assert answer.message.endswith("; it is not in use until apply_estimate")
+    assert made.in_use() == told
+    applied = made.call("apply_estimate")
+    assert applied.success, applied.message
+    assert "load.inertia = " in applied.message
+    found = made.in_use()
+    assert found["load.inertia"] == pytest.approx(made.member.drive.load.inertia, rel=INERTIA_NEAR)
+    assert found["gains.fast.k"] != told["gains.fast.k"]
+
+
+def test_what_would_make_the_design_refuse_is_refused_with_the_reason_and_changes_nothing(
+    rig: Callable[..., Rig],
+) -> None:
+    """Gains that a user gave as numbers would be unstable with the delay that is found."""
+    member = replace(draw_member(SEED, 4, "core"), load_torque=0.0)
+    member = replace(member, delay=replace(member.delay, command=0.008))
+    sets = {"gain_sets__hard__fast__k": "[150.0, 0.9, 0.1]", "gain_sets__hard__overdamped__q": "[4.0, 0.0]"}
+    made = rig(member, gain_set_names="[nominal, hard]", **sets)
+    told = made.in_use()
+    answer = made.call("identify")
+    assert not answer.success
+    why = "but it was refused: gain_sets.hard.fast.k = [150, 0.9, 0.1] is unstable at 250 Hz with a delay of 0.00"
+    assert why in answer.message
+    assert made.in_use() == told
+
+
+def test_a_drive_is_told_by_hand_while_it_moves(rig: Callable[..., Rig]) -> None:
+    """All or nothing, between two samples, as gains are; the simulator's own stays as it is."""
+    made = rig(replace(draw_member(SEED, 4, "core"), load_torque=0.0))
+    told = made.in_use()
+    for changes, says in (
+        ({"load__inertia": -1.0}, "load.inertia must be >= 1e-09 kg m^2 and <= 100000 kg m^2, got -1.0"),
+        ({"load__inertia": math.nan}, "load.inertia must be >= 1e-09 kg m^2 and <= 100000 kg m^2, got nan"),
+        ({"loop_delay": 0.05}, "loop_delay must be >= 0 s and <= 0.04 s, got 0.05"),
+        ({"loop_delay": 0.04}, "gain_sets.nominal.fast.k = "),
+        ({"contact__law": "glue"}, "contact.law must be one of ['elastic', 'power', 'power_no_pull', 'restitution']"),
+        ({"contact__power__exponent": 20}, "contact.power.exponent must be an odd"),
+        ({"motor__resistance": 1.0}, "motor.resistance is read-only"),
+        ({"gear__reduction": 1.0}, "gear.reduction is read-only"),
+        ({"gains__fast__k": [1e5, 0.0, 0.0]}, "gains.fast.k = [100000, 0, 0] is unstable"),
+    ):
+        accepted, reason = made.parameters.set(load__coulomb_friction=0.01, **changes)
+        assert (accepted, reason[: len(says)]) == (False, says)
+        assert made.in_use() == told
+    made.drive.set_reference(made.start + 0.5)
+    made.drive.run(20)
+    before = made.drive.step()
+    inertia = 1.3 * told["load.inertia"]
+    assert made.parameters.set(load__inertia=inertia, load__coulomb_friction=0.01) == (True, "")
+    limit = made.member.drive.motor.voltage_limit
+    assert abs(made.drive.step() - before) < 0.2 * limit
+    now = made.in_use()
+    assert (now["load.inertia"], now["load.coulomb_friction"], now["gain_set"]) == (inertia, 0.01, "nominal")
+    assert now["gains.fast.k"] != told["gains.fast.k"]
+    made.drive.run(1500)
+    rest = made.drive.run(250)
+    assert np.ptp(rest) < made.member.drive.gear.backlash_angle

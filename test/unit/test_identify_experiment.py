@@ -1,0 +1,80 @@
+"""The experiment behind ~/identify: what is told is set, what is not told is not, and nothing from what is broken."""
+
+import math
+from collections.abc import Callable
+
+import pytest
+
+from backlash_ros.analysis.evaluation.population import Member, draw_member, told_model
+from backlash_ros.analysis.evaluation.task import settings_for
+from backlash_ros.control import Servo
+from backlash_ros.control.experiment import Deferred, DriveEstimate, Outcome
+from backlash_ros.control.learning import describe_outcome
+from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Measurement
+from backlash_ros.identification.fit import FITS
+from backlash_ros.simulation import SimulatedDrive
+
+pytestmark = pytest.mark.population
+
+SEED = 20261122
+
+
+def identified(member: Member, spoil: Callable[[Measurement], None] = lambda _: None) -> Outcome:
+    model = told_model(member, "identified")
+    servo = Servo(model, settings_for(model, member, 0.0), watched=False)
+    plant = SimulatedDrive(member.drive, 1.0 / member.rate, sensors=member.sensors, delay=member.delay)
+    outcome: Outcome | Deferred | None = None
+    servo.start_experiment("identify")
+    while outcome is None:
+        shown = plant.sample()
+        spoil(shown)
+        plant.advance(servo.update(shown, plant.elapsed), member.load_torque)
+        outcome = servo.take_outcome()
+    return outcome.work() if isinstance(outcome, Deferred) else outcome
+
+
+def test_what_cannot_be_told_is_not_set_and_the_answer_says_why() -> None:
+    """The motor cannot outrun this load: the far flank is not seen, so neither gap nor teeth are known."""
+    member = draw_member(SEED, 18, "full")
+    found = identified(member)
+    assert isinstance(found, DriveEstimate)
+    assert found.valid
+    assert set(found.parameters) == {"load.inertia", "loop_delay"}
+    assert set(found.uncertainties) == {"load.inertia", "loop_delay"}
+    assert found.parameters["load.inertia"] == pytest.approx(member.drive.load.inertia, rel=0.05)
+    assert found.parameters["loop_delay"] == pytest.approx(member.delay.command, abs=0.25 / member.rate)
+    text = describe_outcome(found)
+    assert "; not told: b: the teeth never bore a positive torque" in text
+    assert text.startswith("J_l = ")
+
+
+def test_all_that_is_told_has_its_uncertainty_and_teeth_come_as_a_whole() -> None:
+    found = identified(draw_member(SEED, 4, "core"))
+    assert isinstance(found, DriveEstimate)
+    assert found.fit is not None
+    assert max(found.fit.rms) <= FITS
+    teeth = {"contact.law", "contact.elastic.wind_up", "contact.elastic.damping", "gear.backlash_angle"}
+    load = {"load.inertia", "load.viscous_friction", "load.coulomb_friction", "motor.coulomb_friction"}
+    assert set(found.parameters) == {*teeth, *load, "backlash_angle", "loop_delay"}
+    assert found.parameters["backlash_angle"] == found.parameters["gear.backlash_angle"] == found.angle
+    assert set(found.uncertainties) == {*found.parameters} - {"contact.law", "contact.elastic.damping"}
+    assert all(0.0 < value < math.inf for value in found.uncertainties.values())
+
+
+def freeze(shown: Measurement) -> None:
+    shown[THETA_L] = 0.3
+
+
+def reverse(shown: Measurement) -> None:
+    shown[THETA_L] = -shown[THETA_L]
+
+
+def swap(shown: Measurement) -> None:
+    shown[THETA_M], shown[THETA_L] = shown[THETA_L], shown[THETA_M]
+
+
+@pytest.mark.parametrize("spoil", [freeze, reverse, swap])
+def test_nothing_is_identified_from_broken_encoders(spoil: Callable[[Measurement], None]) -> None:
+    outcome = identified(draw_member(SEED, 4, "core"), spoil)
+    assert not outcome.valid
+    assert outcome.reason.startswith("nothing was identified: ")
