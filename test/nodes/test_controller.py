@@ -194,7 +194,7 @@ def test_deactivation_ends_learning(start: Start, peer: Peer) -> None:
 
 
 def test_reference_is_not_taken_while_learning(start: Start, peer: Peer) -> None:
-    process = start("controller", **PATIENT)
+    process = start("controller", **BY_LIMIT_CYCLE)
     drive = LockstepDrive(peer).matched()
     answer = ask_to_learn(peer)
     while "learning the backlash" not in process.output():

@@ -142,7 +142,7 @@ def fast_command(gains: Gains, drive: LockstepDrive, reference: float) -> float:
 
 
 def test_what_was_learned_is_a_new_version_in_use(start: Start, peer: Peer) -> None:
-    start("controller", **PATIENT)
+    start("controller", learning__experiment="limit_cycle", **PATIENT)
     in_use = InUse(peer)
     drive = LockstepDrive(peer).matched()
     client = peer.node.create_client(Trigger, "controller/learn")

@@ -370,7 +370,7 @@ def test_the_same_command_gives_the_same_files(tmp_path: Path) -> None:
 def test_a_batch_that_was_killed_ends_in_the_same_file(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     killed, whole = tmp_path / "killed", tmp_path / "whole"
-    arguments = [sys.executable, "-m", "backlash_ros.cli", *command(killed, "--laws", "fast", *BRIEF, drives=30)]
+    arguments = [sys.executable, "-m", "backlash_ros.cli", *command(killed, "--laws", "fast", *BRIEF, drives=12)]
     first = subprocess.Popen(arguments, env=environment, stdout=subprocess.DEVNULL)
     end = time.monotonic() + 120
     while not (journals := list(killed.glob(".result.json.*.journal"))) or journals[0].read_bytes().count(b"\n") < 2:
@@ -381,8 +381,8 @@ def test_a_batch_that_was_killed_ends_in_the_same_file(tmp_path: Path) -> None:
     first.wait()
     assert not (killed / "result.json").exists()
     resumed = subprocess.run(arguments, env=environment, capture_output=True, text=True, check=True, timeout=120)
-    assert "of 30 drives are in" in resumed.stdout
-    assert main(command(whole, "--laws", "fast", *BRIEF, drives=30)) == 0
+    assert "of 12 drives are in" in resumed.stdout
+    assert main(command(whole, "--laws", "fast", *BRIEF, drives=12)) == 0
     assert (killed / "result.json").read_bytes() == (whole / "result.json").read_bytes()
     assert [path.name for path in killed.iterdir()] == ["result.json"]
 
