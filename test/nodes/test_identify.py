@@ -121,8 +121,14 @@ def test_a_drive_is_told_by_hand_while_it_moves(rig: Callable[..., Rig]) -> None
         assert (accepted, reason[: len(says)]) == (False, says)
         assert made.in_use() == told
     made.drive.set_reference(made.start + 0.5)
-    made.drive.run(20)
-    before = made.drive.step()
+    made.drive.run(8)
+    before, unmoved = made.drive.step(), made.in_use()
+    accepted, reason = made.parameters.set(load__inertia=1e3 * told["load.inertia"])
+    assert not accepted
+    assert reason.startswith(
+        "load.inertia must change the inertia at the output by a factor of 3 at most while the load"
+    )
+    assert made.in_use() == unmoved == told
     inertia = 1.3 * told["load.inertia"]
     assert made.parameters.set(load__inertia=inertia, load__coulomb_friction=0.01) == (True, "")
     limit = made.member.drive.motor.voltage_limit
