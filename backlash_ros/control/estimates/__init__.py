@@ -1,4 +1,4 @@
-"""What becomes of requests to learn, and of valid estimates: put in use or offered, kept in a file for the next start."""
+"""What becomes of requests to learn, and of valid estimates: put in use or offered, kept for the next start."""
 
 from backlash_ros.control.estimates.applying import APPLY, Answer, Estimates
 from backlash_ros.control.estimates.file import EstimateFile
