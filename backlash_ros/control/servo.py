@@ -36,6 +36,7 @@ from backlash_ros.control.tick import (
 from backlash_ros.drivetrain import Drive, Validated
 from backlash_ros.drivetrain.signals import (
     LOAD_TORQUE,
+    OMEGA_L,
     POSITION,
     THETA_L,
     THETA_M,
@@ -45,6 +46,10 @@ from backlash_ros.drivetrain.signals import (
     Setpoint,
 )
 from backlash_ros.gates.faults import Fault
+
+_OTHER, _SLOW = 3.0, 0.02
+"""By what factor the inertia at the output may change while the load moves, and up to which share of faults.velocity it
+does not."""
 
 
 class Servo:
@@ -139,13 +144,21 @@ class Servo:
             forget_ends(self.memory.monitor)
         self.settings, self.limits = settings, limits
 
-    def rejection_reason(self, limits: Limits) -> str:
-        """Return why ``limits`` cannot be used now: the plan goes outside of them; empty where they can.
+    def rejection_reason(self, limits: Limits, drive: Drive | None = None) -> str:
+        """Return why ``limits``, or another ``drive``, cannot be used now; empty where they can.
 
-        A load that was found outside is held there, which does not stand in the way of other limits.
+        Limits: the plan goes outside of them. A load that was found outside is held there, which does not stand in the
+        way of other limits. A drive: the load moves, and a wrong unit would drive it on.
         """
         if not self.holding:
             return ""
+        factor = (drive or self.drive).effective_inertia / self.drive.effective_inertia
+        moves = abs(self.estimate[OMEGA_L]) > _SLOW * self.settings.thresholds_of(self.drive).velocity
+        if moves and not 1.0 / _OTHER <= factor <= _OTHER:
+            return (
+                f"load.inertia must change the inertia at the output by a factor of {_OTHER:g} at most "
+                f"while the load moves, got {factor:.3g}"
+            )
         reasons = (
             limits.rejection_reason(each, each)
             for each in self._extremes

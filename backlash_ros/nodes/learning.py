@@ -1,7 +1,6 @@
 """The services of learning: backlash or drive are learned, put in use or offered, and kept.
 
-What becomes of a request is decided by `backlash_ros.control.learning`, what becomes of an estimate by
-`backlash_ros.control.estimates`.
+What becomes of requests and of estimates is decided by `backlash_ros.control.estimates`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from backlash_ros.control import Servo
 from backlash_ros.control.estimates import Answer, DriveIdentity, Estimates
-from backlash_ros.control.learning import EXPERIMENT_OF, LearnRequests, Reply
+from backlash_ros.control.estimates.requests import EXPERIMENT_OF, LearnRequests, Reply
 from backlash_ros.control.monitoring.wear import WearWatch
 from backlash_ros.drivetrain.signals import Measurement
 from backlash_ros.nodes.parameters import ControllerParameters

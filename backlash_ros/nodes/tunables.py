@@ -140,8 +140,8 @@ class Choice(NamedTuple):
 class Tunables:
     """The tunable parameters of one controller, and the drive, settings and limits that they stand for, ``in_use``.
 
-    ``rejection_reason`` says why limits cannot be taken now, empty where they can; ``changed`` is called with the names
-    after each swap.
+    ``rejection_reason`` says why limits and drive cannot be taken now, empty where they can; ``changed`` is called with
+    the names after each swap.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ class Tunables:
         self.in_use = self._declare(drive)
         self._candidate = self.in_use
         self.version = 1
-        self.rejection_reason: Callable[[Limits], str] = lambda _limits: ""
+        self.rejection_reason: Callable[[Limits, Drive], str] = lambda _limits, _drive: ""
         self.changed: Callable[[set[str]], None] = lambda _names: None
         node.add_pre_set_parameters_callback(self._complete)
         node.add_on_set_parameters_callback(self._validate)
@@ -307,7 +307,7 @@ class Tunables:
             self._candidate = self._built(values)
         except (ValueError, TypeError) as error:
             return SetParametersResult(successful=False, reason=str(error))
-        reason = self.rejection_reason(self._candidate.limits)
+        reason = self.rejection_reason(self._candidate.limits, self._candidate.drive)
         return SetParametersResult(successful=not reason, reason=reason)
 
     def _swap(self, parameters: list[Parameter]) -> None:

@@ -352,7 +352,7 @@ WATCHED = ("law", "gain_set", "gains.fast.k", "gains.fast.q", "gains.overdamped.
         ({"gains__fast__q": [-1.0, 0.0], "backlash_angle": 0.03}, "gains.fast.q: Q11 must be > 0"),
         ({"gain_set": "nosuch", "law": "fast"}, "gain_set must be one of ['nominal', 'custom'], got 'nosuch'"),
         ({"law": "bang_bang", "backlash_angle": 0.03}, "law must be one of"),
-        ({"gear__backlash_angle": 0.04, "backlash_angle": 0.03}, "gear.backlash_angle"),
+        ({"gear__reduction": 12.0, "backlash_angle": 0.03}, "gear.reduction is read-only"),
         ({"backlash_angle": "wide"}, "backlash_angle must be a number, >= 0 rad and <= 3.2 rad, got 'wide'"),
     ],
 )

@@ -7,13 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from data_sheet import FAULTS, NAMES, OTHERS, Rig
+from data_sheet import FAULTS, NAMES, OTHERS, Rig, Start
+from diagnostic_msgs.msg import DiagnosticArray
+from graph import Parameters, Peer
 
 from backlash_ros.analysis.evaluation.judging import OVERSHOOT, PRECISE, QUIET, judge_move, threshold
 from backlash_ros.analysis.evaluation.population import draw_member
 from backlash_ros.analysis.evaluation.task import DELAY_NEAR, EFFORT_NEAR, GAP_NEAR, INERTIA_NEAR, SPEEDS
 from backlash_ros.control import DEFAULT_WEIGHTS, FaultThresholds, design_gains
 from backlash_ros.control.estimates import DriveIdentity, parse
+from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.parameters import FOUND
 from backlash_ros.ros.parameters import drive_of
 
@@ -22,14 +25,22 @@ SEED = 20261122
 
 @pytest.mark.parametrize(("population", "number"), [("core", 10), ("full", 16)])
 def test_a_random_drive_is_found_and_quiet_from_then_on_and_at_the_next_start(
-    rig: Callable[..., Rig], tmp_path: Path, population: str, number: int
+    rig: Callable[..., Rig], peer: Peer, tmp_path: Path, population: str, number: int
 ) -> None:
     member = draw_member(SEED, number, population)
     file = tmp_path / "estimates.yaml"
     made = rig(member, learning__estimate_file=file)
-    told = made.in_use()
+    told, progress = made.in_use(), list[float]()
+
+    def hear(message: DiagnosticArray) -> None:
+        state = {entry.key: float(entry.value) for entry in message.status[0].values}
+        progress.extend([state["progress"]] if state["experiment"] else [])
+
+    peer.node.create_subscription(DiagnosticArray, "controller/state", hear, 100)
     answer = made.call("identify")
     assert answer.success, answer.message
+    assert progress == sorted(progress)
+    assert progress[-1] > 0.3
     found = made.in_use()
     # What is set is near the truth, by the tolerances of the evaluation.
     drive, load = member.drive, member.drive.load
@@ -121,8 +132,14 @@ def test_a_drive_is_told_by_hand_while_it_moves(rig: Callable[..., Rig]) -> None
         assert (accepted, reason[: len(says)]) == (False, says)
         assert made.in_use() == told
     made.drive.set_reference(made.start + 0.5)
-    made.drive.run(20)
-    before = made.drive.step()
+    made.drive.run(8)
+    before, unmoved = made.drive.step(), made.in_use()
+    accepted, reason = made.parameters.set(load__inertia=1e3 * told["load.inertia"])
+    assert not accepted
+    assert reason.startswith(
+        "load.inertia must change the inertia at the output by a factor of 3 at most while the load"
+    )
+    assert made.in_use() == unmoved == told
     inertia = 1.3 * told["load.inertia"]
     assert made.parameters.set(load__inertia=inertia, load__coulomb_friction=0.01) == (True, "")
     limit = made.member.drive.motor.voltage_limit
@@ -133,3 +150,18 @@ def test_a_drive_is_told_by_hand_while_it_moves(rig: Callable[..., Rig]) -> None
     made.drive.run(1500)
     rest = made.drive.run(250)
     assert np.ptp(rest) < made.member.drive.gear.backlash_angle
+
+
+def test_thresholds_follow_the_drive_unless_they_were_given(start: Start, peer: Peer) -> None:
+    start("controller", faults__velocity=200.0, gear__backlash_angle=0.03)
+    parameters = Parameters(peer, "controller")
+    drive = replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, backlash_angle=0.03))
+    before = FaultThresholds.of(drive)
+    assert parameters.get(*FAULTS) == [200.0, before.load_torque, before.gap]
+    wide = replace(drive, gear=replace(drive.gear, backlash_angle=0.09))
+    assert parameters.set(gear__backlash_angle=0.09) == (True, "")
+    after = FaultThresholds.of(wide)
+    assert after.gap > before.gap
+    assert parameters.get(*FAULTS) == [200.0, after.load_torque, after.gap]
+    assert parameters.set(gear__backlash_angle=0.03, faults__gap=0.4) == (True, "")
+    assert parameters.get(*FAULTS) == [200.0, before.load_torque, 0.4]

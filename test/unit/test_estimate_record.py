@@ -181,7 +181,7 @@ def test_anything_at_all_is_refused(content: bytes) -> None:
             "0.0",
             "estimates[1].parameters.load.inertia must be >= 1e-09 kg m^2 and <= 100000 kg m^2, got 0.0",
         ),
-        ("law: power", "law: glue", "estimates[1].parameters.contact.law must be one of ['elastic', 'power'"),
+        ("law: power", "law: glue", "estimates[1].parameters.contact.law must be one of ['"),
         ("21", "21.5", "estimates[1].parameters.contact.power.exponent must be a whole number"),
         (
             "gap_probe",

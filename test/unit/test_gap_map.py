@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 
 from backlash_ros.control import BacklashEstimate, GainSet, GapMapSettings, Limits, Method, Servo, ServoSettings
 from backlash_ros.control.estimates import Estimates
+from backlash_ros.control.estimates.requests import describe_outcome
 from backlash_ros.control.experiment import Deferred, Outcome
-from backlash_ros.control.learning import describe_outcome
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array, Measurement

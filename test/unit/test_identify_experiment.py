@@ -8,8 +8,8 @@ import pytest
 from backlash_ros.analysis.evaluation.population import Member, draw_member, told_model
 from backlash_ros.analysis.evaluation.task import settings_for
 from backlash_ros.control import Servo
+from backlash_ros.control.estimates.requests import describe_outcome
 from backlash_ros.control.experiment import Deferred, DriveEstimate, Outcome
-from backlash_ros.control.learning import describe_outcome
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Measurement
 from backlash_ros.identification.fit import FITS
 from backlash_ros.simulation import SimulatedDrive

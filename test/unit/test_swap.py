@@ -169,6 +169,40 @@ def test_another_load_that_is_told_on_the_way_makes_no_torque(
     assert other.servo.fault == ""
 
 
+def times_as_heavy(drive: Drive, factor: float) -> Drive:
+    """Return a drive with a load that has ``factor`` times the inertia."""
+    return replace(drive, load=replace(drive.load, inertia=factor * drive.load.inertia))
+
+
+@pytest.mark.parametrize("sensors", ["everything", "positions"])
+@pytest.mark.parametrize("drive", [NOMINAL_DRIVE, HEAVY], ids=["nominal", "heavy"])
+@pytest.mark.parametrize("moved_for", [0.0, 0.01, 0.02, 0.04, 0.06, 0.1, 0.15])
+@pytest.mark.parametrize("wrong", [1e-4, 0.3, 3.0, 100.0, 1e3, 1e4])
+def test_a_wrong_inertia_that_is_told_on_the_way_is_refused_or_does_not_drive_the_load_on(
+    drive: Drive, sensors: str, moved_for: float, wrong: float
+) -> None:
+    rig = Rig(drive, settings_of(drive, "two_region"), SENSORS[sensors], load_torque=0.0)
+    told = times_as_heavy(drive, wrong)
+    rig.run(1.0)
+    assert rig.servo.rejection_reason(rig.servo.limits, told) == ""  # at rest
+    rig.servo.set_reference(1.0)
+    rig.run(moved_for)
+    why = rig.servo.rejection_reason(rig.servo.limits, told)
+    if abs(rig.servo.estimate[OMEGA_L]) > 4.0 and wrong >= 100.0:
+        factor = told.effective_inertia / drive.effective_inertia
+        assert why == (
+            "load.inertia must change the inertia at the output by a factor of 3 at most while the load moves, "
+            f"got {factor:.3g}"
+        )
+    if not why:
+        rig.servo.use(settings_of(told, "two_region"), drive=told)
+        farthest = 0.0
+        for _ in range(round(3.0 / PERIOD)):
+            rig.plant.advance(rig.servo.update(rig.plant.sample(), rig.plant.elapsed))
+            farthest = max(farthest, rig.plant.state[THETA_L])
+        assert farthest < 1.0 + (5.0 * B if wrong <= 3.0 else 0.4)
+
+
 def test_another_drive_moves_all_that_is_derived_from_it() -> None:
     servo = Servo(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, "elastic_lqg"))
     wide = replace(HEAVY, gear=replace(HEAVY.gear, backlash_angle=3 * B))

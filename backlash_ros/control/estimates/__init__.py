@@ -1,4 +1,4 @@
-"""What becomes of a valid estimate: put in use or offered, kept in a file, taken from it at the next start."""
+"""What becomes of requests to learn, and of valid estimates: put in use or offered, kept for the next start."""
 
 from backlash_ros.control.estimates.applying import APPLY, Answer, Estimates
 from backlash_ros.control.estimates.file import EstimateFile
