@@ -324,34 +324,33 @@ def lockstep(seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool
 
 
 def identify(seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
-    """Let one axis identify its drive and hold still, in turns of the same length."""
-    words, name = ["--ros-args", *PATIENT, *extra], "/plant_simulator: timing"
-    counts = {doing: [0, 0, 0] for doing in ("identifies", "holds")}
-    lasted, valid = [], 0
+    """Let one axis identify its drive, with what moves it and with the fit beside it, and hold still, in turns."""
+    words, name, servo = ["--ros-args", *PATIENT, *extra], "/plant_simulator: timing", "/controller: servo"
+    counts = {doing: [0, 0, 0] for doing in ("moves", "fits", "holds")}
+    runs = valid = 0
     with pair(words, words) as (graph, *_):
         graph.wait("answers", lambda: int(graph.said.get(name, {}).get("answered_in_period", 0)))
         client = graph.node.create_client(Trigger, "controller/identify")
         graph.wait("the service", client.service_is_ready)
         graph.spin(WARM_UP)
-        said = graph.fresh(name)[0]
-        while sum(lasted) < 0.5 * seconds:
-            began, asked = time.monotonic(), client.call_async(Trigger.Request())
+        said, end = graph.fresh(name)[0], time.monotonic() + seconds
+        while time.monotonic() < end:
+            asked, began = client.call_async(Trigger.Request()), time.monotonic()
+            graph.wait("the experiment", lambda by=asked: by.done() or graph.said[servo]["learning"] == "True")
             for doing, seen in counts.items():
-                if doing == "holds":
-                    graph.spin(lasted[-1])
-                else:
+                if doing == "moves":
+                    graph.wait("its end", lambda: graph.said[servo]["learning"] == "False")
+                elif doing == "fits":
                     graph.wait("an answer", asked.done, 5 * PATIENCE)
-                    lasted.append(time.monotonic() - began)
-                    valid += asked.result().success
+                else:
+                    graph.spin(time.monotonic() - began)
                 before, said = said, graph.fresh(name)[0]
                 for k, key in enumerate(("samples", "answered_in_period", "late_samples")):
                     seen[k] += int(said[key]) - int(before[key])
-    figures = {
-        "runs": len(lasted),
-        "of them valid": valid,
-        "time from asking to the answer, median, s": round(statistics.median(lasted), 1),
-    }
+            runs, valid = runs + 1, valid + asked.result().success
+    figures = {"runs": runs, "of them valid": valid}
     for doing, (samples, in_period, late) in counts.items():
+        figures[f"samples while it {doing}"] = samples
         figures[f"answered within the period while it {doing}, %"] = round(100 * in_period / samples, 2)
         figures[f"late samples while it {doing}"] = late
     return figures, True
