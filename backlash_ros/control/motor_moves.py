@@ -70,6 +70,11 @@ class Throw:
         return math.sqrt(2.0 * way * soft * hard / (soft + hard))
 
     @property
+    def way(self) -> float:
+        """How far it goes, rad."""
+        return 0.5 * self.speed**2 * (1.0 / self.soft + 1.0 / self.hard)
+
+    @property
     def length(self) -> float:
         """How long it takes, s."""
         return 2.0 * self.speed * (1.0 / self.soft + 1.0 / self.hard)
@@ -81,8 +86,7 @@ class Throw:
         if left <= 0.0:
             return self.home, 0.0, 0.0
         if abs(after) * self.hard < self.speed:
-            way = 0.5 * self.speed**2 * (1.0 / self.soft + 1.0 / self.hard)
-            place, speed, acceleration = 0.5 * self.hard * after**2 - way, self.hard * after, self.hard
+            place, speed, acceleration = 0.5 * self.hard * after**2 - self.way, self.hard * after, self.hard
         else:
             place, acceleration = -0.5 * self.soft * left**2, -self.soft
             speed = math.copysign(self.soft * left, after)

@@ -142,5 +142,8 @@ def test_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
         main(["identify", "--help"])
     printed = capsys.readouterr().out
     assert "backlash identify axis.csv --drive my_axis.yaml" in printed
+    with pytest.raises(SystemExit):
+        main(["measure", "--help"])
+    printed += capsys.readouterr().out
     for option in re.findall(r"`(--[a-z-]+)", PAGE):
         assert option in printed

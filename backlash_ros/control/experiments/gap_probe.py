@@ -29,8 +29,9 @@ _REST, _END = 0.25, 0.2
 _GENTLE, _LEVELS = 0.02, ((0.25, 0.02), (0.45, 0.07), (0.7, 0.16))
 """Of a level: speed, as a share of what the acceleration reaches over the travel, and share of the torque."""
 _LEVEL_TIME, _THROW_TIME, _SETTLE = 1.0, 2.4, 0.08
-_SHARE = 0.65
-"""Of the swing: how far the motor goes in a throw. The load goes farther by the gap."""
+_SHARE, _REACH = 0.65, 0.85
+"""Of the swing: how far the motor goes in a throw, and the load by what is seen. It goes farther than the motor is told
+to, by the gap, and where both together turn late."""
 
 
 @dataclass(frozen=True)
@@ -176,16 +177,18 @@ class GapProbe:
         both = max(0.7 * (self._most - torque) / (inertia + load.inertia), 0.07 * most)
         # They part while the motor turns.
         turning = math.sqrt(2.0 * settings.travel / 3.0 / max(hard - drag, 0.1 * hard))
-        widest, met = 0.0, 0
+        widest, met, most_way = 0.0, 0, _SHARE * settings.swing
         end = min(self._time + _THROW_TIME, settings.time)
         yield self._back(home)
         while self._time < end:
             soft = min(both, hard)
-            speed = min(0.5 * hard * turning, Throw.fastest(_SHARE * settings.swing, soft, hard))
-            first = len(self._rows)
-            yield Throw(home, math.copysign(1.0, load.load_torque), speed, soft, hard)
+            speed = min(0.5 * hard * turning, Throw.fastest(most_way, soft, hard))
+            throw, first = Throw(home, math.copysign(1.0, load.load_torque), speed, soft, hard), len(self._rows)
+            yield throw
             yield Move.rest(home, _SETTLE)
             motor, angle = np.array(self._rows[first:])[:, 1:3].T
+            went = float(np.max(np.abs(angle - self._rows[0][2])))
+            most_way = min(most_way, throw.way * _REACH * settings.swing / max(went, 1e-9))
             parted = float(np.ptp(motor - angle))
             met = 0 if parted > 1.15 * widest else met + (parted > 0.85 * widest)  # farther, but they did not part so
             widest = max(widest, parted)
