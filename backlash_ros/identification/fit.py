@@ -142,8 +142,8 @@ def first_states(recording: Recording) -> Array:
 
 
 @dataclass
-class _Problem:
-    """One recording under one contact law."""
+class Problem:
+    """One recording under one contact law, and how the noise between its samples is lowered: the ``stages``."""
 
     side: MotorSide
     contact: Contact
@@ -151,6 +151,7 @@ class _Problem:
     prior: Array
     spread: Array
     counts: tuple[float, float]
+    stages: Sequence[Stage] = STAGES
     innovations: Array = field(init=False)
     derivatives: Array = field(init=False)
     states: Array = field(init=False)
@@ -174,7 +175,7 @@ class _Problem:
         weighed = slopes / root[:, None]
         return cost, weighed.T @ nu + off / self.spread, weighed.T @ slopes + np.diag(1.0 / self.spread**2)
 
-    def solve(self, x: Array, stage: Stage, most: int, enough: float) -> "_Minimum":
+    def solve(self, x: Array, stage: Stage, most: int, enough: float) -> "Minimum":
         """Go down from ``x``, until a step gains less than ``enough`` or ``most`` steps are done."""
         damping = 1e-3
         cost, gradient, matrix = self.look(x, stage)
@@ -192,23 +193,26 @@ class _Problem:
                 damping = 10.0 * max(damping, 1e-4)
             if gain < enough:
                 break
-        return _Minimum(cost, x, self, _sizes(self.innovations[1:]))
+        return Minimum(cost, x, self, _sizes(self.innovations[1:]))
 
-    def descend(self, x: Array) -> "_Minimum":
+    def descend(self, x: Array) -> "Minimum":
         """Go down through all stages to the bottom."""
-        for stage in STAGES:
+        for stage in self.stages:
             x = self.solve(x, stage, 8, 0.5).x
-        return self.solve(x, STAGES[-1], 20, 0.02)
+        return self.solve(x, self.stages[-1], 20, 0.02)
 
 
-class _Minimum(NamedTuple):
+class Minimum(NamedTuple):
+    """Where the way down has ended: the cost, the parameters, what was solved, and the rms of both innovations."""
+
     cost: float
     x: Array
-    problem: _Problem
+    problem: Problem
     sizes: tuple[float, float]
 
 
-def _cost(found: _Minimum) -> float:
+def cost_of(found: Minimum) -> float:
+    """Return the cost, to sort by."""
     return found.cost
 
 
@@ -283,7 +287,7 @@ def _start(recording: Recording, guess: Guess, delay: float, inertia: float, sha
     )
 
 
-def _believed(start: Array, contact: Contact, torque: float, period: float) -> tuple[Array, Array]:
+def believed(start: Array, contact: Contact, torque: float, period: float) -> tuple[Array, Array]:
     """Return what is believed before the samples are seen: around what, and how closely."""
     prior, spread = start.copy(), _SPREAD.copy()
     prior[[GAP_SLOPE, LN_TEETH, GRAVITY, ECCENTRICITY]] = 0.0
@@ -302,7 +306,7 @@ def compile_filters(contacts: Iterable[type[Contact]]) -> None:
     for law in contacts:
         side = motor_side(drive, law())
         recording = Recording(np.array([0.0, 0.004, 0.008]), still, still, still)
-        _Problem(side, law(), recording, start, np.ones(PARAMETERS), (1e-4, 1e-4)).look(start, STAGES[0])
+        Problem(side, law(), recording, start, np.ones(PARAMETERS), (1e-4, 1e-4)).look(start, STAGES[0])
 
 
 def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays: Iterable[float], torque: float) -> Fit:
@@ -327,11 +331,11 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
     inertias = [guessed]
     inertias += [share * side.inertia for share in (0.08, 0.4) if abs(math.log(share * side.inertia / guessed)) > 0.7]
 
-    def problem(contact: Contact, part: Recording, start: Array) -> _Problem:
-        prior, spread = _believed(start, contact, torque, period)
-        return _Problem(motor_side(drive, contact), contact, part, prior, spread, counts)
+    def problem(contact: Contact, part: Recording, start: Array) -> Problem:
+        prior, spread = believed(start, contact, torque, period)
+        return Problem(motor_side(drive, contact), contact, part, prior, spread, counts)
 
-    ends: list[_Minimum] = []
+    ends: list[Minimum] = []
     calm = Recording(*(values[: math.ceil(_CALM * time.size)] for values in recording))
     for contact in contacts:
         # The beginning, which is gentle, tells all but perhaps the far flank.
@@ -341,27 +345,32 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
             for inertia in inertias
             for share in ((1.0, 0.5) if delay == guesses[0][1] else (1.0,))
         ]
-        found = min((problem(contact, calm, x).solve(x, STAGES[0], 6, 1.0) for x in starts), key=_cost)
+        found = min((problem(contact, calm, x).solve(x, STAGES[0], 6, 1.0) for x in starts), key=cost_of)
         for stage in STAGES[1:3]:
             found = found.problem.solve(found.x, stage, 6, 1.0)
         whole = problem(contact, recording, found.x)
         widths = _widths(found.x, float(np.ptp(recording.travel)))
         scanned = sorted(((whole.look(x, STAGES[0])[0], k) for k, x in enumerate(widths)))
         ends += [whole.descend(widths[k]) for _, k in scanned[:_DEEPEST]]
-    end = min(ends, key=_cost)
+    end = min(ends, key=cost_of)
     if max(end.sizes) > FITS:  # perhaps for the delay's sake
         for contact in contacts:
-            best = min((found for found in ends if found.problem.contact is contact), key=_cost)
+            best = min((found for found in ends if found.problem.contact is contact), key=cost_of)
             for _, delay in guesses:
                 x = best.x.copy()
                 x[DELAY] = delay
                 ends.append(best.problem.descend(x))
-        end = min(ends, key=_cost)
-    believed = end.problem.spread
+        end = min(ends, key=cost_of)
+    return fit_of(end)
+
+
+def fit_of(end: Minimum) -> Fit:
+    """Return what was found at the bottom, without friction that is not seen, and how sure it is."""
+    spread = end.problem.spread
     end = _without_what_is_not_seen(end)
-    _, _, matrix = end.problem.look(end.x, STAGES[-1])
+    _, _, matrix = end.problem.look(end.x, end.problem.stages[-1])
     # Friction that was left out could be there, as far as the recording goes.
-    bent = np.linalg.inv(matrix + np.diag(believed**-2 - end.problem.spread**-2))
+    bent = np.linalg.inv(matrix + np.diag(spread**-2 - end.problem.spread**-2))
     nu = end.problem.innovations[1:]
     least, largest = np.sort(end.problem.states[1:, LEAST]), np.sort(end.problem.states[1:, LARGEST])
     return Fit(
@@ -369,17 +378,17 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
         parameters=end.x,
         covariance=bent @ _scatter(end.problem) @ bent + bent,
         rms=_sizes(nu),
-        counts=counts,
+        counts=end.problem.counts,
         torques=(float(least[2]), float(largest[-3])),
     )
 
 
-def _without_what_is_not_seen(end: _Minimum) -> _Minimum:
+def _without_what_is_not_seen(end: Minimum) -> Minimum:
     """Return a minimum without the dry friction, of either side, that explains next to nothing."""
     for index in (COULOMB_M, COULOMB_L):
         prior, spread, x = end.problem.prior.copy(), end.problem.spread.copy(), end.x.copy()
         prior[index], spread[index], x[index] = 0.0, _NONE, 0.0
-        found = replace(end.problem, prior=prior, spread=spread).solve(x, STAGES[-1], 8, 0.02)
+        found = replace(end.problem, prior=prior, spread=spread).solve(x, end.problem.stages[-1], 8, 0.02)
         if found.cost < end.cost + _WORTH * found.problem.recording.time.size:
             end = found
     return end
@@ -388,7 +397,7 @@ def _without_what_is_not_seen(end: _Minimum) -> _Minimum:
 _TOGETHER = 12
 
 
-def _scatter(problem: _Problem) -> Array:
+def _scatter(problem: Problem) -> Array:
     """Return the covariance of the gradient where innovations are alike over a few samples (Newey & West, 1987)."""
     nu = problem.innovations[1:]
     scores = np.einsum("ki,kij->kj", nu / np.sqrt(1.0 + (nu / _KNEE) ** 2), problem.derivatives[1:])
