@@ -141,8 +141,8 @@ def sweep_backlash() -> list[dict[str, Number]]:
     for factor in SWEEP:
         drive = backlash(factor)
         b = drive.gear.backlash_angle
-        settings = ServoSettings(GAINS, period=PERIOD)
-        both = learn_backlash(drive, settings.with_experiment("limit_cycle"))
+        settings = ServoSettings(GAINS, period=PERIOD).with_experiment("limit_cycle")
+        both = learn_backlash(drive, settings)
         load = learn_backlash(drive, settings, sensors=Sensors(measured=("theta_l", "omega_l")))
         row: dict[str, Number] = {"backlash_m": drive.gear.backlash, "backlash_angle_rad": b, **cycle_of(drive)}
         row |= {

@@ -65,6 +65,7 @@ class Method(Enum):
     GAP_TRAVEL = "gap_travel"
     LOAD_AMPLITUDE = "load_amplitude"
     GAP_PROBE = "gap_probe"
+    RELAY = "relay"
     GAP_MAP = "gap_map"
     HYSTERESIS = "hysteresis"
     IDENTIFY = "identify"

@@ -328,7 +328,7 @@ class Servo:
         """Return an experiment by its name, or that of the settings; `AUTO` goes by the encoders of the last sample."""
         name = name or self.settings.experiment
         if name == AUTO:
-            name = "limit_cycle" if np.isnan(self.memory.row[[THETA_M, THETA_L]]).any() else "gap_probe"
+            name = "relay" if np.isnan(self.memory.row[[THETA_M, THETA_L]]).any() else "gap_probe"
         return name, EXPERIMENTS.choose("learning.experiment", name, AUTO)
 
     def experiment_refusal(self, name: str = "", parameters: Validated | None = None) -> str:

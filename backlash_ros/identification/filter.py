@@ -351,9 +351,14 @@ def _predict(
                 derivatives[sample, which, j] = -by * per_deviation
             total += math.log(expectable)
             _observe(z, row, column, factor, expectable, q - start, gains)
-            miss = reading - expected
+            miss, deepest = reading - expected, max(h, abs(p - q - offset)) + 0.2 * h
             p, w, tau = p + gains[_P] * miss, w + gains[_W] * miss, tau + gains[_T] * miss
             q, v = q + gains[_Q] * miss, v + gains[_V] * miss
+            # One that is not read is not pressed into the teeth by what the other one shows.
+            if math.isnan(load[sample]):
+                q = p - offset - min(max(p - q - offset, -deepest), deepest)
+            elif math.isnan(motor[sample]):
+                p = q + offset + min(max(p - q - offset, -deepest), deepest)
         states[sample, _P], states[sample, _W], states[sample, _T] = p, w, tau
         states[sample, _Q], states[sample, _V], states[sample, LEAST], states[sample, LARGEST] = q, v, least, largest
     return total

@@ -145,8 +145,8 @@ def first_states(recording: Recording) -> Array:
 
 
 @dataclass
-class _Problem:
-    """One recording under one contact law."""
+class Problem:
+    """One recording under one contact law, and how the noise between its samples is lowered: the ``stages``."""
 
     side: MotorSide
     contact: Contact
@@ -154,6 +154,7 @@ class _Problem:
     prior: Array
     spread: Array
     counts: tuple[float, float]
+    stages: Sequence[Stage] = STAGES
     innovations: Array = field(init=False)
     derivatives: Array = field(init=False)
     states: Array = field(init=False)
@@ -177,7 +178,7 @@ class _Problem:
         weighed = slopes / root[:, None]
         return cost, weighed.T @ nu + off / self.spread, weighed.T @ slopes + np.diag(1.0 / self.spread**2)
 
-    def solve(self, x: Array, stage: Stage, most: int, enough: float) -> "_Minimum":
+    def solve(self, x: Array, stage: Stage, most: int, enough: float) -> "Minimum":
         """Go down from ``x``, until a step gains less than ``enough`` or ``most`` steps are done."""
         damping = 1e-3
         cost, gradient, matrix = self.look(x, stage)
@@ -195,23 +196,26 @@ class _Problem:
                 damping = 10.0 * max(damping, 1e-4)
             if gain < enough:
                 break
-        return _Minimum(cost, x, self, _sizes(self.innovations[1:]))
+        return Minimum(cost, x, self, _sizes(self.innovations[1:]))
 
-    def descend(self, x: Array) -> "_Minimum":
+    def descend(self, x: Array) -> "Minimum":
         """Go down through all stages to the bottom."""
-        for stage in STAGES:
+        for stage in self.stages:
             x = self.solve(x, stage, 8, 0.5).x
-        return self.solve(x, STAGES[-1], 20, 0.02)
+        return self.solve(x, self.stages[-1], 20, 0.02)
 
 
-class _Minimum(NamedTuple):
+class Minimum(NamedTuple):
+    """Where the way down has ended: the cost, the parameters, what was solved, and the rms of both innovations."""
+
     cost: float
     x: Array
-    problem: _Problem
+    problem: Problem
     sizes: tuple[float, float]
 
 
-def _cost(found: _Minimum) -> float:
+def cost_of(found: Minimum) -> float:
+    """Return the cost, to sort by."""
     return found.cost
 
 
@@ -286,7 +290,7 @@ def _start(recording: Recording, guess: Guess, delay: float, inertia: float, sha
     )
 
 
-def _believed(start: Array, contact: Contact, torque: float, period: float) -> tuple[Array, Array]:
+def believed(start: Array, contact: Contact, torque: float, period: float) -> tuple[Array, Array]:
     """Return what is believed before the samples are seen: around what, and how closely."""
     prior, spread = start.copy(), _SPREAD.copy()
     prior[[GAP_SLOPE, LN_TEETH, GRAVITY, ECCENTRICITY]] = 0.0
@@ -305,7 +309,7 @@ def compile_filters(contacts: Iterable[type[Contact]]) -> None:
     for law in contacts:
         side = motor_side(drive, law())
         recording = Recording(np.array([0.0, 0.004, 0.008]), still, still, still)
-        _Problem(side, law(), recording, start, np.ones(PARAMETERS), (1e-4, 1e-4)).look(start, STAGES[0])
+        Problem(side, law(), recording, start, np.ones(PARAMETERS), (1e-4, 1e-4)).look(start, STAGES[0])
 
 
 def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays: Iterable[float], torque: float) -> Fit:
@@ -330,13 +334,13 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
     inertias = [guessed]
     inertias += [share * side.inertia for share in (0.08, 0.4) if abs(math.log(share * side.inertia / guessed)) > 0.7]
 
-    def problem(contact: Contact, part: Recording, start: Array) -> _Problem:
-        prior, spread = _believed(start, contact, torque, period)
-        return _Problem(motor_side(drive, contact), contact, part, prior, spread, counts)
+    def problem(contact: Contact, part: Recording, start: Array) -> Problem:
+        prior, spread = believed(start, contact, torque, period)
+        return Problem(motor_side(drive, contact), contact, part, prior, spread, counts)
 
     calm = Recording(*(values[: math.ceil(_CALM * time.size)] for values in recording))
 
-    def of_the_calm(contact: Contact) -> _Minimum:
+    def of_the_calm(contact: Contact) -> Minimum:
         """Return what the beginning tells, which is gentle: all but perhaps the far flank."""
         starts = [
             _start(calm, guess, delay, inertia, share)
@@ -344,12 +348,12 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
             for inertia in inertias
             for share in ((1.0, 0.5) if delay == guesses[0][1] else (1.0,))
         ]
-        tried = sorted((problem(contact, calm, x).solve(x, STAGES[0], 6, 1.0) for x in starts), key=_cost)
+        tried = sorted((problem(contact, calm, x).solve(x, STAGES[0], 6, 1.0) for x in starts), key=cost_of)
         for stage in STAGES[1:3]:  # with much noise a wrong one may look better than the right one
             tried = [each.problem.solve(each.x, stage, 6, 1.0) for each in tried[:_KEPT]]
-        return min(tried, key=_cost)
+        return min(tried, key=cost_of)
 
-    def of_all(start: _Minimum) -> list[_Minimum]:
+    def of_all(start: Minimum) -> list[Minimum]:
         """Return what all of the recording tells from the most likely widths on."""
         whole = problem(start.problem.contact, recording, start.x)
         widths = _widths(start.x, float(np.ptp(recording.travel)))
@@ -357,25 +361,30 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
         return [whole.descend(widths[k]) for _, k in scanned[:_DEEPEST]]
 
     gentle = [of_the_calm(contact) for contact in contacts]
-    cheapest = min(map(_cost, gentle))
+    cheapest = min(map(cost_of, gentle))
     ends = [end for start in gentle if start.cost < cheapest + _RIVAL for end in of_all(start)]
-    end = min(ends, key=_cost)
+    end = min(ends, key=cost_of)
     if max(end.sizes) > FITS:  # perhaps for the sake of the delay, or of another law
         for start in gentle:
             alike = [found for found in ends if found.problem.contact is start.problem.contact]
-            best = min(alike or of_all(start), key=_cost)
+            best = min(alike or of_all(start), key=cost_of)
             ends.append(best)
             for _, delay in guesses:
                 if abs(delay - best.x[DELAY]) > 0.2 * period:
                     x = best.x.copy()
                     x[DELAY] = delay
                     ends.append(best.problem.descend(x))
-        end = min(ends, key=_cost)
-    believed = end.problem.spread
+        end = min(ends, key=cost_of)
+    return fit_of(end)
+
+
+def fit_of(end: Minimum) -> Fit:
+    """Return what was found at the bottom, without friction that is not seen, and how sure it is."""
+    spread = end.problem.spread
     end = _without_what_is_not_seen(end)
-    _, _, matrix = end.problem.look(end.x, STAGES[-1])
+    _, _, matrix = end.problem.look(end.x, end.problem.stages[-1])
     # Friction that was left out could be there, as far as the recording goes.
-    bent = np.linalg.inv(matrix + np.diag(believed**-2 - end.problem.spread**-2))
+    bent = np.linalg.inv(matrix + np.diag(spread**-2 - end.problem.spread**-2))
     nu = end.problem.innovations[1:]
     least, largest = np.sort(end.problem.states[1:, LEAST]), np.sort(end.problem.states[1:, LARGEST])
     return Fit(
@@ -383,17 +392,17 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
         parameters=end.x,
         covariance=bent @ _scatter(end.problem) @ bent + bent,
         rms=_sizes(nu),
-        counts=counts,
+        counts=end.problem.counts,
         torques=(float(least[2]), float(largest[-3])),
     )
 
 
-def _without_what_is_not_seen(end: _Minimum) -> _Minimum:
+def _without_what_is_not_seen(end: Minimum) -> Minimum:
     """Return a minimum without the dry friction, of either side, that explains next to nothing."""
     for index in (COULOMB_M, COULOMB_L):
         prior, spread, x = end.problem.prior.copy(), end.problem.spread.copy(), end.x.copy()
         prior[index], spread[index], x[index] = 0.0, _NONE, 0.0
-        found = replace(end.problem, prior=prior, spread=spread).solve(x, STAGES[-1], 8, 0.02)
+        found = replace(end.problem, prior=prior, spread=spread).solve(x, end.problem.stages[-1], 8, 0.02)
         if found.cost < end.cost + _WORTH * found.problem.recording.time.size:
             end = found
     return end
@@ -403,7 +412,7 @@ _TOGETHER = 13
 """Samples from which on innovations do not resemble each other."""
 
 
-def _scatter(problem: _Problem) -> Array:
+def _scatter(problem: Problem) -> Array:
     """Return the covariance of the gradient."""
     nu = problem.innovations[1:]
     scores = np.einsum("ki,kij->kj", nu / np.sqrt(1.0 + (nu / _KNEE) ** 2), problem.derivatives[1:])

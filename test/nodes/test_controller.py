@@ -122,6 +122,22 @@ def test_learning_over_the_service(start: Start, peer: Peer, experiment: str, me
     peer.wait("the estimate that is taken back", lambda: estimates[-1] == 0.0)
 
 
+@pytest.mark.parametrize("measured", ["theta_l", "theta_m"])
+def test_learning_where_the_other_joint_is_absent(start: Start, peer: Peer, measured: str) -> None:
+    start("controller", **PATIENT)
+    sensors = Sensors(measured=(measured,), motor_counts=2**12, load_counts=2**14)
+    drive = LockstepDrive(peer, simulated=SimulatedDrive(NOMINAL_DRIVE, 0.004, sensors=sensors)).matched()
+    answer = ask_to_learn(peer)
+    while not answer.done():
+        drive.step()
+        assert drive.tick < 50_000  # while it is computed, too
+    response = answer.result()
+    assert response.success, response.message
+    assert "by relay" in response.message
+    (learned,) = Parameters(peer, "controller").get("backlash_angle")
+    assert learned == pytest.approx(0.02, rel=0.05)
+
+
 def test_learning_under_a_load_torque_keeps_the_old_estimate(start: Start, peer: Peer) -> None:
     start("controller", backlash_angle=0.015, learning__limit_cycle__attempts=1, **BY_LIMIT_CYCLE)
     drive = LockstepDrive(peer).matched()

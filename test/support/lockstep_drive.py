@@ -81,7 +81,10 @@ class LockstepDrive:
         if self.simulated is not None:
             motor, motor_speed, load, load_speed, current = self.simulated.sample().tolist()
             assert math.isnan(current)
-            message.position, message.velocity, message.effort = [motor, load], [motor_speed, load_speed], []
+            joints = ("motor", motor, motor_speed), ("load", load, load_speed)
+            present = [joint for joint in joints if not math.isnan(joint[1])]
+            message.name, message.position, message.velocity = (list(each) for each in zip(*present, strict=True))
+            message.effort = []
         for field, value in changes.items():
             setattr(message, field, value)
         return message

@@ -186,7 +186,7 @@ def test_anything_at_all_is_refused(content: bytes) -> None:
         (
             "gap_probe",
             "guess",
-            r"estimates[0].method must be one of ['gap_travel', 'load_amplitude', 'gap_probe', 'gap_map', "
+            r"estimates[0].method must be one of ['gap_travel', 'load_amplitude', 'gap_probe', 'relay', 'gap_map', "
             "'hysteresis', 'identify'], got",
         ),
         ("gap_probe", "[]", r"estimates[0].method must be one of"),

@@ -171,8 +171,9 @@ def test_the_nominal_drive_is_learned_and_the_two_region_law_uses_it(monkeypatch
     assert set(runs) == {"fast", "two_region"}
 
 
-def test_without_an_encoder_on_the_load_learning_is_refused_and_there_are_verdicts() -> None:
-    value = evaluate_drive(Task(1, encoders="motor", laws=("two_region",)), 3)
+def test_where_learning_is_refused_there_are_verdicts() -> None:
+    """The limit cycle needs an encoder on the load."""
+    value = evaluate_drive(Task(1, encoders="motor", experiments=("limit_cycle",), laws=("two_region",)), 3)
     assert not value["learned"]["valid"]
     assert "a motor encoder alone does not see the gap" in value["learned"]["reason"]
     assert set(value["laws"]) == {"fast", "two_region"}

@@ -64,7 +64,7 @@ def test_motion_agrees_with_scipy_and_its_events(name: str) -> None:
 def test_energy_supplied_is_stored_or_lost(name: str, law: str) -> None:
     """To 1e-9 of what is turned over, while either shaft stops and breaks away."""
     drive = drive_with(**FEATURES[name], gear_contact=CONTACTS[law]())
-    plant = Plant(drive, [0.0, 50.0, 0.0, -2.0, 0.3], tolerance=5e-12, account=True)
+    plant = Plant(drive, [0.0, 50.0, 0.0, -2.0, 0.3], tolerance=2e-12, account=True)
     before, turnover = plant.energy_stored, 0.0
     for voltage, torque in pieces():
         supplied, lost = plant.energy_supplied, plant.energy_lost

@@ -57,8 +57,10 @@ def test_one_encoder_is_refused(gains: GainSet) -> None:
 
 def test_auto_takes_what_the_encoders_allow(gains: GainSet) -> None:
     both = run_experiment(NOMINAL_DRIVE, ServoSettings(gains))
-    load = run_experiment(NOMINAL_DRIVE, ServoSettings(gains), sensors=Sensors(measured=("theta_l", "omega_l")))
-    assert (both.method, load.method) == (Method.GAP_PROBE, Method.LOAD_AMPLITUDE)
+    assert both.method is Method.GAP_PROBE
+    for measured in (("theta_l",), ("theta_m",)):
+        one = run_experiment(NOMINAL_DRIVE, ServoSettings(gains), sensors=Sensors(measured=measured))
+        assert one.method is Method.RELAY
 
 
 @pytest.mark.parametrize("torque", [0.0, 0.3, -0.45])

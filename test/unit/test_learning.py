@@ -50,7 +50,8 @@ def test_load_encoder_alone_is_corrected_for_the_inertias(gains: GainSet) -> Non
     """Within 15 %: beside the momentum share there is the give of the contact and the dead time of the samples."""
     for factor in (0.5, 1, 4):
         drive = with_inertia(factor)
-        estimate = learn_backlash(drive, ServoSettings(gains, period=0.001), sensors=Sensors(measured=LOAD_ONLY))
+        settings = ServoSettings(gains, period=0.001).with_experiment("limit_cycle")
+        estimate = learn_backlash(drive, settings, sensors=Sensors(measured=LOAD_ONLY))
         assert estimate.valid, estimate.reason
         assert estimate.method is Method.LOAD_AMPLITUDE
         assert estimate.angle == pytest.approx(0.02, rel=0.15)
@@ -69,7 +70,7 @@ def test_learning_answers_no_cycle_under_load_torque(gains: GainSet) -> None:
 @pytest.mark.parametrize("rate", [250, 1000])
 def test_flicker_of_the_load_encoder_is_not_taken_for_a_cycle(gains: GainSet, rate: int, bits: int) -> None:
     """Under a load torque the teeth stay on one flank, and the loop drives the load to and fro between two counts."""
-    settings = ServoSettings(gains, period=1 / rate)
+    settings = ServoSettings(gains, period=1 / rate).with_experiment("limit_cycle")
     encoder = Sensors(measured=("theta_l",), load_counts=2.0**bits)
     found = learn_backlash(NOMINAL_DRIVE, settings, load_torque=0.1, sensors=encoder)
     assert not found.valid
@@ -86,9 +87,10 @@ def test_learning_answers_no_cycle_within_the_limit(gains: GainSet) -> None:
     assert "of 10 cycles within 0.1 s" in estimate.reason
 
 
-def test_learning_needs_the_load_encoder(gains: GainSet) -> None:
+def test_the_limit_cycle_needs_the_load_encoder(gains: GainSet) -> None:
     motor_only = Sensors(measured=("theta_m", "omega_m", "current"))
-    estimate = learn_backlash(NOMINAL_DRIVE, ServoSettings(gains), sensors=motor_only)
+    settings = ServoSettings(gains).with_experiment("limit_cycle")
+    estimate = learn_backlash(NOMINAL_DRIVE, settings, sensors=motor_only)
     assert not estimate.valid
     assert "the load encoder is missing" in estimate.reason
 

@@ -1,0 +1,202 @@
+"""Learning the backlash with one encoder, the load's or the motor's: a relay turns the motor to and fro behind it.
+
+The motor's torque has one of two values. It turns over where the shaft that is seen, with the way that it takes to
+stop, passes a distance to either side; late as that is, both shafts keep up a cycle, in which the motor crosses the gap
+time and again (the delayed relay of Ruderman, Yamada & Fujimoto, Backlash identification in two-mass systems by delayed
+relay feedback, 2019). They read the gap off that cycle; here it comes from the drive's equations, fitted to all that
+was recorded: see `identification.one_sided`. The torque goes from gentle to brisk, and grows where friction holds.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+
+from backlash_ros.control.experiment import BacklashEstimate, Deferred, Excitation, Method, NamedExperiment, Outcome
+from backlash_ros.control.limits import Limits
+from backlash_ros.control.motor_moves import MotorLoop
+from backlash_ros.control.observer import low_pass_gain
+from backlash_ros.drivetrain import Drive, Validated, quantity
+from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Estimate, Measurement
+from backlash_ros.identification.fit import Recording
+from backlash_ros.identification.one_sided import measure_gap_one_sided
+
+_CATCH, _HOLD, _END = 0.3, 0.5, 0.2
+"""s from which on it records, until which it holds the shaft to see what torque that takes, and holds it at the end."""
+_LEVELS, _TURNS = (0.02, 0.05, 0.13, 0.3), (1.0, 1.5, 2.5, 1.0)
+_WIDE = 1.5
+"""Of the levels: share of the torque, and the turning point over ``travel``; at least so much for the motor's encoder,
+since the motor itself has to meet both flanks."""
+_LEVEL_TIME = 1.2
+_LOADED = 0.005
+"""Share of the torque at standstill from which on a load torque has to be outrun, by the last level."""
+_BANDWIDTH, _DRIFT = 200.0, 1200.0
+"""Of the speed, rad/s; of the torque that brings the middle of the cycle back, 1/s^3."""
+_AHEAD = 2.5
+"""Periods that pass until the motor turns."""
+_STILL, _STANDS, _MORE = (0.02, 0.25), 0.02, (0.01, 0.6)
+"""A shaft that does not move by a share of ``travel`` for so many s, before and after it has turned twice, stands: the
+torque then grows by a share of what there is, or of itself."""
+
+
+@dataclass(frozen=True)
+class RelaySettings(Validated):
+    """How far and how hard it may move the load."""
+
+    section: ClassVar[str] = "learning.relay"
+
+    swing: float = quantity("farthest that the load goes from where it is", "rad", above=0, at_most=3.2, default=0.3)
+    travel: float = quantity(
+        "way to either side at which the relay turns the motor at first; later up to 2.5 times as far",
+        "rad",
+        above=0,
+        at_most=3.2,
+        default=0.04,
+    )
+    torque: float = quantity(
+        "share that it may use of the torque at standstill under limits.command", "", above=0, at_most=1, default=0.9
+    )
+
+
+class Relay:
+    """One run of the relay, an `Experiment`.
+
+    Parameters
+    ----------
+    drive : for its motor and gear ratio
+    period : of the samples, s
+    limits : for the largest command
+    """
+
+    def __init__(self, drive: Drive, settings: RelaySettings, period: float, limits: Limits) -> None:
+        self.outcome: Outcome | Deferred | None = None
+        self._drive, self._settings, self._period = drive, settings, period
+        self._standstill = drive.standstill_torque()
+        self._most = settings.torque * drive.standstill_torque(limits.command)
+        self._loop = MotorLoop(drive, period, self._most)
+        self._smooth = low_pass_gain(_BANDWIDTH, period)
+        self._by_motor = False
+        self._rows: list[tuple[float, float, float]] = []
+        self._held: list[float] = []
+        self._time = self._speed = self._bias = self._dry = 0.0
+        self._levels, self._level, self._side = len(_LEVELS), -1, 1.0
+        self._home = self._mark = self._since = math.nan
+        self._unseen = self._unseen_speed = 0.0
+        self._turned = 0
+
+    @property
+    def progress(self) -> float:
+        """How far it is, from 0 to 1."""
+        return 1.0 if self.outcome is not None else min(1.0, self._time / (self._end + _END))
+
+    @property
+    def _end(self) -> float:
+        return _HOLD + self._levels * _LEVEL_TIME
+
+    def cancel(self, reason: str) -> None:
+        """End without an estimate, for ``reason``."""
+        if self.outcome is None:
+            self.outcome = BacklashEstimate(0.0, Method.RELAY, valid=False, reason=f"no gap measured: {reason}")
+
+    def step(self, measured: Measurement, _estimate: Estimate, command: float, elapsed: float) -> Excitation:
+        """Take a sample; see `Experiment`."""
+        if not self._rows:
+            self._by_motor = math.isnan(measured[THETA_L])
+        angle = self._drive.gear.ratio * measured[THETA_M] if self._by_motor else measured[THETA_L]
+        if math.isnan(angle):
+            self.cancel("the encoder that it began with is missing")
+        if self.outcome is not None:
+            return Excitation()
+        if self._rows:
+            self._time += elapsed
+            self._speed += self._smooth * ((angle - self._rows[-1][1]) / elapsed - self._speed)
+        else:
+            self._home = angle
+        self._rows.append((self._time, angle, command))
+        if self._time >= self._end + _END:
+            self.outcome = Deferred(partial(_estimate_from, self._drive, self.recording(), self._standstill))
+            return Excitation()
+        if not _HOLD <= self._time < self._end:
+            torque = self._loop.torque(angle, (self._home, 0.0, 0.0), elapsed)
+            if _CATCH <= self._time < _HOLD:
+                self._held.append(torque)
+            return Excitation(torque=torque)
+        torque = self._relay(angle, elapsed)
+        return Excitation(torque=min(max(torque, -self._most), self._most))
+
+    def recording(self) -> Recording:
+        """Return what was seen once the shaft was caught."""
+        time, angle, command = np.array(self._rows).T
+        first = int(np.searchsorted(time, _CATCH))
+        none, seen = np.full(time.size - first, math.nan), angle[first:]
+        motor, load = (seen, none) if self._by_motor else (none, seen)
+        return Recording(time[first:], motor, load, np.append(command[1:], 0.0)[first:])
+
+    def _relay(self, angle: float, elapsed: float) -> float:
+        """Return the torque, N m at the output."""
+        if self._level < 0:
+            self._bias = float(np.mean(self._held))
+            self._levels -= abs(self._bias) < _LOADED * self._standstill
+        level = min(int((self._time - _HOLD) / _LEVEL_TIME + 1e-9), self._levels - 1)
+        if level != self._level:
+            self._level = level
+            self._moved(angle)
+        settings, inertia, way, speed = self._settings, self._loop.side.inertia, angle - self._home, self._speed
+        force = self._dry + _LEVELS[level] * self._most
+        turn = max(_TURNS[level], _WIDE if self._by_motor else 0.0) * settings.travel
+        stops = abs(speed) * _AHEAD * self._period + inertia * speed * speed / force
+        ahead = self._side * (way + math.copysign(stops, speed))
+        if ahead > min(turn, 0.4 * settings.swing) and self._side * speed >= 0.0:
+            self._side, self._turned = -self._side, self._turned + 1
+            self._moved(angle)
+        elif abs(angle - self._mark) > _STANDS * settings.travel:
+            self._moved(angle)
+        elif self._runs_unseen(force - (self._dry if self._turned > 1 else 0.0), elapsed):
+            self.cancel(
+                f"nothing moved under a torque of {force:.3g} N m at the output, which may have turned the motor by "
+                f"{settings.section}.swing = {settings.swing:g} rad: friction or a brake holds it, or the encoder "
+                "stands still"
+            )
+            return 0.0
+        elif self._time - self._since > _STILL[self._turned > 1]:
+            self._dry += max(_MORE[0] * self._most, _MORE[1] * self._dry)
+            self._since = self._time
+        self._bias -= _DRIFT * inertia * way * elapsed
+        return self._bias + self._side * force
+
+    def _moved(self, angle: float) -> None:
+        self._mark, self._since = angle, self._time
+        self._unseen = self._unseen_speed = 0.0
+
+    def _runs_unseen(self, force: float, elapsed: float) -> bool:
+        """Return whether the motor would have gone beyond the swing by this force since something was seen to move.
+
+        What overcame friction is counted in until the shaft has been seen to go both ways.
+        """
+        side = self._loop.side
+        braked = (side.braking + side.viscous) * self._unseen_speed
+        self._unseen_speed += elapsed * (force - braked) / side.inertia
+        self._unseen += elapsed * self._unseen_speed
+        return self._unseen > self._settings.swing
+
+
+def _estimate_from(drive: Drive, recording: Recording, torque: float) -> BacklashEstimate:
+    """Return what a recording says of the gap."""
+    gap = measure_gap_one_sided(drive, recording, torque)
+    reason = gap.reason if gap.valid else f"no gap measured: {gap.reason}"
+    return BacklashEstimate(
+        gap.angle, Method.RELAY, valid=gap.valid, reason=reason, uncertainty=gap.uncertainty, fit=gap.fit
+    )
+
+
+EXPERIMENTS = {
+    "relay": NamedExperiment(
+        "backlash with one encoder, by a relay behind it",
+        Relay,
+        RelaySettings(),
+        swing="swing",
+        law="",
+    )
+}

@@ -1,0 +1,247 @@
+"""The gap from a recording of one encoder: the drive's equations are fitted, the other shaft's angle is never read.
+
+Motor and gear are known, so the time in which the motor crosses the gap under a known torque tells its width,
+whichever shaft is seen: the motor goes as if it had no load, and the load coasts. The filter carries the shaft that is
+not read along; each impact tells it where that one is.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain.contact import Contact, law_name
+from backlash_ros.drivetrain.signals import Array
+from backlash_ros.identification.filter import (
+    COULOMB_L,
+    COULOMB_M,
+    DELAY,
+    ECCENTRICITY,
+    LN_HALF_GAP,
+    LN_INERTIA,
+    LN_VISCOUS,
+    OFFSET,
+    PARAMETERS,
+    TORQUE,
+)
+from backlash_ros.identification.fit import (
+    STAGES,
+    Fit,
+    Minimum,
+    Problem,
+    Recording,
+    Stage,
+    believed,
+    cost_of,
+    count_of,
+    fit_of,
+    motor_side,
+)
+from backlash_ros.identification.gap import Gap, contacts_of
+from backlash_ros.identification.regression import Guess, guess_of
+
+_UNREAD_LOAD, _UNREAD_MOTOR = 0.01, 0.1
+"""Shares of the noise between the samples for the shaft that is not read: no reading would correct it."""
+_HOT = 10.0
+"""Times as much noise at first, so that starts that are far off find their way."""
+_WHERE = 0.01
+"""Beforehand, how far one shaft may be from the middle of the gap: a count, rad, that stands for an angle not read."""
+_CALM = 0.35
+_THIN, _COARSE = 4e-3, 2e-4
+"""Share of the recording, which is gentle, that tells the start. A reading each so many s, with counts of so many rad,
+is enough to find the way; finer ones make it rugged."""
+_WIDTHS = np.geomspace(0.003, 0.13, 12)
+_INERTIAS, _OTHER = (0.1, 0.35, 1.0), 0.6
+"""Gaps, rad, and inertias of the load over that of the motor, that are tried; ln by which these differ from a guess."""
+_LEAST_INERTIA, _LARGEST_INERTIA = 0.06, 1.2
+_VISCOUS = 2.5e-3
+_STARTS, _KEPT = 6, 3
+_FACTORS = (0.5, 0.65, 0.8, 1.25, 1.6)
+"""Of a gap that was found: other widths that are tried."""
+_DRY = 2e-3
+"""Share of the torque at standstill that dry friction has to have to be tried on either side."""
+_FITS, _FINE = 1.05, 0.5
+"""Largest rms of the innovations for which the model is taken for the drive's; by what it is less for a fine encoder,
+the counts of which are taken for coarser than they are."""
+_FLANK = 0.02
+"""Share of the torque at standstill that a flank has borne to be counted as seen."""
+_LIGHTEST = 0.12
+"""Of a load that a motor feels: inertia over that of the motor."""
+_APART, _WORSE = 0.15, 60.0
+"""A gap that differs by so much, as ln, has to be worse by so much."""
+_SURE = 0.06
+_NOISE, _MODEL, _CURVED = 1.5, 0.01, 0.05
+"""Largest standard uncertainty, a share; what it is made of: times the standard deviation by the noise, a share of the
+gap, another one for each square radian of the way, since a gap varies."""
+
+
+def _pinned(recording: Recording) -> tuple[Recording, Array, bool]:
+    """Return a recording of one angle with both at first, as the filter needs it; that angle; and if the motor's."""
+    motor, load = recording.motor.copy(), recording.load.copy()
+    by_motor = bool(np.isnan(load).all())
+    angle = (motor if by_motor else load).copy()
+    motor[0] = load[0] = angle[0]
+    return Recording(recording.time, motor, load, recording.command), angle, by_motor
+
+
+def _thinned(recording: Recording, period: float) -> Recording:
+    every = round(_THIN / period)
+    if every <= 1:
+        return recording
+    kept = np.arange(recording.time.size) % every == 0
+    motor, load = (np.where(kept, angle, math.nan) for angle in (recording.motor, recording.load))
+    return recording._replace(motor=motor, load=load)
+
+
+def _warmer(stage: Stage, by: float) -> Stage:
+    return Stage(by * stage.motor, by * stage.load, math.sqrt(by) * stage.teeth)
+
+
+class _Search:
+    """From many starts to the bottom, by one contact law after the other."""
+
+    def __init__(self, drive: Drive, recording: Recording, torque: float) -> None:
+        self.recording, angle, self.by_motor = _pinned(recording)
+        time, command = recording.time, recording.command
+        self._drive, self._torque, self._side = drive, torque, motor_side(drive)
+        self._period = float(np.median(np.diff(time)))
+        count = max(count_of(angle), _COARSE)
+        self._counts = (count, _WHERE) if self.by_motor else (_WHERE, count)
+        motor, load = (1.0, _UNREAD_LOAD) if self.by_motor else (_UNREAD_MOTOR, 1.0)
+        self.stages = tuple(Stage(motor * stage.motor, load * stage.load, stage.teeth) for stage in STAGES)
+        guesses = (guess_of(self._side, time, angle, angle, command, 0.5 * k * self._period) for k in range(3))
+        self._guess: Guess = min(guesses, key=lambda guess: guess.misfit)
+        self._thin = _thinned(self.recording, self._period)
+        self._calm = Recording(*(values[: math.ceil(_CALM * time.size)] for values in self._thin))
+
+    def _problem(self, contact: Contact, recording: Recording) -> Problem:
+        prior, spread = believed(
+            self._start(0.02, 0.3 * self._side.inertia, 0.0, 0.0), contact, self._torque, self._period
+        )
+        prior[[TORQUE]] = 0.0
+        prior[LN_VISCOUS] = math.log(2.0 * _VISCOUS)
+        spread[OFFSET] = 1e-6  # where one shaft is in the gap, is the filter's to find
+        spread[[COULOMB_L, TORQUE, COULOMB_M]] = 0.2 * self._torque
+        spread[LN_INERTIA] = 1.5
+        if self.by_motor:
+            spread[ECCENTRICITY] = 1e-6
+        return Problem(motor_side(self._drive, contact), contact, recording, prior, spread, self._counts, self.stages)
+
+    def _start(self, gap: float, inertia: float, coulomb_l: float, coulomb_m: float) -> Array:
+        x = np.zeros(PARAMETERS)
+        x[LN_HALF_GAP], x[LN_INERTIA], x[LN_VISCOUS] = math.log(0.5 * gap), math.log(inertia), math.log(_VISCOUS)
+        x[COULOMB_L], x[COULOMB_M] = coulomb_l, coulomb_m
+        x[TORQUE], x[DELAY] = self._guess.load_torque, 0.5 * self._period
+        return x
+
+    def _starts(self) -> Iterator[Array]:
+        """Yield gaps of any width, with light and heavy loads, and dry friction on either side."""
+        unit, guess = self._side.inertia, self._guess
+        near = min(max(guess.inertia, _LEAST_INERTIA * unit), _LARGEST_INERTIA * unit)
+        inertias = [near, *(k * unit for k in _INERTIAS if abs(math.log(k * unit / near)) > _OTHER)]
+        dry = guess.coulomb_l + guess.coulomb_m
+        shares = (0.0, 0.5, 1.0) if dry > _DRY * self._torque else (0.0,)
+        for inertia in inertias:
+            for share in shares:
+                for gap in _WIDTHS:
+                    yield self._start(float(gap), inertia, (1.0 - share) * dry, share * dry)
+
+    def begin(self, contact: Contact) -> list[Minimum]:
+        """Return the ends of the gentle part, the best first."""
+        warm, warmer = (_warmer(self.stages[0], by) for by in (math.sqrt(_HOT), _HOT))
+        calm = self._problem(contact, self._calm)
+        nearest: dict[float, tuple[float, int, Array]] = {}
+        for k, x in enumerate(self._starts()):
+            looked = calm.look(x, warmer)[0], k, x
+            nearest[x[LN_HALF_GAP]] = min(looked, nearest.get(x[LN_HALF_GAP], looked), key=lambda each: each[:2])
+        ends = sorted((calm.solve(x, warmer, 5, 1.0) for _, _, x in nearest.values()), key=cost_of)
+        ends = sorted((calm.solve(end.x, warm, 5, 1.0) for end in ends[:_STARTS]), key=cost_of)
+        for stage in self.stages[:2]:
+            ends = sorted((calm.solve(end.x, stage, 12, 1.0) for end in ends[:_KEPT]), key=cost_of)
+        return ends
+
+    def go_on(self, begun: Minimum) -> Minimum:
+        """Go down with the thinned whole."""
+        whole = replace(begun.problem, recording=self._thin)
+        return whole.descend(whole.solve(begun.x, _warmer(self.stages[0], math.sqrt(_HOT)), 5, 0.5).x)
+
+    def widths(self, found: Minimum) -> list[Minimum]:
+        """Return where one gets from other widths of the gap."""
+        starts = []
+        for factor in _FACTORS:
+            x = found.x.copy()
+            x[LN_HALF_GAP] += math.log(factor)
+            starts.append(found._replace(x=x))
+        return [self.go_on(start) for start in starts]
+
+    def finish(self, found: Minimum) -> Minimum:
+        """Go on with every reading, where that finds its way: readings that come fast make it rugged."""
+        if self._thin is self.recording:
+            return found
+        end = replace(found.problem, recording=self.recording).descend(found.x)
+        return end if max(end.sizes) <= _FITS else found
+
+
+def fit_one_sided(
+    drive: Drive, recording: Recording, torque: float, contacts: Sequence[Contact] = ()
+) -> tuple[Fit, float]:
+    """Return the best fit of a recording of one angle, and by how much the next best gap is worse, in cost.
+
+    Parameters
+    ----------
+    drive : for its motor and gear, which are taken as they are
+    recording : all of one angle is nan; the other one is read
+    torque : of the motor at standstill, N m at the output
+    contacts : the laws that are tried, see `contacts_of`
+    """
+    search = _Search(drive, recording, torque)
+    begun = [search.begin(contact) for contact in contacts or contacts_of(drive)]
+    ends: list[Minimum] = []
+    for k in range(_KEPT):
+        ends = sorted([*ends, *(search.go_on(found[k]) for found in begun)], key=cost_of)
+        if max(ends[0].sizes) <= _FITS:
+            break
+    ends = sorted([*ends, *search.widths(ends[0])], key=cost_of)
+    best = ends[0]
+    others = [end.cost - best.cost for end in ends if abs(end.x[LN_HALF_GAP] - best.x[LN_HALF_GAP]) > _APART]
+    return fit_of(search.finish(best)), min(others, default=math.inf)
+
+
+def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> Gap:
+    """Return the gap where the load started, from one angle; see `fit_one_sided`."""
+    found, worse = fit_one_sided(drive, recording, torque)
+    gap, size = found.gap, max(found.rms)
+    by_motor = bool(np.isnan(recording.load).all())
+    angle = recording.motor if by_motor else recording.load
+    way = float(np.nanmax(angle) - np.nanmin(angle))
+    deviation = _NOISE * found.gap_deviation
+    uncertainty = math.hypot(deviation, _MODEL * gap, _CURVED * way**2 * gap)
+    why = ""
+    fits = _FITS * max(_FINE, min(1.0, count_of(angle) / _COARSE))
+    if not size <= fits:
+        why = (
+            f"no model of teeth, friction and load explains what was seen: its errors are {size:.2g} times as large "
+            f"as the encoder's counts allow, and may be {fits:.2g} times; check that the encoder counts in the "
+            "direction of the motor, gear.reduction and the motor's parameters, and that nothing else moves the load"
+        )
+    elif not found.torques[0] < -_FLANK * torque < _FLANK * torque < found.torques[1]:
+        side = "negative" if found.torques[0] >= -_FLANK * torque else "positive"
+        why = f"the teeth never bore a {side} torque, so the far flank was not seen"
+    elif by_motor and (share := math.exp(found.parameters[LN_INERTIA]) / drive.reflected_inertia) < _LIGHTEST:
+        why = (
+            f"the load's inertia is {share:.2g} of the motor's, as seen at the output: less than {_LIGHTEST:g} of it "
+            "is hardly felt by the motor"
+        )
+    elif worse < _WORSE:
+        why = "gaps of different widths explain what was seen equally well"
+    elif not deviation <= _SURE * gap:
+        why = f"the gap is {gap:.3g} rad with a standard uncertainty of {uncertainty:.2g} rad, too much to be used"
+    if why:
+        return Gap(0.0, 0.0, False, why, found)
+    told = (
+        f"{recording.time[-1] - recording.time[0]:.1f} s of motion of one encoder, with teeth by the "
+        f"{law_name(found.contact)} law that bore {found.torques[0]:.2g} to {found.torques[1]:.2g} N m"
+    )
+    return Gap(gap, uncertainty, True, told, found)

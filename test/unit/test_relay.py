@@ -1,0 +1,188 @@
+"""The relay with one encoder: the gap that it finds, how far it goes, what it refuses, and that it ends at rest."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from broken_measurements import kinds_for, play
+from hypothesis import given
+from hypothesis import settings as examples
+from hypothesis import strategies as st
+
+from backlash_ros.control import EXPERIMENTS, GainSet, Limits, Method, Servo, ServoSettings
+from backlash_ros.control.experiment import Deferred
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
+from backlash_ros.drivetrain.sensors import Sensors
+from backlash_ros.drivetrain.signals import OMEGA_L, THETA_L, THETA_M, Measurement
+from backlash_ros.simulation import SimulatedDrive, run_experiment
+
+ENCODERS = {"load": ("theta_l",), "motor": ("theta_m",)}
+SWING = 0.3
+
+
+def drive_with(friction: float = 0.0, inertia: float = 5e-4, backlash: float = 0.02) -> Drive:
+    load = replace(NOMINAL_DRIVE.load, coulomb_friction=friction, inertia=inertia)
+    return replace(NOMINAL_DRIVE, load=load, gear=replace(NOMINAL_DRIVE.gear, backlash_angle=backlash))
+
+
+def sensors_of(encoder: str) -> Sensors:
+    return Sensors(measured=ENCODERS[encoder], motor_counts=4096.0, load_counts=16384.0)
+
+
+@pytest.mark.parametrize("encoder", ["load", "motor"])
+@pytest.mark.parametrize(
+    ("drive", "torque"),
+    [
+        (NOMINAL_DRIVE, 0.0),
+        (drive_with(friction=0.1, inertia=1e-3), 0.0),
+        (drive_with(inertia=1.5e-3, backlash=0.012), 0.1),
+        (drive_with(backlash=0.05), 0.0),
+    ],
+    ids=["free", "friction", "torque", "wide gap"],
+)
+def test_one_encoder_tells_the_gap(gains: GainSet, drive: Drive, torque: float, encoder: str) -> None:
+    estimate = run_experiment(
+        drive,
+        ServoSettings(gains),
+        "relay",
+        model=NOMINAL_DRIVE,
+        load_torque=torque,
+        sensors=sensors_of(encoder),
+    )
+    assert estimate.valid, estimate.reason
+    assert estimate.method is Method.RELAY
+    assert estimate.angle == pytest.approx(drive.gear.backlash_angle, rel=0.05)
+    assert abs(estimate.angle - drive.gear.backlash_angle) < 2.5 * estimate.uncertainty
+
+
+def run(
+    servo: Servo, plant: SimulatedDrive, samples: int, torque: float = 0.0, jumps: dict[int, float] | None = None
+) -> float:
+    """Go on until an outcome or a fault is there; return how far the load went, rad."""
+    swing = 0.0
+    for k in range(samples):
+        measured = plant.sample().copy()
+        measured[[THETA_M, THETA_L]] += (jumps or {}).get(k, 0.0)
+        plant.advance(servo.update(Measurement(measured), plant.elapsed), torque)
+        swing = max(swing, abs(float(plant.state[THETA_L])))
+        if servo.latched or (servo._experiment is not None and servo._experiment.outcome is not None):
+            break
+    return swing
+
+
+def started(gains: GainSet, drive: Drive, encoder: str) -> tuple[Servo, SimulatedDrive]:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
+    plant = SimulatedDrive(drive, servo.settings.period, sensors=sensors_of(encoder))
+    servo.update(plant.sample())
+    servo.start_experiment("relay")
+    return servo, plant
+
+
+@pytest.mark.parametrize("encoder", ["load", "motor"])
+@pytest.mark.parametrize("torque", [0.0, 0.3, -0.45])
+@pytest.mark.parametrize("inertia", [1.3e-4, 2e-3])
+@pytest.mark.parametrize("backlash", [0.004, 0.09])
+def test_the_load_stays_within_the_swing(
+    gains: GainSet, encoder: str, torque: float, inertia: float, backlash: float
+) -> None:
+    drive = drive_with(inertia=inertia, backlash=backlash)
+    servo, plant = started(gains, drive, encoder)
+    assert run(servo, plant, 5000, torque) <= SWING + backlash
+    outcome = servo.take_outcome()
+    assert isinstance(outcome, Deferred) or (outcome is not None and "swing" in outcome.reason)
+
+
+@pytest.mark.parametrize("encoder", ["load", "motor"])
+def test_a_load_that_is_held_is_refused_with_the_torque(gains: GainSet, encoder: str) -> None:
+    servo, plant = started(gains, drive_with(friction=50.0), encoder)
+    held = replace(plant.drive, motor=replace(plant.drive.motor, coulomb_friction=5.0)) if encoder == "motor" else None
+    if held is not None:
+        plant = SimulatedDrive(held, servo.settings.period, sensors=sensors_of(encoder))
+    run(servo, plant, 5000)
+    outcome = servo.take_outcome()
+    assert not isinstance(outcome, Deferred)
+    assert outcome is not None
+    assert "nothing moved under a torque of" in outcome.reason
+
+
+@pytest.mark.parametrize("encoder", ["load", "motor"])
+@pytest.mark.parametrize("since", [2, 300, 700, 1000])
+def test_an_encoder_that_freezes_ends_it_soon(gains: GainSet, encoder: str, since: int) -> None:
+    """The motor goes unseen until it may have gone through the swing, from where it is and at its speed."""
+    servo, plant = started(gains, drive_with(friction=0.02), encoder)
+    shown, swing = plant.sample().copy(), 0.0
+    for k in range(1500):
+        measured = plant.sample().copy()
+        shown = measured if k < since else shown
+        plant.advance(servo.update(Measurement(shown.copy()), plant.elapsed))
+        swing = max(swing, abs(float(plant.state[THETA_L])))
+        if servo.latched or servo.take_outcome() is not None:
+            break
+    else:
+        pytest.fail("it did not end")
+    assert swing < 3.0 * SWING
+
+
+def test_an_encoder_that_goes_missing_ends_it(gains: GainSet) -> None:
+    experiment = EXPERIMENTS["relay"].make(
+        NOMINAL_DRIVE, EXPERIMENTS["relay"].parameters, 0.004, Limits.of(NOMINAL_DRIVE)
+    )
+    servo, plant = started(gains, NOMINAL_DRIVE, "load")
+    measured = plant.sample().copy()
+    experiment.step(Measurement(measured), servo.estimate, 0.0, 0.004)
+    assert experiment.outcome is None
+    measured[THETA_L] = math.nan
+    assert experiment.step(Measurement(measured), servo.estimate, 0.0, 0.004).torque == 0.0
+    assert experiment.outcome is not None
+    assert not experiment.outcome.valid
+    assert "the encoder that it began with is missing" in experiment.outcome.reason
+
+
+@examples(max_examples=20, deadline=None)
+@given(
+    after=st.integers(1, 1000),
+    torque=st.sampled_from([0.0, -0.02]),
+    encoder=st.sampled_from(["load", "motor"]),
+)
+def test_it_is_cancelled_at_any_sample_and_ends_at_rest(
+    gains: GainSet, after: int, torque: float, encoder: str
+) -> None:
+    servo, plant = started(gains, drive_with(friction=0.05), encoder)
+    run(servo, plant, after, torque)
+    servo.cancel("test")
+    assert servo.take_outcome() is not None
+    run(servo, plant, 1500, torque)
+    assert servo.fault == ""
+    assert abs(float(plant.state[OMEGA_L])) < 0.02
+
+
+@examples(max_examples=20, deadline=None)
+@given(
+    at=st.integers(1, 1000),
+    samples=st.sampled_from([1, 3, 10]),
+    size=st.floats(0.005, 1e4),
+    way=st.sampled_from([1.0, -1.0]),
+    encoder=st.sampled_from(["load", "motor"]),
+)
+def test_wrong_samples_do_not_take_the_load_beyond_the_swing(
+    gains: GainSet, at: int, samples: int, size: float, way: float, encoder: str
+) -> None:
+    """The encoder jumps for a few samples: a fault, the end, or a load that stays where it may be."""
+    servo, plant = started(gains, NOMINAL_DRIVE, encoder)
+    jumps = dict.fromkeys(range(at, at + samples), way * size)
+    assert run(servo, plant, 1200, 0.0, jumps) <= SWING + NOMINAL_DRIVE.gear.backlash_angle
+
+
+@pytest.mark.population
+@pytest.mark.parametrize("encoder", ["load", "motor"])
+def test_a_broken_measurement_is_never_valid_and_wrong(encoder: str) -> None:
+    for number, kind in enumerate(kinds_for(encoder)):
+        found = play(kind, number % 3, 20261124, "core", encoder)
+        assert not found.wrong, kind
+
+
+def test_limits_that_are_nearer_than_the_swing_refuse_it(gains: GainSet) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains), replace(Limits.of(NOMINAL_DRIVE), position_upper=0.25))
+    servo.update(Measurement(np.array([math.nan, math.nan, 0.0, math.nan, math.nan])))
+    assert "it swings by learning.relay.swing = 0.3 rad to either side, but" in servo.experiment_refusal()
