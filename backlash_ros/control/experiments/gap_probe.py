@@ -29,9 +29,10 @@ _REST, _END = 0.25, 0.2
 _GENTLE, _LEVELS = 0.02, ((0.25, 0.02), (0.45, 0.07), (0.7, 0.16))
 """Of a level: speed, as a share of what the acceleration reaches over the travel, and share of the torque."""
 _LEVEL_TIME, _THROW_TIME, _SETTLE = 1.0, 2.4, 0.08
-_SHARE, _REACH = 0.65, 0.85
+_SHARE, _REACH, _SAMPLES = 0.65, 0.85, 2.0
 """Of the swing: how far the motor goes in a throw, and the load by what is seen. It goes farther than the motor is told
-to, by the gap, and where both together turn late."""
+to, by the gap, and where both together turn late. And samples in which a throw runs up, and in which it turns, at
+least: the loop follows nothing shorter."""
 
 
 @dataclass(frozen=True)
@@ -181,6 +182,7 @@ class GapProbe:
         end = min(self._time + _THROW_TIME, settings.time)
         yield self._back(home)
         while self._time < end:
+            hard = min(hard, most_way / (_SAMPLES * self._period) ** 2)
             soft = min(both, hard)
             speed = min(0.5 * hard * turning, Throw.fastest(most_way, soft, hard))
             throw, first = Throw(home, math.copysign(1.0, load.load_torque), speed, soft, hard), len(self._rows)
