@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import rclpy
 import yaml
@@ -17,8 +17,9 @@ from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from rich.progress import Progress, TaskID
 
-from backlash_ros.analysis.recordings.bag_topics import Topics
+from backlash_ros.analysis.recordings.bag_topics import Topics, read_topics
 from backlash_ros.analysis.recordings.command import FOUND, REFUSED, Request, identify_recording
+from backlash_ros.analysis.recordings.samples import Columns, Reading
 from backlash_ros.analysis.staging import staging
 from backlash_ros.ros.client import Client, ClientError, start_node, stop_node
 from backlash_ros.ros.topics import RECEIVE
@@ -29,8 +30,8 @@ INTERRUPTED = 130
 _FIND = 10.0
 _LONGEST = 900.0
 """Time in which the controller must show, and in which it must answer, s."""
-_AFTER = 0.2
-"""Time for which is recorded before and after, s: the bag then has the last answers, too."""
+_BEFORE, _AFTER = 1.5, 0.2
+"""Time for which is recorded before and after, s: the recorder hears the topics by then, and has the last answers."""
 _DRIVE = ("motor.", "gear.", "load.", "contact.", "limits.position_")
 _AXIS = ("command_interface", "motor_joint", "load_joint")
 """Parameters that say what the drive is taken for."""
@@ -69,11 +70,15 @@ def told_parameters(values: dict[str, Any]) -> str:
 
 
 class _Operator(Client):
-    """Lets the controller learn, shows how far it is, and cancels what was not ended."""
+    """Lets the controller learn, shows how far it is, and cancels what was not ended.
+
+    ``acted``: stamps of the samples, s, from which and until which the experiment was seen to act.
+    """
 
     def __init__(self, node: Node, children: dict[str, subprocess.Popen[bytes]]) -> None:
         super().__init__(node, children)
         self._bar: tuple[Progress, TaskID] | None = None
+        self.acted: tuple[float, float] | None = None
         node.create_subscription(DiagnosticArray, "controller/state", self._on_state, RECEIVE)
 
     def _on_state(self, message: DiagnosticArray) -> None:
@@ -81,6 +86,9 @@ class _Operator(Client):
             values = {entry.key: entry.value for entry in message.status[0].values}
             bar, task = self._bar
             bar.update(task, completed=float(values["progress"]))
+            if values["experiment"] == "1":
+                now = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+                self.acted = self.acted[0] if self.acted else now, now
 
     def learn(self, console: Console) -> tuple[bool, str]:
         """Let it learn; where that is interrupted, cancel it."""
@@ -109,8 +117,15 @@ class _Operator(Client):
             self.must_set(before)
 
 
-def _record(request: Measurement, folder: Path, console: Console) -> str:
-    """Let the controller learn while a bag is written into ``folder``; return why nothing was learned, if so."""
+class _Recorded(NamedTuple):
+    """Why nothing was learned, if so; and when the experiment acted, see `_Operator`."""
+
+    refusal: str
+    acted: tuple[float, float] | None
+
+
+def _record(request: Measurement, folder: Path, console: Console) -> _Recorded:
+    """Let the controller learn while a bag is written into ``folder``."""
     namespace = f"__ns:={request.namespace}"
     with ExitStack() as stack:
         context = rclpy.Context()
@@ -130,7 +145,7 @@ def _record(request: Measurement, folder: Path, console: Console) -> str:
         children["recorder"] = recorder
         stack.callback(stop_node, recorder)
         operator.wait_for_recorder(["joint_states", "command"])
-        operator.pause(_AFTER)
+        operator.pause(_BEFORE)
         with operator.using(request.experiment):
             valid, answer = operator.learn(console)
         console.print(answer, markup=False, highlight=False, soft_wrap=True)
@@ -138,7 +153,17 @@ def _record(request: Measurement, folder: Path, console: Console) -> str:
         if (code := stop_node(recorder)) != 0:
             raise ClientError(f"the recorder ended with code {code}: {(folder / 'recorder.log').read_text()[-500:]}")
     (folder / "recorder.log").unlink()
-    return "" if valid else answer
+    return _Recorded("" if valid else answer, operator.acted)
+
+
+def _part(columns: Columns, acted: tuple[float, float] | None) -> Reading:
+    """Return how to read a bag: the part in which the experiment acted: beside it the law may rattle."""
+    if acted is None:
+        return Reading()
+    start, end = (stamp - columns.epoch for stamp in acted)
+    if not 0.0 < start < end:
+        raise ClientError("the recording has not all of the experiment: the recorder came late; measure again")
+    return Reading(start=start, end=end)
 
 
 def measure(request: Measurement, command: str, console: Console) -> int:
@@ -163,7 +188,7 @@ def measure(request: Measurement, command: str, console: Console) -> int:
     before = [signal.signal(number, _interrupt) for number in (signal.SIGINT, signal.SIGTERM)]
     try:
         with staging(out) as folder:
-            refusal = _record(request, folder, console)
+            refusal, acted = _record(request, folder, console)
             folder.rename(out)
     except KeyboardInterrupt:
         console.print("stopped: the experiment was cancelled, and nothing was written")
@@ -177,6 +202,7 @@ def measure(request: Measurement, command: str, console: Console) -> int:
     found = identify_recording(
         Request(
             out / BAG,
+            _part(read_topics(out / BAG, topics), acted),
             topics=topics,
             drive=out / TOLD,
             json=out / FIGURES,

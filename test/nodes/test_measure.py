@@ -50,7 +50,7 @@ def test_a_running_drive_is_measured_and_certified(start: Start, peer: Peer, tmp
     assert read_drive(out / "told.yaml") == NOMINAL_DRIVE
     found = read_drive(out / "identified.yaml")
     assert found.gear.backlash_angle == pytest.approx(NOMINAL_DRIVE.gear.backlash_angle, rel=0.03)
-    assert found.load.inertia == pytest.approx(8e-4, rel=0.05)
+    assert found.load.inertia == pytest.approx(8e-4, rel=0.02)
     figures = json.loads((out / "figures.json").read_text())
     assert {row["symbol"]: row["value"] for row in figures["findings"]}["b"] == pytest.approx(
         found.gear.backlash_angle, rel=1e-5
