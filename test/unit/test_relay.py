@@ -175,11 +175,12 @@ def test_wrong_samples_do_not_take_the_load_beyond_the_swing(
 
 
 @pytest.mark.population
-@pytest.mark.parametrize("encoder", ["load", "motor"])
-def test_a_broken_measurement_is_never_valid_and_wrong(encoder: str) -> None:
-    for number, kind in enumerate(kinds_for(encoder)):
-        found = play(kind, number % 3, 20261124, "core", encoder)
-        assert not found.wrong, kind
+@pytest.mark.parametrize(
+    ("encoder", "number", "kind"),
+    [(encoder, number % 3, kind) for encoder in ("load", "motor") for number, kind in enumerate(kinds_for(encoder))],
+)
+def test_a_broken_measurement_is_never_valid_and_wrong(encoder: str, number: int, kind: str) -> None:
+    assert not play(kind, number, 20261124, "core", encoder).wrong
 
 
 def test_limits_that_are_nearer_than_the_swing_refuse_it(gains: GainSet) -> None:
