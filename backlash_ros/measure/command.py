@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.progress import Progress, TaskID
 
 from backlash_ros.analysis.recordings.bag_topics import Topics, read_topics
-from backlash_ros.analysis.recordings.command import FOUND, REFUSED, Request, identify_recording
+from backlash_ros.analysis.recordings.command import REFUSED, Request, identify_recording
 from backlash_ros.analysis.recordings.samples import Columns, Reading
 from backlash_ros.analysis.staging import staging
 from backlash_ros.ros.client import Client, ClientError, start_node, stop_node
@@ -97,6 +97,7 @@ class _Operator(Client):
             try:
                 return self.call("learn", _LONGEST)
             except BaseException:
+                self.children.clear()  # Ctrl-C ends them, too, and they are not needed any more
                 with suppress(ClientError):
                     self.call("cancel", 5.0)
                 raise
@@ -185,12 +186,20 @@ def measure(request: Measurement, command: str, console: Console) -> int:
     out = request.out
     if out.exists():
         raise FileExistsError(f"--out must be a new folder, got '{out}', which exists")
-    before = [signal.signal(number, _interrupt) for number in (signal.SIGINT, signal.SIGTERM)]
+    interrupted: list[int] = []
+
+    def interrupt(number: int, _frame: object) -> None:
+        interrupted.append(number)
+        raise KeyboardInterrupt
+
+    before = [signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)]
     try:
         with staging(out) as folder:
             refusal, acted = _record(request, folder, console)
             folder.rename(out)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, RuntimeError):  # amid a message rclpy makes another error of the interruption
+        if not interrupted:
+            raise
         console.print("stopped: the experiment was cancelled, and nothing was written")
         return INTERRUPTED
     finally:
@@ -216,13 +225,6 @@ def measure(request: Measurement, command: str, console: Console) -> int:
     return REFUSED if refusal else found
 
 
-def _interrupt(_number: int, _frame: object) -> None:
-    raise KeyboardInterrupt
-
-
 def folder_of_now() -> Path:
     """Return the folder that a measurement goes into by default."""
     return Path(time.strftime("measured_%Y_%m_%d-%H_%M_%S"))
-
-
-__all__ = ["FOUND", "REFUSED", "Measurement", "folder_of_now", "measure", "told_parameters"]

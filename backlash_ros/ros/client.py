@@ -59,7 +59,7 @@ class Client:
     def __init__(
         self, node: Node, children: dict[str, subprocess.Popen[bytes]], controller: str = "controller"
     ) -> None:
-        self.node, self._children = node, children
+        self.node, self.children = node, children
         self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
         self.services = {name: node.create_client(Trigger, f"{controller}/{name}") for name in ("learn", "cancel")}
@@ -69,7 +69,7 @@ class Client:
         """Spin until ``condition`` holds; ClientError when it does not within ``seconds`` or a child has ended."""
         end = time.monotonic() + seconds
         while not condition():
-            for name, child in self._children.items():
+            for name, child in self.children.items():
                 if child.poll() is not None:
                     raise ClientError(f"{name} ended with code {child.returncode}")
             if time.monotonic() > end:

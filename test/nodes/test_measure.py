@@ -1,6 +1,7 @@
 """`backlash measure`: a drive that runs, from the command line to its certificate."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -21,7 +22,9 @@ COUNTED = {"sensors__motor_counts": 4096.0, "sensors__load_counts": 65536.0}
 
 def backlash(*words: str | Path) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "backlash_ros.cli", "measure", *map(str, words)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+    )
 
 
 def begin(start: Start, peer: Peer, *arguments: str) -> Parameters:
@@ -59,7 +62,8 @@ def test_a_running_drive_is_measured_and_certified(start: Start, peer: Peer, tmp
     assert parameters.get("learning.experiment", "backlash_angle") == ["auto", 0.0]
 
 
-def test_it_is_stopped_at_rest_and_leaves_nothing(start: Start, peer: Peer, tmp_path: Path) -> None:
+@pytest.mark.parametrize("terminal", [False, True], ids=["SIGTERM", "Ctrl-C, which the recorder gets, too"])
+def test_it_is_stopped_at_rest_and_leaves_nothing(start: Start, peer: Peer, tmp_path: Path, terminal: bool) -> None:
     parameters = begin(start, peer)
     program = backlash("--out", tmp_path / "measured", "--experiment", "gap_map")
     under_way: list[str] = []
@@ -68,9 +72,15 @@ def test_it_is_stopped_at_rest_and_leaves_nothing(start: Start, peer: Peer, tmp_
         under_way.extend(each.value for each in message.status[0].values if each.key == "progress")
 
     peer.node.create_subscription(DiagnosticArray, "controller/state", on_state, 10)
-    peer.wait("the experiment", lambda: any(float(progress) > 0.02 for progress in under_way))
+    peer.wait(
+        lambda: f"the experiment, got to {under_way[-3:]}; {program.poll()}",
+        lambda: any(float(progress) > 0.02 for progress in under_way),
+    )
     assert parameters.get("learning.experiment") == ["gap_map"]
-    program.send_signal(signal.SIGTERM)
+    if terminal:
+        os.killpg(program.pid, signal.SIGINT)
+    else:
+        program.send_signal(signal.SIGTERM)
     said, _ = program.communicate(timeout=60)
     assert program.returncode == 130, said
     assert "stopped: the experiment was cancelled, and nothing was written" in said
