@@ -32,6 +32,8 @@ _LONGEST = 900.0
 """Time in which the controller must show, and in which it must answer, s."""
 _BEFORE, _AFTER = 1.5, 0.2
 """Time for which is recorded before and after, s: the recorder hears the topics by then, and has the last answers."""
+_TOPICS = "joint_states", "command", "controller/state", "controller/parameters_in_use"
+"""What is recorded: all topics are too much for the recorder beside a simulation that runs as fast as it can."""
 _DRIVE = ("motor.", "gear.", "load.", "contact.", "limits.position_")
 _AXIS = ("command_interface", "motor_joint", "load_joint")
 """Parameters that say what the drive is taken for."""
@@ -142,7 +144,8 @@ def _record(request: Measurement, folder: Path, console: Console) -> _Recorded:
             where = node.resolve_service_name("controller/learn")
             raise ClientError(f"no controller offers {where}: {error}; start one, or give --namespace") from error
         (folder / TOLD).write_text(told_parameters(operator.get()))
-        recorder = start_node("recorder", folder / "recorder.log", "-r", namespace, "-p", f"output:={folder / BAG}")
+        chosen = "-p", f"topics:=[{', '.join(_TOPICS)}]", "-p", f"output:={folder / BAG}"
+        recorder = start_node("recorder", folder / "recorder.log", "-r", namespace, *chosen)
         children["recorder"] = recorder
         stack.callback(stop_node, recorder)
         operator.wait_for_recorder(["joint_states", "command"])
