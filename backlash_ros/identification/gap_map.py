@@ -19,8 +19,8 @@ from backlash_ros.identification.fit import Fit, Recording
 from backlash_ros.identification.gap import Gap, measure_gap
 
 _TURN = 2.0 * math.pi
-_FEWEST = 0.75
-"""Share of the places that must be measured."""
+FEWEST_PLACES, _FEWEST = 6, 0.75
+"""Places that there must be, and share of them that must be measured."""
 _RATIO, _COUNT = 0.005, 0.3
 """By what share ``gear.reduction`` may be off, as a standard deviation; and what the middle of the gap is uncertain by
 beside the noise, in counts of the load's encoder."""
@@ -62,6 +62,18 @@ class GapMap:
         """Index of the place with the largest gap."""
         return self.gaps.index(max(self.gaps))
 
+    @property
+    def eccentric(self) -> bool:
+        """Whether the eccentricity stands out of its uncertainty."""
+        return self.eccentricity > _SEEN * self.eccentricity_uncertainty
+
+    def eccentricity_in_words(self) -> str:
+        """Return the eccentricity, or how large one would have been seen."""
+        unsure = self.eccentricity_uncertainty
+        if self.eccentric:
+            return f"the load's angle is off by {self.eccentricity:.2g} +- {unsure:.1g} rad once per turn"
+        return f"an eccentricity of {_SEEN * unsure:.1g} rad would have been seen, and was not"
+
     def values(self) -> dict[str, float | str]:
         """Return it by name: numbers to plot, and ``gap_map_rad``, a text with every place and its gap."""
         smallest, largest = self.smallest, self.largest
@@ -81,15 +93,11 @@ class GapMap:
     def __str__(self) -> str:
         """Return it in words."""
         smallest, largest = self.smallest, self.largest
-        told = (
+        return (
             f"the gap is {self.gaps[smallest]:.4g} rad where it is smallest, at {self.places[smallest]:.3g} rad, "
             f"{self.gaps[largest]:.4g} rad where it is largest, at {self.places[largest]:.3g} rad, and "
-            f"{self.mean:.4g} rad on average; "
+            f"{self.mean:.4g} rad on average; {self.eccentricity_in_words()}"
         )
-        unsure = self.eccentricity_uncertainty
-        if self.eccentricity > _SEEN * unsure:
-            return f"{told}the load's angle is off by {self.eccentricity:.2g} +- {unsure:.1g} rad once per turn"
-        return f"{told}an eccentricity of {_SEEN * unsure:.1g} rad would have been seen, and was not"
 
 
 class Mapped(NamedTuple):

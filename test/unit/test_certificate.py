@@ -24,9 +24,11 @@ from backlash_ros.analysis.recordings.samples import Columns, Reading, began
 from backlash_ros.cli import main
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.identification.fit import Recording
+from backlash_ros.identification.gap_map import GapMap, Mapped
 from backlash_ros.identification.recordings.findings import Finding, findings_of
 from backlash_ros.identification.recordings.held_out import free_simulations
 from backlash_ros.identification.recordings.identify import Identified, identify
+from backlash_ros.identification.recordings.places import map_findings
 from backlash_ros.identification.teeth import LOST_MOTION_SHARE, loop_of, lost_motion_of, static_torque
 
 pytestmark = pytest.mark.population
@@ -236,6 +238,41 @@ def test_a_gap_that_is_not_told_has_its_reason_in_place_of_a_number(made: Made) 
     assert "The gap is not told." in page.text
     assert page.text.count("arcmin") == 1  # an axis
     assert in_si(unsure.of("J_l")) in page.text
+
+
+def test_the_gap_around_the_turn_is_drawn_and_told(made: Made) -> None:
+    assert "The gap around the turn: from a rest on the teeth went to and fro across the gap at 1 place" in unescape(
+        made.html
+    )
+    places, gaps = (-2.0, -1.0, 0.0, 1.0, 2.0, 3.0), (0.004, 0.005, 0.006, 0.005, 0.004, 0.0035)
+    seen = GapMap(places, gaps, (2e-5,) * 6, eccentricity=3e-4, phase=0.5, eccentricity_uncertainty=2e-5)
+    about = replace(made.about, derived=(*made.about.derived, *map_findings(seen)))
+    text = certificate(about, replace(made.found, around=Mapped(seen, "6 of 6 places")))
+    page = Parsed(text)
+    assert page.tags["svg"] == 3
+    assert len(page.ids) == len(set(page.ids))
+    for row in map_findings(seen):
+        assert in_si(row) in page.text
+        assert in_gear_units(row) in page.text
+    assert "Around the turn the gap is from 12.032 \u00b1 0.069 arcmin to 20.626 \u00b1 0.069 arcmin" in page.text
+    assert "smallest gap, at 3 rad" in page.text
+    assert "at each of 6 places around the turn" in page.text
+    assert "reads 0.3 mrad \u00d7 sin(angle + 0.5 rad) too much" in page.text
+    assert "Not in this recording" not in page.text
+    unsure = replace(seen, eccentricity=3e-5)
+    text = Parsed(certificate(about, replace(made.found, around=Mapped(unsure, "6 of 6 places")))).text
+    assert "an eccentricity of 4e-05 rad would have been seen, and was not" in text
+    assert map_findings(unsure)[-1].why in text
+
+
+def test_a_map_is_told_where_the_part_that_was_fitted_tells_nothing() -> None:
+    recording = still()
+    seen = GapMap((0.0, 1.0, 2.0), (0.02, 0.03, 0.02), (1e-4,) * 3, 0.0, 0.0, 1e-5)
+    found = replace(identify(NOMINAL_DRIVE, recording), around=Mapped(seen, "3 of 3 places"))
+    page = Parsed(certificate(subject(recording, derived=map_findings(seen)), found))
+    assert page.tags["svg"] == 2
+    assert "Around the turn the gap is from " in page.text
+    assert f"Nothing else can be told: {found.reason}." in page.text
 
 
 def test_pictures_show_what_was_judged(made: Made) -> None:

@@ -14,6 +14,7 @@ from experiments import Broken, frozen, missing, reversed_, swapped
 from hypothesis import given
 from hypothesis import settings as examples
 from hypothesis import strategies as st
+from recorded import probed, stepped
 
 from backlash_ros.control import BacklashEstimate, GainSet, GapMapSettings, Limits, Method, Servo, ServoSettings
 from backlash_ros.control.estimates import Estimates
@@ -27,6 +28,8 @@ from backlash_ros.identification.filter import LN_HALF_GAP, OFFSET, PARAMETERS
 from backlash_ros.identification.fit import Fit, Recording
 from backlash_ros.identification.gap import Gap
 from backlash_ros.identification.gap_map import incomplete, map_gaps
+from backlash_ros.identification.recordings.identify import identify
+from backlash_ros.identification.recordings.places import gap_around, map_findings, visits
 from backlash_ros.simulation import SimulatedDrive
 
 pytestmark = pytest.mark.population
@@ -91,6 +94,7 @@ class Rig:
         self.servo = Servo(NOMINAL_DRIVE, ServoSettings(gains, period=1.0 / machine.rate, law=law))
         self.plant = SimulatedDrive(machine.drive, 1.0 / machine.rate, sensors=machine.sensors)
         self.farthest = 0.0
+        self.rows: list[tuple[float, float, float, float]] = []
         self.step()
         self.servo.start_experiment("gap_map", parameters)
 
@@ -98,6 +102,7 @@ class Rig:
         measured = self.plant.sample()
         spoil(measured)
         command = self.servo.update(measured, self.plant.elapsed)
+        self.rows.append((self.plant.time, RATIO * measured[THETA_M], measured[THETA_L], command))
         self.plant.advance(command, self.machine.torque if torque is None else torque)
         self.farthest = max(self.farthest, abs(float(self.plant.state[THETA_L])))
 
@@ -109,18 +114,29 @@ class Rig:
                 return outcome
         return None
 
+    def recording(self) -> Recording:
+        """Return all that was seen, with what was before and after the experiment."""
+        return Recording(*(column.copy() for column in np.array(self.rows).T))
+
     def rest(self, seconds: float = 3.0) -> None:
         for _ in range(round(seconds * self.machine.rate)):
             self.step()
 
 
 @cache
-def mapped(gains: GainSet, machine: Machine) -> BacklashEstimate:
-    outcome = Rig(gains, machine).play()
+def recorded(gains: GainSet, machine: Machine) -> tuple[Recording, BacklashEstimate]:
+    """Return a run of the experiment, with a rest behind it, and what it found."""
+    rig = Rig(gains, machine)
+    outcome = rig.play()
     assert isinstance(outcome, Deferred)
     found = outcome.work()
     assert isinstance(found, BacklashEstimate)
-    return found
+    rig.rest()
+    return rig.recording(), found
+
+
+def mapped(gains: GainSet, machine: Machine) -> BacklashEstimate:
+    return recorded(gains, machine)[1]
 
 
 @pytest.mark.parametrize("machine", [VARYING, PUSHED], ids=["friction, 250 Hz", "load torque, 1 kHz"])
@@ -363,6 +379,89 @@ def test_lost_samples_change_nothing(gains: GainSet) -> None:
 def test_settings_out_of_bounds_are_refused(change: dict[str, float], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         GapMapSettings(**change)  # type: ignore[arg-type]
+
+
+# The same map from a recording alone.
+
+
+@pytest.mark.parametrize("machine", [VARYING, PUSHED], ids=["friction, 250 Hz", "load torque, 1 kHz"])
+def test_a_recording_of_it_tells_the_same_map_and_the_drive_at_one_place(gains: GainSet, machine: Machine) -> None:
+    recording, estimate = recorded(gains, machine)
+    told = replace(NOMINAL_DRIVE, load=replace(NOMINAL_DRIVE.load, inertia=1e-3))
+    found = identify(told, recording, hold_out=False)
+    seen, same = found.around.map, estimate.map
+    assert seen is not None, found.around.reason
+    assert same is not None
+    assert np.allclose(seen.places, same.places, atol=0.02)
+    for gap, other, uncertainty in zip(seen.gaps, same.gaps, same.uncertainties, strict=True):
+        assert abs(gap - other) < uncertainty
+    assert seen.eccentricity == pytest.approx(same.eccentricity, abs=same.eccentricity_uncertainty)
+    assert found.stretch.endswith("s, at one of 6 places around the turn")
+    assert found.recording is not None
+    place = float(found.recording.load[0])
+    assert found.of("b").value == pytest.approx(machine.drive.gear.backlash_at(place), rel=0.03)
+    assert found.of("J_l").value == pytest.approx(NOMINAL_DRIVE.load.inertia, rel=0.05)
+    rows = {row.symbol: row for row in map_findings(seen)}
+    assert (rows["b min"].value, rows["b max"].value) == (min(seen.gaps), max(seen.gaps))
+    assert rows["b mean"].value == seen.mean
+    assert rows["e"].value == seen.eccentricity
+
+
+def test_lost_samples_and_repeated_visits_leave_each_place_once(gains: GainSet) -> None:
+    recording, _ = recorded(gains, VARYING)
+    places = [part.load[0] for part in visits(recording)]
+    assert len(places) == FEW.places
+    again = Recording(*map(np.concatenate, zip(recording, recording, strict=True)))
+    again.time[recording.time.size :] += recording.time[-1] + 0.004
+    assert [part.load[0] for part in visits(again)] == places
+    lost = recording._replace(motor=recording.motor.copy())
+    lost.motor[np.random.default_rng(1).random(lost.motor.size) < 0.03] = math.nan
+    assert np.allclose([part.load[0] for part in visits(lost)], places, atol=0.01)
+
+
+def test_a_place_with_a_hole_is_none(gains: GainSet) -> None:
+    recording, _ = recorded(gains, VARYING)
+    first, *others = visits(recording)
+    middle = 0.5 * (first.time[0] + first.time[-1])
+    kept = np.abs(recording.time - middle) > 0.1
+    left = visits(Recording(*(column[kept] for column in recording)))
+    assert [part.load[0] for part in left] == [part.load[0] for part in others]
+    assert gap_around(NOMINAL_DRIVE, left).reason == (
+        "from a rest on the teeth went to and fro across the gap at 5 places around the turn, and must at 6 at least"
+    )
+
+
+@pytest.mark.parametrize("motion", [probed, stepped], ids=["probe", "steps"])
+def test_other_motions_are_no_map(motion: Callable[[int, str], tuple[object, Recording]]) -> None:
+    for number in range(4):
+        _, recording = motion(number, "core")
+        found = gap_around(NOMINAL_DRIVE, visits(recording))
+        assert found.map is None
+        assert "around the turn, and must at 6 at least" in found.reason
+
+
+def test_a_recording_at_rest_is_no_map() -> None:
+    still = np.zeros(500)
+    assert visits(Recording(0.004 * np.arange(500), still, still, still)) == []
+    assert visits(Recording(0.004 * np.arange(5), *np.zeros((3, 5)))) == []
+
+
+def test_places_beyond_a_turn_are_no_map() -> None:
+    parts = [Recording(*np.full((4, 3), place)) for place in np.linspace(0.0, 7.0, 6)]
+    found = gap_around(NOMINAL_DRIVE, parts)
+    assert found == (None, "the places are spread over 7 rad, more than a turn", None)
+
+
+@pytest.mark.parametrize("signal", ["motor", "load"])
+@pytest.mark.parametrize("share", [0.15, 0.6])
+def test_an_encoder_that_freezes_gives_no_map_or_a_right_one(gains: GainSet, signal: str, share: float) -> None:
+    recording, _ = recorded(gains, VARYING)
+    angle = getattr(recording, signal).copy()
+    k = round(share * angle.size)
+    angle[k:] = angle[k]
+    found = gap_around(NOMINAL_DRIVE, visits(recording._replace(**{signal: angle})))
+    assert found.map is None
+    assert found.reason
 
 
 # What becomes of the fits, without any.

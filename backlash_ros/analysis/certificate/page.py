@@ -3,7 +3,7 @@
 import math
 from html import escape
 
-from backlash_ros.analysis.certificate.pictures import draw, loop_picture, motion_picture
+from backlash_ros.analysis.certificate.pictures import around_picture, draw, loop_picture, motion_picture
 from backlash_ros.analysis.certificate.rounding import brief, in_gear_units, in_si
 from backlash_ros.analysis.certificate.rows import (
     Row,
@@ -16,14 +16,21 @@ from backlash_ros.analysis.certificate.rows import (
 from backlash_ros.analysis.certificate.style import STYLE
 from backlash_ros.analysis.certificate.subject import PACKAGE, Subject, version_of_package
 from backlash_ros.identification.fit import FITS
+from backlash_ros.identification.gap_map import GapMap
 from backlash_ros.identification.recordings.held_out import Score
 from backlash_ros.identification.recordings.identify import Identified
+from backlash_ros.identification.recordings.places import map_findings
 from backlash_ros.identification.teeth import LOST_MOTION_SHARE
 
 _UNCERTAINTY = (
-    "All values come from one fit to all samples that were used: a Kalman filter on the equations of motor, teeth and "
-    "load, whose prediction errors are made least. Uncertainties are standard uncertainties: twice the standard "
-    "deviation by the encoders' noise, and a share for the model. They hold if what was taken as given is right."
+    "Values come from fits to all samples that were used, those around the turn from one fit at each place: a Kalman "
+    "filter on the equations of motor, teeth and load, whose prediction errors are made least. Uncertainties are "
+    "standard uncertainties: twice the standard deviation by the encoders' noise, and a share for the model. They hold "
+    "if what was taken as given is right."
+)
+_AROUND = (
+    "The gap around the turn: {}. A run of the experiment gap_map tells it, and so does any recording that goes from "
+    "place to place, rests there, and takes the teeth to and fro."
 )
 _LOST = (
     "Lost motion is the way of the output between \u2212{share:g} % and +{share:g} % of {whose} ({rated} N m at "
@@ -52,6 +59,8 @@ def certificate(subject: Subject, found: Identified) -> str:
     parts += ["<h2>Pictures</h2>", '<div class="pictures">', *_pictures(subject, found), "</div>"]
     if found.score is not None:
         parts += ["<h2>Held out</h2>", _held_out(found.score)]
+    if found.around.map is None:
+        parts += ["<h2>Not in this recording</h2>", _p(_AROUND.format(found.around.reason))]
     given = f"from {subject.sheet}" if subject.sheet else "the nominal drive's"
     parts += [
         "<h2>Recording</h2>",
@@ -93,18 +102,21 @@ def _p(text: str, kind: str = "") -> str:
 
 
 def _verdict(found: Identified) -> str:
-    """Return in one sentence what the recording tells."""
+    """Return in a few words what the recording tells."""
+    told, untold = [], []
+    if found.gap is not None and found.gap.valid and found.findings:
+        width = found.of("b")
+        told.append(f"The gap is {in_gear_units(width)} ({in_si(width)}) at the output where the load started")
+    if found.around.map is not None:
+        small, _, large, _ = map(in_gear_units, map_findings(found.around.map))
+        told.append(f"Around the turn the gap is from {small} to {large}")
     if found.reason:
-        return _p(f"Nothing can be told: {found.reason}.", "verdict bad")
-    missing = sum(not row.told for row in found.findings)
-    rest = f"; {missing} of {len(found.findings)} quantities cannot be told" if missing else ""
-    if found.gap is None or not found.gap.valid:
-        why = found.gap.reason if found.gap is not None else ""
-        return _p(f"The recording does not tell the gap: {why}{rest}.", "verdict bad")
-    width = found.of("b")
-    return _p(
-        f"The gap is {in_gear_units(width)} ({in_si(width)}) at the output where the load started{rest}.", "verdict"
-    )
+        untold.append(f"Nothing {'else ' if told else ''}can be told: {found.reason}")
+    elif found.gap is not None and not found.gap.valid:
+        untold.append(f"The recording does not tell the gap: {found.gap.reason}")
+    if missing := sum(not row.told for row in found.findings):
+        untold.append(f"{missing} of {len(found.findings)} quantities cannot be told")
+    return _p(f"{'. '.join([*told, *untold])}.", "verdict" if told else "verdict bad")
 
 
 def _results(rows: list[Row]) -> str:
@@ -146,8 +158,9 @@ def _figure(picture: str, caption: str) -> str:
 def _pictures(subject: Subject, found: Identified) -> list[str]:
     part, fit = fitted_part(subject, found), found.fit
     motion = draw(motion_picture, subject, part, found.before, found.score, counts_at_output(subject))
+    around = [] if found.around.map is None else [_around(found.around.map)]
     if found.score is None or found.before is None or fit is None:
-        return [_figure(motion, "Both angles as measured, the motor's through the gear.")]
+        return [_figure(motion, "Both angles as measured, the motor's through the gear."), *around]
     caption = (
         f"Dots: measured. Lines: simulated from the command alone, begun anew every {brief(found.score.free, 2)} s, by "
         "a fit that did not see this part. Below: measured less simulated. The motor's angle is taken through the gear "
@@ -160,7 +173,21 @@ def _pictures(subject: Subject, found: Identified) -> list[str]:
         f"{shaded}Dots: torque and twist at each sample as the filter has them. Line: the law of the teeth that was "
         "fitted, at rest. Dots beside the line are damping of the teeth, and noise."
     )
-    return [_figure(motion, caption), _figure(loop, told)]
+    return [_figure(motion, caption), _figure(loop, told), *around]
+
+
+def _around(found: GapMap) -> str:
+    beside = (
+        f" Apart from the gap, the load's encoder reads {brief(1e3 * found.eccentricity)} mrad \u00d7 "
+        f"sin(angle + {brief(found.phase)} rad) too much, which an eccentric encoder or gear does."
+        if found.eccentric
+        else f" Apart from it, {found.eccentricity_in_words()}."
+    )
+    caption = (
+        "Dots: the gap from a fit at each place; bars: its standard uncertainty, where it is larger than the dot. "
+        "Between the places nobody looked."
+    )
+    return _figure(draw(around_picture, found), caption + beside)
 
 
 def _held_out(score: Score) -> str:

@@ -18,6 +18,7 @@ from backlash_ros.analysis.certificate.rounding import GEAR_UNITS, in_gear_units
 from backlash_ros.analysis.certificate.subject import Subject
 from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.fit import Fit, Recording
+from backlash_ros.identification.gap_map import GapMap
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.held_out import Score, free_simulations
 from backlash_ros.identification.teeth import loop_of, static_torque
@@ -170,6 +171,39 @@ def loop_picture(told: Subject, recording: Recording, found: Fit, width: Finding
     top.set_xlabel("arcmin")
     axes.legend(loc="lower right", frameon=False)
     return _svg(figure, "loop", "The torque of the teeth over the angle between the shafts.")
+
+
+def around_picture(found: GapMap) -> str:
+    """Return the gap at each place around the output's turn, with its standard uncertainty, and the mean of all."""
+    factor, unit = GEAR_UNITS["rad"]
+    places, gaps = np.array(found.places), 1e3 * np.array(found.gaps)
+    figure, axes = plt.subplots(figsize=(_WIDTH, 3.6), constrained_layout=True)
+    axes.axhline(1e3 * found.mean, color=FAINT, linewidth=1.0, linestyle="--", label="mean of the places")
+    bars: dict[str, Any] = {"ecolor": MODEL, "elinewidth": 1.2, "capsize": 3.0, "zorder": 3}
+    axes.errorbar(
+        places, gaps, 1e3 * np.array(found.uncertainties), fmt="o-", color=MOTOR, markersize=5, linewidth=0.6, **bars
+    )
+    low, high = float(np.min(gaps)), float(np.max(gaps))
+    room = max(0.25 * (high - low), 4e3 * max(found.uncertainties))
+    axes.set(
+        xlabel="what the load's encoder reads at the place, rad", ylabel="gap, mrad", ylim=(low - room, high + room)
+    )
+    for k, name, side in ((found.smallest, "smallest", -1), (found.largest, "largest", 1)):
+        said = f"{name}, {factor * found.gaps[k]:.4g} {unit}"
+        near, far = axes.get_xlim()
+        share = (places[k] - near) / (far - near)
+        axes.annotate(
+            said,
+            (places[k], gaps[k]),
+            (0, side * 10),
+            textcoords="offset points",
+            ha="left" if share < 0.25 else "right" if share > 0.75 else "center",
+            va="center",
+        )
+    right = axes.secondary_yaxis("right", functions=(_times(1e-3 * factor), _times(1e3 / factor)))
+    right.set_ylabel(unit)
+    _legend(figure, axes, 1)
+    return _svg(figure, "around", "The gap over the angle of the load, with its standard uncertainty.")
 
 
 def _times(factor: float) -> Any:

@@ -15,6 +15,7 @@ from backlash_ros.identification.recordings.identify import Identified
 from backlash_ros.identification.teeth import loop_of
 
 _BY_TEETH = {"b", "wind-up", "J_l", "lost motion", "stiffness"}
+_AROUND = {"b min", "b mean", "b max", "e"}
 _BY_SPEED = {"B_l", "c_l", "c_m", "1 B_l + c_l", "10 B_l + c_l"}
 
 
@@ -32,15 +33,21 @@ class Row:
 
 @dataclass(frozen=True)
 class Ranges:
-    """What the motion went through: torque of the teeth, speed and angle of the load, in words."""
+    """What the motion went through: torque of the teeth, speed and angle of the load, in words.
 
-    teeth: str
-    speed: str
-    angle: str
-    delay: str
+    All but the places ``around`` the turn are empty where no free motion was fitted.
+    """
+
+    around: str
+    teeth: str = ""
+    speed: str = ""
+    angle: str = ""
+    delay: str = ""
 
     def of(self, symbol: str) -> str:
         """Return what matters for a quantity."""
+        if symbol in _AROUND:
+            return self.around
         if symbol in _BY_TEETH:
             return self.teeth
         if symbol in _BY_SPEED:
@@ -50,13 +57,16 @@ class Ranges:
 
 def ranges_of(subject: Subject, found: Identified) -> Ranges:
     """Return the ranges of what was fitted."""
-    fit, recording = found.fit, found.recording
-    assert fit is not None
-    assert recording is not None
+    fit, recording, around = found.fit, found.recording, ""
+    if found.around.map is not None:
+        around = f"at each of {len(found.around.map.places)} places around the turn"
+    if fit is None or recording is None:
+        return Ranges(around)
     speed = float(np.max(np.abs(loop_of(subject.told, fit, recording).speed)))
     low, high = float(np.nanmin(recording.load)), float(np.nanmax(recording.load))
     least, largest = (brief(torque, 2) for torque in fit.torques)
     return Ranges(
+        around,
         teeth=f"teeth by the {law_name(fit.contact)} law that bore {least} to {largest} N\u00a0m",
         speed=f"load at up to {brief(speed)}\u00a0rad/s",
         angle=f"load from {brief(low)} to {brief(high)}\u00a0rad",
@@ -72,12 +82,9 @@ def _row(finding: Finding, method: str) -> Row:
 
 def result_rows(subject: Subject, found: Identified) -> list[Row]:
     """Return all that was found and why not, the gap and what the teeth do first."""
-    if not found.findings:
-        return []
     ranges = ranges_of(subject, found)
-    width, *others = found.findings
-    first = [width, *subject.derived]
-    return [_row(f, f"fit; {ranges.of(f.symbol)}") for f in (*first, *others)]
+    rows = (*found.findings[:1], *subject.derived, *found.findings[1:])
+    return [_row(f, f"fit; {ranges.of(f.symbol)}") for f in rows]
 
 
 def recording_rows(subject: Subject, found: Identified) -> list[tuple[str, str]]:

@@ -32,6 +32,7 @@ td.number { white-space: nowrap; font-variant-numeric: tabular-nums; }
 td.why { color: var(--bad); }
 .symbol { color: var(--faint); font-size: .85em; white-space: nowrap; }
 .pictures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 24rem), 1fr)); gap: 1.5rem; }
+.pictures > :first-child:nth-last-child(n + 3) { grid-row: span 2; }
 figure { margin: 0; break-inside: avoid; }
 figure svg { width: 100%; height: auto; display: block; max-width: 36rem; }
 figure svg * { stroke-linejoin: round; stroke-linecap: butt; }

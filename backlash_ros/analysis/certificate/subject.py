@@ -26,7 +26,7 @@ class Subject:
     counts : of both encoders in a turn of their shafts; 0 where they are not known
     notes : what had to be done to make a recording of the file, in words
     began : when the recording began, where its stamps are dates
-    derived : lost motion and stiffness, see `lost_motion_of`
+    derived : lost motion and stiffness, see `lost_motion_of`, and the gap around the turn, see `map_findings`
     rated : torque that the lost motion is given for, N m at the output, and whether it was told
     """
 

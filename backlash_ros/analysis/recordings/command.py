@@ -17,6 +17,7 @@ from backlash_ros.analysis.recordings.samples import Columns, Reading, began, dr
 from backlash_ros.analysis.staging import staging
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.identification.recordings.identify import Identified, identify
+from backlash_ros.identification.recordings.places import map_findings
 from backlash_ros.identification.teeth import lost_motion_of
 
 FOUND, REFUSED = 0, 1
@@ -98,7 +99,8 @@ def identify_recording(request: Request, console: Console) -> int:
     recording, notes = recording_of(columns, request.reading, drive)
     found = identify(drive, recording)
     rated = request.rated_torque or drive.standstill_torque()
-    derived = lost_motion_of(drive, found, rated)
+    around = found.around.map
+    derived = (*lost_motion_of(drive, found, rated), *(map_findings(around) if around is not None else ()))
     source = str(request.recording)
     show(found, source, name, notes, console)
     written = []
@@ -126,4 +128,4 @@ def identify_recording(request: Request, console: Console) -> int:
         written.append(str(request.certificate))
     if written:
         console.print(f"written: {'; '.join(written)}", highlight=False, markup=False, soft_wrap=True)
-    return FOUND if found.valid else REFUSED
+    return FOUND if found.valid or around is not None else REFUSED

@@ -49,6 +49,8 @@ def show(found: Identified, source: str, told: str, notes: list[str], console: C
         say(f"  {note}")
     if found.stretch:
         say(f"  used: {found.stretch}")
+    if found.around.map is not None:
+        say(f"Around the turn, by {found.around.reason}.")
     if found.reason:
         say(f"Nothing can be told: {found.reason}.")
         return
@@ -86,6 +88,10 @@ def content_of(
         "period": found.period,
         "findings": [{**asdict(finding), "told": finding.told} for finding in found.findings],
         "derived": [{**asdict(finding), "told": finding.told} for finding in derived],
+        "gap_around_turn": {
+            "reason": found.around.reason,
+            **(asdict(found.around.map) if found.around.map is not None else {}),
+        },
         "held_out": None if found.score is None else asdict(found.score),
     }
     result: dict[str, Any] = jsonable(content)

@@ -17,7 +17,7 @@ from backlash_ros.control.motor_moves import MotorLoop, Move
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Estimate, Measurement
 from backlash_ros.identification.fit import Recording
-from backlash_ros.identification.gap_map import map_gaps
+from backlash_ros.identification.gap_map import FEWEST_PLACES, map_gaps
 
 _TURN = 2.0 * math.pi
 _GENTLE, _RAMP, _OF_NO_LOAD = 0.02, 0.2, 0.3
@@ -36,7 +36,7 @@ class GapMapSettings(Validated):
     section: ClassVar[str] = "learning.gap_map"
 
     places: int = quantity(
-        "at which the gap is measured, evenly spread", "", at_least=6, at_most=64, whole=True, default=8
+        "at which the gap is measured, evenly spread", "", at_least=FEWEST_PLACES, at_most=64, whole=True, default=8
     )
     turn: float = quantity(
         "range over which they are spread, half of it to either side of where the load is",

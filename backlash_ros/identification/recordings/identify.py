@@ -8,8 +8,10 @@ from backlash_ros.drivetrain import Drive
 from backlash_ros.identification.drive import identified_drive
 from backlash_ros.identification.fit import FITS, Fit, Recording, fit
 from backlash_ros.identification.gap import SCALE, Gap, contacts_of, delays_of, measure_gap
+from backlash_ros.identification.gap_map import FEWEST_PLACES, Mapped
 from backlash_ros.identification.recordings.findings import Finding, findings_of
 from backlash_ros.identification.recordings.held_out import Score, first_part, score
+from backlash_ros.identification.recordings.places import gap_around, liveliest, visits
 from backlash_ros.identification.recordings.plausible import implausible, suspicion
 from backlash_ros.identification.recordings.stretch import informative
 
@@ -23,7 +25,8 @@ class Identified:
 
     ``drive`` is the drive as told with what was found in it, and ``replaced`` names that as a drive file does; what the
     recording cannot tell is as it was told. ``stretch``: which part was fitted, empty for all of it. ``period`` of the
-    samples, s. ``recording`` is the part that was fitted, ``before`` the fit to its first three quarters.
+    samples, s. ``recording`` is the part that was fitted, ``before`` the fit to its first three quarters. ``around``:
+    what all of the recording tells of the gap around the turn.
     """
 
     reason: str
@@ -37,10 +40,11 @@ class Identified:
     fit: Fit | None = field(default=None, repr=False, compare=False)
     recording: Recording | None = field(default=None, repr=False, compare=False)
     before: Fit | None = field(default=None, repr=False, compare=False)
+    around: Mapped = field(default=Mapped(None, "nobody looked for it"), repr=False, compare=False)
 
     @property
     def valid(self) -> bool:
-        """Whether anything was found."""
+        """Whether anything was found in the part that was fitted."""
         return any(finding.told for finding in self.findings)
 
     def of(self, key: str) -> Finding:
@@ -59,11 +63,14 @@ def identify(drive: Drive, recording: Recording, *, hold_out: bool = True) -> Id
 
     Notes
     -----
-    The values come from all of the stretch that is fitted; the score from a fit to its first three quarters.
+    The values come from all of the stretch that is fitted; the score from a fit to its first three quarters. Where the
+    recording goes around the turn from place to place, the stretch is at one of them: elsewhere the gap is another one.
     """
-    chosen, stretch = informative(recording)
+    places = visits(recording)
+    chosen, stretch = informative(recording) if len(places) < FEWEST_PLACES else liveliest(recording, places)
     period = float(np.median(np.diff(chosen.time))) if chosen.time.size > 1 else 0.0
-    refused = Identified("", drive, stretch=stretch, period=period, recording=chosen)
+    around = gap_around(drive, places)
+    refused = Identified("", drive, stretch=stretch, period=period, recording=chosen, around=around)
     if why := implausible(drive, chosen):
         return replace(refused, reason=why)
     gap = measure_gap(drive, chosen, drive.standstill_torque())

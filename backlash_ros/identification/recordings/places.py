@@ -1,0 +1,129 @@
+"""The gap around the output's turn from one recording: the places at which it was looked at, found in the motion.
+
+At a place both shafts rest, the teeth then go to and fro across the gap, and the motor comes back before it goes on.
+That is what the experiment `gap_map` does, and whoever moves an axis from place to place by hand. The gap at each, and
+the eccentricity apart from it, are by the code that the experiment uses: see `identification.gap_map`.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain.signals import Array
+from backlash_ros.identification.fit import Recording, count_of
+from backlash_ros.identification.gap_map import FEWEST_PLACES, GapMap, Mapped, map_gaps
+from backlash_ros.identification.recordings.findings import Finding
+from backlash_ros.identification.recordings.stretch import HOLE, LONGEST
+
+_TURN = 2.0 * math.pi
+_REST, _STILL, _COUNTS = 0.15, 0.05, 3.0
+"""How long both shafts rest, s; within a share of the way that they go against each other, or within so many counts."""
+_KEPT = 0.25
+"""Rest that is kept ahead of the motion, s."""
+_SIDE, _CROSSINGS = 0.25, 4
+"""From where on a flank counts as met, a share of that way to either side of its middle; and how often the teeth go
+from one to the other at least."""
+_ROUND = 1.5
+"""Mean distances of neighbours, up to which the last place is the neighbour of the first, too."""
+
+
+def _rests(recording: Recording, near: float) -> list[tuple[int, int]]:
+    """Return the first and the last row of each rest, in which neither shaft moves by more than ``near``, rad."""
+    read = np.flatnonzero(np.isfinite(recording.motor + recording.load))
+    size = round(_REST / float(np.median(np.diff(recording.time)))) + 1
+    if read.size < size:
+        return []
+    at_rest = np.ones(read.size - size + 1, dtype=bool)
+    for angle in (recording.motor[read], recording.load[read]):
+        spread = maximum_filter1d(angle, size, mode="nearest") - minimum_filter1d(angle, size, mode="nearest")
+        at_rest &= spread[size // 2 :][: at_rest.size] < near
+    edges = np.flatnonzero(np.diff(at_rest.astype(int), prepend=0, append=0))
+    return [(int(read[a]), int(read[b + size - 2])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _crossings(between: Array, way: float) -> int:
+    """Return how often the angle between the shafts goes from one side of its middle to the other."""
+    off = between - 0.5 * (np.max(between) + np.min(between))
+    sides = np.sign(off[np.abs(off) > _SIDE * way])
+    return int(np.count_nonzero(np.diff(sides)))
+
+
+def visits(recording: Recording) -> list[Recording]:
+    """Return the parts in which the gap was looked at from a rest on, each at another place, in the order of places.
+
+    A part with a hole is none: nobody knows what happened there.
+    """
+    time, motor, load, _ = recording
+    if time.size < 2 or not recording.travel.size:
+        return []
+    way, period = float(np.ptp(recording.travel)), float(np.median(np.diff(time)))
+    near = max(_STILL * way, _COUNTS * max(count_of(motor), count_of(load)))
+    found: list[Recording] = []
+    rests = _rests(recording, near)
+    ends = [first for first, _ in rests[1:]] + [time.size - 1]
+    for (_, rest), end in zip(rests, ends, strict=False):
+        if end <= rest:
+            continue
+        back = np.flatnonzero(np.abs(motor[rest : end + 1] - motor[rest]) <= way)
+        first = int(np.searchsorted(time, time[rest] - _KEPT))
+        first += int(np.argmax(np.isfinite(motor[first:] + load[first:])))
+        last = min(rest + int(back[-1]), int(np.searchsorted(time, time[first] + LONGEST)))
+        part = Recording(*(values[first : last + 1] for values in recording))
+        known = any(abs(part.load[0] - other.load[0]) <= way for other in found)
+        whole = np.max(np.diff(part.time), initial=0.0) < HOLE * period
+        if whole and not known and _crossings(part.travel, way) >= _CROSSINGS:
+            found.append(part)
+    return sorted(found, key=lambda part: float(part.load[0]))
+
+
+def liveliest(recording: Recording, parts: Sequence[Recording]) -> tuple[Recording, str]:
+    """Return of the `visits` of a recording the one in which the shafts move most, and in words which one it is."""
+    best = max(parts, key=lambda part: float(np.sum(np.abs(np.diff(part.travel)))))
+    start, end, length = (float(time - recording.time[0]) for time in (*best.time[[0, -1]], recording.time[-1]))
+    return best, f"{start:.2f} to {end:.2f} s of {length:.2f} s, at one of {len(parts)} places around the turn"
+
+
+def gap_around(drive: Drive, parts: Sequence[Recording]) -> Mapped:
+    """Return the gap around the output's turn, or why a recording does not tell it.
+
+    Parameters
+    ----------
+    drive : for its motor and gear ratio, which are taken as they are, and its contact law, which is tried first
+    parts : its `visits`
+    """
+    if len(parts) < FEWEST_PLACES:
+        seen = "no place" if not parts else f"{len(parts)} place{'s' if len(parts) > 1 else ''}"
+        return Mapped(
+            None,
+            f"from a rest on the teeth went to and fro across the gap at {seen} around the turn, and must at "
+            f"{FEWEST_PLACES} at least",
+        )
+    spread = float(parts[-1].load[0] - parts[0].load[0])
+    if spread > _TURN:
+        return Mapped(None, f"the places are spread over {spread:.3g} rad, more than a turn")
+    closed = _TURN - spread <= _ROUND * spread / (len(parts) - 1)
+    return map_gaps(drive, parts, drive.standstill_torque(), len(parts), closed=closed)
+
+
+def map_findings(found: GapMap) -> tuple[Finding, ...]:
+    """Return smallest, mean and largest gap, and the eccentricity apart from them.
+
+    The mean is as uncertain as its places are on average: most of that is common to all of them.
+    """
+    low, high = found.smallest, found.largest
+    rows = [
+        Finding("", symbol, what, "rad", gap, uncertainty)
+        for symbol, what, gap, uncertainty in (
+            ("b min", f"smallest gap, at {found.places[low]:.3g} rad", found.gaps[low], found.uncertainties[low]),
+            ("b mean", "mean gap around the turn", found.mean, math.fsum(found.uncertainties) / len(found.places)),
+            ("b max", f"largest gap, at {found.places[high]:.3g} rad", found.gaps[high], found.uncertainties[high]),
+        )
+    ]
+    unsure = found.eccentricity_uncertainty
+    what = "by how much the load's encoder reads wrong once per turn"
+    if found.eccentric:
+        return (*rows, Finding("", "e", what, "rad", found.eccentricity, unsure))
+    return (*rows, Finding("", "e", what, "rad", why=found.eccentricity_in_words()))
