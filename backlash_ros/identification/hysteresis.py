@@ -145,13 +145,12 @@ def _fit(drive: Drive, contact: Contact, points: _Points, count: float) -> _Foun
 
     x = points.x[points.counts]
     reach = 0.5 * float(np.ptp(x))
-    start = [0.5 * float(np.max(x) + np.min(x)), 0.9 * reach, 0.01 * top, 0.0]
+    start = [0.5 * float(np.max(x) + np.min(x)), 0.9 * reach, 0.02 * top, 0.01]
     scale = [0.1 * reach, 0.1 * reach, 0.02 * top, 0.02]
     low, high = [-np.inf, 1e-9, 0.0, 0.0], [np.inf, np.inf, 0.5 * top, 0.5]
     if spring:
         start, scale = [*start, 0.1 * reach / top], [*scale, 0.1 * reach / top]
         low, high = [*low, 0.0], [*high, np.inf]
-    start[_C], start[_MU] = 0.02 * top, 0.01
     found = least_squares(residual, start, bounds=(low, high), x_scale=scale, method="trf", max_nfev=60)
     off, jacobian = found.fun[:-1], found.jac[:-1]
     rms = math.sqrt(float(np.sum(off**2)) / max(1, int(np.count_nonzero(off))))
@@ -225,9 +224,11 @@ def measure_lost_motion(
     lost, lost_deviation = _lost_motion(drive, best, at)
     flanks = [_slope(points, best.teeth, side, count) for side in (-1.0, 1.0)]
     top = min(float(np.max(best.teeth)), -float(np.min(best.teeth)))
-    spring = isinstance(best.contact, SpringContact)
-    edge = 0.0 if spring else _edge_torque(drive, best)
+    edge = 0.0 if isinstance(best.contact, SpringContact) else _edge_torque(drive, best)
     every = max(1, points.x.size // 600)
+    pressed = np.maximum(points.side * best.teeth, 0.0)
+    modelled = points.side * _places(drive, best.contact, best.values, pressed)
+    modelled[pressed < _FAINT * np.max(pressed)] = math.nan
     found = LostMotion(
         valid=True,
         reason="",
@@ -246,6 +247,7 @@ def measure_lost_motion(
         gap_torque=edge,
         torques=points.torque[::every],
         angles=points.x[::every] - best.values[_X0],
+        modelled=modelled[::every],
     )
     why = ""
     if not best.rms <= max(_FITS * gap, _FITS_COUNTS * count):

@@ -29,7 +29,7 @@ class LostMotion:
     ``gap`` is that of ``contact``, which holds where the teeth bear ``gap_torque``, 0 for a spring; ``lost_motion`` is
     between plus and minus ``at``; ``stiffness`` of the negative and the positive flank, from half of ``torque`` on;
     ``friction`` of the motor and ``loss``, a share of the teeth's torque, are half the width of the hysteresis.
-    ``angles`` over ``torques`` is the curve itself.
+    ``angles`` over ``torques`` is the curve itself, ``modelled`` what was fitted to it, nan where teeth bear little.
     """
 
     valid: bool
@@ -49,6 +49,7 @@ class LostMotion:
     gap_torque: float = 0.0
     torques: Array = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
     angles: Array = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
+    modelled: Array = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
 
     def in_words(self) -> str:
         """Return the figures as gearbox makers state them."""

@@ -165,6 +165,8 @@ def _part(columns: Columns, acted: tuple[float, float] | None) -> Reading:
     if acted is None:
         return Reading()
     start, end = (stamp - columns.epoch for stamp in acted)
+    if start == end:
+        raise ClientError("the experiment acted for no time that could be seen: see the answer, and measure again")
     if not 0.0 < start < end:
         raise ClientError("the recording has not all of the experiment: the recorder came late; measure again")
     return Reading(start=start, end=end)

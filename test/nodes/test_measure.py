@@ -8,12 +8,16 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from graph import Parameters, Peer, Process
 
 from backlash_ros.analysis.evaluation.drive_file import read_drive
+from backlash_ros.analysis.recordings.samples import Columns, Reading
 from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.measure.command import _part
+from backlash_ros.ros.client import ClientError
 
 Start = Callable[..., Process]
 PAGE = (Path(__file__).parents[2] / "docs" / "identification.md").read_text()
@@ -86,6 +90,17 @@ def test_it_is_stopped_at_rest_and_leaves_nothing(start: Start, peer: Peer, tmp_
     assert "stopped: the experiment was cancelled, and nothing was written" in said
     assert not list(tmp_path.glob("*measured*"))
     assert parameters.get("learning.experiment") == ["auto"]
+
+
+def test_an_experiment_that_acted_for_no_time_is_said_to_have() -> None:
+    row = np.arange(3.0)
+    columns = Columns(row, row, row, row, ("t", "m", "l", "c"), str, epoch=100.0)
+    assert _part(columns, (100.5, 101.5)) == Reading(start=0.5, end=1.5)
+    assert _part(columns, None) == Reading()
+    with pytest.raises(ClientError, match="the experiment acted for no time that could be seen"):
+        _part(columns, (100.5, 100.5))
+    with pytest.raises(ClientError, match="the recorder came late"):
+        _part(columns, (99.5, 100.5))
 
 
 def test_without_a_controller_it_says_so(domain: int, tmp_path: Path) -> None:

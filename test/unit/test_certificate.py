@@ -25,10 +25,12 @@ from backlash_ros.cli import main
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.identification.fit import Recording
 from backlash_ros.identification.gap_map import GapMap, Mapped
+from backlash_ros.identification.lost_motion import LostMotion
 from backlash_ros.identification.recordings.findings import Finding, findings_of
 from backlash_ros.identification.recordings.held_out import free_simulations
 from backlash_ros.identification.recordings.identify import Identified, identify
 from backlash_ros.identification.recordings.places import map_findings
+from backlash_ros.identification.recordings.slow_torque import hysteresis_findings
 from backlash_ros.identification.teeth import LOST_MOTION_SHARE, loop_of, lost_motion_of, static_torque
 
 pytestmark = pytest.mark.population
@@ -258,7 +260,7 @@ def test_the_gap_around_the_turn_is_drawn_and_told(made: Made) -> None:
     assert "smallest gap, at 3 rad" in page.text
     assert "at each of 6 places around the turn" in page.text
     assert "reads 0.3 mrad \u00d7 sin(angle + 0.5 rad) too much" in page.text
-    assert "Not in this recording" not in page.text
+    assert "The gap around the turn: " not in page.text
     unsure = replace(seen, eccentricity=3e-5)
     text = Parsed(certificate(about, replace(made.found, around=Mapped(unsure, "6 of 6 places")))).text
     assert "an eccentricity of 4e-05 rad would have been seen, and was not" in text
@@ -273,6 +275,39 @@ def test_a_map_is_told_where_the_part_that_was_fitted_tells_nothing() -> None:
     assert page.tags["svg"] == 2
     assert "Around the turn the gap is from " in page.text
     assert f"Nothing else can be told: {found.reason}." in page.text
+
+
+def test_the_hysteresis_curve_is_drawn_and_told(made: Made) -> None:
+    assert "A hysteresis curve, with lost motion and stiffness from a slow torque: the load moved by " in made.html
+    recording, torques = still(), np.linspace(-2.0, 2.0, 50)
+    slow = LostMotion(
+        valid=True,
+        reason="3 cycles",
+        gap=0.02,
+        gap_uncertainty=1e-4,
+        lost_motion=0.0211,
+        lost_motion_uncertainty=1.2e-4,
+        at=0.18,
+        stiffness=(334.0, 300.0),
+        stiffness_uncertainty=(5.0, 200.0),
+        friction=0.3,
+        torque=2.4,
+        contact="elastic",
+        torques=torques,
+        angles=0.01 * np.sign(torques),
+        modelled=0.01 * np.sign(torques),
+    )
+    rows = hysteresis_findings(slow)
+    assert [row.told for row in rows] == [True, True, True, False, True]
+    found = identify(NOMINAL_DRIVE, recording)
+    page = Parsed(certificate(subject(recording, derived=rows, slow=slow), found))
+    assert page.tags["svg"] == 2
+    assert "Under a slow torque the gap is 68.75 \u00b1 0.34 arcmin, and the lost motion 72.54 \u00b1 0.41" in page.text
+    assert f"Nothing else can be told: {found.reason}." in page.text
+    for row in rows:
+        assert (in_si(row) if row.told else f"cannot be told: {row.why}") in page.text
+    assert "come from the hysteresis curve" in page.text
+    assert "A hysteresis curve, with" not in page.text
 
 
 def test_pictures_show_what_was_judged(made: Made) -> None:

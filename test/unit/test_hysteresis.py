@@ -1,6 +1,7 @@
 """Lost motion on an output that stands: what is found, what ends it, and that it ends at rest."""
 
 import math
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +11,9 @@ from experiments import Broken, frozen, play, reversed_, stuck_bit, swapped
 from hypothesis import given
 from hypothesis import settings as examples
 from hypothesis import strategies as st
+from recorded import probed, stepped
 
+from backlash_ros.analysis.evaluation.population import told_model
 from backlash_ros.control import BacklashEstimate, GainSet, HysteresisSettings, Limits, Method, Servo, ServoSettings
 from backlash_ros.control.experiment import Deferred
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive
@@ -20,8 +23,10 @@ from backlash_ros.drivetrain.contacts.power import PowerContact
 from backlash_ros.drivetrain.contacts.restitution import RestitutionContact
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement
+from backlash_ros.identification.fit import Recording
 from backlash_ros.identification.hysteresis import static_place
 from backlash_ros.identification.lost_motion import LostMotion
+from backlash_ros.identification.recordings.slow_torque import hysteresis_findings, hysteresis_of
 from backlash_ros.simulation import SimulatedDrive, run_experiment
 
 pytestmark = pytest.mark.population
@@ -307,3 +312,119 @@ def test_limits_that_are_nearer_than_the_swing_refuse_it(gains: GainSet) -> None
 def test_settings_out_of_bounds_are_refused(change: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         HysteresisSettings(**change)
+
+
+# The same from a recording alone.
+
+
+def slowly(
+    drive: Drive, *, turns: int = 9, length: float = 1.5, largest: float = 0.45, still: float = 1.0
+) -> Recording:
+    """Return a recording of a torque that goes up and down in equal steps of time, on an output that stands."""
+    ratio, period = NOMINAL_DRIVE.gear.ratio, 0.004
+    plant = SimulatedDrive(
+        drive, period, sensors=Sensors(measured=POSITIONS, motor_counts=2.0**16, load_counts=2.0**16)
+    )
+    ends = [0.0, *(largest * (-1.0) ** k * NOMINAL_DRIVE.motor.voltage_limit for k in range(turns)), 0.0]
+    knots = np.concatenate(([0.0], still + length * np.arange(len(ends))))
+    rows = []
+    while plant.time < knots[-1] + 0.5:
+        shown = plant.sample()
+        command = float(np.interp(plant.time, knots, [0.0, *ends]))
+        rows.append((plant.time, ratio * float(shown[THETA_M]), float(shown[THETA_L]), command))
+        plant.advance(command, 0.0)
+    return Recording(*(column.copy() for column in np.array(rows).T))
+
+
+STIFF = standing(BRAKED, contact=elastic(3.0), motor_friction=0.02)
+
+
+def test_a_recording_of_the_experiment_tells_the_same(gains: GainSet) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
+    sensors = Sensors(measured=POSITIONS, motor_counts=4096.0, load_counts=65536.0)
+    plant = SimulatedDrive(STIFF, 0.004, sensors=sensors)
+    rows: list[tuple[float, float, float, float]] = []
+    outcome = None
+    while outcome is None:
+        shown = plant.sample()
+        command = servo.update(shown, plant.elapsed)
+        if not rows:
+            servo.start_experiment("hysteresis")
+        rows.append((plant.time, NOMINAL_DRIVE.gear.ratio * float(shown[THETA_M]), float(shown[THETA_L]), command))
+        plant.advance(command, 0.0)
+        outcome = servo.take_outcome()
+    assert isinstance(outcome, Deferred)
+    estimate = outcome.work()
+    assert isinstance(estimate, BacklashEstimate)
+    there = found_in(estimate)
+    here = hysteresis_of(NOMINAL_DRIVE, Recording(*(column.copy() for column in np.array(rows).T)), there.at)
+    assert here.valid, here.reason
+    assert here.gap == pytest.approx(there.gap, abs=0.3 * there.gap_uncertainty)
+    assert here.lost_motion == pytest.approx(there.lost_motion, abs=0.3 * there.lost_motion_uncertainty)
+    for stiffness, other, uncertainty in zip(here.stiffness, there.stiffness, there.stiffness_uncertainty, strict=True):
+        assert stiffness == pytest.approx(other, abs=0.5 * uncertainty)
+    rows_told = {row.symbol: row for row in hysteresis_findings(here)}
+    friction = rows_told["friction"]
+    assert abs(friction.value - 0.02 * STANDSTILL) < 2.0 * friction.uncertainty
+    assert rows_told["b at rest"].value == here.gap
+    seen = np.isfinite(here.modelled)
+    assert np.mean(seen) > 0.5
+    assert np.median(np.abs(here.modelled - here.angles)[seen]) < 0.03 * here.gap
+
+
+def test_a_torque_by_hand_tells_gap_lost_motion_and_stiffness() -> None:
+    found = hysteresis_of(NOMINAL_DRIVE, slowly(STIFF), 0.18)
+    assert found.valid, found.reason
+    assert found.gap == pytest.approx(0.02, abs=3.0 * found.gap_uncertainty)
+    assert found.lost_motion == pytest.approx(place(STIFF, 0.18), abs=3.0 * found.lost_motion_uncertainty)
+    for stiffness, uncertainty in zip(found.stiffness, found.stiffness_uncertainty, strict=True):
+        assert abs(stiffness - 1.0 / 3e-3) < 3.0 * uncertainty
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"load": lambda r: 0.3 * r.motor + 0.05 * np.sin(r.time)}, r"the load moved by 0\.\d+ rad, and an output"),
+        ({"command": lambda r: -r.command}, "the motor goes against its torque: check the sign of the command"),
+        ({"command": lambda r: 0.0 * r.command}, r"the command never changes, it is 0 V throughout"),
+        ({"command": lambda r: 3.0 * r.command}, r"the command reaches .* V, and the drive obeys at most 24 V"),
+        ({"time": lambda r: 0.2 * r.time}, r"the torque turned every 0\.3 s, and may turn every 0\.5 s"),
+        ({"time": lambda r: r.time + 5.0 * (r.time > 6.0)}, "the recording has a hole of more than 10 periods"),
+        ({"motor": lambda r: 0.0 * r.motor}, "the motor"),
+    ],
+    ids=["output moved", "sign", "no torque", "unit", "fast", "hole", "frozen"],
+)
+def test_a_recording_that_does_not_show_it_is_refused(change: dict[str, Any], message: str) -> None:
+    recording = slowly(STIFF)
+    found = hysteresis_of(NOMINAL_DRIVE, recording._replace(**{k: of(recording) for k, of in change.items()}), 0.18)
+    assert not found.valid
+    assert re.search(message, found.reason), found.reason
+
+
+@pytest.mark.parametrize("turns", [1, 6])
+def test_too_few_branches_are_refused(turns: int) -> None:
+    found = hysteresis_of(NOMINAL_DRIVE, slowly(STIFF, turns=turns), 0.18)
+    assert not found.valid
+    assert found.reason.startswith(f"the torque turned {turns} times, and must at least 7 times")
+
+
+def test_a_torque_that_never_turns_is_refused() -> None:
+    time = 0.004 * np.arange(1000)
+    found = hysteresis_of(NOMINAL_DRIVE, Recording(time, 0.001 * time, 0.0 * time, time), 0.18)
+    assert not found.valid
+    assert found.reason.startswith("the torque turned 0 times")
+
+
+def test_a_torque_that_is_too_small_for_the_lost_motion_is_refused() -> None:
+    found = hysteresis_of(NOMINAL_DRIVE, slowly(STIFF), 3.0)
+    assert not found.valid
+    assert found.reason.startswith("the lost motion is asked for at +-3 N m, and the torque goes to 2.")
+
+
+@pytest.mark.parametrize("motion", [probed, stepped], ids=["probe", "steps"])
+def test_free_motion_has_no_curve(motion: Any) -> None:
+    for number in range(4):
+        member, recording = motion(number, "core")
+        found = hysteresis_of(told_model(member, "nominal"), recording, 0.01)
+        assert not found.valid
+        assert found.reason.startswith("the load moved by ")

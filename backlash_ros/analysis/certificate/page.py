@@ -3,7 +3,13 @@
 import math
 from html import escape
 
-from backlash_ros.analysis.certificate.pictures import around_picture, draw, loop_picture, motion_picture
+from backlash_ros.analysis.certificate.pictures import (
+    around_picture,
+    draw,
+    hysteresis_picture,
+    loop_picture,
+    motion_picture,
+)
 from backlash_ros.analysis.certificate.rounding import brief, in_gear_units, in_si
 from backlash_ros.analysis.certificate.rows import (
     Row,
@@ -17,26 +23,38 @@ from backlash_ros.analysis.certificate.style import STYLE
 from backlash_ros.analysis.certificate.subject import PACKAGE, Subject, version_of_package
 from backlash_ros.identification.fit import FITS
 from backlash_ros.identification.gap_map import GapMap
+from backlash_ros.identification.lost_motion import LostMotion
 from backlash_ros.identification.recordings.held_out import Score
 from backlash_ros.identification.recordings.identify import Identified
 from backlash_ros.identification.recordings.places import map_findings
 from backlash_ros.identification.teeth import LOST_MOTION_SHARE
 
 _UNCERTAINTY = (
-    "Values come from fits to all samples that were used, those around the turn from one fit at each place: a Kalman "
-    "filter on the equations of motor, teeth and load, whose prediction errors are made least. Uncertainties are "
-    "standard uncertainties: twice the standard deviation by the encoders' noise, and a share for the model. They hold "
-    "if what was taken as given is right."
+    "Values of the motion come from fits to all samples that were used, those around the turn from one fit at each "
+    "place: a Kalman filter on the equations of motor, teeth and load, whose prediction errors are made least. "
+    "Uncertainties are standard uncertainties: twice the standard deviation by the encoders' noise, and a share for "
+    "the model. They hold if what was taken as given is right."
 )
-_AROUND = (
+_CURVE_UNCERTAINTY = (
+    "The hysteresis curve is fitted with teeth and friction. Its standard uncertainties have in them how much the "
+    "residuals and the cycles scatter, other laws of the teeth that explain the curve as well, and a share for the "
+    "model and the encoders' counts."
+)
+_SLOW = (
+    "A hysteresis curve, with lost motion and stiffness from a slow torque: {}. A run of the experiment hysteresis on "
+    "an output that is locked, braked or heavy tells them, and so does any recording of a torque that goes slowly up "
+    "and down there."
+)
+_NO_MAP = (
     "The gap around the turn: {}. A run of the experiment gap_map tells it, and so does any recording that goes from "
     "place to place, rests there, and takes the teeth to and fro."
 )
 _LOST = (
     "Lost motion is the way of the output between \u2212{share:g} % and +{share:g} % of {whose} ({rated} N m at "
-    "the output), motor held, the gap in it. Lost motion and stiffness come from the teeth as fitted to the motion, "
-    "not from a slow run of the torque to and fro."
+    "the output), motor held, the gap in it. Lost motion and stiffness come from {source}."
 )
+_BY_MOTION = "the teeth as fitted to the motion, not from a slow run of the torque to and fro"
+_BY_CURVE = "the hysteresis curve; stiffness from half of the torque on"
 
 
 def certificate(subject: Subject, found: Identified) -> str:
@@ -51,7 +69,7 @@ def certificate(subject: Subject, found: Identified) -> str:
     parts = [
         f"<h1>{_text(title)}</h1>",
         f'<p class="under">{_text(subject.source)}</p>',
-        _verdict(found),
+        _verdict(subject, found),
         *([] if subject.sheet else [_p(_NO_SHEET, "verdict bad")]),
     ]
     if rows:
@@ -59,8 +77,10 @@ def certificate(subject: Subject, found: Identified) -> str:
     parts += ["<h2>Pictures</h2>", '<div class="pictures">', *_pictures(subject, found), "</div>"]
     if found.score is not None:
         parts += ["<h2>Held out</h2>", _held_out(found.score)]
-    if found.around.map is None:
-        parts += ["<h2>Not in this recording</h2>", _p(_AROUND.format(found.around.reason))]
+    missing = [] if subject.slow.valid else [_SLOW.format(subject.slow.reason)]
+    missing += [] if found.around.map is not None else [_NO_MAP.format(found.around.reason)]
+    if missing:
+        parts += ["<h2>Not in this recording</h2>", *map(_p, missing)]
     given = f"from {subject.sheet}" if subject.sheet else "the nominal drive's"
     parts += [
         "<h2>Recording</h2>",
@@ -101,12 +121,16 @@ def _p(text: str, kind: str = "") -> str:
     return f'<p class="{kind}">{_text(text)}</p>' if kind else f"<p>{_text(text)}</p>"
 
 
-def _verdict(found: Identified) -> str:
+def _verdict(subject: Subject, found: Identified) -> str:
     """Return in a few words what the recording tells."""
     told, untold = [], []
     if found.gap is not None and found.gap.valid and found.findings:
         width = found.of("b")
         told.append(f"The gap is {in_gear_units(width)} ({in_si(width)}) at the output where the load started")
+    if subject.slow.valid:
+        gap, lost, *_ = map(in_gear_units, subject.derived)
+        at = f"\u00b1{brief(subject.slow.at)} N m"
+        told.append(f"Under a slow torque the gap is {gap}, and the lost motion {lost} between {at} at the output")
     if found.around.map is not None:
         small, _, large, _ = map(in_gear_units, map_findings(found.around.map))
         told.append(f"Around the turn the gap is from {small} to {large}")
@@ -145,10 +169,13 @@ def _about(subject: Subject, found: Identified) -> list[str]:
     if found.gap is not None and found.gap.valid:
         parts.append(_p(f"The gap comes from {found.gap.reason}. It holds for this law and these torques."))
     rated, told = subject.rated
-    if subject.derived:
+    if any(row.symbol == "lost motion" for row in subject.derived):
         whose = "the rated torque" if told else "the motor's torque at standstill, since no rated torque was given"
-        parts.append(_p(_LOST.format(share=100.0 * LOST_MOTION_SHARE, whose=whose, rated=brief(rated))))
-    return [*parts, _p(_UNCERTAINTY)]
+        source = _BY_CURVE if subject.slow.valid else _BY_MOTION
+        parts.append(_p(_LOST.format(share=100.0 * LOST_MOTION_SHARE, whose=whose, rated=brief(rated), source=source)))
+    if subject.slow.valid:
+        parts.append(_p(_CURVE_UNCERTAINTY))
+    return [*parts, _p(_UNCERTAINTY)] if found.findings or found.around.map is not None else parts
 
 
 def _figure(picture: str, caption: str) -> str:
@@ -158,7 +185,8 @@ def _figure(picture: str, caption: str) -> str:
 def _pictures(subject: Subject, found: Identified) -> list[str]:
     part, fit = fitted_part(subject, found), found.fit
     motion = draw(motion_picture, subject, part, found.before, found.score, counts_at_output(subject))
-    around = [] if found.around.map is None else [_around(found.around.map)]
+    around = [_hysteresis(subject.slow)] if subject.slow.valid else []
+    around += [] if found.around.map is None else [_around(found.around.map)]
     if found.score is None or found.before is None or fit is None:
         return [_figure(motion, "Both angles as measured, the motor's through the gear."), *around]
     caption = (
@@ -174,6 +202,15 @@ def _pictures(subject: Subject, found: Identified) -> list[str]:
         "fitted, at rest. Dots beside the line are damping of the teeth, and noise."
     )
     return [_figure(motion, caption), _figure(loop, told), *around]
+
+
+def _hysteresis(found: LostMotion) -> str:
+    caption = (
+        "Dots: measured, as the torque went slowly up and down. Lines: the branches of the fit, teeth by the "
+        f"{found.contact} law; friction puts those up and down apart. Shaded: the gap. Arrow: the lost motion between "
+        f"\u00b1{brief(found.at)} N m at the teeth."
+    )
+    return _figure(draw(hysteresis_picture, found), caption)
 
 
 def _around(found: GapMap) -> str:

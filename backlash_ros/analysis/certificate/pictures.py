@@ -19,6 +19,7 @@ from backlash_ros.analysis.certificate.subject import Subject
 from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.fit import Fit, Recording
 from backlash_ros.identification.gap_map import GapMap
+from backlash_ros.identification.lost_motion import LostMotion
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.held_out import Score, free_simulations
 from backlash_ros.identification.teeth import loop_of, static_torque
@@ -204,6 +205,29 @@ def around_picture(found: GapMap) -> str:
     right.set_ylabel(unit)
     _legend(figure, axes, 1)
     return _svg(figure, "around", "The gap over the angle of the load, with its standard uncertainty.")
+
+
+def hysteresis_picture(found: LostMotion) -> str:
+    """Return the angle between the shafts over a slow torque, with the branches as fitted and the lost motion."""
+    factor, unit = GEAR_UNITS["rad"]
+    figure, axes = plt.subplots(figsize=(_WIDTH, 4.4), constrained_layout=True)
+    axes.axhspan(-500.0 * found.gap, 500.0 * found.gap, color=BAND, linewidth=0, zorder=0)
+    axes.text(0.02, 0.0, f"gap\n{factor * found.gap:.4g} {unit}", transform=axes.get_yaxis_transform(), va="center")
+    axes.plot(found.torques, 1e3 * found.angles, color=MOTOR, markersize=4, label="measured", **_DOT)
+    axes.plot(found.torques, 1e3 * found.modelled, color=MODEL, linewidth=1.2, label="branches as fitted")
+    lost, at = 500.0 * found.lost_motion, found.at
+    axes.plot([-at, at], [-lost, lost], color=LOAD, markersize=8, marker="_", linestyle="none", markeredgewidth=2)
+    arrow: dict[str, Any] = {"arrowstyle": "<->", "color": LOAD, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", (0.0, lost), (0.0, -lost), arrowprops=arrow)
+    said = f"lost motion\n{factor * found.lost_motion:.4g} {unit}"
+    axes.text(0.98, 0.0, said, transform=axes.get_yaxis_transform(), ha="right", va="center", color=LOAD)
+    axes.set(
+        xlabel="torque of the motor at the output, N m", ylabel="motor's angle through the gear less the load's, mrad"
+    )
+    right = axes.secondary_yaxis("right", functions=(_times(1e-3 * factor), _times(1e3 / factor)))
+    right.set_ylabel(unit)
+    _legend(figure, axes, 2)
+    return _svg(figure, "hysteresis", "The angle between the shafts over a torque that goes slowly up and down.")
 
 
 def _times(factor: float) -> Any:

@@ -12,7 +12,8 @@ GEAR_UNITS = {
     "kg m^2": (1e4, "kg cm^2"),
 }
 """What a unit is multiplied by to have it as gear makers' catalogues do, and its name there."""
-_IN_CATALOGUES = {"b", "b min", "b mean", "b max", "lost motion", "wind-up", "stiffness", "J_l"}
+_IN_CATALOGUES = {"b", "b min", "b mean", "b max", "b at rest", "lost motion", "wind-up", "J_l"}
+_IN_CATALOGUES |= {"stiffness", "stiffness -", "stiffness +"}
 _FIXED = -9, 15
 """Powers of ten of the last digit between which a number is written without one."""
 _SUPERSCRIPT = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")

@@ -16,6 +16,7 @@ from backlash_ros.identification.teeth import loop_of
 
 _BY_TEETH = {"b", "wind-up", "J_l", "lost motion", "stiffness"}
 _AROUND = {"b min", "b mean", "b max", "e"}
+_BY_CURVE = {"b at rest", "stiffness -", "stiffness +", "friction"}
 _BY_SPEED = {"B_l", "c_l", "c_m", "1 B_l + c_l", "10 B_l + c_l"}
 
 
@@ -35,10 +36,12 @@ class Row:
 class Ranges:
     """What the motion went through: torque of the teeth, speed and angle of the load, in words.
 
-    All but the places ``around`` the turn are empty where no free motion was fitted.
+    All but the places ``around`` the turn and what was done by a ``slow`` torque are empty where no free motion was
+    fitted.
     """
 
     around: str
+    slow: str
     teeth: str = ""
     speed: str = ""
     angle: str = ""
@@ -48,6 +51,8 @@ class Ranges:
         """Return what matters for a quantity."""
         if symbol in _AROUND:
             return self.around
+        if symbol in _BY_CURVE or (self.slow and symbol == "lost motion"):
+            return self.slow
         if symbol in _BY_TEETH:
             return self.teeth
         if symbol in _BY_SPEED:
@@ -57,16 +62,19 @@ class Ranges:
 
 def ranges_of(subject: Subject, found: Identified) -> Ranges:
     """Return the ranges of what was fitted."""
-    fit, recording, around = found.fit, found.recording, ""
+    fit, recording, around, slow = found.fit, found.recording, "", ""
     if found.around.map is not None:
         around = f"at each of {len(found.around.map.places)} places around the turn"
+    if subject.slow.valid:
+        slow = f"torque slowly up and down to \u00b1{brief(subject.slow.torque)}\u00a0N\u00a0m on an output that stood"
     if fit is None or recording is None:
-        return Ranges(around)
+        return Ranges(around, slow)
     speed = float(np.max(np.abs(loop_of(subject.told, fit, recording).speed)))
     low, high = float(np.nanmin(recording.load)), float(np.nanmax(recording.load))
     least, largest = (brief(torque, 2) for torque in fit.torques)
     return Ranges(
         around,
+        slow,
         teeth=f"teeth by the {law_name(fit.contact)} law that bore {least} to {largest} N\u00a0m",
         speed=f"load at up to {brief(speed)}\u00a0rad/s",
         angle=f"load from {brief(low)} to {brief(high)}\u00a0rad",
@@ -99,7 +107,7 @@ def recording_rows(subject: Subject, found: Identified) -> list[tuple[str, str]]
         ("rate", f"{brief(1.0 / found.period)} Hz" if found.period > 0.0 else "none"),
         ("samples", f"{time.size - lost}"),
         ("samples lost", f"{lost} of {time.size}" if lost else "none seen"),
-        ("used", found.stretch or "all of it"),
+        ("used", found.stretch if found.stretch and not subject.slow.valid else "all of it"),
     ]
     names = f"{subject.joints[0]}, {subject.joints[1]}"
     for name, turn in zip(
@@ -137,5 +145,5 @@ def counts_at_output(subject: Subject) -> tuple[float, float]:
 
 
 def fitted_part(subject: Subject, found: Identified) -> Recording:
-    """Return the part of the recording that was fitted."""
-    return found.recording if found.recording is not None else subject.recording
+    """Return the part of the recording that was fitted; all of it where none was."""
+    return found.recording if found.recording is not None and found.fit is not None else subject.recording

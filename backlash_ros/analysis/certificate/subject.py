@@ -1,11 +1,13 @@
 """What a certificate is about, beside what was found: the recording, the drive as told, and how to repeat it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.identification.fit import Recording
+from backlash_ros.identification.lost_motion import LostMotion
 from backlash_ros.identification.recordings.findings import Finding
 
 PACKAGE = "backlash_ros"
@@ -26,8 +28,9 @@ class Subject:
     counts : of both encoders in a turn of their shafts; 0 where they are not known
     notes : what had to be done to make a recording of the file, in words
     began : when the recording began, where its stamps are dates
-    derived : lost motion and stiffness, see `lost_motion_of`, and the gap around the turn, see `map_findings`
+    derived : lost motion and stiffness, see `hysteresis_findings` and `lost_motion_of`, and `map_findings`
     rated : torque that the lost motion is given for, N m at the output, and whether it was told
+    slow : what a slow torque on an output that stood says, or why there is no such thing in the recording
     """
 
     source: str
@@ -41,6 +44,7 @@ class Subject:
     began: datetime | None = None
     derived: tuple[Finding, ...] = ()
     rated: tuple[float, bool] = (0.0, False)
+    slow: LostMotion = field(default_factory=partial(LostMotion, valid=False, reason="nobody looked for it"))
 
 
 def version_of_package() -> str:

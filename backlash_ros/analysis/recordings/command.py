@@ -18,7 +18,8 @@ from backlash_ros.analysis.staging import staging
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.identification.recordings.identify import Identified, identify
 from backlash_ros.identification.recordings.places import map_findings
-from backlash_ros.identification.teeth import lost_motion_of
+from backlash_ros.identification.recordings.slow_torque import hysteresis_findings, hysteresis_of
+from backlash_ros.identification.teeth import LOST_MOTION_SHARE, lost_motion_of
 
 FOUND, REFUSED = 0, 1
 _WHOLE = 0.01
@@ -94,38 +95,38 @@ def identify_recording(request: Request, console: Console) -> int:
     """
     axis = read_axis(request.drive) if request.drive else Axis(NOMINAL_DRIVE)
     drive = drive_for(axis.drive, request.reading)
-    name = str(request.drive) if request.drive else "the nominal drive: give yours with --drive"
     columns = _read(request)
     recording, notes = recording_of(columns, request.reading, drive)
     found = identify(drive, recording)
     rated = request.rated_torque or drive.standstill_torque()
-    around = found.around.map
-    derived = (*lost_motion_of(drive, found, rated), *(map_findings(around) if around is not None else ()))
-    source = str(request.recording)
-    show(found, source, name, notes, console)
+    around, slow = found.around.map, hysteresis_of(drive, recording, LOST_MOTION_SHARE * rated)
+    derived = hysteresis_findings(slow) if slow.valid else lost_motion_of(drive, found, rated)
+    counts = counts_of(found, request.reading, drive)
+    subject = Subject(
+        str(request.recording),
+        _joints(request, axis),
+        recording,
+        drive,
+        str(request.drive or ""),
+        request.command,
+        counts,
+        tuple(notes),
+        began(columns, request.reading),
+        (*derived, *(map_findings(around) if around is not None else ())),
+        (rated, request.rated_torque > 0.0),
+        slow,
+    )
+    show(subject, found, console)
     written = []
     if request.json is not None:
-        _write(request.json, json.dumps(content_of(found, source, name, notes, derived), indent=1) + "\n")
+        _write(request.json, json.dumps(content_of(subject, found), indent=1) + "\n")
         written.append(str(request.json))
     if request.drive_file is not None and found.valid:
-        _write(request.drive_file, drive_text(found, counts_of(found, request.reading, drive), source))
+        _write(request.drive_file, drive_text(found, counts, subject.source))
         written.append(str(request.drive_file))
     if request.certificate is not None:
-        subject = Subject(
-            source,
-            _joints(request, axis),
-            recording,
-            drive,
-            str(request.drive or ""),
-            request.command,
-            counts_of(found, request.reading, drive),
-            tuple(notes),
-            began(columns, request.reading),
-            derived,
-            (rated, request.rated_torque > 0.0),
-        )
         _write(request.certificate, certificate(subject, found))
         written.append(str(request.certificate))
     if written:
         console.print(f"written: {'; '.join(written)}", highlight=False, markup=False, soft_wrap=True)
-    return FOUND if found.valid or around is not None else REFUSED
+    return FOUND if found.valid or around is not None or slow.valid else REFUSED

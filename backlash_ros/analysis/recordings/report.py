@@ -1,13 +1,14 @@
 """What was identified, for people in a table and for programs as JSON."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
+from backlash_ros.analysis.certificate import Subject
 from backlash_ros.analysis.jsonable import jsonable
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.held_out import Score
@@ -38,22 +39,37 @@ def _scored(score: Score) -> str:
     )
 
 
-def show(found: Identified, source: str, told: str, notes: list[str], console: Console) -> None:
+def _told_by(subject: Subject) -> str:
+    return subject.sheet or "the nominal drive: give yours with --drive"
+
+
+def show(subject: Subject, found: Identified, console: Console) -> None:
     """Print what was found, or why nothing was."""
 
     def say(text: str) -> None:
         console.print(text, highlight=False, markup=False, soft_wrap=True)
 
-    say(f"{source}; motor and gear ratio as told by {told}")
-    for note in notes:
+    say(f"{subject.source}; motor and gear ratio as told by {_told_by(subject)}")
+    for note in subject.notes:
         say(f"  {note}")
-    if found.stretch:
+    if found.stretch and not subject.slow.valid:
         say(f"  used: {found.stretch}")
     if found.around.map is not None:
         say(f"Around the turn, by {found.around.reason}.")
+    if subject.slow.valid:
+        say(f"By {subject.slow.reason}.")
     if found.reason:
-        say(f"Nothing can be told: {found.reason}.")
+        told = found.around.map is not None or subject.slow.valid
+        say(f"Nothing {'else ' if told else ''}can be told: {found.reason}.")
         return
+    _show_findings(found, console, say)
+    if found.gap is not None and found.gap.valid:
+        say(f"The gap comes from {found.gap.reason}.")
+    if found.score is not None:
+        say(_scored(found.score))
+
+
+def _show_findings(found: Identified, console: Console, say: Callable[[str], None]) -> None:
     table = Table(box=None, pad_edge=False, header_style="")
     for name, style in (("", ""), ("value", ""), ("+-", ""), ("unit", ""), ("", "")):
         table.add_column(name, style=style, justify="right" if name in {"value", "+-"} else "left", no_wrap=name != "")
@@ -68,30 +84,25 @@ def show(found: Identified, source: str, told: str, notes: list[str], console: C
         say("The recording cannot tell:")
     for why, symbols in reasons.items():
         say(f"  {', '.join(symbols)}: {why}")
-    if found.gap is not None and found.gap.valid:
-        say(f"The gap comes from {found.gap.reason}.")
-    if found.score is not None:
-        say(_scored(found.score))
 
 
-def content_of(
-    found: Identified, source: str, told: str, notes: list[str], derived: Sequence[Finding] = ()
-) -> dict[str, Any]:
-    """Return all of it, and what was ``derived`` from it, as JSON takes it; where there is a reason is no value."""
+def content_of(subject: Subject, found: Identified) -> dict[str, Any]:
+    """Return all of it, and what was derived from it, as JSON takes it; where there is a reason is no value."""
     content = {
-        "recording": source,
-        "drive": told,
+        "recording": subject.source,
+        "drive": _told_by(subject),
         "valid": found.valid,
         "reason": found.reason,
-        "notes": notes,
+        "notes": subject.notes,
         "stretch": found.stretch,
         "period": found.period,
         "findings": [{**asdict(finding), "told": finding.told} for finding in found.findings],
-        "derived": [{**asdict(finding), "told": finding.told} for finding in derived],
+        "derived": [{**asdict(finding), "told": finding.told} for finding in subject.derived],
         "gap_around_turn": {
             "reason": found.around.reason,
             **(asdict(found.around.map) if found.around.map is not None else {}),
         },
+        "hysteresis": {"valid": subject.slow.valid, "reason": subject.slow.reason},
         "held_out": None if found.score is None else asdict(found.score),
     }
     result: dict[str, Any] = jsonable(content)

@@ -29,9 +29,9 @@ def speed_of(time: Array, angle: Array) -> float:
     return float(np.max(np.abs((angle[5:] - angle[:-5]) / (time[5:] - time[:-5])), initial=0.0))
 
 
-def implausible(drive: Drive, recording: Recording) -> str:
-    """Return why a recording cannot be used for a drive, in a sentence; empty where nothing speaks against it."""
-    time, motor, load, command = recording
+def wrong_command(drive: Drive, recording: Recording) -> str:
+    """Return why a recording has too little in it, or a command that is not the drive's; empty where it has not."""
+    time, command = recording.time, recording.command
     length, largest = float(time[-1] - time[0]), float(np.nanmax(np.abs(command), initial=0.0))
     if time.size < SAMPLES or length < LENGTH:
         return (
@@ -46,6 +46,14 @@ def implausible(drive: Drive, recording: Recording) -> str:
         )
     if np.nanmax(command) == np.nanmin(command):
         return f"the command never changes, it is {largest:g} {drive.command_unit} throughout"
+    return ""
+
+
+def implausible(drive: Drive, recording: Recording) -> str:
+    """Return why a recording cannot be used for a drive, in a sentence; empty where nothing speaks against it."""
+    if why := wrong_command(drive, recording):
+        return why
+    time, motor, load, _ = recording
     for name, angle in (("motor", motor), ("load", load)):
         way, count = float(np.nanmax(angle) - np.nanmin(angle)), count_of(angle)
         if way < COUNTS * count or way == 0.0:

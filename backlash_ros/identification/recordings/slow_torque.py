@@ -1,0 +1,166 @@
+"""The hysteresis curve from one recording: a torque that goes slowly up and down on an output that stands.
+
+That is what the experiment `hysteresis` records, and whoever does the same by hand. The torque comes from the command
+and the motor's speed, its branches from where it turns; what the curve says is by the code that the experiment uses:
+see `identification.hysteresis`.
+"""
+
+import math
+
+import numpy as np
+
+from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain.signals import Array
+from backlash_ros.identification.fit import Recording, motor_side
+from backlash_ros.identification.hysteresis import measure_lost_motion
+from backlash_ros.identification.lost_motion import Curve, LostMotion
+from backlash_ros.identification.recordings.findings import Finding
+from backlash_ros.identification.recordings.plausible import wrong_command
+from backlash_ros.identification.recordings.stretch import HOLE
+
+_MOVEMENT, _OF_WAY = 0.005, 0.25
+"""How far an output that stands may move: rad, or a share of the way of the shafts against each other."""
+_DIFFERENCE, _SMOOTH = 0.01, 0.04
+"""s to either side that a speed is taken over, and s that the torque is averaged over before its turns are sought."""
+_TURNS, _TURNED = 7, 0.25
+"""Turns of the torque that there must be at least, and how far it comes back after one, as a share of its range."""
+_SLOW = 0.5
+"""Time from turn to turn at least, s: median."""
+_MIDDLE, _MOVING = 0.25, 0.1
+"""Share of the way of the shafts against each other, to either side of its middle, in which the gap is crossed; share
+of the largest speed there from which on the motor crosses it."""
+_BORNE = 0.8
+"""Share of the torque up to which the lost motion may be asked for."""
+_SEEN = 0.3
+"""Largest standard uncertainty of a stiffness that is told, as a share."""
+_FRICTION = 0.02
+"""Share of the friction that its uncertainty has beside the noise and the teeth's loss."""
+
+
+def turns_of(torque: Array) -> list[int]:
+    """Return where a torque turns: the rows of its extremes from which it comes back by a share of its range."""
+    back = _TURNED * float(np.ptp(torque))
+    turns: list[int] = []
+    high, low, way = 0, 0, 0
+    for k, value in enumerate(torque.tolist()):
+        high = k if value > torque[high] else high
+        low = k if value < torque[low] else low
+        if way >= 0 and value < torque[high] - back:
+            turns.append(high)
+            low, way = k, -1
+        elif way <= 0 and value > torque[low] + back:
+            turns.append(low)
+            high, way = k, 1
+    return [turn for turn in turns if turn > 0]
+
+
+def curve_of(drive: Drive, recording: Recording) -> tuple[Curve, float]:
+    """Return the curve of a recording without holes, and the speed with which its motor crosses the gap, rad/s.
+
+    Parameters
+    ----------
+    drive : for its motor, which is taken as it is; the torque is that at the output
+    """
+    read = np.isfinite(recording.motor + recording.load)
+    time, motor, load, command = (column[read] for column in recording)
+    known = np.maximum.accumulate(np.where(np.isfinite(command), np.arange(command.size), 0))
+    command = np.nan_to_num(command[known])
+    period, side = float(np.median(np.diff(time))), motor_side(drive)
+    near = max(1, round(_DIFFERENCE / period))
+    speed = np.zeros_like(motor)
+    speed[near:-near] = (motor[2 * near :] - motor[: -2 * near]) / (time[2 * near :] - time[: -2 * near])
+    torque = side.gain * np.append(command[:1], command[:-1]) - side.braking * speed
+    size = max(1, round(_SMOOTH / period))
+    padded = np.pad(torque, (size // 2, size - 1 - size // 2), mode="edge")
+    smooth = np.convolve(padded, np.full(size, 1.0 / size), mode="valid")
+    branch = np.searchsorted(turns_of(smooth), np.arange(time.size), side="right").astype(float)
+    between = motor - load
+    off = np.abs(between - 0.5 * (np.max(between) + np.min(between)))
+    crossing = np.abs(speed[off <= max(_MIDDLE * float(np.ptp(between)), float(np.min(off)))])
+    crossing = crossing[crossing >= _MOVING * np.max(crossing)]  # it may have stood there, too
+    return Curve(time - time[0], motor, load, torque, branch), float(np.median(crossing))
+
+
+def hysteresis_of(drive: Drive, recording: Recording, at: float) -> LostMotion:
+    """Return gap, lost motion at +-``at`` (N m) and stiffness, or why the recording does not tell them.
+
+    Parameters
+    ----------
+    drive : for its motor and gear ratio, which are taken as they are, and its contact law, which is tried first
+    """
+    if why := _no_curve(drive, recording):
+        return LostMotion(valid=False, reason=why)
+    curve, speed = curve_of(drive, recording)
+    if why := _not_slow(curve, at):
+        return LostMotion(valid=False, reason=why)
+    return measure_lost_motion(drive, curve, speed, at)
+
+
+def _no_curve(drive: Drive, recording: Recording) -> str:
+    """Return why a recording has no curve at all; empty where it may have one."""
+    time, _, load, _ = recording
+    if why := wrong_command(drive, recording):
+        return why
+    moved, way = float(np.nanmax(load) - np.nanmin(load)), float(np.ptp(recording.travel))
+    if moved > (allowed := max(_MOVEMENT, _OF_WAY * way)):
+        return f"the load moved by {moved:.2g} rad, and an output that stands may by {allowed:.2g} rad"
+    if np.max(np.diff(time)) >= HOLE * np.median(np.diff(time)):
+        return f"the recording has a hole of more than {HOLE} periods"
+    return ""
+
+
+def _not_slow(curve: Curve, at: float) -> str:
+    """Return why a curve does not show the lost motion at +-``at`` (N m); empty where it may."""
+    turns = np.flatnonzero(np.diff(curve.branch))
+    if turns.size < _TURNS:
+        return (
+            f"the torque turned {turns.size} times, and must at least {_TURNS} times: two cycles, and two ways before "
+            "and after them, which do not count"
+        )
+    if (apart := float(np.median(np.diff(curve.time[turns])))) < _SLOW:
+        return f"the torque turned every {apart:.2g} s, and may turn every {_SLOW:g} s: else inertia bears it"
+    between = curve.motor - curve.load
+    if float((between - np.mean(between)) @ (curve.torque - np.mean(curve.torque))) <= 0.0:
+        return (
+            "the motor goes against its torque: check the sign of the command, and that its encoder counts in the "
+            "direction of the gear"
+        )
+    largest = float(np.max(np.abs(curve.torque)))
+    if at > _BORNE * largest:
+        return f"the lost motion is asked for at +-{at:.3g} N m, and the torque goes to {largest:.3g} N m only"
+    return ""
+
+
+def hysteresis_findings(found: LostMotion) -> tuple[Finding, ...]:
+    """Return what a valid curve tells: gap, lost motion, stiffness of both flanks, friction."""
+    borne = f" where they bear {found.gap_torque:.2g} N m" if found.gap_torque else ""
+    rows = [
+        Finding(
+            "",
+            "b at rest",
+            f"the gap, by the hysteresis curve, teeth by the {found.contact} law{borne}",
+            "rad",
+            found.gap,
+            found.gap_uncertainty,
+        ),
+        Finding(
+            "",
+            "lost motion",
+            f"lost motion at +-{found.at:.3g} N m, by the hysteresis curve",
+            "rad",
+            found.lost_motion,
+            found.lost_motion_uncertainty,
+        ),
+    ]
+    for flank, stiffness, uncertainty in zip(
+        ("negative", "positive"), found.stiffness, found.stiffness_uncertainty, strict=True
+    ):
+        symbol, what = f"stiffness {'-+'[flank == 'positive']}", f"torsional stiffness of the {flank} flank"
+        if uncertainty < _SEEN * stiffness:
+            rows.append(Finding("", symbol, what, "N m/rad", stiffness, uncertainty))
+        else:
+            rows.append(Finding("", symbol, what, "N m/rad", why="more than the encoders' counts show"))
+    # The teeth's loss is told apart from friction poorly: what it takes at half of the torque could be either.
+    unsure = math.hypot(found.friction_uncertainty, 0.5 * found.loss * found.torque, _FRICTION * found.friction)
+    friction = "friction of motor and gear, at the output"
+    return (*rows, Finding("", "friction", friction, "N m", found.friction, unsure))
