@@ -84,7 +84,7 @@ def _unexplained(drive: Drive, recording: Recording, gap: Gap, found: Fit) -> st
     """Return why nothing of a fit can be believed, not the gap alone; empty where it can."""
     misfits = not max(found.rms) <= FITS
     if not misfits:
-        return gap.reason if abs(found.scale) > SCALE else ""
+        return gap.reason if found.exhausted or abs(found.scale) > SCALE else ""
     suspected = suspicion(drive, recording, delays_of(float(np.median(np.diff(recording.time)))))
     return f"{suspected}: {gap.reason}" if suspected else gap.reason
 
