@@ -38,26 +38,8 @@ from backlash_ros.identification.filter import (
     filter_with,
 )
 from backlash_ros.identification.newey_west import newey_west
+from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.regression import Guess, guess_of
-
-
-class Recording(NamedTuple):
-    """Samples of both angles and the commands that answered them, shapes (N,): s, rad, V or A.
-
-    ``motor`` is the motor's angle as seen at the output, n theta_m. Times need not be even; an angle, but for the
-    first, is nan where there is no reading, and a command where it was not recorded.
-    """
-
-    time: Array
-    motor: Array
-    load: Array
-    command: Array
-
-    @property
-    def travel(self) -> Array:
-        """The motor's angle less the load's where both were read, rad."""
-        both = self.motor - self.load
-        return np.asarray(both[np.isfinite(both)])
 
 
 class Stage(NamedTuple):
@@ -332,7 +314,7 @@ def compile_filters(contacts: Iterable[type[Contact]]) -> None:
     still, start = np.zeros(3), _row({LN_INERTIA: -7.0, LN_VISCOUS: -7.0, LN_HALF_GAP: -4.0}, 0.0)
     for law in contacts:
         side = motor_side(drive, law())
-        recording = Recording(np.array([0.0, 0.004, 0.008]), still, still, still)
+        recording = Recording(np.array([0.0, 0.004, 0.008]), still, still, still, still)
         Problem(side, law(), recording, start, np.ones(PARAMETERS), (1e-4, 1e-4)).look(start, STAGES[0])
 
 
@@ -350,13 +332,13 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
     -----
     The search takes `PASSES` of the filter at most, and up to 200 more to end: it is a matter of seconds.
     """
-    time, motor, load, command = recording
+    time, motor, load = recording[:3]
     effort = Effort(PASSES * time.size)
     side = motor_side(drive)
     period = float(np.median(np.diff(time)))
     counts = count_of(motor), count_of(load)
     guesses = sorted(
-        ((guess_of(side, time, motor, load, command, delay), delay) for delay in delays),
+        ((guess_of(side, recording, delay), delay) for delay in delays),
         key=lambda pair: pair[0].misfit,
     )
     guessed = max(guesses[0][0].inertia, 0.02 * side.inertia)
@@ -367,7 +349,7 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
         prior, spread = believed(start, contact, torque, period)
         return Problem(motor_side(drive, contact), contact, part, prior, spread, counts, effort=effort)
 
-    calm = Recording(*(values[: math.ceil(_CALM * time.size)] for values in recording))
+    calm = recording.part(slice(math.ceil(_CALM * time.size)))
 
     def of_the_calm(contact: Contact) -> Minimum:
         """Return what the beginning tells, which is gentle: all but perhaps the far flank."""

@@ -8,7 +8,8 @@ import numpy as np
 
 from backlash_ros.drivetrain import CONTACTS, Drive
 from backlash_ros.drivetrain.contact import Contact, law_name
-from backlash_ros.identification.fit import FITS, PASSES, Fit, Recording, fit
+from backlash_ros.identification.fit import FITS, PASSES, Fit, fit
+from backlash_ros.identification.recording import Recording
 
 _FLANK = 0.04
 """Share of the torque at standstill that a flank has borne to be counted as seen."""

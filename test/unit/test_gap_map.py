@@ -24,9 +24,10 @@ from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array, Measurement
 from backlash_ros.identification import gap_map
 from backlash_ros.identification.filter import LN_HALF_GAP, OFFSET, PARAMETERS
-from backlash_ros.identification.fit import Fit, Recording
+from backlash_ros.identification.fit import Fit
 from backlash_ros.identification.gap import Gap
 from backlash_ros.identification.gap_map import incomplete, map_gaps
+from backlash_ros.identification.recording import Recording
 from backlash_ros.simulation import SimulatedDrive
 
 pytestmark = pytest.mark.population
@@ -388,7 +389,7 @@ def combined(monkeypatch: pytest.MonkeyPatch, places: Array, seen: list[Seen | N
         return Gap(place.gap, 1e-5, True, "", fit)
 
     monkeypatch.setattr(gap_map, "measure_gap", measure)
-    recordings = [Recording(*np.full((4, 3), place)) for place in places]
+    recordings = [Recording(*np.full((5, 3), place)) for place in places]
     return map_gaps(NOMINAL_DRIVE, recordings, 6.0, len(places), closed=True)
 
 

@@ -6,8 +6,9 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.identification.drive import identified_drive
-from backlash_ros.identification.fit import FITS, Fit, Recording, fit
+from backlash_ros.identification.fit import FITS, Fit, fit
 from backlash_ros.identification.gap import SCALE, Gap, contacts_of, delays_of, measure_gap
+from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding, findings_of
 from backlash_ros.identification.recordings.held_out import Score, first_part, score
 from backlash_ros.identification.recordings.plausible import implausible, suspicion

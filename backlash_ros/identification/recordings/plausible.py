@@ -7,7 +7,8 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.fit import Recording, count_of, motor_side
+from backlash_ros.identification.fit import count_of, motor_side
+from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.regression import guess_of
 
 SAMPLES, LENGTH, COUNTS = 100, 0.4, 10
@@ -31,7 +32,7 @@ def speed_of(time: Array, angle: Array) -> float:
 
 def implausible(drive: Drive, recording: Recording) -> str:
     """Return why a recording cannot be used for a drive, in a sentence; empty where nothing speaks against it."""
-    time, motor, load, command = recording
+    time, motor, load, command, _ = recording
     length, largest = float(time[-1] - time[0]), float(np.nanmax(np.abs(command), initial=0.0))
     if time.size < SAMPLES or length < LENGTH:
         return (
@@ -104,7 +105,7 @@ def _explained(scale: float, ratio: float) -> str:
 
 def _otherwise(drive: Drive, recording: Recording) -> Iterator[tuple[str, Recording]]:
     """Yield what could be wrong, and the recording put right."""
-    _, motor, load, command = recording
+    _, motor, load, command, _ = recording
     per_volt = drive.motor.resistance
     yield (
         "the command seems to turn the motor backwards, or both encoders to count so",
@@ -129,7 +130,7 @@ def suspicion(drive: Drive, recording: Recording, delays: Sequence[float]) -> st
     low, high = (share * side.inertia for share in _INERTIAS)
 
     def misfit(recording: Recording) -> float:
-        guess = min((guess_of(side, *recording, delay) for delay in delays), key=lambda guess: guess.misfit)
+        guess = min((guess_of(side, recording, delay) for delay in delays), key=lambda guess: guess.misfit)
         share = guess.misfit / float(np.nanstd(side.gain * recording.command))
         return share if low < guess.inertia < high else math.inf
 
