@@ -7,6 +7,7 @@ import numpy as np
 from backlash_ros.control.experiment import Deferred, Excitation, NamedExperiment, Outcome, Refusal
 from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, ControlLaw
 from backlash_ros.control.limits import Limits
+from backlash_ros.control.monitoring.beat import Beat
 from backlash_ros.control.tick import tick_with
 from backlash_ros.drivetrain import Drive, Validated
 from backlash_ros.drivetrain.compiled import compiled_as
@@ -89,6 +90,7 @@ class ActingExperiment:
         self._goes_away = bool(chosen.turn)
         self._ratio, self._period, self._start = drive.gear.ratio, period, math.nan
         self._broken: Refusal | None = None
+        self._beat = Beat(period)
 
     @property
     def outcome(self) -> Outcome | Deferred | None:
@@ -112,15 +114,15 @@ class ActingExperiment:
         except Exception as error:
             self._broken = Refusal(f"{reason}; and it could not be cancelled: {error!r}")
 
-    def _periods(self, elapsed: float) -> int:
-        """Return how many periods a time is, s; 1 where it is none."""
-        periods = elapsed / self._period
-        return max(1, round(periods)) if math.isfinite(periods) else 1
+    def answered(self, at: float) -> None:
+        """Take down when the newest sample was answered, s of a steady clock."""
+        self._beat.answered(at)
 
     def excite(self, measured: Measurement, estimate: Estimate, command: float, elapsed: float) -> Excitation:
         """Take a sample and return what it asks for: none where that, or the load's way, is too much, which ends it."""
         if self._broken is not None:
             return Excitation()
+        periods, late = self._beat.sample(elapsed)
         load = self._ratio * measured[THETA_M] if math.isnan(measured[THETA_L]) else measured[THETA_L]
         if math.isnan(self._start):
             self._start = load
@@ -130,7 +132,7 @@ class ActingExperiment:
             )
             return Excitation()
         try:
-            wanted = self._run.step(measured, estimate, command, self._period * self._periods(elapsed))
+            wanted = self._run.step(measured, estimate, command, self._period * periods, late)
         except Exception as error:
             self._broken = Refusal(f"it failed: {error!r}")
             return Excitation()

@@ -144,7 +144,9 @@ class Experiment(Protocol):
         """How far it is, from 0 to 1."""
         ...
 
-    def step(self, measured: Measurement, estimate: Estimate, command: float, elapsed: float) -> Excitation:
+    def step(
+        self, measured: Measurement, estimate: Estimate, command: float, elapsed: float, late: float
+    ) -> Excitation:
         """Take a sample and return the excitation for it; none once there is an outcome.
 
         Parameters
@@ -152,6 +154,7 @@ class Experiment(Protocol):
         measured : this sample
         estimate, command : the observer's estimate at the sample before, and the command since then, V or A
         elapsed : since the sample before, s, in whole periods: stamps jitter, the drive's period does not
+        late : by how much later than usual that command was sent, s; 0 where it was sent as usual
         """
         ...
 

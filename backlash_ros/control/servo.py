@@ -421,6 +421,11 @@ class Servo:
             self.fail(Fault(int(self.memory.out[FAULT])), self.described_fault)
         return command
 
+    def answered(self, at: float) -> None:
+        """Take down when the command of the last `update` was sent, s of a steady clock, where that is known."""
+        if self._experiment is not None:
+            self._experiment.answered(at)
+
     # For compiled loops, which call the tick themselves.
 
     @property

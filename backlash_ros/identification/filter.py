@@ -99,28 +99,8 @@ def _observe(z: Array, row: int, column: int, scale: float, variance: float, way
 
 
 @compiled
-def _likely(command: Array, row: int) -> tuple[float, float]:
-    """Return the command of a ``row`` and how far off it may be: where it is nan, as much as those around differ."""
-    if not math.isnan(command[row]):
-        return command[row], 0.0
-    before, after, last = row, row, command.shape[0] - 1
-    while before > 0 and math.isnan(command[before]):
-        before -= 1
-    while after < last and math.isnan(command[after]):
-        after += 1
-    low = command[before] if not math.isnan(command[before]) else command[after]
-    high = command[after] if not math.isnan(command[after]) else low
-    off = abs(high - low)
-    if before > 0 and not math.isnan(command[before - 1]):
-        off = max(off, abs(low - command[before - 1]))
-    if after < last and not math.isnan(command[after + 1]):
-        off = max(off, abs(command[after + 1] - high))
-    return 0.5 * (low + high), off
-
-
-@compiled
 def _in_force(
-    time: Array, command: Array, delay: float, held: int, now: float, length: float
+    time: Array, command: Array, doubt: Array, delay: float, held: int, now: float, length: float
 ) -> tuple[int, float, float, float]:
     """Return which command acts ``now``; the mean of what does for a ``length``, its slope by the delay, its doubt.
 
@@ -130,14 +110,14 @@ def _in_force(
         held += 1
     while held >= 0 and time[held] + delay > now:
         held -= 1
-    mean, doubt = _likely(command, max(held, 0))
+    mean, off = command[max(held, 0)], doubt[max(held, 0)]
     if held < 0:
-        mean, doubt = 0.5 * mean, 0.5 * abs(mean)
+        mean, off = 0.5 * mean, 0.5 * abs(mean)
     if held + 1 >= time.shape[0] or time[held + 1] + delay > now + length + 1e-12:
-        return held, mean, 0.0, doubt
-    follows, more = _likely(command, held + 1)
+        return held, mean, 0.0, off
+    follows = command[held + 1]
     share = (time[held + 1] + delay - now) / length
-    return held, share * mean + (1.0 - share) * follows, (mean - follows) / length, max(doubt, more)
+    return held, share * mean + (1.0 - share) * follows, (mean - follows) / length, max(off, doubt[held + 1])
 
 
 @compiled
@@ -242,6 +222,7 @@ def _predict(
     motor: Array,
     load: Array,
     command: Array,
+    doubt: Array,
     innovations: Array,
     derivatives: Array,
     states: Array,
@@ -253,7 +234,7 @@ def _predict(
     time : of the samples, s, shape (N,)
     motor, load : angles, the motor's as seen at the output; rad, shape (N,); nan, but for the first, where there is no
         reading: there the innovations stay as they are
-    command : that answered each sample, V or A, shape (N,); nan where it was not recorded
+    command, doubt : that answered each sample, and how far off it may be, V or A, shape (N,)
     innovations, derivatives, states : to be filled in, shapes (N, 2), (N, 2, `PARAMETERS`) and (N, `STATES`): the
         state, then the `LEAST` and the `LARGEST` torque of the teeth since the sample before, N m; speeds and torque of
         the first state are those to start from
@@ -291,7 +272,7 @@ def _predict(
             rate, approach = math.sqrt(max(k, 0.0) * per_inertia), math.copysign(1.0, x) * r
             dt = _step_length(_LONGEST, h - abs(x), approach, torque, k, rate)
             dt = (end - now) / math.ceil((end - now) / dt - 1e-6)
-            held, volts, slope, doubt = _in_force(time, command, delay, held, now, dt)
+            held, volts, slope, off = _in_force(time, command, doubt, delay, held, now, dt)
             # The drive torque relaxes towards what command and speed settle at.
             decay = math.exp(-side.rate * dt)
             lag = (1.0 - decay) / (side.rate * dt) if math.isfinite(side.rate) else 0.0
@@ -330,7 +311,7 @@ def _predict(
             w, v = w1, v1
             # Noise: of each speed, of a command that is not known, and of the teeth's torque, which acts on both.
             shaken = noise.teeth * torque * torque * dt * 1e-3
-            unknown = (side.gain * doubt / side.inertia) ** 2 * (end - time[sample - 1]) if doubt > 0.0 else 0.0
+            unknown = (side.gain * off / side.inertia) ** 2 * (end - time[sample - 1]) if off > 0.0 else 0.0
             z[_W, _W] += (noise.motor_speed + unknown) * dt + shaken / side.inertia**2
             z[_V, _V] += noise.load_speed * dt + shaken / inertia**2
             z[_W, _V] -= shaken / (side.inertia * inertia)
@@ -364,7 +345,7 @@ def _predict(
     return total
 
 
-Predict = Callable[[MotorSide, Noise, Array, Array, Array, Array, Array, Array, Array, Array], float]
+Predict = Callable[[MotorSide, Noise, Array, Array, Array, Array, Array, Array, Array, Array, Array], float]
 
 
 @cache

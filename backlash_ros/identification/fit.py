@@ -38,26 +38,8 @@ from backlash_ros.identification.filter import (
     filter_with,
 )
 from backlash_ros.identification.newey_west import newey_west
+from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.regression import Guess, guess_of
-
-
-class Recording(NamedTuple):
-    """Samples of both angles and the commands that answered them, shapes (N,): s, rad, V or A.
-
-    ``motor`` is the motor's angle as seen at the output, n theta_m. Times need not be even; an angle, but for the
-    first, is nan where there is no reading, and a command where it was not recorded.
-    """
-
-    time: Array
-    motor: Array
-    load: Array
-    command: Array
-
-    @property
-    def travel(self) -> Array:
-        """The motor's angle less the load's where both were read, rad."""
-        both = self.motor - self.load
-        return np.asarray(both[np.isfinite(both)])
 
 
 class Stage(NamedTuple):
@@ -78,6 +60,8 @@ _KNEE = 2.0
 """Standard deviations from which on an innovation counts by its magnitude, no longer by its square."""
 _SMALL = 1e-12
 """Variance of a reading beside its counts, rad^2."""
+PASSES = 1000
+"""Passes of the filter over all of a recording after which a search ends."""
 
 
 def _row(values: dict[int, float], default: float) -> Array:
@@ -145,8 +129,23 @@ def first_states(recording: Recording) -> Array:
 
 
 @dataclass
+class Effort:
+    """Samples that the filter may still pass in one search: a bound on its time that is the same on any machine."""
+
+    left: float = math.inf
+
+    @property
+    def spent(self) -> bool:
+        """Whether none is left."""
+        return self.left <= 0.0
+
+
+@dataclass
 class Problem:
-    """One recording under one contact law, and how the noise between its samples is lowered: the ``stages``."""
+    """One recording under one contact law, and how the noise between its samples is lowered: the ``stages``.
+
+    Once the ``effort`` is spent, what is being solved stops where it is.
+    """
 
     side: MotorSide
     contact: Contact
@@ -155,6 +154,7 @@ class Problem:
     spread: Array
     counts: tuple[float, float]
     stages: Sequence[Stage] = STAGES
+    effort: Effort = field(default_factory=Effort)
     innovations: Array = field(init=False)
     derivatives: Array = field(init=False)
     states: Array = field(init=False)
@@ -166,6 +166,7 @@ class Problem:
 
     def look(self, x: Array, stage: Stage) -> tuple[float, Array, Array]:
         """Return the cost, its gradient and Gauss and Newton's matrix; the variances count as if they were constant."""
+        self.effort.left -= self.recording.time.size
         noise = noise_of(self.counts, stage)
         predict = filter_with(type(self.contact))  # type: ignore[arg-type]
         logs = predict(self.side, noise, x, *self.recording, self.innovations, self.derivatives, self.states)
@@ -183,6 +184,8 @@ class Problem:
         damping = 1e-3
         cost, gradient, matrix = self.look(x, stage)
         for _ in range(most):
+            if self.effort.spent or not math.isfinite(cost):
+                break
             gain = 0.0
             for _ in range(6):
                 step = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), -gradient)
@@ -196,7 +199,8 @@ class Problem:
                 damping = 10.0 * max(damping, 1e-4)
             if gain < enough:
                 break
-        return Minimum(cost, x, self, _sizes(self.innovations[1:]))
+        sizes = _sizes(self.innovations[1:]) if math.isfinite(cost) else (math.inf, math.inf)
+        return Minimum(cost, x, self, sizes)
 
     def descend(self, x: Array) -> "Minimum":
         """Go down through all stages to the bottom."""
@@ -230,7 +234,8 @@ class Fit:
     """What was found: under one contact law the ``parameters`` of the filter, and their ``covariance``.
 
     ``rms`` of the innovations of both angles by the loss, 1 where all is as believed; ``counts`` of both encoders, rad;
-    ``torques``: the least and the largest that the teeth bore in a few samples, N m.
+    ``torques``: the least and the largest that the teeth bore in a few samples, N m; ``exhausted``: whether the search
+    ended after `PASSES`, before it had an answer.
     """
 
     contact: Contact
@@ -239,6 +244,7 @@ class Fit:
     rms: tuple[float, float]
     counts: tuple[float, float]
     torques: tuple[float, float]
+    exhausted: bool = False
 
     @property
     def gap(self) -> float:
@@ -308,7 +314,7 @@ def compile_filters(contacts: Iterable[type[Contact]]) -> None:
     still, start = np.zeros(3), _row({LN_INERTIA: -7.0, LN_VISCOUS: -7.0, LN_HALF_GAP: -4.0}, 0.0)
     for law in contacts:
         side = motor_side(drive, law())
-        recording = Recording(np.array([0.0, 0.004, 0.008]), still, still, still)
+        recording = Recording(np.array([0.0, 0.004, 0.008]), still, still, still, still)
         Problem(side, law(), recording, start, np.ones(PARAMETERS), (1e-4, 1e-4)).look(start, STAGES[0])
 
 
@@ -321,13 +327,18 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
     contacts : the laws that are tried
     delays : from a sample to when its command acts, s, that are tried as starts
     torque : the largest that may act, N m at the output
+
+    Notes
+    -----
+    The search takes `PASSES` of the filter at most, and up to 200 more to end: it is a matter of seconds.
     """
-    time, motor, load, command = recording
+    time, motor, load = recording[:3]
+    effort = Effort(PASSES * time.size)
     side = motor_side(drive)
     period = float(np.median(np.diff(time)))
     counts = count_of(motor), count_of(load)
     guesses = sorted(
-        ((guess_of(side, time, motor, load, command, delay), delay) for delay in delays),
+        ((guess_of(side, recording, delay), delay) for delay in delays),
         key=lambda pair: pair[0].misfit,
     )
     guessed = max(guesses[0][0].inertia, 0.02 * side.inertia)
@@ -336,9 +347,9 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
 
     def problem(contact: Contact, part: Recording, start: Array) -> Problem:
         prior, spread = believed(start, contact, torque, period)
-        return Problem(motor_side(drive, contact), contact, part, prior, spread, counts)
+        return Problem(motor_side(drive, contact), contact, part, prior, spread, counts, effort=effort)
 
-    calm = Recording(*(values[: math.ceil(_CALM * time.size)] for values in recording))
+    calm = recording.part(slice(math.ceil(_CALM * time.size)))
 
     def of_the_calm(contact: Contact) -> Minimum:
         """Return what the beginning tells, which is gentle: all but perhaps the far flank."""
@@ -362,20 +373,18 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
 
     gentle = [of_the_calm(contact) for contact in contacts]
     cheapest = min(map(cost_of, gentle))
-    ends = [end for start in gentle if start.cost < cheapest + _RIVAL for end in of_all(start)]
-    end = min(ends, key=cost_of)
-    if max(end.sizes) > FITS:  # perhaps for the sake of the delay, or of another law
-        for start in gentle:
-            alike = [found for found in ends if found.problem.contact is start.problem.contact]
-            best = min(alike or of_all(start), key=cost_of)
-            ends.append(best)
-            for _, delay in guesses:
-                if abs(delay - best.x[DELAY]) > 0.2 * period:
-                    x = best.x.copy()
-                    x[DELAY] = delay
-                    ends.append(best.problem.descend(x))
-        end = min(ends, key=cost_of)
-    return fit_of(end)
+    ends = [end for start in gentle if start.cost <= cheapest + _RIVAL for end in of_all(start)]
+    best = min(ends, key=cost_of)
+    if max(best.sizes) > FITS:  # perhaps for the sake of another law, or of the delay
+        ends += [end for start in gentle if start.cost > cheapest + _RIVAL for end in of_all(start)]
+        other = best = min(ends, key=cost_of)
+        for _, delay in guesses:
+            if max(best.sizes) > FITS and not effort.spent and abs(delay - other.x[DELAY]) > 0.2 * period:
+                x = other.x.copy()
+                x[DELAY] = delay
+                best = min(best, other.problem.descend(x), key=cost_of)
+    exhausted, effort.left = effort.spent, math.inf
+    return replace(fit_of(best), exhausted=exhausted)
 
 
 def fit_of(end: Minimum) -> Fit:
@@ -385,13 +394,12 @@ def fit_of(end: Minimum) -> Fit:
     _, _, matrix = end.problem.look(end.x, end.problem.stages[-1])
     # Friction that was left out could be there, as far as the recording goes.
     bent = np.linalg.inv(matrix + np.diag(spread**-2 - end.problem.spread**-2))
-    nu = end.problem.innovations[1:]
     least, largest = np.sort(end.problem.states[1:, LEAST]), np.sort(end.problem.states[1:, LARGEST])
     return Fit(
         contact=end.problem.contact,
         parameters=end.x,
         covariance=bent @ _scatter(end.problem) @ bent + bent,
-        rms=_sizes(nu),
+        rms=end.sizes,
         counts=end.problem.counts,
         torques=(float(least[2]), float(largest[-3])),
     )

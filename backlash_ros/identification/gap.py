@@ -8,7 +8,8 @@ import numpy as np
 
 from backlash_ros.drivetrain import CONTACTS, Drive
 from backlash_ros.drivetrain.contact import Contact, law_name
-from backlash_ros.identification.fit import FITS, Fit, Recording, fit
+from backlash_ros.identification.fit import FITS, PASSES, Fit, fit
+from backlash_ros.identification.recording import Recording
 
 _FLANK = 0.04
 """Share of the torque at standstill that a flank has borne to be counted as seen."""
@@ -68,6 +69,10 @@ def measure_gap(drive: Drive, recording: Recording, torque: float, contacts: Seq
             f"as large as the encoders' counts allow, and may be {FITS:g} times; check that both encoders count in "
             "the direction of the gear and with its ratio, that couplings hold, and that nothing else moves the load"
         )
+        if found.exhausted:
+            why += f"; the search for one ended after {PASSES} passes of the filter"
+    elif found.exhausted:
+        why = f"the search for what explains the motion had no answer after {PASSES} passes of the filter"
     elif abs(scale := found.scale) > SCALE:
         why = (
             f"the load's angle grows by {100 * scale:+.1f} % more than the motor's through the gear, and may differ by "

@@ -15,8 +15,9 @@ from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.filter import GAP_SLOPE, OFFSET
-from backlash_ros.identification.fit import Fit, Recording
+from backlash_ros.identification.fit import Fit
 from backlash_ros.identification.gap import Gap, measure_gap
+from backlash_ros.identification.recording import Recording
 
 _TURN = 2.0 * math.pi
 FEWEST_PLACES, _FEWEST = 6, 0.75

@@ -15,6 +15,7 @@ from scipy.optimize import nnls
 
 from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.filter import MotorSide
+from backlash_ros.identification.recording import Recording
 
 _WIDTH = 0.1
 _LEAST = 1e-7
@@ -32,15 +33,15 @@ class Guess(NamedTuple):
     misfit: float
 
 
-def guess_of(side: MotorSide, time: Array, motor: Array, load: Array, command: Array, delay: float) -> Guess:
+def guess_of(side: MotorSide, recording: Recording, delay: float) -> Guess:
     """Return what fits best if commands act ``delay`` s after their samples.
 
     Angles are taken from straight lines through the readings, evenly in time; a command holds until the next.
     """
+    time, motor, load, command, _ = recording
     period = float(np.median(np.diff(time)))
     even = time[0] + period * np.arange(round((time[-1] - time[0]) / period) + 1)
     p, q = (np.interp(even, time[np.isfinite(angle)], angle[np.isfinite(angle)]) for angle in (motor, load))
-    told = np.isfinite(command)
     half = max(4, round(0.5 * _WIDTH / period))
     s = np.arange(-half, half + 1) / half
     width = half * period
@@ -53,8 +54,8 @@ def guess_of(side: MotorSide, time: Array, motor: Array, load: Array, command: A
     late = delay + (1.0 / side.rate if np.isfinite(side.rate) else 0.0)
     fine = 8
     grid = time[0] + (np.arange(even.size * fine) + 0.5) * period / fine - 0.5 * period
-    index = np.searchsorted(time[told], grid - late + 1e-9 * period, side="right") - 1
-    u = command[told][np.maximum(index, 0)].reshape(-1, fine).mean(axis=1)
+    index = np.searchsorted(time, grid - late + 1e-9 * period, side="right") - 1
+    u = command[np.maximum(index, 0)].reshape(-1, fine).mean(axis=1)
 
     def speed(angle: Array) -> Array:
         rate = np.gradient(angle, period)

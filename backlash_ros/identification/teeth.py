@@ -11,7 +11,8 @@ from backlash_ros.drivetrain.contact import Constants, Contact, gap_at_rest, law
 from backlash_ros.drivetrain.contacts.elastic import SpringContact
 from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.filter import GAP_SLOPE, LN_HALF_GAP, LN_TEETH, OFFSET
-from backlash_ros.identification.fit import Fit, Recording, motor_side
+from backlash_ros.identification.fit import Fit, motor_side
+from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.held_out import follow
 from backlash_ros.identification.recordings.identify import Identified

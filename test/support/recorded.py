@@ -16,7 +16,7 @@ from backlash_ros.analysis.evaluation.population import Member, draw_member, tol
 from backlash_ros.analysis.evaluation.task import settings_for
 from backlash_ros.control import Servo
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M
-from backlash_ros.identification.fit import Recording
+from backlash_ros.identification.recording import Recording
 from backlash_ros.simulation import SimulatedDrive
 
 SEED = 20261122
@@ -42,7 +42,7 @@ def probed(number: int, population: str = "core") -> tuple[Member, Recording]:
         command = servo.update(shown, plant.elapsed)
         rows.append((plant.time, shown[THETA_M] * member.drive.gear.ratio, shown[THETA_L], command))
         plant.advance(command, member.load_torque)
-    return member, Recording(*(column.copy() for column in np.array(rows).T))
+    return member, Recording.of(*(column.copy() for column in np.array(rows).T))
 
 
 @cache
@@ -74,7 +74,7 @@ def stepped(
         for _ in range(int(random.integers(6, 11)) if uneven else _FINE):
             plant.sample()
             plant.advance(command, member.load_torque)
-    return member, Recording(*(column.copy() for column in np.array(rows).T))
+    return member, Recording.of(*(column.copy() for column in np.array(rows).T))
 
 
 def without(recording: Recording, share: float, seed: int = 0) -> Recording:
@@ -158,7 +158,7 @@ def write_bag(
     with Writer(path, version=9, storage_plugin=plugin) as writer:
         states = writer.add_connection(topics[0], "sensor_msgs/msg/JointState", typestore=store)
         commands = writer.add_connection(topics[1], command_type, typestore=store)
-        for k, (time, motor, load, command) in enumerate(zip(*recording, strict=True)):
+        for k, (time, motor, load, command) in enumerate(zip(*recording[:4], strict=True)):
             seconds, nanoseconds = divmod(start + round(1e9 * time), 10**9)
             received = start + 5_000_000_000 + round(1e9 * time)
             stamp = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)

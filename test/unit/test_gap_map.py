@@ -25,9 +25,10 @@ from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array, Measurement
 from backlash_ros.identification import gap_map
 from backlash_ros.identification.filter import LN_HALF_GAP, OFFSET, PARAMETERS
-from backlash_ros.identification.fit import Fit, Recording
+from backlash_ros.identification.fit import Fit
 from backlash_ros.identification.gap import Gap
 from backlash_ros.identification.gap_map import incomplete, map_gaps
+from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.identify import identify
 from backlash_ros.identification.recordings.places import gap_around, map_findings, visits
 from backlash_ros.simulation import SimulatedDrive
@@ -116,7 +117,7 @@ class Rig:
 
     def recording(self) -> Recording:
         """Return all that was seen, with what was before and after the experiment."""
-        return Recording(*(column.copy() for column in np.array(self.rows).T))
+        return Recording.of(*(column.copy() for column in np.array(self.rows).T))
 
     def rest(self, seconds: float = 3.0) -> None:
         for _ in range(round(seconds * self.machine.rate)):
@@ -442,12 +443,12 @@ def test_other_motions_are_no_map(motion: Callable[[int, str], tuple[object, Rec
 
 def test_a_recording_at_rest_is_no_map() -> None:
     still = np.zeros(500)
-    assert visits(Recording(0.004 * np.arange(500), still, still, still)) == []
-    assert visits(Recording(0.004 * np.arange(5), *np.zeros((3, 5)))) == []
+    assert visits(Recording.of(0.004 * np.arange(500), still, still, still)) == []
+    assert visits(Recording.of(0.004 * np.arange(5), *np.zeros((3, 5)))) == []
 
 
 def test_places_beyond_a_turn_are_no_map() -> None:
-    parts = [Recording(*np.full((4, 3), place)) for place in np.linspace(0.0, 7.0, 6)]
+    parts = [Recording.of(*np.full((4, 3), place)) for place in np.linspace(0.0, 7.0, 6)]
     found = gap_around(NOMINAL_DRIVE, parts)
     assert found == (None, "the places are spread over 7 rad, more than a turn", None)
 
@@ -487,7 +488,7 @@ def combined(monkeypatch: pytest.MonkeyPatch, places: Array, seen: list[Seen | N
         return Gap(place.gap, 1e-5, True, "", fit)
 
     monkeypatch.setattr(gap_map, "measure_gap", measure)
-    recordings = [Recording(*np.full((4, 3), place)) for place in places]
+    recordings = [Recording(*np.full((5, 3), place)) for place in places]
     return map_gaps(NOMINAL_DRIVE, recordings, 6.0, len(places), closed=True)
 
 

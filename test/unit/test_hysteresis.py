@@ -23,9 +23,9 @@ from backlash_ros.drivetrain.contacts.power import PowerContact
 from backlash_ros.drivetrain.contacts.restitution import RestitutionContact
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement
-from backlash_ros.identification.fit import Recording
 from backlash_ros.identification.hysteresis import static_place
 from backlash_ros.identification.lost_motion import LostMotion
+from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.slow_torque import hysteresis_findings, hysteresis_of
 from backlash_ros.simulation import SimulatedDrive, run_experiment
 
@@ -333,7 +333,7 @@ def slowly(
         command = float(np.interp(plant.time, knots, [0.0, *ends]))
         rows.append((plant.time, ratio * float(shown[THETA_M]), float(shown[THETA_L]), command))
         plant.advance(command, 0.0)
-    return Recording(*(column.copy() for column in np.array(rows).T))
+    return Recording.of(*(column.copy() for column in np.array(rows).T))
 
 
 STIFF = standing(BRAKED, contact=elastic(3.0), motor_friction=0.02)
@@ -357,7 +357,7 @@ def test_a_recording_of_the_experiment_tells_the_same(gains: GainSet) -> None:
     estimate = outcome.work()
     assert isinstance(estimate, BacklashEstimate)
     there = found_in(estimate)
-    here = hysteresis_of(NOMINAL_DRIVE, Recording(*(column.copy() for column in np.array(rows).T)), there.at)
+    here = hysteresis_of(NOMINAL_DRIVE, Recording.of(*(column.copy() for column in np.array(rows).T)), there.at)
     assert here.valid, here.reason
     assert here.gap == pytest.approx(there.gap, abs=0.3 * there.gap_uncertainty)
     assert here.lost_motion == pytest.approx(there.lost_motion, abs=0.3 * there.lost_motion_uncertainty)
@@ -410,7 +410,7 @@ def test_too_few_branches_are_refused(turns: int) -> None:
 
 def test_a_torque_that_never_turns_is_refused() -> None:
     time = 0.004 * np.arange(1000)
-    found = hysteresis_of(NOMINAL_DRIVE, Recording(time, 0.001 * time, 0.0 * time, time), 0.18)
+    found = hysteresis_of(NOMINAL_DRIVE, Recording.of(time, 0.001 * time, 0.0 * time, time), 0.18)
     assert not found.valid
     assert found.reason.startswith("the torque turned 0 times")
 

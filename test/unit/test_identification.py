@@ -13,6 +13,7 @@ from backlash_ros.control import Servo
 from backlash_ros.control.experiment import Deferred
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.signals import THETA_L
+from backlash_ros.identification import fit as fit_module
 from backlash_ros.identification.drive import identified_drive
 from backlash_ros.identification.filter import (
     COULOMB_L,
@@ -28,8 +29,10 @@ from backlash_ros.identification.filter import (
     Noise,
     filter_with,
 )
-from backlash_ros.identification.fit import Recording, count_of, motor_side
+from backlash_ros.identification.fit import FITS, PASSES, Problem, Stage, count_of, motor_side
 from backlash_ros.identification.gap import Gap, measure_gap
+from backlash_ros.identification.recording import Recording
+from backlash_ros.identification.recordings.identify import identify
 from backlash_ros.identification.regression import guess_of
 from backlash_ros.simulation import SimulatedDrive
 
@@ -122,7 +125,7 @@ def test_the_truth_explains_what_was_seen(number: int) -> None:
 def test_derivatives_are_those_of_the_innovations(column: int) -> None:
     """By finite differences, before the teeth have met often; the filter takes its gains as fixed, so not quite."""
     member, whole, gap = probed(DRIVES[0])
-    recording = Recording(*(values[: round(0.45 * member.rate)] for values in whole))
+    recording = whole.part(slice(round(0.45 * member.rate)))
     x = true_parameters(member, gap)
     x[COULOMB_L] += 0.01
     x[COULOMB_M] += 0.01
@@ -174,9 +177,48 @@ def test_a_broken_encoder_gives_no_gap(number: int, broken: object) -> None:
     assert "check" in found.reason or "flank" in found.reason or "too much to be used" in found.reason
 
 
+@pytest.mark.parametrize("most", [5, 150, PASSES])
+def test_a_search_ends_after_so_many_passes_and_says_so(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
+    """Of a recording that nothing explains, all laws, delays and widths would be tried."""
+    member, whole, _ = probed(DRIVES[0])
+    recording = slipping(whole.part(slice(whole.time.size // 2)))
+    passed = []
+    look = Problem.look
+
+    def counting(problem: Problem, x: np.ndarray, stage: Stage) -> tuple[float, np.ndarray, np.ndarray]:
+        passed.append(problem.recording.time.size / recording.time.size)
+        return look(problem, x, stage)
+
+    monkeypatch.setattr(Problem, "look", counting)
+    monkeypatch.setattr(fit_module, "PASSES", most)
+    found = measure_gap(told_model(member, "nominal"), recording, STALL)
+    assert not found.valid
+    assert sum(passed) < most + 200
+    assert found.fit is not None
+    assert found.fit.exhausted == (most < PASSES)
+    assert ("passes of the filter" in found.reason) == (most < PASSES)
+
+
+def test_what_was_found_before_the_search_had_ended_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Even if it explains all that was seen, on the way to the bottom."""
+    member, recording, _ = probed(DRIVES[0])
+    ends = []
+    for most in range(100, 500, 50):
+        monkeypatch.setattr(fit_module, "PASSES", most)
+        found = measure_gap(told_model(member, "nominal"), recording, STALL)
+        assert found.fit is not None
+        assert found.valid != found.fit.exhausted, found.reason
+        ends.append((found.fit.exhausted, max(found.fit.rms) <= FITS))
+        if ends[-1] == (True, True):
+            everything = identify(told_model(member, "nominal"), recording, hold_out=False)
+            assert not everything.valid
+            assert f"no answer after {PASSES} passes" in everything.reason
+    assert (True, True) in ends
+
+
 def test_a_regression_finds_inertia_and_torque_without_a_derivative() -> None:
     member, recording, _ = probed(DRIVES[0])
-    guess = guess_of(motor_side(told_model(member, "nominal")), *recording, member.delay.command)
+    guess = guess_of(motor_side(told_model(member, "nominal")), recording, member.delay.command)
     assert guess.load_torque == pytest.approx(member.standing_torque, abs=0.05)
     assert guess.inertia == pytest.approx(member.drive.load.inertia, rel=0.5)
 
@@ -193,7 +235,7 @@ def test_friction_that_cannot_be_told_apart_is_guessed_right_in_sum(counts: tupl
     effort += dry * np.sign(speed)
     motor_count, load_count = 2.0 * np.pi * drive.gear.ratio / counts[0], 2.0 * np.pi / counts[1]
     motor, load = motor_count * np.floor(angle / motor_count), load_count * np.floor((angle + 0.01) / load_count)
-    guess = guess_of(side, time, motor, load, np.append(effort[1:], 0.0) / side.gain, -0.5e-3)
+    guess = guess_of(side, Recording.of(time, motor, load, np.append(effort[1:], 0.0) / side.gain), -0.5e-3)
     assert min(guess.coulomb_l, guess.coulomb_m) >= 0.0
     assert guess.coulomb_l + guess.coulomb_m == pytest.approx(dry, rel=0.2)
     assert guess.load_torque == pytest.approx(torque, abs=0.01)

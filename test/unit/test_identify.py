@@ -12,7 +12,8 @@ from recorded import probed, stepped, true_gap, without
 
 from backlash_ros.analysis.evaluation.population import Member, told_model
 from backlash_ros.analysis.recordings.samples import Columns, Reading, recording_of
-from backlash_ros.identification.fit import Recording, motor_side
+from backlash_ros.identification.fit import motor_side
+from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import SPEEDS, findings_of
 from backlash_ros.identification.recordings.identify import Identified, identify
 from backlash_ros.identification.recordings.plausible import implausible
@@ -41,7 +42,7 @@ def truth_of(member: Member) -> dict[str, tuple[float, float]]:
 def as_read(member: Member, recording: Recording) -> Recording:
     """Return a recording as it comes from a file."""
     names = ("time", "motor", "load", "command")
-    columns = Columns(*recording, names, lambda k: f"in row {k}")
+    columns = Columns(*recording[:4], names, lambda k: f"in row {k}")
     return recording_of(columns, Reading(motor_at="output"), member.drive)[0]
 
 
@@ -140,7 +141,7 @@ BROKEN: dict[str, tuple[Callable[[Recording], Recording], str]] = {
     "millivolts": (lambda r: r._replace(command=1e3 * r.command), "obeys at most 24 V"),
     "no command": (lambda r: r._replace(command=0.0 * r.command), "never changes"),
     "load at rest": (lambda r: r._replace(load=0.0 * r.load), "the load moved by 0 rad"),
-    "too short": (lambda r: Recording(*(values[:50] for values in r)), "at least 100 samples"),
+    "too short": (lambda r: r.part(slice(50)), "at least 100 samples"),
 }
 
 
@@ -165,7 +166,7 @@ def test_first_guess_takes_uneven_samples() -> None:
     guesses = []
     for uneven in (False, True):
         member, recording = stepped(3, "core", uneven=uneven)
-        guesses.append(guess_of(motor_side(told_model(member, "nominal")), *recording, member.delay.command))
+        guesses.append(guess_of(motor_side(told_model(member, "nominal")), recording, member.delay.command))
         assert guesses[-1].load_torque == pytest.approx(member.standing_torque, abs=0.02)
         assert guesses[-1].inertia == pytest.approx(member.drive.load.inertia, rel=0.5)
     assert guesses[1].inertia == pytest.approx(guesses[0].inertia, rel=0.1)
@@ -176,7 +177,7 @@ def test_the_stretch_with_most_between_the_shafts_is_used() -> None:
     busy = (time > 22.0) & (time < 30.0)
     load = np.sin(time)
     motor = load + np.where(busy, 0.01 * np.sign(np.sin(20.0 * time)), 0.0)
-    part, told = informative(Recording(time, motor, load, np.sin(time)))
+    part, told = informative(Recording.of(time, motor, load, np.sin(time)))
     assert part.time[-1] - part.time[0] == pytest.approx(12.0, abs=0.02)
     assert part.time[0] <= 22.0
     assert part.time[-1] >= 29.9
@@ -187,7 +188,7 @@ def test_a_hole_ends_a_stretch() -> None:
     time = 0.01 * np.arange(1000)
     time[300:] += 5.0
     load = np.sin(3.0 * time)
-    part, told = informative(Recording(time, load + 0.01 * np.sign(np.cos(3.0 * time)), load, np.cos(time)))
+    part, told = informative(Recording.of(time, load + 0.01 * np.sign(np.cos(3.0 * time)), load, np.cos(time)))
     assert part.time[0] == pytest.approx(8.0)
     assert part.time.size == 700
     assert "of 14.99 s" in told

@@ -163,7 +163,7 @@ def learn_from(
 ) -> BacklashEstimate:
     learner = BacklashLearner(NOMINAL_DRIVE, settings, PERIOD, Limits.of(NOMINAL_DRIVE))
     for k, estimate in enumerate(swings(cycles)):
-        learner.step(sample_of(estimate, EVERYTHING if k < motor_until else LOAD_ONLY), estimate, 0.0, PERIOD)
+        learner.step(sample_of(estimate, EVERYTHING if k < motor_until else LOAD_ONLY), estimate, 0.0, PERIOD, 0.0)
     assert learner.outcome is not None
     return learner.outcome
 
@@ -173,7 +173,7 @@ def test_each_attempt_kicks_to_the_other_side(attempts: int) -> None:
     learner = BacklashLearner(
         NOMINAL_DRIVE, replace(MEASURED_AT_ONCE, measure_time=0.1, attempts=attempts), PERIOD, Limits.of(NOMINAL_DRIVE)
     )
-    offsets = [learner.step(np.zeros(5), np.zeros(6), 0.0, PERIOD).offset for _ in range(200)]
+    offsets = [learner.step(np.zeros(5), np.zeros(6), 0.0, PERIOD, 0.0).offset for _ in range(200)]
     assert [offset for offset in offsets if offset] == ([0.025, -0.025] * 3)[:attempts]
     assert learner.outcome is not None
     assert f"(after {attempts} kicks of 0.025 rad)" in learner.outcome.reason

@@ -87,7 +87,7 @@ class Push:
     def cancel(self, reason):
         self.outcome = self.outcome or Pushed(0.0, False, reason)
 
-    def step(self, measured, estimate, command, elapsed):
+    def step(self, measured, estimate, command, elapsed, late):
         if self.outcome is not None:
             return Excitation()
         if self._tick == 0:
@@ -200,7 +200,7 @@ class Broken:
     def __init__(self, *_):
         pass
 
-    def step(self, measured, estimate, command, elapsed):
+    def step(self, measured, estimate, command, elapsed, late):
         STEP
 
     def cancel(self, reason):

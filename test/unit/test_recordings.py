@@ -13,7 +13,7 @@ from backlash_ros.analysis.recordings.bag_topics import Topics, read_topics
 from backlash_ros.analysis.recordings.csv_file import ColumnNames, read_csv
 from backlash_ros.analysis.recordings.encoder import Encoder
 from backlash_ros.analysis.recordings.samples import Reading, drive_for, recording_of
-from backlash_ros.identification.fit import Recording
+from backlash_ros.identification.recording import Recording
 
 NUMBER = 3
 TURN = 2.0 * math.pi
@@ -124,7 +124,9 @@ def test_the_command_that_acted_is_the_answer_before(tmp_path: Path) -> None:
     acting = recording._replace(command=np.append(0.0, recording.command[:-1]))
     found, _ = read(write_csv(tmp_path / "a.csv", member, acting), Reading(answer=False))
     assert found.command[:-1] == pytest.approx(recording.command[:-1])
-    assert math.isnan(found.command[-1])
+    assert found.command[-1] == found.command[-2]
+    assert found.doubt[-1] > 0.0
+    assert not np.any(found.doubt[:-1])
 
 
 def test_a_lost_sample_leaves_a_row_of_nothing(tmp_path: Path) -> None:
@@ -133,7 +135,9 @@ def test_a_lost_sample_leaves_a_row_of_nothing(tmp_path: Path) -> None:
     found, notes = read(write_csv(tmp_path / "a.csv", member, fewer))
     lost = recording.time.size - fewer.time.size
     assert lost > 3
-    assert np.sum(np.isnan(found.motor)) == np.sum(np.isnan(found.command)) == lost
+    assert np.sum(np.isnan(found.motor)) == lost
+    assert np.any(found.doubt[np.isnan(found.motor)] > 0.0)
+    assert not np.any(found.doubt[np.isfinite(found.motor)])
     assert found.time == pytest.approx(recording.time)
     assert f"{lost} of {recording.time.size} samples are missing: what was commanded then is guessed" in notes
 

@@ -130,10 +130,10 @@ def test_an_encoder_that_goes_missing_ends_it(gains: GainSet) -> None:
     )
     servo, plant = started(gains, NOMINAL_DRIVE, "load")
     measured = plant.sample().copy()
-    experiment.step(Measurement(measured), servo.estimate, 0.0, 0.004)
+    experiment.step(Measurement(measured), servo.estimate, 0.0, 0.004, 0.0)
     assert experiment.outcome is None
     measured[THETA_L] = math.nan
-    assert experiment.step(Measurement(measured), servo.estimate, 0.0, 0.004).torque == 0.0
+    assert experiment.step(Measurement(measured), servo.estimate, 0.0, 0.004, 0.0).torque == 0.0
     assert experiment.outcome is not None
     assert not experiment.outcome.valid
     assert "the encoder that it began with is missing" in experiment.outcome.reason

@@ -9,7 +9,7 @@ from backlash_ros.analysis.certificate.rounding import brief, in_gear_units, in_
 from backlash_ros.analysis.certificate.subject import Subject
 from backlash_ros.drivetrain import Validated, quantities
 from backlash_ros.drivetrain.contact import law_name
-from backlash_ros.identification.fit import Recording
+from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.identify import Identified
 from backlash_ros.identification.teeth import loop_of
@@ -97,7 +97,7 @@ def result_rows(subject: Subject, found: Identified) -> list[Row]:
 
 def recording_rows(subject: Subject, found: Identified) -> list[tuple[str, str]]:
     """Return what was recorded."""
-    time, motor, load, _ = subject.recording
+    time, motor, load = subject.recording[:3]
     lost = int(np.sum(~np.isfinite(motor) & ~np.isfinite(load)))
     rows = [("file", subject.source)]
     if subject.began is not None:

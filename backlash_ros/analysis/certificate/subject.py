@@ -6,8 +6,8 @@ from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.identification.fit import Recording
 from backlash_ros.identification.lost_motion import LostMotion
+from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding
 
 PACKAGE = "backlash_ros"

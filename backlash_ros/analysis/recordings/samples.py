@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from backlash_ros.analysis.recordings.encoder import Encoder
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.fit import Recording
+from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.stretch import HOLE
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -112,18 +112,18 @@ def _check_numbers(columns: Columns, notes: list[str]) -> None:
             notes.append(f"{name} has no number in {missing.size} of {values.size} rows: these are not used")
 
 
-def _with_lost(recording: Recording, notes: list[str]) -> Recording:
+def _with_lost(time: Array, values: tuple[Array, ...], notes: list[str]) -> Recording:
     """Return a recording with a row, of nothing but its time, for each sample that an even clock has and it has not."""
-    time, steps = recording.time, np.diff(recording.time)
+    whole, steps = Recording.of(time, *values), np.diff(time)
     period = float(np.median(steps))
     if np.mean(np.abs(steps / period - 1.0) < _EVEN) < _REGULAR:
-        return recording
+        return whole
     lost = np.where(steps < HOLE * period, np.maximum(np.round(steps / period) - 1.0, 0.0), 0.0).astype(int)
     if np.any(holes := steps >= HOLE * period):
         first = float(time[int(np.argmax(holes))])
         notes.append(f"{np.sum(holes)} holes of more than {HOLE} periods, the first after {first:.3f} s")
     if not np.any(lost):
-        return recording
+        return whole
     notes.append(
         f"{np.sum(lost)} of {np.sum(lost) + time.size} samples are missing: what was commanded then is guessed"
     )
@@ -131,8 +131,7 @@ def _with_lost(recording: Recording, notes: list[str]) -> Recording:
     share = np.concatenate([np.arange(1, n + 1) / (n + 1) for n in lost if n])
     new = time[into - 1] + share * steps[into - 1]
     nothing = np.full(new.size, math.nan)
-    values = (np.insert(column, into, nothing) for column in recording[1:])
-    return Recording(np.insert(time, into, new), *values)
+    return Recording.of(np.insert(time, into, new), *(np.insert(column, into, nothing) for column in values))
 
 
 def began(columns: Columns, reading: Reading) -> datetime | None:
@@ -200,4 +199,4 @@ def recording_of(columns: Columns, reading: Reading, drive: Drive) -> tuple[Reco
         angles.append(angle)
         notes += [note] if note else []
     motor = angles[0] * (drive.gear.ratio if reading.motor_at == "motor" else 1.0)
-    return _with_lost(Recording(used.time, motor, angles[1], used.command), notes), notes
+    return _with_lost(used.time, (motor, angles[1], used.command), notes), notes

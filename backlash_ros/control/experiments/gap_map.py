@@ -16,8 +16,8 @@ from backlash_ros.control.limits import Limits
 from backlash_ros.control.motor_moves import MotorLoop, Move
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Estimate, Measurement
-from backlash_ros.identification.fit import Recording
 from backlash_ros.identification.gap_map import FEWEST_PLACES, map_gaps
+from backlash_ros.identification.recording import Recording
 
 _TURN = 2.0 * math.pi
 _GENTLE, _RAMP, _OF_NO_LOAD = 0.02, 0.2, 0.3
@@ -109,7 +109,9 @@ class GapMapper:
         if self.outcome is None:
             self.outcome = BacklashEstimate(0.0, Method.GAP_MAP, valid=False, reason=f"no map of the gap: {reason}")
 
-    def step(self, measured: Measurement, estimate: Estimate, command: float, elapsed: float) -> Excitation:
+    def step(
+        self, measured: Measurement, estimate: Estimate, command: float, elapsed: float, late: float
+    ) -> Excitation:
         """Take a sample; see `Experiment`."""
         motor, load = float(self._drive.gear.ratio * measured[THETA_M]), float(measured[THETA_L])
         if math.isnan(motor) or math.isnan(load):
@@ -125,7 +127,7 @@ class GapMapper:
         if self._probe is None:
             excitation = self._travel(self._move, motor, load, elapsed)
         if self._probe is not None:
-            excitation = self._look(self._probe, measured, estimate, command, elapsed)
+            excitation = self._look(self._probe, measured, estimate, command, elapsed, late)
         return excitation or Excitation()
 
     @property
@@ -163,7 +165,13 @@ class GapMapper:
         return None
 
     def _look(
-        self, probe: GapProbe, measured: Measurement, estimate: Estimate, command: float, elapsed: float
+        self,
+        probe: GapProbe,
+        measured: Measurement,
+        estimate: Estimate,
+        command: float,
+        elapsed: float,
+        late: float,
     ) -> Excitation | None:
         """Let the probe have the sample; go on to the next place where it is over."""
         load, swing = float(measured[THETA_L]), self._settings.swing
@@ -173,7 +181,7 @@ class GapMapper:
                 f"{self._settings.section}.swing = {swing:g} rad"
             )
             return None
-        excitation = probe.step(measured, estimate, command, elapsed)
+        excitation = probe.step(measured, estimate, command, elapsed, late)
         if probe.outcome is None:
             return excitation
         if not isinstance(probe.outcome, Deferred):

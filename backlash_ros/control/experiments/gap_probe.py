@@ -21,8 +21,8 @@ from backlash_ros.control.limits import Limits
 from backlash_ros.control.motor_moves import MotorLoop, Move, Throw
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Estimate, Measurement
-from backlash_ros.identification.fit import Recording
 from backlash_ros.identification.gap import measure_gap
+from backlash_ros.identification.recording import Recording, with_late_answers
 from backlash_ros.identification.regression import Guess, guess_of
 
 _REST, _END = 0.25, 0.2
@@ -79,7 +79,7 @@ class GapProbe:
         self._standstill = drive.standstill_torque()
         self._most = settings.torque * drive.standstill_torque(limits.command)
         self._loop = loop or MotorLoop(drive, period, self._most)
-        self._rows: list[tuple[float, float, float, float]] = []
+        self._rows: list[tuple[float, float, float, float, float]] = []
         self._time, self._begun = 0.0, 0.0
         self._move: Move | Throw = Move.rest(0.0, _REST)
         self._moves = self._program()
@@ -95,7 +95,9 @@ class GapProbe:
         if self.outcome is None:
             self.outcome = BacklashEstimate(0.0, Method.GAP_PROBE, valid=False, reason=f"no gap measured: {reason}")
 
-    def step(self, measured: Measurement, _estimate: Estimate, command: float, elapsed: float) -> Excitation:
+    def step(
+        self, measured: Measurement, _estimate: Estimate, command: float, elapsed: float, late: float
+    ) -> Excitation:
         """Take a sample; see `Experiment`."""
         motor, load = self._drive.gear.ratio * measured[THETA_M], measured[THETA_L]
         if math.isnan(motor) or math.isnan(load):
@@ -107,7 +109,7 @@ class GapProbe:
         else:
             self._target = motor
             self._move = next(self._moves)
-        self._rows.append((self._time, motor, load, command))
+        self._rows.append((self._time, motor, load, command, late))
         while self._time >= self._begun + self._move.length - 1e-9:
             self._begun += self._move.length
             try:
@@ -124,8 +126,9 @@ class GapProbe:
 
     def recording(self) -> Recording:
         """Return what was seen so far."""
-        time, motor, load, command = np.array(self._rows).T
-        return Recording(time.copy(), motor.copy(), load.copy(), np.append(command[1:], 0.0))
+        time, motor, load, *answers = np.array(self._rows).T
+        command, late = (np.append(values[1:], 0.0) for values in answers)
+        return with_late_answers(time, motor, load, command, late, self._period)
 
     def _to(self, end: float, up: float, down: float, speed: float) -> Move:
         start, self._target = self._target, end
@@ -161,10 +164,8 @@ class GapProbe:
 
     def _dragged(self) -> Guess | None:
         """Return what is guessed of a load that a torque drags along once it is apart; None where friction holds it."""
-        time, motor, load, command = self.recording()
-        guesses = (
-            guess_of(self._loop.side, time, motor, load, command, 0.5 * self._period * late) for late in range(3)
-        )
+        recording = self.recording()
+        guesses = (guess_of(self._loop.side, recording, 0.5 * self._period * late) for late in range(3))
         guess = min(guesses, key=lambda guess: guess.misfit)
         left = abs(guess.load_torque) - guess.coulomb_l
         return guess if left >= max(2e-3 * self._standstill, 0.05 * abs(guess.load_torque)) else None

@@ -160,7 +160,9 @@ class Hysteresis:
             reason = f"no lost motion measured: {trouble}{reason}"
             self.outcome = BacklashEstimate(0.0, Method.HYSTERESIS, valid=False, reason=reason)
 
-    def step(self, measured: Measurement, _estimate: Estimate, command: float, elapsed: float) -> Excitation:
+    def step(
+        self, measured: Measurement, _estimate: Estimate, command: float, elapsed: float, _late: float
+    ) -> Excitation:
         """Take a sample; see `Experiment`."""
         motor, load = float(self._drive.gear.ratio * measured[THETA_M]), float(measured[THETA_L])
         if math.isnan(motor) or math.isnan(load):

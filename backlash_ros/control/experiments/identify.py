@@ -7,7 +7,7 @@ from backlash_ros.control.experiment import DriveEstimate, Method, NamedExperime
 from backlash_ros.control.experiments.gap_probe import GapProbe, GapProbeSettings
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.parameters import values_of
-from backlash_ros.identification.fit import Recording
+from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.identify import Identified, identify
 
 _NAMES = {"delay.command": "loop_delay"}

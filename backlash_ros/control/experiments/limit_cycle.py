@@ -89,7 +89,9 @@ class BacklashLearner:
         if self.outcome is None:
             self.outcome = BacklashEstimate(0.0, self._method, valid=False, reason=f"no valid cycle: {reason}")
 
-    def step(self, measured: Measurement, estimate: Estimate, _command: float, elapsed: float) -> Excitation:
+    def step(
+        self, measured: Measurement, estimate: Estimate, _command: float, elapsed: float, _late: float
+    ) -> Excitation:
         """Take a sample; see `Experiment`."""
         load = float(measured[THETA_L])
         if math.isnan(load):

@@ -4,7 +4,7 @@ The motor's torque has one of two values. It turns over where the shaft that is 
 stop, passes a distance to either side; late as that is, both shafts keep up a cycle, in which the motor crosses the gap
 time and again (the delayed relay of Ruderman, Yamada & Fujimoto, Backlash identification in two-mass systems by delayed
 relay feedback, 2019). They read the gap off that cycle; here it comes from the drive's equations, fitted to all that
-was recorded: see `identification.one_sided`. The torque goes from gentle to brisk, and grows where friction holds.
+was recorded: see `identification.one_encoder`. The torque goes from gentle to brisk, and grows where friction holds.
 """
 
 import math
@@ -20,8 +20,8 @@ from backlash_ros.control.motor_moves import MotorLoop
 from backlash_ros.control.observer import low_pass_gain
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Estimate, Measurement
-from backlash_ros.identification.fit import Recording
-from backlash_ros.identification.one_sided import measure_gap_one_sided
+from backlash_ros.identification.one_encoder.one_sided import measure_gap_one_sided
+from backlash_ros.identification.recording import Recording, with_late_answers
 
 _CATCH, _HOLD, _END = 0.3, 0.5, 0.2
 """s from which on it records, until which it holds the shaft to see what torque that takes, and holds it at the end."""
@@ -78,7 +78,7 @@ class Relay:
         self._loop = MotorLoop(drive, period, self._most)
         self._smooth = low_pass_gain(_BANDWIDTH, period)
         self._by_motor = False
-        self._rows: list[tuple[float, float, float]] = []
+        self._rows: list[tuple[float, float, float, float]] = []
         self._held: list[float] = []
         self._time = self._speed = self._bias = self._dry = 0.0
         self._levels, self._level, self._side = len(_LEVELS), -1, 1.0
@@ -100,7 +100,9 @@ class Relay:
         if self.outcome is None:
             self.outcome = BacklashEstimate(0.0, Method.RELAY, valid=False, reason=f"no gap measured: {reason}")
 
-    def step(self, measured: Measurement, _estimate: Estimate, command: float, elapsed: float) -> Excitation:
+    def step(
+        self, measured: Measurement, _estimate: Estimate, command: float, elapsed: float, late: float
+    ) -> Excitation:
         """Take a sample; see `Experiment`."""
         if not self._rows:
             self._by_motor = math.isnan(measured[THETA_L])
@@ -114,7 +116,7 @@ class Relay:
             self._speed += self._smooth * ((angle - self._rows[-1][1]) / elapsed - self._speed)
         else:
             self._home = angle
-        self._rows.append((self._time, angle, command))
+        self._rows.append((self._time, angle, command, late))
         if self._time >= self._end + _END:
             self.outcome = Deferred(partial(_estimate_from, self._drive, self.recording(), self._standstill))
             return Excitation()
@@ -128,11 +130,12 @@ class Relay:
 
     def recording(self) -> Recording:
         """Return what was seen once the shaft was caught."""
-        time, angle, command = np.array(self._rows).T
+        time, angle, *answers = np.array(self._rows).T
+        command, late = (np.append(values[1:], 0.0) for values in answers)
         first = int(np.searchsorted(time, _CATCH))
         none, seen = np.full(time.size - first, math.nan), angle[first:]
         motor, load = (seen, none) if self._by_motor else (none, seen)
-        return Recording(time[first:], motor, load, np.append(command[1:], 0.0)[first:])
+        return with_late_answers(time[first:], motor, load, command[first:], late[first:], self._period)
 
     def _relay(self, angle: float, elapsed: float) -> float:
         """Return the torque, N m at the output."""

@@ -18,7 +18,8 @@ from backlash_ros.identification.filter import (
     PARAMETERS,
     filter_with,
 )
-from backlash_ros.identification.fit import STAGES, Fit, Recording, first_states, motor_side, noise_of
+from backlash_ros.identification.fit import STAGES, Fit, first_states, motor_side, noise_of
+from backlash_ros.identification.recording import Recording
 
 SHARE = 0.75
 """Of the recording, by time, that a fit sees before it is scored on the rest."""
@@ -97,12 +98,12 @@ def _error(misses: list[Array]) -> float:
 
 def _free(drive: Drive, found: Fit, recording: Recording, begin: float) -> tuple[int, int, Array]:
     """Return the first row of a free simulation, the row after its last, and its states."""
-    time, motor, load, command = recording
+    time, motor, load = recording[:3]
     first, end = (int(k) for k in np.searchsorted(time, (begin, begin + _FREE)))
     unseen = [angle[:end].copy() for angle in (motor, load)]
     for angle in unseen:
         angle[first:] = math.nan
-    blind = Recording(time[:end], unseen[0], unseen[1], command[:end])
+    blind = recording.part(slice(end))._replace(motor=unseen[0], load=unseen[1])
     _, states = follow(drive, found.contact, found.parameters, blind, found.counts)
     return first, end, states[first:]
 
@@ -113,13 +114,13 @@ def free_simulations(drive: Drive, found: Fit, recording: Recording) -> list[Rec
     result = []
     for begin in _begins(recording, first + SHARE * (last - first)):
         row, end, states = _free(drive, found, recording, begin)
-        result.append(Recording(recording.time[row:end], states[:, 0], states[:, 3], recording.command[row:end]))
+        result.append(recording.part(slice(row, end))._replace(motor=states[:, 0], load=states[:, 3]))
     return result
 
 
 def _errors(drive: Drive, found: Fit, recording: Recording, start: float) -> tuple[float, float]:
     """Return the errors of `Score`: of what was found, and of the drive as told from the same states."""
-    time, _, load, command = recording
+    load = recording.load
     own: list[Array] = []
     other: list[Array] = []
     as_told = told_parameters(drive, recording)
@@ -132,7 +133,7 @@ def _errors(drive: Drive, found: Fit, recording: Recording, start: float) -> tup
         x, half = as_told.copy(), 0.5 * drive.gear.backlash_angle
         inside = min(max(state[0] - state[3] - found.parameters[OFFSET], -0.9 * half), 0.9 * half)
         x[OFFSET] = state[0] - state[3] - inside
-        alone = Recording(time[first:end], angles[0], angles[1], command[first:end])
+        alone = recording.part(slice(first, end))._replace(motor=angles[0], load=angles[1])
         _, states = follow(drive, drive.gear.contact, x, alone, found.counts, state)
         other.append(states[:, 3] - load[first:end])
     return _error(own), _error(other)
@@ -141,7 +142,7 @@ def _errors(drive: Drive, found: Fit, recording: Recording, start: float) -> tup
 def first_part(recording: Recording) -> Recording:
     """Return what a fit sees before it is scored."""
     end = recording.time[0] + SHARE * (recording.time[-1] - recording.time[0])
-    return Recording(*(values[recording.time < end] for values in recording))
+    return recording.part(slice(int(np.searchsorted(recording.time, end))))
 
 
 def score(drive: Drive, found: Fit, recording: Recording) -> Score:

@@ -6,9 +6,10 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.identification.drive import identified_drive
-from backlash_ros.identification.fit import FITS, Fit, Recording, fit
+from backlash_ros.identification.fit import FITS, Fit, fit
 from backlash_ros.identification.gap import SCALE, Gap, contacts_of, delays_of, measure_gap
 from backlash_ros.identification.gap_map import FEWEST_PLACES, Mapped
+from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding, findings_of
 from backlash_ros.identification.recordings.held_out import Score, first_part, score
 from backlash_ros.identification.recordings.places import gap_around, liveliest, visits
@@ -91,7 +92,7 @@ def _unexplained(drive: Drive, recording: Recording, gap: Gap, found: Fit) -> st
     """Return why nothing of a fit can be believed, not the gap alone; empty where it can."""
     misfits = not max(found.rms) <= FITS
     if not misfits:
-        return gap.reason if abs(found.scale) > SCALE else ""
+        return gap.reason if found.exhausted or abs(found.scale) > SCALE else ""
     suspected = suspicion(drive, recording, delays_of(float(np.median(np.diff(recording.time)))))
     return f"{suspected}: {gap.reason}" if suspected else gap.reason
 

@@ -13,8 +13,9 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.fit import Recording, count_of
+from backlash_ros.identification.fit import count_of
 from backlash_ros.identification.gap_map import FEWEST_PLACES, GapMap, Mapped, map_gaps
+from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.stretch import HOLE, LONGEST
 
@@ -56,7 +57,7 @@ def visits(recording: Recording) -> list[Recording]:
 
     A part with a hole is none: nobody knows what happened there.
     """
-    time, motor, load, _ = recording
+    time, motor, load = recording.time, recording.motor, recording.load
     if time.size < 2 or not recording.travel.size:
         return []
     way, period = float(np.ptp(recording.travel)), float(np.median(np.diff(time)))
@@ -71,7 +72,7 @@ def visits(recording: Recording) -> list[Recording]:
         first = int(np.searchsorted(time, time[rest] - _KEPT))
         first += int(np.argmax(np.isfinite(motor[first:] + load[first:])))
         last = min(rest + int(back[-1]), int(np.searchsorted(time, time[first] + LONGEST)))
-        part = Recording(*(values[first : last + 1] for values in recording))
+        part = recording.part(slice(first, last + 1))
         known = any(abs(part.load[0] - other.load[0]) <= way for other in found)
         whole = np.max(np.diff(part.time), initial=0.0) < HOLE * period
         if whole and not known and _crossings(part.travel, way) >= _CROSSINGS:

@@ -7,7 +7,8 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.fit import Recording, count_of, motor_side
+from backlash_ros.identification.fit import count_of, motor_side
+from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.regression import guess_of
 
 SAMPLES, LENGTH, COUNTS = 100, 0.4, 10
@@ -53,7 +54,7 @@ def implausible(drive: Drive, recording: Recording) -> str:
     """Return why a recording cannot be used for a drive, in a sentence; empty where nothing speaks against it."""
     if why := wrong_command(drive, recording):
         return why
-    time, motor, load, _ = recording
+    time, motor, load = recording.time, recording.motor, recording.load
     for name, angle in (("motor", motor), ("load", load)):
         way, count = float(np.nanmax(angle) - np.nanmin(angle)), count_of(angle)
         if way < COUNTS * count or way == 0.0:
@@ -112,7 +113,7 @@ def _explained(scale: float, ratio: float) -> str:
 
 def _otherwise(drive: Drive, recording: Recording) -> Iterator[tuple[str, Recording]]:
     """Yield what could be wrong, and the recording put right."""
-    _, motor, load, command = recording
+    _, motor, load, command, _ = recording
     per_volt = drive.motor.resistance
     yield (
         "the command seems to turn the motor backwards, or both encoders to count so",
@@ -137,7 +138,7 @@ def suspicion(drive: Drive, recording: Recording, delays: Sequence[float]) -> st
     low, high = (share * side.inertia for share in _INERTIAS)
 
     def misfit(recording: Recording) -> float:
-        guess = min((guess_of(side, *recording, delay) for delay in delays), key=lambda guess: guess.misfit)
+        guess = min((guess_of(side, recording, delay) for delay in delays), key=lambda guess: guess.misfit)
         share = guess.misfit / float(np.nanstd(side.gain * recording.command))
         return share if low < guess.inertia < high else math.inf
 

@@ -11,9 +11,10 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.fit import Recording, motor_side
+from backlash_ros.identification.fit import motor_side
 from backlash_ros.identification.hysteresis import measure_lost_motion
 from backlash_ros.identification.lost_motion import Curve, LostMotion
+from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.plausible import wrong_command
 from backlash_ros.identification.recordings.stretch import HOLE
@@ -62,7 +63,7 @@ def curve_of(drive: Drive, recording: Recording) -> tuple[Curve, float]:
     drive : for its motor, which is taken as it is; the torque is that at the output
     """
     read = np.isfinite(recording.motor + recording.load)
-    time, motor, load, command = (column[read] for column in recording)
+    time, motor, load, command, _ = recording.part(read)
     known = np.maximum.accumulate(np.where(np.isfinite(command), np.arange(command.size), 0))
     command = np.nan_to_num(command[known])
     period, side = float(np.median(np.diff(time))), motor_side(drive)
@@ -98,7 +99,7 @@ def hysteresis_of(drive: Drive, recording: Recording, at: float) -> LostMotion:
 
 def _no_curve(drive: Drive, recording: Recording) -> str:
     """Return why a recording has no curve at all; empty where it may have one."""
-    time, _, load, _ = recording
+    time, load = recording.time, recording.load
     if why := wrong_command(drive, recording):
         return why
     moved, way = float(np.nanmax(load) - np.nanmin(load)), float(np.ptp(recording.travel))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from backlash_ros.identification.fit import Recording
+from backlash_ros.identification.recording import Recording
 
 LONGEST = 12.0
 """s that are fitted at most."""
@@ -10,10 +10,6 @@ HOLE = 10
 """Periods without a sample that end a stretch: nobody knows what happened in between."""
 _STEP, _STILL = 0.5, 0.3
 """s from one stretch that is tried to the next, and s at rest that are kept ahead of the motion."""
-
-
-def _part(recording: Recording, first: int, last: int) -> Recording:
-    return Recording(*(values[first:last] for values in recording))
 
 
 def _starts(recording: Recording, first: int) -> int:
@@ -24,7 +20,7 @@ def _starts(recording: Recording, first: int) -> int:
 
 def _still(recording: Recording) -> int:
     """Return how many rows at rest there are too many ahead of the motion."""
-    time, motor, load, command = recording
+    time, motor, load, command, _ = recording
     moved = np.zeros(time.size, dtype=bool)
     for values in (motor, load, command):
         moved |= np.abs(values - values[0]) > 0.02 * (np.nanmax(values) - np.nanmin(values))
@@ -41,7 +37,7 @@ def informative(recording: Recording, longest: float = LONGEST) -> tuple[Recordi
     holes = np.flatnonzero(np.diff(recording.time) > HOLE * period) + 1
     best, most = recording, -1.0
     for first, last in zip((0, *holes), (*holes, recording.time.size), strict=True):
-        whole = _part(recording, min(_starts(recording, first), last), last)
+        whole = recording.part(slice(min(_starts(recording, first), last), last))
         if whole.time.size < 2:
             continue
         between = whole.motor - whole.load
@@ -52,8 +48,8 @@ def informative(recording: Recording, longest: float = LONGEST) -> tuple[Recordi
             begin, end = np.searchsorted(time, (start, start + longest))
             if end - begin > 1 and way[end] - way[begin] > 1.001 * most:
                 most = float(way[end] - way[begin])
-                best = _part(whole, _starts(whole, int(begin)), int(end))
-    best = _part(best, _starts(best, _still(best)), best.time.size)
+                best = whole.part(slice(_starts(whole, int(begin)), int(end)))
+    best = best.part(slice(_starts(best, _still(best)), None))
     start, end = (float(best.time[k] - recording.time[0]) for k in (0, -1))
     length = float(recording.time[-1] - recording.time[0])
     whole_of_it = end - start > 0.98 * length

@@ -31,7 +31,6 @@ from backlash_ros.identification.fit import (
     Fit,
     Minimum,
     Problem,
-    Recording,
     Stage,
     believed,
     cost_of,
@@ -40,6 +39,7 @@ from backlash_ros.identification.fit import (
     motor_side,
 )
 from backlash_ros.identification.gap import Gap, contacts_of
+from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.regression import Guess, guess_of
 
 _UNREAD_LOAD, _UNREAD_MOTOR = 0.01, 0.1
@@ -83,7 +83,7 @@ def _pinned(recording: Recording) -> tuple[Recording, Array, bool]:
     by_motor = bool(np.isnan(load).all())
     angle = (motor if by_motor else load).copy()
     motor[0] = load[0] = angle[0]
-    return Recording(recording.time, motor, load, recording.command), angle, by_motor
+    return recording._replace(motor=motor, load=load), angle, by_motor
 
 
 def _thinned(recording: Recording, period: float) -> Recording:
@@ -104,17 +104,18 @@ class _Search:
 
     def __init__(self, drive: Drive, recording: Recording, torque: float) -> None:
         self.recording, angle, self.by_motor = _pinned(recording)
-        time, command = recording.time, recording.command
+        time = recording.time
         self._drive, self._torque, self._side = drive, torque, motor_side(drive)
         self._period = float(np.median(np.diff(time)))
         count = max(count_of(angle), _COARSE)
         self._counts = (count, _WHERE) if self.by_motor else (_WHERE, count)
         motor, load = (1.0, _UNREAD_LOAD) if self.by_motor else (_UNREAD_MOTOR, 1.0)
         self.stages = tuple(Stage(motor * stage.motor, load * stage.load, stage.teeth) for stage in STAGES)
-        guesses = (guess_of(self._side, time, angle, angle, command, 0.5 * k * self._period) for k in range(3))
+        seen = recording._replace(motor=angle, load=angle)
+        guesses = (guess_of(self._side, seen, 0.5 * k * self._period) for k in range(3))
         self._guess: Guess = min(guesses, key=lambda guess: guess.misfit)
         self._thin = _thinned(self.recording, self._period)
-        self._calm = Recording(*(values[: math.ceil(_CALM * time.size)] for values in self._thin))
+        self._calm = self._thin.part(slice(math.ceil(_CALM * time.size)))
 
     def _problem(self, contact: Contact, recording: Recording) -> Problem:
         prior, spread = believed(
