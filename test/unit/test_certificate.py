@@ -244,7 +244,7 @@ def test_a_gap_that_is_not_told_has_its_reason_in_place_of_a_number(made: Made) 
 
 
 def test_the_gap_around_the_turn_is_drawn_and_told(made: Made) -> None:
-    assert "The gap around the turn: from a rest on the teeth went to and fro across the gap at 1 place" in unescape(
+    assert "The gap around the turn: the teeth went to and fro across the gap, after a rest, at 1 place" in unescape(
         made.html
     )
     places, gaps = (-2.5, -1.5, -0.5, 1.0, 2.0, 3.0), (0.004, 0.005, 0.006, 0.005, 0.004, 0.0035)

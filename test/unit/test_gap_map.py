@@ -427,7 +427,7 @@ def test_a_place_with_a_hole_is_none(gains: GainSet) -> None:
     left = visits(Recording(*(column[kept] for column in recording)))
     assert [part.load[0] for part in left] == [part.load[0] for part in others]
     assert gap_around(NOMINAL_DRIVE, left).reason == (
-        "from a rest on the teeth went to and fro across the gap at 5 places around the turn, and must at 6 at least"
+        "the teeth went to and fro across the gap, after a rest, at 5 places around the turn, and there must be 6"
     )
 
 

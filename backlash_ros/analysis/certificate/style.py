@@ -28,6 +28,7 @@ th, td { text-align: left; vertical-align: top; padding: .35rem .8rem .35rem 0; 
 thead th { color: var(--faint); font-weight: 600; }
 tbody th { font-weight: 400; width: 26%; }
 tr { break-inside: avoid; }
+tbody tr:first-child { break-after: avoid; }
 td.number { white-space: nowrap; font-variant-numeric: tabular-nums; }
 td.why { color: var(--bad); }
 .symbol { color: var(--faint); font-size: .85em; white-space: nowrap; }
