@@ -437,7 +437,7 @@ def test_other_motions_are_no_map(motion: Callable[[int, str], tuple[object, Rec
         _, recording = motion(number, "core")
         found = gap_around(NOMINAL_DRIVE, visits(recording))
         assert found.map is None
-        assert "around the turn, and must at 6 at least" in found.reason
+        assert "around the turn, and there must be 6" in found.reason
 
 
 def test_a_recording_at_rest_is_no_map() -> None:
