@@ -204,7 +204,7 @@ def _add_measurement(parser: argparse.ArgumentParser) -> None:
     add("--out", type=Path, metavar="DIR", help="new folder for recording, drive file and certificate; named by now")
     add("--namespace", default="/", metavar="NS", help="of the controller and its topics, such as /axis_1")
     add("--experiment", type=_entry_of(EXPERIMENTS, AUTO), metavar="NAME", help="else the controller's own")
-    text = "N m at the output, at 3 %% of which lost motion is given; by default the motor's at standstill"
+    text = "N m at the output, at 3 %% of which lost motion is given; by default half of the motor's at standstill"
     add("--rated-torque", type=number_of(0.0, above=True), default=0.0, metavar="T", help=text)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import rclpy
 import yaml
@@ -17,6 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from rich.progress import Progress, TaskID
 
+from backlash_ros.analysis.bag import Series, read_bag
 from backlash_ros.analysis.recordings.bag_topics import Topics, read_topics
 from backlash_ros.analysis.recordings.command import REFUSED, Request, identify_recording
 from backlash_ros.analysis.recordings.samples import Columns, Reading
@@ -44,7 +45,7 @@ class Measurement:
     """What is measured and where that goes.
 
     ``out``: a new folder; ``namespace`` of the controller, which has the name ``controller`` there; ``experiment``, or
-    that of the controller where empty; ``rated_torque`` in N m, 0 for the motor's at standstill.
+    that of the controller where empty; ``rated_torque`` in N m, 0 for half of the motor's at standstill.
     """
 
     out: Path
@@ -72,15 +73,11 @@ def told_parameters(values: dict[str, Any]) -> str:
 
 
 class _Operator(Client):
-    """Lets the controller learn, shows how far it is, and cancels what was not ended.
-
-    ``acted``: stamps of the samples, s, from which and until which the experiment was seen to act.
-    """
+    """Lets the controller learn, shows how far it is, and cancels what was not ended."""
 
     def __init__(self, node: Node, children: dict[str, subprocess.Popen[bytes]]) -> None:
         super().__init__(node, children)
         self._bar: tuple[Progress, TaskID] | None = None
-        self.acted: tuple[float, float] | None = None
         node.create_subscription(DiagnosticArray, "controller/state", self._on_state, RECEIVE)
 
     def _on_state(self, message: DiagnosticArray) -> None:
@@ -88,9 +85,6 @@ class _Operator(Client):
             values = {entry.key: entry.value for entry in message.status[0].values}
             bar, task = self._bar
             bar.update(task, completed=float(values["progress"]))
-            if values["experiment"] == "1":
-                now = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-                self.acted = self.acted[0] if self.acted else now, now
 
     def learn(self, console: Console) -> tuple[bool, str]:
         """Let it learn; where that is interrupted, cancel it."""
@@ -120,15 +114,8 @@ class _Operator(Client):
             self.must_set(before)
 
 
-class _Recorded(NamedTuple):
-    """Why nothing was learned, if so; and when the experiment acted, see `_Operator`."""
-
-    refusal: str
-    acted: tuple[float, float] | None
-
-
-def _record(request: Measurement, folder: Path, console: Console) -> _Recorded:
-    """Let the controller learn while a bag is written into ``folder``."""
+def _record(request: Measurement, folder: Path, console: Console) -> str:
+    """Let the controller learn while a bag is written into ``folder``; return why nothing was learned, if so."""
     namespace = f"__ns:={request.namespace}"
     with ExitStack() as stack:
         context = rclpy.Context()
@@ -148,7 +135,7 @@ def _record(request: Measurement, folder: Path, console: Console) -> _Recorded:
         recorder = start_node("recorder", folder / "recorder.log", "-r", namespace, *chosen)
         children["recorder"] = recorder
         stack.callback(stop_node, recorder)
-        operator.wait_for_recorder(["joint_states", "command"])
+        operator.wait_for_recorder(_TOPICS)
         operator.pause(_BEFORE)
         with operator.using(request.experiment):
             valid, answer = operator.learn(console)
@@ -157,14 +144,20 @@ def _record(request: Measurement, folder: Path, console: Console) -> _Recorded:
         if (code := stop_node(recorder)) != 0:
             raise ClientError(f"the recorder ended with code {code}: {(folder / 'recorder.log').read_text()[-500:]}")
     (folder / "recorder.log").unlink()
-    return _Recorded("" if valid else answer, operator.acted)
+    return "" if valid else answer
 
 
-def _part(columns: Columns, acted: tuple[float, float] | None) -> Reading:
-    """Return how to read a bag: the part in which the experiment acted: beside it the law may rattle."""
-    if acted is None:
+def _part(columns: Columns, experiment: Series) -> Reading:
+    """Return how to read a bag: the part in which the experiment acted: beside it the law may rattle.
+
+    Parameters
+    ----------
+    experiment : 1 where it acts, by the stamps of the samples
+    """
+    acted = experiment.time[experiment.values == 1.0] - columns.epoch
+    if not acted.size:
         return Reading()
-    start, end = (stamp - columns.epoch for stamp in acted)
+    start, end = float(acted[0]), float(acted[-1])
     if start == end:
         raise ClientError("the experiment acted for no time that could be seen: see the answer, and measure again")
     if not 0.0 < start < end:
@@ -200,7 +193,7 @@ def measure(request: Measurement, command: str, console: Console) -> int:
     before = [signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)]
     try:
         with staging(out) as folder:
-            refusal, acted = _record(request, folder, console)
+            refusal = _record(request, folder, console)
             folder.rename(out)
     except (KeyboardInterrupt, RuntimeError):  # amid a message rclpy makes another error of the interruption
         if not interrupted:
@@ -213,10 +206,11 @@ def measure(request: Measurement, command: str, console: Console) -> int:
     values = yaml.safe_load((out / TOLD).read_text())["/**"]["ros__parameters"]
     prefix = request.namespace.rstrip("/")
     topics = Topics(f"{prefix}/joint_states", f"{prefix}/command", values["motor_joint"], values["load_joint"])
+    experiment = read_bag(out / BAG).scalars[f"{prefix}/controller/state/experiment"]
     found = identify_recording(
         Request(
             out / BAG,
-            _part(read_topics(out / BAG, topics), acted),
+            _part(read_topics(out / BAG, topics), experiment),
             topics=topics,
             drive=out / TOLD,
             json=out / FIGURES,

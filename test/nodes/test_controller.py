@@ -108,9 +108,7 @@ def test_learning_over_the_service(start: Start, peer: Peer, experiment: str, me
     )
     drive = LockstepDrive(peer).matched()
     answer = ask_to_learn(peer)
-    while not answer.done():
-        drive.step()
-        assert drive.tick < 50_000  # while it is computed, too
+    drive.until(answer.done)
     response = answer.result()
     assert response.success, response.message
     assert f"by {method}" in response.message
@@ -128,9 +126,7 @@ def test_learning_where_the_other_joint_is_absent(start: Start, peer: Peer, meas
     sensors = Sensors(measured=(measured,), motor_counts=2**12, load_counts=2**14)
     drive = LockstepDrive(peer, simulated=SimulatedDrive(NOMINAL_DRIVE, 0.004, sensors=sensors)).matched()
     answer = ask_to_learn(peer)
-    while not answer.done():
-        drive.step()
-        assert drive.tick < 50_000  # while it is computed, too
+    drive.until(answer.done)
     response = answer.result()
     assert response.success, response.message
     assert "by relay" in response.message
@@ -143,9 +139,8 @@ def test_learning_under_a_load_torque_keeps_the_old_estimate(start: Start, peer:
     drive = LockstepDrive(peer).matched()
     drive.load_torque = 0.1
     answer = ask_to_learn(peer)
-    while not answer.done():
-        drive.step()
-        assert drive.tick < 5000
+    drive.until(answer.done)
+    assert drive.tick < 5000
     assert not answer.result().success
     assert "no valid cycle" in answer.result().message
     assert Parameters(peer, "controller").get("backlash_angle") == [0.015]
@@ -162,9 +157,9 @@ def test_learning_beyond_the_limits_is_refused(start: Start, peer: Peer, limits:
     start("controller", **PATIENT, **limits)
     drive = LockstepDrive(peer).matched()
     answer = ask_to_learn(peer)
-    while not answer.done():
-        assert abs(drive.step()) < 1.0
-        assert drive.tick < 5000
+    drive.until(answer.done)
+    assert drive.tick < 5000
+    assert max(map(abs, drive.answers.values())) < 1.0
     assert not answer.result().success
     assert answer.result().message.startswith("cannot learn: it swings by learning.gap_probe.swing = 0.3 rad")
     assert why in answer.result().message
@@ -177,9 +172,8 @@ def test_learning_under_a_fault_is_refused_each_time(start: Start, peer: Peer) -
     assert drive.exchange(drive.sample(position=[0.0, 5.0])) == 0.0
     for _ in range(2):
         answer = ask_to_learn(peer)
-        while not answer.done():
-            drive.step()
-            assert drive.tick < 10_000
+        drive.until(answer.done)
+        assert drive.tick < 10_000
         assert not answer.result().success
         assert answer.result().message.startswith("cannot learn while a fault is latched: load encoder moved 5 rad")
 
@@ -188,9 +182,8 @@ def test_silence_ends_learning(start: Start, peer: Peer) -> None:
     process = start("controller", state_timeout=5.0)
     drive = LockstepDrive(peer).matched()
     answer = ask_to_learn(peer)
-    while "learning the backlash" not in process.output():
-        drive.step()
-        assert drive.tick < 5000
+    drive.until(lambda: "learning the backlash" in process.output())
+    assert drive.tick < 5000
     peer.wait("an answer", answer.done)
     assert not answer.result().success
     assert answer.result().message == "no gap measured: no joint_states for 5 s"
@@ -201,8 +194,7 @@ def test_deactivation_ends_learning(start: Start, peer: Peer) -> None:
     lifecycle = Lifecycle(peer, "controller")
     drive = LockstepDrive(peer).matched()
     answer = ask_to_learn(peer)
-    while "learning the backlash" not in process.output():
-        drive.step()
+    drive.until(lambda: "learning the backlash" in process.output())
     assert lifecycle.change(Transition.TRANSITION_DEACTIVATE)
     peer.wait("an answer", answer.done)
     assert not answer.result().success
@@ -213,11 +205,9 @@ def test_reference_is_not_taken_while_learning(start: Start, peer: Peer) -> None
     process = start("controller", **BY_LIMIT_CYCLE)
     drive = LockstepDrive(peer).matched()
     answer = ask_to_learn(peer)
-    while "learning the backlash" not in process.output():
-        drive.step()
+    drive.until(lambda: "learning the backlash" in process.output())
     drive._reference.publish(Float64(data=0.5))
-    while not answer.done():
-        drive.step()
+    drive.until(answer.done)
     assert answer.result().success, answer.result().message
     assert "came while learning" in process.output()
     assert abs(drive.run(300)[-1]) < 0.02  # back at the reference from before
@@ -227,8 +217,7 @@ def test_shutdown_answers_who_waits_for_learning(start: Start, peer: Peer) -> No
     process = start("controller", **PATIENT)
     drive = LockstepDrive(peer).matched()
     answer = ask_to_learn(peer)
-    while "learning the backlash" not in process.output():
-        drive.step()
+    drive.until(lambda: "learning the backlash" in process.output())
     ask_to_learn(peer)  # and another one behind it
     process.signal(signal.SIGINT)
     peer.wait("an answer", answer.done)
@@ -656,9 +645,8 @@ def test_cancel_ends_an_experiment_and_says_so(start: Start, peer: Peer) -> None
     nothing = peer.call(Trigger, "controller/cancel", Trigger.Request())
     assert (nothing.success, nothing.message) == (False, "there is no experiment to cancel")
     answer = ask_to_learn(peer)
-    while "progress" not in (states.heard or [(0, {})])[-1][1] or states.series("progress")[-1] < 0.01:
-        drive.step()
-        assert drive.tick < 5000
+    drive.until(lambda: "progress" in (states.heard or [(0, {})])[-1][1] and states.series("progress")[-1] >= 0.01)
+    assert drive.tick < 5000
     assert peer.call(Trigger, "controller/learn", Trigger.Request()).message == "cannot learn: already learning"
     cancelled = peer.call(Trigger, "controller/cancel", Trigger.Request())
     assert (cancelled.success, cancelled.message) == (True, "cancelled")

@@ -48,9 +48,7 @@ def request(peer: Peer, service: str) -> Future:
 
 def learn(peer: Peer, drive: LockstepDrive) -> Trigger.Response:
     answer = request(peer, "learn")
-    while not answer.done():
-        drive.step()
-        assert drive.tick < 50_000
+    drive.until(answer.done)
     return answer.result()
 
 
@@ -187,11 +185,9 @@ def test_apply_is_changed_while_it_runs_and_counts_at_the_end(start: Start, peer
     accepted, reason = parameters.set(learning__apply="never")
     assert (accepted, reason) == (False, "learning.apply must be one of ['auto', 'ask'], got 'never'")
     answer = request(peer, "learn")
-    while "learning the backlash" not in process.output():
-        drive.step()
+    drive.until(lambda: "learning the backlash" in process.output())
     assert parameters.set(learning__apply="ask") == (True, "")
-    while not answer.done():
-        drive.step()
+    drive.until(answer.done)
     assert answer.result().success
     assert parameters.get("backlash_angle") == [0.0]
 

@@ -13,6 +13,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from graph import Parameters, Peer, Process
 
+from backlash_ros.analysis.bag import Series
 from backlash_ros.analysis.evaluation.drive_file import read_drive
 from backlash_ros.analysis.recordings.samples import Columns, Reading
 from backlash_ros.drivetrain import NOMINAL_DRIVE
@@ -93,14 +94,18 @@ def test_it_is_stopped_at_rest_and_leaves_nothing(start: Start, peer: Peer, tmp_
 
 
 def test_an_experiment_that_acted_for_no_time_is_said_to_have() -> None:
-    row = np.arange(3.0)
+    row, time = np.arange(3.0), np.array([99.5, 100.0, 100.5, 101.0, 101.5])
     columns = Columns(row, row, row, row, ("t", "m", "l", "c"), str, epoch=100.0)
-    assert _part(columns, (100.5, 101.5)) == Reading(start=0.5, end=1.5)
-    assert _part(columns, None) == Reading()
+
+    def part(*acts: float) -> Reading:
+        return _part(columns, Series(time, np.array(acts)))
+
+    assert part(0, 0, 1, 1, 0) == Reading(start=0.5, end=1.0)
+    assert part(0, 0, 0, 0, 0) == Reading()
     with pytest.raises(ClientError, match="the experiment acted for no time that could be seen"):
-        _part(columns, (100.5, 100.5))
+        part(0, 0, 1, 0, 0)
     with pytest.raises(ClientError, match="the recorder came late"):
-        _part(columns, (99.5, 100.5))
+        part(1, 1, 1, 1, 0)
 
 
 def test_without_a_controller_it_says_so(domain: int, tmp_path: Path) -> None:

@@ -149,9 +149,7 @@ def test_what_was_learned_is_a_new_version_in_use(start: Start, peer: Peer) -> N
     client = peer.node.create_client(Trigger, "controller/learn")
     peer.wait("the service", client.service_is_ready)
     answer = client.call_async(Trigger.Request())
-    while not answer.done():
-        drive.step()
-        assert drive.tick < 50_000
+    drive.until(answer.done)
     assert answer.result().success, answer.result().message
     assert in_use.version(2)["backlash_angle"] == pytest.approx(0.02, rel=0.05)
 

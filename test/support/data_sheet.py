@@ -53,8 +53,7 @@ class Rig:
 
     def answer(self, asked: Future) -> Trigger.Response:
         """Go on, sample by sample, until there is an answer."""
-        while not asked.done():
-            self.drive.step()
+        self.drive.until(asked.done)
         return asked.result()
 
     def call(self, service: str) -> Trigger.Response:
@@ -71,8 +70,7 @@ class Rig:
         began, output = ("identifying the drive", "learning the backlash"), self.process.output
         before = sum(output().count(text) for text in began)
         asked = self.ask(service)
-        while sum(output().count(text) for text in began) == before:
-            self.drive.step()
+        self.drive.until(lambda: sum(output().count(text) for text in began) > before)
         return asked
 
     def step(self, way: float, seconds: float) -> tuple[np.ndarray, np.ndarray]:

@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -17,6 +18,8 @@ from backlash_ros.ros.messages import answered_sample, stamp_ns
 from backlash_ros.simulation import SimulatedDrive
 
 _CLOCK_START = 1_000_000_000
+_LONGEST = 50_000
+"""Periods after which nothing is waited for any more: an experiment, and those that pass while it is computed."""
 
 
 class LockstepDrive:
@@ -139,6 +142,13 @@ class LockstepDrive:
         voltage = self.exchange(self.sample())
         self._advance(voltage)
         return voltage
+
+    def until(self, condition: Callable[[], bool]) -> None:
+        """Make periods until ``condition`` holds, such as that of a request which is answered."""
+        last = self.tick + _LONGEST
+        while not condition():
+            assert self.tick < last, f"waited {_LONGEST} periods"
+            self.step()
 
     def run(self, count: int) -> np.ndarray:
         """Make ``count`` periods; return the load angle after each, shape (count,)."""

@@ -31,7 +31,7 @@ from backlash_ros.identification.recordings.held_out import free_simulations
 from backlash_ros.identification.recordings.identify import Identified, identify
 from backlash_ros.identification.recordings.places import map_findings
 from backlash_ros.identification.recordings.slow_torque import hysteresis_findings
-from backlash_ros.identification.teeth import LOST_MOTION_SHARE, loop_of, lost_motion_of, static_torque
+from backlash_ros.identification.teeth import loop_of, lost_motion_of, static_torque
 
 pytestmark = pytest.mark.population
 
@@ -148,6 +148,7 @@ def test_it_says_what_the_json_says(made: Made) -> None:
         assert f"{float(value):.10g}" in text
     assert "samples lostnone seen" in text
     assert "262144 counts in a turn" in text
+    assert "bore \u22121.2 to 1.2 N m. It holds" in text
 
 
 def test_the_command_in_it_makes_it_again(made: Made) -> None:
@@ -243,10 +244,10 @@ def test_a_gap_that_is_not_told_has_its_reason_in_place_of_a_number(made: Made) 
 
 
 def test_the_gap_around_the_turn_is_drawn_and_told(made: Made) -> None:
-    assert "The gap around the turn: from a rest on the teeth went to and fro across the gap at 1 place" in unescape(
+    assert "The gap around the turn: the teeth went to and fro across the gap, after a rest, at 1 place" in unescape(
         made.html
     )
-    places, gaps = (-2.0, -1.0, 0.0, 1.0, 2.0, 3.0), (0.004, 0.005, 0.006, 0.005, 0.004, 0.0035)
+    places, gaps = (-2.5, -1.5, -0.5, 1.0, 2.0, 3.0), (0.004, 0.005, 0.006, 0.005, 0.004, 0.0035)
     seen = GapMap(places, gaps, (2e-5,) * 6, eccentricity=3e-4, phase=0.5, eccentricity_uncertainty=2e-5)
     about = replace(made.about, derived=(*made.about.derived, *map_findings(seen)))
     text = certificate(about, replace(made.found, around=Mapped(seen, "6 of 6 places")))
@@ -258,6 +259,9 @@ def test_the_gap_around_the_turn_is_drawn_and_told(made: Made) -> None:
         assert in_gear_units(row) in page.text
     assert "Around the turn the gap is from 12.032 \u00b1 0.069 arcmin to 20.626 \u00b1 0.069 arcmin" in page.text
     assert "smallest gap, at 3 rad" in page.text
+    assert "largest gap, at \u22120.5 rad" in page.text
+    assert "at the output at one place. Around the turn" in page.text
+    assert f"What is not said of the turn comes from {made.found.stretch}. The gap comes from" in page.text
     assert "at each of 6 places around the turn" in page.text
     assert "reads 0.3 mrad \u00d7 sin(angle + 0.5 rad) too much" in page.text
     assert "The gap around the turn: " not in page.text
@@ -330,7 +334,7 @@ def test_pictures_show_what_was_judged(made: Made) -> None:
 def test_lost_motion_is_the_gap_and_the_twist_of_both_sides(made: Made) -> None:
     rows = {row.symbol: row for row in rows_of(made.json)}
     assert (made.json["drive"], rows["lost motion"].unit) == ("docs/examples/axis.yaml", "rad")
-    torque = LOST_MOTION_SHARE * 24.0 / 3.37 * 0.09303 * 5.374597
+    torque = 0.03 * 0.5 * 24.0 / 3.37 * 0.09303 * 5.374597
     assert rows["lost motion"].value == pytest.approx(rows["b"].value + 2.0 * torque * rows["wind-up"].value, rel=1e-5)
     assert rows["stiffness"].value == pytest.approx(1.0 / rows["wind-up"].value)
     assert rows["b"].uncertainty < rows["lost motion"].uncertainty < 1.2 * rows["b"].uncertainty

@@ -428,7 +428,7 @@ def test_a_place_with_a_hole_is_none(gains: GainSet) -> None:
     left = visits(Recording(*(column[kept] for column in recording)))
     assert [part.load[0] for part in left] == [part.load[0] for part in others]
     assert gap_around(NOMINAL_DRIVE, left).reason == (
-        "from a rest on the teeth went to and fro across the gap at 5 places around the turn, and must at 6 at least"
+        "the teeth went to and fro across the gap, after a rest, at 5 places around the turn, and there must be 6"
     )
 
 
@@ -438,7 +438,7 @@ def test_other_motions_are_no_map(motion: Callable[[int, str], tuple[object, Rec
         _, recording = motion(number, "core")
         found = gap_around(NOMINAL_DRIVE, visits(recording))
         assert found.map is None
-        assert "around the turn, and must at 6 at least" in found.reason
+        assert "around the turn, and there must be 6" in found.reason
 
 
 def test_a_recording_at_rest_is_no_map() -> None:

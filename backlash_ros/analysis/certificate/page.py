@@ -1,6 +1,7 @@
 """A certificate as one page of HTML that needs nothing else: no script, no other file, no network."""
 
 import math
+import re
 from html import escape
 
 from backlash_ros.analysis.certificate.pictures import (
@@ -114,7 +115,8 @@ def _text(text: str) -> str:
 
 
 def _words(text: str) -> str:
-    return text.replace("+-", "\u00b1")
+    """Return a text of findings with the signs that print has."""
+    return re.sub(r"(?<![\w.])-(?=\d)", "\u2212", text.replace("+-", "\u00b1"))
 
 
 def _p(text: str, kind: str = "") -> str:
@@ -126,7 +128,8 @@ def _verdict(subject: Subject, found: Identified) -> str:
     told, untold = [], []
     if found.gap is not None and found.gap.valid and found.findings:
         width = found.of("b")
-        told.append(f"The gap is {in_gear_units(width)} ({in_si(width)}) at the output where the load started")
+        where = "at one place" if found.around.map is not None else "where the load started"
+        told.append(f"The gap is {in_gear_units(width)} ({in_si(width)}) at the output {where}")
     if subject.slow.valid:
         gap, lost, *_ = map(in_gear_units, subject.derived)
         at = f"\u00b1{brief(subject.slow.at)} N m"
@@ -167,10 +170,14 @@ def _about(subject: Subject, found: Identified) -> list[str]:
     """Return what has to be known to read the results."""
     parts = []
     if found.gap is not None and found.gap.valid:
-        parts.append(_p(f"The gap comes from {found.gap.reason}. It holds for this law and these torques."))
+        where = f"What is not said of the turn comes from {found.stretch}. " if found.around.map is not None else ""
+        reason = _words(found.gap.reason)
+        parts.append(_p(f"{where}The gap comes from {reason}. It holds for this law and these torques."))
     rated, told = subject.rated
     if any(row.symbol == "lost motion" for row in subject.derived):
-        whose = "the rated torque" if told else "the motor's torque at standstill, since no rated torque was given"
+        whose = (
+            "the rated torque" if told else "half of the motor's torque at standstill, since no rated torque was given"
+        )
         source = _BY_CURVE if subject.slow.valid else _BY_MOTION
         parts.append(_p(_LOST.format(share=100.0 * LOST_MOTION_SHARE, whose=whose, rated=brief(rated), source=source)))
     if subject.slow.valid:

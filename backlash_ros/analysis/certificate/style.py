@@ -26,8 +26,9 @@ p { margin: .5rem 0; max-width: 46rem; }
 table { border-collapse: collapse; width: 100%; font-size: .92rem; }
 th, td { text-align: left; vertical-align: top; padding: .35rem .8rem .35rem 0; border-bottom: 1px solid var(--line); }
 thead th { color: var(--faint); font-weight: 600; }
-tbody th { font-weight: 400; width: 34%; }
+tbody th { font-weight: 400; width: 26%; }
 tr { break-inside: avoid; }
+tbody tr:first-child { break-after: avoid; }
 td.number { white-space: nowrap; font-variant-numeric: tabular-nums; }
 td.why { color: var(--bad); }
 .symbol { color: var(--faint); font-size: .85em; white-space: nowrap; }
@@ -39,7 +40,6 @@ figure svg * { stroke-linejoin: round; stroke-linecap: butt; }
 figcaption { font-size: .88rem; color: var(--faint); margin-top: .4rem; }
 code, pre { font: .88em/1.5 ui-monospace, monospace; }
 pre { white-space: pre-wrap; border: 1px solid var(--line); padding: .6rem .8rem; margin: .5rem 0; }
-@media screen and (min-width: 40rem) { tbody th { width: 26%; } }
 @media screen and (max-width: 40rem) {
   thead { position: absolute; left: -200vw; }
   table, tbody, tr, th, td { display: block; border: 0; padding: 0; }

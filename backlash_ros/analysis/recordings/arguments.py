@@ -60,7 +60,7 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
         type=number_of(0.0, above=True),
         default=0.0,
         metavar="T",
-        help="N m at the output, at 3 %% of which lost motion is given; by default the motor's at standstill",
+        help="N m at the output, at 3 %% of which lost motion is given; by default half of the motor's at standstill",
     )
     add("--force", action="store_true", help="overwrite files that exist")
     add(

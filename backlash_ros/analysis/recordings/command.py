@@ -15,6 +15,7 @@ from backlash_ros.analysis.recordings.drive_text import drive_text
 from backlash_ros.analysis.recordings.report import content_of, show
 from backlash_ros.analysis.recordings.samples import Columns, Reading, began, drive_for, recording_of
 from backlash_ros.analysis.staging import staging
+from backlash_ros.control import HysteresisSettings
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.identification.recordings.identify import Identified, identify
 from backlash_ros.identification.recordings.places import map_findings
@@ -32,7 +33,8 @@ TABLES = {".csv", ".tsv", ".txt"}
 class Request:
     """What is identified, how it is read, and what is written; ``drive`` None is the nominal one.
 
-    ``rated_torque`` in N m at the output, 0 for the motor's at standstill; ``command`` is the line that asks for this.
+    ``rated_torque`` in N m at the output, 0 for half of the motor's at standstill; ``command`` is the line that asks
+    for this.
     """
 
     recording: Path
@@ -98,7 +100,7 @@ def identify_recording(request: Request, console: Console) -> int:
     columns = _read(request)
     recording, notes = recording_of(columns, request.reading, drive)
     found = identify(drive, recording)
-    rated = request.rated_torque or drive.standstill_torque()
+    rated = request.rated_torque or HysteresisSettings().rated(drive)
     around, slow = found.around.map, hysteresis_of(drive, recording, LOST_MOTION_SHARE * rated)
     derived = hysteresis_findings(slow) if slow.valid else lost_motion_of(drive, found, rated)
     counts = counts_of(found, request.reading, drive)

@@ -99,8 +99,8 @@ def gap_around(drive: Drive, parts: Sequence[Recording]) -> Mapped:
         seen = "no place" if not parts else f"{len(parts)} place{'s' if len(parts) > 1 else ''}"
         return Mapped(
             None,
-            f"from a rest on the teeth went to and fro across the gap at {seen} around the turn, and must at "
-            f"{FEWEST_PLACES} at least",
+            f"the teeth went to and fro across the gap, after a rest, at {seen} around the turn, and there must be "
+            f"{FEWEST_PLACES}",
         )
     spread = float(parts[-1].load[0] - parts[0].load[0])
     if spread > _TURN:
