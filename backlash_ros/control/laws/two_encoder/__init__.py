@@ -1,0 +1,176 @@
+"""A law for drives with both encoders: it plans where the teeth are, so that they neither strike nor rattle.
+
+The motor is controlled on its own encoder alone, which no gap makes unstable. The load's angle only tells what to plan:
+see `plan` for moves, `step` for holding, `observers` for what is seen. While the gap is not known the over-damped gains
+act.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from scipy.linalg import expm
+
+from backlash_ros.control.law import FAST_REGION, REGION, ControlLaw, NamedLaw
+from backlash_ros.control.laws.two_encoder.layout import (
+    AFTER,
+    BACK_EMF,
+    BEFORE,
+    BRAKE,
+    CONSTANTS,
+    COULOMB,
+    CROSSING,
+    DAMPING,
+    DELAY,
+    ELECTRICAL,
+    FRICTION,
+    GAIN,
+    GAP,
+    INERTIA,
+    MEMORY,
+    MOTOR_FRICTION,
+    MOTOR_INERTIA,
+    NO_LOAD,
+    PARKED,
+    PERIOD,
+    POINTS,
+    PUSH,
+    RATIO,
+    RESISTANCE,
+    STALL,
+    STIFFNESS,
+    TEETH,
+    TRUST,
+    VOLTS_PER_SPEED,
+    VOLTS_PER_TORQUE,
+    WHOLE,
+)
+from backlash_ros.control.laws.two_encoder.step import begin, two_encoder_step
+from backlash_ros.control.laws.two_region import overdamped
+from backlash_ros.drivetrain import Drive, Validated, quantity
+from backlash_ros.drivetrain.contact import gap_at_rest
+from backlash_ros.drivetrain.signals import Array
+
+if TYPE_CHECKING:
+    from backlash_ros.control.settings import ServoSettings
+
+_USUAL_GAP = 0.02
+"""rad at which `TwoEncoderParameters.crossing_time` holds; a wider gap takes longer, as its root."""
+_ACCELERATION, _CHANGE, _READING = 20.0, 1.2, 4.5e-5
+"""What the motor's observer does not foresee: acceleration at the output, rad/s^2, change of torque in a second, N m,
+and what a reading is off by, rad, a count of 14 bit before a 10:1 gear in it."""
+_INSTANT = 2e4
+"""1/s with which a current that is imposed comes about."""
+_LEAST, _STEP = 2e-3, 1.8
+"""Of the table of the teeth: its first torque, N m, and the ratio of one to the next."""
+
+
+@dataclass(frozen=True)
+class TwoEncoderParameters(Validated):
+    """How brisk its moves are, and its motor's loop."""
+
+    section: ClassVar[str] = "laws.two_encoder"
+
+    crossing_time: float = quantity(
+        "in which the motor crosses a gap of 0.02 rad, longer for a wider one",
+        "s",
+        at_least=1e-3,
+        at_most=10,
+        default=0.022,
+    )
+    push_time: float = quantity(
+        "in which the load is pushed, longer where the motor is too weak", "s", at_least=1e-3, at_most=10, default=0.03
+    )
+    brake_time: float = quantity("in which the load is braked at most", "s", at_least=1e-3, at_most=10, default=0.08)
+    bandwidth: float = quantity("of the motor's own loop", "rad/s", above=0, at_most=1e4, default=56.6)
+    torque_bandwidth: float = quantity(
+        "with which torques that the plan did not foresee are compensated", "rad/s", above=0, at_most=1e4, default=40.0
+    )
+
+
+def _models(drive: Drive, period: float, rest: float) -> tuple[Array, Array, Array]:
+    """Return the motor over a period, over what is left of it after ``rest``, and over ``rest`` (s): shape (6, 6).
+
+    States: p (rad), w (rad/s), the torque of the current and a disturbance that is constant (N m, at the output).
+    Inputs, constant, too: the command (V or A) and the torque of the teeth, N m.
+    """
+    motor, n = drive.motor, drive.gear.ratio
+    per_ampere, inertia = motor.torque_constant / n, drive.reflected_inertia
+    a = np.zeros((6, 6))
+    a[0, 1] = 1.0
+    a[1, 1:4] = -motor.viscous_friction / n**2 / inertia, 1.0 / inertia, -1.0 / inertia
+    a[1, 5] = -1.0 / inertia
+    if drive.takes_current:
+        a[2, 2], a[2, 4] = -_INSTANT, _INSTANT * per_ampere
+    else:
+        a[2, 1:3] = -(per_ampere**2) / motor.inductance, -motor.resistance / motor.inductance
+        a[2, 4] = per_ampere / motor.inductance
+    return expm(a * period), expm(a * (period - rest)), expm(a * rest)
+
+
+def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderParameters) -> ControlLaw:
+    """Design the law for ``drive``, its delay and the gap that was learned; over-damped while there is none.
+
+    Raises
+    ------
+    ValueError
+        If the motor's observer cannot be designed.
+    """
+    if settings.backlash_angle == 0.0:
+        return overdamped(drive, settings, parameters)
+    import control  # noqa: PLC0415 - takes more than a second
+
+    motor, gear, load, n = drive.motor, drive.gear, drive.load, drive.gear.ratio
+    period, delay, inertia, b = settings.period, settings.loop_delay, drive.reflected_inertia, settings.backlash_angle
+    whole = int(delay / period + 1e-9)
+    rest = delay - whole * period
+    full, after, before = _models(drive, period, rest if rest > 1e-9 * period else 0.0)
+    unforeseen = np.diag([0.0, (_ACCELERATION * period) ** 2, 0.0, _CHANGE**2 * period])
+    angle, off = np.array([[1.0, 0.0, 0.0, 0.0]]), _READING**2
+    try:
+        _, spread, _ = control.dlqe(full[:4, :4], np.eye(4), angle, unforeseen, np.array([[off]]), method="scipy")
+    except (ValueError, control.ControlArgument) as error:
+        raise ValueError(f"law = 'two_encoder' cannot be designed for this drive: {error}") from error
+    law = np.zeros(CONSTANTS)
+    law[GAIN : GAIN + 4] = spread[:, 0] / (spread[0, 0] + off)
+    law[AFTER : AFTER + 24], law[BEFORE : BEFORE + 24] = after[:4].ravel(), before[:4].ravel()
+    values = {
+        PERIOD: period,
+        DELAY: delay,
+        WHOLE: whole,
+        RATIO: n,
+        MOTOR_INERTIA: inertia,
+        MOTOR_FRICTION: motor.viscous_friction / n**2,
+        INERTIA: load.inertia,
+        FRICTION: load.viscous_friction,
+        COULOMB: load.coulomb_friction,
+        GAP: b,
+        STALL: drive.standstill_torque(),
+        NO_LOAD: motor.voltage_limit / motor.torque_constant * n,
+        VOLTS_PER_TORQUE: motor.resistance * n / motor.torque_constant,
+        VOLTS_PER_SPEED: motor.torque_constant / n,
+        BACK_EMF: motor.torque_constant if drive.takes_current else 0.0,
+        RESISTANCE: motor.resistance if drive.takes_current else 1.0,
+        ELECTRICAL: 0.0 if drive.takes_current else motor.inductance / motor.resistance,
+        STIFFNESS: inertia * parameters.bandwidth**2,
+        DAMPING: inertia * math.sqrt(2.0) * parameters.bandwidth,
+        TRUST: -math.expm1(-parameters.torque_bandwidth * period),
+        CROSSING: parameters.crossing_time * max(1.0, math.sqrt(b / _USUAL_GAP)),
+        PUSH: parameters.push_time,
+        BRAKE: parameters.brake_time,
+    }
+    law[list(values)] = list(values.values())
+    constants, half_gap = gear.contact.constants(gear.load_radius, drive.contact_mass), 0.5 * b * gear.load_radius
+    torques = _LEAST * _STEP ** np.arange(POINTS)
+    law[TEETH : TEETH + POINTS] = torques
+    law[TEETH + POINTS :] = [
+        gap_at_rest(gear.contact, constants, half_gap, torque / gear.load_radius) / gear.load_radius
+        for torque in torques
+    ]
+    state = np.zeros(MEMORY)
+    state[REGION], state[PARKED] = FAST_REGION, -1.0
+    return ControlLaw(two_encoder_step, law, state, begin)
+
+
+LAWS = {"two_encoder": NamedLaw("planned for two encoders", two_encoder, TwoEncoderParameters())}

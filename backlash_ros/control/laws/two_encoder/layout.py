@@ -1,0 +1,56 @@
+"""What the law knows and what it remembers: where each number stands in its two arrays.
+
+All is at the output: p = n theta_m is the motor's angle there, w its speed, g = p - theta_l less the middle of the gap.
+A torque is positive where it turns the load forward, a flank 1 where the motor's teeth drive the load forward and -1
+where they hold it back.
+"""
+
+# fmt: off
+(
+    PERIOD,  # s
+    DELAY, WHOLE,  # from measuring to acting, s; whole periods of it
+    RATIO,  # n
+    MOTOR_INERTIA, MOTOR_FRICTION,  # J_m/n^2, B_m/n^2: kg m^2, N m s/rad
+    INERTIA, FRICTION, COULOMB,  # of the load: J_l, B_l, tau_c
+    GAP,  # b, rad
+    STALL, NO_LOAD,  # torque at standstill, N m, and speed without load, rad/s, of the motor
+    VOLTS_PER_TORQUE, VOLTS_PER_SPEED, BACK_EMF, RESISTANCE,  # the last two: 0 and 1 where the command is the voltage
+    ELECTRICAL,  # L/R, s
+    STIFFNESS, DAMPING,  # of the motor's loop, N m/rad and N m s/rad
+    TRUST,  # how far the disturbance that acts follows the one that is seen, each period
+    CROSSING, PUSH, BRAKE,  # s
+) = range(23)
+
+GAIN = 24
+"""Four gains of the motor's observer."""
+AFTER, BEFORE = 28, 52
+"""Two models of the motor, 4 x 6, over the part of a period after a command begins to act, and over the part before:
+p, w, torque of the current and disturbance, from these, the command and the torque of the teeth."""
+TEETH, POINTS = 76, 16
+"""Torques that the teeth carry, N m, then where they do, as g, rad."""
+CONSTANTS = TEETH + 2 * POINTS
+
+(
+    REGION, PHASE, FLANK, STARTED,
+    TARGET,  # rad
+    MIDDLE,  # of the gap: p - theta_l there, rad
+    MOTOR, SPEED, CURRENT_TORQUE, DISTURBANCE,  # as observed at the sample
+    ACTING,  # disturbance that is compensated, N m
+    LOAD, LOAD_SPEED, LAST_LOAD, COUNT,  # as observed; its last reading, and its count, rad
+    PULL, PULL_SLOW, SEEN, SEEN_TIME,  # load torque, N m; a slow look at it; its integral, N m s, over a time, s
+    TIME, SEGMENTS, REST_TORQUE,  # of the plan: s, how many, N m
+    WAITED, TRIES, SIDE, SIDE_TIME, SHARE, LAST_ERROR, HELD,  # of holding
+    PLACE, FROM, PARKED,  # where the motor is to be, and where and for how long it goes to the middle
+    STEPPED,  # g that follows a setpoint in motion
+) = range(33)
+
+COMMANDS, CARRIED, KEPT = 33, 45, 12
+"""Commands, the newest first, and what the teeth were to carry meanwhile, N m."""
+PLAN, ROWS, COLUMNS = 57, 6, 13
+"""Segments of the plan: see `plan`."""
+MEMORY = PLAN + ROWS * COLUMNS
+
+FLIGHT, HOLD, FOLLOW = 1.0, 2.0, 3.0
+"""Phases: a planned move; at rest, or nearly; behind a setpoint that moves."""
+PHASES = {1: "flight", 2: "hold", 3: "follow"}
+# fmt: on

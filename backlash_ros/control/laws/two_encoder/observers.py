@@ -1,0 +1,194 @@
+"""What the law sees: the motor, by a Kalman filter on its model, and the load, by one that knows when it is by itself.
+
+Both are at the instant of the sample; the command of the sample acts later, so the motor is predicted over the delay.
+"""
+
+import math
+
+from backlash_ros.control.laws.two_encoder.layout import (
+    ACTING,
+    AFTER,
+    BEFORE,
+    CARRIED,
+    COMMANDS,
+    COULOMB,
+    COUNT,
+    DELAY,
+    DISTURBANCE,
+    FLIGHT,
+    FRICTION,
+    GAIN,
+    GAP,
+    HELD,
+    HOLD,
+    INERTIA,
+    LAST_LOAD,
+    LOAD,
+    LOAD_SPEED,
+    MIDDLE,
+    MOTOR,
+    PERIOD,
+    PHASE,
+    POINTS,
+    PULL,
+    PULL_SLOW,
+    SEEN,
+    SEEN_TIME,
+    TEETH,
+    TRUST,
+    WAITED,
+    WHOLE,
+)
+from backlash_ros.drivetrain.compiled import compiled
+from backlash_ros.drivetrain.signals import Array
+
+_WHOLE = 1e-9
+_APART = 0.36
+"""Of the gap, to either side of its middle: there the teeth are apart whatever their law."""
+_IN_FLIGHT, _TOUCHED, _ALONE = 60.0, 4.0, 0.3
+"""How far the load's acceleration is from what is known of it at 250 Hz, rad/s^2."""
+_SMALLEST = 1e-6
+_CARRIES, _LEARN, _WRONG, _BEYOND = 0.05, 0.012, 0.6, 0.1
+"""Torque, N m, and time, s, in which the teeth show where they are; what is too far off for that, and what g may be
+beyond the gap, as shares of it."""
+_TURNS, _LONG = 0.2, 0.05
+"""rad/s at least, and s, in which a flight shows the load torque."""
+_SLOWLY, _PATIENT, _STANDS = 0.05, 0.1, 0.02
+FREE, NONE = 4e-3, 6e-3
+"""N m beyond the friction from which on a load torque holds the load; what a flight must show of one at least."""
+
+
+@compiled
+def contact(law: Array, torque: float) -> float:
+    """Return abs(g) at which teeth at rest carry a torque (N m) of either sign, rad; at least the table's first."""
+    size = abs(torque)
+    if size <= law[TEETH]:
+        return float(law[TEETH + POINTS])
+    for k in range(TEETH, TEETH + POINTS - 1):
+        if size <= law[k + 1]:
+            share = (size - law[k]) / (law[k + 1] - law[k])
+            return float(law[k + POINTS] + share * (law[k + POINTS + 1] - law[k + POINTS]))
+    return float(law[TEETH + 2 * POINTS - 1])
+
+
+@compiled
+def _pass(law: Array, model: int, motor: Array, command: float, carried: float) -> None:
+    """Let a part of a period pass for the motor: p, w, torque of the current, disturbance."""
+    position = speed = torque = 0.0
+    for j in range(4):
+        position += law[model + j] * motor[j]
+        speed += law[model + 6 + j] * motor[j]
+        torque += law[model + 12 + j] * motor[j]
+    position += law[model + 4] * command + law[model + 5] * carried
+    speed += law[model + 10] * command + law[model + 11] * carried
+    torque += law[model + 16] * command + law[model + 17] * carried
+    motor[0], motor[1], motor[2] = position, speed, torque
+
+
+@compiled
+def see_motor(law: Array, state: Array, reading: float) -> None:
+    """Take the motor's angle at the output, rad, a period after the one before."""
+    motor, k = state[MOTOR : MOTOR + 4], int(law[WHOLE])
+    if law[DELAY] - k * law[PERIOD] > _WHOLE * law[PERIOD]:
+        _pass(law, BEFORE, motor, state[COMMANDS + k + 1], state[CARRIED + k + 1])
+    _pass(law, AFTER, motor, state[COMMANDS + k], state[CARRIED + k])
+    missed = reading - motor[0]
+    for i in range(4):
+        motor[i] += law[GAIN + i] * missed
+    state[ACTING] += law[TRUST] * (state[DISTURBANCE] - state[ACTING])
+
+
+@compiled
+def predict_motor(law: Array, state: Array) -> Array:
+    """Return p, w, torque of the current (N m) and disturbance (N m) when the next command begins to act."""
+    motor, whole = state[MOTOR : MOTOR + 4].copy(), int(law[WHOLE])
+    split = law[DELAY] - whole * law[PERIOD] > _WHOLE * law[PERIOD]
+    if split:
+        _pass(law, BEFORE, motor, state[COMMANDS + whole], state[CARRIED + whole])
+    for k in range(whole - 1, -1, -1):
+        _pass(law, AFTER, motor, state[COMMANDS + k], state[CARRIED + k])
+        if split:
+            _pass(law, BEFORE, motor, state[COMMANDS + k], state[CARRIED + k])
+    return motor
+
+
+@compiled
+def apart(law: Array, state: Array) -> bool:
+    """Return whether the teeth are apart."""
+    return bool(abs(state[MOTOR] - state[LOAD] - state[MIDDLE]) < _APART * law[GAP])
+
+
+@compiled
+def see_load(law: Array, state: Array, reading: float) -> None:
+    """Take the load's angle, rad, a period after the one before.
+
+    The gains are Kalata's (IEEE Trans. AES 20, 1984), for the count that the readings show.
+    """
+    period = law[PERIOD]
+    change = abs(reading - state[LAST_LOAD])
+    if change > _WHOLE:
+        state[COUNT] = max(min(state[COUNT], change), _SMALLEST)
+    state[LAST_LOAD] = reading
+    state[LOAD] += period * state[LOAD_SPEED]
+    missed, unknown = reading - state[LOAD], _TOUCHED
+    if state[PHASE] != HOLD:
+        unknown = _IN_FLIGHT
+    elif state[HELD] == 0.0:
+        state[LOAD_SPEED] *= math.exp(-law[FRICTION] / law[INERTIA] * period)
+        if apart(law, state):
+            unknown = _ALONE
+    index = unknown * math.sqrt(0.004 / period) * period * period * math.sqrt(12.0) / state[COUNT]
+    r = 0.25 * (4.0 + index - math.sqrt(8.0 * index + index * index))
+    alpha = 1.0 - r * r
+    state[LOAD] += alpha * missed
+    state[LOAD_SPEED] += (2.0 * (2.0 - alpha) - 4.0 * math.sqrt(1.0 - alpha)) / period * missed
+
+
+@compiled
+def see_middle(law: Array, state: Array) -> None:
+    """Learn where the middle of the gap is: the teeth that push are known to be, and none are beyond the gap."""
+    carried, half = state[CARRIED + int(law[WHOLE])], 0.5 * law[GAP]
+    between = state[MOTOR] - state[LOAD] - state[MIDDLE]
+    if state[PHASE] == FLIGHT and abs(carried) > _CARRIES:
+        off = between - math.copysign(contact(law, carried), carried)
+        if abs(off) < _WRONG * law[GAP]:
+            state[MIDDLE] += min(0.3, law[PERIOD] / _LEARN) * off
+    elif abs(between) > half + _BEYOND * law[GAP]:
+        state[MIDDLE] += between - math.copysign(half + _BEYOND * law[GAP], between)
+
+
+@compiled
+def see_pull(law: Array, state: Array, shown: float) -> None:
+    """Learn the load torque from what both shafts' momentum shows, friction in it, N m.
+
+    In motion friction is known, at rest only that it is no larger than it can be. Over a whole flight a wrong inertia
+    cancels.
+    """
+    friction = law[COULOMB]
+    if state[PHASE] != HOLD:
+        if abs(state[LOAD_SPEED]) > _TURNS:
+            state[SEEN] += law[PERIOD] * (shown + math.copysign(friction, state[LOAD_SPEED]))
+            state[SEEN_TIME] += law[PERIOD]
+        return
+    state[PULL_SLOW] += min(law[PERIOD] / _SLOWLY, 1.0) * (shown - state[PULL_SLOW])
+    if state[WAITED] > _PATIENT:
+        if not apart(law, state):
+            least, most = state[PULL_SLOW] - friction, state[PULL_SLOW] + friction
+            state[PULL] = min(max(state[PULL], least), most)
+        elif abs(state[LOAD_SPEED]) < _STANDS:
+            state[PULL] = min(max(state[PULL], -friction), friction)
+
+
+@compiled
+def landed(state: Array) -> None:
+    """Take what the flight that is over has shown of the load torque."""
+    if state[SEEN_TIME] > _LONG:
+        pull = state[SEEN] / state[SEEN_TIME]
+        state[PULL] = pull if abs(pull) >= NONE else 0.0
+    state[SEEN] = state[SEEN_TIME] = 0.0
+
+
+@compiled
+def holds(law: Array, pull: float) -> bool:
+    """Return whether a load torque (N m) holds the load on a flank: friction does not bear it."""
+    return bool(abs(pull) > law[COULOMB] + FREE)

@@ -1,0 +1,334 @@
+"""One step of the law: it flies planned moves, follows setpoints in motion, and holds by events.
+
+In flight the motor follows its plan on its own encoder, and nothing of the load is fed back. At rest the law leaves the
+load alone while it is near enough, with the motor in the middle of the gap, or on the flank where the load torque holds
+it. Where it is not near enough, a load that
+
+    is held by a load torque     is moved with the motor, without leaving the flank
+    is held by friction          is pressed to where it is to be
+    coasts freely                is led in by the flank behind it, or before it, no faster than it stops by itself
+"""
+
+import math
+
+import numpy as np
+
+from backlash_ros.control.command_range import clamp
+from backlash_ros.control.law import LAW_SIGNATURE
+from backlash_ros.control.laws.two_encoder.layout import (
+    ACTING,
+    BACK_EMF,
+    CARRIED,
+    COMMANDS,
+    COULOMB,
+    COUNT,
+    CROSSING,
+    DAMPING,
+    DELAY,
+    DISTURBANCE,
+    ELECTRICAL,
+    FLANK,
+    FLIGHT,
+    FOLLOW,
+    FRICTION,
+    FROM,
+    GAP,
+    HELD,
+    HOLD,
+    INERTIA,
+    KEPT,
+    LAST_ERROR,
+    LAST_LOAD,
+    LOAD,
+    LOAD_SPEED,
+    MIDDLE,
+    MOTOR,
+    MOTOR_FRICTION,
+    MOTOR_INERTIA,
+    PARKED,
+    PERIOD,
+    PHASE,
+    PLACE,
+    PULL,
+    PULL_SLOW,
+    RATIO,
+    RESISTANCE,
+    REST_TORQUE,
+    SHARE,
+    SIDE,
+    SIDE_TIME,
+    STARTED,
+    STEPPED,
+    STIFFNESS,
+    TARGET,
+    TIME,
+    TRIES,
+    VOLTS_PER_SPEED,
+    VOLTS_PER_TORQUE,
+    WAITED,
+)
+from backlash_ros.control.laws.two_encoder.observers import (
+    contact,
+    holds,
+    landed,
+    predict_motor,
+    see_load,
+    see_middle,
+    see_motor,
+    see_pull,
+)
+from backlash_ros.control.laws.two_encoder.plan import evaluate, fly, length_of, press, shift, stopping_way
+from backlash_ros.drivetrain.compiled import compiled, compiled_as
+from backlash_ros.drivetrain.signals import (
+    ACCELERATION,
+    LOAD_TORQUE,
+    OMEGA_M,
+    POSITION,
+    THETA_L,
+    THETA_M,
+    VELOCITY,
+    Array,
+    Estimate,
+    Setpoint,
+)
+
+_SAME = 1e-9
+_TIGHT, _WIDE = (0.04, 0.3), (0.08, 0.55)
+"""Errors at which the load is left alone, and from which on no longer: shares of the gap, or of a count, if that is
+more."""
+_STILL, _STANDS, _SLOW = 0.02, 0.05, 0.5
+"""rad/s below which a load stands when a flight is planned, when friction has held it, when it can be shifted."""
+_DRY = 3e-3
+"""N m of friction from which on a load stands where it stops."""
+_LEADS, _FASTEST, _OF_OWN = 15.0, 12.0, 0.9
+"""Rates in 1/s with which a held load is led in, and a free one at most; share of its own rate B/J."""
+_MEETS, _AWAY, _HASTE = 20.0, 0.06, 2.0
+"""Rate in 1/s with which a free load is met, share of the gap within which it is touched, and rad/s at most."""
+_PARK, _DWELL = 0.05, 0.05
+_SETTLES, _AGAIN, _MOST_TRIES = 0.04, 0.06, 5.0
+"""s that a load that stands is looked at before it is pressed, more each time."""
+_AHEAD, _FAR = 0.3, 2.0
+_LESS, _LEAST = 0.8, 0.3
+"""After each change of the error's sign the next move is so much shorter, down to the least share."""
+
+
+@compiled
+def _start(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint) -> None:
+    """Begin where the drive is found; the gap is taken to be as wide to either side of it."""
+    motor = law[RATIO] * estimate[THETA_M]
+    state[MOTOR] = state[PLACE] = motor
+    state[LOAD] = state[LAST_LOAD] = estimate[THETA_L]
+    state[MIDDLE], state[COUNT] = motor - estimate[THETA_L], 0.25 * law[GAP]
+    state[TARGET], state[PHASE], state[SHARE], state[STARTED] = setpoint[POSITION], HOLD, 1.0, 1.0
+
+
+@compiled
+def _take_off(law: Array, state: Array) -> None:
+    """Begin a plan that was just made."""
+    state[PHASE], state[TIME] = FLIGHT, 0.0
+    if law[COULOMB] > 0.0 and abs(state[LOAD_SPEED]) < _STANDS:
+        state[ACTING] = state[DISTURBANCE] = 0.0  # what friction took at rest it does not take in motion
+
+
+@compiled
+def _wait(state: Array) -> None:
+    """Begin to hold, or hold otherwise than before."""
+    state[PHASE] = HOLD
+    state[WAITED] = state[SIDE] = state[SIDE_TIME] = 0.0
+    state[PARKED] = -1.0
+
+
+@compiled
+def _shorter(state: Array, error: float) -> float:
+    """Return an error, or less of it where its sign has changed, so that nothing hunts."""
+    if state[LAST_ERROR] * error < 0.0:
+        state[SHARE] = max(_LEAST, _LESS * state[SHARE])
+    state[LAST_ERROR] = error
+    return float(state[SHARE] * error)
+
+
+@compiled
+def _hold_held(law: Array, state: Array, error: float, motor: Array) -> tuple[float, float, float]:
+    """Hold a load that a torque holds on a flank: return the motor's place, rad, its speed and the torque, N m."""
+    tight = max(_TIGHT[0] * law[GAP], _TIGHT[1] * state[COUNT])
+    wide = max(_WIDE[0] * law[GAP], _WIDE[1] * state[COUNT])
+    state[FLANK] = -math.copysign(1.0, state[PULL])
+    if state[PARKED] < 0.0 and abs(error) < tight and abs(state[LOAD_SPEED]) * _AHEAD < 2.0 * tight:
+        state[PARKED] = 0.0
+    elif state[PARKED] >= 0.0 and abs(error) > wide:
+        state[PARKED] = -1.0
+    if state[PARKED] < 0.0:
+        if law[COULOMB] > _DRY or abs(error) > law[GAP]:
+            if state[WAITED] > _DWELL and abs(state[LOAD_SPEED]) < _SLOW:
+                to = state[LOAD] + _shorter(state, error)
+                state[FLANK] = shift(law, state, to, state[LOAD], state[PULL])
+                _take_off(law, state)
+        elif abs(state[PLACE] - motor[0]) < 0.5 * law[GAP] + 2e-3:  # not ahead of what the motor has reached
+            state[PLACE] += law[PERIOD] * clamp(_LEADS * error, -_HASTE, _HASTE)
+    return state[PLACE], 0.0, -state[PULL]
+
+
+@compiled
+def _lead(law: Array, state: Array, error: float, resting: float, tight: float, load: float, motor: Array) -> float:
+    """Lead a free load in by one of the flanks: return the motor's speed, rad/s."""
+    state[SIDE_TIME] += law[PERIOD]
+    turned = state[SIDE] * resting < -max(2.0 * tight, _AHEAD * abs(error))
+    if state[SIDE_TIME] > _DWELL and (state[SIDE] == 0.0 or turned):
+        state[SIDE], state[SIDE_TIME] = math.copysign(1.0, resting), 0.0
+    left = state[SIDE] * contact(law, 0.0) - (motor[0] - load - state[MIDDLE])
+    if state[SIDE] * left > _AWAY * law[GAP]:
+        speed = clamp(state[LOAD_SPEED] + _MEETS * left, -_HASTE, _HASTE)
+    else:
+        speed = min(_OF_OWN * law[FRICTION] / law[INERTIA], _FASTEST) * error
+    state[FLANK] = state[SIDE]
+    place, ahead = state[PLACE] + law[PERIOD] * speed, _AHEAD * law[GAP]
+    state[PLACE] = clamp(place, motor[0] - ahead, motor[0] + ahead)
+    return speed
+
+
+@compiled
+def _hold_free(
+    law: Array, state: Array, target: float, error: float, load: float, motor: Array
+) -> tuple[float, float, float]:
+    """Hold a load that no torque holds: return the motor's place, rad, its speed and the torque, N m."""
+    tight = max(_TIGHT[0] * law[GAP], _TIGHT[1] * state[COUNT])
+    wide = max(_WIDE[0] * law[GAP], _WIDE[1] * state[COUNT])
+    coasts = stopping_way(law, state[LOAD_SPEED])
+    resting = error - coasts
+    state[FLANK] = 0.0
+    if state[PARKED] >= 0.0 and abs(error) > wide and state[WAITED] > _DWELL:
+        state[PARKED], state[WAITED] = -1.0, 0.0
+    elif state[PARKED] < 0.0:
+        if abs(resting) < tight and abs(error) < wide and abs(coasts) < wide:
+            state[PARKED], state[FROM] = 0.0, motor[0]
+            state[PLACE] = load + coasts + state[MIDDLE]
+        elif abs(error) > _FAR * law[GAP] and state[WAITED] > _SETTLES:
+            state[FLANK] = fly(
+                law, state, target, state[LOAD], state[LOAD_SPEED], motor[0] - state[MIDDLE], motor[1], state[PULL]
+            )
+            _take_off(law, state)
+        elif law[COULOMB] <= _DRY:
+            return state[PLACE], _lead(law, state, error, resting, tight, load, motor), 0.0
+        elif state[WAITED] > _SETTLES + _AGAIN * min(state[TRIES], _MOST_TRIES):
+            state[TRIES] += 1.0
+            to = load + coasts + _shorter(state, resting)
+            state[FLANK] = press(law, state, to, load, motor[0] - state[MIDDLE], motor[1], state[PULL])
+            _take_off(law, state)
+    if state[PARKED] < 0.0:
+        return state[PLACE], 0.0, 0.0
+    state[PARKED] += law[PERIOD]
+    u, way = min(state[PARKED] / _PARK, 1.0), state[PLACE] - state[FROM]
+    place = state[FROM] + way * u * u * u * (10.0 - 15.0 * u + 6.0 * u * u)
+    speed = way * 30.0 * u * u * (1.0 - u) * (1.0 - u) / _PARK
+    return place, speed, law[MOTOR_INERTIA] * way * 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / _PARK**2
+
+
+@compiled
+def _follow(law: Array, state: Array, setpoint: Setpoint) -> tuple[float, float, float, float]:
+    """Follow a setpoint that moves: return the motor's place, rad, its speed, its torque and that of the teeth, N m.
+
+    The flank is that of the torque which the load takes; the motor crosses to it in as long as a flight does.
+    """
+    speed, acceleration = setpoint[VELOCITY], setpoint[ACCELERATION]
+    takes = law[INERTIA] * acceleration + law[FRICTION] * speed - state[PULL]
+    if speed != 0.0:
+        takes += math.copysign(law[COULOMB], speed)
+    flank = math.copysign(1.0, takes) if abs(takes) > _DRY else state[FLANK]
+    state[FLANK] = flank
+    to, most = flank * contact(law, takes), law[PERIOD] * law[GAP] / law[CROSSING]
+    step = clamp(to - state[STEPPED], -most, most)
+    state[STEPPED] += step
+    carried = takes if abs(to - state[STEPPED]) < 0.1 * law[GAP] and takes * flank > 0.0 else 0.0
+    motor_speed = speed + (step / law[PERIOD] if carried == 0.0 else 0.0)
+    place = setpoint[POSITION] + speed * law[DELAY] + state[STEPPED] + state[MIDDLE]
+    torque = law[MOTOR_INERTIA] * acceleration + law[MOTOR_FRICTION] * motor_speed + carried
+    state[PLACE], state[TARGET] = place, setpoint[POSITION]
+    return place, motor_speed, torque, carried
+
+
+@compiled
+def _hold(law: Array, state: Array, target: float, motor: Array) -> tuple[float, float, float]:
+    """Hold the load at its target: return the motor's place, rad, its speed and the torque, N m."""
+    state[WAITED] += law[PERIOD]
+    load = state[LOAD] + law[DELAY] * state[LOAD_SPEED]
+    if state[HELD] != 0.0:
+        return _hold_held(law, state, target - load, motor)
+    return _hold_free(law, state, target, target - load, load, motor)
+
+
+@compiled_as(LAW_SIGNATURE)
+def two_encoder_step(
+    law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, low: float, high: float
+) -> float:
+    """See, plan where the setpoint has leapt or the load is not where it is to be, and move the motor."""
+    target, period = setpoint[POSITION], law[PERIOD]
+    if state[STARTED] == 0.0:
+        _start(law, state, estimate, setpoint)
+    else:
+        see_motor(law, state, law[RATIO] * estimate[THETA_M])
+        see_load(law, state, estimate[THETA_L])
+    see_middle(law, state)
+    see_pull(law, state, estimate[LOAD_TORQUE])
+    motor = predict_motor(law, state)
+    if setpoint[VELOCITY] != 0.0 or setpoint[ACCELERATION] != 0.0:
+        if state[PHASE] != FOLLOW:
+            state[PHASE], state[STEPPED] = FOLLOW, motor[0] - state[LOAD] - state[MIDDLE]
+    elif state[PHASE] == FOLLOW:
+        landed(state)
+        _wait(state)
+        state[TARGET] = target
+    if state[PHASE] != FOLLOW and abs(target - state[TARGET]) > _SAME:
+        state[TARGET], state[SHARE], state[LAST_ERROR], state[TRIES] = target, 1.0, 0.0, 0.0
+        speed = state[LOAD_SPEED] if abs(state[LOAD_SPEED]) > _STILL else 0.0
+        at = motor[0] - state[MIDDLE]
+        state[FLANK] = fly(law, state, target, state[LOAD], speed, at, motor[1], state[PULL])
+        _take_off(law, state)
+    if state[PHASE] == FLIGHT and state[TIME] > length_of(state) + law[DELAY] + period:
+        landed(state)
+        state[PULL_SLOW] = -state[REST_TORQUE]
+        _wait(state)
+    held = 1.0 if holds(law, state[PULL]) else 0.0
+    if held != state[HELD]:
+        state[HELD] = held
+        if state[PHASE] == HOLD:
+            _wait(state)
+    place = speed = torque = carried = 0.0
+    mean_speed = motor[1]
+    if state[PHASE] == HOLD:
+        place, speed, torque = _hold(law, state, target, motor)
+        carried = torque if held != 0.0 else 0.0
+    elif state[PHASE] == FOLLOW:
+        place, speed, torque, carried = _follow(law, state, setpoint)
+    if state[PHASE] == FLIGHT:  # which holding may just have begun
+        time, later = state[TIME], state[TIME] + law[ELECTRICAL]
+        place, speed, _ = evaluate(law, state, time)
+        end, _, _ = evaluate(law, state, time + period)
+        _, _, carried = evaluate(law, state, time + 0.5 * period)
+        from_, before, first = evaluate(law, state, later)
+        _, _, half = evaluate(law, state, later + 0.5 * period)
+        to, after, last = evaluate(law, state, later + period)
+        torque = law[MOTOR_INERTIA] * (after - before) / period + law[MOTOR_FRICTION] * (to - from_) / period
+        torque += (first + 4.0 * half + last) / 6.0
+        mean_speed = (end - place) / period
+        state[PLACE] = end
+        state[TIME] += period
+    torque += state[ACTING] + law[STIFFNESS] * (place - motor[0]) + law[DAMPING] * (speed - motor[1])
+    voltage = clamp(law[VOLTS_PER_TORQUE] * torque + law[VOLTS_PER_SPEED] * mean_speed, low, high)
+    for k in range(KEPT - 1, 0, -1):
+        state[COMMANDS + k], state[CARRIED + k] = state[COMMANDS + k - 1], state[CARRIED + k - 1]
+    state[COMMANDS] = (voltage - law[BACK_EMF] * estimate[OMEGA_M]) / law[RESISTANCE]
+    state[CARRIED] = carried
+    return voltage
+
+
+def begin(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, holding: float) -> None:
+    """Go on where another law has held the load with a voltage: see `law.TakeOver`."""
+    state[1:] = 0.0
+    _start(law, state, estimate, setpoint)
+    state[PULL] = state[PULL_SLOW] = -holding / law[VOLTS_PER_TORQUE]
+    state[HELD] = 1.0 if holds(law, state[PULL]) else 0.0
+    state[PARKED] = -1.0
+    state[COMMANDS : COMMANDS + KEPT] = (holding - law[BACK_EMF] * estimate[OMEGA_M]) / law[RESISTANCE]
+    state[CARRIED : CARRIED + KEPT] = -state[PULL] * state[HELD]
+    state[DISTURBANCE] = state[ACTING] = -state[PULL] * (1.0 - state[HELD])
+    assert np.all(np.isfinite(state))
