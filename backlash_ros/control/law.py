@@ -58,7 +58,8 @@ class NoParameters(Validated):
 class NamedLaw(NamedTuple):
     """A law that can be chosen: its title in figures and tables, what designs it for a drive, its parameters' defaults.
 
-    ``adapts``: whether it goes by the backlash that was learned, so that a load that rattles in the gap means wear.
+    ``adapts``: whether it goes by the backlash that was learned, so that a load that rattles in the gap means wear;
+    ``both_encoders``: whether it needs them, so that the over-damped gains act in its place where one is missing.
     ``design`` takes the drive, the servo's settings and the law's own parameters, and raises ValueError where they do
     not allow it.
     """
@@ -67,3 +68,4 @@ class NamedLaw(NamedTuple):
     design: "Callable[[Drive, ServoSettings, Any], ControlLaw]"
     parameters: Validated = NoParameters()
     adapts: bool = False
+    both_encoders: bool = False

@@ -9,7 +9,7 @@ from backlash_ros.control.command_range import range_constants
 from backlash_ros.control.experiment import Deferred, Excitation, NamedExperiment, Outcome
 from backlash_ros.control.experiments import EXPERIMENTS
 from backlash_ros.control.law import REGION, ControlLaw
-from backlash_ros.control.laws import design_law
+from backlash_ros.control.laws import LAWS, design_law
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitoring.faults import describe_fault
 from backlash_ros.control.monitoring.monitor import forget_ends, keep_torque, monitor_constants, unexplained_torque
@@ -183,7 +183,10 @@ class Servo:
         return self._calming is not None
 
     def calm(self) -> None:
-        """Let the over-damped gains act in place of the law, until other settings are used or the load is let go of."""
+        """Let the over-damped gains act in place of the law, until other settings are used or the load is let go of.
+
+        So wear is answered, and an encoder that is missing where the law needs both.
+        """
         if not self.calmed and self.holding:
             self._calming = ActingLaw(self._overdamped())
             self._begin(self._calming)
@@ -404,6 +407,8 @@ class Servo:
         """
         if self.latched:
             return 0.0
+        if LAWS[self.settings.law].both_encoders and math.isnan(measured[THETA_M] + measured[THETA_L]):
+            self.calm()
         inputs, acting = self._inputs, self._acting
         inputs[ELAPSED] = elapsed or self.settings.period
         if self._experiment is not None:

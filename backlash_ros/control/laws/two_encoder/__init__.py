@@ -1,8 +1,8 @@
 """A law for drives with both encoders: it plans where the teeth are, so that they neither strike nor rattle.
 
 The motor is controlled on its own encoder alone, which no gap makes unstable. The load's angle only tells what to plan:
-see `plan` for moves, `step` for holding, `observers` for what is seen. While the gap is not known the over-damped gains
-act.
+see `plan` for moves, `step` for holding, `observers` for what is seen. While the gap is not known, and where an
+encoder is missing, the over-damped gains act.
 """
 
 import math
@@ -29,6 +29,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     GAP,
     INERTIA,
     MEMORY,
+    MOTOR_COULOMB,
     MOTOR_FRICTION,
     MOTOR_INERTIA,
     NO_LOAD,
@@ -142,6 +143,7 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
         RATIO: n,
         MOTOR_INERTIA: inertia,
         MOTOR_FRICTION: motor.viscous_friction / n**2,
+        MOTOR_COULOMB: motor.coulomb_friction / n,
         INERTIA: load.inertia,
         FRICTION: load.viscous_friction,
         COULOMB: load.coulomb_friction,
@@ -173,4 +175,4 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
     return ControlLaw(two_encoder_step, law, state, begin)
 
 
-LAWS = {"two_encoder": NamedLaw("planned for two encoders", two_encoder, TwoEncoderParameters())}
+LAWS = {"two_encoder": NamedLaw("planned for two encoders", two_encoder, TwoEncoderParameters(), both_encoders=True)}

@@ -10,7 +10,7 @@ where they hold it back.
     PERIOD,  # s
     DELAY, WHOLE,  # from measuring to acting, s; whole periods of it
     RATIO,  # n
-    MOTOR_INERTIA, MOTOR_FRICTION,  # J_m/n^2, B_m/n^2: kg m^2, N m s/rad
+    MOTOR_INERTIA, MOTOR_FRICTION, MOTOR_COULOMB,  # J_m/n^2, B_m/n^2, and its dry friction: kg m^2, N m s/rad, N m
     INERTIA, FRICTION, COULOMB,  # of the load: J_l, B_l, tau_c
     GAP,  # b, rad
     STALL, NO_LOAD,  # torque at standstill, N m, and speed without load, rad/s, of the motor
@@ -19,7 +19,7 @@ where they hold it back.
     STIFFNESS, DAMPING,  # of the motor's loop, N m/rad and N m s/rad
     TRUST,  # how far the disturbance that acts follows the one that is seen, each period
     CROSSING, PUSH, BRAKE,  # s
-) = range(23)
+) = range(24)
 
 GAIN = 24
 """Four gains of the motor's observer."""

@@ -27,6 +27,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     LOAD_SPEED,
     MIDDLE,
     MOTOR,
+    MOTOR_COULOMB,
     PERIOD,
     PHASE,
     POINTS,
@@ -145,8 +146,17 @@ def see_load(law: Array, state: Array, reading: float) -> None:
 
 
 @compiled
+def rests_on(law: Array, state: Array, pull: float) -> None:
+    """Take the load to rest on the flank where a torque (N m) holds it, if it is one that the teeth surely carry."""
+    if abs(pull) > law[MOTOR_COULOMB] + _CARRIES:
+        state[MIDDLE] = state[MOTOR] - state[LOAD] + math.copysign(contact(law, pull), pull)
+
+
+@compiled
 def see_middle(law: Array, state: Array) -> None:
-    """Learn where the middle of the gap is: the teeth that push are known to be, and none are beyond the gap."""
+    """Learn where the middle of the gap is: teeth that push, or hold, are known to be, and none are beyond the gap."""
+    if state[PHASE] == HOLD and state[WAITED] > _PATIENT and abs(state[LOAD_SPEED]) < _STANDS:
+        rests_on(law, state, state[PULL_SLOW])
     carried, half = state[CARRIED + int(law[WHOLE])], 0.5 * law[GAP]
     between = state[MOTOR] - state[LOAD] - state[MIDDLE]
     if state[PHASE] == FLIGHT and abs(carried) > _CARRIES:

@@ -25,6 +25,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     MIDDLE,
     MOTOR_INERTIA,
     NO_LOAD,
+    PERIOD,
     PLAN,
     PUSH,
     REST_TORQUE,
@@ -51,7 +52,8 @@ _BRAKES = 0.8
 _OWN, _SHORTEST, _LEAST, _HARD = 1.33, 0.035, 0.02, 165.0
 """A brake is so short that the teeth do more than the load by itself: most of its time over that of the load's own; s
 below which one flank does it, s at least, and rad/s^2 of friction and load torque from which on one flank does it."""
-_LONGEST = 0.3
+_LONGEST, _OF_WAY, _CROSSES_IN = 0.3, 0.25, 3.0
+"""s in which a load is caught at most; share of its way, and periods at least, in which the motor crosses to do so."""
 _NEAR, _STOPS = 0.92, 0.3
 """g, in half gaps, from which on a flank is reached; rad/s below which a load may be carried from rest."""
 _QUICKER, _SHORT = 0.9, 0.03
@@ -268,12 +270,14 @@ def _catch(
     """Plan to meet a load that is fast enough in front, and to brake it."""
     inertia, edge = law[INERTIA], contact(law, _TOUCH)
     length = law[CROSSING] * max(0.3, math.sqrt(min(1.0, max(0.0, 0.5 * law[GAP] + g) / law[GAP])))
+    if v * length > _OF_WAY * (target - x):  # too fast to cross as softly
+        length = max(_OF_WAY * (target - x) / v, _CROSSES_IN * law[PERIOD])
     slows = min((law[FRICTION] * v + c) / inertia, v / length)
     segment(state, length, x, v, -slows, -slows, 0.0, g, -edge, way, 0.0, closing, 2)
     x, v = x + v * length - 0.5 * slows * length * length, v - slows * length
     brake = _LONGEST
     if v > 0.0:
-        brake = min(max(2.0 * (target - x) / v, 0.6 * law[BRAKE]), _LONGEST)
+        brake = min(max(2.0 * (target - x) / v, _push_time(law, _LEAST, v, v, -c)), _LONGEST)
     starts, ends = -(law[FRICTION] * v + c) / inertia, -max(c, 0.0) / inertia
     bump = min(-v / brake - 0.5 * (starts + ends), 0.0)
     segment(state, brake, x, v, starts, ends, bump, -edge, -edge, way, c, 0.0, 0)

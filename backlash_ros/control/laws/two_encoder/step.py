@@ -11,8 +11,6 @@ it. Where it is not near enough, a load that
 
 import math
 
-import numpy as np
-
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.law import LAW_SIGNATURE
 from backlash_ros.control.laws.two_encoder.layout import (
@@ -23,6 +21,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     COULOMB,
     COUNT,
     CROSSING,
+    CURRENT_TORQUE,
     DAMPING,
     DELAY,
     DISTURBANCE,
@@ -57,6 +56,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     SHARE,
     SIDE,
     SIDE_TIME,
+    SPEED,
     STARTED,
     STEPPED,
     STIFFNESS,
@@ -72,6 +72,7 @@ from backlash_ros.control.laws.two_encoder.observers import (
     holds,
     landed,
     predict_motor,
+    rests_on,
     see_load,
     see_middle,
     see_motor,
@@ -82,6 +83,7 @@ from backlash_ros.drivetrain.compiled import compiled, compiled_as
 from backlash_ros.drivetrain.signals import (
     ACCELERATION,
     LOAD_TORQUE,
+    OMEGA_L,
     OMEGA_M,
     POSITION,
     THETA_L,
@@ -100,7 +102,7 @@ _STILL, _STANDS, _SLOW = 0.02, 0.05, 0.5
 """rad/s below which a load stands when a flight is planned, when friction has held it, when it can be shifted."""
 _DRY = 3e-3
 """N m of friction from which on a load stands where it stops."""
-_LEADS, _FASTEST, _OF_OWN = 15.0, 12.0, 0.9
+_LEADS, _FASTEST, _OF_OWN = 15.0, 12.0, 0.65
 """Rates in 1/s with which a held load is led in, and a free one at most; share of its own rate B/J."""
 _MEETS, _AWAY, _HASTE = 20.0, 0.06, 2.0
 """Rate in 1/s with which a free load is met, share of the gap within which it is touched, and rad/s at most."""
@@ -119,7 +121,9 @@ def _start(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint) -> 
     state[MOTOR] = state[PLACE] = motor
     state[LOAD] = state[LAST_LOAD] = estimate[THETA_L]
     state[MIDDLE], state[COUNT] = motor - estimate[THETA_L], 0.25 * law[GAP]
-    state[TARGET], state[PHASE], state[SHARE], state[STARTED] = setpoint[POSITION], HOLD, 1.0, 1.0
+    far = abs(setpoint[POSITION] - estimate[THETA_L]) > _FAR * law[GAP]
+    state[TARGET] = estimate[THETA_L] if far else setpoint[POSITION]  # another target is flown to
+    state[PHASE], state[SHARE], state[STARTED] = HOLD, 1.0, 1.0
 
 
 @compiled
@@ -152,7 +156,7 @@ def _hold_held(law: Array, state: Array, error: float, motor: Array) -> tuple[fl
     """Hold a load that a torque holds on a flank: return the motor's place, rad, its speed and the torque, N m."""
     tight = max(_TIGHT[0] * law[GAP], _TIGHT[1] * state[COUNT])
     wide = max(_WIDE[0] * law[GAP], _WIDE[1] * state[COUNT])
-    state[FLANK] = -math.copysign(1.0, state[PULL])
+    state[FLANK], speed = -math.copysign(1.0, state[PULL]), 0.0
     if state[PARKED] < 0.0 and abs(error) < tight and abs(state[LOAD_SPEED]) * _AHEAD < 2.0 * tight:
         state[PARKED] = 0.0
     elif state[PARKED] >= 0.0 and abs(error) > wide:
@@ -164,8 +168,9 @@ def _hold_held(law: Array, state: Array, error: float, motor: Array) -> tuple[fl
                 state[FLANK] = shift(law, state, to, state[LOAD], state[PULL])
                 _take_off(law, state)
         elif abs(state[PLACE] - motor[0]) < 0.5 * law[GAP] + 2e-3:  # not ahead of what the motor has reached
-            state[PLACE] += law[PERIOD] * clamp(_LEADS * error, -_HASTE, _HASTE)
-    return state[PLACE], 0.0, -state[PULL]
+            speed = clamp(_LEADS * error, -_HASTE, _HASTE)
+            state[PLACE] += law[PERIOD] * speed
+    return state[PLACE], speed, -state[PULL]
 
 
 @compiled
@@ -325,10 +330,12 @@ def begin(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, hold
     """Go on where another law has held the load with a voltage: see `law.TakeOver`."""
     state[1:] = 0.0
     _start(law, state, estimate, setpoint)
+    state[SPEED], state[LOAD_SPEED] = law[RATIO] * estimate[OMEGA_M], estimate[OMEGA_L]
     state[PULL] = state[PULL_SLOW] = -holding / law[VOLTS_PER_TORQUE]
     state[HELD] = 1.0 if holds(law, state[PULL]) else 0.0
     state[PARKED] = -1.0
+    rests_on(law, state, state[PULL])
     state[COMMANDS : COMMANDS + KEPT] = (holding - law[BACK_EMF] * estimate[OMEGA_M]) / law[RESISTANCE]
     state[CARRIED : CARRIED + KEPT] = -state[PULL] * state[HELD]
+    state[CURRENT_TORQUE] = holding / law[VOLTS_PER_TORQUE]
     state[DISTURBANCE] = state[ACTING] = -state[PULL] * (1.0 - state[HELD])
-    assert np.all(np.isfinite(state))

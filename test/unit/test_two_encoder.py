@@ -1,0 +1,203 @@
+"""The law for two encoders: its plans, what it does at rest, and drives drawn at random."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backlash_ros.analysis.evaluation.population import draw_member, told_model
+from backlash_ros.analysis.evaluation.task import Verdict, judge_run, scenario_of, settings_for
+from backlash_ros.control import GainSet, Servo, ServoSettings, design_law
+from backlash_ros.control.laws.two_encoder import TwoEncoderParameters
+from backlash_ros.control.laws.two_encoder.layout import COULOMB, GAP, INERTIA, MIDDLE, PHASE
+from backlash_ros.control.laws.two_encoder.plan import evaluate, fly, length_of
+from backlash_ros.control.setpoint import Polynomials
+from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.drivetrain.delay import Delay
+from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
+from backlash_ros.drivetrain.signals import LOAD_TORQUE, THETA_L, THETA_M, Array
+from backlash_ros.simulation import Run, Scenario, SimulatedDrive, run
+
+B = NOMINAL_DRIVE.gear.backlash_angle
+
+
+def settings_of(gains: GainSet, law: str = "two_encoder", **changes: float) -> ServoSettings:
+    return replace(ServoSettings(gains, backlash_angle=B).with_law(law), **changes)
+
+
+def played(gains: GainSet, reference: Array, load_torque: float = 0.0) -> Run:
+    """Return a run of the nominal drive, positions measured in counts."""
+    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
+    scenario = Scenario(reference, np.array(load_torque), sensors=sensors, substeps=4)
+    return run(NOMINAL_DRIVE, settings_of(gains), scenario)
+
+
+# Plans.
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_plan_goes_without_a_leap_from_where_the_drive_is_to_rest_at_the_target(gains: GainSet, seed: int) -> None:
+    """Whatever friction and load torque: the motor's way, its speed, and no torque that the flank cannot carry."""
+    random = np.random.default_rng(seed)
+    law = design_law(NOMINAL_DRIVE, settings_of(gains))
+    constants, state = law.constants.copy(), law.state.copy()
+    constants[INERTIA] *= random.uniform(0.25, 4.0)
+    constants[COULOMB] = random.choice([0.0, random.uniform(0.006, 0.3)])
+    pull = random.choice([0.0, random.uniform(-0.5, 0.5)])
+    held = abs(pull) > constants[COULOMB] + 0.004
+    state[MIDDLE] = random.uniform(-1.0, 1.0)
+    load, to = 0.3, 0.3 + random.choice([-1.0, 1.0]) * random.choice([0.05, 0.1, 1.0, 3.0])
+    motor = load - np.copysign(0.5 * B, pull) if held else load + random.uniform(-0.5, 0.5) * B
+    flank = fly(constants, state, to, load, 0.0, motor, 0.0, pull)
+    length, step = length_of(state), 2e-4
+    assert 0.03 < length < 3.0
+    place, speed, torque = np.array([evaluate(constants, state, t) for t in np.arange(0.0, length + 0.1, step)]).T
+    tolerance = 0.25 * B  # of a flank that is left or reached, and the depth of the teeth
+    assert place[0] == pytest.approx(motor + state[MIDDLE], abs=tolerance)
+    assert place[-1] == pytest.approx(to + flank * 0.5 * B + state[MIDDLE], abs=tolerance)
+    assert speed[-1] == pytest.approx(0.0, abs=1e-9)
+    assert np.max(np.abs(np.diff(place))) <= step * np.max(np.abs(speed)) + tolerance
+    if held:
+        assert torque[-1] == pytest.approx(-pull)
+    most = NOMINAL_DRIVE.standstill_torque()
+    assert np.max(np.abs(torque)) <= most
+
+
+def test_a_mirrored_plan_is_the_mirror_image(gains: GainSet) -> None:
+    law = design_law(NOMINAL_DRIVE, settings_of(gains))
+    there, back = law.state.copy(), law.state.copy()
+    fly(law.constants, there, 1.0, 0.0, 0.2, 0.004, 0.1, -0.2)
+    fly(law.constants, back, -1.0, 0.0, -0.2, -0.004, -0.1, 0.2)
+    for time in np.linspace(0.0, 0.3, 61):
+        assert evaluate(law.constants, there, time) == tuple(-x for x in evaluate(law.constants, back, time))
+
+
+# What it does.
+
+
+def test_a_step_lands_at_once_and_rests(gains: GainSet) -> None:
+    done = played(gains, np.r_[np.zeros(125), np.ones(875)])
+    after = done.load_angle[done.time >= 0.5 + 0.5]
+    assert np.max(np.abs(after - 1.0)) <= 0.25 * B
+    end = done.load_angle[done.time >= 3.0]
+    assert np.ptp(end) <= 0.05 * B
+    assert abs(np.mean(end) - 1.0) <= 0.1 * B
+
+
+@pytest.mark.parametrize("load_torque", [0.3, -0.3])
+def test_a_load_torque_leaves_no_error(gains: GainSet, load_torque: float) -> None:
+    done = played(gains, np.r_[np.zeros(250), np.ones(500)], load_torque)
+    end = done.load_angle[done.time >= 2.0]
+    assert np.ptp(end) <= 0.05 * B
+    assert abs(np.mean(end) - 1.0) <= 0.1 * B
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_reference_that_moves_again_in_flight_is_flown_to(gains: GainSet, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    targets = np.repeat(random.uniform(-1.0, 1.0, 6), random.integers(10, 40))
+    done = played(gains, np.r_[np.zeros(50), targets, np.full(500, 0.5)], random.uniform(-0.3, 0.3))
+    end = done.load_angle[-1000:]
+    assert np.ptp(end) <= 0.05 * B
+    assert abs(np.mean(end) - 0.5) <= 0.1 * B
+
+
+def test_a_setpoint_in_motion_is_followed_and_ends_at_rest(gains: GainSet) -> None:
+    coefficients = [0.0, 0.0, 0.0, 10.0, -15.0, 6.0, 1.0]  # 1 rad in 1 s, from rest to rest
+    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
+    scenario = Scenario(np.zeros(750), sensors=sensors, source=Polynomials(np.array([coefficients])))
+    done = run(NOMINAL_DRIVE, settings_of(gains), scenario)
+    u = np.minimum(done.time, 1.0)
+    assert np.max(np.abs(done.load_angle - u**3 * (10.0 - 15.0 * u + 6.0 * u**2))) <= 1.5 * B
+    assert np.max(np.abs(done.load_angle[done.time >= 2.5] - 1.0)) <= 0.1 * B
+
+
+def test_the_overdamped_gains_act_while_the_gap_is_not_known(gains: GainSet) -> None:
+    choice = settings_of(gains, backlash_angle=0.0)
+    law, instead = design_law(NOMINAL_DRIVE, choice), design_law(NOMINAL_DRIVE, choice.with_law("overdamped"))
+    assert law.step is instead.step
+    assert np.array_equal(law.constants, instead.constants)
+
+
+@pytest.mark.parametrize("missing", [THETA_M, THETA_L])
+def test_the_overdamped_gains_act_where_an_encoder_is_missing(gains: GainSet, missing: int) -> None:
+    servo, plant = Servo(NOMINAL_DRIVE, settings_of(gains)), SimulatedDrive(NOMINAL_DRIVE, 0.004)
+    for k in range(400):
+        measured = plant.sample()
+        if k >= 100:
+            measured[missing] = np.nan
+        if k == 200:
+            assert servo.set_reference(0.2) == ""
+        plant.advance(servo.update(measured, plant.elapsed))
+        assert servo.calmed == (k >= 100)
+    assert servo.fault == ""
+    assert abs(plant.state[THETA_L] - 0.2) <= B
+    servo.use(settings_of(gains))
+    assert not servo.calmed
+
+
+def test_a_run_with_one_encoder_is_refused(gains: GainSet) -> None:
+    scenario = Scenario(np.zeros(10), sensors=Sensors(measured=("theta_l",)))
+    with pytest.raises(ValueError, match=r"law = 'two_encoder' needs both encoders, got measured = \('theta_l',\)"):
+        run(NOMINAL_DRIVE, settings_of(gains), scenario)
+
+
+def test_it_has_no_part_of_the_memory_that_is_not_finite_after_any_sample(gains: GainSet) -> None:
+    """Samples that leap by up to a turn leave commands within the range, and a memory that goes on."""
+    random = np.random.default_rng(3)
+    law = design_law(NOMINAL_DRIVE, settings_of(gains, loop_delay=0.006))
+    state = law.state.copy()
+    for _ in range(2000):
+        estimate, setpoint = np.zeros(LOAD_TORQUE + 1), np.zeros(3)
+        estimate[:] = random.normal(size=6) * [60.0, 500.0, 6.0, 50.0, 10.0, 5.0]
+        setpoint[:] = random.choice([0.0, 1.0], size=3) * random.normal(size=3)
+        assert -24.0 <= law.step(law.constants, state, estimate, setpoint, -24.0, 24.0) <= 24.0
+        assert np.all(np.isfinite(state))
+    assert state[PHASE] in (1.0, 2.0, 3.0)
+
+
+def test_parameters_are_the_design(gains: GainSet) -> None:
+    slow = settings_of(gains).with_law("two_encoder", TwoEncoderParameters(push_time=0.1, brake_time=0.3))
+    lengths = []
+    for choice in (settings_of(gains), slow):
+        law = design_law(NOMINAL_DRIVE, choice)
+        state = law.state.copy()
+        assert law.constants[GAP] == B
+        fly(law.constants, state, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        lengths.append(length_of(state))
+    assert lengths[1] > lengths[0] + 0.1
+
+
+# Drives drawn at random.
+
+
+@pytest.mark.population
+def test_random_drives_come_to_rest_where_the_gap_is_known() -> None:
+    """Of 40 drives of `core`, their parameters known and where the gap is not; the two-region law in the same runs."""
+    verdicts: dict[str, list[Verdict]] = {"two_encoder": [], "two_region": []}
+    for number in range(40):
+        member = draw_member(9001, number, "core")
+        model = told_model(member, "true")
+        known = replace(settings_for(model, member), backlash_angle=member.drive.gear.backlash_angle)
+        scenario = scenario_of(member)
+        for law, found in verdicts.items():
+            found.append(judge_run(member, scenario, run(member.drive, known.with_law(law), scenario, model=model)))
+    ours, theirs = verdicts["two_encoder"], verdicts["two_region"]
+    assert not any(verdict.faulted for verdict in ours)
+    for figure in ("quiet", "precise", "overshoot_ok"):
+        counted, before = (sum(getattr(verdict, figure) for verdict in found) for found in (ours, theirs))
+        assert counted >= max(before, 35), figure
+    assert np.median([verdict.step.settle for verdict in ours]) <= 0.2
+    forces = np.median([verdict.peak_force for verdict in ours]) / np.median([verdict.peak_force for verdict in theirs])
+    assert forces <= 0.5
+
+
+def test_a_delay_is_predicted_over(gains: GainSet) -> None:
+    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
+    reference = np.r_[np.zeros(125), np.ones(875)]
+    for delay in (0.002, 0.004, 0.008):
+        scenario = Scenario(reference, sensors=sensors, delay=Delay(command=delay))
+        done = run(NOMINAL_DRIVE, settings_of(gains, loop_delay=delay), scenario)
+        end = done.load_angle[done.time >= 3.0]
+        assert np.ptp(end) <= 0.05 * B
+        assert np.max(done.load_angle) <= 1.0 + 0.25 * B
