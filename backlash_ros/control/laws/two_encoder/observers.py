@@ -49,9 +49,9 @@ _APART = 0.36
 _IN_FLIGHT, _TOUCHED, _ALONE = 60.0, 4.0, 0.3
 """How far the load's acceleration is from what is known of it at 250 Hz, rad/s^2."""
 _SMALLEST = 1e-6
-_CARRIES, _LEARN, _WRONG, _BEYOND = 0.05, 0.012, 0.6, 0.1
-"""Torque, N m, and time, s, in which the teeth show where they are; what is too far off for that, and what g may be
-beyond the gap, as shares of it."""
+_CARRIES, _LEARN, _WALL, _WRONG, _BEYOND = 0.05, 0.012, 0.1, 0.6, 0.1
+"""Torque, N m, and times, s, in which teeth that push, and teeth that cannot be where they seem, show where they are;
+what is too far off for that, and what g may be beyond the gap, as shares of it."""
 _TURNS, _LONG = 0.2, 0.05
 """rad/s at least, and s, in which a flight shows the load torque."""
 _SLOWLY, _PATIENT, _STANDS = 0.05, 0.1, 0.02
@@ -164,7 +164,8 @@ def see_middle(law: Array, state: Array) -> None:
         if abs(off) < _WRONG * law[GAP]:
             state[MIDDLE] += min(0.3, law[PERIOD] / _LEARN) * off
     elif abs(between) > half + _BEYOND * law[GAP]:
-        state[MIDDLE] += between - math.copysign(half + _BEYOND * law[GAP], between)
+        beyond = between - math.copysign(half + _BEYOND * law[GAP], between)
+        state[MIDDLE] += min(0.3, law[PERIOD] / _WALL) * beyond  # one wrong sample moves it little
 
 
 @compiled
