@@ -211,6 +211,8 @@ def all_laws(done: Reproduction) -> Figure:
         _label_error(axes, 2.0, high=2.0)
         axes.set_title(law.title, fontsize="medium")
         axes.label_outer()
+    for axes in panels.flat[len(LAWS) :]:
+        axes.set_axis_off()
     figure.suptitle(f"All laws near the target, {next(iter(CASES))} drive")
     return figure
 

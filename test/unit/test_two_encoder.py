@@ -112,6 +112,15 @@ def test_a_setpoint_in_motion_is_followed_and_ends_at_rest(gains: GainSet) -> No
     assert np.max(np.abs(done.load_angle[done.time >= 2.5] - 1.0)) <= 0.1 * B
 
 
+def test_noise_as_wide_as_the_gap_does_not_keep_it_busy(gains: GainSet) -> None:
+    scenario = Scenario(np.r_[np.zeros(125), np.ones(875)], sensors=Sensors(load_noise=0.5 * B), seed=1)
+    done = run(NOMINAL_DRIVE, settings_of(gains), scenario)
+    end = done.load_angle[done.time >= 3.0]
+    assert np.ptp(end) <= 0.05 * B
+    assert np.max(np.abs(end - 1.0)) <= 2.0 * B
+    assert np.max(done.load_angle) <= 1.0 + 5.0 * B
+
+
 def test_the_overdamped_gains_act_while_the_gap_is_not_known(gains: GainSet) -> None:
     choice = settings_of(gains, backlash_angle=0.0)
     law, instead = design_law(NOMINAL_DRIVE, choice), design_law(NOMINAL_DRIVE, choice.with_law("overdamped"))

@@ -36,17 +36,18 @@ CONSTANTS = TEETH + 2 * POINTS
     MIDDLE,  # of the gap: p - theta_l there, rad
     MOTOR, SPEED, CURRENT_TORQUE, DISTURBANCE,  # as observed at the sample
     ACTING,  # disturbance that is compensated, N m
-    LOAD, LOAD_SPEED, LAST_LOAD, COUNT,  # as observed; its last reading, and its count, rad
+    LOAD, LOAD_SPEED, LAST_LOAD, STEP, MISSED, COUNT,  # as observed; its last reading, least step of the readings, what
+    # is missed at rest, and the count that both come to, rad
     PULL, PULL_SLOW, SEEN, SEEN_TIME,  # load torque, N m; a slow look at it; its integral, N m s, over a time, s
     TIME, SEGMENTS, REST_TORQUE,  # of the plan: s, how many, N m
     WAITED, TRIES, SIDE, SIDE_TIME, SHARE, LAST_ERROR, HELD,  # of holding
     PLACE, FROM, PARKED,  # where the motor is to be, and where and for how long it goes to the middle
     STEPPED,  # g that follows a setpoint in motion
-) = range(33)
+) = range(35)
 
-COMMANDS, CARRIED, KEPT = 33, 45, 12
+COMMANDS, CARRIED, KEPT = 35, 47, 12
 """Commands, the newest first, and what the teeth were to carry meanwhile, N m."""
-PLAN, ROWS, COLUMNS = 57, 6, 13
+PLAN, ROWS, COLUMNS = 59, 6, 13
 """Segments of the plan: see `plan`."""
 MEMORY = PLAN + ROWS * COLUMNS
 

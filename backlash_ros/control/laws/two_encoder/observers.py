@@ -26,6 +26,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     LOAD,
     LOAD_SPEED,
     MIDDLE,
+    MISSED,
     MOTOR,
     MOTOR_COULOMB,
     PERIOD,
@@ -35,6 +36,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     PULL_SLOW,
     SEEN,
     SEEN_TIME,
+    STEP,
     TEETH,
     TRUST,
     WAITED,
@@ -48,7 +50,8 @@ _APART = 0.36
 """Of the gap, to either side of its middle: there the teeth are apart whatever their law."""
 _IN_FLIGHT, _TOUCHED, _ALONE = 60.0, 4.0, 0.3
 """How far the load's acceleration is from what is known of it at 250 Hz, rad/s^2."""
-_SMALLEST = 1e-6
+_SMALLEST, _NOISE, _QUIETED = 1e-6, 0.2, 0.25
+"""rad; s over which noise is looked at, and s after a flight from which on."""
 _CARRIES, _LEARN, _WALL, _WRONG, _BEYOND = 0.05, 0.012, 0.1, 0.6, 0.1
 """Torque, N m, and times, s, in which teeth that push, and teeth that cannot be where they seem, show where they are;
 what is too far off for that, and what g may be beyond the gap, as shares of it."""
@@ -123,15 +126,19 @@ def apart(law: Array, state: Array) -> bool:
 def see_load(law: Array, state: Array, reading: float) -> None:
     """Take the load's angle, rad, a period after the one before.
 
-    The gains are Kalata's (IEEE Trans. AES 20, 1984), for the count that the readings show.
+    The gains are Kalata's (IEEE Trans. AES 20, 1984), for the count that the readings show: their least step, or noise
+    that is as wide.
     """
     period = law[PERIOD]
     change = abs(reading - state[LAST_LOAD])
     if change > _WHOLE:
-        state[COUNT] = max(min(state[COUNT], change), _SMALLEST)
+        state[STEP] = max(min(state[STEP], change), _SMALLEST)
     state[LAST_LOAD] = reading
     state[LOAD] += period * state[LOAD_SPEED]
     missed, unknown = reading - state[LOAD], _TOUCHED
+    if state[PHASE] == HOLD and state[WAITED] > _QUIETED:
+        state[MISSED] += min(period / _NOISE, 1.0) * (abs(missed) - state[MISSED])
+    state[COUNT] = max(state[STEP], 4.0 * state[MISSED])
     if state[PHASE] != HOLD:
         unknown = _IN_FLIGHT
     elif state[HELD] == 0.0:

@@ -58,6 +58,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     SIDE_TIME,
     SPEED,
     STARTED,
+    STEP,
     STEPPED,
     STIFFNESS,
     TARGET,
@@ -120,7 +121,8 @@ def _start(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint) -> 
     motor = law[RATIO] * estimate[THETA_M]
     state[MOTOR] = state[PLACE] = motor
     state[LOAD] = state[LAST_LOAD] = estimate[THETA_L]
-    state[MIDDLE], state[COUNT] = motor - estimate[THETA_L], 0.25 * law[GAP]
+    state[MIDDLE] = motor - estimate[THETA_L]
+    state[STEP] = state[COUNT] = 0.25 * law[GAP]
     far = abs(setpoint[POSITION] - estimate[THETA_L]) > _FAR * law[GAP]
     state[TARGET] = estimate[THETA_L] if far else setpoint[POSITION]  # another target is flown to
     state[PHASE], state[SHARE], state[STARTED] = HOLD, 1.0, 1.0
