@@ -43,11 +43,13 @@ CONSTANTS = TEETH + 2 * POINTS
     WAITED, TRIES, SIDE, SIDE_TIME, SHARE, LAST_ERROR, HELD,  # of holding
     PLACE, FROM, PARKED,  # where the motor is to be, and where and for how long it goes to the middle
     STEPPED,  # g that follows a setpoint in motion
-) = range(35)
+    LAST_MOTOR, DOUBTED, LOAD_DOUBTED,  # the motor's last reading, rad, and how many readings in a row cannot be
+    MOMENTUM,  # of both shafts, N m s
+) = range(39)
 
-COMMANDS, CARRIED, KEPT = 35, 47, 12
+COMMANDS, CARRIED, KEPT = 39, 51, 12
 """Commands, the newest first, and what the teeth were to carry meanwhile, N m."""
-PLAN, ROWS, COLUMNS = 59, 6, 13
+PLAN, ROWS, COLUMNS = 63, 6, 13
 """Segments of the plan: see `plan`."""
 MEMORY = PLAN + ROWS * COLUMNS
 

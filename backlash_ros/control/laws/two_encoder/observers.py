@@ -13,8 +13,10 @@ from backlash_ros.control.laws.two_encoder.layout import (
     COMMANDS,
     COULOMB,
     COUNT,
+    CURRENT_TORQUE,
     DELAY,
     DISTURBANCE,
+    DOUBTED,
     FLIGHT,
     FRICTION,
     GAIN,
@@ -23,12 +25,17 @@ from backlash_ros.control.laws.two_encoder.layout import (
     HOLD,
     INERTIA,
     LAST_LOAD,
+    LAST_MOTOR,
     LOAD,
+    LOAD_DOUBTED,
     LOAD_SPEED,
     MIDDLE,
     MISSED,
+    MOMENTUM,
     MOTOR,
     MOTOR_COULOMB,
+    MOTOR_FRICTION,
+    MOTOR_INERTIA,
     PERIOD,
     PHASE,
     POINTS,
@@ -36,6 +43,8 @@ from backlash_ros.control.laws.two_encoder.layout import (
     PULL_SLOW,
     SEEN,
     SEEN_TIME,
+    SPEED,
+    STALL,
     STEP,
     TEETH,
     TRUST,
@@ -46,6 +55,8 @@ from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.signals import Array
 
 _WHOLE = 1e-9
+_LEAP, _STRUCK, _DRIVEN, _AT_REST = 0.1, 1.5, 0.3, 0.03
+_MOVED, _MOVED_FOR, _LEAPT_FOR = 0.05, 3.0, 11.0
 _APART = 0.36
 """Of the gap, to either side of its middle: there the teeth are apart whatever their law."""
 _IN_FLIGHT, _TOUCHED, _ALONE = 60.0, 4.0, 0.3
@@ -76,9 +87,16 @@ def contact(law: Array, torque: float) -> float:
 
 
 @compiled
+def dry(law: Array, speed: float) -> float:
+    """Return the dry friction of a motor that turns, N m; less where it hardly does."""
+    return float(law[MOTOR_COULOMB] * min(max(speed / _TURNS, -1.0), 1.0))
+
+
+@compiled
 def _pass(law: Array, model: int, motor: Array, command: float, carried: float) -> None:
     """Let a part of a period pass for the motor: p, w, torque of the current, disturbance."""
     position = speed = torque = 0.0
+    carried += dry(law, motor[1])
     for j in range(4):
         position += law[model + j] * motor[j]
         speed += law[model + 6 + j] * motor[j]
@@ -90,6 +108,39 @@ def _pass(law: Array, model: int, motor: Array, command: float, carried: float) 
 
 
 @compiled
+def _doubt(
+    law: Array, state: Array, doubted: int, missed: float, way: float, count: float
+) -> tuple[bool, float, float]:
+    """Judge a reading by where its shaft is expected; ``doubted`` counts those in a row that cannot be.
+
+    Teeth that meet change a speed by what they meet with; torques do little within a period, most of all at rest. A
+    shaft that goes away from where it is expected is believed at the third reading, an encoder that leapt much later.
+
+    Parameters
+    ----------
+    missed : by how much the reading is from where the shaft is expected, rad
+    way : since the reading before, less the expected one, rad
+    count : of the encoder, rad
+
+    Returns
+    -------
+    whether it can be; where it cannot, what angle, rad, and speed, rad/s, are to be corrected by
+    """
+    share = _AT_REST if state[PHASE] == HOLD else _DRIVEN
+    struck = _STRUCK * abs(state[SPEED] - state[LOAD_SPEED])
+    driven = share * law[PERIOD] * law[STALL] / law[MOTOR_INERTIA]
+    if abs(missed) <= _LEAP * law[GAP] + count + law[PERIOD] * (struck + driven):
+        state[doubted] = 0.0
+        return True, 0.0, 0.0
+    state[doubted] += 1.0
+    times, moved = state[doubted], _MOVED < way / missed < 1.0 - _MOVED
+    if times < (_MOVED_FOR if moved else _LEAPT_FOR):
+        return False, 0.0, 0.0
+    state[doubted] = 0.0
+    return False, missed, missed / (times * law[PERIOD]) if moved else 0.0
+
+
+@compiled
 def see_motor(law: Array, state: Array, reading: float) -> None:
     """Take the motor's angle at the output, rad, a period after the one before."""
     motor, k = state[MOTOR : MOTOR + 4], int(law[WHOLE])
@@ -97,8 +148,13 @@ def see_motor(law: Array, state: Array, reading: float) -> None:
         _pass(law, BEFORE, motor, state[COMMANDS + k + 1], state[CARRIED + k + 1])
     _pass(law, AFTER, motor, state[COMMANDS + k], state[CARRIED + k])
     missed = reading - motor[0]
-    for i in range(4):
-        motor[i] += law[GAIN + i] * missed
+    fine, angle, speed = _doubt(law, state, DOUBTED, missed, reading - state[LAST_MOTOR] - law[PERIOD] * motor[1], 0.0)
+    motor[0] += angle
+    motor[1] += speed
+    if fine:
+        for i in range(4):
+            motor[i] += law[GAIN + i] * missed
+    state[LAST_MOTOR] = reading
     state[ACTING] += law[TRUST] * (state[DISTURBANCE] - state[ACTING])
 
 
@@ -133,9 +189,15 @@ def see_load(law: Array, state: Array, reading: float) -> None:
     change = abs(reading - state[LAST_LOAD])
     if change > _WHOLE:
         state[STEP] = max(min(state[STEP], change), _SMALLEST)
-    state[LAST_LOAD] = reading
+    before, state[LAST_LOAD] = state[LAST_LOAD], reading
     state[LOAD] += period * state[LOAD_SPEED]
     missed, unknown = reading - state[LOAD], _TOUCHED
+    way = reading - before - period * state[LOAD_SPEED]
+    fine, angle, speed = _doubt(law, state, LOAD_DOUBTED, missed, way, state[COUNT])
+    if not fine:
+        state[LOAD] += angle
+        state[LOAD_SPEED] += speed
+        return
     if state[PHASE] == HOLD and state[WAITED] > _QUIETED:
         state[MISSED] += min(period / _NOISE, 1.0) * (abs(missed) - state[MISSED])
     state[COUNT] = max(state[STEP], 4.0 * state[MISSED])
@@ -176,24 +238,31 @@ def see_middle(law: Array, state: Array) -> None:
 
 
 @compiled
-def see_pull(law: Array, state: Array, shown: float) -> None:
-    """Learn the load torque from what both shafts' momentum shows, friction in it, N m.
+def see_pull(law: Array, state: Array) -> None:
+    """Learn the load torque from the momentum of both shafts, friction in it, N m.
 
     In motion friction is known, at rest only that it is no larger than it can be. Over a whole flight a wrong inertia
     cancels.
     """
-    friction = law[COULOMB]
+    w, omega, friction, period = state[SPEED], state[LOAD_SPEED], law[COULOMB], law[PERIOD]
+    momentum = law[MOTOR_INERTIA] * w + law[INERTIA] * omega
+    gained, state[MOMENTUM] = momentum - state[MOMENTUM], momentum
+    gained -= period * (state[CURRENT_TORQUE] - law[MOTOR_FRICTION] * w - law[FRICTION] * omega - dry(law, w))
     if state[PHASE] != HOLD:
-        if abs(state[LOAD_SPEED]) > _TURNS:
-            state[SEEN] += law[PERIOD] * (shown + math.copysign(friction, state[LOAD_SPEED]))
-            state[SEEN_TIME] += law[PERIOD]
+        turns = abs(omega) > _TURNS
+        if turns:
+            state[SEEN] += period * math.copysign(friction, omega)
+        if turns or friction == 0.0:
+            state[SEEN_TIME] += period
+        if turns or friction == 0.0 or state[HELD] == 0.0:
+            state[SEEN] += gained
         return
-    state[PULL_SLOW] += min(law[PERIOD] / _SLOWLY, 1.0) * (shown - state[PULL_SLOW])
+    state[PULL_SLOW] += min(1.0 / _SLOWLY, 1.0 / period) * (gained - period * state[PULL_SLOW])
     if state[WAITED] > _PATIENT:
         if not apart(law, state):
             least, most = state[PULL_SLOW] - friction, state[PULL_SLOW] + friction
             state[PULL] = min(max(state[PULL], least), most)
-        elif abs(state[LOAD_SPEED]) < _STANDS:
+        elif abs(omega) < _STANDS:
             state[PULL] = min(max(state[PULL], -friction), friction)
 
 

@@ -38,6 +38,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     KEPT,
     LAST_ERROR,
     LAST_LOAD,
+    LAST_MOTOR,
     LOAD,
     LOAD_SPEED,
     MIDDLE,
@@ -70,6 +71,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
 )
 from backlash_ros.control.laws.two_encoder.observers import (
     contact,
+    dry,
     holds,
     landed,
     predict_motor,
@@ -83,7 +85,6 @@ from backlash_ros.control.laws.two_encoder.plan import evaluate, fly, length_of,
 from backlash_ros.drivetrain.compiled import compiled, compiled_as
 from backlash_ros.drivetrain.signals import (
     ACCELERATION,
-    LOAD_TORQUE,
     OMEGA_L,
     OMEGA_M,
     POSITION,
@@ -109,7 +110,7 @@ _MEETS, _AWAY, _HASTE = 20.0, 0.06, 2.0
 """Rate in 1/s with which a free load is met, share of the gap within which it is touched, and rad/s at most."""
 _PARK, _DWELL = 0.05, 0.05
 _SETTLES, _AGAIN, _MOST_TRIES = 0.04, 0.06, 5.0
-"""s that a load that stands is looked at before it is pressed, more each time."""
+"""s that a load is looked at before it is moved, more each time, and how often more."""
 _AHEAD, _FAR = 0.3, 2.0
 _LESS, _LEAST = 0.8, 0.3
 """After each change of the error's sign the next move is so much shorter, down to the least share."""
@@ -119,7 +120,7 @@ _LESS, _LEAST = 0.8, 0.3
 def _start(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint) -> None:
     """Begin where the drive is found; the gap is taken to be as wide to either side of it."""
     motor = law[RATIO] * estimate[THETA_M]
-    state[MOTOR] = state[PLACE] = motor
+    state[MOTOR] = state[PLACE] = state[LAST_MOTOR] = motor
     state[LOAD] = state[LAST_LOAD] = estimate[THETA_L]
     state[MIDDLE] = motor - estimate[THETA_L]
     state[STEP] = state[COUNT] = 0.25 * law[GAP]
@@ -154,6 +155,12 @@ def _shorter(state: Array, error: float) -> float:
 
 
 @compiled
+def _patience(state: Array) -> float:
+    """Return how long the load is looked at before it is moved, s."""
+    return float(_SETTLES + _AGAIN * min(state[TRIES], _MOST_TRIES))
+
+
+@compiled
 def _hold_held(law: Array, state: Array, error: float, motor: Array) -> tuple[float, float, float]:
     """Hold a load that a torque holds on a flank: return the motor's place, rad, its speed and the torque, N m."""
     tight = max(_TIGHT[0] * law[GAP], _TIGHT[1] * state[COUNT])
@@ -165,7 +172,8 @@ def _hold_held(law: Array, state: Array, error: float, motor: Array) -> tuple[fl
         state[PARKED] = -1.0
     if state[PARKED] < 0.0:
         if law[COULOMB] > _DRY or abs(error) > law[GAP]:
-            if state[WAITED] > _DWELL and abs(state[LOAD_SPEED]) < _SLOW:
+            if state[WAITED] > _patience(state) and abs(state[LOAD_SPEED]) < _SLOW:
+                state[TRIES] += 1.0
                 to = state[LOAD] + _shorter(state, error)
                 state[FLANK] = shift(law, state, to, state[LOAD], state[PULL])
                 _take_off(law, state)
@@ -209,14 +217,15 @@ def _hold_free(
         if abs(resting) < tight and abs(error) < wide and abs(coasts) < wide:
             state[PARKED], state[FROM] = 0.0, motor[0]
             state[PLACE] = load + coasts + state[MIDDLE]
-        elif abs(error) > _FAR * law[GAP] and state[WAITED] > _SETTLES:
+        elif abs(error) > _FAR * law[GAP] and state[WAITED] > _patience(state):
+            state[TRIES] += 1.0
             state[FLANK] = fly(
                 law, state, target, state[LOAD], state[LOAD_SPEED], motor[0] - state[MIDDLE], motor[1], state[PULL]
             )
             _take_off(law, state)
         elif law[COULOMB] <= _DRY:
             return state[PLACE], _lead(law, state, error, resting, tight, load, motor), 0.0
-        elif state[WAITED] > _SETTLES + _AGAIN * min(state[TRIES], _MOST_TRIES):
+        elif state[WAITED] > _patience(state):
             state[TRIES] += 1.0
             to = load + coasts + _shorter(state, resting)
             state[FLANK] = press(law, state, to, load, motor[0] - state[MIDDLE], motor[1], state[PULL])
@@ -275,7 +284,7 @@ def two_encoder_step(
         see_motor(law, state, law[RATIO] * estimate[THETA_M])
         see_load(law, state, estimate[THETA_L])
     see_middle(law, state)
-    see_pull(law, state, estimate[LOAD_TORQUE])
+    see_pull(law, state)
     motor = predict_motor(law, state)
     if setpoint[VELOCITY] != 0.0 or setpoint[ACCELERATION] != 0.0:
         if state[PHASE] != FOLLOW:
@@ -319,7 +328,7 @@ def two_encoder_step(
         mean_speed = (end - place) / period
         state[PLACE] = end
         state[TIME] += period
-    torque += state[ACTING] + law[STIFFNESS] * (place - motor[0]) + law[DAMPING] * (speed - motor[1])
+    torque += dry(law, speed) + state[ACTING] + law[STIFFNESS] * (place - motor[0]) + law[DAMPING] * (speed - motor[1])
     voltage = clamp(law[VOLTS_PER_TORQUE] * torque + law[VOLTS_PER_SPEED] * mean_speed, low, high)
     for k in range(KEPT - 1, 0, -1):
         state[COMMANDS + k], state[CARRIED + k] = state[COMMANDS + k - 1], state[CARRIED + k - 1]
