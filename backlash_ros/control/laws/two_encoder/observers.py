@@ -38,6 +38,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     MOTOR_INERTIA,
     PERIOD,
     PHASE,
+    PLACE,
     POINTS,
     PULL,
     PULL_SLOW,
@@ -61,9 +62,14 @@ _APART = 0.36
 """Of the gap, to either side of its middle: there the teeth are apart whatever their law."""
 _IN_FLIGHT, _TOUCHED, _ALONE = 60.0, 4.0, 0.3
 """How far the load's acceleration is from what is known of it at 250 Hz, rad/s^2."""
+_RESTS, _THERE = 0.05, 0.1
+"""rad/s below which the motor rests, and share of the gap within which it is where it is to be."""
+_LEAST_LAG = 0.1
+"""Of the load's filter, so that it does not ring where its readings have no count."""
 _SMALLEST, _NOISE, _QUIETED = 1e-6, 0.2, 0.25
 """rad; s over which noise is looked at, and s after a flight from which on."""
-_CARRIES, _LEARN, _WALL, _WRONG, _BEYOND = 0.05, 0.012, 0.1, 0.6, 0.1
+_APART_UNKNOWN = 0.01
+_CARRIES, _TOUCHES, _LEARN, _WALL, _WRONG, _BEYOND = 0.05, 0.02, 0.012, 0.03, 0.6, 0.02
 """Torque, N m, and times, s, in which teeth that push, and teeth that cannot be where they seem, show where they are;
 what is too far off for that, and what g may be beyond the gap, as shares of it."""
 _TURNS, _LONG = 0.2, 0.05
@@ -155,7 +161,9 @@ def see_motor(law: Array, state: Array, reading: float) -> None:
         for i in range(4):
             motor[i] += law[GAIN + i] * missed
     state[LAST_MOTOR] = reading
-    state[ACTING] += law[TRUST] * (state[DISTURBANCE] - state[ACTING])
+    rests = state[PHASE] == HOLD and abs(state[SPEED]) < _RESTS and abs(state[PLACE] - motor[0]) < _THERE * law[GAP]
+    if not rests or law[MOTOR_COULOMB] == 0.0:  # what dry friction takes at rest must not wind up
+        state[ACTING] += law[TRUST] * (state[DISTURBANCE] - state[ACTING])
 
 
 @compiled
@@ -208,10 +216,10 @@ def see_load(law: Array, state: Array, reading: float) -> None:
         if apart(law, state):
             unknown = _ALONE
     index = unknown * math.sqrt(0.004 / period) * period * period * math.sqrt(12.0) / state[COUNT]
-    r = 0.25 * (4.0 + index - math.sqrt(8.0 * index + index * index))
+    r = max(0.25 * (4.0 + index - math.sqrt(8.0 * index + index * index)), _LEAST_LAG)
     alpha = 1.0 - r * r
     state[LOAD] += alpha * missed
-    state[LOAD_SPEED] += (2.0 * (2.0 - alpha) - 4.0 * math.sqrt(1.0 - alpha)) / period * missed
+    state[LOAD_SPEED] += (2.0 * (2.0 - alpha) - 4.0 * r) / period * missed
 
 
 @compiled
@@ -226,15 +234,17 @@ def see_middle(law: Array, state: Array) -> None:
     """Learn where the middle of the gap is: teeth that push, or hold, are known to be, and none are beyond the gap."""
     if state[PHASE] == HOLD and state[WAITED] > _PATIENT and abs(state[LOAD_SPEED]) < _STANDS:
         rests_on(law, state, state[PULL_SLOW])
-    carried, half = state[CARRIED + int(law[WHOLE])], 0.5 * law[GAP]
+    carried = state[CARRIED + int(law[WHOLE])]
     between = state[MOTOR] - state[LOAD] - state[MIDDLE]
     if state[PHASE] == FLIGHT and abs(carried) > _CARRIES:
         off = between - math.copysign(contact(law, carried), carried)
         if abs(off) < _WRONG * law[GAP]:
             state[MIDDLE] += min(0.3, law[PERIOD] / _LEARN) * off
-    elif abs(between) > half + _BEYOND * law[GAP]:
-        beyond = between - math.copysign(half + _BEYOND * law[GAP], between)
-        state[MIDDLE] += min(0.3, law[PERIOD] / _WALL) * beyond  # one wrong sample moves it little
+        return
+    most = contact(law, abs(carried + state[DISTURBANCE]) + law[MOTOR_COULOMB] + _TOUCHES)
+    beyond = abs(between) - most - _BEYOND * law[GAP] - state[COUNT]
+    if beyond > 0.0:
+        state[MIDDLE] += min(0.3, law[PERIOD] / _WALL) * math.copysign(beyond, between)
 
 
 @compiled
@@ -247,7 +257,7 @@ def see_pull(law: Array, state: Array) -> None:
     w, omega, friction, period = state[SPEED], state[LOAD_SPEED], law[COULOMB], law[PERIOD]
     momentum = law[MOTOR_INERTIA] * w + law[INERTIA] * omega
     gained, state[MOMENTUM] = momentum - state[MOMENTUM], momentum
-    gained -= period * (state[CURRENT_TORQUE] - law[MOTOR_FRICTION] * w - law[FRICTION] * omega - dry(law, w))
+    gained -= period * (state[CURRENT_TORQUE] - law[MOTOR_FRICTION] * w - law[FRICTION] * omega)
     if state[PHASE] != HOLD:
         turns = abs(omega) > _TURNS
         if turns:
@@ -255,15 +265,17 @@ def see_pull(law: Array, state: Array) -> None:
         if turns or friction == 0.0:
             state[SEEN_TIME] += period
         if turns or friction == 0.0 or state[HELD] == 0.0:
-            state[SEEN] += gained
+            state[SEEN] += gained + period * dry(law, w)
         return
     state[PULL_SLOW] += min(1.0 / _SLOWLY, 1.0 / period) * (gained - period * state[PULL_SLOW])
     if state[WAITED] > _PATIENT:
-        if not apart(law, state):
-            least, most = state[PULL_SLOW] - friction, state[PULL_SLOW] + friction
-            state[PULL] = min(max(state[PULL], least), most)
-        elif abs(omega) < _STANDS:
-            state[PULL] = min(max(state[PULL], -friction), friction)
+        unknown = friction + law[MOTOR_COULOMB]
+        if apart(law, state):
+            unknown += _APART_UNKNOWN
+            if abs(omega) < _STANDS:
+                state[PULL] = min(max(state[PULL], -friction), friction)
+                return
+        state[PULL] = min(max(state[PULL], state[PULL_SLOW] - unknown), state[PULL_SLOW] + unknown)
 
 
 @compiled

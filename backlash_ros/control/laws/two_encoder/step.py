@@ -43,6 +43,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     LOAD_SPEED,
     MIDDLE,
     MOTOR,
+    MOTOR_COULOMB,
     MOTOR_FRICTION,
     MOTOR_INERTIA,
     PARKED,
@@ -103,7 +104,7 @@ more."""
 _STILL, _STANDS, _SLOW = 0.02, 0.05, 0.5
 """rad/s below which a load stands when a flight is planned, when friction has held it, when it can be shifted."""
 _DRY = 3e-3
-"""N m of friction from which on a load stands where it stops."""
+"""N m of friction from which on a shaft stands where it stops."""
 _LEADS, _FASTEST, _OF_OWN = 15.0, 12.0, 0.65
 """Rates in 1/s with which a held load is led in, and a free one at most; share of its own rate B/J."""
 _MEETS, _AWAY, _HASTE = 20.0, 0.06, 2.0
@@ -112,6 +113,8 @@ _PARK, _DWELL = 0.05, 0.05
 _SETTLES, _AGAIN, _MOST_TRIES = 0.04, 0.06, 5.0
 """s that a load is looked at before it is moved, more each time, and how often more."""
 _AHEAD, _FAR = 0.3, 2.0
+_GOES = 40.0
+"""1/s with which a motor that is not where it is to be goes there, for its dry friction."""
 _LESS, _LEAST = 0.8, 0.3
 """After each change of the error's sign the next move is so much shorter, down to the least share."""
 
@@ -133,7 +136,7 @@ def _start(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint) -> 
 def _take_off(law: Array, state: Array) -> None:
     """Begin a plan that was just made."""
     state[PHASE], state[TIME] = FLIGHT, 0.0
-    if law[COULOMB] > 0.0 and abs(state[LOAD_SPEED]) < _STANDS:
+    if law[COULOMB] + law[MOTOR_COULOMB] > 0.0 and abs(state[LOAD_SPEED]) < _STANDS:
         state[ACTING] = state[DISTURBANCE] = 0.0  # what friction took at rest it does not take in motion
 
 
@@ -171,7 +174,7 @@ def _hold_held(law: Array, state: Array, error: float, motor: Array) -> tuple[fl
     elif state[PARKED] >= 0.0 and abs(error) > wide:
         state[PARKED] = -1.0
     if state[PARKED] < 0.0:
-        if law[COULOMB] > _DRY or abs(error) > law[GAP]:
+        if law[COULOMB] + law[MOTOR_COULOMB] > _DRY or abs(error) > law[GAP]:
             if state[WAITED] > _patience(state) and abs(state[LOAD_SPEED]) < _SLOW:
                 state[TRIES] += 1.0
                 to = state[LOAD] + _shorter(state, error)
@@ -328,7 +331,7 @@ def two_encoder_step(
         mean_speed = (end - place) / period
         state[PLACE] = end
         state[TIME] += period
-    torque += dry(law, speed) + state[ACTING] + law[STIFFNESS] * (place - motor[0]) + law[DAMPING] * (speed - motor[1])
+    torque += dry(law, speed + _GOES * (place - motor[0])) + state[ACTING] + law[STIFFNESS] * (place - motor[0]) + law[DAMPING] * (speed - motor[1])
     voltage = clamp(law[VOLTS_PER_TORQUE] * torque + law[VOLTS_PER_SPEED] * mean_speed, low, high)
     for k in range(KEPT - 1, 0, -1):
         state[COMMANDS + k], state[CARRIED + k] = state[COMMANDS + k - 1], state[CARRIED + k - 1]
