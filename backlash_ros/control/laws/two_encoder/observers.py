@@ -66,9 +66,9 @@ _RESTS, _THERE = 0.05, 0.1
 """rad/s below which the motor rests, and share of the gap within which it is where it is to be."""
 _LEAST_LAG = 0.1
 """Of the load's filter, so that it does not ring where its readings have no count."""
-_SMALLEST, _NOISE, _QUIETED = 1e-6, 0.2, 0.25
-"""rad; s over which noise is looked at, and s after a flight from which on."""
-_APART_UNKNOWN = 0.01
+_UNSEEN, _SMALLEST, _NOISE, _QUIETED = 0.05, 1e-6, 0.2, 0.25
+"""Share of the gap that a count is taken for until one is seen; rad; s over which noise is looked at, and s after a flight from which on."""
+_APART_UNKNOWN, _LAGS = 0.01, 3.0
 _CARRIES, _TOUCHES, _LEARN, _WALL, _WRONG, _BEYOND = 0.05, 0.02, 0.012, 0.03, 0.6, 0.02
 """Torque, N m, and times, s, in which teeth that push, and teeth that cannot be where they seem, show where they are;
 what is too far off for that, and what g may be beyond the gap, as shares of it."""
@@ -195,8 +195,10 @@ def see_load(law: Array, state: Array, reading: float) -> None:
     """
     period = law[PERIOD]
     change = abs(reading - state[LAST_LOAD])
-    if change > _WHOLE:
+    if change > _WHOLE and state[STEP] > 0.0:
         state[STEP] = max(min(state[STEP], change), _SMALLEST)
+    elif change > _WHOLE and state[PHASE] == HOLD and abs(state[LOAD_SPEED]) * period < 0.5 * change:
+        state[STEP] = change
     before, state[LAST_LOAD] = state[LAST_LOAD], reading
     state[LOAD] += period * state[LOAD_SPEED]
     missed, unknown = reading - state[LOAD], _TOUCHED
@@ -208,7 +210,7 @@ def see_load(law: Array, state: Array, reading: float) -> None:
         return
     if state[PHASE] == HOLD and state[WAITED] > _QUIETED:
         state[MISSED] += min(period / _NOISE, 1.0) * (abs(missed) - state[MISSED])
-    state[COUNT] = max(state[STEP], 4.0 * state[MISSED])
+    state[COUNT] = max(state[STEP] if state[STEP] > 0.0 else _UNSEEN * law[GAP], 4.0 * state[MISSED])
     if state[PHASE] != HOLD:
         unknown = _IN_FLIGHT
     elif state[HELD] == 0.0:
@@ -269,7 +271,7 @@ def see_pull(law: Array, state: Array) -> None:
         return
     state[PULL_SLOW] += min(1.0 / _SLOWLY, 1.0 / period) * (gained - period * state[PULL_SLOW])
     if state[WAITED] > _PATIENT:
-        unknown = friction + law[MOTOR_COULOMB]
+        unknown = friction + law[MOTOR_COULOMB] + _LAGS * law[INERTIA] * abs(omega)
         if apart(law, state):
             unknown += _APART_UNKNOWN
             if abs(omega) < _STANDS:

@@ -47,8 +47,9 @@ _SPEED, _EFFORT, _LEFT = 0.6, 0.75, 0.1
 """Shares of the speed without load, and of the torque that is left at a speed, that a plan uses."""
 _TOUCH = 0.02
 """N m with which teeth are touched."""
-_BRAKES = 0.8
-"""Share of what brakes the load by itself that a plan on one flank uses, so that the teeth stay in contact."""
+_BRAKES, _VISCOUS = 0.8, 0.3
+"""Share of what brakes the load by itself that a plan on one flank uses, so that the teeth stay in contact, and of its
+viscous friction at first in that."""
 _OWN, _SHORTEST, _LEAST, _HARD = 1.33, 0.035, 0.02, 165.0
 """A brake is so short that the teeth do more than the load by itself: most of its time over that of the load's own; s
 below which one flank does it, s at least, and rad/s^2 of friction and load torque from which on one flank does it."""
@@ -200,12 +201,12 @@ def _press(
     speed = cruise = 0.0
     brake = law[PUSH]
     for _ in range(6):
-        decelerates = _BRAKES * (c + 0.4 * law[FRICTION] * speed) / law[INERTIA]
+        decelerates = _BRAKES * (c + _VISCOUS * law[FRICTION] * speed) / law[INERTIA]
         needed = left - 0.5 * v * push
         if needed <= 0.0:
             speed = 0.0
             break
-        per_square = 0.5 * _PEAK / decelerates
+        per_square = 0.4 * _PEAK / decelerates
         speed = (-0.5 * push + math.sqrt(0.25 * push * push + 4.0 * per_square * needed)) / (2.0 * per_square)
         cruise = 0.0
         if speed > top:
@@ -215,13 +216,13 @@ def _press(
         push = _push_time(law, push, speed - v, speed, c)
     if brake < law[PUSH]:
         brake, cruise = law[PUSH], 0.0
-        speed = max((left - 0.5 * v * push) / (0.5 * (push + brake)), 0.0)
+        speed = max((left - 0.5 * v * push) / (0.5 * push + 0.4 * brake), 0.0)
     segment(state, push, x, v, 0.0, 0.0, (speed - v) / push, edge, edge, way, c, 0.0, 0)
     x += 0.5 * (v + speed) * push
     if cruise > 0.0:
         segment(state, cruise, x, speed, 0.0, 0.0, 0.0, edge, edge, way, c, 0.0, 0)
         x += cruise * speed
-    segment(state, brake, x, speed, 0.0, 0.0, -speed / brake, edge, edge, way, c, 0.0, 0)
+    segment(state, brake, x, speed, 0.0, 0.0, -speed / brake, edge, edge, way, c, 0.0, 1)
 
 
 @compiled

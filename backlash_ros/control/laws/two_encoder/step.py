@@ -60,7 +60,6 @@ from backlash_ros.control.laws.two_encoder.layout import (
     SIDE_TIME,
     SPEED,
     STARTED,
-    STEP,
     STEPPED,
     STIFFNESS,
     TARGET,
@@ -71,6 +70,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     WAITED,
 )
 from backlash_ros.control.laws.two_encoder.observers import (
+    FREE,
     contact,
     dry,
     holds,
@@ -126,7 +126,7 @@ def _start(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint) -> 
     state[MOTOR] = state[PLACE] = state[LAST_MOTOR] = motor
     state[LOAD] = state[LAST_LOAD] = estimate[THETA_L]
     state[MIDDLE] = motor - estimate[THETA_L]
-    state[STEP] = state[COUNT] = 0.25 * law[GAP]
+    state[COUNT] = 0.05 * law[GAP]
     far = abs(setpoint[POSITION] - estimate[THETA_L]) > _FAR * law[GAP]
     state[TARGET] = estimate[THETA_L] if far else setpoint[POSITION]  # another target is flown to
     state[PHASE], state[SHARE], state[STARTED] = HOLD, 1.0, 1.0
@@ -138,6 +138,15 @@ def _take_off(law: Array, state: Array) -> None:
     state[PHASE], state[TIME] = FLIGHT, 0.0
     if law[COULOMB] + law[MOTOR_COULOMB] > 0.0 and abs(state[LOAD_SPEED]) < _STANDS:
         state[ACTING] = state[DISTURBANCE] = 0.0  # what friction took at rest it does not take in motion
+
+
+@compiled
+def _fly(law: Array, state: Array, motor: Array) -> None:
+    """Plan a flight to the target from where the drive will be when the command acts."""
+    speed = state[LOAD_SPEED] if abs(state[LOAD_SPEED]) > _STILL else 0.0
+    load, at = state[LOAD] + law[DELAY] * speed, motor[0] - state[MIDDLE]
+    state[FLANK] = fly(law, state, state[TARGET], load, speed, at, motor[1], state[PULL])
+    _take_off(law, state)
 
 
 @compiled
@@ -206,7 +215,7 @@ def _lead(law: Array, state: Array, error: float, resting: float, tight: float, 
 
 @compiled
 def _hold_free(
-    law: Array, state: Array, target: float, error: float, load: float, motor: Array
+    law: Array, state: Array, error: float, load: float, motor: Array
 ) -> tuple[float, float, float]:
     """Hold a load that no torque holds: return the motor's place, rad, its speed and the torque, N m."""
     tight = max(_TIGHT[0] * law[GAP], _TIGHT[1] * state[COUNT])
@@ -216,16 +225,15 @@ def _hold_free(
     state[FLANK] = 0.0
     if state[PARKED] >= 0.0 and abs(error) > wide and state[WAITED] > _DWELL:
         state[PARKED], state[WAITED] = -1.0, 0.0
+        if law[COULOMB] > _DRY:  # it slid by itself
+            state[PULL] = -math.copysign(max(abs(state[PULL]), law[COULOMB] + 2.0 * FREE), error)
     elif state[PARKED] < 0.0:
         if abs(resting) < tight and abs(error) < wide and abs(coasts) < wide:
             state[PARKED], state[FROM] = 0.0, motor[0]
             state[PLACE] = load + coasts + state[MIDDLE]
         elif abs(error) > _FAR * law[GAP] and state[WAITED] > _patience(state):
             state[TRIES] += 1.0
-            state[FLANK] = fly(
-                law, state, target, state[LOAD], state[LOAD_SPEED], motor[0] - state[MIDDLE], motor[1], state[PULL]
-            )
-            _take_off(law, state)
+            _fly(law, state, motor)
         elif law[COULOMB] <= _DRY:
             return state[PLACE], _lead(law, state, error, resting, tight, load, motor), 0.0
         elif state[WAITED] > _patience(state):
@@ -272,7 +280,7 @@ def _hold(law: Array, state: Array, target: float, motor: Array) -> tuple[float,
     load = state[LOAD] + law[DELAY] * state[LOAD_SPEED]
     if state[HELD] != 0.0:
         return _hold_held(law, state, target - load, motor)
-    return _hold_free(law, state, target, target - load, load, motor)
+    return _hold_free(law, state, target - load, load, motor)
 
 
 @compiled_as(LAW_SIGNATURE)
@@ -298,10 +306,7 @@ def two_encoder_step(
         state[TARGET] = target
     if state[PHASE] != FOLLOW and abs(target - state[TARGET]) > _SAME:
         state[TARGET], state[SHARE], state[LAST_ERROR], state[TRIES] = target, 1.0, 0.0, 0.0
-        speed = state[LOAD_SPEED] if abs(state[LOAD_SPEED]) > _STILL else 0.0
-        at = motor[0] - state[MIDDLE]
-        state[FLANK] = fly(law, state, target, state[LOAD], speed, at, motor[1], state[PULL])
-        _take_off(law, state)
+        _fly(law, state, motor)
     if state[PHASE] == FLIGHT and state[TIME] > length_of(state) + law[DELAY] + period:
         landed(state)
         state[PULL_SLOW] = -state[REST_TORQUE]
