@@ -6,6 +6,7 @@ from binascii import crc32
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from operator import itemgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -38,8 +39,9 @@ class Recording:
     ``joint_states`` at their header's stamps with columns theta_m, omega_m, motor torque, theta_l, omega_l, gear torque
     (rad, rad/s, N m); the scalar topics by name and the changed parameters at their time of receipt; what ``~/state``
     has, at its stamps, by topic and name such as ``/controller/state/error``; ``messages`` counts every topic.
-    ``in_use``: from when on the controller used which version of its parameters, and these by name; ``simulated``: the
-    same of the simulator.
+    ``in_use``: from when on the controller used which version of its parameters, and these by name, in that order: to a
+    recorder that has just found the controller older versions may come after newer ones; ``simulated``: the same of the
+    simulator.
     """
 
     joint_states: Series
@@ -174,6 +176,6 @@ def read_bag(path: str | Path, *, motor_joint: str = "motor", load_joint: str = 
         {topic: Series(np.array(times), np.array(values)) for topic, (times, values) in scalars.items()},
         parameters,
         messages,
-        in_use,
-        simulated,
+        sorted(in_use, key=itemgetter(0, 1)),
+        sorted(simulated, key=itemgetter(0, 1)),
     )

@@ -3,6 +3,7 @@
 numba keys its disk cache on the file that holds the function, not on the functions it calls: after an update of one
 file a cached caller would go on running the old code. Here the cache folder is named after the text of every source
 file that is compiled, so any change starts afresh. Where nothing can be cached, functions are compiled every time.
+Copies of the same sources, say installed ones, share the code where they are given one folder (NUMBA_CACHE_DIR).
 """
 
 import contextlib
@@ -18,27 +19,31 @@ import time
 import types
 import warnings
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numba
-from numba.core.caching import FunctionCache
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 _config: Any = numba.config
 _FunctionCache: Any = FunctionCache
+_IndexFile: Any = IndexDataCacheFile
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 _FOLDER = "backlash_ros_compiled"
+_ROOMS = "gates", "drivetrain", "identification", "control", "simulation"
+"""Where functions are compiled."""
 _OURS = re.compile(r"source-[0-9a-f]{16}")
 """Name of a folder of machine code: only what is called so is ever deleted."""
 
 
 def _source_digest() -> str:
     digest = hashlib.sha256()
-    for room in ("gates", "drivetrain", "identification", "control", "simulation"):
+    for room in _ROOMS:
         for source in sorted((_PACKAGE / room).rglob("*.py")):
             digest.update(str(source.relative_to(_PACKAGE)).encode())
             digest.update(source.read_bytes())
@@ -141,12 +146,23 @@ def _say_once() -> None:
         _log.info(_said[0])
 
 
+@cache
+def _text_digest(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
 class _Cache(_FunctionCache):  # type: ignore[misc]
     """A cache that does without itself where the disk is full or a file cannot be read."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        self.turn = _Turn(Path(self._cache_path, f"{self._impl.filename_base}.lock"))
+        file, name = Path(inspect.getfile(function)).resolve(), self._impl.filename_base
+        if any(file.is_relative_to(_PACKAGE / room) for room in _ROOMS):
+            # Known by name and text: where a copy of the file lies and when it was written does not matter.
+            self._cache_path = os.path.join(_config.CACHE_DIR, function.__module__)
+            os.makedirs(self._cache_path, exist_ok=True)
+            self._cache_file = _IndexFile(self._cache_path, name, _text_digest(file))
+        self.turn = _Turn(Path(self._cache_path, f"{name}.lock"))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         found = self._load(sig, target_context)

@@ -50,6 +50,9 @@ _SHORTEST = 2e-5
 _UNSURE, _MOST_TORQUE = 1e-2, 1e6
 """Variance of both speeds (rad^2/s^2) and of the torque (N^2 m^2) at the start; N m beyond which all is lost."""
 _COLUMNS = 5 + PARAMETERS
+_WIDE = 4 * math.ceil(_COLUMNS / 4)
+"""Columns that are kept, to work off four at a time. Rows stand behind each other in one array: at distances that the
+compiler knows, so that it sees that no column depends on another one."""
 
 
 class MotorSide(NamedTuple):
@@ -83,19 +86,22 @@ _slopes: SlopesFunction = unbound
 
 
 @compiled
-def _observe(z: Array, row: int, column: int, scale: float, variance: float, way: float, gains: Array) -> None:
+def _observe(
+    z: Array, row: int, column: int, scale: float, variance: float, way: float, gains: Array, change: Array
+) -> None:
     """Take one reading of the state's ``row`` into the covariance and the derivatives; leave its ``gains``.
 
     The load's encoder, the error of which has a ``column`` (else -1), reads ``scale`` as much over a ``way`` (rad).
+    What the reading changes is left in ``change``, shape (`_WIDE`,).
     """
+    for j in range(_WIDE):
+        change[j] = scale * z[row * _WIDE + j]
+    if column >= 0:
+        change[column] += way
     for state in range(5):
-        gains[state] = scale * z[state, row] / variance
-    for j in range(_COLUMNS):
-        by = scale * z[row, j]
-        if j == column:
-            by += way
-        for state in range(5):
-            z[state, j] -= gains[state] * by
+        gains[state] = gain = scale * z[state * _WIDE + row] / variance
+        for j in range(_WIDE):
+            z[state * _WIDE + j] -= gain * change[j]
 
 
 @compiled
@@ -184,7 +190,7 @@ def _carry(
 
     Parameters
     ----------
-    forcing : what else acts on both shafts, and on the torque, by column: shape (3, N)
+    z, forcing : rows behind each other; what else acts on both shafts, and on the torque: shape (3 `_WIDE`,)
     teeth : how their torque follows a difference of the angles, and of the speeds
     shafts : inertia over time of both, less half the friction; torque on the load by its angle
     inverse : of the matrix of both speeds, see `_with_friction`
@@ -195,15 +201,16 @@ def _carry(
     s11, s12, s22 = inverse
     mean_tau, mean_w, end_tau, end_w = current
     for j in range(columns):
-        dp, dw, dtau, dq, dv = z[_P, j], z[_W, j], z[_T, j], z[_Q, j], z[_V, j]
+        dp, dw, dtau = z[_P * _WIDE + j], z[_W * _WIDE + j], z[_T * _WIDE + j]
+        dq, dv = z[_Q * _WIDE + j], z[_V * _WIDE + j]
         pull = stiff * (dp - dq) + damp * (dw - dv)
-        rhs_w = keep_w * dw + mean_tau * dtau + mean_w * dw - pull + forcing[0, j]
-        rhs_v = keep_v * dv + gravity * dq + pull + forcing[1, j]
+        rhs_w = keep_w * dw + mean_tau * dtau + mean_w * dw - pull + forcing[j]
+        rhs_v = keep_v * dv + gravity * dq + pull + forcing[_WIDE + j]
         next_w, next_v = s11 * rhs_w + s12 * rhs_v, s12 * rhs_w + s22 * rhs_v
-        z[_P, j] = dp + half * (dw + next_w)
-        z[_Q, j] = dq + half * (dv + next_v)
-        z[_T, j] = end_tau * dtau + end_w * dw + forcing[2, j]
-        z[_W, j], z[_V, j] = next_w, next_v
+        z[_P * _WIDE + j] = dp + half * (dw + next_w)
+        z[_Q * _WIDE + j] = dq + half * (dv + next_v)
+        z[_T * _WIDE + j] = end_tau * dtau + end_w * dw + forcing[2 * _WIDE + j]
+        z[_W * _WIDE + j], z[_V * _WIDE + j] = next_w, next_v
 
 
 @compiled
@@ -250,11 +257,12 @@ def _predict(
     scale, c_m, delay = 1.0 + parameters[ECCENTRICITY], parameters[COULOMB_M], parameters[DELAY]
     per_radius = radius * radius * teeth
     per_inertia = 1.0 / side.inertia + 1.0 / inertia
-    z = np.zeros((5, _COLUMNS))  # the covariance's columns, then the derivatives'
+    z = np.zeros((5, _WIDE))  # the covariance's columns, then the derivatives'
     for row in range(5):
         z[row, row] = _UNSURE
     z[_P, _P], z[_Q, _Q] = noise.motor_reading, noise.load_reading
-    forcing, none, gains = np.zeros((3, _COLUMNS)), np.zeros((3, _COLUMNS)), np.zeros(5)
+    forcing, none, gains, change = np.zeros((3, _WIDE)), np.zeros(3 * _WIDE), np.zeros(5), np.zeros(_WIDE)
+    flat, forces = z.reshape(5 * _WIDE), forcing.reshape(3 * _WIDE)
     states[0, _P], states[0, _Q] = motor[0], load[0]
     p, w, tau, q, v = states[0, _P], states[0, _W], states[0, _T], states[0, _Q], states[0, _V]
     start, total, held = load[0], 0.0, 0
@@ -304,9 +312,9 @@ def _predict(
             )
             current = lag, (lag - 1.0) * side.braking, decay, (decay - 1.0) * side.braking
             shafts, inverse = (keep_w, keep_v, gravity), (s11, s12, s22)
-            _carry(z, forcing, _COLUMNS, (k, kappa), shafts, inverse, current, 0.5 * dt)
+            _carry(flat, forces, _WIDE, (k, kappa), shafts, inverse, current, 0.5 * dt)
             _turn(z)
-            _carry(z, none, 5, (k, kappa), shafts, inverse, current, 0.5 * dt)
+            _carry(flat, none, 5, (k, kappa), shafts, inverse, current, 0.5 * dt)
             p, q = p + 0.5 * dt * (w + w1), q + 0.5 * dt * (v + v1)
             w, v = w1, v1
             # Noise: of each speed, of a command that is not known, and of the teeth's torque, which acts on both.
@@ -327,11 +335,10 @@ def _predict(
             expectable = variance + factor * factor * z[row, row]
             per_deviation = 1.0 / math.sqrt(expectable)
             innovations[sample, which] = (reading - expected) * per_deviation
+            _observe(flat, row, column, factor, expectable, q - start, gains, change)
             for j in range(PARAMETERS):
-                by = factor * z[row, 5 + j] + (q - start if 5 + j == column else 0.0)
-                derivatives[sample, which, j] = -by * per_deviation
+                derivatives[sample, which, j] = -change[5 + j] * per_deviation
             total += math.log(expectable)
-            _observe(z, row, column, factor, expectable, q - start, gains)
             miss, deepest = reading - expected, max(h, abs(p - q - offset)) + 0.2 * h
             p, w, tau = p + gains[_P] * miss, w + gains[_W] * miss, tau + gains[_T] * miss
             q, v = q + gains[_Q] * miss, v + gains[_V] * miss

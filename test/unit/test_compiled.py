@@ -1,6 +1,7 @@
 """Compiled code on disk: never stale, never in the way, and nothing but our own folders is ever deleted."""
 
 import errno
+import importlib.util
 import os
 import subprocess
 import sys
@@ -160,6 +161,29 @@ def test_cache_file_that_was_cut_short_is_compiled_anew(cache: Path, suffix: str
     third = offset()
     assert third(1.0) == 4.0
     assert sum(third.stats.cache_hits.values()) == 1
+
+
+def test_copies_of_the_same_sources_share_the_code(
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the checkout and what was installed of it do; one that was edited has its own."""
+
+    def hits(copy: str, text: str) -> int:
+        file = tmp_path / copy / "control" / "shapes.py"
+        file.parent.mkdir(parents=True)
+        file.write_text(text)
+        monkeypatch.setattr(module, "_PACKAGE", tmp_path / copy)
+        spec = importlib.util.spec_from_file_location("shapes", file)
+        assert spec is not None
+        assert spec.loader is not None
+        shapes = importlib.util.module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, "shapes", shapes)
+        spec.loader.exec_module(shapes)
+        assert (shapes.double(5.0), shapes.square(5.0)) == (20.0 if "4.0" in text else 10.0, 25.0)
+        return sum(shapes.double.stats.cache_hits.values())
+
+    edited = SHAPES.replace("2.0 * x", "4.0 * x")
+    assert [hits("here", SHAPES), hits("installed", SHAPES), hits("edited", edited)] == [0, 1, 0]
 
 
 def run_shapes(folder: Path, cache: Path) -> list[tuple[float, int]]:
