@@ -57,7 +57,11 @@ from backlash_ros.drivetrain.signals import Array
 
 _WHOLE = 1e-9
 _LEAP, _STRUCK, _DRIVEN, _AT_REST = 0.1, 1.5, 0.3, 0.03
+"""By how much a reading may be off: share of the gap, of the way that the shafts' speeds differ by, and of what the
+motor's stall torque does to it, in flight and at rest."""
 _MOVED, _MOVED_FOR, _LEAPT_FOR = 0.05, 3.0, 11.0
+"""Share of what is missed that a shaft goes on by in a period where it was moved; readings until it, and until one that
+leapt, is believed: a sample may be wrong ten times."""
 _APART = 0.36
 """Of the gap, to either side of its middle: there the teeth are apart whatever their law."""
 _IN_FLIGHT, _TOUCHED, _ALONE = 60.0, 4.0, 0.3
@@ -66,9 +70,13 @@ _RESTS, _THERE = 0.05, 0.1
 """rad/s below which the motor rests, and share of the gap within which it is where it is to be."""
 _LEAST_LAG = 0.1
 """Of the load's filter, so that it does not ring where its readings have no count."""
-_UNSEEN, _SMALLEST, _NOISE, _QUIETED = 0.05, 1e-6, 0.2, 0.25
-"""Share of the gap that a count is taken for until one is seen; rad; s over which noise is looked at, and s after a flight from which on."""
-_APART_UNKNOWN, _LAGS = 0.01, 3.0
+UNSEEN = 0.05
+"""Share of the gap that a count is taken for until one is seen."""
+_SMALLEST, _NOISE, _QUIETED = 1e-6, 0.2, 0.25
+"""rad; s over which noise is looked at, and s after a flight from which on."""
+_UNSURE, _LAGS = 0.01, 3.0
+"""By how much the load torque that is seen while holding is off: N m where the teeth seem apart, and rad/s^2 of the
+load for each rad/s of its speed."""
 _CARRIES, _TOUCHES, _LEARN, _WALL, _WRONG, _BEYOND = 0.05, 0.02, 0.012, 0.03, 0.6, 0.02
 """Torque, N m, and times, s, in which teeth that push, and teeth that cannot be where they seem, show where they are;
 what is too far off for that, and what g may be beyond the gap, as shares of it."""
@@ -154,7 +162,8 @@ def see_motor(law: Array, state: Array, reading: float) -> None:
         _pass(law, BEFORE, motor, state[COMMANDS + k + 1], state[CARRIED + k + 1])
     _pass(law, AFTER, motor, state[COMMANDS + k], state[CARRIED + k])
     missed = reading - motor[0]
-    fine, angle, speed = _doubt(law, state, DOUBTED, missed, reading - state[LAST_MOTOR] - law[PERIOD] * motor[1], 0.0)
+    way = reading - state[LAST_MOTOR] - law[PERIOD] * motor[1]
+    fine, angle, speed = _doubt(law, state, DOUBTED, missed, way, 0.0)
     motor[0] += angle
     motor[1] += speed
     if fine:
@@ -210,7 +219,7 @@ def see_load(law: Array, state: Array, reading: float) -> None:
         return
     if state[PHASE] == HOLD and state[WAITED] > _QUIETED:
         state[MISSED] += min(period / _NOISE, 1.0) * (abs(missed) - state[MISSED])
-    state[COUNT] = max(state[STEP] if state[STEP] > 0.0 else _UNSEEN * law[GAP], 4.0 * state[MISSED])
+    state[COUNT] = max(state[STEP] if state[STEP] > 0.0 else UNSEEN * law[GAP], 4.0 * state[MISSED])
     if state[PHASE] != HOLD:
         unknown = _IN_FLIGHT
     elif state[HELD] == 0.0:
@@ -251,7 +260,7 @@ def see_middle(law: Array, state: Array) -> None:
 
 @compiled
 def see_pull(law: Array, state: Array) -> None:
-    """Learn the load torque from the momentum of both shafts, friction in it, N m.
+    """Learn the load torque from what both shafts' momentum gains beyond what the current gives, N m.
 
     In motion friction is known, at rest only that it is no larger than it can be. Over a whole flight a wrong inertia
     cancels.
@@ -273,7 +282,7 @@ def see_pull(law: Array, state: Array) -> None:
     if state[WAITED] > _PATIENT:
         unknown = friction + law[MOTOR_COULOMB] + _LAGS * law[INERTIA] * abs(omega)
         if apart(law, state):
-            unknown += _APART_UNKNOWN
+            unknown += _UNSURE
             if abs(omega) < _STANDS:
                 state[PULL] = min(max(state[PULL], -friction), friction)
                 return

@@ -42,6 +42,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     LOAD,
     LOAD_SPEED,
     MIDDLE,
+    MOMENTUM,
     MOTOR,
     MOTOR_COULOMB,
     MOTOR_FRICTION,
@@ -71,6 +72,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
 )
 from backlash_ros.control.laws.two_encoder.observers import (
     FREE,
+    UNSEEN,
     contact,
     dry,
     holds,
@@ -126,7 +128,7 @@ def _start(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint) -> 
     state[MOTOR] = state[PLACE] = state[LAST_MOTOR] = motor
     state[LOAD] = state[LAST_LOAD] = estimate[THETA_L]
     state[MIDDLE] = motor - estimate[THETA_L]
-    state[COUNT] = 0.05 * law[GAP]
+    state[COUNT] = UNSEEN * law[GAP]
     far = abs(setpoint[POSITION] - estimate[THETA_L]) > _FAR * law[GAP]
     state[TARGET] = estimate[THETA_L] if far else setpoint[POSITION]  # another target is flown to
     state[PHASE], state[SHARE], state[STARTED] = HOLD, 1.0, 1.0
@@ -214,9 +216,7 @@ def _lead(law: Array, state: Array, error: float, resting: float, tight: float, 
 
 
 @compiled
-def _hold_free(
-    law: Array, state: Array, error: float, load: float, motor: Array
-) -> tuple[float, float, float]:
+def _hold_free(law: Array, state: Array, error: float, load: float, motor: Array) -> tuple[float, float, float]:
     """Hold a load that no torque holds: return the motor's place, rad, its speed and the torque, N m."""
     tight = max(_TIGHT[0] * law[GAP], _TIGHT[1] * state[COUNT])
     wide = max(_WIDE[0] * law[GAP], _WIDE[1] * state[COUNT])
@@ -336,7 +336,12 @@ def two_encoder_step(
         mean_speed = (end - place) / period
         state[PLACE] = end
         state[TIME] += period
-    torque += dry(law, speed + _GOES * (place - motor[0])) + state[ACTING] + law[STIFFNESS] * (place - motor[0]) + law[DAMPING] * (speed - motor[1])
+    torque += (
+        dry(law, speed + _GOES * (place - motor[0]))
+        + state[ACTING]
+        + law[STIFFNESS] * (place - motor[0])
+        + law[DAMPING] * (speed - motor[1])
+    )
     voltage = clamp(law[VOLTS_PER_TORQUE] * torque + law[VOLTS_PER_SPEED] * mean_speed, low, high)
     for k in range(KEPT - 1, 0, -1):
         state[COMMANDS + k], state[CARRIED + k] = state[COMMANDS + k - 1], state[CARRIED + k - 1]
@@ -350,6 +355,7 @@ def begin(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, hold
     state[1:] = 0.0
     _start(law, state, estimate, setpoint)
     state[SPEED], state[LOAD_SPEED] = law[RATIO] * estimate[OMEGA_M], estimate[OMEGA_L]
+    state[MOMENTUM] = law[MOTOR_INERTIA] * state[SPEED] + law[INERTIA] * state[LOAD_SPEED]
     state[PULL] = state[PULL_SLOW] = -holding / law[VOLTS_PER_TORQUE]
     state[HELD] = 1.0 if holds(law, state[PULL]) else 0.0
     state[PARKED] = -1.0
