@@ -17,7 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from backlash_ros.analysis.evaluation.command import evaluate, replay
 from backlash_ros.analysis.evaluation.drive_file import read_axis, read_drive
 from backlash_ros.analysis.evaluation.population import ENCODERS, MODELS, POPULATIONS
-from backlash_ros.analysis.evaluation.task import Task
+from backlash_ros.analysis.evaluation.task import DESIGNED, Task
 from backlash_ros.analysis.export import FORMATS
 from backlash_ros.analysis.figures import FIGURES, draw
 from backlash_ros.analysis.jsonable import jsonable
@@ -105,7 +105,7 @@ def _add_evaluation(parser: argparse.ArgumentParser) -> None:
     add("--drives", type=_whole(1), metavar="N", help="how many of its drives are judged, from the first on")
     add("--json", type=Path, metavar="FILE", help="file to write the summary into")
     add("--experiments", nargs="+", type=_entry_of(EXPERIMENTS, AUTO), default=default.experiments, metavar="NAME")
-    add("--laws", nargs="+", type=_entry_of(LAWS), default=default.laws, metavar="NAME")
+    add("--laws", nargs="+", type=_entry_of(LAWS, DESIGNED), default=default.laws, metavar="NAME")
     add("--model", choices=MODELS, default=default.model, help="what the controller takes the drive for")
     add("--population", choices=POPULATIONS, default=default.population)
     add("--encoders", choices=list(ENCODERS), default=default.encoders)
