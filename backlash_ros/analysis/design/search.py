@@ -241,12 +241,14 @@ def design(loop: Loop, uncertainty: Uncertainty, progress: Callable[[str], None]
     NothingQuietError
         Where no choice is quiet and precise on all drives of the range. It names the worst.
     ValueError
-        Where the load has no encoder, without which near the target is not known.
+        Where the load has no encoder, so that nobody knows whether it is near its target, and where the fast gains are
+        unstable.
     """
     if "theta_l" not in loop.sensors.measured:
         raise ValueError(
             f"sensors.measured must have theta_l: the region is around the load's target, got {loop.sensors.measured}"
         )
+    check_stable("gains.fast.k", loop.drive, loop.fast, 1.0 / loop.rate, loop.delay.mean)
     cases = uncertainty.cases(loop.drive)
     by_flank = sorted((case for case in cases if not case.load_torque), key=lambda case: flank_rate(case.drive))
     trials = list(dict.fromkeys([by_flank[0], cases[0], by_flank[-1]]))

@@ -88,7 +88,7 @@ class Outcome:
         return min(100.0, max(0.0, self.overshoot / threshold(OVERSHOOT, b, count) - 1.0))
 
 
-def _targets(loop: Loop) -> list[float]:
+def targets_of(loop: Loop) -> list[float]:
     """Return what the reference is at each step, rad."""
     targets = [STEP]
     for step in SHORT_STEPS:
@@ -109,7 +109,7 @@ def simulate(loop: Loop, choice: Choice, case: Case, length: float = LENGTH) -> 
         If the plant cannot be integrated.
     """
     held = round(length * loop.rate)
-    reference: Array = np.repeat(_targets(loop), held)
+    reference: Array = np.repeat(targets_of(loop), held)
     substeps = max(1, round(1.0 / (_GRID * loop.rate)))
     torque = np.full((), case.load_torque)
     sensors = replace(loop.sensors, motor_offset=0.0, load_offset=0.0)  # a zero moves the target alone
@@ -121,7 +121,7 @@ def judge(loop: Loop, case: Case, done: Run) -> Outcome:
     """Judge the run of `simulate`, in units of the gap that the drive has."""
     if done.fault:
         return Outcome(failure=done.fault)
-    targets = _targets(loop)
+    targets = targets_of(loop)
     held = (done.time.size - 1) // len(targets)
     b, count = case.drive.gear.backlash_angle, loop.count
     moves, precise = [], []

@@ -76,7 +76,7 @@ class Uncertainty:
         }
         varied = {name: factors for name, (factors, value) in there.items() if value > 0 and factors[0] < factors[1]}
         fixed = {name: factors[0] for name, (factors, value) in there.items() if name not in varied}
-        corners = [dict(zip(varied, corner, strict=True)) for corner in product(*varied.values())]
+        corners = [dict(zip(varied, corner, strict=True)) for corner in product(*varied.values())] if varied else []
         for number, factors in enumerate([*corners, *_inside(varied)]):
             scaled = _scaled(drive, {**fixed, **factors})
             label = [f"{name} x{factor:.3g}" for name, factor in factors.items()]
