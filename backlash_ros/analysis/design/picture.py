@@ -12,7 +12,7 @@ from backlash_ros.analysis.design.trial import simulate, targets_of
 from backlash_ros.analysis.judging import SETTLED
 from backlash_ros.drivetrain import IntegrationError
 
-_SHOWN = 2.0
+_SHOWN = 4.0
 """Of each step, s."""
 
 

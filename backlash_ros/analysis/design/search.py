@@ -16,7 +16,7 @@ from scipy.stats import qmc
 
 from backlash_ros.analysis.design.trial import AIM, LENGTH, MARGIN, Choice, Loop, Outcome, attempt
 from backlash_ros.analysis.design.uncertainty import Case, Uncertainty
-from backlash_ros.analysis.judging import SETTLED, TAIL
+from backlash_ros.analysis.judging import PRECISE, QUIET, SETTLED, TAIL
 from backlash_ros.analysis.metrics import Array
 from backlash_ros.control import DEFAULT_WEIGHTS, Gains, check_stable, design_gains
 from backlash_ros.control.design.describing_function import PredictedCycle, predict_limit_cycle
@@ -28,12 +28,14 @@ _BEST = 3
 """Choices that each refinement starts from."""
 _SIZES = (0.15, 0.08)
 """Steps of the refinements, over the range of each direction."""
-_ROUNDS = 6
+_ROUNDS, _MOST_ROUNDS = 6, 16
 """In which a drive of the range on which the best choice fails is added to those that choices are tried on."""
 _CREEPS = 4.0
 """Time constants of the slowest load on its flank for which a step of the search is held, beside 2 s."""
 _SLACK = 1.25
 """By so many times the whole range may be slower than the drives that choices were tried on."""
+
+_ADVICE = "narrow the range, add friction to the load, or take another law (two_encoder, cascade)"
 
 _RATE = (0.15, 2.0)
 """Of the slow pole, over what keeps the load on its flank."""
@@ -262,30 +264,35 @@ def design(loop: Loop, uncertainty: Uncertainty, progress: Callable[[str], None]
         if search.found and search.found[0][0] < LENGTH:
             break
     search.refine(*_SIZES)
-    for _ in range(_ROUNDS):
+    for number in range(_MOST_ROUNDS):
+        if not search.found:
+            raise NothingQuietError(f"no gains are without a limit cycle: with {trials[0].label} {_ADVICE}")
         progress("judging the range")
         cost, _, choice = search.found[0]
         outcomes = tuple((case, attempt(loop, choice, case)) for case in cases)
-        worst, _ = max(outcomes, key=lambda each: cost_of(loop, *each))
-        if cost_of(loop, worst, dict(outcomes)[worst]) <= _SLACK * cost:
+        refusal = _refusal(loop, outcomes)
+        worst, outcome = max(outcomes, key=lambda each: cost_of(loop, *each))
+        if not refusal and (number >= _ROUNDS - 1 or cost_of(loop, worst, outcome) <= _SLACK * cost):
             break
         progress("trying gains")
         search.add_trial(worst)
         search.refine(_SIZES[-1])
-    _refuse_unless_quiet(loop, outcomes)
+    if refusal:
+        raise NothingQuietError(refusal)
     default = default_choice(loop.drive)
     before = tuple((case, attempt(loop, default, case)) for case in cases)
     return Design(loop, uncertainty, choice, outcomes, default, before)
 
 
-def _refuse_unless_quiet(loop: Loop, outcomes: tuple[tuple[Case, Outcome], ...]) -> None:
+def _refusal(loop: Loop, outcomes: tuple[tuple[Case, Outcome], ...]) -> str:
+    """Return on which drive of the range a choice is the worst, where it is not quiet on all of them; else nothing."""
+
     def excess(each: tuple[Case, Outcome]) -> float:
         return each[1].excess(each[0].drive.gear.backlash_angle, loop.count, MARGIN)
 
     case, outcome = max(outcomes, key=excess)
-    if excess((case, outcome)) > 0:
-        what = outcome.failure or f"swings by {outcome.swing:.2f} b and ends {outcome.error:.2f} b off its target"
-        raise NothingQuietError(
-            f"no gains are quiet on every drive of the range: with {case.label} the load {what}, where "
-            f"{MARGIN:g} of the bounds was allowed; narrow the range, or take another law (two_encoder, cascade)"
-        )
+    if not excess((case, outcome)):
+        return ""
+    what = outcome.failure or f"swings by {outcome.swing:.2f} b and ends {outcome.error:.2f} b off its target"
+    bounds = f"where {MARGIN * QUIET:.2g} b and {MARGIN * PRECISE:.2g} b were allowed"
+    return f"no gains are quiet on every drive of the range: with {case.label} the load {what}, {bounds}; {_ADVICE}"
