@@ -107,7 +107,7 @@ def test_dead_zone_has_its_textbook_describing_function() -> None:
     assert describing_function(drive, 0.4e-3, 100.0) == 0
 
 
-@pytest.mark.parametrize("delay", [0.0005, 0.001, 0.003])
+@pytest.mark.parametrize("delay", [0.0005, 0.001, 0.002])
 def test_a_late_loop_is_predicted_as_late(gains: GainSet, delay: float) -> None:
     drive = backlash(1.0, contact=ElasticContact(damping=2.0))
     predicted = predict_limit_cycle(drive, gains.fast, PERIOD, delay)
@@ -118,4 +118,4 @@ def test_a_late_loop_is_predicted_as_late(gains: GainSet, delay: float) -> None:
     assert predicted.amplitude == pytest.approx(amplitude, rel=0.15)
     assert predicted.gap_travel == pytest.approx(travel, rel=0.15)
     assert predicted.period == pytest.approx(period, rel=0.15)
-    assert predicted.amplitude > at_once.amplitude
+    assert predicted.period > 1.3 * at_once.period
