@@ -14,10 +14,11 @@ from typing import NoReturn, TypeVar
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from backlash_ros.analysis.design.command import add_design, design_gains_for, files_in_the_way
 from backlash_ros.analysis.evaluation.command import evaluate, replay
 from backlash_ros.analysis.evaluation.drive_file import read_axis, read_drive
 from backlash_ros.analysis.evaluation.population import ENCODERS, MODELS, POPULATIONS
-from backlash_ros.analysis.evaluation.task import Task
+from backlash_ros.analysis.evaluation.task import DESIGNED, Task
 from backlash_ros.analysis.export import FORMATS
 from backlash_ros.analysis.figures import FIGURES, draw
 from backlash_ros.analysis.jsonable import jsonable
@@ -105,7 +106,7 @@ def _add_evaluation(parser: argparse.ArgumentParser) -> None:
     add("--drives", type=_whole(1), metavar="N", help="how many of its drives are judged, from the first on")
     add("--json", type=Path, metavar="FILE", help="file to write the summary into")
     add("--experiments", nargs="+", type=_entry_of(EXPERIMENTS, AUTO), default=default.experiments, metavar="NAME")
-    add("--laws", nargs="+", type=_entry_of(LAWS), default=default.laws, metavar="NAME")
+    add("--laws", nargs="+", type=_entry_of(LAWS, DESIGNED), default=default.laws, metavar="NAME")
     add("--model", choices=MODELS, default=default.model, help="what the controller takes the drive for")
     add("--population", choices=POPULATIONS, default=default.population)
     add("--encoders", choices=list(ENCODERS), default=default.encoders)
@@ -199,6 +200,18 @@ def _identify(parser: argparse.ArgumentParser, given: argparse.Namespace, consol
         return 1
 
 
+def _design(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> int:
+    for name, place in files_in_the_way(given):
+        parser.error(f"argument --{name}: '{place}' is there already; --force writes over it")
+    for name in ("out", "json", "plot"):
+        if (place := getattr(given, name)) is not None and (why := _unwritable(place, folder=False)):
+            parser.error(f"argument --{name}: must be a place that can be written, got '{place}': {why}")
+    try:
+        return design_gains_for(given, console)
+    except ValueError as error:
+        parser.error(str(error))
+
+
 def _add_measurement(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--out", type=Path, metavar="DIR", help="new folder for recording, drive file and certificate; named by now")
@@ -247,6 +260,9 @@ def main(args: Sequence[str] | None = None) -> int:
     _add_export(exporting)
     finding = commands.add_parser("identify", help="what a recording tells of a drive, with uncertainties")
     add_identification(finding)
+    designing = commands.add_parser("design", help="over-damped gains and their region's width, for a range of drives")
+    add_design(designing)
+    designing.set_defaults(run=lambda a, console: _design(designing, a, console))
     words = tuple(sys.argv[1:] if args is None else args)
     finding.set_defaults(words=words, run=lambda a, console: _identify(finding, a, console))
     measuring = commands.add_parser(

@@ -8,6 +8,10 @@ import yaml
 from graph import Parameters, Peer
 from rcl_interfaces.srv import ListParameters
 
+from backlash_ros.analysis.design.report import gain_text
+from backlash_ros.analysis.design.trial import Choice, Loop
+from backlash_ros.control import Gains, design_gains
+from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.nodes.parameters import all_names
 
 CONFIG = Path(__file__).parents[2] / "config" / "nominal_drive.yaml"
@@ -56,3 +60,21 @@ def test_controller_takes_the_file_in_any_namespace(start: Any, peer: Peer, name
     accepted, reason = parameters.set(gain_set="gentle")
     assert accepted, reason
     assert parameters.get("gains.fast.k") == [[10.0, 0.4, 0.1]]
+
+
+def test_controller_takes_gains_that_were_designed_at_its_start_and_while_it_runs(
+    start: Any, peer: Peer, tmp_path: Path
+) -> None:
+    fast = design_gains("fast", NOMINAL_DRIVE, [1000.0, 1.0])
+    file = tmp_path / "gains.yaml"
+    designed = {}
+    for k1 in (1.5, 2.0):
+        file.write_text(gain_text(Loop(NOMINAL_DRIVE, fast), Choice(Gains(k1, 0.0, -0.5), k1), "my drive"))
+        designed[k1] = flatten(yaml.safe_load(file.read_text())["/**"]["ros__parameters"])
+    start("controller", "--params-file", str(CONFIG), "--params-file", str(file))
+    parameters = Parameters(peer, "controller")
+    names = "law", "gains.overdamped.k", "laws.two_region.width", "gain_set"
+    assert parameters.get(*names) == ["two_region", [2.0, 0.0, -0.5], 2.0, "custom"]
+    accepted, reason = parameters.set(**{name.replace(".", "__"): value for name, value in designed[1.5].items()})
+    assert accepted, reason
+    assert parameters.get(*names) == ["two_region", [1.5, 0.0, -0.5], 1.5, "custom"]

@@ -11,9 +11,9 @@ from data_sheet import FAULTS, NAMES, OTHERS, Rig, Start
 from diagnostic_msgs.msg import DiagnosticArray
 from graph import Parameters, Peer
 
-from backlash_ros.analysis.evaluation.judging import OVERSHOOT, PRECISE, QUIET, judge_move, threshold
 from backlash_ros.analysis.evaluation.population import draw_member
 from backlash_ros.analysis.evaluation.task import DELAY_NEAR, EFFORT_NEAR, GAP_NEAR, INERTIA_NEAR, SPEEDS
+from backlash_ros.analysis.judging import OVERSHOOT, PRECISE, QUIET, judge_move, threshold
 from backlash_ros.control import DEFAULT_WEIGHTS, FaultThresholds, design_gains
 from backlash_ros.control.estimates import DriveIdentity, parse
 from backlash_ros.drivetrain import NOMINAL_DRIVE

@@ -10,15 +10,17 @@ from backlash_ros.control import Gains, GainSet, ServoSettings, design_gains, fi
 from backlash_ros.control.design.describing_function import describing_function, predict_limit_cycle
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
+from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.simulation import Scenario, run
 
 PERIOD = 0.001
 
 
-def simulated_cycle(drive: Drive, k: Gains, seconds: float) -> tuple[float, float, float]:
+def simulated_cycle(drive: Drive, k: Gains, seconds: float, delay: float = 0.0) -> tuple[float, float, float]:
     """Return the load's amplitude (rad), the gap's travel (m) and the period (s) of the cycle that ``k`` keeps up."""
     choice = ServoSettings(GainSet(k, k), law="fast", period=PERIOD)
-    scenario = Scenario(np.ones(round(seconds / PERIOD)), known_load_torque=True, substeps=4)
+    late = Delay(command=delay)
+    scenario = Scenario(np.ones(round(seconds / PERIOD)), known_load_torque=True, substeps=4, delay=late)
     result = run(drive, choice, scenario)
     tail = slice(result.time.size // 2, None)
     cycle = find_limit_cycle(result.state[tail, 2], result.state[tail, 3], PERIOD / 4)
@@ -103,3 +105,17 @@ def test_dead_zone_has_its_textbook_describing_function() -> None:
         assert found.real == pytest.approx(expected, rel=1e-3)
         assert abs(found.imag) < 1e-6 * expected
     assert describing_function(drive, 0.4e-3, 100.0) == 0
+
+
+@pytest.mark.parametrize("delay", [0.0005, 0.001, 0.002])
+def test_a_late_loop_is_predicted_as_late(gains: GainSet, delay: float) -> None:
+    drive = backlash(1.0, contact=ElasticContact(damping=2.0))
+    predicted = predict_limit_cycle(drive, gains.fast, PERIOD, delay)
+    at_once = predict_limit_cycle(drive, gains.fast, PERIOD)
+    amplitude, travel, period = simulated_cycle(drive, gains.fast, 3.0, delay)
+    assert predicted is not None
+    assert at_once is not None
+    assert predicted.amplitude == pytest.approx(amplitude, rel=0.15)
+    assert predicted.gap_travel == pytest.approx(travel, rel=0.15)
+    assert predicted.period == pytest.approx(period, rel=0.15)
+    assert predicted.period > 1.3 * at_once.period

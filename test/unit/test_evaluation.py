@@ -19,7 +19,6 @@ from backlash_ros.analysis.evaluation import task as task_module
 from backlash_ros.analysis.evaluation.command import report_of, table_of
 from backlash_ros.analysis.evaluation.drive_file import read_drive
 from backlash_ros.analysis.evaluation.failures import group_failures, worst_drives
-from backlash_ros.analysis.evaluation.judging import Move
 from backlash_ros.analysis.evaluation.population import Member, draw_member
 from backlash_ros.analysis.evaluation.summary import Collected, failed, summarize, wilson
 from backlash_ros.analysis.evaluation.task import (
@@ -39,6 +38,7 @@ from backlash_ros.analysis.evaluation.task import (
     settings_for,
     true_reading,
 )
+from backlash_ros.analysis.judging import Move
 from backlash_ros.cli import main
 from backlash_ros.drivetrain import NOMINAL_DRIVE, IntegrationError
 from backlash_ros.drivetrain.delay import Delay

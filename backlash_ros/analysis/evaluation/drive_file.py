@@ -8,8 +8,14 @@ from typing import Any
 
 import yaml
 
+from backlash_ros.control import DEFAULT_WEIGHTS, Gains, design_gains
 from backlash_ros.control.limits import NO_LIMIT
-from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Gear, Load, Motor, Validated, quantities
+from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Gear, Load, Motor, Quantity, Validated, quantities
+from backlash_ros.drivetrain.delay import Delay
+from backlash_ros.drivetrain.sensors import Sensors
+
+RATE = Quantity("samples per second", "Hz", 0.0, 2000.0, True)
+"""Of a controller."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +49,53 @@ class Axis:
     def has_ends(self) -> bool:
         """Whether the load's travel ends on both sides."""
         return math.isfinite(self.position_lower) and math.isfinite(self.position_upper)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a drive file says beside the drive: rate, Hz, sensors, delay, and the fast gains that it starts with."""
+
+    rate: float
+    sensors: Sensors
+    delay: Delay
+    fast: Gains
+
+
+def read_surroundings(path: Path, drive: Drive) -> Surroundings:
+    """Return what surrounds ``drive`` in its parameter file; what the file does not say is the nodes' default.
+
+    The delay is that of the simulated drive, ``delay``, or where there is none ``loop_delay``.
+
+    Raises
+    ------
+    OSError, ValueError
+        As `read_axis`.
+    """
+    try:
+        parameters = _parameters(yaml.safe_load(path.read_text()))
+        rate = parameters.get("rate", 250.0)
+        RATE.check("rate", rate)
+        given = dict(_section(parameters, "sensors"))
+        signals = {name: given.pop(name) for name in ("measured", "speeds_from_positions") if name in given}
+        if "measured" in signals:
+            signals["measured"] = tuple(signals["measured"])
+        delay = Delay(**_own(Delay, _section(parameters, "delay")))
+        if not delay.mean:
+            delay = Delay(command=parameters.get("loop_delay", 0.0))
+        return Surroundings(rate, Sensors(**_own(Sensors, given), **signals), delay, _fast_gains(parameters, drive))
+    except (ValueError, TypeError, yaml.YAMLError) as error:
+        reason = " ".join(str(error).split())
+        raise ValueError(f"{path}: {reason}") from error
+
+
+def _fast_gains(parameters: Mapping[str, Any], drive: Drive) -> Gains:
+    """Return the fast gains of the first gain set that a file names; by default those of the default weights."""
+    names = parameters.get("gain_set_names", ["nominal"])
+    where = f"gain_sets.{names[0]}.fast"
+    given = _section(_section(_section(parameters, "gain_sets"), names[0]), "fast")
+    if "k" in given:
+        return Gains.from_sequence(f"{where}.k", given["k"])
+    return design_gains(f"{where}.q", drive, given.get("q", DEFAULT_WEIGHTS["fast"]))
 
 
 def read_drive(path: Path) -> Drive:

@@ -10,10 +10,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import NullFormatter
 
-from backlash_ros.analysis.evaluation.judging import SETTLED, threshold
 from backlash_ros.analysis.evaluation.population import Member
 from backlash_ros.analysis.evaluation.summary import Collected, wilson
 from backlash_ros.analysis.evaluation.task import CHANGE, STAND, STEP, scenario_of, true_reading
+from backlash_ros.analysis.judging import SETTLED, threshold
 from backlash_ros.analysis.metrics import Array
 from backlash_ros.control import LAWS
 from backlash_ros.simulation import Run
@@ -112,4 +112,4 @@ def draw_runs(member: Member, runs: dict[str, Run], path: Path) -> None:
 
 
 def _title(law: str) -> Any:
-    return LAWS[law].title
+    return LAWS[law].title if law in LAWS else law

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backlash_ros.analysis.evaluation.conditions import conditions_of
-from backlash_ros.analysis.evaluation.judging import OVERSHOOT, PRECISE, QUIET, threshold
 from backlash_ros.analysis.evaluation.population import Member
 from backlash_ros.analysis.evaluation.task import Learned, Verdict
+from backlash_ros.analysis.judging import OVERSHOOT, PRECISE, QUIET, threshold
 from backlash_ros.analysis.metrics import Array
 
 CLOSE, WRONG = 0.05, 0.2

@@ -6,7 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from backlash_ros.analysis.evaluation.judging import (
+from backlash_ros.analysis.design.search import NothingQuietError, design
+from backlash_ros.analysis.design.trial import Loop
+from backlash_ros.analysis.design.uncertainty import Uncertainty
+from backlash_ros.analysis.evaluation.population import Member, draw_member, told_model
+from backlash_ros.analysis.judging import (
     OVERSHOOT,
     PRECISE,
     QUIET,
@@ -15,7 +19,6 @@ from backlash_ros.analysis.evaluation.judging import (
     recovery,
     threshold,
 )
-from backlash_ros.analysis.evaluation.population import Member, draw_member, told_model
 from backlash_ros.analysis.metrics import Array
 from backlash_ros.control import (
     AUTO,
@@ -29,6 +32,7 @@ from backlash_ros.control import (
 )
 from backlash_ros.control.design.stability import LONGEST_DELAY
 from backlash_ros.drivetrain import Drive, IntegrationError
+from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M
 from backlash_ros.identification.drive import identified_drive
 from backlash_ros.identification.fit import Fit
@@ -43,6 +47,8 @@ SHORT_STEP = 5.0
 """In mean backlashes."""
 INERTIA_NEAR, GAP_NEAR, EFFORT_NEAR, DELAY_NEAR = 0.05, 0.03, 0.1, 0.25
 """What counts as identified: shares of inertia, gap and friction, and of a period; of the gap a count, too."""
+DESIGNED = "designed"
+"""The two-region law with gains and width by `backlash design`; a name that stands beside those of the laws."""
 SPEEDS = 1.0, 10.0
 """Of the load, rad/s, at which its friction is judged, viscous and dry together."""
 
@@ -134,6 +140,20 @@ def settings_for(model: Drive, member: Member, delay: float | None = None) -> Se
     for region, designed in gains.items():
         check_stable(f"gains.{region}.k", model, designed, period, delay)
     return ServoSettings(GainSet(**gains), period=period, loop_delay=delay)
+
+
+def designed_settings(model: Drive, member: Member, settings: ServoSettings) -> ServoSettings:
+    """Return ``settings`` with what `backlash design` chooses for the drive that the controller takes it for.
+
+    Of the drive itself the data sheet is known: rate and counts. Where nothing quiet is found the default stays.
+    """
+    sensors = replace(member.sensors, load_eccentricity=0.0, motor_eccentricity=0.0)
+    loop = Loop(model, settings.gains.fast, member.rate, sensors, Delay(command=settings.loop_delay))
+    try:
+        chosen = loop.settings(design(loop, Uncertainty()).choice)
+    except NothingQuietError:
+        return settings
+    return replace(chosen, backlash_angle=settings.backlash_angle)
 
 
 def first_reading(member: Member) -> float:
@@ -277,7 +297,11 @@ def perform(task: Task, number: int, laws: tuple[str, ...]) -> tuple[Learned, di
     scenario = scenario_of(member)
     for law in laws:
         try:
-            runs[law] = run(member.drive, settings.with_law(law), scenario, model=model)
+            if law == DESIGNED:
+                chosen = designed_settings(model, member, settings) if learned.valid else settings
+            else:
+                chosen = settings.with_law(law)
+            runs[law] = run(member.drive, chosen, scenario, model=model)
             verdicts[law] = judge_run(member, scenario, runs[law])
         except (ValueError, IntegrationError) as error:  # noqa: PERF203 - a law that fails has its verdict
             verdicts[law] = Verdict(failure=str(error))

@@ -88,11 +88,11 @@ def describing_function(drive: Drive, amplitude: float, frequency: float) -> com
     return complex(fundamental(plant_constants(drive), float(amplitude), float(frequency)))
 
 
-def _linear_part(drive: Drive, gains: Gains, period: float, frequency: float) -> NDArray[np.complex128]:
+def _linear_part(drive: Drive, gains: Gains, period: float, delay: float, frequency: float) -> NDArray[np.complex128]:
     """Return theta_m, omega_m, theta_l, omega_l, i per newton of contact force, under sampled state feedback."""
     motor, gear, load = drive.motor, drive.gear, drive.load
     s = 1j * frequency
-    hold = (1 - np.exp(-s * period)) / (s * period)
+    hold = (1 - np.exp(-s * period)) / (s * period) * np.exp(-s * delay)
     if drive.takes_current:  # the whole answer is held, and the current gain sees the one before
         back_emf, winding = hold * motor.torque_constant, motor.resistance + np.exp(-s * period) * gains.current
     else:
@@ -147,7 +147,7 @@ def _frequency_range(drive: Drive, gains: Gains, period: float) -> tuple[float, 
     return highest * float(np.clip(0.3 * np.min(np.abs(poles)) / highest, _SLOWEST, 0.1)), highest
 
 
-def predict_limit_cycle(drive: Drive, gains: Gains, period: float) -> PredictedCycle | None:
+def predict_limit_cycle(drive: Drive, gains: Gains, period: float, delay: float = 0.0) -> PredictedCycle | None:
     """Return the limit cycle of largest amplitude that harmonic balance finds, or None.
 
     At each frequency, from below the slowest pole of the loop in contact to half the sample rate, one amplitude makes
@@ -158,6 +158,7 @@ def predict_limit_cycle(drive: Drive, gains: Gains, period: float) -> PredictedC
     ----------
     drive, gains : the drive and the state feedback that acts throughout
     period : of the controller's samples, s
+    delay : from the instant of a measurement to that at which its command acts on the motor, s
 
     Examples
     --------
@@ -172,7 +173,7 @@ def predict_limit_cycle(drive: Drive, gains: Gains, period: float) -> PredictedC
     def balance(logarithm: float) -> tuple[float, float]:
         """Return the amplitude, m, and the phase of G N, rad, at exp(``logarithm``) rad/s."""
         frequency = math.exp(logarithm)
-        loop = _gap(drive, _linear_part(drive, gains, period, frequency))
+        loop = _gap(drive, _linear_part(drive, gains, period, delay, frequency))
         amplitude = _amplitude(drive, loop, frequency)
         if math.isnan(amplitude):
             return math.nan, math.nan
@@ -187,7 +188,7 @@ def predict_limit_cycle(drive: Drive, gains: Gains, period: float) -> PredictedC
             continue  # passes pi, not 0
         root = float(brentq(lambda logarithm: balance(logarithm)[1], grid[index], grid[index + 1], xtol=1e-10))
         amplitude, frequency = balance(root)[0], math.exp(root)
-        states = _linear_part(drive, gains, period, frequency)
+        states = _linear_part(drive, gains, period, delay, frequency)
         share = float(abs(states[2] / _gap(drive, states)))
         found.append(PredictedCycle(2 * amplitude * share, 2 * amplitude, 2 * math.pi / frequency))
     return max(found, key=lambda cycle: cycle.amplitude, default=None)

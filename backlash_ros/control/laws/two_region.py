@@ -37,12 +37,23 @@ _OVERDAMPED, _ENTER, _LEAVE, _DWELL = 4, 8, 9, 10
 
 @dataclass(frozen=True)
 class TwoRegionParameters(Validated):
-    """How the regions are switched."""
+    """How wide the over-damped region is, and how the regions are switched."""
 
     section: ClassVar[str] = "laws.two_region"
 
+    width: float = quantity(
+        "error to either side below which the over-damped gains act, over backlash_angle",
+        "",
+        above=0,
+        at_most=10,
+        default=1.0,
+    )
     hysteresis: float = quantity(
-        "the over-damped region is left at (1 + hysteresis) backlash_angle", "", at_least=0, at_most=10, default=0.1
+        "the over-damped region is left at (1 + hysteresis) width backlash_angle",
+        "",
+        at_least=0,
+        at_most=10,
+        default=0.1,
     )
     min_dwell: float = quantity("least time in a region", "s", at_least=0, at_most=10, default=0.02)
 
@@ -82,8 +93,8 @@ def _law(drive: Drive, settings: "ServoSettings", enter: float, leave: float, mi
 
 def two_region(drive: Drive, settings: "ServoSettings", parameters: TwoRegionParameters) -> ControlLaw:
     """Over-damped gains within the backlash, fast gains outside, with hysteresis and a least dwell (figs 6, 9)."""
-    b = settings.backlash_angle
-    return _law(drive, settings, b, (1.0 + parameters.hysteresis) * b, parameters.min_dwell)
+    enter = parameters.width * settings.backlash_angle
+    return _law(drive, settings, enter, (1.0 + parameters.hysteresis) * enter, parameters.min_dwell)
 
 
 def fast(drive: Drive, settings: "ServoSettings", _parameters: Validated) -> ControlLaw:

@@ -55,10 +55,11 @@ def judge_move(time: Array, position: Array, target: float, b: float, count: flo
     )
 
 
-def recovery(time: Array, position: Array, target: float, b: float, count: float) -> float:
+def recovery(time: Array, position: Array, target: float, b: float, count: float, share: float = SETTLED) -> float:
     """Return when the load is within b/4 of its target for good, s; the length of the record where it never is.
 
-    For good: for the last second at least, lest a load that swings passes for one that has settled just now.
+    ``share`` is another band than 1/4. For good: for the last second at least, lest a load that swings passes for one
+    that has settled just now.
     """
-    settled, end = settling_time(time, position, target, b * threshold(SETTLED, b, count)), float(time[-1])
+    settled, end = settling_time(time, position, target, b * threshold(share, b, count)), float(time[-1])
     return settled if settled <= end - TAIL else end

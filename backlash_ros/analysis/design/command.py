@@ -1,0 +1,116 @@
+"""`backlash design`: its arguments, and what it does with them: reads, designs, prints, writes."""
+
+import argparse
+import json
+from contextlib import ExitStack
+from dataclasses import fields
+from pathlib import Path
+
+from rich.console import Console
+
+from backlash_ros.analysis.design.picture import draw
+from backlash_ros.analysis.design.report import content_of, gain_text, show
+from backlash_ros.analysis.design.search import NothingQuietError, design
+from backlash_ros.analysis.design.trial import Loop
+from backlash_ros.analysis.design.uncertainty import Uncertainty
+from backlash_ros.analysis.evaluation.drive_file import RATE, read_drive, read_surroundings
+from backlash_ros.analysis.staging import staging
+from backlash_ros.drivetrain.delay import Delay
+
+DESIGNED, REFUSED = 0, 1
+DESCRIPTION = (
+    "Over-damped gains of the two-region law, and the width of their region, with which the load comes to rest on "
+    "every drive of a range around the one described, as fast as that allows."
+)
+EXAMPLE = "example: backlash design config/nominal_drive.yaml --inertia 0.7 1.3 --out gains.yaml --plot design.png"
+_WRITTEN = ("out", "json", "plot")
+
+
+def add_design(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments to a parser."""
+    parser.description, parser.epilog = DESCRIPTION, EXAMPLE
+    add, default = parser.add_argument, Uncertainty()
+    add("drive", type=Path, metavar="DRIVE", help="ROS parameter file, such as `backlash identify` writes")
+    words = {
+        "inertia": "the load's inertia",
+        "viscous_friction": "the load's viscous friction",
+        "dry_friction": "the dry friction of both sides",
+        "gap": "the gap",
+    }
+    for name, what in words.items():
+        low, high = getattr(default, name)
+        text = f"range of {what}, as factors on what the file says; by default {low:g} {high:g}"
+        option = f"--{name.replace('_', '-')}"
+        add(option, type=float, nargs=2, metavar=("LOWER", "UPPER"), default=(low, high), help=text)
+    text = "largest load torque either way, as a share of the motor's at standstill; by default %(default)s"
+    add("--load-torque", type=float, metavar="SHARE", default=default.load_torque, help=text)
+    add("--rate", type=float, metavar="HZ", help="of the samples; by default the file's")
+    add("--delay", type=float, metavar="S", help="from measuring to the command's effect; by default the file's")
+    add(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="parameter file of the gains and the width to write, for the controller",
+    )
+    add("--json", type=Path, metavar="FILE", help="file to write all figures into")
+    add("--plot", type=Path, metavar="FILE", help="picture to draw, such as design.png or design.svg")
+    add("--force", action="store_true", help="write over files that are there")
+
+
+def loop_of(given: argparse.Namespace) -> Loop:
+    """Return what is given of the loop, by the drive file and by options.
+
+    Raises
+    ------
+    OSError, ValueError
+        If the file cannot be read, or is not what it should be, and for options out of bounds.
+    """
+    drive = read_drive(given.drive)
+    around = read_surroundings(given.drive, drive)
+    rate = around.rate if given.rate is None else given.rate
+    RATE.check("--rate", rate)
+    delay = around.delay if given.delay is None else Delay(command=given.delay)
+    delay.check_line(1.0 / rate)
+    return Loop(drive, around.fast, rate, around.sensors, delay)
+
+
+def files_in_the_way(given: argparse.Namespace) -> list[tuple[str, Path]]:
+    """Return the files that would be written over, by their options."""
+    places = [(name, getattr(given, name)) for name in _WRITTEN]
+    return [(name, place) for name, place in places if place is not None and place.exists() and not given.force]
+
+
+def design_gains_for(given: argparse.Namespace, console: Console) -> int:
+    """Design, print and write; return the exit code: 0 where gains were found, 1 where none are quiet.
+
+    Nothing is written where none are quiet; files appear complete or not at all.
+
+    Raises
+    ------
+    OSError, ValueError
+        As `loop_of`, `Uncertainty` and `search.design`.
+    """
+    uncertainty = Uncertainty(**{field.name: getattr(given, field.name) for field in fields(Uncertainty)})
+    loop = loop_of(given)
+    with ExitStack() as stack:
+        places = [place for name in _WRITTEN if (place := getattr(given, name)) is not None]
+        staged = {place: stack.enter_context(staging(place)) / place.name for place in places}
+        try:
+            with console.status("designing"):
+                found = design(loop, uncertainty)
+        except NothingQuietError as error:
+            console.print(str(error), highlight=False, markup=False, soft_wrap=True)
+            return REFUSED
+        content = content_of(found, str(given.drive))
+        show(content, console)
+        if given.out is not None:
+            staged[given.out].write_text(gain_text(loop, found.choice, str(given.drive)), encoding="utf-8")
+        if given.json is not None:
+            staged[given.json].write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        if given.plot is not None:
+            draw(found, staged[given.plot])
+        for place, made in staged.items():
+            made.replace(place)
+    if places:
+        console.print(f"written: {'; '.join(map(str, places))}", highlight=False, markup=False, soft_wrap=True)
+    return DESIGNED

@@ -1,0 +1,298 @@
+"""The fastest over-damped gains and width that stay quiet over a range of drives, found by simulation.
+
+Near the target a load without friction to spare is pushed by one flank and stopped by its own friction alone. So the
+gains are looked for around what that allows the load that stops worst: in contact the slow pole of the loop, at the
+output, is lambda = k1/(k2 + K_m/n + n (R + k3) B_e/K_m), and a load that is pushed at lambda stays on its flank up to
+lambda = B_l/J_l, more with dry friction.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from scipy.stats import qmc
+
+from backlash_ros.analysis.design.trial import AIM, LENGTH, MARGIN, Choice, Loop, Outcome, attempt
+from backlash_ros.analysis.design.uncertainty import Case, Uncertainty
+from backlash_ros.analysis.judging import PRECISE, QUIET, SETTLED, TAIL
+from backlash_ros.analysis.metrics import Array
+from backlash_ros.control import DEFAULT_WEIGHTS, Gains, check_stable, design_gains
+from backlash_ros.control.design.describing_function import PredictedCycle, predict_limit_cycle
+from backlash_ros.drivetrain import Drive, rigid_model
+
+_SAMPLES, _BATCHES = 64, 4
+"""Choices that are tried at first, evenly spread (Sobol), a power of 2; so many times, where none of them is quiet."""
+_BEST = 3
+"""Choices that each refinement starts from."""
+_SIZES = (0.15, 0.08)
+"""Steps of the refinements, over the range of each direction."""
+_ROUNDS, _MOST_ROUNDS = 6, 16
+"""In which a drive of the range on which the best choice fails is added to those that choices are tried on."""
+_CREEPS = 4.0
+"""Time constants of the slowest load on its flank for which a step of the search is held, beside 2 s."""
+_SLACK = 1.25
+"""By so many times the whole range may be slower than the drives that choices were tried on."""
+
+_ADVICE = "narrow the range, add friction to the load, or take another law (two_encoder, cascade)"
+
+_RATE = (0.15, 2.0)
+"""Of the slow pole, over what keeps the load on its flank."""
+_LEAD = (-0.3, 0.6)
+"""k2 over the back-EMF's gain, K_m/n."""
+_WINDING = (0.5, 4.0)
+"""(R + k3)/R: below 1 the motor is stiffer against the load, above it gives way."""
+_WIDTH = (0.4, 4.0)
+_LOWER, _UPPER = np.array([_RATE, _LEAD, _WINDING, _WIDTH]).T
+_GEOMETRIC = _LOWER > 0
+
+
+class NothingQuietError(ValueError):
+    """No choice is quiet on every drive of the range; says which drive is the worst."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """What was chosen, and what becomes of it and of the default choice on each drive of the range."""
+
+    loop: Loop
+    uncertainty: Uncertainty
+    choice: Choice
+    outcomes: tuple[tuple[Case, Outcome], ...]
+    default: Choice
+    default_outcomes: tuple[tuple[Case, Outcome], ...]
+
+
+def default_choice(drive: Drive) -> Choice:
+    """Return what a controller has that was told none."""
+    return Choice(design_gains("overdamped", drive, DEFAULT_WEIGHTS["overdamped"]), 1.0)
+
+
+def flank_rate(drive: Drive) -> float:
+    """Return the fastest slow pole, 1/s, with which a load that is b/4 from its target stays on the flank that pushes.
+
+    Its deceleration, lambda^2 e, is then that of its friction, (B_l lambda e + tau_c)/J_l.
+    """
+    load = drive.load
+    viscous, dry = load.viscous_friction / load.inertia, load.coulomb_friction / load.inertia
+    return 0.5 * (viscous + math.sqrt(viscous**2 + 4.0 * dry / (SETTLED * drive.gear.backlash_angle)))
+
+
+def predicted_cycle(loop: Loop, drive: Drive, choice: Choice) -> PredictedCycle | None:
+    """Return the limit cycle that the over-damped gains keep up on a drive by harmonic balance, where there is one.
+
+    Dry friction counts as the viscous one that takes as much energy (its describing function, 4 tau_c/(pi omega)) from
+    the cycle that there would be without it.
+    """
+    period, delay = 1.0 / loop.rate, loop.delay.mean
+    cycle = predict_limit_cycle(drive, choice.gains, period, delay)
+    load, motor, n = drive.load, drive.motor, drive.gear.ratio
+    if cycle is None or not (load.coulomb_friction or motor.coulomb_friction):
+        return cycle
+    per_torque = 4.0 / math.pi * cycle.period / (math.pi * cycle.amplitude)  # over the load's largest speed
+    on_load, on_motor = per_torque * load.coulomb_friction, n * per_torque * motor.coulomb_friction
+    damped = replace(
+        drive,
+        load=replace(load, viscous_friction=load.viscous_friction + on_load),
+        motor=replace(motor, viscous_friction=motor.viscous_friction + on_motor),
+    )
+    return predict_limit_cycle(damped, choice.gains, period, delay)
+
+
+def braking_rate(drive: Drive) -> float:
+    """Return the rate, 1/s, at which friction and back-EMF brake motor and load where the motor gets no voltage."""
+    per_speed = drive.motor.torque_constant / drive.gear.ratio
+    return (per_speed**2 / drive.motor.resistance + drive.effective_friction) / drive.effective_inertia
+
+
+def slow_pole(drive: Drive, gains: Gains) -> float:
+    """Return the rate, 1/s, at which the load creeps to its target in contact, far below the loop's other poles."""
+    per_speed = drive.motor.torque_constant / drive.gear.ratio
+    friction = drive.effective_friction * (drive.motor.resistance + gains.current) / per_speed
+    return gains.position / (gains.velocity + per_speed + friction)
+
+
+def _choice(loop: Loop, scale: float, point: Array) -> Choice | None:
+    """Return the choice at a point of the search, shape (4,); None where it oscillates in contact, or is unstable."""
+    rate, lead, winding, width = (float(value) for value in point)
+    drive = loop.drive
+    per_speed = drive.motor.torque_constant / drive.gear.ratio
+    k3 = 0.0 if drive.takes_current else (winding - 1.0) * drive.motor.resistance
+    unit = slow_pole(drive, Gains(1.0, lead * per_speed, k3))
+    gains = Gains(rate * scale / unit, lead * per_speed, k3)
+    a, b = rigid_model(drive)
+    poles = np.linalg.eigvals(a - b[:, :1] @ gains.as_array()[None, :])
+    slowest = poles[np.argsort(np.abs(poles))[:2]]
+    if np.any(np.abs(slowest.imag) > 1e-9 * np.abs(slowest)):
+        return None
+    try:
+        check_stable("gains.overdamped.k", drive, gains, 1.0 / loop.rate, loop.delay.mean)
+    except ValueError:
+        return None
+    return Choice(gains, width)
+
+
+def _point(drive: Drive, choice: Choice, scale: float) -> Array:
+    """Return where in the search a choice is, shape (4,): what `_choice` makes it of."""
+    per_speed, gains = drive.motor.torque_constant / drive.gear.ratio, choice.gains
+    winding = 1.0 if drive.takes_current else 1.0 + gains.current / drive.motor.resistance
+    return np.array([slow_pole(drive, gains) / scale, gains.velocity / per_speed, winding, choice.width])
+
+
+class _Search:
+    """Points of the search, shape (4,), with what they cost on the drives that they are tried on."""
+
+    def __init__(self, loop: Loop, trials: list[Case]) -> None:
+        self._loop, self._trials = loop, trials
+        slowest = min(flank_rate(case.drive) for case in trials)
+        self.scale = min(slowest, 0.25 * braking_rate(loop.drive))  # above that it oscillates in contact
+        self._length = min(LENGTH, TAIL + _CREEPS / slowest + 1.0)
+        self._outcomes: dict[tuple[Choice, int], float] = {}
+        self.found: list[tuple[float, Array, Choice]] = []
+
+    def try_point(self, point: Array) -> None:
+        """Try a point, and keep it where it is among the best."""
+        choice = _choice(self._loop, self.scale, point)
+        if choice is not None:
+            self._keep(point, choice)
+
+    def _keep(self, point: Array, choice: Choice) -> None:
+        bound = self.found[-1][0] if len(self.found) >= 4 * _BEST else math.inf
+        cost = self._cost(choice, bound)
+        if cost < bound and predicted_cycle(self._loop, self._trials[0].drive, choice) is None:
+            self.found.append((cost, point, choice))
+            self.found.sort(key=lambda each: each[0])
+            del self.found[4 * _BEST :]
+
+    def _cost(self, choice: Choice, bound: float) -> float:
+        """Return the worst cost over the trials; some that is not less than ``bound`` where it is not less."""
+        worst = 0.0
+        for number, case in enumerate(self._trials):
+            if (choice, number) not in self._outcomes:
+                self._outcomes[choice, number] = self._tried(choice, case)
+            worst = max(worst, self._outcomes[choice, number])
+            if worst >= bound:
+                break
+        return worst
+
+    def _tried(self, choice: Choice, case: Case) -> float:
+        return cost_of(self._loop, case, attempt(self._loop, choice, case, self._length))
+
+    def add_trial(self, case: Case) -> None:
+        """Try on another drive too, all that was found; for longer, where it is one of them already."""
+        if case in self._trials:
+            self._length = LENGTH
+            self._outcomes.clear()
+        else:
+            self._trials.append(case)
+        found, self.found = self.found, []
+        for _, point, choice in found:
+            self._keep(point, choice)
+
+    def refine(self, *sizes: float) -> None:
+        """Try what is near the best, so far away in each direction."""
+        for size in sizes:
+            for _, point, _ in self.found[:_BEST]:
+                for neighbour in _neighbours(point, size):
+                    self.try_point(neighbour)
+
+
+def _spread(share: Array) -> Array:
+    """Return the point of the search at shares from 0 to 1 of the ranges, shape (4,); `_LEAD` is linear."""
+    point: Array = _LOWER + (_UPPER - _LOWER) * share
+    point[_GEOMETRIC] = _LOWER[_GEOMETRIC] * (_UPPER / _LOWER)[_GEOMETRIC] ** share[_GEOMETRIC]
+    return point
+
+
+def _shares(point: Array) -> Array:
+    """Return where a point is in the ranges: what `_spread` takes."""
+    share: Array = (point - _LOWER) / (_UPPER - _LOWER)
+    share[_GEOMETRIC] = np.log(point[_GEOMETRIC] / _LOWER[_GEOMETRIC]) / np.log((_UPPER / _LOWER)[_GEOMETRIC])
+    return share
+
+
+def _neighbours(point: Array, size: float) -> Iterator[Array]:
+    """Yield points to either side in each direction, ``size`` of the range away."""
+    share = _shares(point)
+    for axis, step in product(range(4), (-size, size)):
+        moved = share.copy()
+        moved[axis] = np.clip(moved[axis] + step, 0.0, 1.0)
+        yield _spread(moved)
+
+
+def cost_of(loop: Loop, case: Case, outcome: Outcome) -> float:
+    """Return the time that it takes, s, and far more where it is not quiet and precise with a margin, or overshoots."""
+    b = case.drive.gear.backlash_angle
+    return outcome.settle + 10.0 * outcome.excess(b, loop.count, AIM) + 2.0 * outcome.overrun(b, loop.count)
+
+
+def design(loop: Loop, uncertainty: Uncertainty, progress: Callable[[str], None] = lambda _what: None) -> Design:
+    """Choose over-damped gains and width.
+
+    Choices are tried on a few drives: the one as described, the load that its own friction stops worst, and the one
+    that it stops best. The best choice is then judged on the whole range; a drive on which it fails, or takes much
+    longer, joins the few.
+
+    Parameters
+    ----------
+    progress : called with what is done next
+
+    Raises
+    ------
+    NothingQuietError
+        Where no choice is quiet and precise on all drives of the range. It names the worst.
+    ValueError
+        Where the load has no encoder, so that nobody knows whether it is near its target, and where the fast gains are
+        unstable.
+    """
+    if "theta_l" not in loop.sensors.measured:
+        raise ValueError(
+            f"sensors.measured must have theta_l: the region is around the load's target, got {loop.sensors.measured}"
+        )
+    check_stable("gains.fast.k", loop.drive, loop.fast, 1.0 / loop.rate, loop.delay.mean)
+    cases = uncertainty.cases(loop.drive)
+    by_flank = sorted((case for case in cases if not case.load_torque), key=lambda case: flank_rate(case.drive))
+    trials = list(dict.fromkeys([by_flank[0], cases[0], by_flank[-1]]))
+    search = _Search(loop, trials)
+    progress("trying gains")
+    search.try_point(_point(loop.drive, default_choice(loop.drive), search.scale))
+    sampler = qmc.Sobol(4, scramble=False)
+    for _ in range(_BATCHES):
+        for share in sampler.random(_SAMPLES):
+            search.try_point(_spread(share))
+        if search.found and search.found[0][0] < LENGTH:
+            break
+    search.refine(*_SIZES)
+    for number in range(_MOST_ROUNDS):
+        if not search.found:
+            raise NothingQuietError(f"no gains are without a limit cycle: with {trials[0].label} {_ADVICE}")
+        progress("judging the range")
+        cost, _, choice = search.found[0]
+        outcomes = tuple((case, attempt(loop, choice, case)) for case in cases)
+        refusal = _refusal(loop, outcomes)
+        worst, outcome = max(outcomes, key=lambda each: cost_of(loop, *each))
+        if not refusal and (number >= _ROUNDS - 1 or cost_of(loop, worst, outcome) <= _SLACK * cost):
+            break
+        progress("trying gains")
+        search.add_trial(worst)
+        search.refine(_SIZES[-1])
+    if refusal:
+        raise NothingQuietError(refusal)
+    default = default_choice(loop.drive)
+    before = tuple((case, attempt(loop, default, case)) for case in cases)
+    return Design(loop, uncertainty, choice, outcomes, default, before)
+
+
+def _refusal(loop: Loop, outcomes: tuple[tuple[Case, Outcome], ...]) -> str:
+    """Return on which drive of the range a choice is the worst, where it is not quiet on all of them; else nothing."""
+
+    def excess(each: tuple[Case, Outcome]) -> float:
+        return each[1].excess(each[0].drive.gear.backlash_angle, loop.count, MARGIN)
+
+    case, outcome = max(outcomes, key=excess)
+    if not excess((case, outcome)):
+        return ""
+    what = outcome.failure or f"swings by {outcome.swing:.2f} b and ends {outcome.error:.2f} b off its target"
+    bounds = f"where {MARGIN * QUIET:.2g} b and {MARGIN * PRECISE:.2g} b were allowed"
+    return f"no gains are quiet on every drive of the range: with {case.label} the load {what}, {bounds}; {_ADVICE}"
