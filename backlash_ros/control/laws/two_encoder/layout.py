@@ -36,8 +36,8 @@ CONSTANTS = TEETH + 2 * POINTS
     MIDDLE,  # of the gap: p - theta_l there, rad
     MOTOR, SPEED, CURRENT_TORQUE, DISTURBANCE,  # as observed at the sample
     ACTING,  # disturbance that is compensated, N m
-    LOAD, LOAD_SPEED, LAST_LOAD, STEP, MISSED, COUNT,  # as observed; its last reading, least step of the readings, what
-    # is missed at rest, and the count that both come to, rad
+    LOAD, LOAD_SPEED, LAST_LOAD, LAST_WAY,  # as observed; its last reading and that less the one before
+    STEP, ROUGH, COUNT,  # least step of the readings, their mean second difference, the count that both come to, rad
     PULL, PULL_SLOW, SEEN, SEEN_TIME,  # load torque, N m; a slow look at it; its integral, N m s, over a time, s
     TIME, SEGMENTS, REST_TORQUE,  # of the plan: s, how many, N m
     WAITED, TRIES, SIDE, SIDE_TIME, SHARE, LAST_ERROR, HELD,  # of holding
@@ -45,11 +45,11 @@ CONSTANTS = TEETH + 2 * POINTS
     STEPPED,  # g that follows a setpoint in motion
     LAST_MOTOR, DOUBTED, LOAD_DOUBTED,  # the motor's last reading, rad, and how many readings in a row cannot be
     MOMENTUM,  # of both shafts, N m s
-) = range(39)
+) = range(40)
 
-COMMANDS, CARRIED, KEPT = 39, 51, 12
+COMMANDS, CARRIED, KEPT = 40, 52, 12
 """Commands, the newest first, and what the teeth were to carry meanwhile, N m."""
-PLAN, ROWS, COLUMNS = 63, 6, 13
+PLAN, ROWS, COLUMNS = 64, 6, 13
 """Segments of the plan: see `plan`."""
 MEMORY = PLAN + ROWS * COLUMNS
 

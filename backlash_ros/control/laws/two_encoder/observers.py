@@ -26,11 +26,11 @@ from backlash_ros.control.laws.two_encoder.layout import (
     INERTIA,
     LAST_LOAD,
     LAST_MOTOR,
+    LAST_WAY,
     LOAD,
     LOAD_DOUBTED,
     LOAD_SPEED,
     MIDDLE,
-    MISSED,
     MOMENTUM,
     MOTOR,
     MOTOR_COULOMB,
@@ -42,6 +42,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     POINTS,
     PULL,
     PULL_SLOW,
+    ROUGH,
     SEEN,
     SEEN_TIME,
     SPEED,
@@ -70,10 +71,11 @@ _RESTS, _THERE = 0.05, 0.1
 """rad/s below which the motor rests, and share of the gap within which it is where it is to be."""
 _LEAST_LAG = 0.1
 """Of the load's filter, so that it does not ring where its readings have no count."""
-UNSEEN = 0.05
+_UNSEEN = 0.05
 """Share of the gap that a count is taken for until one is seen."""
-_SMALLEST, _NOISE, _QUIETED = 1e-6, 0.2, 0.25
-"""rad; s over which noise is looked at, and s after a flight from which on."""
+_SMALLEST, _NOISE, WIDTH = 1e-6, 0.2, 1.6
+"""rad; s over which noise is looked at while holding; a count that is as wide as noise, over the readings' mean second
+difference."""
 _UNSURE, _LAGS = 0.01, 3.0
 """By how much the load torque that is seen while holding is off: N m where the teeth seem apart, and rad/s^2 of the
 load for each rad/s of its speed."""
@@ -209,6 +211,10 @@ def see_load(law: Array, state: Array, reading: float) -> None:
     elif change > _WHOLE and state[PHASE] == HOLD and abs(state[LOAD_SPEED]) * period < 0.5 * change:
         state[STEP] = change
     before, state[LAST_LOAD] = state[LAST_LOAD], reading
+    if state[PHASE] == HOLD:
+        bend = min(abs(reading - before - state[LAST_WAY]), law[GAP])
+        state[ROUGH] += min(period / _NOISE, 1.0) * (bend - state[ROUGH])
+    state[LAST_WAY] = reading - before
     state[LOAD] += period * state[LOAD_SPEED]
     missed, unknown = reading - state[LOAD], _TOUCHED
     way = reading - before - period * state[LOAD_SPEED]
@@ -217,9 +223,7 @@ def see_load(law: Array, state: Array, reading: float) -> None:
         state[LOAD] += angle
         state[LOAD_SPEED] += speed
         return
-    if state[PHASE] == HOLD and state[WAITED] > _QUIETED:
-        state[MISSED] += min(period / _NOISE, 1.0) * (abs(missed) - state[MISSED])
-    state[COUNT] = max(state[STEP] if state[STEP] > 0.0 else UNSEEN * law[GAP], 4.0 * state[MISSED])
+    state[COUNT] = max(state[STEP] if state[STEP] > 0.0 else _UNSEEN * law[GAP], WIDTH * state[ROUGH])
     if state[PHASE] != HOLD:
         unknown = _IN_FLIGHT
     elif state[HELD] == 0.0:

@@ -58,6 +58,8 @@ _LONGEST, _OF_WAY, _CROSSES_IN = 0.3, 0.25, 3.0
 _NEAR, _STOPS = 0.92, 0.3
 """g, in half gaps, from which on a flank is reached; rad/s below which a load may be carried from rest."""
 _QUICKER, _SHORT = 0.9, 0.03
+_UNSURE = 0.06
+"""s that each half of a shift takes at least where friction hides the load torque, so that it is seen on the way."""
 _GAP_WAYS = 2.0
 
 
@@ -412,7 +414,8 @@ def shift(law: Array, state: Array, to: float, load: float, pull: float) -> floa
     """Plan a move of a load that a torque (N m) holds on a flank, without leaving it; return that flank."""
     way = 1.0 if to >= load else -1.0
     c, distance, at = law[COULOMB] - way * pull, abs(to - load), way * load
-    length = max(_SHORT, math.sqrt(_PEAK * distance * law[INERTIA] / (_BRAKES * max(abs(c), 1e-4))))
+    least = _UNSURE if law[COULOMB] > 0.0 else _SHORT
+    length = max(least, math.sqrt(_PEAK * distance * law[INERTIA] / (_BRAKES * max(abs(c), 1e-4))))
     flank, speed = math.copysign(1.0, c), distance / length
     state[SEGMENTS], state[REST_TORQUE] = 0.0, -pull
     segment(state, length, at, 0.0, 0.0, 0.0, speed / length, flank, flank, way, c, 0.0, 0)

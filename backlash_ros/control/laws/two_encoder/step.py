@@ -56,6 +56,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     RATIO,
     RESISTANCE,
     REST_TORQUE,
+    ROUGH,
     SHARE,
     SIDE,
     SIDE_TIME,
@@ -72,7 +73,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
 )
 from backlash_ros.control.laws.two_encoder.observers import (
     FREE,
-    UNSEEN,
+    WIDTH,
     contact,
     dry,
     holds,
@@ -100,9 +101,13 @@ from backlash_ros.drivetrain.signals import (
 )
 
 _SAME = 1e-9
+_ROUGH = 0.25
+"""Share of the gap that the count of the load's readings is taken for at first."""
 _TIGHT, _WIDE = (0.04, 0.3), (0.08, 0.55)
 """Errors at which the load is left alone, and from which on no longer: shares of the gap, or of a count, if that is
 more."""
+_NOISY = 4.0
+"""Width in which readings with noise count as one count, over their mean second difference."""
 _STILL, _STANDS, _SLOW = 0.02, 0.05, 0.5
 """rad/s below which a load stands when a flight is planned, when friction has held it, when it can be shifted."""
 _DRY = 3e-3
@@ -128,7 +133,8 @@ def _start(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint) -> 
     state[MOTOR] = state[PLACE] = state[LAST_MOTOR] = motor
     state[LOAD] = state[LAST_LOAD] = estimate[THETA_L]
     state[MIDDLE] = motor - estimate[THETA_L]
-    state[COUNT] = UNSEEN * law[GAP]
+    state[COUNT] = _ROUGH * law[GAP]
+    state[ROUGH] = state[COUNT] / WIDTH
     far = abs(setpoint[POSITION] - estimate[THETA_L]) > _FAR * law[GAP]
     state[TARGET] = estimate[THETA_L] if far else setpoint[POSITION]  # another target is flown to
     state[PHASE], state[SHARE], state[STARTED] = HOLD, 1.0, 1.0
@@ -175,10 +181,16 @@ def _patience(state: Array) -> float:
 
 
 @compiled
+def _band(law: Array, state: Array) -> tuple[float, float]:
+    """Return the errors at which the load is left alone, and from which on no longer, rad."""
+    seen = max(state[COUNT], _NOISY * state[ROUGH])
+    return max(_TIGHT[0] * law[GAP], _TIGHT[1] * seen), max(_WIDE[0] * law[GAP], _WIDE[1] * seen)
+
+
+@compiled
 def _hold_held(law: Array, state: Array, error: float, motor: Array) -> tuple[float, float, float]:
     """Hold a load that a torque holds on a flank: return the motor's place, rad, its speed and the torque, N m."""
-    tight = max(_TIGHT[0] * law[GAP], _TIGHT[1] * state[COUNT])
-    wide = max(_WIDE[0] * law[GAP], _WIDE[1] * state[COUNT])
+    tight, wide = _band(law, state)
     state[FLANK], speed = -math.copysign(1.0, state[PULL]), 0.0
     if state[PARKED] < 0.0 and abs(error) < tight and abs(state[LOAD_SPEED]) * _AHEAD < 2.0 * tight:
         state[PARKED] = 0.0
@@ -218,8 +230,7 @@ def _lead(law: Array, state: Array, error: float, resting: float, tight: float, 
 @compiled
 def _hold_free(law: Array, state: Array, error: float, load: float, motor: Array) -> tuple[float, float, float]:
     """Hold a load that no torque holds: return the motor's place, rad, its speed and the torque, N m."""
-    tight = max(_TIGHT[0] * law[GAP], _TIGHT[1] * state[COUNT])
-    wide = max(_WIDE[0] * law[GAP], _WIDE[1] * state[COUNT])
+    tight, wide = _band(law, state)
     coasts = stopping_way(law, state[LOAD_SPEED])
     resting = error - coasts
     state[FLANK] = 0.0
