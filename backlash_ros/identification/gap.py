@@ -84,6 +84,11 @@ def measure_gap(drive: Drive, recording: Recording, torque: float, contacts: Seq
             f"the teeth never bore a {side} torque, so the far flank was not seen: the load torque is more than "
             "the motor can outrun within the swing"
         )
+    elif gap <= (count := max(count_m, count_l)):
+        why = (
+            f"the gap is {gap:.2g} rad, no more than a count of the encoders, {count:.2g} rad: it may be wind-up "
+            "alone, or the teeth never left a flank under the load torque"
+        )
     elif not deviation <= max(_SURE * gap, _HALF_COUNT * count_l):
         why = f"the gap is {gap:.3g} rad with a standard uncertainty of {uncertainty:.2g} rad, too much to be used"
     if why:

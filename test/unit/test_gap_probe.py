@@ -10,6 +10,8 @@ from hypothesis import given
 from hypothesis import settings as examples
 from hypothesis import strategies as st
 
+from backlash_ros.analysis.evaluation.population import draw_member, told_model
+from backlash_ros.analysis.evaluation.task import learn, settings_for
 from backlash_ros.control import GainSet, GapProbeSettings, Limits, Method, Servo, ServoSettings
 from backlash_ros.control.experiment import Deferred
 from backlash_ros.control.motor_moves import MotorLoop, Move, Throw
@@ -46,6 +48,15 @@ def test_the_gap_is_measured_whatever_acts_on_the_load(gains: GainSet, drive: Dr
     assert estimate.method is Method.GAP_PROBE
     assert estimate.angle == pytest.approx(drive.gear.backlash_angle, rel=0.02)
     assert 0.0 < estimate.uncertainty < 0.02 * estimate.angle
+
+
+def test_a_gap_of_no_more_than_a_count_is_refused() -> None:
+    """A load that cannot be outrun: a gap of less than a count fits best, where the true one has 27."""
+    member = draw_member(515151, 5, "full")
+    model = told_model(member, "identified")
+    learned, _ = learn(member, model, settings_for(model, member), ("gap_probe",))
+    assert not learned.valid
+    assert "no more than a count of the encoders" in learned.reason
 
 
 def test_one_encoder_is_refused(gains: GainSet) -> None:
