@@ -84,6 +84,7 @@ def test_every_parameter_is_described_and_every_number_bounded(start: Start, pee
         "learning.hysteresis.cycles",
         "learning.hysteresis.lost_motion_share",
         "laws.two_region.hysteresis",
+        "laws.two_region.width",
         "laws.cascade.dead_band",
     }
     without_unit |= {"laws.switched_linear.reduction", "laws.elastic_lqg.lead"}

@@ -71,9 +71,9 @@ _RESTS, _THERE = 0.05, 0.1
 """rad/s below which the motor rests, and share of the gap within which it is where it is to be."""
 _LEAST_LAG = 0.1
 """Of the load's filter, so that it does not ring where its readings have no count."""
-_UNSEEN = 0.05
+UNSEEN = 0.05
 """Share of the gap that a count is taken for until one is seen."""
-_SMALLEST, _NOISE, WIDTH = 1e-6, 0.2, 1.6
+_SMALLEST, _NOISE, _WIDTH = 1e-6, 0.2, 1.6
 """rad; s over which noise is looked at while holding; a count that is as wide as noise, over the readings' mean second
 difference."""
 _UNSURE, _LAGS = 0.01, 3.0
@@ -223,7 +223,7 @@ def see_load(law: Array, state: Array, reading: float) -> None:
         state[LOAD] += angle
         state[LOAD_SPEED] += speed
         return
-    state[COUNT] = max(state[STEP] if state[STEP] > 0.0 else _UNSEEN * law[GAP], WIDTH * state[ROUGH])
+    state[COUNT] = max(state[STEP] if state[STEP] > 0.0 else UNSEEN * law[GAP], _WIDTH * state[ROUGH])
     if state[PHASE] != HOLD:
         unknown = _IN_FLIGHT
     elif state[HELD] == 0.0:

@@ -73,7 +73,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
 )
 from backlash_ros.control.laws.two_encoder.observers import (
     FREE,
-    WIDTH,
+    UNSEEN,
     contact,
     dry,
     holds,
@@ -101,8 +101,6 @@ from backlash_ros.drivetrain.signals import (
 )
 
 _SAME = 1e-9
-_ROUGH = 0.25
-"""Share of the gap that the count of the load's readings is taken for at first."""
 _TIGHT, _WIDE = (0.04, 0.3), (0.08, 0.55)
 """Errors at which the load is left alone, and from which on no longer: shares of the gap, or of a count, if that is
 more."""
@@ -133,8 +131,7 @@ def _start(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint) -> 
     state[MOTOR] = state[PLACE] = state[LAST_MOTOR] = motor
     state[LOAD] = state[LAST_LOAD] = estimate[THETA_L]
     state[MIDDLE] = motor - estimate[THETA_L]
-    state[COUNT] = _ROUGH * law[GAP]
-    state[ROUGH] = state[COUNT] / WIDTH
+    state[COUNT] = UNSEEN * law[GAP]
     far = abs(setpoint[POSITION] - estimate[THETA_L]) > _FAR * law[GAP]
     state[TARGET] = estimate[THETA_L] if far else setpoint[POSITION]  # another target is flown to
     state[PHASE], state[SHARE], state[STARTED] = HOLD, 1.0, 1.0
