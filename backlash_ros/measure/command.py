@@ -33,6 +33,8 @@ _LONGEST = 900.0
 """Time in which the controller must show, and in which it must answer, s."""
 _BEFORE, _AFTER = 1.5, 0.2
 """Time for which is recorded before and after, s: the recorder hears the topics by then, and has the last answers."""
+_LOOKS = 20
+"""Times that it is looked whether the recorder hears the motion, before the experiment begins."""
 _TOPICS = "joint_states", "command", "controller/state", "controller/parameters_in_use"
 """What is recorded: all topics are too much for the recorder beside a simulation that runs as fast as it can."""
 _DRIVE = ("motor.", "gear.", "load.", "contact.", "limits.position_")
@@ -137,6 +139,10 @@ def _record(request: Measurement, folder: Path, console: Console) -> str:
         stack.callback(stop_node, recorder)
         operator.wait_for_recorder(_TOPICS)
         operator.pause(_BEFORE)
+        for _ in range(_LOOKS):
+            if _hears(folder / BAG):
+                break
+            operator.pause(_BEFORE)
         with operator.using(request.experiment):
             valid, answer = operator.learn(console)
         console.print(answer, markup=False, highlight=False, soft_wrap=True)
@@ -145,6 +151,15 @@ def _record(request: Measurement, folder: Path, console: Console) -> str:
             raise ClientError(f"the recorder ended with code {code}: {(folder / 'recorder.log').read_text()[-500:]}")
     (folder / "recorder.log").unlink()
     return "" if valid else answer
+
+
+def _hears(bag: Path) -> bool:
+    """Return whether the recorder has messages of the motion in its bag, which it writes every second."""
+    try:
+        messages = read_bag(bag).messages
+    except (OSError, ValueError):
+        return False
+    return all(any(name.endswith(f"/{topic}") and count for name, count in messages.items()) for topic in _TOPICS[:3])
 
 
 def _part(columns: Columns, experiment: Series) -> Reading:
