@@ -33,7 +33,7 @@ _LONGEST = 900.0
 """Time in which the controller must show, and in which it must answer, s."""
 _BEFORE, _AFTER = 1.5, 0.2
 """Time for which is recorded before and after, s: the recorder hears the topics by then, and has the last answers."""
-_LOOKS = 20
+_LOOKS = 6
 """Times that it is looked whether the recorder hears the motion, before the experiment begins."""
 _TOPICS = "joint_states", "command", "controller/state", "controller/parameters_in_use"
 """What is recorded: all topics are too much for the recorder beside a simulation that runs as fast as it can."""
