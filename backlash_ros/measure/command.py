@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from backlash_ros.analysis.recordings.bag_topics import Topics, read_topics
 from backlash_ros.analysis.recordings.command import REFUSED, Request, identify_recording
 from backlash_ros.analysis.recordings.samples import Columns, Reading
 from backlash_ros.analysis.staging import staging
+from backlash_ros.nodes.recorder import HEARS
 from backlash_ros.ros.client import Client, ClientError, start_node, stop_node
 from backlash_ros.ros.topics import RECEIVE
 
@@ -31,10 +33,11 @@ INTERRUPTED = 130
 _FIND = 10.0
 _LONGEST = 900.0
 """Time in which the controller must show, and in which it must answer, s."""
-_BEFORE, _AFTER = 1.5, 0.2
-"""Time for which is recorded before and after, s: the recorder hears the topics by then, and has the last answers."""
-_LOOKS = 6
-"""Times that it is looked whether the recorder hears the motion, before the experiment begins."""
+_START, _HEAR = 120.0, 60.0
+"""Time in which the recorder must start, and in which it must hear each topic, s: a simulation that runs as fast as it
+can leaves it little of the processor."""
+_BEFORE, _AFTER = 0.5, 0.2
+"""Time for which is recorded before and after, s."""
 _TOPICS = "joint_states", "command", "controller/state", "controller/parameters_in_use"
 """What is recorded: all topics are too much for the recorder beside a simulation that runs as fast as it can."""
 _DRIVE = ("motor.", "gear.", "load.", "contact.", "limits.position_")
@@ -134,32 +137,26 @@ def _record(request: Measurement, folder: Path, console: Console) -> str:
             raise ClientError(f"no controller offers {where}: {error}; start one, or give --namespace") from error
         (folder / TOLD).write_text(told_parameters(operator.get()))
         chosen = "-p", f"topics:=[{', '.join(_TOPICS)}]", "-p", f"output:={folder / BAG}"
-        recorder = start_node("recorder", folder / "recorder.log", "-r", namespace, *chosen)
+        log = folder / "recorder.log"
+        recorder = start_node("recorder", log, "-r", namespace, *chosen)
         children["recorder"] = recorder
         stack.callback(stop_node, recorder)
-        operator.wait_for_recorder(_TOPICS)
+        operator.wait("the recorder to start", partial(_says, log, "recording"), _START)
+        for topic in map(node.resolve_topic_name, _TOPICS):
+            operator.wait(f"the recorder to hear {topic}", partial(_says, log, f"{HEARS} {topic}\n"), _HEAR)
         operator.pause(_BEFORE)
-        for _ in range(_LOOKS):
-            if _hears(folder / BAG):
-                break
-            operator.pause(_BEFORE)
         with operator.using(request.experiment):
             valid, answer = operator.learn(console)
         console.print(answer, markup=False, highlight=False, soft_wrap=True)
         operator.pause(_AFTER)
         if (code := stop_node(recorder)) != 0:
-            raise ClientError(f"the recorder ended with code {code}: {(folder / 'recorder.log').read_text()[-500:]}")
-    (folder / "recorder.log").unlink()
+            raise ClientError(f"the recorder ended with code {code}: {log.read_text()[-500:]}")
+    log.unlink()
     return "" if valid else answer
 
 
-def _hears(bag: Path) -> bool:
-    """Return whether the recorder has messages of the motion in its bag, which it writes every second."""
-    try:
-        messages = read_bag(bag).messages
-    except (OSError, ValueError):
-        return False
-    return all(any(name.endswith(f"/{topic}") and count for name, count in messages.items()) for topic in _TOPICS[:3])
+def _says(log: Path, words: str) -> bool:
+    return words in log.read_text()
 
 
 def _part(columns: Columns, experiment: Series) -> Reading:

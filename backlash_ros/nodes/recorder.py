@@ -33,6 +33,9 @@ from backlash_ros.ros.topics import TOPICS
 _QUEUE = 10_000
 """Messages of a topic that can wait for a slow disk: 40 s at 250 Hz. Fast DDS does not tell of what it drops beyond."""
 
+HEARS = "hears"
+"""What is said, before the topic's name, when its first message is there: who must miss nothing may begin then."""
+
 _SLOW = 1.0
 """Seconds of writing that are worth a warning."""
 
@@ -233,7 +236,10 @@ class Recorder(StoppableNode):
     def _store(self, topic: _Topic, data: bytes, info: dict[str, Any]) -> None:
         if not topic.connection:
             self._hear_all(topic)
+        first = not topic.heard
         if topic.is_new(info):
+            if first:
+                self.get_logger().info(f"{HEARS} {topic.name}")
             connection = topic.connection or self._take_up(topic, [])  # from one that has left already
             self._bag.write(connection, self.get_clock().now().nanoseconds, data, info["source_timestamp"])
 

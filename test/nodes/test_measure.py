@@ -45,7 +45,7 @@ def test_a_running_drive_is_measured_and_certified(start: Start, peer: Peer, tmp
     out = tmp_path / "measured"
     words = PAGE.split("    backlash measure ")[1].splitlines()[0].replace("my_axis", str(out)).split()
     program = backlash(*words, "--namespace", "/axis")
-    said, _ = program.communicate(timeout=240)
+    said, _ = program.communicate(timeout=480)
     assert program.returncode == 0, said
     assert "by gap_probe" in said
     assert sorted(path.name for path in out.iterdir()) == [
@@ -80,13 +80,14 @@ def test_it_is_stopped_at_rest_and_leaves_nothing(start: Start, peer: Peer, tmp_
     peer.wait(
         lambda: f"the experiment, got to {under_way[-3:]}; {program.poll()}",
         lambda: any(float(progress) > 0.02 for progress in under_way),
+        seconds=240,
     )
     assert parameters.get("learning.experiment") == ["gap_map"]
     if terminal:
         os.killpg(program.pid, signal.SIGINT)
     else:
         program.send_signal(signal.SIGTERM)
-    said, _ = program.communicate(timeout=60)
+    said, _ = program.communicate(timeout=120)
     assert program.returncode == 130, said
     assert "stopped: the experiment was cancelled, and nothing was written" in said
     assert not list(tmp_path.glob("*measured*"))
