@@ -91,7 +91,9 @@ def respond(law: str, case: Case, seconds: float = SECONDS) -> Run:
     """Run a step of 1 rad with the law called ``law``."""
     count = round(seconds / PERIOD)
     scenario = Scenario(np.ones(count), np.array(case.load_torque), sensors=case.sensors, seed=SEED)
-    settings = ServoSettings(GAINS, law=law, backlash_angle=case.drive.gear.backlash_angle, period=PERIOD)
+    gap = case.drive.gear.backlash_angle
+    told = replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, backlash_angle=gap))
+    settings = ServoSettings(GAINS, law=law, backlash_angle=gap, period=PERIOD, identified=case.drive == told)
     return run(case.drive, settings, scenario, model=NOMINAL_DRIVE)
 
 

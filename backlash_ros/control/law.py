@@ -59,7 +59,8 @@ class NamedLaw(NamedTuple):
     """A law that can be chosen: its title in figures and tables, what designs it for a drive, its parameters' defaults.
 
     ``adapts``: whether it goes by the backlash that was learned, so that a load that rattles in the gap means wear;
-    ``both_encoders``: whether it needs them, so that the over-damped gains act in its place where one is missing.
+    ``both_encoders``: whether it needs them, so that the over-damped gains act in its place where one is missing;
+    ``identified``: whether it plans with load, friction and gap, so that those gains act until they were found.
     ``design`` takes the drive, the servo's settings and the law's own parameters, and raises ValueError where they do
     not allow it.
     """
@@ -69,3 +70,4 @@ class NamedLaw(NamedTuple):
     parameters: Validated = NoParameters()
     adapts: bool = False
     both_encoders: bool = False
+    identified: bool = False

@@ -21,7 +21,8 @@ class ServoSettings(Validated):
     gains; ``law`` names one of `laws.LAWS`, and ``experiment`` one of `experiments.EXPERIMENTS`, or is `AUTO`;
     ``law_parameters`` and ``experiment_parameters`` have the parameters of those whose defaults do not hold, as pairs
     of name and value; ``thresholds`` are those of the drive by default. ``renew``: whether wear is answered by learning
-    anew, which takes a gap for no fault that is up to six times as wide as it was learned.
+    anew, which takes a gap for no fault that is up to six times as wide as it was learned. ``identified``: whether load
+    and friction of the drive were found on it, so that a law may plan with them.
     """
 
     gains: GainSet
@@ -33,6 +34,7 @@ class ServoSettings(Validated):
     experiment_parameters: tuple[tuple[str, Validated], ...] = ()
     thresholds: FaultThresholds | None = None
     renew: bool = False
+    identified: bool = False
     backlash_angle: float = quantity(
         "backlash at the output shaft, within which the over-damped gains act; 0 while not known",
         "rad",

@@ -26,7 +26,7 @@ from backlash_ros.gates import Action, Fault, Judged, SampleGate
 from backlash_ros.nodes.learning import Learning
 from backlash_ros.nodes.parameters import declare_controller, refuse_unknown
 from backlash_ros.nodes.reports import ControllerReport, NodeFacts
-from backlash_ros.nodes.start_lines import margins_line, untold_drive
+from backlash_ros.nodes.start_lines import margins_line, stands_in, untold_drive
 from backlash_ros.nodes.tunables import Tunables
 from backlash_ros.ros.diagnostics import ERROR, OK, status
 from backlash_ros.ros.lifecycle import ManagedNode
@@ -46,6 +46,9 @@ from backlash_ros.ros.topics import HISTORY, TRANSIENT_LOCAL
 
 _SHOWN = ("law", "gain_set", "gains.fast.k", "gains.overdamped.k", "backlash_angle")
 """Parameters that the diagnostics repeat; all of them are in ~/parameters_in_use."""
+
+_LAW = {"law", "backlash_angle", "identified"}
+"""Parameters that say which law acts."""
 
 _ACKNOWLEDGED = Duration(seconds=0.02)
 """How long the last command waits for readers that acknowledge: a stalled one must not stop the other axes' loops."""
@@ -121,6 +124,8 @@ class Controller(ManagedNode):
         self._watchdog.due = now() + 0.5 * self._state_timeout
         gain_set = self._tunables.values["gain_set"]
         self.get_logger().info(f"ready at {self._rate:g} Hz with gain set {gain_set!r}: waiting for the drive")
+        if text := stands_in(self._servo.settings):
+            self.get_logger().info(text)
 
     def deactivate(self) -> None:
         """Put 0 V out and see to it that it leaves."""
@@ -149,6 +154,8 @@ class Controller(ManagedNode):
             self._publish_in_use()
         if self.configured and "backlash_angle" in names:
             self._publish_estimate()
+        if _LAW & names and (text := stands_in(settings)):
+            self.get_logger().info(text)
 
     def _publish_in_use(self) -> None:
         self._in_use.publish(self._tunables.message())
@@ -297,7 +304,9 @@ class Controller(ManagedNode):
         values = self._tunables.values
         commanders = self.count_publishers(self._command.publisher.topic_name) if self.configured else 0
         heard = self.configured and self._heard
-        remarks, learned = self._learning.remarks(), self._learning.values()
+        remarks, learned = [*self._learning.remarks()], self._learning.values()
+        if text := stands_in(self._servo.settings):
+            remarks.append((OK, text))
         facts = NodeFacts(self.get_fully_qualified_name(), self.state, self.mismatches, commanders, heard, remarks)
         shown = {"parameters_version": self._tunables.version, **{key: values[key] for key in _SHOWN}, **learned}
         return self._report.statuses(facts, self._joints, self._servo, self._gate, shown)

@@ -117,7 +117,8 @@ class Learning:
 
     def _put_in_use(self, values: Mapping[str, Any]) -> str:
         """Set parameters as anybody does; return why they were refused, or an empty text."""
-        parameters = [Parameter(name, value=value) for name, value in values.items()]
+        told = {"identified": True} if "load.inertia" in values else {}
+        parameters = [Parameter(name, value=value) for name, value in {**values, **told}.items()]
         result = self._node.set_parameters_atomically(parameters)
         return "" if result.successful else str(result.reason)
 

@@ -1,9 +1,10 @@
-"""What the controller says when it starts: how far its gains are from unstable, or that nobody told it of the drive."""
+"""What the controller says of its gains, its drive and its law: margins, what nobody told it, what it waits for."""
 
 import math
 from collections.abc import Iterable, Mapping
 
-from backlash_ros.control import Margins
+from backlash_ros.control import Margins, ServoSettings
+from backlash_ros.control.laws import lacks
 
 _LEAST_PHASE = math.radians(30)
 _DRIVE = ("motor.", "gear.", "load.")
@@ -17,6 +18,14 @@ def untold_drive(given: Iterable[str]) -> str:
         "nothing was said of the drive, it is taken for the nominal one: "
         "for another one give motor.torque_constant, gear.reduction and load.inertia at least"
     )
+
+
+def stands_in(settings: ServoSettings) -> str:
+    """Return what to say where the over-damped law stands in for the one that is asked for; empty where it does not."""
+    lacking = lacks(settings)
+    if not lacking:
+        return ""
+    return f"law {settings.law!r} moves slowly, with the over-damped gains, until {lacking}: call identify"
 
 
 def _distance(margins: Margins) -> str:

@@ -103,6 +103,8 @@ def _declare_beside_gains(node: Node, drive: Drive, rate: float) -> dict[str, An
     values |= _declare_parameters_of(node, LAWS)
     text = describe("what ~/learn runs", constraint=f"one of {sorted([AUTO, *EXPERIMENTS])}")
     values["learning.experiment"] = declare(node, "learning.experiment", AUTO, text)
+    text = describe("whether load and friction are as found on this drive: law two_encoder is over-damped before")
+    values["identified"] = declare(node, "identified", False, text)
     text = describe("whether the backlash is learned anew, which moves the load, where wear is noticed at rest")
     values["learning.renew"] = declare(node, "learning.renew", False, text)
     values |= _declare_parameters_of(node, EXPERIMENTS)
@@ -262,6 +264,7 @@ class Tunables:
             loop_delay=delay,
             experiment=values["learning.experiment"],
             renew=values["learning.renew"],
+            identified=values["identified"],
             experiment_parameters=_parameters_of(EXPERIMENTS, values),
             thresholds=take(FaultThresholds, values),
             law_parameters=_parameters_of(LAWS, values),

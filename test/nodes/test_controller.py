@@ -44,12 +44,12 @@ def gains() -> GainSet:
 
 @pytest.mark.parametrize("law", sorted(LAWS))
 def test_closed_loop_over_dds_equals_the_offline_run(start: Start, peer: Peer, gains: GainSet, law: str) -> None:
-    start("controller", law=law, backlash_angle=0.02, laws__two_region__min_dwell=0.0, **PATIENT)
+    start("controller", law=law, backlash_angle=0.02, identified=True, laws__two_region__min_dwell=0.0, **PATIENT)
     drive = LockstepDrive(peer).matched()
     drive.set_reference(1.0)
     first = drive.plant.load_angle
     angles = np.concatenate([[0.0, first], drive.run(400)])
-    settings = ServoSettings(gains, backlash_angle=0.02)
+    settings = ServoSettings(gains, backlash_angle=0.02, identified=True)
     settings = settings.with_law("two_region", TwoRegionParameters(min_dwell=0.0)).with_law(law)
     offline = run(NOMINAL_DRIVE, settings, Scenario(np.ones(401)))
     np.testing.assert_allclose(angles, offline.load_angle, rtol=0, atol=1e-9)
@@ -74,13 +74,21 @@ def test_closed_loop_over_dds_with_counts_offsets_delay_and_limits_equals_the_of
 ) -> None:
     """The test plays the drive, through the model of sensors and delay; the reference is in the soft zone."""
     limits = {f"limits__{name}": value for name, value in ENDS.items()}
-    start("controller", law=law, backlash_angle=0.02, laws__two_region__min_dwell=0.0, **limits, **PATIENT)
+    start(
+        "controller",
+        law=law,
+        backlash_angle=0.02,
+        identified=True,
+        laws__two_region__min_dwell=0.0,
+        **limits,
+        **PATIENT,
+    )
     simulated = SimulatedDrive(NOMINAL_DRIVE, 0.004, sensors=REAL, delay=LATE, seed=11)
     drive = LockstepDrive(peer, simulated=simulated).matched()
     drive.load_torque = -0.1
     drive.set_reference(0.9)
     angles = np.concatenate([[0.0, drive.load_angle], drive.run(400)])
-    settings = ServoSettings(gains, backlash_angle=0.02)
+    settings = ServoSettings(gains, backlash_angle=0.02, identified=True)
     settings = settings.with_law("two_region", TwoRegionParameters(min_dwell=0.0)).with_law(law)
     scenario = Scenario(np.full(401, 0.9), np.array(-0.1), sensors=REAL, delay=LATE, seed=11)
     offline = run(NOMINAL_DRIVE, settings, scenario, limits=replace(Limits.of(NOMINAL_DRIVE), **ENDS))

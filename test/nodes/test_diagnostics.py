@@ -67,6 +67,19 @@ def test_healthy_pair_is_ok_and_says_how_it_runs(start: Start, peer: Peer) -> No
     assert re.fullmatch(r"mean [\d.]+, p99 [\d.]+, max [\d.]+ ms", drive["integration"])
 
 
+def test_a_law_that_another_stands_in_for_is_said_to_wait(start: Start, peer: Peer) -> None:
+    diagnostics = Diagnostics(peer)
+    process = start("controller", law="two_encoder", backlash_angle=0.02, **PATIENT)
+    start("plant_simulator")
+    waits = "law 'two_encoder' moves slowly, with the over-damped gains, until the drive is identified: call identify"
+    diagnostics.wait("/controller: servo", "waiting", lambda s: s.level == OK and s.message == f"active; {waits}")
+    assert process.output().count(waits) == 1
+    assert Parameters(peer, "controller").set(identified=True) == (True, "")
+    diagnostics.wait("/controller: servo", "as asked for", lambda s: s.level == OK and s.message == "active")
+    assert Parameters(peer, "controller").set(identified=False) == (True, "")
+    peer.wait("the line in the log", lambda: process.output().count(waits) == 2)
+
+
 @pytest.mark.parametrize(("rate", "level"), [(225.0, WARN), (125.0, ERROR)])
 def test_drive_at_another_rate_is_a_warning_or_an_error(start: Start, peer: Peer, rate: float, level: bytes) -> None:
     diagnostics = Diagnostics(peer)

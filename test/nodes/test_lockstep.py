@@ -32,7 +32,7 @@ def settings(**changes: object) -> ServoSettings:
     gains = GainSet(
         design_gains("fast", NOMINAL_DRIVE, [1000.0, 1.0]), design_gains("overdamped", NOMINAL_DRIVE, [4.0, 0.0])
     )
-    return ServoSettings(gains, backlash_angle=0.02, **changes)
+    return ServoSettings(gains, backlash_angle=0.02, identified=True, **changes)
 
 
 def kept(*axes: str) -> dict[str, int]:
@@ -97,7 +97,7 @@ def test_a_minute_of_the_closed_loop_equals_the_offline_run(start: Start, peer: 
     recorded = Recorded(peer)
     clocks: list[float] = []
     peer.node.create_subscription(Clock, "/clock", lambda m: clocks.append(m.clock.sec + 1e-9 * m.clock.nanosec), 10)
-    start("controller", backlash_angle=0.02, state_timeout=10.0, use_sim_time=True, **kept())
+    start("controller", backlash_angle=0.02, identified=True, state_timeout=10.0, use_sim_time=True, **kept())
     peer.wait("the controller", lambda: recorded.reference.get_subscription_count() > 0)
     start("plant_simulator", lockstep=True, **kept())
     peer.wait("samples", lambda: recorded.time > 0.5)
@@ -124,7 +124,7 @@ def test_sensors_and_delay_of_the_simulator_are_those_of_the_offline_run(start: 
         motor_noise=1e-3,
     )
     recorded = Recorded(peer)
-    start("controller", backlash_angle=0.02, state_timeout=10.0, use_sim_time=True, **kept())
+    start("controller", backlash_angle=0.02, identified=True, state_timeout=10.0, use_sim_time=True, **kept())
     peer.wait("the controller", lambda: recorded.reference.get_subscription_count() > 0)
     start(
         "plant_simulator",

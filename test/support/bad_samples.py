@@ -76,7 +76,9 @@ def play(
     wrong_from: float = BAD_FROM,
 ) -> Played:
     """Play one run, with so many bad ``samples`` of one ``signal``, by default from `BAD_FROM` on."""
-    servo = Servo(NOMINAL_DRIVE, ServoSettings(GAINS, law=law, backlash_angle=backlash_angle, period=period))
+    servo = Servo(
+        NOMINAL_DRIVE, ServoSettings(GAINS, law=law, backlash_angle=backlash_angle, period=period, identified=True)
+    )
     drive = SimulatedDrive(NOMINAL_DRIVE, period, sensors=sensors)
     count, first = round((BAD_FROM + WATCHED_FOR) / period), round(wrong_from / period)
     angle, speed, latched = np.zeros(count), np.zeros(count), -1

@@ -60,6 +60,7 @@ def test_every_command_of_the_page_works(here: Path, capsys: pytest.CaptureFixtu
     assert file["delay"]["command"] == file["loop_delay"] == pytest.approx(told["delay"]["value"], rel=1e-5)
     assert (file["rate"], file["sensors"]["motor_counts"], file["sensors"]["load_counts"]) == (250.0, 4096.0, 262144.0)
     assert file["backlash_angle"] == file["gear"]["backlash_angle"]
+    assert file["identified"] is True
     floats = [value for section in ("motor", "gear", "load") for value in file[section].values()]
     assert not any(isinstance(value, str) for value in floats)
 
@@ -86,6 +87,7 @@ def test_a_drive_that_was_found_reads_back(tmp_path: Path, law: str) -> None:
     unseen = tuple(Finding(key, key, "", "", why="not seen") for key in ("sensors.load_offset", "delay.command"))
     found = Identified("", drive, unseen, period=0.004, replaced=frozenset({"contact", "gear.backlash_angle"}))
     (tmp_path / "found.yaml").write_text(drive_text(found, (0.0, 0.0), "axis.csv"))
+    assert "identified" not in (tmp_path / "found.yaml").read_text().partition("/**")[2]  # nothing was told of the load
     assert read_drive(tmp_path / "found.yaml") == drive
 
 

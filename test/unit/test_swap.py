@@ -28,7 +28,7 @@ SENSORS = {"everything": Sensors(), "positions": Sensors(measured=POSITIONS), "l
 
 def settings_of(drive: Drive, law: str, **changes: float) -> ServoSettings:
     gains = GainSet(**{region: design_gains(region, drive, q) for region, q in DEFAULT_WEIGHTS.items()})
-    return replace(ServoSettings(gains, law=law, period=PERIOD, backlash_angle=B), **changes)
+    return replace(ServoSettings(gains, law=law, period=PERIOD, backlash_angle=B, identified=True), **changes)
 
 
 class Rig:

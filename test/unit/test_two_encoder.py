@@ -1,6 +1,7 @@
 """The law for two encoders: its plans, what it does at rest, and drives drawn at random."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from backlash_ros.analysis.evaluation.population import draw_member, told_model
 from backlash_ros.analysis.evaluation.task import Verdict, judge_run, scenario_of, settings_for
 from backlash_ros.control import GainSet, Servo, ServoSettings, design_law
+from backlash_ros.control.laws import lacks
 from backlash_ros.control.laws.two_encoder import TwoEncoderParameters
 from backlash_ros.control.laws.two_encoder.layout import COULOMB, GAP, INERTIA, MIDDLE, PHASE
 from backlash_ros.control.laws.two_encoder.plan import evaluate, fly, length_of
@@ -21,8 +23,8 @@ from backlash_ros.simulation import Run, Scenario, SimulatedDrive, run
 B = NOMINAL_DRIVE.gear.backlash_angle
 
 
-def settings_of(gains: GainSet, law: str = "two_encoder", **changes: float) -> ServoSettings:
-    return replace(ServoSettings(gains, backlash_angle=B).with_law(law), **changes)
+def settings_of(gains: GainSet, law: str = "two_encoder", **changes: Any) -> ServoSettings:
+    return replace(ServoSettings(gains, backlash_angle=B, identified=True).with_law(law), **changes)
 
 
 def played(gains: GainSet, reference: Array, load_torque: float = 0.0) -> Run:
@@ -121,8 +123,19 @@ def test_noise_as_wide_as_the_gap_does_not_keep_it_busy(gains: GainSet) -> None:
     assert np.max(done.load_angle) <= 1.0 + 5.0 * B
 
 
-def test_the_overdamped_gains_act_while_the_gap_is_not_known(gains: GainSet) -> None:
-    choice = settings_of(gains, backlash_angle=0.0)
+@pytest.mark.parametrize(
+    ("unknown", "lacking"),
+    [
+        ({"backlash_angle": 0.0}, "the backlash is learned"),
+        ({"identified": False}, "the drive is identified"),
+        ({"backlash_angle": 0.0, "identified": False}, "the backlash is learned and the drive is identified"),
+    ],
+)
+def test_the_overdamped_gains_act_until_gap_and_drive_are_found(
+    gains: GainSet, unknown: dict[str, Any], lacking: str
+) -> None:
+    choice = settings_of(gains, **unknown)
+    assert (lacks(choice), lacks(choice.with_law("two_region"))) == (lacking, "")
     law, instead = design_law(NOMINAL_DRIVE, choice), design_law(NOMINAL_DRIVE, choice.with_law("overdamped"))
     assert law.step is instead.step
     assert np.array_equal(law.constants, instead.constants)
@@ -187,7 +200,7 @@ def test_random_drives_come_to_rest_where_the_gap_is_known() -> None:
     for number in range(40):
         member = draw_member(9001, number, "core")
         model = told_model(member, "true")
-        known = replace(settings_for(model, member), backlash_angle=member.drive.gear.backlash_angle)
+        known = replace(settings_for(model, member), backlash_angle=member.drive.gear.backlash_angle, identified=True)
         scenario = scenario_of(member)
         for law, found in verdicts.items():
             found.append(judge_run(member, scenario, run(member.drive, known.with_law(law), scenario, model=model)))

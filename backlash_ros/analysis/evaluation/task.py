@@ -280,7 +280,7 @@ def perform(task: Task, number: int, laws: tuple[str, ...]) -> tuple[Learned, di
     verdicts: dict[str, Verdict] = {}
     runs: dict[str, Run] = {}
     try:
-        settings = settings_for(model, member, delay)
+        settings = replace(settings_for(model, member, delay), identified=task.model == "true")
     except ValueError as error:
         failed = Verdict(failure=str(error))
         return Learned(reason=str(error)), dict.fromkeys(laws, failed), runs
@@ -290,6 +290,7 @@ def perform(task: Task, number: int, laws: tuple[str, ...]) -> tuple[Learned, di
             model, delay = identified_drive(model, found), found.delay
             learned = _judge_identified(member, learned, model, delay)
             settings = settings_for(model, member, min(delay, LONGEST_DELAY / member.rate))
+            settings = replace(settings, identified=True)
         except ValueError as error:
             return learned, dict.fromkeys(laws, Verdict(failure=str(error))), runs
     if learned.valid:

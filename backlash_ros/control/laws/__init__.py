@@ -11,10 +11,29 @@ LAWS: Registry[NamedLaw] = Registry(__name__, __path__, "LAWS", first="two_regio
 """Every law by the name that the parameter ``law`` takes; the paper's laws lead every table."""
 
 
+def lacks(settings: ServoSettings) -> str:
+    """Return what must be found before the law that is named acts, in words; empty where it does.
+
+    Raises
+    ------
+    ValueError
+        For a name that is not in `LAWS`.
+    """
+    if not LAWS.choose("law", settings.law).identified:
+        return ""
+    lacking = []
+    if settings.backlash_angle == 0.0:
+        lacking.append("the backlash is learned")
+    if not settings.identified:
+        lacking.append("the drive is identified")
+    return " and ".join(lacking)
+
+
 @lru_cache(maxsize=16)
 def design_law(drive: Drive, settings: ServoSettings) -> ControlLaw:
     """Design the law that ``settings`` names, with its parameters there or else their defaults.
 
+    The over-damped law stands in for one that `lacks` something: slower, and quiet whatever the load.
     Remembered, so that what was designed to validate a request is not designed again between two samples.
 
     Raises
@@ -29,4 +48,6 @@ def design_law(drive: Drive, settings: ServoSettings) -> ControlLaw:
             f"laws.{settings.law} takes {type(law.parameters).__name__} as its parameters, "
             f"got {type(parameters).__name__}"
         )
+    if lacks(settings):
+        law, parameters = LAWS["overdamped"], LAWS["overdamped"].parameters
     return law.design(drive, settings, parameters)

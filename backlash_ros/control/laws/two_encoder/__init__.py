@@ -1,8 +1,8 @@
 """A law for drives with both encoders: it plans where the teeth are, so that they neither strike nor rattle.
 
 The motor is controlled on its own encoder alone, which no gap makes unstable. The load's angle only tells what to plan:
-see `plan` for moves, `step` for holding, `observers` for what is seen. While the gap is not known, and where an
-encoder is missing, the over-damped gains act.
+see `plan` for moves, `step` for holding, `observers` for what is seen. While the gap is not known or the drive was not
+identified, and where an encoder is missing, the over-damped gains act: slower, and quiet whatever the load.
 """
 
 import math
@@ -48,7 +48,6 @@ from backlash_ros.control.laws.two_encoder.layout import (
     WHOLE,
 )
 from backlash_ros.control.laws.two_encoder.step import begin, two_encoder_step
-from backlash_ros.control.laws.two_region import overdamped
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.contact import gap_at_rest
 from backlash_ros.drivetrain.signals import Array
@@ -111,15 +110,13 @@ def _models(drive: Drive, period: float, rest: float) -> tuple[Array, Array, Arr
 
 
 def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderParameters) -> ControlLaw:
-    """Design the law for ``drive``, its delay and the gap that was learned; over-damped while there is none.
+    """Design the law for ``drive`` as identified, its delay and the gap that was learned.
 
     Raises
     ------
     ValueError
         If the motor's observer cannot be designed.
     """
-    if settings.backlash_angle == 0.0:
-        return overdamped(drive, settings, parameters)
     import control  # noqa: PLC0415 - takes more than a second
 
     motor, gear, load, n = drive.motor, drive.gear, drive.load, drive.gear.ratio
@@ -175,4 +172,8 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
     return ControlLaw(two_encoder_step, law, state, begin)
 
 
-LAWS = {"two_encoder": NamedLaw("planned for two encoders", two_encoder, TwoEncoderParameters(), both_encoders=True)}
+LAWS = {
+    "two_encoder": NamedLaw(
+        "planned for two encoders", two_encoder, TwoEncoderParameters(), both_encoders=True, identified=True
+    )
+}
