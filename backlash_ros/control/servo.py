@@ -132,7 +132,8 @@ class Servo:
             keep_estimate(observer, self.memory.observer)
             keep_torque(observer, self.memory.monitor)
             self.drive = drive
-        if hasattr(self, "settings") and self.settings.law == settings.law:
+        named = hasattr(self, "settings") and self.settings.law == settings.law
+        if named and self._chosen.law.step is law.step:  # another one may have stood in for it
             self._chosen.redesign(law)
             if self.calmed:
                 self._calming = None

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from itertools import permutations
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ DRIVES |= {f"{name}, current": replace(drive, command_interface="current") for n
 SENSORS = {"everything": Sensors(), "positions": Sensors(measured=POSITIONS), "load": Sensors(measured=("theta_l",))}
 
 
-def settings_of(drive: Drive, law: str, **changes: float) -> ServoSettings:
+def settings_of(drive: Drive, law: str, **changes: Any) -> ServoSettings:
     gains = GainSet(**{region: design_gains(region, drive, q) for region, q in DEFAULT_WEIGHTS.items()})
     return replace(ServoSettings(gains, law=law, period=PERIOD, backlash_angle=B, identified=True), **changes)
 
@@ -72,6 +73,20 @@ def test_law_swapped_under_load_goes_straight_to_where_it_settles(drive: str, se
         # The planned law rests within a band, and from afar it goes there as in any step.
         most = (0.25 if far else 0.08) if new == "two_encoder" else 0.03
         assert beyond(rig.run(2.0)[0]) <= most * B, f"{old} to {new}"
+
+
+@pytest.mark.parametrize("unknown", [{"identified": False}, {"backlash_angle": 0.0}])
+@pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES)
+def test_a_law_that_waited_for_the_drive_takes_the_load_over(drive: Drive, unknown: dict[str, Any]) -> None:
+    """As from a law of another name: the one that stood in for it held the load."""
+    rig = Rig(drive, settings_of(drive, "two_encoder", **unknown))
+    held = rig.run(2.5)[1][-1]
+    rig.servo.use(settings_of(drive, "two_encoder"))
+    angles, commands = rig.run(2.0)
+    assert commands[0] == pytest.approx(held, rel=0.1)
+    assert beyond(angles) <= 0.08 * B
+    rig.servo.use(settings_of(drive, "two_encoder", **unknown))
+    assert beyond(rig.run(2.0)[0]) <= 0.03 * B
 
 
 @pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES)
