@@ -4,8 +4,8 @@ The laws themselves are in `laws`, a file each. The step may act within the rang
 its voltage afterwards: what it remembers is what was applied.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from numba import float64
@@ -41,13 +41,14 @@ class ControlLaw:
 
     ``constants`` and the ``state`` to start with are arrays of one dimension; the state's first entry is the region.
     A law that follows another one while the load is held starts with ``take_over``: plain Python, called once, before
-    its first step.
+    its first step. ``shown`` says where in the state there is what telemetry names ``phase`` and ``flank``.
     """
 
     step: LawStep
     constants: Array
     state: Array
     take_over: TakeOver = _remembers_nothing
+    shown: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -287,7 +287,17 @@ class Servo:
     @property
     def region(self) -> int:
         """1 where the fast gains act, 2 where the over-damped ones do."""
-        return int((self._experiment.acting if self._experiment else self._acting).state[REGION])
+        return int(self._stepped.state[REGION])
+
+    @property
+    def _stepped(self) -> ActingLaw:
+        """What acts now, in an experiment too."""
+        return self._experiment.acting if self._experiment else self._acting
+
+    def shown(self, name: str) -> int:
+        """Return what the law that acts says of itself, "phase" or "flank"; 0 where it says nothing."""
+        at = self._stepped.law.shown.get(name)
+        return 0 if at is None else int(self._stepped.state[at])
 
     @property
     def load_torque_estimate(self) -> float:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from backlash_ros.control.law import FAST_REGION, OVERDAMPED_REGION
+from backlash_ros.control.laws.two_encoder.layout import PHASES
 from backlash_ros.control.monitoring.wear import WearWatch
 from backlash_ros.control.servo import Servo
 from backlash_ros.control.tick import HIGH, LOW
@@ -53,6 +54,12 @@ TELEMETRY = {
     "region": Plotted(
         "", "which gains act", {0: "none", FAST_REGION: "fast gains", OVERDAMPED_REGION: "over-damped gains"}
     ),
+    "phase": Plotted("", "what law two_encoder does", {0: "none", **PHASES}),
+    "flank": Plotted(
+        "",
+        "on which flank it has the load, or a flight ends",
+        {-1: "holds the load back", 0: "none", 1: "drives the load forward"},
+    ),
     "backlash_angle": Plotted("rad", "backlash as learned or given; 0 while not known"),
     "gap_seen": Plotted("rad", "way between both flanks as the teeth have rested on them; 0 where on one alone"),
     "rattle": Plotted("rad", "swing of the load, peak to peak, where it rattles while held; 0 where it does not"),
@@ -88,6 +95,8 @@ def telemetry(servo: Servo, wear: WearWatch, *, active: bool, parameters_version
         "range_low": float(servo.memory.out[LOW]),
         "range_high": float(servo.memory.out[HIGH]),
         "region": servo.region if servo.holding else 0,
+        "phase": servo.shown("phase") if servo.holding else 0,
+        "flank": servo.shown("flank") if servo.holding else 0,
         "backlash_angle": servo.settings.backlash_angle,
         "gap_seen": wear.gap,
         "rattle": wear.rattle.swing if wear.rattle else 0.0,

@@ -13,6 +13,7 @@ from backlash_ros.control.telemetry import TELEMETRY, telemetry
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.signals import Measurement
 from backlash_ros.gates import Fault
+from backlash_ros.simulation import SimulatedDrive
 
 HELD = Measurement(np.array([3.0, 0.0, 0.3, 0.0, 0.0]))
 
@@ -47,6 +48,24 @@ def test_telemetry_tells_experiment_and_fault(gains: GainSet) -> None:
     servo.fail(Fault.NO_SAMPLES, "silence")
     after = telemetry(servo, WearWatch(servo), active=True, parameters_version=1)
     assert (TELEMETRY["fault"].words[int(after["fault"])], after["command"]) == ("NO_SAMPLES", 0.0)
+
+
+def test_telemetry_tells_what_the_planned_law_does(gains: GainSet) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains, law="two_encoder", backlash_angle=0.02, identified=True))
+    plant = SimulatedDrive(NOMINAL_DRIVE, 0.004)
+
+    def after(samples: int) -> list[str]:
+        for _ in range(samples):
+            plant.advance(servo.update(plant.sample(), plant.elapsed), 0.1)
+        values = telemetry(servo, WearWatch(servo), active=True, parameters_version=1)
+        return [TELEMETRY[name].words[int(values[name])] for name in ("phase", "flank")]
+
+    assert after(500) == ["hold", "holds the load back"]
+    servo.set_reference(1.0)
+    assert after(5)[0] == "flight"
+    assert after(500) == ["hold", "holds the load back"]
+    servo.calm()
+    assert after(1) == ["none", "none"]
 
 
 def test_readme_has_the_table() -> None:

@@ -24,6 +24,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     DAMPING,
     DELAY,
     ELECTRICAL,
+    FLANK,
     FRICTION,
     GAIN,
     GAP,
@@ -35,6 +36,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     NO_LOAD,
     PARKED,
     PERIOD,
+    PHASE,
     POINTS,
     PUSH,
     RATIO,
@@ -169,7 +171,7 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
     ]
     state = np.zeros(MEMORY)
     state[REGION], state[PARKED] = FAST_REGION, -1.0
-    return ControlLaw(two_encoder_step, law, state, begin)
+    return ControlLaw(two_encoder_step, law, state, begin, {"phase": PHASE, "flank": FLANK})
 
 
 LAWS = {
