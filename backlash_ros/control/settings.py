@@ -42,6 +42,13 @@ class ServoSettings(Validated):
         at_most=3.2,
         default=0.0,
     )
+    expected_load_torque: float = quantity(
+        "load torque that law two_encoder expects where dry friction hides it, as it was found with the drive",
+        "N m",
+        at_least=-1e5,
+        at_most=1e5,
+        default=0.0,
+    )
     velocity_bandwidth: float = quantity(
         "bandwidth of the low-pass where a speed is found from position", "rad/s", above=0, at_most=1e5, default=800.0
     )

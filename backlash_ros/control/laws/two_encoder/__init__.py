@@ -24,6 +24,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     DAMPING,
     DELAY,
     ELECTRICAL,
+    EXPECTED,
     FLANK,
     FRICTION,
     GAIN,
@@ -64,6 +65,8 @@ _ACCELERATION, _CHANGE, _READING = 20.0, 1.2, 4.5e-5
 and what a reading is off by, rad, a count of 14 bit before a 10:1 gear in it."""
 _INSTANT = 2e4
 """1/s with which a current that is imposed comes about."""
+_NO_FRICTION = 2e-4
+"""Share of the torque at standstill below which dry friction is none: a shaft coasts on, and no less is identified."""
 _LEAST, _STEP = 2e-3, 1.8
 """Of the table of the teeth: its first torque, N m, and the ratio of one to the next."""
 
@@ -135,6 +138,8 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
     law = np.zeros(CONSTANTS)
     law[GAIN : GAIN + 4] = spread[:, 0] / (spread[0, 0] + off)
     law[AFTER : AFTER + 24], law[BEFORE : BEFORE + 24] = after[:4].ravel(), before[:4].ravel()
+    dry = motor.coulomb_friction / n, load.coulomb_friction
+    motor_dry, load_dry = (torque if torque > _NO_FRICTION * drive.standstill_torque() else 0.0 for torque in dry)
     values = {
         PERIOD: period,
         DELAY: delay,
@@ -142,10 +147,10 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
         RATIO: n,
         MOTOR_INERTIA: inertia,
         MOTOR_FRICTION: motor.viscous_friction / n**2,
-        MOTOR_COULOMB: motor.coulomb_friction / n,
+        MOTOR_COULOMB: motor_dry,
         INERTIA: load.inertia,
         FRICTION: load.viscous_friction,
-        COULOMB: load.coulomb_friction,
+        COULOMB: load_dry,
         GAP: b,
         STALL: drive.standstill_torque(),
         NO_LOAD: motor.voltage_limit / motor.torque_constant * n,
@@ -160,6 +165,7 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
         CROSSING: parameters.crossing_time * max(1.0, math.sqrt(b / _USUAL_GAP)),
         PUSH: parameters.push_time,
         BRAKE: parameters.brake_time,
+        EXPECTED: settings.expected_load_torque,
     }
     law[list(values)] = list(values.values())
     constants, half_gap = gear.contact.constants(gear.load_radius, drive.contact_mass), 0.5 * b * gear.load_radius

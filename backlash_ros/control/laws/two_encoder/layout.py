@@ -19,14 +19,15 @@ where they hold it back.
     STIFFNESS, DAMPING,  # of the motor's loop, N m/rad and N m s/rad
     TRUST,  # how far the disturbance that acts follows the one that is seen, each period
     CROSSING, PUSH, BRAKE,  # s
-) = range(24)
+    EXPECTED,  # load torque where nothing is seen of it, N m
+) = range(25)
 
-GAIN = 24
+GAIN = 25
 """Four gains of the motor's observer."""
-AFTER, BEFORE = 28, 52
+AFTER, BEFORE = 29, 53
 """Two models of the motor, 4 x 6, over the part of a period after a command begins to act, and over the part before:
 p, w, torque of the current and disturbance, from these, the command and the torque of the teeth."""
-TEETH, POINTS = 76, 16
+TEETH, POINTS = 77, 16
 """Torques that the teeth carry, N m, then where they do, as g, rad."""
 CONSTANTS = TEETH + 2 * POINTS
 
@@ -43,13 +44,14 @@ CONSTANTS = TEETH + 2 * POINTS
     WAITED, TRIES, SIDE, SIDE_TIME, SHARE, LAST_ERROR, HELD,  # of holding
     PLACE, FROM, PARKED,  # where the motor is to be, and where and for how long it goes to the middle
     STEPPED,  # g that follows a setpoint in motion
-    LAST_MOTOR, DOUBTED, LOAD_DOUBTED,  # the motor's last reading, rad, and how many readings in a row cannot be
+    LAST_MOTOR,  # the motor's last reading, rad
+    DOUBTED, _, LOAD_DOUBTED, _,  # how many readings in a row cannot be, and what the first of them missed, rad
     MOMENTUM,  # of both shafts, N m s
-) = range(40)
+) = range(42)
 
-COMMANDS, CARRIED, KEPT = 40, 52, 12
+COMMANDS, CARRIED, KEPT = 42, 54, 12
 """Commands, the newest first, and what the teeth were to carry meanwhile, N m."""
-PLAN, ROWS, COLUMNS = 64, 6, 13
+PLAN, ROWS, COLUMNS = 66, 6, 13
 """Segments of the plan: see `plan`."""
 MEMORY = PLAN + ROWS * COLUMNS
 

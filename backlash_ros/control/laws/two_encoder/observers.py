@@ -67,6 +67,8 @@ _APART = 0.36
 """Of the gap, to either side of its middle: there the teeth are apart whatever their law."""
 _IN_FLIGHT, _TOUCHED, _ALONE = 60.0, 4.0, 0.3
 """How far the load's acceleration is from what is known of it at 250 Hz, rad/s^2."""
+_OFF = 1.5
+"""Counts by which a load at rest is off at most."""
 _RESTS, _THERE = 0.05, 0.1
 """rad/s below which the motor rests, and share of the gap within which it is where it is to be."""
 _LEAST_LAG = 0.1
@@ -129,6 +131,8 @@ def _doubt(
 ) -> tuple[bool, float, float]:
     """Judge a reading by where its shaft is expected; ``doubted`` counts those in a row that cannot be.
 
+    What the first of them missed stands behind that count.
+
     Teeth that meet change a speed by what they meet with; torques do little within a period, most of all at rest. A
     shaft that goes away from where it is expected is believed at the third reading, an encoder that leapt much later.
 
@@ -149,11 +153,13 @@ def _doubt(
         state[doubted] = 0.0
         return True, 0.0, 0.0
     state[doubted] += 1.0
+    if state[doubted] == 1.0:
+        state[doubted + 1] = missed
     times, moved = state[doubted], _MOVED < way / missed < 1.0 - _MOVED
     if times < (_MOVED_FOR if moved else _LEAPT_FOR):
         return False, 0.0, 0.0
     state[doubted] = 0.0
-    return False, missed, missed / (times * law[PERIOD]) if moved else 0.0
+    return False, missed, (missed - state[doubted + 1]) / ((times - 1.0) * law[PERIOD]) if moved else 0.0
 
 
 @compiled
@@ -226,6 +232,8 @@ def see_load(law: Array, state: Array, reading: float) -> None:
     state[COUNT] = max(state[STEP] if state[STEP] > 0.0 else UNSEEN * law[GAP], _WIDTH * state[ROUGH])
     if state[PHASE] != HOLD:
         unknown = _IN_FLIGHT
+    elif abs(missed) > _OFF * state[COUNT]:
+        unknown = _IN_FLIGHT  # it moves otherwise than at rest
     elif state[HELD] == 0.0:
         state[LOAD_SPEED] *= math.exp(-law[FRICTION] / law[INERTIA] * period)
         if apart(law, state):

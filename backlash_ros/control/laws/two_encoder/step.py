@@ -26,6 +26,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     DELAY,
     DISTURBANCE,
     ELECTRICAL,
+    EXPECTED,
     FLANK,
     FLIGHT,
     FOLLOW,
@@ -135,6 +136,7 @@ def _start(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint) -> 
     far = abs(setpoint[POSITION] - estimate[THETA_L]) > _FAR * law[GAP]
     state[TARGET] = estimate[THETA_L] if far else setpoint[POSITION]  # another target is flown to
     state[PHASE], state[SHARE], state[STARTED] = HOLD, 1.0, 1.0
+    state[PULL] = clamp(law[EXPECTED], -law[COULOMB], law[COULOMB])
 
 
 @compiled
@@ -364,7 +366,10 @@ def begin(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, hold
     _start(law, state, estimate, setpoint)
     state[SPEED], state[LOAD_SPEED] = law[RATIO] * estimate[OMEGA_M], estimate[OMEGA_L]
     state[MOMENTUM] = law[MOTOR_INERTIA] * state[SPEED] + law[INERTIA] * state[LOAD_SPEED]
-    state[PULL] = state[PULL_SLOW] = -holding / law[VOLTS_PER_TORQUE]
+    seen, hidden = -holding / law[VOLTS_PER_TORQUE], law[COULOMB] + law[MOTOR_COULOMB]
+    state[PULL] = state[PULL_SLOW] = seen
+    if not holds(law, seen):
+        state[PULL] = clamp(clamp(law[EXPECTED], seen - hidden, seen + hidden), -law[COULOMB], law[COULOMB])
     state[HELD] = 1.0 if holds(law, state[PULL]) else 0.0
     state[PARKED] = -1.0
     rests_on(law, state, state[PULL])
