@@ -298,7 +298,9 @@ def see_pull(law: Array, state: Array) -> None:
             if abs(omega) < _STANDS:
                 state[PULL] = min(max(state[PULL], -friction), friction)
                 return
-        state[PULL] = min(max(state[PULL], state[PULL_SLOW] - unknown), state[PULL_SLOW] + unknown)
+        can_be = min(max(state[PULL], state[PULL_SLOW] - unknown), state[PULL_SLOW] + unknown)
+        share = 1.0 if friction > 0.0 else min(period / _SLOWLY, 1.0)
+        state[PULL] += share * (can_be - state[PULL])
 
 
 @compiled
