@@ -117,7 +117,7 @@ class Learning:
 
     def _put_in_use(self, values: Mapping[str, Any]) -> str:
         """Set parameters as anybody does; return why they were refused, or an empty text."""
-        told = {"identified": True} if "load.inertia" in values else {}
+        told = {"identified": True} if {"load.inertia", "load.coulomb_friction"} <= values.keys() else {}
         parameters = [Parameter(name, value=value) for name, value in {**values, **told}.items()]
         result = self._node.set_parameters_atomically(parameters)
         return "" if result.successful else str(result.reason)

@@ -48,6 +48,7 @@ def test_a_random_drive_is_found_and_quiet_from_then_on_and_at_the_next_start(
     assert found["load.inertia"] == pytest.approx(load.inertia, rel=INERTIA_NEAR)
     assert found["backlash_angle"] == pytest.approx(gap, abs=max(GAP_NEAR * gap, member.load_count))
     assert found["gear.backlash_angle"] == found["backlash_angle"]
+    assert found["expected_load_torque"] == pytest.approx(member.standing_torque, abs=5e-3)
     assert (told["identified"], found["identified"]) == (False, True)
     assert found["loop_delay"] == pytest.approx(member.delay.command, abs=DELAY_NEAR / member.rate)
     for speed in SPEEDS:

@@ -61,6 +61,7 @@ def test_every_command_of_the_page_works(here: Path, capsys: pytest.CaptureFixtu
     assert (file["rate"], file["sensors"]["motor_counts"], file["sensors"]["load_counts"]) == (250.0, 4096.0, 262144.0)
     assert file["backlash_angle"] == file["gear"]["backlash_angle"]
     assert file["identified"] is True
+    assert file["expected_load_torque"] == pytest.approx(told["tau_l"]["value"], rel=1e-5, abs=1e-9)
     floats = [value for section in ("motor", "gear", "load") for value in file[section].values()]
     assert not any(isinstance(value, str) for value in floats)
 
@@ -84,7 +85,9 @@ def test_what_cannot_be_told_is_not_in_the_drive_file(tmp_path: Path, capsys: py
 @pytest.mark.parametrize("law", sorted(CONTACTS))
 def test_a_drive_that_was_found_reads_back(tmp_path: Path, law: str) -> None:
     drive = replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, contact=CONTACTS[law]()))
-    unseen = tuple(Finding(key, key, "", "", why="not seen") for key in ("sensors.load_offset", "delay.command"))
+    unseen = tuple(
+        Finding(key, key, "", "", why="not seen") for key in ("sensors.load_offset", "delay.command", "tau_l")
+    )
     found = Identified("", drive, unseen, period=0.004, replaced=frozenset({"contact", "gear.backlash_angle"}))
     (tmp_path / "found.yaml").write_text(drive_text(found, (0.0, 0.0), "axis.csv"))
     assert "identified" not in (tmp_path / "found.yaml").read_text().partition("/**")[2]  # nothing was told of the load

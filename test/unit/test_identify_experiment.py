@@ -55,7 +55,7 @@ def test_all_that_is_told_has_its_uncertainty_and_teeth_come_as_a_whole() -> Non
     assert max(found.fit.rms) <= FITS
     teeth = {"contact.law", "contact.elastic.wind_up", "contact.elastic.damping", "gear.backlash_angle"}
     load = {"load.inertia", "load.viscous_friction", "load.coulomb_friction", "motor.coulomb_friction"}
-    assert set(found.parameters) == {*teeth, *load, "backlash_angle", "loop_delay"}
+    assert set(found.parameters) == {*teeth, *load, "backlash_angle", "loop_delay", "expected_load_torque"}
     assert found.parameters["backlash_angle"] == found.parameters["gear.backlash_angle"] == found.angle
     assert set(found.uncertainties) == {*found.parameters} - {"contact.law", "contact.elastic.damping"}
     assert all(0.0 < value < math.inf for value in found.uncertainties.values())

@@ -93,8 +93,11 @@ def drive_text(found: Identified, counts: tuple[float, float], source: str) -> s
         late = _rounded(delay.value, delay)
         lines += ["    delay:", f"      command: {_number(late)}"]
         lines.append(f"    loop_delay: {_number(min(late, LONGEST_DELAY * found.period))}")
-    if "load.inertia" in found.replaced:
+    if {"load.inertia", "load.coulomb_friction"} <= found.replaced:
         lines.append("    identified: true")
+    torque = found.of("tau_l")
+    if torque.told:
+        lines.append(f"    expected_load_torque: {_number(_rounded(torque.value, torque))}")
     if found.gap is not None and found.gap.valid:
         lines.append(f"    backlash_angle: {_number(_rounded(drive.gear.backlash_angle, None))}")
     return "\n".join(lines) + "\n"

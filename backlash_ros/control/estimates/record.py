@@ -24,12 +24,13 @@ MOST = 100
 
 def _bounds() -> dict[str, Quantity]:
     """Return the numbers that an estimate may have, by the names of parameters."""
-    angle = quantities(ServoSettings)["backlash_angle"]
+    servo = quantities(ServoSettings)
     parts: tuple[type[Validated], ...] = (Motor, Gear, Load, *CONTACTS.values())
     numbers = {f"{part.section}.{name}": each for part in parts for name, each in quantities(part).items()}
     return {
         **{name: each for name, each in numbers.items() if name.startswith(FOUND)},
-        "backlash_angle": replace(angle, open_lower=True),
+        "backlash_angle": replace(servo["backlash_angle"], open_lower=True),
+        "expected_load_torque": servo["expected_load_torque"],
         "loop_delay": Quantity("delay of the drive, both ways", "s", 0.0, 10.0),
     }
 

@@ -10,7 +10,8 @@ from backlash_ros.drivetrain.parameters import values_of
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.identify import Identified, identify
 
-_NAMES = {"delay.command": "loop_delay"}
+_EXPECTED = "expected_load_torque"
+_NAMES = {"delay.command": "loop_delay", _EXPECTED: _EXPECTED}
 """What a finding is for the controller, where its key is the simulator's."""
 
 

@@ -142,7 +142,7 @@ class _Rules:
                 max(SURE_FRICTION * dry, small) * ratio,
             ),
             self.decide(
-                Finding("", "tau_l", "load torque and weight where the load started", "N m"),
+                Finding("expected_load_torque", "tau_l", "load torque and weight where the load started", "N m"),
                 torque,
                 self.deviation(TORQUE),
                 max(SURE_TORQUE * abs(torque), 2.0 * small),
