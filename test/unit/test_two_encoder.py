@@ -1,5 +1,6 @@
 """The law for two encoders: its plans, what it does at rest, and drives drawn at random."""
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -11,13 +12,13 @@ from backlash_ros.analysis.evaluation.task import Verdict, judge_run, scenario_o
 from backlash_ros.control import GainSet, Servo, ServoSettings, design_law
 from backlash_ros.control.laws import lacks
 from backlash_ros.control.laws.two_encoder import TwoEncoderParameters
-from backlash_ros.control.laws.two_encoder.layout import COULOMB, GAP, INERTIA, MIDDLE, PHASE
+from backlash_ros.control.laws.two_encoder.layout import COULOMB, GAP, INERTIA, LOAD, LOAD_SPEED, MIDDLE, PHASE
 from backlash_ros.control.laws.two_encoder.plan import evaluate, fly, length_of
 from backlash_ros.control.setpoint import Polynomials
-from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
-from backlash_ros.drivetrain.signals import LOAD_TORQUE, THETA_L, THETA_M, Array
+from backlash_ros.drivetrain.signals import LOAD_TORQUE, OMEGA_L, THETA_L, THETA_M, Array
 from backlash_ros.simulation import Run, Scenario, SimulatedDrive, run
 
 B = NOMINAL_DRIVE.gear.backlash_angle
@@ -188,6 +189,70 @@ def test_parameters_are_the_design(gains: GainSet) -> None:
         fly(law.constants, state, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         lengths.append(length_of(state))
     assert lengths[1] > lengths[0] + 0.1
+
+
+def rough(**load: float) -> Drive:
+    return replace(NOMINAL_DRIVE, load=replace(NOMINAL_DRIVE.load, **load))
+
+
+def overshoot(gains: GainSet, drive: Drive, pull: float, **changes: float) -> float:
+    """Return how far a drive goes beyond a step of 1 rad, the first after the start, in gaps."""
+    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
+    scenario = Scenario(np.r_[np.zeros(125), np.ones(500)], np.array(pull), sensors=sensors)
+    done = run(drive, settings_of(gains, **changes), scenario, model=drive)
+    return float(np.max(done.load_angle) - 1.0) / B
+
+
+@pytest.mark.parametrize("pull", [0.12, 0.18])
+def test_a_load_torque_that_friction_hides_is_expected_as_it_was_found(gains: GainSet, pull: float) -> None:
+    drive = rough(coulomb_friction=0.2)
+    assert overshoot(gains, drive, pull, expected_load_torque=pull) <= 0.1
+    assert overshoot(gains, drive, pull) >= 0.5
+
+
+@pytest.mark.parametrize("expected", [-0.15, 0.15, 5.0, -5.0])
+@pytest.mark.parametrize("friction", [0.0, 0.1])
+def test_a_wrong_expectation_moves_nothing_at_rest_and_lasts_one_move(
+    gains: GainSet, expected: float, friction: float
+) -> None:
+    """It counts no further than friction can hide, and not at all for a load without any."""
+    drive = rough(coulomb_friction=friction)
+    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
+    scenario = Scenario(np.r_[np.zeros(250), np.ones(1000), np.full(500, 0.5)], sensors=sensors)
+    done = run(drive, settings_of(gains, expected_load_torque=expected), scenario, model=drive)
+    assert np.max(np.abs(done.load_angle[:250])) <= 0.05 * B
+    assert np.max(np.abs(done.load_angle[1500:] - 0.5)) <= 0.15 * B
+    if friction == 0.0:
+        plain = run(drive, settings_of(gains), scenario, model=drive)
+        assert np.array_equal(done.command, plain.command)
+
+
+def test_friction_that_is_next_to_none_is_none(gains: GainSet) -> None:
+    """Identification finds 1e-9 N m for none; a load that has any is held otherwise than one that coasts."""
+    least = 1e-4 * NOMINAL_DRIVE.standstill_torque()
+    tiny = replace(rough(coulomb_friction=least), motor=replace(NOMINAL_DRIVE.motor, coulomb_friction=0.1 * least))
+    law, plain = (design_law(drive, settings_of(gains)) for drive in (tiny, NOMINAL_DRIVE))
+    assert np.array_equal(law.constants, plain.constants)
+    enough = design_law(rough(coulomb_friction=10.0 * least), settings_of(gains))
+    assert enough.constants[COULOMB] == 10.0 * least
+
+
+@pytest.mark.parametrize("rate", [250.0, 1000.0])
+@pytest.mark.parametrize("pull", [0.15, -0.5])
+def test_a_load_that_falls_through_a_wide_gap_at_the_start_is_seen_to(gains: GainSet, rate: float, pull: float) -> None:
+    """The observer, which takes a load between the teeth to rest, follows it, and does not doubt it to and fro."""
+    drive = replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, backlash_angle=0.06))
+    choice = settings_of(gains, backlash_angle=0.06, period=1.0 / rate)
+    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=4096)
+    servo, plant = Servo(drive, choice), SimulatedDrive(drive, 1.0 / rate, sensors=sensors)
+    state, off = servo._chosen.state, []
+    for _ in range(round(0.5 * rate)):
+        command = servo.update(plant.sample(), plant.elapsed)
+        off.append([state[LOAD] - plant.state[THETA_L], state[LOAD_SPEED] - plant.state[OMEGA_L]])
+        plant.advance(command, pull)
+    angle, speed = np.sqrt(np.mean(np.array(off[round(0.1 * rate) :]) ** 2, axis=0))
+    assert angle <= 2.0 * math.pi / 4096
+    assert speed <= 0.5
 
 
 # Drives drawn at random.
