@@ -42,6 +42,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     POINTS,
     PULL,
     PULL_SLOW,
+    REST_TORQUE,
     ROUGH,
     SEEN,
     SEEN_TIME,
@@ -289,6 +290,8 @@ def see_pull(law: Array, state: Array) -> None:
             state[SEEN_TIME] += period
         if turns or friction == 0.0 or state[HELD] == 0.0:
             state[SEEN] += gained + period * dry(law, w)
+        if not turns:
+            state[PULL_SLOW] += min(1.0 / _SLOWLY, 1.0 / period) * (gained - period * state[PULL_SLOW])
         return
     state[PULL_SLOW] += min(1.0 / _SLOWLY, 1.0 / period) * (gained - period * state[PULL_SLOW])
     if state[WAITED] > _PATIENT:
@@ -304,11 +307,15 @@ def see_pull(law: Array, state: Array) -> None:
 
 
 @compiled
-def landed(state: Array) -> None:
-    """Take what the flight that is over has shown of the load torque."""
+def landed(law: Array, state: Array) -> None:
+    """Take what the flight that is over has shown of the load torque; a load that stood bounds it by its friction."""
     if state[SEEN_TIME] > _LONG:
         pull = state[SEEN] / state[SEEN_TIME]
         state[PULL] = pull if abs(pull) >= NONE else 0.0
+        state[PULL_SLOW] = -state[REST_TORQUE]
+    elif state[HELD] != 0.0:
+        unknown = law[COULOMB] + law[MOTOR_COULOMB]
+        state[PULL] = min(max(state[PULL], state[PULL_SLOW] - unknown), state[PULL_SLOW] + unknown)
     state[SEEN] = state[SEEN_TIME] = 0.0
 
 

@@ -56,7 +56,6 @@ from backlash_ros.control.laws.two_encoder.layout import (
     PULL_SLOW,
     RATIO,
     RESISTANCE,
-    REST_TORQUE,
     ROUGH,
     SHARE,
     SIDE,
@@ -311,15 +310,14 @@ def two_encoder_step(
         if state[PHASE] != FOLLOW:
             state[PHASE], state[STEPPED] = FOLLOW, motor[0] - state[LOAD] - state[MIDDLE]
     elif state[PHASE] == FOLLOW:
-        landed(state)
+        landed(law, state)
         _wait(state)
         state[TARGET] = target
     if state[PHASE] != FOLLOW and abs(target - state[TARGET]) > _SAME:
         state[TARGET], state[SHARE], state[LAST_ERROR], state[TRIES] = target, 1.0, 0.0, 0.0
         _fly(law, state, motor)
     if state[PHASE] == FLIGHT and state[TIME] > length_of(state) + law[DELAY] + period:
-        landed(state)
-        state[PULL_SLOW] = -state[REST_TORQUE]
+        landed(law, state)
         _wait(state)
     held = 1.0 if holds(law, state[PULL]) else 0.0
     if held != state[HELD]:
