@@ -227,6 +227,22 @@ def test_a_wrong_expectation_moves_nothing_at_rest_and_lasts_one_move(
         assert np.array_equal(done.command, plain.command)
 
 
+@pytest.mark.parametrize("friction", [0.05, 0.13, 0.16])
+@pytest.mark.parametrize("pull", [0.2, -0.2])
+def test_a_load_torque_that_comes_is_found_by_what_the_load_stands(
+    gains: GainSet, friction: float, pull: float
+) -> None:
+    """A move that friction swallowed shows that more pulls than was thought."""
+    drive = rough(coulomb_friction=friction, inertia=2e-4)
+    drive = replace(drive, gear=replace(drive.gear, backlash_angle=0.6 * B))
+    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
+    torque = np.r_[np.zeros(1000), np.full(2000, pull)]
+    choice = settings_of(gains, period=0.001, backlash_angle=0.6 * B)
+    done = run(drive, choice, Scenario(np.zeros(3000), torque, sensors=sensors), model=drive)
+    away = np.abs(done.load_angle) / (0.6 * B)
+    assert np.max(away[1500:]) <= 0.15  # half a second later; by as little as was seen at first it takes longer
+
+
 def test_friction_that_is_next_to_none_is_none(gains: GainSet) -> None:
     """Identification finds 1e-9 N m for none; a load that has any is held otherwise than one that coasts."""
     least = 1e-4 * NOMINAL_DRIVE.standstill_torque()

@@ -47,11 +47,12 @@ CONSTANTS = TEETH + 2 * POINTS
     LAST_MOTOR,  # the motor's last reading, rad
     DOUBTED, _, LOAD_DOUBTED, _,  # how many readings in a row cannot be, and what the first of them missed, rad
     MOMENTUM,  # of both shafts, N m s
-) = range(42)
+    ASTRAY,  # how many readings in a row the load was beyond where it is at rest, with the sign of the side
+) = range(43)
 
-COMMANDS, CARRIED, KEPT = 42, 54, 12
+COMMANDS, CARRIED, KEPT = 43, 55, 12
 """Commands, the newest first, and what the teeth were to carry meanwhile, N m."""
-PLAN, ROWS, COLUMNS = 66, 6, 13
+PLAN, ROWS, COLUMNS = 67, 6, 13
 """Segments of the plan: see `plan`."""
 MEMORY = PLAN + ROWS * COLUMNS
 

@@ -8,6 +8,7 @@ import math
 from backlash_ros.control.laws.two_encoder.layout import (
     ACTING,
     AFTER,
+    ASTRAY,
     BEFORE,
     CARRIED,
     COMMANDS,
@@ -68,8 +69,8 @@ _APART = 0.36
 """Of the gap, to either side of its middle: there the teeth are apart whatever their law."""
 _IN_FLIGHT, _TOUCHED, _ALONE = 60.0, 4.0, 0.3
 """How far the load's acceleration is from what is known of it at 250 Hz, rad/s^2."""
-_OFF = 1.5
-"""Counts by which a load at rest is off at most."""
+_OFF, _ASTRAY = 1.5, 4.0
+"""Counts by which a load at rest is off at most, and how many readings in a row must be to one side of that."""
 _RESTS, _THERE = 0.05, 0.1
 """rad/s below which the motor rests, and share of the gap within which it is where it is to be."""
 _LEAST_LAG = 0.1
@@ -232,10 +233,14 @@ def see_load(law: Array, state: Array, reading: float) -> None:
         return
     state[COUNT] = max(state[STEP] if state[STEP] > 0.0 else UNSEEN * law[GAP], _WIDTH * state[ROUGH])
     if state[PHASE] != HOLD:
-        unknown = _IN_FLIGHT
-    elif abs(missed) > _OFF * state[COUNT]:
+        unknown, state[ASTRAY] = _IN_FLIGHT, 0.0
+    else:
+        beyond = abs(missed) > _OFF * state[COUNT]
+        same = state[ASTRAY] * missed >= 0.0
+        state[ASTRAY] = math.copysign(1.0, missed) + (state[ASTRAY] if same else 0.0) if beyond else 0.0
+    if abs(state[ASTRAY]) >= _ASTRAY:
         unknown = _IN_FLIGHT  # it moves otherwise than at rest
-    elif state[HELD] == 0.0:
+    elif state[PHASE] == HOLD and state[HELD] == 0.0:
         state[LOAD_SPEED] *= math.exp(-law[FRICTION] / law[INERTIA] * period)
         if apart(law, state):
             unknown = _ALONE
