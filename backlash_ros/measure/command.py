@@ -23,9 +23,8 @@ from backlash_ros.analysis.recordings.bag_topics import Topics, read_topics
 from backlash_ros.analysis.recordings.command import REFUSED, Request, identify_recording
 from backlash_ros.analysis.recordings.samples import Columns, Reading
 from backlash_ros.analysis.staging import staging
-from backlash_ros.nodes.recorder import HEARS
 from backlash_ros.ros.client import Client, ClientError, start_node, stop_node
-from backlash_ros.ros.topics import RECEIVE
+from backlash_ros.ros.topics import HEARS, RECEIVE
 
 TOLD, BAG, IDENTIFIED, FIGURES, CERTIFICATE = "told.yaml", "bag", "identified.yaml", "figures.json", "certificate.html"
 """The files that a measurement leaves."""

@@ -28,13 +28,10 @@ from backlash_ros.analysis.bag_writer import BagWriter
 from backlash_ros.nodes.parameters import declare_recorder, refuse_unknown
 from backlash_ros.ros.run import StoppableNode, run
 from backlash_ros.ros.timer import Timer
-from backlash_ros.ros.topics import TOPICS
+from backlash_ros.ros.topics import HEARS, TOPICS
 
 _QUEUE = 10_000
 """Messages of a topic that can wait for a slow disk: 40 s at 250 Hz. Fast DDS does not tell of what it drops beyond."""
-
-HEARS = "hears"
-"""What is said, before the topic's name, when its first message is there: who must miss nothing may begin then."""
 
 _SLOW = 1.0
 """Seconds of writing that are worth a warning."""

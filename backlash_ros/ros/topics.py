@@ -26,6 +26,9 @@ TOPICS: dict[str, type] = {
 }
 """All topics of the interface, and each change of a parameter."""
 
+HEARS = "hears"
+"""What the recorder says, before a topic's name, when its first message is there: who must miss nothing may begin."""
+
 SEND = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=10)
 """Of every publisher: whoever wants to miss nothing, a recorder say, can ask for reliable delivery."""
 
