@@ -3,7 +3,7 @@
 import signal
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -23,7 +23,7 @@ from backlash_ros.analysis.recordings.bag_topics import Topics, read_topics
 from backlash_ros.analysis.recordings.command import REFUSED, Request, identify_recording
 from backlash_ros.analysis.recordings.samples import Columns, Reading
 from backlash_ros.analysis.staging import staging
-from backlash_ros.ros.client import Client, ClientError, start_node, stop_node
+from backlash_ros.ros.client import PATIENCE, Client, ClientError, start_node, stop_node
 from backlash_ros.ros.topics import HEARS, RECEIVE
 
 TOLD, BAG, IDENTIFIED, FIGURES, CERTIFICATE = "told.yaml", "bag", "identified.yaml", "figures.json", "certificate.html"
@@ -77,10 +77,14 @@ def told_parameters(values: dict[str, Any]) -> str:
 
 
 class _Operator(Client):
-    """Lets the controller learn, shows how far it is, and cancels what was not ended."""
+    """Lets the controller learn, shows how far it is, and cancels what was not ended.
 
-    def __init__(self, node: Node, children: dict[str, subprocess.Popen[bytes]]) -> None:
+    ``interrupted``: the signals that came; one whose exception Python dropped, amid a destructor say, ends it, too.
+    """
+
+    def __init__(self, node: Node, children: dict[str, subprocess.Popen[bytes]], interrupted: list[int]) -> None:
         super().__init__(node, children)
+        self._interrupted, self._answered = interrupted, 0
         self._bar: tuple[Progress, TaskID] | None = None
         node.create_subscription(DiagnosticArray, "controller/state", self._on_state, RECEIVE)
 
@@ -90,6 +94,16 @@ class _Operator(Client):
             bar, task = self._bar
             bar.update(task, completed=float(values["progress"]))
 
+    def wait(self, what: str, condition: Callable[[], bool], seconds: float = PATIENCE) -> None:
+        """Wait as any client does; KeyboardInterrupt where a signal came that nothing has answered yet."""
+
+        def goes_on() -> bool:
+            if len(self._interrupted) > self._answered:
+                raise KeyboardInterrupt
+            return condition()
+
+        super().wait(what, goes_on, seconds)
+
     def learn(self, console: Console) -> tuple[bool, str]:
         """Let it learn; where that is interrupted, cancel it."""
         with Progress(console=console, transient=True) as bar:
@@ -97,6 +111,7 @@ class _Operator(Client):
             try:
                 return self.call("learn", _LONGEST)
             except BaseException:
+                self._answered = len(self._interrupted)
                 self.children.clear()  # Ctrl-C ends them, too, and they are not needed any more
                 with suppress(ClientError):
                     self.call("cancel", 5.0)
@@ -111,14 +126,15 @@ class _Operator(Client):
             yield
             return
         before = self.get("learning.experiment")
-        self.must_set({"learning.experiment": experiment})
         try:
+            self.must_set({"learning.experiment": experiment})
             yield
         finally:
+            self._answered = len(self._interrupted)
             self.must_set(before)
 
 
-def _record(request: Measurement, folder: Path, console: Console) -> str:
+def _record(request: Measurement, folder: Path, console: Console, interrupted: list[int]) -> str:
     """Let the controller learn while a bag is written into ``folder``; return why nothing was learned, if so."""
     namespace = f"__ns:={request.namespace}"
     with ExitStack() as stack:
@@ -128,7 +144,7 @@ def _record(request: Measurement, folder: Path, console: Console) -> str:
         node = Node("measure", context=context, namespace=request.namespace)
         stack.callback(node.destroy_node)
         children: dict[str, subprocess.Popen[bytes]] = {}
-        operator = _Operator(node, children)
+        operator = _Operator(node, children, interrupted)
         try:
             operator.wait_for_controller(_FIND)
         except ClientError as error:
@@ -204,7 +220,7 @@ def measure(request: Measurement, command: str, console: Console) -> int:
     before = [signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)]
     try:
         with staging(out) as folder:
-            refusal = _record(request, folder, console)
+            refusal = _record(request, folder, console, interrupted)
             folder.rename(out)
     except (KeyboardInterrupt, RuntimeError):  # amid a message rclpy makes another error of the interruption
         if not interrupted:

@@ -20,6 +20,10 @@ PATIENCE = 30.0
 """Time that is waited by default, s."""
 
 
+_END = 60.0
+"""Time that a node may take to end, s: a recorder works off what has arrived before, on a processor that may be busy."""
+
+
 class ClientError(RuntimeError):
     """Something did not come about; the text says what was waited for, or what was refused."""
 
@@ -36,7 +40,7 @@ def stop_node(process: subprocess.Popen[bytes]) -> int:
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
     try:
-        return process.wait(timeout=15)
+        return process.wait(timeout=_END)
     except subprocess.TimeoutExpired:
         process.kill()
         return process.wait()
