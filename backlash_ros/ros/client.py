@@ -21,7 +21,7 @@ PATIENCE = 30.0
 
 
 _END = 60.0
-"""Time that a node may take to end, s: a recorder works off what has arrived before, on a processor that may be busy."""
+"""Time that a node may take to end, s: a recorder works off what has arrived, on a processor that may be busy."""
 
 
 class ClientError(RuntimeError):
