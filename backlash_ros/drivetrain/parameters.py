@@ -217,6 +217,8 @@ class Drive:
 
 FOUND = "load.", "contact.", "gear.backlash_angle", "motor.coulomb_friction"
 """Beginnings of the names of what is found of a drive once it is there; the rest is on data sheets."""
+IDENTIFIED = {"load.inertia", "load.coulomb_friction"}
+"""Parameters with which a drive counts as identified, so that a law may plan with it."""
 
 
 def values_of(drive: Drive) -> dict[str, float | int | str]:

@@ -14,6 +14,7 @@ from backlash_ros.control import Servo
 from backlash_ros.control.estimates import Answer, DriveIdentity, Estimates
 from backlash_ros.control.estimates.requests import EXPERIMENT_OF, LearnRequests, Reply
 from backlash_ros.control.monitoring.wear import WearWatch
+from backlash_ros.drivetrain.parameters import IDENTIFIED
 from backlash_ros.drivetrain.signals import Measurement
 from backlash_ros.nodes.parameters import ControllerParameters
 from backlash_ros.nodes.tunables import Tunables
@@ -117,7 +118,7 @@ class Learning:
 
     def _put_in_use(self, values: Mapping[str, Any]) -> str:
         """Set parameters as anybody does; return why they were refused, or an empty text."""
-        told = {"identified": True} if {"load.inertia", "load.coulomb_friction"} <= values.keys() else {}
+        told = {"identified": True} if values.keys() >= IDENTIFIED else {}
         parameters = [Parameter(name, value=value) for name, value in {**values, **told}.items()]
         result = self._node.set_parameters_atomically(parameters)
         return "" if result.successful else str(result.reason)

@@ -18,8 +18,6 @@ from std_srvs.srv import Trigger
 
 PATIENCE = 30.0
 """Time that is waited by default, s."""
-
-
 _END = 60.0
 """Time that a node may take to end, s: a recorder works off what has arrived, on a processor that may be busy."""
 

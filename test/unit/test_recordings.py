@@ -251,6 +251,19 @@ def test_an_answer_to_a_sample_that_is_not_there_is_kept(tmp_path: Path) -> None
     assert found.command == pytest.approx(recording.command)
 
 
+def test_commands_from_before_the_first_sample_are_no_second_controller_s(tmp_path: Path) -> None:
+    """A recorder may hear one topic long before the other; twice the commands while samples come are refused."""
+    member, recording = sample()
+    count = recording.time.size
+    path = write_bag(tmp_path / "early", member, recording, unseen=frozenset(range(count // 3)))
+    found, _ = read_bag(path)
+    assert found.time.size == count - count // 3
+    assert found.command == pytest.approx(recording.command[count // 3 :])
+    twice = write_bag(tmp_path / "twice", member, recording, unseen=frozenset(range(0, count, 2)))
+    with pytest.raises(ValueError, match=r"commands for \d+ samples on '/joint_states', and may have 1.2 for each"):
+        read_bag(twice)
+
+
 def test_other_names_are_told(tmp_path: Path) -> None:
     member, recording = sample()
     path = write_bag(

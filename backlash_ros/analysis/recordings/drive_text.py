@@ -5,6 +5,7 @@ from dataclasses import fields
 
 from backlash_ros.drivetrain import Validated, quantities
 from backlash_ros.drivetrain.contact import law_name
+from backlash_ros.drivetrain.parameters import IDENTIFIED
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.identify import Identified
 
@@ -93,7 +94,7 @@ def drive_text(found: Identified, counts: tuple[float, float], source: str) -> s
         late = _rounded(delay.value, delay)
         lines += ["    delay:", f"      command: {_number(late)}"]
         lines.append(f"    loop_delay: {_number(min(late, LONGEST_DELAY * found.period))}")
-    if {"load.inertia", "load.coulomb_friction"} <= found.replaced:
+    if found.replaced >= IDENTIFIED:
         lines.append("    identified: true")
     torque = found.of("tau_l")
     if torque.told:

@@ -12,7 +12,7 @@ from backlash_ros.identification.recordings.identify import Identified, identify
 
 _EXPECTED = "expected_load_torque"
 _NAMES = {"delay.command": "loop_delay", _EXPECTED: _EXPECTED}
-"""What a finding is for the controller, where its key is the simulator's."""
+"""What a finding is for the controller where it is no value of the drive: by its key, the controller's parameter."""
 
 
 class Identify(GapProbe):

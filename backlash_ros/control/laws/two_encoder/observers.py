@@ -317,7 +317,8 @@ def landed(law: Array, state: Array) -> None:
     if state[SEEN_TIME] > _LONG:
         pull = state[SEEN] / state[SEEN_TIME]
         state[PULL] = pull if abs(pull) >= NONE else 0.0
-        state[PULL_SLOW] = -state[REST_TORQUE]
+        if state[PHASE] == FLIGHT:  # behind a setpoint there is no plan
+            state[PULL_SLOW] = -state[REST_TORQUE]
     elif state[HELD] != 0.0:
         unknown = law[COULOMB] + law[MOTOR_COULOMB]
         state[PULL] = min(max(state[PULL], state[PULL_SLOW] - unknown), state[PULL_SLOW] + unknown)
