@@ -44,6 +44,7 @@ setup(
     extras_require={
         "contract": ["pytest>=7.4"],
         "cluster": ["distributed>=2024.2"],  # backlash evaluate --scheduler
+        "page": ["nicegui>=3.13,<4"],  # dashboard, backlash report
         "tables": ["pyarrow>=15.0"],  # backlash evaluate --out
     },
     data_files=[
