@@ -310,7 +310,7 @@ def axes(seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
 
 def lockstep(seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
     """Simulate a time in lockstep with nobody listening to the samples but the pair."""
-    simulator = ["--ros-args", "-p", "lockstep:=true", *extra]
+    simulator = ["--ros-args", "-p", "lockstep:=true", "-p", "real_time_factor:=0.0", *extra]
     controller = ["--ros-args", "-p", "state_timeout:=10.0", "-p", "use_sim_time:=true", *extra]
     name = "/plant_simulator: timing"
     with pair(simulator, controller) as (graph, *_):

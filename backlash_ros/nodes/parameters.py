@@ -47,12 +47,14 @@ class SimulatorParameters:
 def declare_simulator(node: Node) -> SimulatorParameters:
     """Declare the plant simulator's parameters and return them; ValueError names the one that is refused."""
     drive, joints, rate = drive_of(declare_drive(node)), declare_joints(node), declare_rate(node)
-    described = Quantity("simulated time over real time", "", 0.0, 100.0, True)
-    factor = declare_number(node, "real_time_factor", 1.0, described)
+    text = "simulated time over real time, with lockstep at most; 0 is as fast as it can, with lockstep alone"
+    factor = declare_number(node, "real_time_factor", 1.0, Quantity(text, "", 0.0, 100.0))
     text = "wait for the answer to each sample; time is then the plant's, published on /clock"
     lockstep = declare(node, "lockstep", False, describe(text, read_only=True))
+    if not (factor or lockstep):
+        raise ValueError("real_time_factor must be > 0 without lockstep, got 0")
     text = "silence on command after which the motor gets 0 V; an answer is as old as the sample that it names"
-    timeout = declare_timeout(node, "command_timeout", text, 1.0 / rate / factor)
+    timeout = declare_timeout(node, "command_timeout", text, 1.0 / rate / (factor or 1.0))
     sensors, delay = declare_sensors(node), take(Delay, declare_quantities(node, Delay(), dynamic=NONE))
     seed = declare_number(node, "seed", 0, Quantity("seed of noise and jitter", "", 0, 2**31 - 1, whole=True))
     return SimulatorParameters(drive, joints, rate, factor, lockstep, timeout, sensors, delay, seed)

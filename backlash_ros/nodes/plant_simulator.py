@@ -4,7 +4,8 @@ Simulated time goes with the steady clock, one period a turn, ``real_time_factor
 arrives after sample k acts from sample k on, as if the controller took no time, so that the loop equals the offline one
 as long as every answer comes within its period. A turn that comes late is made good by moving the plant on, not by
 extra samples. In ``lockstep`` the next sample waits for the answer to the last one, and time is the plant's alone: the
-loop then equals the offline one whatever the machine does, and runs as fast as the graph allows.
+loop then equals the offline one whatever the machine does. It runs as fast as the graph allows, but no faster than
+``real_time_factor`` says, if that is not 0.
 
 What the motor gets is decided by `backlash_ros.gates.CommandGate`, what moves by `backlash_ros.simulation`.
 """
@@ -49,7 +50,7 @@ class PlantSimulator(ManagedNode):
         given = declare_simulator(self)
         refuse_unknown(self)
         self._drive, self._joints, self._rate = given.drive, given.joints, given.rate
-        self._turn = 1.0 / given.rate / given.real_time_factor
+        self._turn = 1.0 / given.rate / given.real_time_factor if given.real_time_factor else 0.0
         self._lockstep, self._delay, self._seed, self._values = given.lockstep, given.delay, given.seed, given.sensors
         self._simulated = self._at_rest()
         self._gate = CommandGate(in_ns(given.command_timeout), self._drive.command_unit, lockstep=self._lockstep)
@@ -57,7 +58,7 @@ class PlantSimulator(ManagedNode):
         self._own_time = self._lockstep or given.real_time_factor != 1.0
         self._load_torque, self._largest_load_torque = 0.0, largest_load_torque(self._drive)
         self._ticks = self._due = 0
-        self._start = self._sent_at = 0.0
+        self._start = self._sent_at = self._next = 0.0
         self._told = Fault.NONE
         self._report = SimulatorReport(math.nan if self._lockstep else 1.0 / self._turn)
         self._sample = JointState()
@@ -103,7 +104,8 @@ class PlantSimulator(ManagedNode):
         self.own_timers.append(self._timer)
         if self._lockstep:
             self._publish()
-        speed = "in lockstep" if self._lockstep else f"{1.0 / self._rate / self._turn:g} times real time"
+        factor = f"{1.0 / self._rate / self._turn:g} times real time" if self._turn else "as fast as it can"
+        speed = f"in lockstep, {factor}{' at most' if self._turn else ''}" if self._lockstep else factor
         self.get_logger().info(
             f"simulating at {self._rate:g} Hz, {speed}, backlash {self._drive.gear.backlash_angle:g} rad at the output"
         )
@@ -183,7 +185,11 @@ class PlantSimulator(ManagedNode):
         axes = [axis for axis in self._together if axis.active]
         if any(axis._gate.waiting for axis in axes):
             return
+        if now() < (due := max(axis._next for axis in axes)):
+            self._timer.due = due
+            return
         for axis in axes:
+            axis._next = max(axis._next, now() - axis._turn) + axis._turn
             axis._advance(1, axis._gate.output(now_ns()))
         for axis in axes:
             axis._publish()

@@ -63,7 +63,7 @@ def lockstep(start: Start, peer: Peer) -> Callable[[Sequence[str]], dict[str, Ax
         axes = {name: Axis(peer, name) for name in names}
         file = ("--params-file", str(CONFIG))
         start("controller", *file, non_ros=["--axes", *names], state_timeout=10.0)
-        start("plant_simulator", *file, non_ros=["--axes", *names], lockstep=True)
+        start("plant_simulator", *file, non_ros=["--axes", *names], lockstep=True, real_time_factor=0.0)
         # The second sample follows the answer to the first: the controller is there, and takes references.
         peer.wait("every axis", lambda: all(len(axis.stamps) > 1 and axis.in_use for axis in axes.values()))
         peer.wait("references", lambda: all(axis.reference.get_subscription_count() for axis in axes.values()))

@@ -173,7 +173,7 @@ def test_clocks_that_differ_are_told(start: Start, peer: Peer) -> None:
     """Lockstep stamps with simulated time; a controller without use_sim_time takes them for half a century old."""
     diagnostics = Diagnostics(peer)
     start("controller", **PATIENT)
-    start("plant_simulator", lockstep=True)
+    start("plant_simulator", lockstep=True, real_time_factor=0.0)
     diagnostics.wait(
         "/controller: timing",
         "suspicious",

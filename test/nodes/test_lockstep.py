@@ -99,7 +99,7 @@ def test_a_minute_of_the_closed_loop_equals_the_offline_run(start: Start, peer: 
     peer.node.create_subscription(Clock, "/clock", lambda m: clocks.append(m.clock.sec + 1e-9 * m.clock.nanosec), 10)
     start("controller", backlash_angle=0.02, identified=True, state_timeout=10.0, use_sim_time=True, **kept())
     peer.wait("the controller", lambda: recorded.reference.get_subscription_count() > 0)
-    start("plant_simulator", lockstep=True, **kept())
+    start("plant_simulator", lockstep=True, real_time_factor=0.0, **kept())
     peer.wait("samples", lambda: recorded.time > 0.5)
     began, first = time.monotonic(), recorded.time
     for k, target in enumerate(TARGETS):
@@ -129,6 +129,7 @@ def test_sensors_and_delay_of_the_simulator_are_those_of_the_offline_run(start: 
     start(
         "plant_simulator",
         lockstep=True,
+        real_time_factor=0.0,
         sensors__measured="[theta_m, omega_m, theta_l, omega_l]",
         sensors__speeds_from_positions=True,
         sensors__motor_counts=2**12,
@@ -161,7 +162,7 @@ def run_axes(
     start("controller", "--params-file", str(file), non_ros=["--axes", *axes], **kept(*axes))
     for axis in axes:
         peer.wait("the controllers", lambda a=axis: recorded[a].reference.get_subscription_count() > 0)
-    start("plant_simulator", non_ros=["--axes", *axes], lockstep=True, **kept(*axes))
+    start("plant_simulator", non_ros=["--axes", *axes], lockstep=True, real_time_factor=0.0, **kept(*axes))
     peer.wait("samples", lambda: all(axis.time > 0.5 for axis in recorded.values()))
     for axis, (_, target) in axes.items():
         recorded[axis].reference.publish(Float64(data=target))
@@ -206,7 +207,7 @@ def test_two_region_law_is_as_fast_as_the_fast_gains_which_rattle(start: Start, 
 def test_two_controllers_are_found_out_in_lockstep(start: Start, peer: Peer) -> None:
     start("controller", state_timeout=10.0)
     start("controller", "-r", "__node:=second", state_timeout=10.0)
-    simulator = start("plant_simulator", lockstep=True)
+    simulator = start("plant_simulator", lockstep=True, real_time_factor=0.0)
     peer.wait("the fault", lambda: "two controllers on command" in simulator.output())
 
 
@@ -215,7 +216,7 @@ def test_a_sample_without_an_answer_comes_again_before_a_watchdog_acts(start: St
     peer.node.create_subscription(
         JointState, "joint_states", lambda m: arrived.append((time.monotonic(), stamp_ns(m.header.stamp))), DEEP
     )
-    simulator = start("plant_simulator", lockstep=True)
+    simulator = start("plant_simulator", lockstep=True, real_time_factor=0.0)
     peer.wait("repeats", lambda: len(arrived) > 20)
     assert len({sample for _, sample in arrived}) == 1
     assert np.median(np.diff([at for at, _ in arrived])) < 0.1  # the controller's watchdog, by default
@@ -229,7 +230,7 @@ def test_answer_may_take_longer_than_the_watchdog(start: Start, peer: Peer) -> N
         JointState, "joint_states", lambda m: speeds.setdefault(stamp_ns(m.header.stamp), m.velocity[0]), DEEP
     )
     publisher = peer.node.create_publisher(Float64MultiArray, "command", 10)
-    start("plant_simulator", lockstep=True, command_timeout=0.1)
+    start("plant_simulator", lockstep=True, real_time_factor=0.0, command_timeout=0.1)
     peer.wait("the simulator", lambda: speeds and publisher.get_subscription_count())
     end = time.monotonic() + 0.5
     peer.wait("a while", lambda: time.monotonic() > end)
@@ -252,3 +253,19 @@ def test_simulated_time_runs_as_fast_as_asked(start: Start, peer: Peer) -> None:
     steps = np.round(np.diff(clocks) / PERIOD)
     assert np.median(steps) == 1
     assert np.all(steps >= 1)  # a late beat is skipped, not made up
+
+
+def test_lockstep_goes_no_faster_than_asked(start: Start, peer: Peer) -> None:
+    clocks: list[float] = []
+    peer.node.create_subscription(Clock, "/clock", lambda _: clocks.append(time.monotonic()), DEEP)
+    start("controller", state_timeout=10.0, use_sim_time=True)
+    simulator = start("plant_simulator", lockstep=True, real_time_factor=2.0)
+    peer.wait("the clock", lambda: len(clocks) > 500)
+    assert clocks[-1] - clocks[0] >= 0.98 * (len(clocks) - 1) * PERIOD / 2.0
+    assert "in lockstep, 2 times real time at most" in simulator.output()
+
+
+def test_without_lockstep_time_has_a_speed(start: Start) -> None:
+    simulator = start("plant_simulator", real_time_factor=0.0)
+    assert simulator.wait() == 2
+    assert "real_time_factor must be > 0 without lockstep, got 0" in simulator.output()
