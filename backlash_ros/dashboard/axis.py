@@ -110,11 +110,9 @@ class Axis:
         self.sample_at = -math.inf
         self.margins: dict[str, Margins] = {}
         self.answer = ""
-        group = Polled()
-        self._joints = node.create_subscription(JointState, names.joint_states, print, _ALL, callback_group=group)
-        self._states = node.create_subscription(
-            DiagnosticArray, f"{names.controller}/state", print, _ALL, callback_group=group
-        )
+        self._group = Polled()
+        self._joints = self._hear(JointState, names.joint_states)
+        self._states = self._hear(DiagnosticArray, f"{names.controller}/state")
         node.create_subscription(ParameterEvent, f"{names.controller}/parameters_in_use", self._on_told, HISTORY)
         self._reference = node.create_publisher(Float64, names.reference, SEND)
         self._load_torque = node.create_publisher(Float64, names.load_torque, SEND)
@@ -125,12 +123,25 @@ class Axis:
 
     # What is heard, in the executor's thread.
 
+    def _hear(self, kind: type, topic: str) -> Subscription:
+        # Its callback is never called.
+        return self._node.create_subscription(kind, topic, lambda _: None, _ALL, callback_group=self._group)
+
     def found(self, names: Names) -> None:
-        """Take note of who plays the drive now."""
+        """Take note of which topics the controller has now, and of who plays the drive."""
         self.present = True
+        before, self.names = self.names, names
+        if names.joint_states != before.joint_states:
+            old, self._joints = self._joints, self._hear(JointState, names.joint_states)
+            self._node.destroy_subscription(old)
+        if names.reference != before.reference:
+            old, self._reference = self._reference, self._node.create_publisher(Float64, names.reference, SEND)
+            self._node.destroy_publisher(old)
+        if names.load_torque != before.load_torque:
+            old, self._load_torque = self._load_torque, self._node.create_publisher(Float64, names.load_torque, SEND)
+            self._node.destroy_publisher(old)
         if names.simulator and (self._simulator is None or self._simulator.name != names.simulator):
             self._simulator = Simulator(self._node, names.simulator, self._on_told_by_simulator)
-        self.names = names
 
     def _on_told(self, message: ParameterEvent) -> None:
         told = read_told(message)
@@ -161,7 +172,7 @@ class Axis:
         """Return the rows of joint states and of ``~/state`` that came since the last call."""
         values = self.told.values
         joints = values.get("motor_joint", "motor"), values.get("load_joint", "load")
-        reduction = float(values.get("gear.reduction", 1.0))
+        reduction = float(values.get("gear.reduction", math.nan))  # until the controller has told it
         samples = [joint_row(message, joints, reduction) for message in taken(self._joints)]
         states = [state_row(message) for message in taken(self._states)]
         if samples:

@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -21,6 +22,8 @@ _FIELD = "dense outlined"
 _BUTTON = "dense unelevated no-caps"
 _LEAST, _MOST = -2.0, 6.0
 """Of the sliders for weights: powers of ten; at the least one a weight is 0."""
+_LET_GO = 0.7
+"""Time after which a slider that nobody moves shows what is in use again, s."""
 _ALL_SIGNALS = ["theta_m", "omega_m", "theta_l", "omega_l", "current"]
 _JUMP = 0.5
 """By how much an encoder's zero is moved so that it jumps, rad."""
@@ -49,9 +52,9 @@ def _line() -> ui.element:
     return ui.element("div").classes("line")
 
 
-def _button(text: str, act: Callable[..., Any], mark: str = "") -> ui.button:
+def _button(text: str, act: Callable[..., Any], name: str = "") -> ui.button:
     button = ui.button(text, on_click=act).props(_BUTTON)
-    return button.mark(mark) if mark else button
+    return button.props(f"data-name={name}") if name else button
 
 
 def _tell(label: ui.label, answer: Answer) -> None:
@@ -93,10 +96,12 @@ def move_card(page: Shown) -> Refresh:
 
     with _card("Move"):
         with _line():
-            target = ui.number("angle, rad", value=1.0, step=0.1, format="%g").props(_FIELD).mark("target")
+            target = ui.number("angle, rad", value=1.0, step=0.1, format="%g").props(_FIELD).props("data-name=target")
             _button("Go there", go, "go")
         with _line():
-            amplitude = ui.number("way, rad", value=0.5, min=0.0, step=0.1, format="%g").props(_FIELD).mark("way")
+            amplitude = (
+                ui.number("way, rad", value=0.5, min=0.0, step=0.1, format="%g").props(_FIELD).props("data-name=way")
+            )
             period = ui.number("period, s", value=4.0, min=0.1, step=0.5, format="%g").props(_FIELD)
         with _line():
             _button("Step forward", lambda: step(1.0), "step")
@@ -123,58 +128,77 @@ def _power(value: float) -> float:
 
 
 def law_card(page: Shown) -> Refresh:
-    """Law, gain set, and sliders for the weights that gains come from."""
+    """Choose law and gain set."""
+    shown: dict[str, int] = {}
+    with _card("Law"):
+        with _line():
+            law = ui.select(sorted(LAWS), label="law").props(f"{_FIELD} options-dense data-name=law")
+            gain_set = ui.select([], label="gain set").props(f"{_FIELD} options-dense data-name=gain-set")
+        said = ui.label("").classes("answer").props('aria-live="polite"')
+
+    async def ask(name: str, value: Any) -> None:
+        axis = page.axis
+        if axis is None or value is None or axis.told.values.get(name) == value:
+            return
+        answer = await axis.set({name: value})
+        _tell(said, answer if not answer.success else Answer(True, ""))
+        shown.clear()  # what was refused goes back to what is in use
+
+    law.on_value_change(lambda event: ask("law", event.value))
+    gain_set.on_value_change(lambda event: ask("gain_set", event.value))
+
+    def refresh(axis: Axis) -> None:
+        values = axis.told.values
+        if values and shown.get(axis.title) != axis.told.version:
+            shown.clear()
+            shown[axis.title] = axis.told.version
+            law.set_value(values.get("law"))
+            gain_set.set_options([*values.get("gain_set_names", []), CUSTOM], value=values.get("gain_set"))
+
+    return refresh
+
+
+def gains_card(page: Shown) -> Refresh:
+    """Tune the weights that gains come from, with the gains and their margins beside them."""
     sliders: dict[tuple[str, int], ui.slider] = {}
     lines: dict[str, ui.label] = {}
-    with _card("Law and gains"):
-        with _line():
-            law = ui.select(sorted(LAWS), label="law").props(f"{_FIELD} options-dense").mark("law")
-            gain_set = ui.select([], label="gain set").props(f"{_FIELD} options-dense").mark("gain-set")
+    touched = -math.inf
+
+    def touch() -> None:
+        nonlocal touched
+        touched = time.monotonic()
+
+    async def ask(region: str, place: int, power: float) -> None:
+        powers = [slider.value for (of, _), slider in sliders.items() if of == region]
+        powers[place] = power
+        q = [0.0 if each <= _LEAST else 10.0**each for each in powers]
+        if page.axis is not None:
+            answer = await page.axis.set({f"gains.{region}.q": q})
+            _tell(said, answer if not answer.success else Answer(True, ""))
+
+    with _card("Gains"):
         for region, words in (("fast", "Fast gains"), ("overdamped", "Over-damped gains")):
             ui.label(words)
             for place, what in enumerate(("angle", "speed")):
                 with _line():
                     ui.label(f"weight on {what}").classes("muted").style("width: 8rem")
                     slider = ui.slider(min=_LEAST, max=_MOST, step=0.05, value=0.0).style("flex: 1")
-                    slider.props(f'aria-label="{words}: weight on {what}, power of ten"').mark(f"{region}-{place}")
+                    slider.props(f'data-name={region}-{place} aria-label="{words}: weight on {what}, power of ten"')
+                    slider.on_value_change(touch)
+                    slider.on("change", lambda event, at=(region, place): ask(*at, float(event.args)))
                     sliders[region, place] = slider
-            lines[region] = ui.label("").classes("muted").mark(f"{region}-gains")
-        said = ui.label("").classes("answer").props('aria-live="polite"').mark("law-answer")
-
-    async def ask(values: dict[str, Any]) -> None:
-        axis = page.axis
-        if axis is None:
-            return
-        answer = await axis.set(values)
-        _tell(said, answer if not answer.success else Answer(True, ""))
-        shown.clear()  # what was refused goes back to what is in use
-
-    def weights(region: str) -> None:
-        q = [0.0 if (power := sliders[region, place].value) <= _LEAST else 10.0**power for place in (0, 1)]
-        asyncio.create_task(ask({f"gains.{region}.q": q}))  # noqa: RUF006 - the loop keeps it while it waits
-
-    law.on_value_change(lambda event: differs("law", event.value) and ask({"law": event.value}))
-    gain_set.on_value_change(lambda event: differs("gain_set", event.value) and ask({"gain_set": event.value}))
-    for (region, _), slider in sliders.items():
-        slider.on("change", lambda _, region=region: weights(region))
-    shown: dict[str, int] = {}
-
-    def differs(name: str, value: Any) -> bool:
-        axis = page.axis
-        return axis is not None and value is not None and axis.told.values.get(name) != value
+            lines[region] = ui.label("").classes("muted").props(f"data-name={region}-gains")
+        said = ui.label("").classes("answer").props('aria-live="polite" data-name=law-answer')
 
     def refresh(axis: Axis) -> None:
-        told = axis.told
-        if shown.get(axis.title) == told.version or not told.values:
+        values = axis.told.values
+        if not values:
             return
-        shown.clear()
-        shown[axis.title] = told.version
-        values = told.values
-        names = [*values.get("gain_set_names", []), CUSTOM]
-        gain_set.set_options(names, value=values.get("gain_set"))
-        law.set_value(values.get("law"))
-        for (region, place), slider in sliders.items():
-            slider.set_value(min(_MOST, max(_LEAST, _power(values[f"gains.{region}.q"][place]))))
+        if time.monotonic() > touched + _LET_GO:
+            for (region, place), slider in sliders.items():
+                power = min(_MOST, max(_LEAST, _power(values[f"gains.{region}.q"][place])))
+                if abs(slider.value - power) > 1e-6:
+                    slider.set_value(power)
         for region, line in lines.items():
             k = ", ".join(f"{each:.3g}" for each in values[f"gains.{region}.k"])
             line.set_text(f"k = [{k}]; {_words(axis.margins.get(region))}")
@@ -214,18 +238,18 @@ def experiment_card(page: Shown) -> Refresh:
 
     with _card("Learn and identify"):
         kind = ui.select([AUTO, *sorted(EXPERIMENTS)], label="experiment of Learn").props(f"{_FIELD} options-dense")
-        kind.mark("experiment")
+        kind.props("data-name=experiment")
         with _line():
             _button("Learn the backlash", lambda: run("learn"), "learn")
             _button("Identify the drive", lambda: run("identify"), "identify")
             _button("Cancel", lambda: call("cancel"), "cancel")
             _button("Apply the estimate", lambda: call("apply_estimate"), "apply")
         progress = ui.linear_progress(0.0, show_value=False).props('aria-label="progress of the experiment"')
-        known = ui.label("").classes("muted").mark("backlash")
-        said = ui.label("").classes("answer").props('aria-live="polite"').mark("experiment-answer")
+        known = ui.label("").classes("muted").props("data-name=backlash")
+        said = ui.label("").classes("answer").props('aria-live="polite"').props("data-name=experiment-answer")
         with _line():
             _button("Measure with a certificate", measure, "measure")
-            link = ui.link("open the certificate", "", new_tab=True).mark("certificate")
+            link = ui.link("open the certificate", "", new_tab=True).props("data-name=certificate")
         measured = ui.label("").classes("muted")
 
     kind.on_value_change(lambda event: choose(event.value))
@@ -264,7 +288,7 @@ def drive_card(page: Shown) -> Refresh:
         with ui.element("div").classes("facts"):
             for name in names:
                 ui.label(name)
-                facts[name] = ui.label("").mark(f"fact-{name.replace(' ', '-')}")
+                facts[name] = ui.label("").props(f"data-name=fact-{name.replace(' ', '-')}")
         if not page.read_only:
             with _line():
                 _button("Activate", change, "activate")
@@ -334,15 +358,15 @@ def simulator_card(page: Shown) -> Refresh:
         if kept := before.pop(axis.title, {}):
             _tell(said, await axis.set(kept, simulator=True))
 
-    def load() -> None:
+    def load(value: float) -> None:
         if page.axis is not None and page.axis.simulated:
-            page.axis.load(float(torque.value))
+            page.axis.load(value)
 
     card = _card("Simulated drive")
     with card:
         ui.label("load torque, N m").classes("muted")
         torque = ui.slider(min=-0.5, max=0.5, step=0.01, value=0.0).props('label aria-label="load torque, N m"')
-        torque.mark("load-torque")
+        torque.props("data-name=load-torque")
         with _line():
             _button("Load encoder jumps", jump, "jump")
             _button("Load encoder lost", lambda: inject({"sensors.measured": _ALL_SIGNALS[:2] + _ALL_SIGNALS[4:]}))
@@ -351,7 +375,7 @@ def simulator_card(page: Shown) -> Refresh:
             _button("As it was", restore, "as-it-was")
         said = ui.label("").classes("answer")
 
-    torque.on("change", load)
+    torque.on("change", lambda event: load(float(event.args)))
 
     def refresh(axis: Axis) -> None:
         card.set_visibility(axis.simulated)
@@ -378,7 +402,7 @@ def record_card(page: Shown) -> Refresh:
 
     with _card("Record"):
         button = _button("Record", toggle, "record")
-        said = ui.label("").classes("muted").mark("recording")
+        said = ui.label("").classes("muted").props("data-name=recording")
 
     def refresh(axis: Axis) -> None:
         work = station.of(axis.title).recorder

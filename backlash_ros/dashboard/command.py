@@ -34,6 +34,7 @@ def _listen(host: str, port: int) -> socket.socket:
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind(address)
+        listening.listen()  # who comes before the pages are there waits
     except OSError as error:
         listening.close()
         raise ValueError(f"cannot serve at host {host!r}, port {port}: {error.strerror}; port 0 is any") from error
@@ -111,8 +112,8 @@ def build(given: DashboardParameters, station: Any, names: set[str], token: str)
     return Guard(web, names, token)
 
 
-async def serve(node: Node, given: DashboardParameters, listening: socket.socket) -> None:
-    """Serve until a signal comes."""
+async def serve(node: Node, given: DashboardParameters, listening: socket.socket) -> int:
+    """Serve until a signal comes; return the exit code."""
     import uvicorn  # noqa: PLC0415 - of the extra `page`
 
     from backlash_ros.dashboard.graph import Graph  # noqa: PLC0415
@@ -122,9 +123,15 @@ async def serve(node: Node, given: DashboardParameters, listening: socket.socket
     port = listening.getsockname()[1]
     needs_token = not is_loopback(given.host)
     token = given.token or (secrets.token_urlsafe(16) if needs_token else "")
-    graph = Graph(node, asyncio.get_running_loop())
-    station = Station(graph, Path(given.folder))
-    web = build(given, station, _names(given.host, port), token)
+    server: Any = None
+    failed = False
+
+    def broken() -> None:
+        nonlocal failed
+        failed = server.should_exit = True
+
+    graph = Graph(node, asyncio.get_running_loop(), broken)
+    web = build(given, Station(graph, Path(given.folder)), _names(given.host, port), token)
     config = uvicorn.Config(
         web, log_level="warning", ws="websockets-sansio", lifespan="on", timeout_graceful_shutdown=int(_LAST)
     )
@@ -133,13 +140,13 @@ async def serve(node: Node, given: DashboardParameters, listening: socket.socket
     secret = f"/?token={token}" if token else ""
     print(f"http://{name}:{port}{secret}", flush=True)
     if needs_token:
-        node.get_logger().warning(
-            "anybody who has this address can see the page" + ("" if given.read_only else " and move the drive")
-        )
+        may = "see the page" if given.read_only else "see the page and move the drive"
+        node.get_logger().warning(f"whoever has this address may {may}")
     try:
         await server.serve(sockets=[listening])
     finally:
         graph.close()
+    return 1 if failed else 0
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -164,8 +171,7 @@ def main(args: Sequence[str] | None = None) -> int:
             node.get_logger().fatal(f"cannot start: {error}")
             return 2
         with listening:
-            asyncio.run(serve(node, given, listening))
-        return 0
+            return asyncio.run(serve(node, given, listening))
     except KeyboardInterrupt:
         return 0
     finally:

@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+import traceback
 from collections.abc import Callable
 from threading import Thread
 
@@ -35,10 +36,12 @@ class Graph:
 
     A controller is a node that offers ``~/learn`` and ``~/identify``. Its topics are those of the types that it speaks
     and hears, whatever they were remapped to; who plays its drive is told by who publishes its joint states.
+    ``broken`` is called in ``loop`` where the thread cannot go on.
     """
 
-    def __init__(self, node: Node, loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(self, node: Node, loop: asyncio.AbstractEventLoop, broken: Callable[[], None]) -> None:
         self.axes: dict[str, Axis] = {}
+        self._broken = broken
         self._node, self._loop = node, loop
         self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
@@ -52,6 +55,9 @@ class Graph:
             self._executor.spin()
         except ExternalShutdownException:
             return
+        except Exception as error:  # whatever it is: a page that hears nothing more must not look like one that does
+            self._node.get_logger().fatal(f"{type(error).__name__}: {error}\n{traceback.format_exc()}")
+            self._loop.call_soon_threadsafe(self._broken)
 
     def close(self) -> None:
         """Leave the graph."""
@@ -66,26 +72,29 @@ class Graph:
         for axis in list(self.axes.values()):
             axis.present = axis.names.controller in controllers
         for controller in sorted(controllers):
-            names = self._names(controller)
             known = next((axis for axis in self.axes.values() if axis.names.controller == controller), None)
-            # Topics are there from configured on; before, they are taken to have their own names.
+            names = self._names(controller, known.names if known else None)
             if known is None:
                 known = Axis(self._node, names, self._loop)
                 self.axes[known.title if known.title not in self.axes else controller] = known
             known.found(names)
 
-    def _names(self, controller: str) -> Names:
+    def _names(self, controller: str, before: Names | None) -> Names:
+        """Return the names of an axis; those from ``before`` while the controller, not configured, has no topics."""
         name, namespace = _split(controller)
         heard = self._topics(self._node.get_subscriber_names_and_types_by_node, name, namespace)
         spoken = self._topics(self._node.get_publisher_names_and_types_by_node, name, namespace)
-        joints = heard.get(_JOINTS, _join(namespace, "joint_states"))
+        if before is None:
+            topics = (_join(namespace, topic) for topic in ("joint_states", "reference", "command", "load_torque"))
+            before = Names(controller, *topics)
+        joints = heard.get(_JOINTS, before.joint_states)
         simulator, load_torque = self._simulator(joints)
         return Names(
             controller,
             joints,
-            heard.get(_NUMBER, _join(namespace, "reference")),
-            spoken.get(_NUMBERS, _join(namespace, "command")),
-            load_torque or _join(namespace, "load_torque"),
+            heard.get(_NUMBER, before.reference),
+            spoken.get(_NUMBERS, before.command),
+            load_torque or before.load_torque,
             simulator,
         )
 

@@ -28,9 +28,9 @@ class Guard:
     """ASGI middleware that lets in only who may be.
 
     A request must name one of ``hosts`` as its host, so that no name that somebody points at this machine leads here.
-    What may change something, which is everything but reading, must come from a page of that same host: browsers say
-    so, other pages cannot. Where there is a ``token``, it is asked for once, as ``/?token=...``, and then kept as a
-    cookie.
+    One that says from which page it comes must come from one of that same host, and one that may change something,
+    which is everything but reading, must say so: browsers do, and let no page lie. Where there is a ``token``, it is
+    asked for once, as ``/?token=...``, and then kept as a cookie.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Guard:
             else:
                 text = "this page needs its token: open the address that the dashboard printed in its terminal"
                 await _refuse(scope, send, 403, text)
-        elif _changes(scope) and headers.get("origin", "").lower().partition("://")[2] != host:
+        elif ("origin" in headers or _changes(scope)) and not _of_host(headers.get("origin", ""), host):
             await _refuse(scope, send, 403, "only the page itself may do this")
         else:
             await self._app(scope, receive, send)
@@ -74,6 +74,10 @@ class Guard:
 
 def _equal(given: str, token: str) -> bool:
     return hmac.compare_digest(given.encode(), token.encode())
+
+
+def _of_host(origin: str, host: str) -> bool:
+    return origin.lower().partition("://")[2] == host
 
 
 def _changes(scope: Scope) -> bool:

@@ -1,5 +1,6 @@
 """The page itself: what is shown of an axis, and what a person can do with it."""
 
+import json
 import math
 from collections.abc import Callable
 from importlib.resources import files
@@ -8,7 +9,15 @@ from typing import Any
 from nicegui import Client, ui
 
 from backlash_ros.dashboard.axis import SILENCE, Axis
-from backlash_ros.dashboard.cards import drive_card, experiment_card, law_card, move_card, record_card, simulator_card
+from backlash_ros.dashboard.cards import (
+    drive_card,
+    experiment_card,
+    gains_card,
+    law_card,
+    move_card,
+    record_card,
+    simulator_card,
+)
 from backlash_ros.dashboard.rows import JOINT_COLUMNS, STATE_COLUMNS
 from backlash_ros.dashboard.station import Station
 
@@ -68,7 +77,7 @@ class Page:
             with ui.element("div").classes("cards"):
                 self._drawing()
                 if not read_only:
-                    for card in (move_card, law_card, experiment_card):
+                    for card in (move_card, law_card, experiment_card, gains_card):
                         self._refreshers.append(card(self))
         ui.timer(REFRESH, self.refresh)
 
@@ -81,9 +90,9 @@ class Page:
         with ui.element("header").classes("bar"):
             ui.html("<h1>backlash_ros</h1>", sanitize=False)
             self._choice = ui.select([], label="axis", on_change=lambda event: self._watch(event.value))
-            self._choice.props("dense outlined options-dense").mark("axis")
-            self._lifecycle = ui.label("looking for a controller").mark("lifecycle")
-            self._fault = ui.label("").classes("bad").mark("fault")
+            self._choice.props("dense outlined options-dense").props("data-name=axis")
+            self._lifecycle = ui.label("looking for a controller").props("data-name=lifecycle")
+            self._fault = ui.label("").classes("bad").props("data-name=fault")
             ui.element("div").classes("grow")
             if self.read_only:
                 ui.label("read-only").classes("muted")
@@ -94,8 +103,8 @@ class Page:
                 .classes("stop")
                 .props('color=negative unelevated no-caps aria-keyshortcuts="Escape"')
             )
-            stop.on("click", js_handler=f"() => import('{STATIC}/live.js').then(m => m.stop(window.live?.axis ?? '/'))")
-            stop.mark("stop")
+            stop.on("click", js_handler=f"() => import('{STATIC}/live.js').then(m => m.stop(window.facts?.axis))")
+            stop.props("data-name=stop")
 
     def _curves(self) -> None:
         with ui.element("div").classes("line"):
@@ -110,7 +119,7 @@ class Page:
                 ("Later", "live.zoom(1, 0.5)"),
             ):
                 ui.button(text).props("dense flat no-caps").on("click", js_handler=f"() => window.{code}")
-        self._chart = ui.echart({"series": []}).classes("curves").mark("curves")
+        self._chart = ui.echart({"series": []}).classes("curves").props("data-name=curves")
 
     def _drawing(self) -> None:
         with ui.element("section").classes("card"):
@@ -141,25 +150,19 @@ class Page:
         if title and title != self.title:
             self.title = title
             self.refresh()
-            self._run(f"live?.watch({title!r})")
 
     def started(self, client: Client) -> None:
         """Begin to draw, once the browser is there."""
-        columns = f"joints: {list(JOINT_COLUMNS)}, state: {list(STATE_COLUMNS)}"
-        of_axis = (
-            "unit: () => window.facts?.unit ?? 'V', "
-            "gap: () => window.facts?.gap ?? 0, simulated: () => window.facts?.simulated ?? false"
-        )
+        options = f"joints: {list(JOINT_COLUMNS)}, state: {list(STATE_COLUMNS)}, facts: () => window.facts ?? {{}}"
         # The chart is there a moment after its element.
         client.run_javascript(
-            f"const draw = () => getElement({self._chart.id})?.chart ? "
-            f"import('{STATIC}/live.js').then(m => m.start({{chart: getElement({self._chart.id}).chart, "
-            f"axis: {self.title!r}, {columns}, {of_axis}}})) : setTimeout(draw, 50); draw();"
+            f"const draw = () => getElement({self._chart.id})?.chart ? import('{STATIC}/live.js').then(m => "
+            f"m.start({{chart: getElement({self._chart.id}).chart, {options}}})) : setTimeout(draw, 50); draw();"
         )
         if not self.read_only:
             client.run_javascript(
                 "document.addEventListener('keydown', e => { if (e.key === 'Escape') "
-                f"import('{STATIC}/live.js').then(m => m.stop(window.live?.axis ?? '/')) }})"
+                f"import('{STATIC}/live.js').then(m => m.stop(window.facts?.axis)) }})"
             )
 
     def refresh(self) -> None:
@@ -169,7 +172,6 @@ class Page:
             self._choice.set_options(titles)
         if not self.title and titles:
             self.title = titles[0]
-            self._run(f"live?.watch({self.title!r})")
         if self._choice.value != (self.title or None):
             self._choice.set_value(self.title or None)
         axis = self.axis
@@ -184,16 +186,14 @@ class Page:
         self._fault.set_text(servo.values.get("fault", "") if servo and axis.present else "")
         told = axis.told_by_simulator.values
         facts = {
+            "axis": self.title,
             "unit": "A" if axis.told.values.get("command_interface") == "current" else "V",
             "gap": float(told.get("gear.backlash_angle", 0.0)) if axis.simulated else 0.0,
             "simulated": axis.simulated,
         }
         if facts != self._facts:
             self._facts = facts
-            ui.run_javascript(
-                f"window.facts = {{unit: {facts['unit']!r}, gap: {facts['gap']}, "
-                f"simulated: {str(facts['simulated']).lower()}}}"
-            )
+            ui.run_javascript(f"window.facts = {json.dumps(facts)}")
         for refresh in self._refreshers:
             refresh(axis)
 

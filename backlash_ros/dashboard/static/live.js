@@ -80,16 +80,13 @@ class Live {
     this.options = options;
     this.window = 10;
     this.paused = false;
-    this.axis = options.axis;
-    this.joints = new Table(options.joints);
-    this.state = new Table(options.state);
+    this.forget();
     this.drawn = 0;
     this.chart = options.chart;
     this.chart.on("datazoom", () => this.onZoom());
     this.dark = window.matchMedia("(prefers-color-scheme: dark)");
     this.dark.addEventListener("change", () => this.layOut());
     this.layOut();
-    this.connect();
     const draw = () => {
       const now = performance.now();
       if (now - this.drawn >= FRAME - 2) {
@@ -115,13 +112,19 @@ class Live {
     this.socket.onclose = () => setTimeout(() => axis === this.axis && this.connect(), 1000);
   }
 
-  watch(axis) {
-    if (axis === this.axis) return;
-    this.axis = axis;
+  forget() {
     this.joints = new Table(this.options.joints);
     this.state = new Table(this.options.state);
-    this.socket.onclose = null;
-    this.socket.close();
+    this.low = this.high = this.strongest = undefined; // of the twist and of the force
+  }
+
+  watch(axis) {
+    this.axis = axis;
+    this.forget();
+    if (this.socket) {
+      this.socket.onclose = null;
+      this.socket.close();
+    }
     this.connect();
     this.live();
   }
@@ -153,7 +156,7 @@ class Live {
       grid: grids, xAxis: x, yAxis: y,
       tooltip: { trigger: "axis", confine: true, valueFormatter: (v) => (typeof v === "number" ? v.toPrecision(4) : "") },
       axisPointer: { link: [{ xAxisIndex: "all" }] },
-      legend: { top: 0, right: 8, textStyle: { color: text }, data: ["setpoint", "load", "motor through the gear", "region", "flank"], itemHeight: 8 },
+      legend: { type: "scroll", top: 0, left: 96, right: 8, textStyle: { color: text }, data: ["setpoint", "load", "motor through the gear", "region", "flank"], itemHeight: 8 },
       dataZoom: [{ type: "inside", xAxisIndex: [0, 1, 2, 3, 4], filterMode: "none" }],
       series: [
         curve("load", 0, colors[0]), curve("motor through the gear", 0, colors[1]), curve("setpoint", 0, colors[2], { lineStyle: { type: "dashed" } }),
@@ -237,12 +240,14 @@ class Live {
     const data = [joint(load), joint(joints.of("motor")), of("setpoint"), joint(error), of("command"), of("range_high"), of("range_low"), of("load_torque"), of("region"), of("flank")];
     chart.setOption({
       xAxis: Array.from({ length: 5 }, () => ({ min: -this.window, max: 0 })),
-      yAxis: [{}, { name: b ? "error, b" : "error, mrad (b is not learned yet)", min: -scale, max: scale }, { name: `command, ${this.options.unit()}` }, {}, {}],
+      yAxis: [{}, { name: b ? "error, b" : "error, mrad (b is not learned yet)", min: -scale, max: scale }, { name: `command, ${this.options.facts().unit}` }, {}, {}],
       series: this.curves.map((name, i) => ({ name, data: data[i] })),
     }, { lazyUpdate: true });
   }
 
   draw() {
+    const axis = this.options.facts().axis;
+    if (axis && axis !== this.axis) this.watch(axis);
     if (!this.paused) this.fill();
     this.tooth();
   }
@@ -254,7 +259,8 @@ class Live {
     if (!svg || !joints.length) return;
     const motor = joints.of("motor"), load = joints.of("load");
     const now = joints.length - 1, recent = joints.from(joints.last("time") - SWING);
-    const twist = motor.map ? motor[now] - load[now] : 0;
+    const twist = motor[now] - load[now];
+    if (Number.isNaN(twist)) return; // with one encoder nobody sees it
     if (!(this.low <= twist)) this.low = twist;
     if (!(this.high >= twist)) this.high = twist;
     for (let i = recent; i <= now; i++) {
@@ -263,7 +269,7 @@ class Live {
       if (value > this.high) this.high = value;
     }
     const b = this.b;
-    const width = b || this.options.gap() || Math.max(this.high - this.low, 1e-6);
+    const width = b || this.options.facts().gap || Math.max(this.high - this.low, 1e-6);
     // Where the middle of the gap is: between the flanks where both were seen, else as near to 0 as what was seen allows.
     const [least, most] = [this.high - width / 2, this.low + width / 2];
     const middle = least > most ? (least + most) / 2 : Math.min(Math.max(0, least), most);
@@ -277,7 +283,7 @@ class Live {
     svg.querySelector("#gap").setAttribute("transform", `translate(${x} 0)`);
     svg.querySelector("#pinion").setAttribute("transform", `translate(${x + place * px} 0)`);
     const torque = joints.last("gear_torque");
-    const simulated = this.options.simulated() && Number.isFinite(torque);
+    const simulated = this.options.facts().simulated && Number.isFinite(torque);
     const touches = simulated ? Math.sign(torque) * (Math.abs(torque) > 1e-4) : Math.abs(place) > 0.49 ? Math.sign(place) : 0;
     svg.querySelector("#right").classList.toggle("touched", touches > 0);
     svg.querySelector("#left").classList.toggle("touched", touches < 0);
