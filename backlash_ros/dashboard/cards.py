@@ -4,10 +4,12 @@ import asyncio
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Protocol
 
 from lifecycle_msgs.msg import Transition
 from nicegui import context, ui
+from nicegui.events import GenericEventArguments
 
 from backlash_ros.control import AUTO, EXPERIMENTS, LAWS, Margins
 from backlash_ros.control.design.gain_sets import CUSTOM
@@ -176,6 +178,9 @@ def gains_card(page: Shown) -> Refresh:
             answer = await page.axis.set({f"gains.{region}.q": q})
             _tell(said, answer if not answer.success else Answer(True, ""))
 
+    async def changed(region: str, place: int, event: GenericEventArguments) -> None:
+        await ask(region, place, float(event.args))
+
     with _card("Gains"):
         for region, words in (("fast", "Fast gains"), ("overdamped", "Over-damped gains")):
             ui.label(words)
@@ -185,7 +190,7 @@ def gains_card(page: Shown) -> Refresh:
                     slider = ui.slider(min=_LEAST, max=_MOST, step=0.05, value=0.0).style("flex: 1")
                     slider.props(f'data-name={region}-{place} aria-label="{words}: weight on {what}, power of ten"')
                     slider.on_value_change(touch)
-                    slider.on("change", lambda event, at=(region, place): ask(*at, float(event.args)))
+                    slider.on("change", partial(changed, region, place))
                     sliders[region, place] = slider
             lines[region] = ui.label("").classes("muted").props(f"data-name={region}-gains")
         said = ui.label("").classes("answer").props('aria-live="polite" data-name=law-answer')
