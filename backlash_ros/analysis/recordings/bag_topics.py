@@ -13,7 +13,7 @@ import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import Stores, get_typestore
 
-from backlash_ros.analysis.bag import readable
+from backlash_ros.analysis.bag_files import readable
 from backlash_ros.analysis.recordings.samples import Columns
 
 STAMPS = ("header", "log")
@@ -91,7 +91,7 @@ def _messages(path: Path, topics: Topics) -> tuple[_Messages, str, str]:
     try:
         with (
             readable(path) as bag,
-            AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
+            AnyReader(bag.paths, default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
         ):
             states = sorted({c.topic for c in reader.connections if c.msgtype == _JOINT_STATE})
             others = sorted({c.topic for c in reader.connections if c.msgtype.startswith("std_msgs/msg/")})
@@ -99,9 +99,8 @@ def _messages(path: Path, topics: Topics) -> tuple[_Messages, str, str]:
             likely = [topic for topic in others if topic.split("/")[-1] == "command"]
             likely = likely if len(likely) == 1 and not topics.command else others
             target = _one_of(topics.command, likely, "commands (std_msgs)", "--command-topic", path)
-            for connection, received, raw in reader.messages():
-                if connection.topic not in {source, target}:
-                    continue
+            chosen = [c for c in reader.connections if c.topic in {source, target}]
+            for connection, received, raw in reader.messages(chosen):
                 message: Any = reader.deserialize(raw, connection.msgtype)
                 if connection.topic == source:
                     stamp = message.header.stamp

@@ -1,0 +1,389 @@
+"""The axes in a bag: the samples of each in SI units and rad, with what its controller said, on one clock."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from backlash_ros.analysis.bag import Series
+from backlash_ros.analysis.evaluation.drive_file import axis_of, in_sections, read_axis
+from backlash_ros.analysis.report.reading.contents import Contents, Numbers, Sample
+from backlash_ros.analysis.report.reading.options import EFFORT_UNITS, VELOCITY_UNITS, Options
+from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain.signals import Array
+
+CLOCKS_DIFFER = 10.0
+"""Age of samples that says more of the clocks than of the samples, s."""
+_STRAY = 0.01
+"""Share of stamps that may stand still or go back before the recorder's times are taken instead."""
+_NO_TIME = np.empty(0)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One drive and its controller in a bag; times in s from the bag's start, or as ``clock`` says.
+
+    Attributes
+    ----------
+    name : namespace of its topics, ``/`` where there is none
+    joint_topic, motor_joint, load_joint : where its samples come from, empty where they are not in the bag
+    time, received, stamps : of the samples that are used, shape (N,): on the axis's clock; when recorded and stamped,
+        s since the epoch
+    motor, load : angles, rad, the motor's before the gear; all nan where there are none
+    motor_speed, load_speed : rad/s
+    torque : of the motor, N m before the gear
+    repeated : samples whose stamp does not rise, left out
+    reference, load_torque, estimates, command : as the bag has them, rad, N m, rad, and V, A or what the topic has
+    answered, commands_received : the stamps of the samples that the commands name, nan where none, and when these were
+        recorded, s since the epoch
+    state : what ``~/state`` has by name
+    versions : parameters in use by their time
+    drive : motor, gear and load, as ``drive_source`` says; None where nobody tells
+    notes : what was done to the samples, in words
+    missing : what is not in the recording, in words
+    """
+
+    name: str
+    clock: str = ""
+    joint_topic: str = ""
+    motor_joint: str = ""
+    load_joint: str = ""
+    time: Array = field(default_factory=lambda: _NO_TIME)
+    received: Array = field(default_factory=lambda: _NO_TIME)
+    stamps: Array = field(default_factory=lambda: _NO_TIME)
+    motor: Array = field(default_factory=lambda: _NO_TIME)
+    load: Array = field(default_factory=lambda: _NO_TIME)
+    motor_speed: Array = field(default_factory=lambda: _NO_TIME)
+    load_speed: Array = field(default_factory=lambda: _NO_TIME)
+    torque: Array = field(default_factory=lambda: _NO_TIME)
+    repeated: int = 0
+    reference: Series | None = None
+    reference_source: str = ""
+    command: Series | None = None
+    command_unit: str = ""
+    command_topic: str = ""
+    answered: Array = field(default_factory=lambda: _NO_TIME)
+    commands_received: Array = field(default_factory=lambda: _NO_TIME)
+    load_torque: Series | None = None
+    estimates: Series | None = None
+    state: Mapping[str, Series] = field(default_factory=dict)
+    versions: Sequence[tuple[float, int, Mapping[str, Any]]] = ()
+    drive: Drive | None = None
+    drive_source: str = ""
+    notes: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
+
+    @property
+    def ratio(self) -> float:
+        """Output angle for each rad of the motor; nan where no drive tells it."""
+        return self.drive.gear.ratio if self.drive is not None else math.nan
+
+    @property
+    def position(self) -> Array:
+        """The angle that the axis is judged by, rad at the output: the load's, else the motor's through the gear."""
+        return self.load if np.any(np.isfinite(self.load)) or self.drive is None else self.motor * self.ratio
+
+    @property
+    def twist(self) -> Array:
+        """The motor's angle through the gear less the load's, rad at the output, shape (N,)."""
+        return self.motor * self.ratio - self.load
+
+
+def _columns(samples: Sequence[Sample], joint: str) -> Array:
+    """Return position, velocity and effort of a joint, shape (N, 3), nan where it has none."""
+    rows = np.full((len(samples), 3), math.nan)
+    places: dict[tuple[str, ...], int] = {}
+    for k, sample in enumerate(samples):
+        if sample.names not in places:
+            places[sample.names] = sample.names.index(joint) if joint in sample.names else -1
+        if (at := places[sample.names]) >= 0:
+            for column, values in enumerate(sample[3:]):
+                if at < len(values):
+                    rows[k, column] = values[at]
+    return rows
+
+
+def _rising(times: Array) -> Any:
+    """Return which times are later than all before."""
+    return np.concatenate([[True], times[1:] > np.maximum.accumulate(times)[:-1]])
+
+
+def _clock(samples: Sequence[Sample], options: Options) -> tuple[Array, bool, str]:
+    """Return the times of samples, s, whether they are their stamps, and why not."""
+    stamps = np.array([sample.stamp for sample in samples])
+    if options.topics.stamps == "log":
+        return np.array([sample.received for sample in samples]), False, ""
+    stray = int(np.sum(~_rising(stamps)))
+    if stray > _STRAY * stamps.size:
+        why = f"{stray} of {stamps.size} stamps stand still or go back, so the recorder's times are used"
+        return np.array([sample.received for sample in samples]), False, why
+    return stamps, True, ""
+
+
+def _namespace(topic: str, parts: int) -> str:
+    """Return the namespace of a topic, which has so many names of its own at its end."""
+    return "/".join(topic.split("/")[:-parts]) or "/"
+
+
+def _numbers(found: Sequence[Numbers], index: int) -> Series:
+    rows = [(message.received, float(message.values[index])) for message in found if index < len(message.values)]
+    times, values = np.array(rows).reshape(-1, 2).T
+    return Series(times, values)
+
+
+def _only(names: Sequence[str], what: str, option: str, notes: list[str]) -> str:
+    """Return the only name; where there are several, none, and a note that says which option chooses."""
+    if len(names) > 1:
+        notes.append(f"{what}: {option} must say which of {', '.join(sorted(names))}")
+    return names[0] if len(names) == 1 else ""
+
+
+class _Builder:
+    """Puts one axis together."""
+
+    def __init__(self, contents: Contents, options: Options, namespace: str, alone: bool) -> None:
+        self._contents, self._options, self._namespace, self._alone = contents, options, namespace, alone
+        self.notes: list[str] = []
+        self.missing: list[str] = []
+
+    def _of_axis(self, topics: Mapping[str, Any], parts: int) -> list[str]:
+        """Return the topics of this axis; all, where it is the only one."""
+        own = [topic for topic in topics if _namespace(topic, parts) == self._namespace]
+        return own or (list(topics) if self._alone else [])
+
+    def build(self, joint_topic: str) -> Axis:
+        """Return the axis whose samples are on ``joint_topic``, empty where there are none."""
+        contents = self._contents
+        states = self._of_axis(contents.states, 2)
+        state = {} if not states else _series_by_name(contents.states[states[0]])
+        versions = self._versions()
+        axis = self._with_drive(Axis(self._namespace, state=state, versions=versions))
+        axis = self._with_samples(axis, joint_topic)
+        zero, mapped = self._clock_of(axis)
+        axis = replace(
+            axis,
+            clock=mapped,
+            time=axis.time - zero,
+            state={name: Series(s.time - zero, s.values) for name, s in state.items()},
+            versions=[(at - zero, version, values) for at, version, values in versions],
+        )
+        on_clock = self._on_clock(axis, zero)
+        axis = self._with_reference(axis, on_clock)
+        axis = self._with_command(axis, on_clock)
+        for name, topics in (("load_torque", ["load_torque"]), ("estimates", ["backlash_estimate"])):
+            found = [t for t in contents.numbers if t.split("/")[-1] in topics and self._is_near(t)]
+            if len(found) == 1:
+                axis = replace(axis, **{name: on_clock(_numbers(contents.numbers[found[0]], 0))})
+        return replace(axis, notes=tuple(self.notes), missing=tuple(self.missing))
+
+    def _is_near(self, topic: str) -> bool:
+        """Return whether a topic is one of this axis: in its namespace, or in that of a node there."""
+        return self._alone or self._namespace in {_namespace(topic, 1), _namespace(topic, 2)}
+
+    def _versions(self) -> list[tuple[float, int, Mapping[str, Any]]]:
+        own = [topic for topic in self._of_axis(self._contents.in_use, 2) if "/plant_simulator/" not in topic]
+        if not own:
+            self.missing.append("parameters in use (~/parameters_in_use): gain swaps, laws and the drive as told")
+            return []
+        return [(stamp, version, values) for stamp, version, values in self._contents.in_use[own[0]]]
+
+    def _with_drive(self, axis: Axis) -> Axis:
+        if self._options.drive is not None:
+            return replace(axis, drive=read_axis(self._options.drive).drive, drive_source=str(self._options.drive))
+        if axis.versions:
+            try:
+                drive = axis_of(in_sections(axis.versions[-1][2])).drive
+            except ValueError as error:
+                self.notes.append(f"the parameters in use describe no drive: {error}")
+            else:
+                return replace(axis, drive=drive, drive_source="the parameters in use in the bag")
+        self.missing.append(
+            "motor and gear: give them with --drive for the gap, impacts and the motor through the gear"
+        )
+        return axis
+
+    def _joints(self, axis: Axis, samples: Sequence[Sample]) -> tuple[str, str]:
+        """Return the joints of motor and load as asked for, as in use, or by the names that the interface has."""
+        told = axis.versions[-1][2] if axis.versions else {}
+        topics, names = self._options.topics, {name for sample in samples for name in sample.names}
+        result = []
+        for shaft, given in (("motor", topics.motor_joint), ("load", topics.load_joint)):
+            joint = given or str(told.get(f"{shaft}_joint", shaft))
+            if joint not in names:
+                has = ", ".join(sorted(names)) or "no names"
+                self.missing.append(f"the {shaft}'s angle: no joint '{joint}' there (has {has}); see --{shaft}-joint")
+            result.append(joint if joint in names else "")
+        return result[0], result[1]
+
+    def _with_samples(self, axis: Axis, topic: str) -> Axis:
+        samples = self._contents.samples.get(topic, [])
+        if not samples:
+            self.missing.append("joint states: figures of steps, and the timing of samples")
+            return axis
+        options, reading = self._options, self._options.reading
+        joints = self._joints(axis, samples)
+        times, _, why = _clock(samples, options)
+        self.notes += [why] if why else []
+        kept = np.flatnonzero(_rising(times))
+        samples = [samples[k] for k in kept]
+        times = times[kept]
+        angles, speeds, efforts = [], [], []
+        speed_unit, effort_unit = VELOCITY_UNITS[options.velocity_unit], EFFORT_UNITS[options.effort_unit]
+        if options.effort_unit == "A":
+            if axis.drive is None:
+                raise ValueError("argument --effort-unit: A needs the torque constant of a --drive")
+            effort_unit = axis.drive.motor.torque_constant
+        for joint, encoder in zip(joints, (reading.motor, reading.load), strict=True):
+            columns = _columns(samples, joint)
+            angle = columns[:, 0]
+            if np.any(np.isfinite(angle)):
+                angle[~np.isfinite(angle)] = math.nan
+                angle, note = encoder.radians(
+                    times, angle, f"joint '{joint}'", lambda k: f"at {times[k] - times[0]:.3f} s"
+                )
+                self.notes += [note] if note else []
+            elif joint:
+                self.missing.append(f"the position of joint '{joint}'")
+            angles.append(angle)
+            speeds.append(columns[:, 1] * speed_unit)
+            efforts.append(columns[:, 2] * effort_unit)
+        if joints[0] and not np.any(np.isfinite(efforts[0])):
+            self.missing.append(f"the effort of joint '{joints[0]}': peak torque")
+        motor = angles[0]
+        if reading.motor_at == "output":
+            if axis.drive is None:
+                raise ValueError("argument --motor-at: output needs the gear of a --drive")
+            motor = motor / axis.ratio
+        return replace(
+            axis,
+            joint_topic=topic,
+            motor_joint=joints[0],
+            load_joint=joints[1],
+            time=times,
+            received=np.array([sample.received for sample in samples]),
+            stamps=np.array([sample.stamp for sample in samples]),
+            motor=motor,
+            load=angles[1],
+            motor_speed=speeds[0],
+            load_speed=speeds[1],
+            torque=efforts[0],
+            repeated=len(self._contents.samples[topic]) - len(samples),
+        )
+
+    def _clock_of(self, axis: Axis) -> tuple[float, str]:
+        """Return the time that is 0 in the page, s, and what the axis's clock is where it is not the recorder's."""
+        start = self._contents.start
+        first = axis.time[0] if axis.time.size else math.nan
+        if math.isnan(first):
+            stamps = [series.time[0] for series in axis.state.values() if series.time.size]
+            first = min(stamps) if stamps else start
+        age = float(np.median(axis.received - axis.time)) if axis.time.size else start - first
+        if abs(age) <= CLOCKS_DIFFER:
+            return start, ""
+        return float(first), "a clock of its own, counted from its first sample"
+
+    def _on_clock(self, axis: Axis, zero: float) -> Any:
+        """Return what brings a series with the recorder's times onto the axis's clock."""
+
+        def shifted(series: Series) -> Series:
+            if not axis.clock:
+                return Series(series.time - zero, series.values)
+            return Series(np.interp(series.time, axis.received, axis.time), series.values)
+
+        return shifted if axis.time.size or not axis.clock else lambda series: series
+
+    def _hint(self, option: str) -> str:
+        """Return where the numbers are that an option can name."""
+        has = ", ".join(sorted(name for name in self._contents.numbers if self._is_near(name)))
+        return f"; numbers are on {has}: {option} names the one" if has else ""
+
+    def _with_reference(self, axis: Axis, on_clock: Any) -> Axis:
+        options, numbers = self._options, self._contents.numbers
+        topic = options.reference_topic
+        if topic and (topic := topic if topic.startswith("/") else f"/{topic}") not in numbers:
+            raise ValueError(f"argument --reference-topic: there are no numbers on '{topic}'")
+        if not topic and "reference" in axis.state:
+            return replace(axis, reference=axis.state["reference"], reference_source="~/state")
+        if not topic:
+            found = [name for name in numbers if name.split("/")[-1] == "reference" and self._is_near(name)]
+            topic = _only(found, "reference", "--reference-topic", self.notes)
+        if not topic:
+            self.missing.append(f"a reference, so steps are unknown{self._hint('--reference-topic')}")
+            return axis
+        series = _numbers(numbers[topic], 0)
+        turn = options.reference_encoder.turn
+        series = Series(series.time, series.values * (2.0 * math.pi / turn))
+        return replace(axis, reference=on_clock(series), reference_source=topic)
+
+    def _with_command(self, axis: Axis, on_clock: Any) -> Axis:
+        topics, numbers = self._options.topics, self._contents.numbers
+        topic = topics.command
+        if topic and (topic := topic if topic.startswith("/") else f"/{topic}") not in numbers:
+            raise ValueError(f"argument --command-topic: there are no numbers on '{topic}'")
+        if not topic:
+            found = [name for name in numbers if name.split("/")[-1] == "command" and self._is_near(name)]
+            topic = _only(found, "commands", "--command-topic", self.notes)
+        if not topic:
+            self.missing.append(f"commands, and whether samples were answered in time{self._hint('--command-topic')}")
+            return axis
+        series = _numbers(numbers[topic], topics.index)
+        told = self._options.reading.command_unit
+        unit = told or (axis.drive.command_unit if axis.drive is not None else "")
+        if told == "duty":
+            series, unit = Series(series.time, series.values * self._options.reading.supply), "V"
+        answered = np.array([message.answers for message in numbers[topic] if topics.index < len(message.values)])
+        return replace(
+            axis,
+            command=on_clock(series),
+            command_unit=unit,
+            command_topic=topic,
+            answered=answered,
+            commands_received=series.time,
+        )
+
+
+def _series_by_name(states: Sequence[tuple[float, Mapping[str, float]]]) -> dict[str, Series]:
+    times = np.array([stamp for stamp, _ in states])
+    names = dict.fromkeys(name for _, values in states for name in values)
+    return {name: Series(times, np.array([values.get(name, math.nan) for _, values in states])) for name in names}
+
+
+def axes_of(contents: Contents, options: Options) -> list[Axis]:
+    """Return the axes in a bag in the order of their names: one for each topic of joint states.
+
+    Without joint states there is one for each controller that said its state.
+
+    Raises
+    ------
+    OSError, ValueError
+        Names the option that does not fit the bag, or the angles that cannot be read.
+    """
+    topics = {topic: _namespace(topic, 1) for topic in contents.samples}
+    if given := options.topics.joint_states:
+        given = given if given.startswith("/") else f"/{given}"
+        if given not in topics:
+            raise ValueError(
+                f"argument --joint-topic: there are no joint states on '{given}'; there are on {sorted(topics)}"
+            )
+        topics = {given: topics[given]}
+    namespaces = [(space, topic) for topic, space in topics.items()]
+    if not namespaces:
+        namespaces = [(space, "") for space in dict.fromkeys(_namespace(topic, 2) for topic in contents.states)]
+    namespaces = sorted(namespaces) or [("/", "")]
+    alone = len(namespaces) == 1
+    return [_Builder(contents, options, space, alone).build(topic) for space, topic in namespaces]
+
+
+def backlash_in_use(axis: Axis) -> tuple[float, str]:
+    """Return the last backlash that the controller used, rad, and where that is said; 0 where nowhere."""
+    if axis.versions and (angle := float(axis.versions[-1][2].get("backlash_angle", 0.0))) > 0.0:
+        return angle, "the parameters in use at the end"
+    if (series := axis.state.get("backlash_angle")) is not None:
+        known = series.values[np.isfinite(series.values) & (series.values > 0.0)]
+        if known.size:
+            return float(known[-1]), "~/state"
+    if axis.estimates is not None and axis.estimates.values.size and axis.estimates.values[-1] > 0.0:
+        return float(axis.estimates.values[-1]), "~/backlash_estimate"
+    return 0.0, ""
