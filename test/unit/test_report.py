@@ -155,6 +155,14 @@ def test_a_limit_cycle_has_its_amplitude_its_frequency_and_its_impacts(foreign: 
     assert step["impacts"] == 2.0 * FREQUENCY * (END - reported.MEETING)
 
 
+def test_a_step_says_where_its_samples_were_late(foreign: Made) -> None:
+    first, second = foreign.axis["steps"]
+    assert not first["late_rising"]
+    assert not first["late_rest"]
+    assert second["late_rest"]  # ten samples are lost in its second half
+    assert "Step 2: its rest has no 1.3 s without a late sample" in foreign.page.text
+
+
 def test_timing_is_as_the_bag_was_made(foreign: Made) -> None:
     timing = foreign.axis["timing"]
     count = round(END / PERIOD)
@@ -170,12 +178,13 @@ def test_timing_is_as_the_bag_was_made(foreign: Made) -> None:
 
 def test_the_page_says_what_the_numbers_say(foreign: Made) -> None:
     text, step = foreign.page.text, foreign.axis["steps"][0]
-    for name in ("rise", "settling", "overshoot_b"):
+    for name in ("rise", "settling"):
         assert f"{step[name]:.3g}" in text
+    assert f"{step['overshoot_b']:.3f}" in text
     assert "Begun 2023-11-14 22:13:20 UTC" in text
     assert f"{B * DEGREE:.5g} rad, from --backlash-angle" in text
     assert "drive_shaft, table" in text
-    assert f"{foreign.axis['steps'][1]['amplitude_b']:.3g} at {foreign.axis['steps'][1]['frequency']:.3g}" in unescape(
+    assert f"{foreign.axis['steps'][1]['amplitude_b']:.3f} at {foreign.axis['steps'][1]['frequency']:.3g}" in unescape(
         text.replace("\u00a0", " ")
     )
 
@@ -219,6 +228,7 @@ def test_each_axis_has_its_section_and_its_own_events(six: Made) -> None:
     assert overdamped["rise"] > 5.0 * both["rise"]
     assert both["residual_b"] < 0.05
     assert fast["impacts"] > 50 > both["impacts"]
+    assert not any(step["late_rising"] or step["late_rest"] for axis in axes for step in axis["steps"])
     assert axes[1]["steps"][0]["ended_by"] == "the fault LOAD_JUMP"
     (warned,) = six.content["diagnostics"]
     assert (warned["times"], warned["text"]) == (2, "3 samples late within 1.0 s")

@@ -172,15 +172,16 @@ class ChartBook:
             }
         )
         thin = f" Thinned: {sent} of {full} points, the least and the largest of every few." if sent < full else ""
+        said = f"{chart.title}. {chart.told}".strip()
         buttons = "".join(
             f'<button type="button" data-zoom="{move}" aria-label="{what}" title="{what}">{sign}</button>'
             for move, (sign, what) in _BUTTONS.items()
         )
         return (
             f'<figure class="chart" id="{identity}">'
-            f'<div class="plot" role="img" aria-label="{text_of(f"{chart.title}. {chart.told}")}"></div>'
+            f'<div class="plot" role="img" aria-label="{text_of(said)}"></div>'
             f'<div class="tools">{buttons}<output aria-live="polite"></output></div>'
-            f"<figcaption>{text_of(f'{chart.title}. {chart.told}{thin}')}</figcaption></figure>"
+            f"<figcaption>{text_of(said + thin)}</figcaption></figure>"
         )
 
     def scripts(self) -> str:

@@ -13,6 +13,7 @@ from backlash_ros.analysis.report.charts import ChartBook
 from backlash_ros.analysis.report.report import AxisReport, Report
 from backlash_ros.analysis.report.steps import NEAR, Step
 from backlash_ros.analysis.report.timing import Timing
+from backlash_ros.analysis.session import SETTLING, TAIL
 
 MOST_CHARTS = 60
 """Steps, learning runs and faults of an axis that have a chart of their own at most, the first ones of each."""
@@ -64,7 +65,7 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "fig
 
 def _in_b(report: AxisReport, angle: float) -> str:
     """Return an angle in b, or in mrad where the backlash is not known."""
-    return _number(angle / report.b if report.b > 0.0 else 1e3 * angle)
+    return _NONE if math.isnan(angle) else f"{angle / report.b if report.b > 0.0 else 1e3 * angle:.3f}"
 
 
 def _cycle(report: AxisReport, step: Step) -> str:
@@ -97,9 +98,10 @@ def _remarks(step: Step) -> list[str]:
     """Return what has to be known to read the figures of a step."""
     remarks = list(step.remarks)
     if step.late_rising:
-        remarks.append(f"{step.late_rising} samples were late, or answered late, while it rose: so is the rise")
+        remarks.append(f"samples that were late or answered late while it rose, and make it slower: {step.late_rising}")
     if step.late_rest:
-        remarks.append("samples were late all through its rest, which widens what is left of the motion")
+        quiet = f"{TAIL + SETTLING:g} s without a late sample"
+        remarks.append(f"its rest has no {quiet}, and late ones widen what is left of the motion")
     if step.ended_by:
         remarks.append(f"judged until {step.ended_by}, {step.end - step.start:.2f} s after the start")
     return remarks

@@ -82,8 +82,8 @@ def overview(report: AxisReport) -> Chart:
     marks += [(fault.start, fault.name) for fault in report.events.faults]
     last = float(report.axis.time[-1])
     spans = [(run.start, min(run.end, last), f"run {k}") for k, run in enumerate(report.events.runs, 1)]
-    told = f"{len(report.steps)} steps, numbered, and {len(spans)} learning runs, shaded."
-    return Chart("All of it", told, [_angles(report, part), *_effort(report, part)], marks, spans)
+    told = ["Numbered: steps."] * bool(report.steps) + ["Shaded: learning runs."] * bool(spans)
+    return Chart("All of it", " ".join(told), [_angles(report, part), *_effort(report, part)], marks, spans)
 
 
 def _near(report: AxisReport, step: Step, part: Mask) -> list[Panel]:

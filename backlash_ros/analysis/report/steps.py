@@ -155,10 +155,11 @@ def _judged(
     direction = math.copysign(1.0, step.target - step.origin)
     rise = rise_time(time, position, float(position[0]), step.target)
     answers = axis.command.between(step.start, step.end).time - step.start if axis.command is not None else time
-    late = late_answers(time, answers)
+    samples, middle = time[time >= 0.0], 0.5 * float(time[-1])
+    late = late_answers(samples, answers)
     rising = float(time[-1]) if math.isnan(rise) else float(time[np.argmin(np.abs(position - step.target) > step.band)])
-    quiet = last_quiet(time, answers, 0.5 * float(time[-1]))
-    length = min(TAIL, 0.5 * float(time[-1]))
+    quiet = last_quiet(samples, answers, middle)
+    length = min(TAIL, middle)
     rest_end = quiet if quiet is not None else float(time[-1])
     tail = (time >= rest_end - length) & (time <= rest_end)
     arrived = np.flatnonzero(np.abs(position - step.target) < (b if b > 0.0 else step.band))
@@ -194,7 +195,7 @@ def _judged(
         impacts=impacts,
         peak_torque=float(np.nanmax(np.abs(torque))) if np.any(np.isfinite(torque)) else math.nan,
         late_rising=int(np.sum(late <= rising)),
-        late_rest=quiet is None and bool(late.size),
+        late_rest=quiet is None and bool(np.any(late > middle)),
         remarks=tuple(remarks),
     )
 
