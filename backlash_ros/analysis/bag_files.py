@@ -82,8 +82,9 @@ def _is_overwritten(torn: Path) -> bool:
         return stream.read() == _MAGIC[:-1]
 
 
-def _mend_mcap(torn: Path, mended: Path) -> None:
-    """Copy an mcap file that lacks its end as far as it is whole."""
+def _mend_mcap(torn: Path, mended: Path, *, partly: bool) -> None:
+    """Copy an mcap file that lacks its end as far as it is whole; ``partly``: what is whole of its last chunk, too."""
+    overwritten = _is_overwritten(torn)
     left = torn.stat().st_size - len(_MAGIC)
     with torn.open("rb") as source, mended.open("wb") as target:
         target.write(source.read(len(_MAGIC)))
@@ -93,13 +94,14 @@ def _mend_mcap(torn: Path, mended: Path) -> None:
             if kind not in _DATA:
                 break
             if left < 0:
-                if kind == _CHUNK and not _is_overwritten(torn):
+                if kind == _CHUNK and partly and not overwritten:
                     target.write(_begun(source.read()))
                 break
             record = source.read(length)
-            if kind == _CHUNK and not _whole_chunk(record):
+            if kind != _CHUNK or _whole_chunk(record):
+                target.write(head + record)
+            elif overwritten or not partly:
                 break
-            target.write(head + record)
         target.write(_END)
 
 
@@ -135,10 +137,11 @@ def _listed(folder: Path) -> list[str] | None:
 
 
 @contextmanager
-def readable(bag: Path) -> Iterator[BagFiles]:
+def readable(bag: Path, *, damaged: bool = False) -> Iterator[BagFiles]:
     """Yield what of a bag can be read: the bag, or passing copies of its files where its writer was killed.
 
-    ``bag`` is a folder, or an mcap or sqlite3 file. Where it is neither, readers say so.
+    ``bag`` is a folder, or an mcap or sqlite3 file; where it is neither, readers say so. ``damaged``: it is known that
+    it cannot be read as it is, so all its files are copied, with every message that is whole.
     """
     damage: list[str] = []
     listed: list[str] | None
@@ -150,7 +153,7 @@ def readable(bag: Path) -> Iterator[BagFiles]:
             damage.append("metadata.yaml is missing or cannot be read: the recorder was not ended as it should be")
     damage += [f"{name} is missing" for name in listed or () if name not in {file.name for file in found}]
     torn = {".mcap": _is_torn_mcap, ".db3": _is_torn_database}
-    broken = {file for file in found if file.suffix in torn and torn[file.suffix](file)}
+    broken = {file for file in found if file.suffix in torn and (damaged or torn[file.suffix](file))}
     if not found or (not broken and not damage) or any(file.suffix not in torn for file in found):
         yield BagFiles([bag])
         return
@@ -161,7 +164,11 @@ def readable(bag: Path) -> Iterator[BagFiles]:
             if file not in broken:
                 paths.append(file)
                 continue
-            (_mend_mcap if file.suffix == ".mcap" else _mend_database)(file, copy)
+            if file.suffix == ".mcap":
+                _mend_mcap(file, copy, partly=damaged)
+            else:
+                _mend_database(file, copy)
             paths.append(copy)
-            damage.append(f"{file.name} has no end: what was written last is not in it")
+            ended = damaged and not torn[file.suffix](file)
+            damage.append(f"{file.name} {'is damaged' if ended else 'has no end'}: what can be read of it is shown")
         yield BagFiles(paths, tuple(damage))

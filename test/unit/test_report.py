@@ -258,14 +258,38 @@ def test_without_a_backlash_figures_are_in_rad_and_the_page_says_so(bags: Path, 
 
 
 def test_the_backlash_is_estimated_with_an_uncertainty_that_holds(tmp_path: Path) -> None:
+    """By the learning run in it alone: what comes after it is a motion that no drive makes."""
+    member, recording = probed(0)
+    bag, ratio = PlainBag(), member.drive.gear.ratio
+    for time, motor, load, command in zip(*recording[:4], strict=True):
+        bag.sample("/joint_states", time, ("motor", "load"), (motor / ratio, load))
+        bag.numbers("/command", time + 5e-4, (command,), answers=time)
+    last, period = float(recording.time[-1]), float(np.median(np.diff(recording.time)))
+    for k in range(1, 2000):
+        rests = float(k * period > 0.5) * math.sin(0.3 * k)
+        bag.sample("/joint_states", last + k * period, ("motor", "load"), (motor / ratio, load + rests))
+        bag.numbers("/command", last + k * period + 5e-4, (0.1,), answers=last + k * period)
+    for time, under_way, angle in ((0.0, 1, 0.0), (last, 0, 0.0), (last + 1.0, 0, 0.123)):
+        bag.status("/controller/state", time, "servo", {"experiment": under_way, "backlash_angle": angle, "fault": 0})
+    made = report(bag.write(tmp_path / "bag"), tmp_path, "--drive", str(write_drive(tmp_path / "drive.yaml", member)))
+    (run,) = made.axis["learning_runs"]
+    assert (run["end"], run["learned"]) == (pytest.approx(last), 0.123)
+    found = made.axis["estimate"]
+    assert found["told"], found["why"]
+    assert found["part"] == "the learning run at 0.00 s"
+    assert abs(found["angle"] - true_gap(member)) < 3.0 * found["uncertainty"] < 0.05 * true_gap(member)
+    assert (made.axis["backlash_angle"], made.axis["backlash_angle_from"]) == (0.123, "~/state")
+
+
+def test_the_estimate_is_the_unit_where_nobody_tells_the_backlash(tmp_path: Path) -> None:
     member, recording = probed(0)
     write_bag(tmp_path / "bag", member, recording)
     made = report(tmp_path / "bag", tmp_path, "--drive", str(write_drive(tmp_path / "drive.yaml", member)))
-    found = made.axis["estimate"]
-    assert found["told"]
-    assert abs(found["angle"] - true_gap(member)) < 3.0 * found["uncertainty"] < 0.05 * true_gap(member)
-    assert made.axis["backlash_angle"] == found["angle"]
+    assert made.axis["estimate"]["angle"] == pytest.approx(true_gap(member), rel=0.01)
+    assert made.axis["backlash_angle"] == made.axis["estimate"]["angle"]
     assert "from the estimate from this recording" in made.page.text
+    given = report(tmp_path / "bag", tmp_path, "--backlash-angle", "0.1")
+    assert given.axis["backlash_angle"] == 0.1
 
 
 def torn_mcap(bags: Path, place: Path) -> Path:
@@ -297,14 +321,29 @@ def unfinished_database(bags: Path, place: Path) -> Path:
     return place.with_name("killed")
 
 
-@pytest.mark.parametrize("damage", [torn_mcap, torn_database, unfinished_database])
+def overwritten_database(bags: Path, place: Path) -> Path:
+    """Leave a database in whose middle a piece of a disk is lost."""
+    (file,) = (bags / "foreign_db").glob("*.db3")
+    place.mkdir()
+    content = bytearray(file.read_bytes())
+    middle = len(content) // 2 // 4096 * 4096
+    content[middle : middle + 4096] = bytes(4096)
+    (place / "lost.db3").write_bytes(content)
+    return place
+
+
+DAMAGES = {torn_mcap: "has no end", torn_database: "has no end", unfinished_database: "has no end"}
+DAMAGES[overwritten_database] = "is damaged"
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
 def test_a_damaged_bag_gives_what_it_holds(bags: Path, tmp_path: Path, damage: Any) -> None:
     made = report(damage(bags, tmp_path / "bag"), tmp_path, *FOREIGN)
     assert any("metadata.yaml is missing" in what for what in made.content["damage"])
-    assert any("has no end" in what for what in made.content["damage"])
+    assert any(DAMAGES[damage] in what for what in made.content["damage"])
     assert "The bag is not whole: " in made.page.text
     assert made.axis["timing"]["samples"] > 300
-    if damage is not torn_database:
+    if damage in {torn_mcap, unfinished_database}:
         assert made.axis["steps"][0]["rise"] == pytest.approx(crossing(0.9) - crossing(0.1), abs=5e-4)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from backlash_ros.analysis.bag import in_use_of, seconds_of
@@ -128,6 +128,28 @@ def _messages(reader: AnyReader, contents: Contents) -> Iterator[tuple[str, str,
         contents.damage.append(f"{broken} messages cannot be read and were left out")
 
 
+def _read(path: Path, *, damaged: bool) -> Contents:
+    contents = Contents()
+    with (
+        readable(path, damaged=damaged) as bag,
+        AnyReader(bag.paths, default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
+    ):
+        contents.damage += bag.damage
+        contents.topics = {connection.topic: (connection.msgtype, 0) for connection in reader.connections}
+        for topic, kind, time, content in _messages(reader, contents):
+            received = 1e-9 * time
+            contents.topics[topic] = kind, contents.topics[topic][1] + 1
+            contents.start = np.fmin(contents.start, received)
+            contents.end = np.fmax(contents.end, received)
+            if content is not None:
+                _take(contents, topic, kind, received, content)
+    for states in contents.states.values():
+        states.sort(key=lambda state: state[0])
+    for versions in contents.in_use.values():
+        versions.sort(key=lambda told: told[:2])
+    return contents
+
+
 def read_contents(path: Path) -> Contents:
     """Return what a bag holds, as far as it can be read.
 
@@ -138,24 +160,18 @@ def read_contents(path: Path) -> Contents:
     ValueError
         If it is no rosbag2 (mcap, sqlite3).
     """
-    contents = Contents()
-    try:
-        with readable(path) as bag, AnyReader(bag.paths, default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            contents.damage += bag.damage
-            contents.topics = {connection.topic: (connection.msgtype, 0) for connection in reader.connections}
-            for topic, kind, time, content in _messages(reader, contents):
-                received = 1e-9 * time
-                contents.topics[topic] = kind, contents.topics[topic][1] + 1
-                contents.start = np.fmin(contents.start, received)
-                contents.end = np.fmax(contents.end, received)
-                if content is not None:
-                    _take(contents, topic, kind, received, content)
-    except FileNotFoundError as error:
-        raise FileNotFoundError(f"there is no bag '{path}'") from error
-    except (AnyReaderError, AssertionError, IndexError, TypeError) as error:  # a reader's, on bytes that are no bag
-        raise ValueError(f"{path}: is no rosbag2 that can be read: {' '.join(str(error).split())}") from error
-    for states in contents.states.values():
-        states.sort(key=lambda state: state[0])
-    for versions in contents.in_use.values():
-        versions.sort(key=lambda told: told[:2])
-    return contents
+    found, why = [], ""
+    for damaged in (False, True):
+        try:
+            found.append(_read(path, damaged=damaged))
+        except FileNotFoundError as error:
+            raise FileNotFoundError(f"there is no bag '{path}'") from error
+        except OSError:
+            raise
+        except Exception as error:  # whatever a reader raises on damaged bytes
+            why = why or " ".join(str(error).split())
+        if found and not found[0].damage:
+            break
+    if not found:
+        raise ValueError(f"{path}: is no rosbag2 that can be read: {why}")
+    return max(found, key=lambda contents: sum(count for _, count in contents.topics.values()))
