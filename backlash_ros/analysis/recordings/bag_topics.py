@@ -39,8 +39,11 @@ class Topics:
 
 
 @dataclass
-class _Messages:
-    """Of samples: times of both clocks, ns, and both positions; of commands: time recorded, sample named, value."""
+class Messages:
+    """Of samples: times of both clocks, ns, and both positions; of commands: time recorded, sample named, value.
+
+    ``joints``: all that were named.
+    """
 
     stamps: list[int]
     received: list[int]
@@ -86,8 +89,8 @@ def _value(message: Any, topic: str, index: int, path: Path) -> float:
     return float(data[index])
 
 
-def _messages(path: Path, topics: Topics) -> tuple[_Messages, str, str]:
-    found = _Messages([], [], [], [], set())
+def _messages(path: Path, topics: Topics) -> tuple[Messages, str, str]:
+    found = Messages([], [], [], [], set())
     try:
         with (
             readable(path) as bag,
@@ -116,7 +119,7 @@ def _messages(path: Path, topics: Topics) -> tuple[_Messages, str, str]:
     return found, source, target
 
 
-def _pair(found: _Messages, *, by_header: bool) -> tuple[list[int], list[int], list[tuple[float, float]], list[float]]:
+def _pair(found: Messages, *, by_header: bool) -> tuple[list[int], list[int], list[tuple[float, float]], list[float]]:
     """Return stamps, times recorded, positions and commands by sample.
 
     An answer that names its sample is that sample's, also where the sample itself is missing. Where answers name none,
@@ -156,7 +159,17 @@ def read_topics(path: Path, topics: Topics) -> Columns:
     ValueError
         Names the topic, joint or clock that cannot be used.
     """
-    found, source, target = _messages(path, topics)
+    return columns_of(*_messages(path, topics), topics, path)
+
+
+def columns_of(found: Messages, source: str, target: str, topics: Topics, path: Path) -> Columns:
+    """Return the samples of ``source`` and the commands of ``target``, paired.
+
+    Raises
+    ------
+    ValueError
+        As `read_topics`.
+    """
     if not found.stamps or not found.commands:
         empty = source if not found.stamps else target
         raise ValueError(f"{path}: there is no message on '{empty}'")

@@ -5,10 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from backlash_ros.analysis.recordings.bag_topics import read_topics
-from backlash_ros.analysis.recordings.samples import drive_for, recording_of
+from backlash_ros.analysis.recordings.bag_topics import Messages, columns_of
+from backlash_ros.analysis.recordings.samples import Columns, drive_for, recording_of
 from backlash_ros.analysis.report.events import LearningRun
-from backlash_ros.analysis.report.reading.axes import Axis
+from backlash_ros.analysis.report.reading.axes import Axis, joint_columns
+from backlash_ros.analysis.report.reading.contents import Contents
 from backlash_ros.analysis.report.reading.options import Options
 from backlash_ros.identification.recordings.identify import identify
 
@@ -31,7 +32,32 @@ class GapFound:
         return not self.why
 
 
-def gap_found(path: Path, axis: Axis, options: Options, runs: Sequence[LearningRun]) -> GapFound:
+def _ns(seconds: float) -> int:
+    return round(1e9 * seconds)
+
+
+def _columns(path: Path, axis: Axis, contents: Contents, options: Options) -> Columns:
+    """Return the axis's samples and commands as identification takes them."""
+    samples, joints = contents.samples[axis.joint_topic], (axis.motor_joint, axis.load_joint)
+    motor, load = (joint_columns(samples, joint)[:, 0].tolist() for joint in joints)
+    index = options.topics.index
+    commands = [
+        (_ns(said.received), None if math.isnan(said.answers) else _ns(said.answers), float(said.values[index]))
+        for said in contents.numbers[axis.command_topic]
+        if index < len(said.values)
+    ]
+    found = Messages(
+        [_ns(sample.stamp) for sample in samples],
+        [_ns(sample.received) for sample in samples],
+        list(zip(motor, load, strict=True)),
+        commands,
+        set(joints),
+    )
+    topics = replace(options.topics, motor_joint=joints[0], load_joint=joints[1])
+    return columns_of(found, axis.joint_topic, axis.command_topic, topics, path)
+
+
+def gap_found(path: Path, axis: Axis, contents: Contents, options: Options, runs: Sequence[LearningRun]) -> GapFound:
     """Return what the recording of an axis tells of its backlash: a learning run that tells it, else all of it."""
     if axis.drive is None:
         return GapFound(why="motor and gear are not known: give them with --drive")
@@ -40,15 +66,8 @@ def gap_found(path: Path, axis: Axis, options: Options, runs: Sequence[LearningR
             return GapFound(why=f"the {shaft}'s angle is not in the recording")
     if not axis.command_topic:
         return GapFound(why="commands are not in the recording")
-    topics = replace(
-        options.topics,
-        joint_states=axis.joint_topic,
-        command=axis.command_topic,
-        motor_joint=axis.motor_joint,
-        load_joint=axis.load_joint,
-    )
     try:
-        columns = read_topics(path, topics)
+        columns = _columns(path, axis, contents, options)
     except ValueError as error:
         return GapFound(why=str(error).removeprefix(f"{path}: "))
     first, why, drive = axis.time[0], "", drive_for(axis.drive, options.reading)

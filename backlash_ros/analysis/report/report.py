@@ -75,7 +75,7 @@ class Report:
 
 def _axis_report(path: Path, axis: Axis, contents: Contents, options: Options) -> AxisReport:
     events = events_of(axis, contents.told)
-    gap = gap_found(path, axis, options, events.runs)
+    gap = gap_found(path, axis, contents, options, events.runs)
     b, source = backlash_in_use(axis)
     if not b > 0.0 and options.backlash_angle > 0.0:
         b, source = options.backlash_angle, "--backlash-angle"

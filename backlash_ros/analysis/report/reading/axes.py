@@ -91,7 +91,7 @@ class Axis:
         return self.motor * self.ratio - self.load
 
 
-def _columns(samples: Sequence[Sample], joint: str) -> Array:
+def joint_columns(samples: Sequence[Sample], joint: str) -> Array:
     """Return position, velocity and effort of a joint, shape (N, 3), nan where it has none."""
     rows = np.full((len(samples), 3), math.nan)
     places: dict[tuple[str, ...], int] = {}
@@ -236,7 +236,7 @@ class _Builder:
                 raise ValueError("argument --effort-unit: A needs the torque constant of a --drive")
             effort_unit = axis.drive.motor.torque_constant
         for joint, encoder in zip(joints, (reading.motor, reading.load), strict=True):
-            columns = _columns(samples, joint)
+            columns = joint_columns(samples, joint)
             angle = columns[:, 0]
             if np.any(np.isfinite(angle)):
                 angle[~np.isfinite(angle)] = math.nan
