@@ -101,7 +101,8 @@ class PlainBag:
         self._add(time, topic, "rcl_interfaces/msg/ParameterEvent", stamp=_stamp(time), **fields)
 
     def write(self, path: Path, storage: StoragePlugin = StoragePlugin.MCAP) -> Path:
-        """Write the bag."""
+        """Write the bag, and make what leads to it."""
+        path.parent.mkdir(parents=True, exist_ok=True)
         with Writer(path, version=9, storage_plugin=storage) as writer:
             topics: dict[str, Any] = {}
             for time, topic, kind, message in sorted(self._messages, key=lambda entry: entry[0]):

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import reported
 from in_browser import console_of, emulate, requests_of
+from report_page import PATIENCE, opened, shown, wait
 from selenium.webdriver import ActionChains, Chrome, Keys
 from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
 from selenium.webdriver.common.by import By
@@ -14,9 +15,6 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from backlash_ros.analysis.style import DARK, LIGHT, PRINT
 from backlash_ros.cli import main
-
-PATIENCE = 30.0
-"""How long a page may take, s."""
 
 
 @pytest.fixture(scope="module")
@@ -33,27 +31,6 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         words = ["report", str(bag.write(folder / name)), "--out", str(folder / f"{name}.html"), *options]
         assert main(words) == 0
     return {name: folder / f"{name}.html" for name in made}
-
-
-def opened(browser: Chrome, page: Path) -> list[WebElement]:
-    """Open a page and return its charts, when all are drawn."""
-    browser.get(page.as_uri())
-    wait(browser, "return document.documentElement.dataset.charts === 'ready'")
-    charts = browser.find_elements(By.CSS_SELECTOR, "figure.chart")
-    for chart in charts:
-        browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", chart)
-        wait(browser, "return arguments[0].querySelectorAll('svg path').length > 10", chart)
-    return charts
-
-
-def wait(browser: Chrome, script: str, *arguments: object) -> None:
-    WebDriverWait(browser, PATIENCE, 0.05).until(lambda b: b.execute_script(script, *arguments))
-
-
-def shown(chart: WebElement) -> tuple[float, float]:
-    """Return the part of the time that a chart says it shows, s."""
-    low, high = chart.find_element(By.TAG_NAME, "output").text.removesuffix(" s").replace("\u2212", "-").split(" to ")
-    return float(low), float(high)
 
 
 def curves(chart: WebElement) -> str:
