@@ -5,16 +5,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from backlash_ros.analysis.recordings.bag_topics import Messages, columns_of
 from backlash_ros.analysis.recordings.samples import Columns, drive_for, recording_of
 from backlash_ros.analysis.report.events import LearningRun
 from backlash_ros.analysis.report.reading.axes import Axis, joint_columns
 from backlash_ros.analysis.report.reading.contents import Contents
 from backlash_ros.analysis.report.reading.options import Options
+from backlash_ros.analysis.report.timing import period_of
+from backlash_ros.control.monitoring.beat import Beat
+from backlash_ros.drivetrain import Drive
+from backlash_ros.identification.recording import Recording, with_late_answers
 from backlash_ros.identification.recordings.identify import identify
 
-_BEFORE, _AFTER = 0.1, 0.1
-"""Time around a learning run that is read too, s."""
+_BEFORE = 1.0
+"""Time before a learning run that shows when answers usually come, s."""
+_FEWEST = 10
+"""Samples of a learning run."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +65,43 @@ def _columns(path: Path, axis: Axis, contents: Contents, options: Options) -> Co
     return columns_of(found, axis.joint_topic, axis.command_topic, topics, path)
 
 
+def _run_of(axis: Axis, run: LearningRun) -> Recording | None:
+    """Return the samples of a learning run, with what is known of late answers; None where it has none."""
+    place = {stamp: k for k, stamp in enumerate(axis.stamps)}
+    answers = (
+        {
+            place[stamp]: (value, at)
+            for stamp, value, at in zip(axis.answered, axis.command.values, axis.command.time, strict=True)
+            if stamp in place
+        }
+        if axis.command is not None
+        else {}
+    )
+    told = axis.versions[-1][2].get("rate") if axis.versions else None
+    period = 1.0 / told if told else period_of(axis.time)
+    beat, rows, command, time, before = Beat(period), [], 0.0, 0.0, math.nan
+    for k in np.flatnonzero((axis.time >= run.start - _BEFORE) & (axis.time <= run.end)).tolist():
+        periods, late = beat.sample(float(axis.time[k] - before))
+        before, time = float(axis.time[k]), time + periods * period
+        if k in answers:
+            command, at = answers[k]
+            beat.answered(at)
+        if axis.time[k] >= run.start:
+            rows.append((time, axis.motor[k] * axis.ratio, axis.load[k], command, late))
+    if len(rows) < _FEWEST or not answers:
+        return None
+    times, motor, load, commands, lateness = np.array(rows).T
+    return with_late_answers(times, motor, load, commands, np.append(lateness[1:], 0.0), period)
+
+
+def _found_in(drive: Drive, recording: Recording, part: str) -> GapFound:
+    found = identify(drive, recording, hold_out=False)
+    if found.gap is not None and found.gap.valid and not found.reason:
+        gap = found.of("b")
+        return GapFound(gap.value, gap.uncertainty, part or found.stretch or "all of the recording")
+    return GapFound(why=found.reason or (found.gap.reason if found.gap is not None else "there is no motion"))
+
+
 def gap_found(path: Path, axis: Axis, contents: Contents, options: Options, runs: Sequence[LearningRun]) -> GapFound:
     """Return what the recording of an axis tells of its backlash: a learning run that tells it, else all of it."""
     if axis.drive is None:
@@ -66,25 +111,13 @@ def gap_found(path: Path, axis: Axis, contents: Contents, options: Options, runs
             return GapFound(why=f"the {shaft}'s angle is not in the recording")
     if not axis.command_topic:
         return GapFound(why="commands are not in the recording")
+    drive = drive_for(axis.drive, options.reading)
+    for run in reversed([run for run in runs if run.ended and math.isfinite(run.learned)]):
+        part = _run_of(axis, run)
+        if part is not None and (found := _found_in(drive, part, f"the learning run at {run.start:.2f} s")).told:
+            return found
     try:
-        columns = _columns(path, axis, contents, options)
+        recording, _ = recording_of(_columns(path, axis, contents, options), options.reading, drive)
     except ValueError as error:
         return GapFound(why=str(error).removeprefix(f"{path}: "))
-    first, why, drive = axis.time[0], "", drive_for(axis.drive, options.reading)
-    parts = [
-        (max(0.0, run.start - first - _BEFORE), run.end - first + _AFTER, f"the learning run at {run.start:.2f} s")
-        for run in reversed([run for run in runs if run.ended])
-        if math.isfinite(run.learned)
-    ]
-    for start, end, name in [*parts, (0.0, math.inf, "")]:
-        try:
-            recording, _ = recording_of(columns, replace(options.reading, start=start, end=end), drive)
-            found = identify(drive, recording, hold_out=False)
-        except ValueError as error:
-            why = str(error)
-            continue
-        if found.gap is not None and found.gap.valid and not found.reason:
-            gap = found.of("b")
-            return GapFound(gap.value, gap.uncertainty, name or found.stretch or "all of the recording")
-        why = found.reason or (found.gap.reason if found.gap is not None else "")
-    return GapFound(why=why)
+    return _found_in(drive, recording, "")

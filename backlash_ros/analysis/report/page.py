@@ -14,6 +14,7 @@ from backlash_ros.analysis.report.report import AxisReport, Report
 from backlash_ros.analysis.report.steps import NEAR, Step
 from backlash_ros.analysis.report.timing import Timing
 from backlash_ros.analysis.session import SETTLING, TAIL
+from backlash_ros.control.tick import MISSING
 
 MOST_CHARTS = 60
 """Steps, learning runs and faults of an axis that have a chart of their own at most, the first ones of each."""
@@ -212,8 +213,10 @@ def _timing(report: AxisReport, timing: Timing, book: ChartBook) -> list[str]:
             f"{_ms(timing.jitter, timing.jitter_99, timing.longest)} ms",
         ),
         (
-            "samples lost, by an even clock",
-            f"{timing.lost} of {timing.samples + timing.lost}, in {timing.holes} holes" if timing.lost else "none",
+            "samples lost: those that a drive of this rate has, and the bag has not",
+            f"{timing.lost} of {timing.samples + timing.lost}; {timing.holes} holes of more than {MISSING:g} periods"
+            if timing.lost
+            else "none",
         ),
     ]
     if timing.repeated:

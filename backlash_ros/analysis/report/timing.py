@@ -7,8 +7,12 @@ import numpy as np
 
 from backlash_ros.analysis.report.reading.axes import Axis
 from backlash_ros.analysis.session import late_answers
+from backlash_ros.control.monitoring.beat import Beat
 from backlash_ros.control.tick import MISSING
 from backlash_ros.drivetrain.signals import Array
+
+_SPAN = 4
+"""Samples over which a period is taken."""
 
 
 @dataclass(frozen=True)
@@ -19,11 +23,12 @@ class Timing:
     ----------
     samples, repeated : how many were used, and left out since their stamps do not rise
     length : from the first to the last one
-    period, rate : mean of the time from one to the next where none is missing between them, and one by it, Hz
-    jitter, jitter_99 : of that time: standard deviation, and the deviation from the mean that 99 % stay below
+    period, rate : median of the time from one to the next, over four at a time, and one by it, Hz
+    jitter, jitter_99 : of that time where none is missing: standard deviation from the period, and the deviation that
+        99 % stay below
     longest : time from one to the next
-    lost : samples that an even clock of that period would have between the first and the last, and the bag has not
-    holes : how often that time was longer than `MISSING` times its median
+    lost : samples that a drive of that period has between the first and the last, and the bag has not
+    holes : how often that time was longer than `MISSING` periods
     age, age_99, age_most : from stamp to recording, mean, 99 % and largest
     answers, unanswered : commands, and samples without one before the next sample, or with a late next one
     answered, answered_99 : from the recording of a sample to that of the command that names it, median and 99 %
@@ -48,6 +53,12 @@ class Timing:
     answered_99: float = math.nan
 
 
+def period_of(time: Array) -> float:
+    """Return the period of samples, s: late ones, lost ones and every second one early do not matter."""
+    size = min(_SPAN, time.size - 1)
+    return float(np.median(time[size:] - time[:-size])) / size
+
+
 def _answer_times(axis: Axis) -> Array:
     """Return from a sample to its answer, both as recorded, s."""
     if axis.command is None or not np.any(np.isfinite(axis.answered)):
@@ -65,10 +76,9 @@ def timing_of(axis: Axis) -> Timing | None:
     if axis.time.size < 3:
         return None
     steps = np.diff(axis.time)
-    longest = MISSING * float(np.median(steps))
-    whole = steps[steps <= longest]
-    period = float(np.mean(whole))
-    off = np.abs(whole - period)
+    period = period_of(axis.time)
+    beat = Beat(period)
+    off = np.abs(steps - period)[steps <= MISSING * period]
     age = axis.received - axis.stamps if not axis.clock else np.full(1, math.nan)
     answers = _answer_times(axis)
     both = axis.command is not None and axis.command.time.size > 0
@@ -79,11 +89,11 @@ def timing_of(axis: Axis) -> Timing | None:
         length=float(axis.time[-1] - axis.time[0]),
         period=period,
         rate=1.0 / period,
-        jitter=float(np.std(whole)),
+        jitter=float(np.sqrt(np.mean(np.square(off)))),
         jitter_99=float(np.quantile(off, 0.99)),
         longest=float(np.max(steps)),
-        lost=int(np.sum(np.maximum(np.round(steps / period) - 1.0, 0.0))),
-        holes=steps.size - whole.size,
+        lost=sum(beat.sample(step)[0] - 1 for step in steps.tolist()),
+        holes=steps.size - off.size,
         age=float(np.mean(age)),
         age_99=float(np.quantile(age, 0.99)),
         age_most=float(np.max(age)),
