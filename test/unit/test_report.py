@@ -3,6 +3,7 @@
 import json
 import math
 import re
+import shlex
 import shutil
 import sqlite3
 from dataclasses import dataclass
@@ -429,6 +430,41 @@ def test_a_clock_of_its_own_is_said_and_its_age_is_not_told(tmp_path: Path) -> N
     assert "stamps and recorder have different clocks" in made.page.text
     (step,) = made.axis["steps"]
     assert step["start"] == pytest.approx(1.0, abs=0.004)
+
+
+def test_a_step_ends_where_samples_are_missing_for_long(tmp_path: Path) -> None:
+    bag = PlainBag()
+    for k in (*range(1000), *range(1250, 1500)):
+        bag.sample("/joint_states", 0.004 * k, ("motor", "load"), (0.0, float(k > 110)))
+    bag.number("/reference", 0.0, 0.0)
+    bag.number("/reference", 0.4, 1.0)
+    (step,) = report(bag.write(tmp_path / "bag"), tmp_path).axis["steps"]
+    assert step["ended_by"] == "samples missing for 1.00 s"
+    assert step["end"] == pytest.approx(3.996)
+
+
+def test_an_encoder_that_jumps_is_told_and_makes_a_page(tmp_path: Path) -> None:
+    bag = PlainBag()
+    for k in range(500):
+        jumps = 4.0 * (k % 100 == 50) + 3.0 * (k % 100 == 70)  # two thirds of a turn, and half of one
+        bag.sample("/joint_states", 0.004 * k, ("motor", "load"), (0.0, jumps))
+    made = report(bag.write(tmp_path / "bag"), tmp_path)
+    assert any("joint 'load'" in note and "taken as it is" in note for note in made.axis["notes"])
+
+
+def test_the_example_of_the_docs_reads_the_bag_that_it_speaks_of(
+    bags: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    docs = (Path(__file__).parents[2] / "docs" / "report.md").read_text()
+    (example,) = re.findall(r"^backlash (report their_bag .*?)^```", docs, re.DOTALL | re.MULTILINE)
+    words = shlex.split(example.replace("\\\n", " "))
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(bags / "foreign", "their_bag")
+    shutil.copy(bags / "their_drive.yaml", tmp_path)
+    assert main([*words, "--json", "figures.json"]) == 0
+    (axis,) = json.loads(Path("figures.json").read_text())["axes"]
+    assert axis["steps"][1]["frequency"] == pytest.approx(FREQUENCY, rel=2e-3)
+    assert Path("their_bag.html").exists()
 
 
 def test_a_path_is_no_step(tmp_path: Path) -> None:

@@ -42,6 +42,7 @@ STYLE = """
 }
 .tools button:focus-visible { outline: 2px solid var(--motor); outline-offset: 1px; }
 .tools output { margin-left: .5rem; font-variant-numeric: tabular-nums; }
+html:not([data-charts]) .tools { display: none; }
 @media print { .tools { display: none; } .chart { margin: .6rem 0; } }
 """
 

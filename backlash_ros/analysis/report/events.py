@@ -17,8 +17,6 @@ PATH_STEP = 0.1
 """Time between two changes of the reference below which they belong to a path, s."""
 _SMALLEST = 1e-6
 """Change of the reference that is none, rad."""
-_HOLE = 0.5
-"""Time without a sample at which a step ends, s."""
 _GAINS = (
     "law",
     "laws.",
@@ -148,13 +146,6 @@ def _end_of(axis: Axis) -> float:
     return float(axis.time[-1]) if axis.time.size else math.inf
 
 
-def _cut(axis: Axis, move: Move) -> Move:
-    """Return a move that ends where samples are missing for long."""
-    inside = axis.time[(axis.time >= move.start) & (axis.time <= move.end)]
-    holes = np.flatnonzero(np.diff(inside) > _HOLE)
-    return move._replace(end=float(inside[holes[0]])) if holes.size else move
-
-
 def _first_start(axis: Axis) -> list[Move]:
     """Return the move to the first reference of a topic that says only where to go: from where the load was."""
     series = axis.reference
@@ -204,7 +195,7 @@ def events_of(axis: Axis, told: Sequence[Told]) -> Events:
     torques: list[tuple[float, float]] = []
     if axis.load_torque is not None:
         torques = [(float(t), float(v)) for t, v in zip(axis.load_torque.time, axis.load_torque.values, strict=True)]
-    moves = [_cut(axis, move) for move in [*_first_start(axis), *_moves(axis)]]
+    moves = [*_first_start(axis), *_moves(axis)]
     return Events(moves, _learning_runs(axis), _changes(axis), _faults(axis, told), torques)
 
 

@@ -25,6 +25,8 @@ _FEWEST_CYCLES, _EVEN, _MOST = 3, 0.25, 0.75
 that is not off by more: a late answer makes one longer."""
 _CYCLE_TIME = 5.0
 """Longest end of a step in which its frequency is taken, s."""
+_HOLE = 0.5
+"""Time without a sample at which a step ends, s."""
 _SHORTEST = 5
 """Samples that a step has at least to be judged."""
 
@@ -103,9 +105,11 @@ def gap_centre(twist: Array, b: float) -> float:
     return 0.5 * (low + high) if high - low >= 0.8 * b else math.nan
 
 
-def _end_of_rest(move: Move, events: Events, arrived: float) -> tuple[float, str]:
-    """Return when the rest after a move ended, and by what, in words."""
+def _end_of_rest(time: Array, move: Move, events: Events, arrived: float) -> tuple[float, str]:
+    """Return when the rest after a move ended, and by what, in words; ``time``: of its samples."""
     found = events.in_the_way(move.start, move.end)
+    holes = np.flatnonzero(np.diff(time) > _HOLE)[:1].tolist()
+    found += [(float(time[k]), f"samples missing for {time[k + 1] - time[k]:.2f} s") for k in holes]
     found += [
         (change.time, f"a change of {change.names}")
         for change in events.changes
@@ -127,7 +131,7 @@ def judge(axis: Axis, events: Events, move: Move, b: float, centre: float) -> St
     first = max(int(np.searchsorted(axis.time, move.start)) - 1, 0)  # where the load was before
     inside = (axis.time >= axis.time[first]) & (axis.time < move.end)
     within = np.flatnonzero(inside & (np.abs(axis.position - move.target) < near))
-    end, why = _end_of_rest(move, events, float(axis.time[within[0]]) if within.size else math.inf)
+    end, why = _end_of_rest(axis.time[inside], move, events, float(axis.time[within[0]]) if within.size else math.inf)
     step = Step(
         move.start,
         end,

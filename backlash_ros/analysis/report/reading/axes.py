@@ -9,6 +9,7 @@ import numpy as np
 
 from backlash_ros.analysis.bag import Series
 from backlash_ros.analysis.evaluation.drive_file import axis_of, in_sections, read_axis
+from backlash_ros.analysis.recordings.encoder import Encoder
 from backlash_ros.analysis.report.reading.contents import Contents, Numbers, Sample
 from backlash_ros.analysis.report.reading.options import EFFORT_UNITS, VELOCITY_UNITS, Options
 from backlash_ros.drivetrain import Drive
@@ -157,6 +158,8 @@ class _Builder:
         """Return the axis whose samples are on ``joint_topic``, empty where there are none."""
         contents = self._contents
         states = self._of_axis(contents.states, 2)
+        if len(states) > 1:
+            self.notes.append(f"of {len(states)} controllers, {', '.join(states)}, the first is shown")
         state = {} if not states else _series_by_name(contents.states[states[0]])
         versions = self._versions()
         axis = self._with_drive(Axis(self._namespace, state=state, versions=versions))
@@ -240,10 +243,7 @@ class _Builder:
             angle = columns[:, 0]
             if np.any(np.isfinite(angle)):
                 angle[~np.isfinite(angle)] = math.nan
-                angle, note = encoder.radians(
-                    times, angle, f"joint '{joint}'", lambda k: f"at {times[k] - times[0]:.3f} s"
-                )
-                self.notes += [note] if note else []
+                angle = self._radians(times, angle, joint, encoder)
             elif joint:
                 self.missing.append(f"the position of joint '{joint}'")
             angles.append(angle)
@@ -271,6 +271,17 @@ class _Builder:
             torque=efforts[0],
             repeated=len(self._contents.samples[topic]) - len(samples),
         )
+
+    def _radians(self, times: Array, angle: Array, joint: str, encoder: Encoder) -> Array:
+        """Return the angles of a joint in rad; as they stand there, where they begin again at nobody knows what."""
+        try:
+            result, note = encoder.radians(
+                times, angle, f"joint '{joint}'", lambda k: f"at {times[k] - times[0]:.3f} s"
+            )
+        except ValueError as error:
+            result, note = angle * (2.0 * math.pi / encoder.turn), f"{error}; taken as it is"
+        self.notes += [note] if note else []
+        return result
 
     def _clock_of(self, axis: Axis) -> tuple[float, str]:
         """Return the time that is 0 in the page, s, and what the axis's clock is where it is not the recorder's."""
