@@ -20,8 +20,8 @@ from recorded import probed, true_gap, write_bag, write_drive
 from reported import CYCLE, DAMPING, END, FIRST, FOREIGN, FREQUENCY, HEIGHT, LOST, PEAK, PERIOD, SECOND, B
 from rosbags.rosbag2 import StoragePlugin
 
-from backlash_ros.analysis.report import library
-from backlash_ros.analysis.report.charts import thinned
+from backlash_ros.analysis.report import charts, library
+from backlash_ros.analysis.report.charts import Chart, ChartBook, Line, Panel, thinned
 from backlash_ros.analysis.report.library import NoLibraryError, chart_library
 from backlash_ros.analysis.report.steps import limit_cycle
 from backlash_ros.cli import main
@@ -504,6 +504,15 @@ def test_the_page_says_where_it_was_thinned(tmp_path: Path) -> None:
         bag.sample("/joint_states", 0.001 * k, ("motor", "load"), (0.0, math.sin(0.01 * k)))
     made = report(bag.write(tmp_path / "bag"), tmp_path)
     assert re.search(r"Thinned: \d+ of \d+ points", made.page.text)
+
+
+def test_a_page_with_many_points_thins_what_comes_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    time = np.arange(3000.0)
+    chart = Chart("Step", "", [Panel("angle", [Line("load", time, np.sin(time), "load")])])
+    book = ChartBook()
+    monkeypatch.setattr(charts, "BUDGET", 3000)
+    assert "Thinned" not in book.add(chart)
+    assert "Thinned: 1000 of 3000 points" in book.add(chart)
 
 
 def test_the_library_is_where_nicegui_has_it() -> None:

@@ -18,8 +18,9 @@ from backlash_ros.analysis.report.library import chart_library
 from backlash_ros.analysis.style import DARK, LIGHT, PRINT
 from backlash_ros.drivetrain.signals import Array
 
-MOST = 4000
-"""Points of a curve that are sent at most: of more, the least and the largest of every few."""
+MOST, FEW, BUDGET = 4000, 1000, 500_000
+"""Points of a curve that are sent at most: of more, the least and the largest of every few; points of a curve where a
+page has so many already, lest it becomes too large to be sent."""
 _HOLE = 10.0
 """Median periods without a point beyond which a curve is interrupted."""
 _DIGITS = 6
@@ -121,6 +122,7 @@ class ChartBook:
     """All charts of a page: adds them one by one, gives their HTML, and packs their data."""
 
     _charts: list[dict[str, Any]] = field(default_factory=list)
+    _points: int = 0
 
     def add(self, chart: Chart) -> str:
         """Take up a chart; return its place in the page."""
@@ -131,7 +133,9 @@ class ChartBook:
         for panel in chart.panels:
             series = []
             for line in panel.lines:
-                time, values = thinned(*_interrupted(line.time, line.values))
+                most = MOST if self._points < BUDGET else FEW
+                time, values = thinned(*_interrupted(line.time, line.values), most)
+                self._points += time.size
                 full, sent = full + line.time.size, sent + min(time.size, line.time.size)
                 key = time.tobytes()
                 if key not in known:

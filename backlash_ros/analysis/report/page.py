@@ -40,6 +40,11 @@ def _number(value: float, digits: int = 3, never: str = "never") -> str:
     return never if math.isinf(value) else brief(value, digits)
 
 
+def _at(seconds: float) -> str:
+    """Return a time from the start."""
+    return f"{seconds:.3f}".replace("-", "\u2212")
+
+
 def _value(value: Any) -> str:
     """Return a parameter's value as short as it can be read."""
     if isinstance(value, float):
@@ -82,7 +87,7 @@ def _step_row(report: AxisReport, number: int, step: Step, link: str) -> list[st
     law = f"{step.law} ({step.gain_set})" if step.law else _NONE
     return [
         name,
-        brief(step.start, 5),
+        _at(step.start),
         f"{brief(step.origin, 4)} to {brief(step.target, 4)}",
         text_of(law),
         _number(step.rise),
@@ -169,7 +174,7 @@ def _learning(report: AxisReport, book: ChartBook) -> list[str]:
         name = f'<a href="#{charts.identity_of(place)}">{k}</a>' if place else str(k)
         learned = "nothing" if math.isnan(run.learned) else f"b = {run.learned:.5g} rad"
         ended = "" if run.ended else " (still under way at the end)"
-        rows.append([name, brief(run.start, 5), f"{run.end - run.start:.2f}", text_of(learned + ended)])
+        rows.append([name, _at(run.start), f"{run.end - run.start:.2f}", text_of(learned + ended)])
     return ["<h3>Learning runs</h3>", _table(("run", "at, s", "length, s", "learned"), rows), *drawn]
 
 
@@ -180,7 +185,7 @@ def _changes(report: AxisReport) -> list[str]:
     for change in report.events.changes:
         step = next((k for k, s in enumerate(report.steps, 1) if s.start < change.time < s.end), 0)
         said = "; ".join(f"{name}: {_value(old)} to {_value(new)}" for name, (old, new) in change.values.items())
-        rows.append([brief(change.time, 5), text_of(said), f"during step {step}" if step else ""])
+        rows.append([_at(change.time), text_of(said), f"during step {step}" if step else ""])
     return ["<h3>Changes of gains, laws and other parameters</h3>", _table(("in use from, s", "changed", ""), rows)]
 
 
@@ -190,8 +195,8 @@ def _faults(report: AxisReport, book: ChartBook) -> list[str]:
     rows = [
         [
             text_of(fault.name),
-            brief(fault.start, 5),
-            brief(fault.end, 5) if math.isfinite(fault.end) else "still latched at the end",
+            _at(fault.start),
+            _at(fault.end) if math.isfinite(fault.end) else "still latched at the end",
             text_of(fault.text),
         ]
         for fault in report.events.faults
@@ -312,8 +317,8 @@ def _diagnostics(report: Report) -> list[str]:
             "error" if warned.level > 1 else "warning",
             text_of(warned.text),
             str(warned.times),
-            brief(warned.first, 5),
-            brief(warned.last, 5),
+            _at(warned.first),
+            _at(warned.last),
         ]
         for warned in report.warnings
     ]
