@@ -1,4 +1,4 @@
-"""The command `backlash`: the paper's figures, single runs, populations judged, drives identified, without ROS."""
+"""The command `backlash`: the paper's figures, single runs, drives judged, identified and reported, without ROS."""
 
 import argparse
 import errno

@@ -235,6 +235,20 @@ def test_each_axis_has_its_section_and_its_own_events(six: Made) -> None:
     assert (warned["times"], warned["text"]) == (2, "3 samples late within 1.0 s")
 
 
+def test_an_axis_in_the_root_has_its_own_topics_alone(tmp_path: Path) -> None:
+    bag = PlainBag()
+    for k in range(300):
+        for space, angle in (("", 1.0), ("/axis1", 2.0)):
+            bag.sample(f"{space}/joint_states", 0.004 * k, ("motor", "load"), (0.0, angle * (k > 110)))
+            bag.numbers(f"{space}/command", 0.004 * k + 1e-3, (0.0,))
+    for space, target in (("", 1.0), ("/axis1", 2.0)):
+        bag.number(f"{space}/reference", 0.0, 0.0)
+        bag.number(f"{space}/reference", 0.4, target)
+    axes = report(bag.write(tmp_path / "bag"), tmp_path).content["axes"]
+    assert [axis["command"] for axis in axes] == ["/command", "/axis1/command"]
+    assert [axis["steps"][0]["target"] for axis in axes] == [1.0, 2.0]
+
+
 def test_without_options_a_foreign_bag_says_what_it_lacks(bags: Path, tmp_path: Path) -> None:
     made = report(bags / "foreign", tmp_path)
     assert made.axis["steps"] == []

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from backlash_ros.analysis.bag import Series
-from backlash_ros.analysis.report.reading.axes import Axis
+from backlash_ros.analysis.report.reading.axis import Axis
 from backlash_ros.analysis.report.reading.contents import Told
 from backlash_ros.gates.faults import FAULTS, Fault
 

@@ -10,7 +10,8 @@ import numpy as np
 from backlash_ros.analysis.recordings.bag_topics import Messages, columns_of
 from backlash_ros.analysis.recordings.samples import Columns, drive_for, recording_of
 from backlash_ros.analysis.report.events import LearningRun
-from backlash_ros.analysis.report.reading.axes import Axis, joint_columns
+from backlash_ros.analysis.report.reading.axes import joint_columns
+from backlash_ros.analysis.report.reading.axis import Axis
 from backlash_ros.analysis.report.reading.contents import Contents
 from backlash_ros.analysis.report.reading.options import Options
 from backlash_ros.analysis.report.timing import period_of

@@ -12,7 +12,8 @@ from backlash_ros.analysis.jsonable import jsonable
 from backlash_ros.analysis.recordings.samples import DATES
 from backlash_ros.analysis.report.events import Events, events_of
 from backlash_ros.analysis.report.gap import GapFound, gap_found
-from backlash_ros.analysis.report.reading.axes import Axis, axes_of, backlash_in_use
+from backlash_ros.analysis.report.reading.axes import axes_of
+from backlash_ros.analysis.report.reading.axis import Axis, backlash_in_use
 from backlash_ros.analysis.report.reading.contents import Contents, Told, read_contents
 from backlash_ros.analysis.report.reading.options import Options
 from backlash_ros.analysis.report.steps import Step, gap_centre, steps_of

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from backlash_ros.analysis.report.reading.axes import Axis
+from backlash_ros.analysis.report.reading.axis import Axis
 from backlash_ros.analysis.session import late_answers
 from backlash_ros.control.monitoring.beat import Beat
 from backlash_ros.control.tick import MISSING

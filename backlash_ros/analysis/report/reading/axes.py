@@ -1,8 +1,8 @@
 """The axes in a bag: the samples of each in SI units and rad, with what its controller said, on one clock."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,86 +10,15 @@ import numpy as np
 from backlash_ros.analysis.bag import Series
 from backlash_ros.analysis.evaluation.drive_file import axis_of, in_sections, read_axis
 from backlash_ros.analysis.recordings.encoder import Encoder
+from backlash_ros.analysis.report.reading.axis import Axis
 from backlash_ros.analysis.report.reading.contents import Contents, Numbers, Sample
 from backlash_ros.analysis.report.reading.options import EFFORT_UNITS, VELOCITY_UNITS, Options
-from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.signals import Array
 
 CLOCKS_DIFFER = 10.0
 """Age of samples that says more of the clocks than of the samples, s."""
 _STRAY = 0.01
 """Share of stamps that may stand still or go back before the recorder's times are taken instead."""
-_NO_TIME = np.empty(0)
-
-
-@dataclass(frozen=True)
-class Axis:
-    """One drive and its controller in a bag; times in s from the bag's start, or as ``clock`` says.
-
-    Attributes
-    ----------
-    name : namespace of its topics, ``/`` where there is none
-    joint_topic, motor_joint, load_joint : where its samples come from, empty where they are not in the bag
-    time, received, stamps : of the samples that are used, shape (N,): on the axis's clock; when recorded and stamped,
-        s since the epoch
-    motor, load : angles, rad, the motor's before the gear; all nan where there are none
-    motor_speed, load_speed : rad/s
-    torque : of the motor, N m before the gear
-    repeated : samples whose stamp does not rise, left out
-    reference, load_torque, estimates, command : as the bag has them, rad, N m, rad, and V, A or what the topic has
-    answered, commands_received : the stamps of the samples that the commands name, nan where none, and when these were
-        recorded, s since the epoch
-    state : what ``~/state`` has by name
-    versions : parameters in use by their time
-    drive : motor, gear and load, as ``drive_source`` says; None where nobody tells
-    notes : what was done to the samples, in words
-    missing : what is not in the recording, in words
-    """
-
-    name: str
-    clock: str = ""
-    joint_topic: str = ""
-    motor_joint: str = ""
-    load_joint: str = ""
-    time: Array = field(default_factory=lambda: _NO_TIME)
-    received: Array = field(default_factory=lambda: _NO_TIME)
-    stamps: Array = field(default_factory=lambda: _NO_TIME)
-    motor: Array = field(default_factory=lambda: _NO_TIME)
-    load: Array = field(default_factory=lambda: _NO_TIME)
-    motor_speed: Array = field(default_factory=lambda: _NO_TIME)
-    load_speed: Array = field(default_factory=lambda: _NO_TIME)
-    torque: Array = field(default_factory=lambda: _NO_TIME)
-    repeated: int = 0
-    reference: Series | None = None
-    reference_source: str = ""
-    command: Series | None = None
-    command_unit: str = ""
-    command_topic: str = ""
-    answered: Array = field(default_factory=lambda: _NO_TIME)
-    commands_received: Array = field(default_factory=lambda: _NO_TIME)
-    load_torque: Series | None = None
-    estimates: Series | None = None
-    state: Mapping[str, Series] = field(default_factory=dict)
-    versions: Sequence[tuple[float, int, Mapping[str, Any]]] = ()
-    drive: Drive | None = None
-    drive_source: str = ""
-    notes: tuple[str, ...] = ()
-    missing: tuple[str, ...] = ()
-
-    @property
-    def ratio(self) -> float:
-        """Output angle for each rad of the motor; nan where no drive tells it."""
-        return self.drive.gear.ratio if self.drive is not None else math.nan
-
-    @property
-    def position(self) -> Array:
-        """The angle that the axis is judged by, rad at the output: the load's, else the motor's through the gear."""
-        return self.load if np.any(np.isfinite(self.load)) or self.drive is None else self.motor * self.ratio
-
-    @property
-    def twist(self) -> Array:
-        """The motor's angle through the gear less the load's, rad at the output, shape (N,)."""
-        return self.motor * self.ratio - self.load
 
 
 def joint_columns(samples: Sequence[Sample], joint: str) -> Array:
@@ -111,16 +40,15 @@ def _rising(times: Array) -> Any:
     return np.concatenate([[True], times[1:] > np.maximum.accumulate(times)[:-1]])
 
 
-def _clock(samples: Sequence[Sample], options: Options) -> tuple[Array, bool, str]:
-    """Return the times of samples, s, whether they are their stamps, and why not."""
-    stamps = np.array([sample.stamp for sample in samples])
+def _clock(samples: Sequence[Sample], options: Options) -> tuple[Array, str]:
+    """Return the times of samples, s, and why they are not their stamps, empty where that was asked for."""
+    stamps, received = (np.array(times) for times in zip(*(sample[:2] for sample in samples), strict=True))
     if options.topics.stamps == "log":
-        return np.array([sample.received for sample in samples]), False, ""
+        return received, ""
     stray = int(np.sum(~_rising(stamps)))
     if stray > _STRAY * stamps.size:
-        why = f"{stray} of {stamps.size} stamps stand still or go back, so the recorder's times are used"
-        return np.array([sample.received for sample in samples]), False, why
-    return stamps, True, ""
+        return received, f"{stray} of {stamps.size} stamps stand still or go back, so the recorder's times are used"
+    return stamps, ""
 
 
 def _namespace(topic: str, parts: int) -> str:
@@ -149,10 +77,11 @@ class _Builder:
         self.notes: list[str] = []
         self.missing: list[str] = []
 
-    def _of_axis(self, topics: Mapping[str, Any], parts: int) -> list[str]:
+    def _of_axis(self, topics: Iterable[str], parts: int) -> list[str]:
         """Return the topics of this axis; all, where it is the only one."""
+        topics = list(topics)
         own = [topic for topic in topics if _namespace(topic, parts) == self._namespace]
-        return own or (list(topics) if self._alone else [])
+        return own or (topics if self._alone else [])
 
     def build(self, joint_topic: str) -> Axis:
         """Return the axis whose samples are on ``joint_topic``, empty where there are none."""
@@ -175,15 +104,15 @@ class _Builder:
         on_clock = self._on_clock(axis, zero)
         axis = self._with_reference(axis, on_clock)
         axis = self._with_command(axis, on_clock)
-        for name, topics in (("load_torque", ["load_torque"]), ("estimates", ["backlash_estimate"])):
-            found = [t for t in contents.numbers if t.split("/")[-1] in topics and self._is_near(t)]
-            if len(found) == 1:
+        for name, topic, parts in (("load_torque", "load_torque", 1), ("estimates", "backlash_estimate", 2)):
+            if len(found := self._named(topic, parts)) == 1:
                 axis = replace(axis, **{name: on_clock(_numbers(contents.numbers[found[0]], 0))})
         return replace(axis, notes=tuple(self.notes), missing=tuple(self.missing))
 
-    def _is_near(self, topic: str) -> bool:
-        """Return whether a topic is one of this axis: in its namespace, or in that of a node there."""
-        return self._alone or self._namespace in {_namespace(topic, 1), _namespace(topic, 2)}
+    def _named(self, name: str, parts: int = 1) -> list[str]:
+        """Return the topics of numbers of this axis that end with a name."""
+        named = [topic for topic in self._contents.numbers if topic.split("/")[-1] == name]
+        return self._of_axis(named, parts)
 
     def _versions(self) -> list[tuple[float, int, Mapping[str, Any]]]:
         own = [topic for topic in self._of_axis(self._contents.in_use, 2) if "/plant_simulator/" not in topic]
@@ -227,7 +156,7 @@ class _Builder:
             return axis
         options, reading = self._options, self._options.reading
         joints = self._joints(axis, samples)
-        times, _, why = _clock(samples, options)
+        times, why = _clock(samples, options)
         self.notes += [why] if why else []
         kept = np.flatnonzero(_rising(times))
         samples = [samples[k] for k in kept]
@@ -307,7 +236,7 @@ class _Builder:
 
     def _hint(self, option: str) -> str:
         """Return where the numbers are that an option can name."""
-        has = ", ".join(sorted(name for name in self._contents.numbers if self._is_near(name)))
+        has = ", ".join(sorted(self._of_axis(self._contents.numbers, 1)))
         return f"; numbers are on {has}: {option} names the one" if has else ""
 
     def _with_reference(self, axis: Axis, on_clock: Any) -> Axis:
@@ -318,8 +247,7 @@ class _Builder:
         if not topic and "reference" in axis.state:
             return replace(axis, reference=axis.state["reference"], reference_source="~/state")
         if not topic:
-            found = [name for name in numbers if name.split("/")[-1] == "reference" and self._is_near(name)]
-            topic = _only(found, "reference", "--reference-topic", self.notes)
+            topic = _only(self._named("reference"), "reference", "--reference-topic", self.notes)
         if not topic:
             self.missing.append(f"a reference, so steps are unknown{self._hint('--reference-topic')}")
             return axis
@@ -334,8 +262,7 @@ class _Builder:
         if topic and (topic := topic if topic.startswith("/") else f"/{topic}") not in numbers:
             raise ValueError(f"argument --command-topic: there are no numbers on '{topic}'")
         if not topic:
-            found = [name for name in numbers if name.split("/")[-1] == "command" and self._is_near(name)]
-            topic = _only(found, "commands", "--command-topic", self.notes)
+            topic = _only(self._named("command"), "commands", "--command-topic", self.notes)
         if not topic:
             self.missing.append(f"commands, and whether samples were answered in time{self._hint('--command-topic')}")
             return axis
@@ -385,16 +312,3 @@ def axes_of(contents: Contents, options: Options) -> list[Axis]:
     namespaces = sorted(namespaces) or [("/", "")]
     alone = len(namespaces) == 1
     return [_Builder(contents, options, space, alone).build(topic) for space, topic in namespaces]
-
-
-def backlash_in_use(axis: Axis) -> tuple[float, str]:
-    """Return the last backlash that the controller used, rad, and where that is said; 0 where nowhere."""
-    if axis.versions and (angle := float(axis.versions[-1][2].get("backlash_angle", 0.0))) > 0.0:
-        return angle, "the parameters in use at the end"
-    if (series := axis.state.get("backlash_angle")) is not None:
-        known = series.values[np.isfinite(series.values) & (series.values > 0.0)]
-        if known.size:
-            return float(known[-1]), "~/state"
-    if axis.estimates is not None and axis.estimates.values.size and axis.estimates.values[-1] > 0.0:
-        return float(axis.estimates.values[-1]), "~/backlash_estimate"
-    return 0.0, ""
