@@ -26,8 +26,8 @@ FIRST, SECOND, END = 1.0, 4.0, 7.0
 """When the steps begin and the bag ends, s."""
 JITTER, AGES, LOST = 2e-4, (1e-3, 3e-3), tuple(range(1500, 1600, 10))
 """By which stamps are early and late in turn, and how old samples are in turn, s; samples that are not in the bag."""
-PEAK = 250.0
-"""Torque of the motor, mN m, at the start of each step."""
+PEAK, SPEED = 250.0, 3.0
+"""Torque of the motor, mN m, at the start of each step, and speed that is said of the load, rpm."""
 FOREIGN = ["--joint-topic", "/plc/feedback", "--motor-joint", "drive_shaft", "--load-joint", "table"]
 FOREIGN += ["--motor-unit", "deg", "--load-unit", "deg", "--velocity-unit", "rpm", "--effort-unit", "mNm"]
 FOREIGN += ["--reference-topic", "/plc/target", "--command-topic", "/plc/volts", "--command-index", "1"]
@@ -71,7 +71,9 @@ def foreign_bag() -> PlainBag:
         torque = PEAK if min(abs(stamp - FIRST), abs(stamp - SECOND)) < 0.05 else 10.0
         if k not in LOST:
             received = stamp + AGES[k % 2]
-            bag.sample("/plc/feedback", stamp, names, (7.0, load, motor), (0, 1, 2), (0, 0, torque), received=received)
+            bag.sample(
+                "/plc/feedback", stamp, names, (7.0, load, motor), (0, SPEED, 2), (0, 0, torque), received=received
+            )
             bag.numbers("/plc/volts", received + 5e-4, (99.0, 1.5))
     bag.number("/plc/target", 0.0, 0.0)
     bag.number("/plc/target", FIRST, HEIGHT)

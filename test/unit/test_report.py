@@ -144,6 +144,7 @@ def test_a_second_order_step_has_the_figures_of_its_formula(foreign: Made) -> No
     assert step["frequency"] is None
     assert step["impacts"] == 0
     assert step["peak_torque"] == pytest.approx(1e-3 * PEAK)
+    assert step["peak_speed"] == pytest.approx(reported.SPEED * math.pi / 30.0)
 
 
 def test_a_limit_cycle_has_its_amplitude_its_frequency_and_its_impacts(foreign: Made) -> None:

@@ -97,6 +97,7 @@ def _step_row(report: AxisReport, number: int, step: Step, link: str) -> list[st
         _cycle(report, step),
         _NONE if step.impacts < 0 else str(step.impacts),
         _number(step.peak_torque),
+        _number(step.peak_speed),
     ]
 
 
@@ -140,6 +141,7 @@ def _steps(report: AxisReport, book: ChartBook) -> list[str]:
     ]
     heads: tuple[str, ...] = ("step", "at, s", "from, to, rad", "law (gain set)", "rise, s", "settled, s")
     heads += (f"overshoot, {unit}", f"residual, {unit}", f"limit cycle, {unit}", "impacts", "peak torque, N m")
+    heads += ("peak speed, rad/s",)
     rows = [
         _step_row(report, k, step, charts.identity_of(place))
         for k, (step, place) in enumerate(zip(report.steps, drawn, strict=True), 1)
@@ -149,7 +151,7 @@ def _steps(report: AxisReport, book: ChartBook) -> list[str]:
     about = (
         f"Rise from 10 to 90 %; settled within {band} of the target for good; residual and limit cycle peak to peak in "
         "the last second; impacts: how often the teeth met after the load first came within b of the target; torque "
-        f"before the gear. {_NONE}: the recording does not tell."
+        f"of the motor before the gear, speed of the load. {_NONE}: the recording does not tell."
     )
     parts = ["<h3>Steps</h3>", _table(heads, rows), paragraph(about, "under")]
     if remarks:

@@ -46,7 +46,7 @@ class Step:
     residual, error : peak to peak, and of the mean, in the last second
     amplitude, frequency : of the limit cycle in the rest, peak to peak and in Hz; nan where there is none
     impacts : how often the teeth met after the load first came within the backlash of the target; -1 not known
-    peak_torque : largest of the motor, N m before the gear
+    peak_torque, peak_speed : largest of the motor, N m before the gear, and of the load, rad/s, as recorded
     late_rising, late_rest : whether samples were late or not answered in time while it rose, and in all of its rest
     remarks : what else has to be known to read the figures
     """
@@ -68,6 +68,7 @@ class Step:
     frequency: float = math.nan
     impacts: int = -1
     peak_torque: float = math.nan
+    peak_speed: float = math.nan
     late_rising: int = 0
     late_rest: bool = False
     remarks: tuple[str, ...] = field(default=())
@@ -153,6 +154,12 @@ def _with(step: Step, **values: object) -> Step:
     return Step(**{**step.__dict__, **values})
 
 
+def _peak(values: Array) -> float:
+    """Return the largest size of values, nan where there is none."""
+    known = np.abs(values[np.isfinite(values)])
+    return float(np.max(known)) if known.size else math.nan
+
+
 def _judged(
     axis: Axis, events: Events, step: Step, chosen: Mask, time: Array, position: Array, b: float, centre: float
 ) -> Step:
@@ -185,7 +192,6 @@ def _judged(
     if b > 0.0 and math.isfinite(centre):
         twist = axis.twist[chosen][arrived[0] if arrived.size else time.size :]
         impacts = count_impacts(twist[np.isfinite(twist)] - centre, b)
-    torque = axis.torque[chosen]
     settled = max(0.0, settling_time(time, position, step.target, step.band))
     return _with(
         step,
@@ -197,7 +203,8 @@ def _judged(
         amplitude=amplitude,
         frequency=frequency,
         impacts=impacts,
-        peak_torque=float(np.nanmax(np.abs(torque))) if np.any(np.isfinite(torque)) else math.nan,
+        peak_torque=_peak(axis.torque[chosen]),
+        peak_speed=_peak(axis.load_speed[chosen]),
         late_rising=int(np.sum(late <= rising)),
         late_rest=quiet is None and bool(np.any(late > middle)),
         remarks=tuple(remarks),

@@ -195,7 +195,6 @@ class _Builder:
             stamps=np.array([sample.stamp for sample in samples]),
             motor=motor,
             load=angles[1],
-            motor_speed=speeds[0],
             load_speed=speeds[1],
             torque=efforts[0],
             repeated=len(self._contents.samples[topic]) - len(samples),

@@ -25,7 +25,7 @@ class Axis:
     time, received, stamps : of the samples that are used, shape (N,): on the axis's clock; when recorded and stamped,
         s since the epoch
     motor, load : angles, rad, the motor's before the gear; all nan where there are none
-    motor_speed, load_speed : rad/s
+    load_speed : rad/s
     torque : of the motor, N m before the gear
     repeated : samples whose stamp does not rise, left out
     reference, load_torque, estimates, command : as the bag has them, rad, N m, rad, and V, A or what the topic has
@@ -48,7 +48,6 @@ class Axis:
     stamps: Array = field(default_factory=lambda: _NO_TIME)
     motor: Array = field(default_factory=lambda: _NO_TIME)
     load: Array = field(default_factory=lambda: _NO_TIME)
-    motor_speed: Array = field(default_factory=lambda: _NO_TIME)
     load_speed: Array = field(default_factory=lambda: _NO_TIME)
     torque: Array = field(default_factory=lambda: _NO_TIME)
     repeated: int = 0
