@@ -28,7 +28,7 @@ setup(
     maintainer="backlash_ros maintainers",
     maintainer_email="maintainers@backlash-ros.example.org",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={f"{NAME}.ros": ["*.xml"], f"{NAME}.dashboard": ["static/*"]},
+    package_data={f"{NAME}.ros": ["*.xml"], f"{NAME}.analysis.report": ["*.js"], f"{NAME}.dashboard": ["static/*"]},
     python_requires=">=3.10",
     install_requires=[
         "control>=0.10",

@@ -64,8 +64,13 @@ def quiet_end(recording: Recording, interval: Interval) -> float | None:
     second half of the interval; None where there is none.
     """
     samples = recording.joint_states.between(interval.start, interval.end).time
-    late = late_answers(samples, recording.scalars["/command"].between(interval.start, interval.end).time)
-    middle = 0.5 * (interval.start + interval.end)
+    answers = recording.scalars["/command"].between(interval.start, interval.end).time
+    return last_quiet(samples, answers, 0.5 * (interval.start + interval.end))
+
+
+def last_quiet(samples: NDArray[np.float64], answers: NDArray[np.float64], middle: float) -> float | None:
+    """Return the end of the last stretch after ``middle`` without a late answer that is long enough, s, or None."""
+    late = late_answers(samples, answers)
     edges = np.array([middle, *late[late > middle], samples[-1]])
     long_enough = np.flatnonzero(np.diff(edges) >= TAIL + SETTLING)
     return float(edges[long_enough[-1] + 1]) if long_enough.size else None
