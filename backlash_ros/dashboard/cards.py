@@ -327,7 +327,8 @@ def drive_card(page: Shown) -> Refresh:
         paced = timing.values if timing else {}
         facts["rate"].set_text(f"{paced.get('rate_Hz', '')} of {paced.get('nominal_rate_Hz', '')} Hz" if paced else "")
         facts["late samples"].set_text(paced.get("late_samples", ""))
-        facts["age"].set_text(paced.get("state_age", ""))
+        age = paced.get("state_age", "")
+        facts["age"].set_text("" if "nan" in age else age)
         heard, drives = station.graph.listeners(axis)
         facts["connections"].set_text(f"{heard} listen to the command, {drives} publish joint states")
 
