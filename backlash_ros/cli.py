@@ -26,6 +26,7 @@ from backlash_ros.analysis.page import write_page
 from backlash_ros.analysis.paper import CASES, PARTS, judge, reproduce, respond
 from backlash_ros.analysis.recordings.arguments import add_identification, in_the_way, number_of, request_of
 from backlash_ros.analysis.recordings.command import identify_recording
+from backlash_ros.analysis.replay import command as replaying
 from backlash_ros.analysis.staging import staging, write_text
 from backlash_ros.control import AUTO, EXPERIMENTS, LAWS
 from backlash_ros.simulation.batch import CannotRunError
@@ -212,6 +213,18 @@ def _design(parser: argparse.ArgumentParser, given: argparse.Namespace, console:
         parser.error(str(error))
 
 
+def _replay(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> int:
+    for name, place in replaying.files_in_the_way(given):
+        parser.error(f"argument --{name}: '{place}' is there already; --force writes over it")
+    for name in ("json", "plot"):
+        if (place := getattr(given, name)) is not None and (why := _unwritable(place, folder=False)):
+            parser.error(f"argument --{name}: must be a place that can be written, got '{place}': {why}")
+    try:
+        return replaying.replay_bag(given, console)
+    except ValueError as error:
+        parser.error(str(error))
+
+
 def _add_measurement(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--out", type=Path, metavar="DIR", help="new folder for recording, drive file and certificate; named by now")
@@ -262,6 +275,9 @@ def main(args: Sequence[str] | None = None) -> int:
     add_identification(finding)
     designing = commands.add_parser("design", help="over-damped gains and their region's width, for a range of drives")
     add_design(designing)
+    again = commands.add_parser("replay", help="a recorded controller's commands computed again, to the last bit")
+    replaying.add_replay(again)
+    again.set_defaults(run=lambda a, console: _replay(again, a, console))
     designing.set_defaults(run=lambda a, console: _design(designing, a, console))
     words = tuple(sys.argv[1:] if args is None else args)
     finding.set_defaults(words=words, run=lambda a, console: _identify(finding, a, console))

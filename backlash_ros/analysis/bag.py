@@ -71,8 +71,8 @@ _PARAMETER_FIELDS = (
 """Where a ParameterValue holds its value, by its type."""
 
 
-def _in_use(message: Any) -> tuple[float, int, dict[str, Any]]:
-    """Read one message of ``~/parameters_in_use``."""
+def parameters_of(message: Any) -> tuple[float, int, dict[str, Any]]:
+    """Return stamp (s), version and values of a message of ``~/parameters_in_use``."""
     values = {p.name: getattr(p.value, _PARAMETER_FIELDS[p.value.type]) for p in message.new_parameters}
     values = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
     return _stamp(message.stamp), values.pop("version"), values
@@ -158,7 +158,7 @@ def read_bag(path: str | Path, *, motor_joint: str = "motor", load_joint: str = 
                 rows.append(_joint_row(message, motor_joint, load_joint))
             elif connection.topic.endswith("/parameters_in_use"):
                 (simulated if connection.topic.endswith("/plant_simulator/parameters_in_use") else in_use).append(
-                    _in_use(message)
+                    parameters_of(message)
                 )
             elif connection.msgtype == "rcl_interfaces/msg/ParameterEvent":
                 parameters += [(received, p.name, p.value) for p in message.changed_parameters]

@@ -39,6 +39,7 @@ TELEMETRY = {
     "holding": Plotted("", "whether a position is held", {NO: "no", YES: "yes"}),
     "parameters_version": Plotted("", "version of the parameters in use"),
     "samples": Plotted("", "samples taken since the node started"),
+    "elapsed": Plotted("s", "time since the sample before, 0 for the first; nan where told between samples"),
     "reference": Plotted("rad", "where the load is to come to rest; nan while no position is held"),
     "setpoint": Plotted("rad", "where the load is to be now"),
     "setpoint_velocity": Plotted("rad/s", "how fast it is to move now"),
@@ -75,7 +76,7 @@ TELEMETRY = {
 
 
 def telemetry(
-    servo: Servo, wear: WearWatch, *, active: bool, parameters_version: int, samples: int
+    servo: Servo, wear: WearWatch, *, active: bool, parameters_version: int, samples: int, elapsed: float
 ) -> dict[str, float]:
     """Return what there is to plot now, by the names of `TELEMETRY`."""
     estimate, setpoint, excitation = servo.estimate, servo.memory.setpoint, servo.excitation
@@ -85,6 +86,7 @@ def telemetry(
         "holding": int(servo.holding),
         "parameters_version": parameters_version,
         "samples": samples,
+        "elapsed": elapsed,
         "reference": servo.reference,
         "setpoint": float(setpoint[POSITION]),
         "setpoint_velocity": float(setpoint[VELOCITY]),

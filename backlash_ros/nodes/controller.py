@@ -212,6 +212,7 @@ class Controller(ManagedNode):
         if judged.action is Action.TAKE:
             self._watchdog.due = now() + self._state_timeout  # put off with every sample that can be used
         if judged.reason and judged.action is Action.TAKE:
+            self._changed = True
             self.get_logger().warning(judged.reason, throttle_duration_sec=1.0)
         elif judged.reason:
             dropped = self._gate.dropped
@@ -221,7 +222,7 @@ class Controller(ManagedNode):
         self._tell_fault()
         regular = judged.action is Action.TAKE and self._gate.taken % self._telemetry_every == 0
         if regular or ((self._news or self._owed) and judged.action in (Action.TAKE, Action.REFUSE)):
-            self._publish_state(stamp)
+            self._publish_state(stamp, 1e-9 * judged.elapsed)
             self._owed = False
         self._learning.end()  # what it changes acts on the next sample, which tells it
 
@@ -265,8 +266,8 @@ class Controller(ManagedNode):
             self._owed = True
         self._gate.unheard = False  # unless the next sample finds it so
 
-    def _publish_state(self, stamp: int) -> None:
-        """Say everything worth plotting, as numbers by name."""
+    def _publish_state(self, stamp: int, elapsed: float = math.nan) -> None:
+        """Say everything worth plotting, as numbers by name; ``elapsed`` where it is about a sample, s."""
         self._changed, self._said = False, self._doing
         values = telemetry(
             self._servo,
@@ -274,6 +275,7 @@ class Controller(ManagedNode):
             active=self.active,
             parameters_version=self._tunables.version,
             samples=self._gate.taken,
+            elapsed=elapsed,
         )
         level = (ERROR, self._servo.latched.name) if self._servo.latched else (OK, "")
         message = DiagnosticArray(status=[status("servo", "", [level], values)])
