@@ -24,7 +24,9 @@ def tuning_of(values: Mapping[str, Any]) -> Tuning:
 def _kind(value: Any) -> str:
     if isinstance(value, bool):
         return "true or false"
-    return "a text" if isinstance(value, str) else "numbers" if isinstance(value, list) else "a number"
+    if isinstance(value, list):
+        return "numbers"
+    return {str: "a text", int: "a whole number"}.get(type(value), "a number")
 
 
 def _converted(name: str, value: Any, like: Any) -> Any:

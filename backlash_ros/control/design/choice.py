@@ -10,7 +10,7 @@ from backlash_ros.control import AUTO, EXPERIMENTS, LAWS, FaultThresholds, Limit
 from backlash_ros.control.design.gain_sets import REGIONS, expand, gain_set_of, resolve_set, what_stays
 from backlash_ros.control.design.stability import LONGEST_DELAY
 from backlash_ros.control.estimates import APPLY
-from backlash_ros.drivetrain import Drive, Quantity, Validated, quantities
+from backlash_ros.drivetrain import CONTACTS, Drive, Quantity, Validated, quantities
 from backlash_ros.drivetrain.parameters import FOUND, drive_of, values_of
 from backlash_ros.drivetrain.quantity import take
 
@@ -42,7 +42,7 @@ def delay_bound(rate: float) -> Quantity:
 def dynamic_names(drive: Drive) -> set[str]:
     """Return the names of the parameters that may change while the controller of ``drive`` runs."""
     kinds: list[type[Validated]] = [ServoSettings, Limits, FaultThresholds]
-    kinds += [type(entry.parameters) for room in (LAWS, EXPERIMENTS) for entry in room.values()]
+    kinds += [*CONTACTS.values(), *(type(entry.parameters) for room in (LAWS, EXPERIMENTS) for entry in room.values())]
     return {
         *(f"{kind.section}.{name}" if kind.section else name for kind in kinds for name in quantities(kind)),
         *(name for name in values_of(drive) if name.startswith(FOUND)),
