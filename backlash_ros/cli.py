@@ -20,7 +20,6 @@ from backlash_ros.analysis.evaluation.drive_file import read_axis, read_drive
 from backlash_ros.analysis.evaluation.population import ENCODERS, MODELS, POPULATIONS
 from backlash_ros.analysis.evaluation.task import DESIGNED, Task
 from backlash_ros.analysis.export import FORMATS
-from backlash_ros.analysis.figures import FIGURES, draw
 from backlash_ros.analysis.jsonable import jsonable
 from backlash_ros.analysis.page import write_page
 from backlash_ros.analysis.paper import CASES, PARTS, judge, reproduce, respond
@@ -36,6 +35,8 @@ T = TypeVar("T")
 
 def figures(out: Path, page: Path | None, console: Console) -> None:
     """Compute all, write figures and figures.json into ``out``, and the page to ``page``: all of it or nothing."""
+    from backlash_ros.analysis.figures import FIGURES, draw  # noqa: PLC0415 - matplotlib takes a second
+
     with ExitStack() as stack:
         drawn = stack.enter_context(staging(out / "figures.json"))
         results = {drawn: out}

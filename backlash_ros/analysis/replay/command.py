@@ -139,7 +139,7 @@ def replay_bag(given: argparse.Namespace, console: Console) -> int:
         if given.json is not None:
             staged[given.json].write_text(json.dumps(jsonable(result), indent=1) + "\n", encoding="utf-8")
         if given.plot is not None:
-            from backlash_ros.analysis.replay.picture import draw  # noqa: PLC0415  matplotlib takes a second
+            from backlash_ros.analysis.replay.picture import draw  # noqa: PLC0415 - matplotlib takes a second
 
             draw(pairs, staged[given.plot])
         for place, made in staged.items():
