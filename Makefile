@@ -1,6 +1,7 @@
 # Each target does its own set-up: it makes .venv when it is missing or older than the locks. Nothing else is touched.
 #
 #   make demo    learn the backlash and judge three laws, on real ROS 2, recorded: results in results/demo
+#   make live    a simulated drive, its controller and a page in the browser, which prints its address
 #   make test    all tests
 #   make faults  inject every fault and write docs/faults.md; make test-repeat does it twenty times under load
 #   make bad-samples  what wrong samples do to the load, at the end of docs/faults.md
@@ -38,10 +39,13 @@ else
   LOCKS := requirements/python.txt requirements/ros.txt
 endif
 
-.PHONY: demo test test-unit faults bad-samples test-repeat test-floors lint paper evaluation docs bench soak lock clean
+.PHONY: demo live test test-unit faults bad-samples test-repeat test-floors lint paper evaluation docs bench soak lock clean
 
 demo: $(READY)
 	$(BIN)/python -m backlash_ros.demo
+
+live: $(READY)
+	$(BIN)/python -m backlash_ros.dashboard.live
 
 # What is judged in real time, or recorded as fast as it can be simulated, runs alone, the rest three at a time; plain
 # pytest runs all of it, one after the other.

@@ -28,7 +28,7 @@ setup(
     maintainer="backlash_ros maintainers",
     maintainer_email="maintainers@backlash-ros.example.org",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={f"{NAME}.ros": ["*.xml"]},
+    package_data={f"{NAME}.ros": ["*.xml"], f"{NAME}.analysis.report": ["*.js"], f"{NAME}.dashboard": ["static/*"]},
     python_requires=">=3.10",
     install_requires=[
         "control>=0.10",
@@ -58,6 +58,7 @@ setup(
             f"plant_simulator = {NAME}.nodes.plant_simulator:main",
             f"controller = {NAME}.nodes.controller:main",
             f"recorder = {NAME}.nodes.recorder:main",
+            f"dashboard = {NAME}.dashboard.command:main",
             f"demo = {NAME}.demo.__main__:main",
             f"backlash = {NAME}.cli:main",
         ],

@@ -1,4 +1,4 @@
-"""The command `backlash`: the paper's figures, single runs, populations judged, drives identified, without ROS."""
+"""The command `backlash`: the paper's figures, single runs, drives judged, identified and reported, without ROS."""
 
 import argparse
 import errno
@@ -26,6 +26,8 @@ from backlash_ros.analysis.paper import CASES, PARTS, judge, reproduce, respond
 from backlash_ros.analysis.recordings.arguments import add_identification, in_the_way, number_of, request_of
 from backlash_ros.analysis.recordings.command import identify_recording
 from backlash_ros.analysis.replay import command as replaying
+from backlash_ros.analysis.report.command import add_report, places_of, write_report
+from backlash_ros.analysis.report.library import NoLibraryError
 from backlash_ros.analysis.staging import staging, write_text
 from backlash_ros.control import AUTO, EXPERIMENTS, LAWS
 from backlash_ros.simulation.batch import CannotRunError
@@ -226,6 +228,21 @@ def _replay(parser: argparse.ArgumentParser, given: argparse.Namespace, console:
         parser.error(str(error))
 
 
+def _report(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> int:
+    for name, place in places_of(given):
+        if place.exists() and not given.force:
+            parser.error(f"argument --{name}: '{place}' exists; --force overwrites it")
+        if why := _unwritable(place, folder=False):
+            parser.error(f"argument --{name}: must be a place that can be written, got '{place}': {why}")
+    try:
+        return write_report(given, console)
+    except NoLibraryError as error:
+        parser.error(str(error))
+    except ValueError as error:
+        print(f"{parser.prog}: {error}", file=sys.stderr)
+        return 1
+
+
 def _add_measurement(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--out", type=Path, metavar="DIR", help="new folder for recording, drive file and certificate; named by now")
@@ -274,6 +291,8 @@ def main(args: Sequence[str] | None = None) -> int:
     _add_export(exporting)
     finding = commands.add_parser("identify", help="what a recording tells of a drive, with uncertainties")
     add_identification(finding)
+    reporting = commands.add_parser("report", help="a page about a recording: steps, faults, backlash, timing, charts")
+    add_report(reporting)
     designing = commands.add_parser("design", help="over-damped gains and their region's width, for a range of drives")
     add_design(designing)
     again = commands.add_parser("replay", help="a recorded controller's commands computed again, to the last bit")
@@ -282,6 +301,7 @@ def main(args: Sequence[str] | None = None) -> int:
     designing.set_defaults(run=lambda a, console: _design(designing, a, console))
     words = tuple(sys.argv[1:] if args is None else args)
     finding.set_defaults(words=words, run=lambda a, console: _identify(finding, a, console))
+    reporting.set_defaults(words=words, run=lambda a, console: _report(reporting, a, console))
     measuring = commands.add_parser(
         "measure",
         help="let a running controller measure its drive: recording, drive file and certificate",

@@ -5,9 +5,9 @@ from typing import Any
 
 
 def jsonable(value: Any) -> Any:
-    """Return ``value``, with every infinity and nan in its dicts and lists as None."""
+    """Return ``value``, with every infinity and nan in its dicts, lists and tuples as None."""
     if isinstance(value, dict):
         return {key: jsonable(item) for key, item in value.items()}
-    if isinstance(value, list):
+    if isinstance(value, (list, tuple)):
         return [jsonable(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

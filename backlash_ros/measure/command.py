@@ -23,11 +23,12 @@ from backlash_ros.analysis.recordings.bag_topics import Topics, read_topics
 from backlash_ros.analysis.recordings.command import REFUSED, Request, identify_recording
 from backlash_ros.analysis.recordings.samples import Columns, Reading
 from backlash_ros.analysis.staging import staging
+from backlash_ros.measure import CERTIFICATE
 from backlash_ros.ros.client import PATIENCE, Client, ClientError, start_node, stop_node
 from backlash_ros.ros.topics import HEARS, RECEIVE
 
-TOLD, BAG, IDENTIFIED, FIGURES, CERTIFICATE = "told.yaml", "bag", "identified.yaml", "figures.json", "certificate.html"
-"""The files that a measurement leaves."""
+TOLD, BAG, IDENTIFIED, FIGURES = "told.yaml", "bag", "identified.yaml", "figures.json"
+"""The files that a measurement leaves beside its `CERTIFICATE`."""
 INTERRUPTED = 130
 _FIND = 10.0
 _LONGEST = 900.0

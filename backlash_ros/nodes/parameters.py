@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
 from backlash_ros.drivetrain import Drive, Quantity
@@ -116,6 +117,33 @@ def declare_recorder(node: Node, output: str) -> RecorderParameters:
     )
 
 
+@dataclass(frozen=True)
+class DashboardParameters:
+    """What the dashboard is told; ``port`` 0 stands for any that is free."""
+
+    host: str
+    port: int
+    token: str
+    read_only: bool
+    folder: str
+
+
+def declare_dashboard(node: Node) -> DashboardParameters:
+    """Declare the dashboard's parameters and return them."""
+
+    def fixed(text: str) -> ParameterDescriptor:
+        return describe(text, read_only=True)
+
+    text = "address to serve the page at; any but this machine's own needs a token"
+    host = declare(node, "host", "127.0.0.1", fixed(text))
+    port = declare_number(node, "port", 8080, Quantity("TCP port of the page; 0 is any", "", 0, 65535, whole=True))
+    text = "secret without which nobody sees the page; empty for one made anew where the address needs it"
+    token = declare(node, "token", "", fixed(text))
+    read_only = declare(node, "read_only", False, fixed("show everything, let nobody change anything"))
+    text = "folder for recordings and measurements, each in a new folder of its own"
+    return DashboardParameters(host, port, token, read_only, declare(node, "folder", "dashboard", fixed(text)))
+
+
 def all_names(given: Mapping[str, Any]) -> set[str]:
     """Return the names of the parameters of all nodes where the overrides are ``given``, which may name gain sets."""
     # Only where somebody asks: the simulator needs no control law.
@@ -126,6 +154,7 @@ def all_names(given: Mapping[str, Any]) -> set[str]:
     declare_simulator(names)
     declare_controller(names)
     declare_recorder(names, "")
+    declare_dashboard(names)
     return {*names.declared, *tunable_names(given)}
 
 

@@ -46,9 +46,7 @@ class Process:
         self.log = log
         words = [*non_ros, "--ros-args", *arguments]
         if fresh or under:
-            self._process: _Started | _Forked = _Started(
-                [*under, sys.executable, "-m", f"{_NODES}.{name}", *words], log
-            )
+            self._process: _Started | _Forked = _Started([*under, sys.executable, "-m", _module(name), *words], log)
         else:
             self._process = _Forked(name, words, log)
         assert self._process.pid is not None
@@ -80,7 +78,8 @@ class Process:
         self.wait()
 
 
-_NODES = "backlash_ros.nodes"
+def _module(name: str) -> str:
+    return "backlash_ros.dashboard.command" if name == "dashboard" else f"backlash_ros.nodes.{name}"
 
 
 class _Started(subprocess.Popen[bytes]):
@@ -131,7 +130,7 @@ def _become(name: str, words: Sequence[str], log: str, environment: dict[str, st
     os.chdir(folder)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
-    sys.exit(import_module(f"{_NODES}.{name}").main(words))
+    sys.exit(import_module(_module(name)).main(words))
 
 
 class Peer:

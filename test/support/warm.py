@@ -7,6 +7,8 @@ import sys
 import rosbags.typesys.stores.ros2_jazzy  # noqa: F401
 from rclpy.type_support import check_for_type_support
 
+import backlash_ros.dashboard.command
+import backlash_ros.dashboard.page
 import backlash_ros.nodes.controller
 import backlash_ros.nodes.plant_simulator
 import backlash_ros.nodes.recorder  # noqa: F401

@@ -9,9 +9,14 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from in_browser import console_of, requests_of
+from report_page import opened, shown
+from selenium.webdriver import Chrome
+from selenium.webdriver.common.by import By
 from viewers import foxglove_values, messages, plotjuggler_names
 
 from backlash_ros.analysis import read_bag
+from backlash_ros.cli import main
 
 ROOT = Path(__file__).parents[2]
 DEMO = [sys.executable, "-m", "backlash_ros.demo"]
@@ -103,6 +108,42 @@ def test_bag_has_every_topic_with_the_messages_that_the_run_implies(results: Pat
     assert {"law", "gain_set", "gains.overdamped.k"} <= set(changed)
     # The first events may have been sent before the recorder was found; what is in use is kept for who comes late.
     assert recording.in_use[-1][2]["backlash_angle"] == summary["learned"]["backlash_angle"]
+
+
+@pytest.fixture(scope="module")
+def page(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the report of the bag, with its numbers beside it."""
+    page = tmp_path_factory.mktemp("report") / "report.html"
+    words = ["report", str(results / "bag"), "--out", str(page), "--json", str(page.with_suffix(".json"))]
+    assert main(words) == 0
+    return page
+
+
+def test_its_report_says_what_the_summary_says(page: Path, summary: dict) -> None:
+    (axis,) = json.loads(page.with_suffix(".json").read_text())["axes"]
+    assert axis["backlash_angle"] == summary["learned"]["backlash_angle"]
+    assert axis["learning_runs"][-1]["learned"] == summary["learned"]["backlash_angle"]
+    assert axis["missing"] == []
+    up = [step for step in axis["steps"] if step["origin"] < 0.5 < step["target"]]
+    swapped = [step for step in up if any("gain_set" in remark for remark in step["remarks"])]
+    assert len(swapped) == 1
+    for law, response in summary["responses"].items():
+        step = [step for step in up if step["law"] == law and step not in swapped][-1]
+        assert step["rise"] == pytest.approx(response["rise_time"], rel=0.02)
+        assert step["overshoot_b"] == pytest.approx(response["overshoot"], abs=0.02)
+        if summary["in_time"][law]["end"]:
+            assert step["residual_b"] == pytest.approx(response["residual"], abs=0.02)
+
+
+def test_its_report_is_drawn_and_zoomed(page: Path, browser: Chrome) -> None:
+    charts = opened(browser, page)
+    assert len(charts) >= 10  # all of it, seven steps, a learning run, the timing
+    whole = shown(charts[1])
+    charts[1].find_element(By.CSS_SELECTOR, "[data-zoom=in]").click()
+    near = shown(charts[1])
+    assert near[1] - near[0] < 0.6 * (whole[1] - whole[0])
+    assert [address for address in requests_of(browser) if not address.startswith(("file:", "blob:"))] == []
+    assert console_of(browser) == []
 
 
 def test_figure_is_there(results: Path) -> None:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from reported import axes_bag
 
 from backlash_ros.ros.isolation import isolated
 
@@ -19,7 +20,11 @@ COMMANDS = [line for block in re.findall(r"```sh\n(.*?)```", README, re.DOTALL) 
 ROS_COMMANDS = [line for line in COMMANDS if line.startswith("ros2 ")]
 PATIENT = {"plant_simulator": "command_timeout", "controller": "state_timeout"}
 """What lets the nodes bear a machine on which each command starts a Python of its own."""
-SAID = {"simulate": '"residual_b"', "evaluate": "written: results/evaluation.json"}
+SAID = {
+    "simulate": '"residual_b"',
+    "evaluate": "written: results/evaluation.json",
+    "report": "written: results/report.html",
+}
 """What each subcommand of `backlash` prints when it has done its work."""
 RUN_ELSEWHERE = {
     "make demo": "test_demo.py runs what the target runs",
@@ -86,6 +91,7 @@ def begin(command: str, environment: dict[str, str], folder: Path) -> subprocess
 def test_command_line_works(command: str, tmp_path: Path) -> None:
     if not (ROOT / command.split(maxsplit=1)[0]).exists():
         pytest.skip("needs the .venv that make makes")
+    axes_bag([""]).write(tmp_path / "results" / "demo" / "bag")  # in the demo's place
     command = re.sub(r"--drives \d+", "--drives 2", command)  # twenty take a minute
     done = subprocess.run(
         ["bash", "-c", str(ROOT / command)], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False

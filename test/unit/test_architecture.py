@@ -17,10 +17,21 @@ BELOW: dict[str, set[str]] = {
     "nodes": {"ros", "gates", "analysis", "simulation", "control", "identification", "drivetrain"},
     "contract": {"ros", "gates", "drivetrain"},
     "measure": {"ros", "analysis", "simulation", "control", "gates", "identification", "drivetrain"},
+    "dashboard": {
+        "nodes",
+        "measure",
+        "ros",
+        "analysis",
+        "simulation",
+        "control",
+        "gates",
+        "identification",
+        "drivetrain",
+    },
     "demo": {"ros", "analysis", "simulation", "control", "gates", "identification", "drivetrain"},
 }
 """What each room may import beside itself."""
-ROS_ROOMS = {"ros", "nodes", "contract", "measure", "demo"}
+ROS_ROOMS = {"ros", "nodes", "contract", "measure", "dashboard", "demo"}
 LONGEST_ROOM = 2000
 """Lines of a folder without its subfolders: more is two rooms."""
 ROS = {"rclpy", "rcl_interfaces", "sensor_msgs", "std_msgs", "std_srvs", "diagnostic_msgs", "lifecycle_msgs", "launch"}

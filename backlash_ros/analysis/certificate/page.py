@@ -2,7 +2,6 @@
 
 import math
 import re
-from html import escape
 
 from backlash_ros.analysis.certificate.pictures import (
     around_picture,
@@ -20,8 +19,8 @@ from backlash_ros.analysis.certificate.rows import (
     result_rows,
     told_rows,
 )
-from backlash_ros.analysis.certificate.style import STYLE
 from backlash_ros.analysis.certificate.subject import PACKAGE, Subject, version_of_package
+from backlash_ros.analysis.markup import document, pairs, paragraph, text_of
 from backlash_ros.identification.fit import FITS
 from backlash_ros.identification.gap_map import GapMap
 from backlash_ros.identification.lost_motion import LostMotion
@@ -68,10 +67,10 @@ def certificate(subject: Subject, found: Identified) -> str:
     title = f"Drive certificate: {subject.joints[0]}, {subject.joints[1]}"
     rows = result_rows(subject, found)
     parts = [
-        f"<h1>{_text(title)}</h1>",
-        f'<p class="under">{_text(subject.source)}</p>',
+        f"<h1>{text_of(title)}</h1>",
+        f'<p class="under">{text_of(subject.source)}</p>',
         _verdict(subject, found),
-        *([] if subject.sheet else [_p(_NO_SHEET, "verdict bad")]),
+        *([] if subject.sheet else [paragraph(_NO_SHEET, "verdict bad")]),
     ]
     if rows:
         parts += ["<h2>Results</h2>", _results(rows), *_about(subject, found)]
@@ -81,46 +80,30 @@ def certificate(subject: Subject, found: Identified) -> str:
     missing = [] if subject.slow.valid else [_SLOW.format(subject.slow.reason)]
     missing += [] if found.around.map is not None else [_NO_MAP.format(found.around.reason)]
     if missing:
-        parts += ["<h2>Not in this recording</h2>", *map(_p, missing)]
+        parts += ["<h2>Not in this recording</h2>", *map(paragraph, missing)]
     given = f"from {subject.sheet}" if subject.sheet else "the nominal drive's"
     parts += [
         "<h2>Recording</h2>",
-        _pairs(recording_rows(subject, found)),
+        pairs(recording_rows(subject, found)),
         "<h2>Taken as given</h2>",
-        _p(f"These are {given}. The recording shows errors in them only where they are large."),
-        _pairs(told_rows(subject, found)),
+        paragraph(f"These are {given}. The recording shows errors in them only where they are large."),
+        pairs(told_rows(subject, found)),
         "<h2>Make it again</h2>",
-        _p(f"{PACKAGE} {version_of_package()}"),
-        f"<pre>{_text(subject.command)}</pre>",
+        paragraph(f"{PACKAGE} {version_of_package()}"),
+        f"<pre>{text_of(subject.command)}</pre>",
     ]
-    body = "\n".join(parts)
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{_text(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n{body}\n</main>\n</body>\n</html>\n"
-    )
+    return document(title, "\n".join(parts))
 
 
-_HARD_SPACE, _NO_LETTER = "\u00a0", "\ufffd"
 _NO_SHEET = (
     "No drive file was given, so motor and gear ratio are those of the nominal drive. The values below hold only for "
     "a drive that has this motor and this ratio."
 )
 
 
-def _text(text: str) -> str:
-    """Return any text as a page may hold it: escaped, and without what is no letter, which a file's name may have."""
-    shown = "".join(letter if letter.isprintable() or letter == _HARD_SPACE else _NO_LETTER for letter in text)
-    return escape(shown)
-
-
 def _words(text: str) -> str:
     """Return a text of findings with the signs that print has."""
     return re.sub(r"(?<![\w.])-(?=\d)", "\u2212", text.replace("+-", "\u00b1"))
-
-
-def _p(text: str, kind: str = "") -> str:
-    return f'<p class="{kind}">{_text(text)}</p>' if kind else f"<p>{_text(text)}</p>"
 
 
 def _verdict(subject: Subject, found: Identified) -> str:
@@ -143,7 +126,7 @@ def _verdict(subject: Subject, found: Identified) -> str:
         untold.append(f"The recording does not tell the gap: {found.gap.reason}")
     if missing := sum(not row.told for row in found.findings):
         untold.append(f"{missing} of {len(found.findings)} quantities cannot be told")
-    return _p(f"{'. '.join([*told, *untold])}.", "verdict" if told else "verdict bad")
+    return paragraph(f"{'. '.join([*told, *untold])}.", "verdict" if told else "verdict bad")
 
 
 def _results(rows: list[Row]) -> str:
@@ -155,13 +138,13 @@ def _results(rows: list[Row]) -> str:
         "<tbody>",
     ]
     for row in rows:
-        name = f'<th scope="row">{_text(_words(row.what))} <span class="symbol">{_text(row.symbol)}</span></th>'
+        name = f'<th scope="row">{text_of(_words(row.what))} <span class="symbol">{text_of(row.symbol)}</span></th>'
         if row.why:
-            lines.append(f'<tr>{name}<td class="why" colspan="3">cannot be told: {_text(row.why)}</td></tr>')
+            lines.append(f'<tr>{name}<td class="why" colspan="3">cannot be told: {text_of(row.why)}</td></tr>')
             continue
         lines.append(
-            f'<tr>{name}<td class="number">{_text(row.value)}</td><td class="number">{_text(row.gear)}</td>'
-            f"<td>{_text(row.method)}</td></tr>"
+            f'<tr>{name}<td class="number">{text_of(row.value)}</td><td class="number">{text_of(row.gear)}</td>'
+            f"<td>{text_of(row.method)}</td></tr>"
         )
     return "\n".join([*lines, "</tbody>", "</table>"])
 
@@ -172,21 +155,23 @@ def _about(subject: Subject, found: Identified) -> list[str]:
     if found.gap is not None and found.gap.valid:
         where = f"What is not said of the turn comes from {found.stretch}. " if found.around.map is not None else ""
         reason = _words(found.gap.reason)
-        parts.append(_p(f"{where}The gap comes from {reason}. It holds for this law and these torques."))
+        parts.append(paragraph(f"{where}The gap comes from {reason}. It holds for this law and these torques."))
     rated, told = subject.rated
     if any(row.symbol == "lost motion" for row in subject.derived):
         whose = (
             "the rated torque" if told else "half of the motor's torque at standstill, since no rated torque was given"
         )
         source = _BY_CURVE if subject.slow.valid else _BY_MOTION
-        parts.append(_p(_LOST.format(share=100.0 * LOST_MOTION_SHARE, whose=whose, rated=brief(rated), source=source)))
+        parts.append(
+            paragraph(_LOST.format(share=100.0 * LOST_MOTION_SHARE, whose=whose, rated=brief(rated), source=source))
+        )
     if subject.slow.valid:
-        parts.append(_p(_CURVE_UNCERTAINTY))
-    return [*parts, _p(_UNCERTAINTY)] if found.findings or found.around.map is not None else parts
+        parts.append(paragraph(_CURVE_UNCERTAINTY))
+    return [*parts, paragraph(_UNCERTAINTY)] if found.findings or found.around.map is not None else parts
 
 
 def _figure(picture: str, caption: str) -> str:
-    return f"<figure>{picture}<figcaption>{_text(caption)}</figcaption></figure>"
+    return f"<figure>{picture}<figcaption>{text_of(caption)}</figcaption></figure>"
 
 
 def _pictures(subject: Subject, found: Identified) -> list[str]:
@@ -248,20 +233,15 @@ def _held_out(score: Score) -> str:
         ),
     )
     cells = [
-        f'<tr><th scope="row">{_text(what)}</th>' + _scored("as found", own) + _scored("as told", told) + "</tr>"
+        f'<tr><th scope="row">{text_of(what)}</th>' + _scored("as found", own) + _scored("as told", told) + "</tr>"
         for what, own, told in rows
     ]
     text = (
         f"A second fit saw the first {score.start:.2f} s alone. From one sample to the next it foretells the "
         f"{score.length:.2f} s after {verdict}; from the command alone its errors add up. Beside it the drive as told."
     )
-    return "\n".join([_p(text), "<table>", head, "<tbody>", *cells, "</tbody>", "</table>"])
+    return "\n".join([paragraph(text), "<table>", head, "<tbody>", *cells, "</tbody>", "</table>"])
 
 
 def _scored(name: str, value: float) -> str:
     return f'<td class="number" data-name="{name}">{brief(value) if math.isfinite(value) else "cannot follow"}</td>'
-
-
-def _pairs(rows: list[tuple[str, str]]) -> str:
-    cells = [f'<tr><th scope="row">{_text(name)}</th><td>{_text(value)}</td></tr>' for name, value in rows]
-    return "\n".join(["<table>", "<tbody>", *cells, "</tbody>", "</table>"])

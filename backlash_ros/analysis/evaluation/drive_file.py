@@ -116,23 +116,45 @@ def read_axis(path: Path) -> Axis:
         Names the file and the parameter that is out of bounds, or says what is no parameter file.
     """
     try:
-        parameters = _parameters(yaml.safe_load(path.read_text()))
-        nominal = NOMINAL_DRIVE
-        contact = _section(parameters, "contact")
-        law = CONTACTS.choose("contact.law", str(contact.get("law", "power")))
-        teeth = law(**_own(law, _section(contact, law.section.removeprefix("contact."))))
-        drive = Drive(
-            Motor(**_values(nominal.motor) | _own(Motor, _section(parameters, "motor"))),
-            Gear(**_values(nominal.gear) | _own(Gear, _section(parameters, "gear")), contact=teeth),
-            Load(**_values(nominal.load) | _own(Load, _section(parameters, "load"))),
-            str(parameters.get("command_interface", nominal.command_interface)),
-        )
-        lower, upper = (_end(parameters, name) for name in ("position_lower", "position_upper"))
-        names = {name: parameters[name] for name in ("motor_joint", "load_joint") if name in parameters}
-        return Axis(drive, **names, position_lower=lower, position_upper=upper)
+        return axis_of(_parameters(yaml.safe_load(path.read_text())))
     except (ValueError, yaml.YAMLError) as error:
         reason = " ".join(str(error).split())
         raise ValueError(f"{path}: {reason}") from error
+
+
+def axis_of(parameters: Mapping[str, Any]) -> Axis:
+    """Return the axis that parameters, in sections, describe; what they do not say is the nominal drive's.
+
+    Raises
+    ------
+    ValueError
+        Names the parameter that is out of bounds.
+    """
+    nominal = NOMINAL_DRIVE
+    contact = _section(parameters, "contact")
+    law = CONTACTS.choose("contact.law", str(contact.get("law", "power")))
+    teeth = law(**_own(law, _section(contact, law.section.removeprefix("contact."))))
+    drive = Drive(
+        Motor(**_values(nominal.motor) | _own(Motor, _section(parameters, "motor"))),
+        Gear(**_values(nominal.gear) | _own(Gear, _section(parameters, "gear")), contact=teeth),
+        Load(**_values(nominal.load) | _own(Load, _section(parameters, "load"))),
+        str(parameters.get("command_interface", nominal.command_interface)),
+    )
+    lower, upper = (_end(parameters, name) for name in ("position_lower", "position_upper"))
+    names = {name: parameters[name] for name in ("motor_joint", "load_joint") if name in parameters}
+    return Axis(drive, **names, position_lower=lower, position_upper=upper)
+
+
+def in_sections(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters that are named as in a running node, such as ``motor.inertia``, in sections as in a file."""
+    content: dict[str, Any] = {}
+    for name, value in parameters.items():
+        *sections, last = name.split(".")
+        place = content
+        for section in sections:
+            place = place.setdefault(section, {})
+        place[last] = value
+    return content
 
 
 def _parameters(content: Any) -> Mapping[str, Any]:

@@ -5,6 +5,7 @@ import math
 import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from backlash_ros.analysis.recordings.bag_topics import STAMPS, Topics
 from backlash_ros.analysis.recordings.command import Request
@@ -75,6 +76,21 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
         "--to", type=number_of(0.0, above=True), default=math.inf, dest="end", metavar="S", help="use what comes before"
     )
 
+    units = add_units(parser)
+    text = "what a row's command is: the answer to its angles (the default), or what acted when they were read"
+    units.add_argument("--command-row", choices=["answer", "acting"], default="answer", help=text)
+
+    table, names = parser.add_argument_group("tables"), ColumnNames()
+    for name in ("time", "motor", "load", "command"):
+        default = getattr(names, name)
+        table.add_argument(f"--{name}-column", default=default, metavar="NAME", help=f"by default {default}")
+    table.add_argument("--time-unit", choices=list(TIME_UNITS), default="s")
+
+    add_topics(parser)
+
+
+def add_units(parser: argparse.ArgumentParser) -> Any:
+    """Add how angles and commands are given; return the group of these arguments."""
     units = parser.add_argument_group("angles and command")
     add = units.add_argument
     for shaft in ("motor", "load"):
@@ -92,15 +108,11 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
     add("--motor-at", choices=["motor", "output"], default="motor", help=text)
     add("--command-unit", choices=COMMAND_UNITS, default="", help="by default what the drive takes")
     add("--supply", type=number_of(0.0, above=True), default=0.0, metavar="V", help="voltage of a duty cycle of 1")
-    text = "what a row's command is: the answer to its angles (the default), or what acted when they were read"
-    add("--command-row", choices=["answer", "acting"], default="answer", help=text)
+    return units
 
-    table, names = parser.add_argument_group("tables"), ColumnNames()
-    for name in ("time", "motor", "load", "command"):
-        default = getattr(names, name)
-        table.add_argument(f"--{name}-column", default=default, metavar="NAME", help=f"by default {default}")
-    table.add_argument("--time-unit", choices=list(TIME_UNITS), default="s")
 
+def add_topics(parser: argparse.ArgumentParser) -> Any:
+    """Add where in a bag samples and commands are; return the group of these arguments."""
     bag, topics = parser.add_argument_group("bags"), Topics()
     bag.add_argument("--joint-topic", default="", metavar="TOPIC", help="where there are several with joint states")
     bag.add_argument("--motor-joint", default=topics.motor_joint, metavar="NAME", help="by default motor")
@@ -108,10 +120,11 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
     bag.add_argument("--command-topic", default="", metavar="TOPIC", help="by default the one that ends with /command")
     bag.add_argument("--command-index", type=_index, default=0, metavar="K", help="which of its numbers, from 0 on")
     bag.add_argument("--stamps", choices=STAMPS, default=topics.stamps, help="whose time a sample has")
+    return bag
 
 
-def request_of(given: argparse.Namespace) -> Request:
-    """Return what was asked for; ValueError for arguments that do not go together."""
+def reading_of(given: argparse.Namespace, **more: Any) -> Reading:
+    """Return how angles and commands are given; ValueError for arguments that do not go together."""
     encoders = []
     for shaft in ("motor", "load"):
         unit, counts, wraps = (getattr(given, f"{shaft}_{name}") for name in ("unit", "counts", "wraps"))
@@ -119,29 +132,37 @@ def request_of(given: argparse.Namespace) -> Request:
             encoders.append(Encoder(unit, counts, wraps))
         except ValueError as error:
             raise ValueError(f"argument --{shaft}-counts: {error}") from error
-    reading = Reading(
-        time_unit=given.time_unit,
+    return Reading(
         motor=encoders[0],
         load=encoders[1],
         motor_at=given.motor_at,
         command_unit=given.command_unit,
         supply=given.supply,
-        answer=given.command_row == "answer",
-        start=given.start,
-        end=given.end,
+        **more,
     )
+
+
+def topics_of(given: argparse.Namespace) -> Topics:
+    """Return where in a bag samples and commands are."""
+    return Topics(
+        given.joint_topic,
+        given.command_topic,
+        given.motor_joint,
+        given.load_joint,
+        given.command_index,
+        given.stamps,
+    )
+
+
+def request_of(given: argparse.Namespace) -> Request:
+    """Return what was asked for; ValueError for arguments that do not go together."""
+    answer = given.command_row == "answer"
+    reading = reading_of(given, time_unit=given.time_unit, answer=answer, start=given.start, end=given.end)
     return Request(
         given.recording,
         reading,
         ColumnNames(given.time_column, given.motor_column, given.load_column, given.command_column),
-        Topics(
-            given.joint_topic,
-            given.command_topic,
-            given.motor_joint,
-            given.load_joint,
-            given.command_index,
-            given.stamps,
-        ),
+        topics_of(given),
         given.drive,
         given.json,
         given.drive_file,

@@ -12,7 +12,7 @@ import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import Stores, get_typestore
 
-from backlash_ros.analysis.bag import readable
+from backlash_ros.analysis.bag_files import readable
 from backlash_ros.analysis.recordings.samples import Columns
 from backlash_ros.drivetrain.messages import answered_sample, stamp_ns
 
@@ -38,8 +38,11 @@ class Topics:
 
 
 @dataclass
-class _Messages:
-    """Of samples: times of both clocks, ns, and both positions; of commands: time recorded, sample named, value."""
+class Messages:
+    """Of samples: times of both clocks, ns, and both positions; of commands: time recorded, sample named, value.
+
+    ``joints``: all that were named.
+    """
 
     stamps: list[int]
     received: list[int]
@@ -78,12 +81,12 @@ def _value(message: Any, topic: str, index: int, path: Path) -> float:
     return float(data[index])
 
 
-def _messages(path: Path, topics: Topics) -> tuple[_Messages, str, str]:
-    found = _Messages([], [], [], [], set())
+def _messages(path: Path, topics: Topics) -> tuple[Messages, str, str]:
+    found = Messages([], [], [], [], set())
     try:
         with (
             readable(path) as bag,
-            AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
+            AnyReader(bag.paths, default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
         ):
             states = sorted({c.topic for c in reader.connections if c.msgtype == _JOINT_STATE})
             others = sorted({c.topic for c in reader.connections if c.msgtype.startswith("std_msgs/msg/")})
@@ -91,9 +94,8 @@ def _messages(path: Path, topics: Topics) -> tuple[_Messages, str, str]:
             likely = [topic for topic in others if topic.split("/")[-1] == "command"]
             likely = likely if len(likely) == 1 and not topics.command else others
             target = _one_of(topics.command, likely, "commands (std_msgs)", "--command-topic", path)
-            for connection, received, raw in reader.messages():
-                if connection.topic not in {source, target}:
-                    continue
+            chosen = [c for c in reader.connections if c.topic in {source, target}]
+            for connection, received, raw in reader.messages(chosen):
                 message: Any = reader.deserialize(raw, connection.msgtype)
                 if connection.topic == source:
                     found.stamps.append(stamp_ns(message.header.stamp))
@@ -108,7 +110,7 @@ def _messages(path: Path, topics: Topics) -> tuple[_Messages, str, str]:
     return found, source, target
 
 
-def _pair(found: _Messages, *, by_header: bool) -> tuple[list[int], list[int], list[tuple[float, float]], list[float]]:
+def _pair(found: Messages, *, by_header: bool) -> tuple[list[int], list[int], list[tuple[float, float]], list[float]]:
     """Return stamps, times recorded, positions and commands by sample.
 
     An answer that names its sample is that sample's, also where the sample itself is missing. Where answers name none,
@@ -148,7 +150,17 @@ def read_topics(path: Path, topics: Topics) -> Columns:
     ValueError
         Names the topic, joint or clock that cannot be used.
     """
-    found, source, target = _messages(path, topics)
+    return columns_of(*_messages(path, topics), topics, path)
+
+
+def columns_of(found: Messages, source: str, target: str, topics: Topics, path: Path) -> Columns:
+    """Return the samples of ``source`` and the commands of ``target``, paired.
+
+    Raises
+    ------
+    ValueError
+        As `read_topics`.
+    """
     if not found.stamps or not found.commands:
         empty = source if not found.stamps else target
         raise ValueError(f"{path}: there is no message on '{empty}'")

@@ -22,7 +22,7 @@ _MISSING = 0.2
 """Largest share of the rows without a number."""
 _EVEN, _REGULAR = 0.2, 0.9
 """Share of the period by which times may be off in a recording that is sampled evenly, and of how many samples."""
-_DATES = 946684800.0, 4102444800.0
+DATES = 946684800.0, 4102444800.0
 """s from 1970 to 2000 and to 2100: a clock between them shows a date, others count from a start of their own."""
 
 
@@ -137,7 +137,7 @@ def _with_lost(time: Array, values: tuple[Array, ...], notes: list[str]) -> Reco
 def began(columns: Columns, reading: Reading) -> datetime | None:
     """Return when the part that is used began, in UTC, where its clock counts from 1970; None where it does not."""
     first = columns.time[0] * TIME_UNITS[reading.time_unit] + columns.epoch + reading.start
-    return datetime.fromtimestamp(first, timezone.utc) if _DATES[0] <= first <= _DATES[1] else None
+    return datetime.fromtimestamp(first, timezone.utc) if DATES[0] <= first <= DATES[1] else None
 
 
 def command_of(columns: Columns, reading: Reading) -> Array:

@@ -117,6 +117,8 @@ def replay_bag(given: argparse.Namespace, console: Console) -> int:
     """
     changes = Changes.parsed(given.changes)
     recorded = read_recorded(given.bag, given.controller)
+    for text in recorded.damage:
+        console.print(f"{given.bag}: {text}", highlight=False, markup=False, soft_wrap=True)
     pairs = [replay(recorded, activation, changes) for activation in recorded.activations]
     activations = []
     for k, (done, other) in enumerate(pairs):
@@ -131,6 +133,7 @@ def replay_bag(given: argparse.Namespace, console: Console) -> int:
         console.print(_OPEN_LOOP, highlight=False, markup=False, soft_wrap=True)
     equal = all(done.equal for done, _ in pairs)
     result = {"bag": str(given.bag), "controller": recorded.controller, "equal": equal, "activations": activations}
+    result["damage"] = list(recorded.damage)
     if changes.given:
         result |= {"set": dict(changes.given), "open_loop": _OPEN_LOOP}
     places = [place for name in _WRITTEN if (place := getattr(given, name)) is not None]

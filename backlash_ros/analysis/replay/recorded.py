@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import Stores, get_typestore
 
-from backlash_ros.analysis.bag import parameters_of, readable
+from backlash_ros.analysis.bag import in_use_of
+from backlash_ros.analysis.bag_files import readable
 from backlash_ros.drivetrain.messages import answered_sample, stamp_ns
 
 _LINGERS = 10**8
@@ -50,9 +51,13 @@ class Activation:
 
 @dataclass(frozen=True)
 class Recorded:
-    """What a bag has of one controller; joint states by their stamps (ns), parameters in use by their version."""
+    """What a bag has of one controller; joint states by their stamps (ns), parameters in use by their version.
+
+    ``damage``: what is wrong with its files, in words.
+    """
 
     controller: str
+    damage: Sequence[str]
     samples: Found
     in_use: Found
     activations: Sequence[Activation]
@@ -147,7 +152,7 @@ def read_recorded(path: Path, controller: str = "") -> Recorded:
     try:
         with (
             readable(path) as bag,
-            AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
+            AnyReader(bag.paths, default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
         ):
             topics = {connection.topic: connection.msgtype for connection in reader.connections}
             name = _controller_of(controller, topics, path)
@@ -167,7 +172,7 @@ def read_recorded(path: Path, controller: str = "") -> Recorded:
                 elif connection.topic.endswith("/state"):
                     told.append((received, stamp_ns(message.header.stamp), _telling(message)))
                 else:
-                    _, version, values = parameters_of(message)
+                    _, version, values = in_use_of(message)
                     in_use[version].append((received, values))
     except (AnyReaderError, FileNotFoundError, sqlite3.DatabaseError) as error:
         raise ValueError(f"{path}: is no rosbag2 that can be read: {error}") from error
@@ -178,4 +183,4 @@ def read_recorded(path: Path, controller: str = "") -> Recorded:
     for topic, messages in ((f"{name}/parameters_in_use", in_use), (f"{name}/state", told), (source, samples)):
         if not messages:
             raise ValueError(f"{path}: there is no message on '{topic}'")
-    return Recorded(name, samples, in_use, _activations(told, answers, path))
+    return Recorded(name, bag.damage, samples, in_use, _activations(told, answers, path))

@@ -1,17 +1,41 @@
-"""How a certificate looks: light, dark, on a phone and on A4."""
+"""How a page looks: light, dark, on a phone and on A4."""
 
-STYLE = """
-:root {
-  color-scheme: light dark;
-  --paper: #ffffff; --ink: #1b1f24; --faint: #6a7280; --line: #d4d8de; --band: #e9ecf0;
-  --motor: #0b62a8; --load: #b3470b; --model: #1b1f24; --good: #14703c; --bad: #a3210f;
+LIGHT = {
+    "paper": "#ffffff",
+    "ink": "#1b1f24",
+    "faint": "#6a7280",
+    "line": "#d4d8de",
+    "band": "#e9ecf0",
+    "motor": "#0b62a8",
+    "load": "#b3470b",
+    "model": "#1b1f24",
+    "good": "#14703c",
+    "bad": "#a3210f",
 }
-@media (prefers-color-scheme: dark) {
-  :root {
-    --paper: #14171b; --ink: #e6e8eb; --faint: #9aa3af; --line: #3a4048; --band: #262b31;
-    --motor: #6cb2f2; --load: #f0945a; --model: #e6e8eb; --good: #63c98d; --bad: #ff8d7a;
-  }
+DARK = {
+    "paper": "#14171b",
+    "ink": "#e6e8eb",
+    "faint": "#9aa3af",
+    "line": "#3a4048",
+    "band": "#262b31",
+    "motor": "#6cb2f2",
+    "load": "#f0945a",
+    "model": "#e6e8eb",
+    "good": "#63c98d",
+    "bad": "#ff8d7a",
 }
+PRINT = LIGHT | {"ink": "#000000", "faint": "#4a4f57", "line": "#b9bec6", "model": "#000000"}
+"""The colours of a page by what they are for; scripts draw with them, too."""
+
+
+def _variables(colours: dict[str, str]) -> str:
+    return " ".join(f"--{name}: {colour};" for name, colour in colours.items())
+
+
+STYLE = (
+    f":root {{ color-scheme: light dark; {_variables(LIGHT)} }}\n"
+    f"@media (prefers-color-scheme: dark) {{ :root {{ {_variables(DARK)} }} }}\n"
+    """
 * { box-sizing: border-box; }
 body {
   margin: 0 auto; padding: 1.5rem 1rem 3rem; max-width: 64rem; background: var(--paper); color: var(--ink);
@@ -51,10 +75,6 @@ pre { white-space: pre-wrap; border: 1px solid var(--line); padding: .6rem .8rem
 }
 @page { size: A4; margin: 14mm; }
 @media print {
-  :root {
-    --paper: #ffffff; --ink: #000000; --faint: #4a4f57; --line: #b9bec6; --band: #e9ecf0;
-    --motor: #0b62a8; --load: #b3470b; --model: #000000; --good: #14703c; --bad: #a3210f;
-  }
   html { font-size: 8.5pt; }
   body { padding: 0; max-width: none; }
   p { max-width: none; }
@@ -65,3 +85,5 @@ pre { white-space: pre-wrap; border: 1px solid var(--line); padding: .6rem .8rem
   .verdict, .pictures, th, td { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
 }
 """
+    f"@media print {{ :root {{ color-scheme: light; {_variables(PRINT)} }} }}\n"
+)

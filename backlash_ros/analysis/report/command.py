@@ -1,0 +1,120 @@
+"""What `backlash report` takes and does: reads a bag, prints a line for each axis, writes the page and the numbers."""
+
+import argparse
+import json
+import math
+import shlex
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+
+from backlash_ros.analysis.recordings.arguments import add_topics, add_units, number_of, reading_of, topics_of
+from backlash_ros.analysis.recordings.encoder import UNITS
+from backlash_ros.analysis.report.library import chart_library
+from backlash_ros.analysis.report.page import page_of
+from backlash_ros.analysis.report.reading.options import EFFORT_UNITS, VELOCITY_UNITS, Options
+from backlash_ros.analysis.report.report import AxisReport, content_of, report_of
+from backlash_ros.analysis.staging import write_text
+
+DESCRIPTION = (
+    "One page about a recording, to look at, to send and to print: steps, learning runs, changes of gains, faults, "
+    "the backlash, and the timing, with charts to zoom. The page needs no network."
+)
+EXAMPLE = """examples: the demo's recording; a drive of somebody else's, in degrees and revolutions per minute
+
+  backlash report results/demo/bag --out report.html
+  backlash report their_bag --joint-topic /arm/states --motor-joint m1 --load-joint j1 --motor-unit deg \\
+      --load-unit deg --velocity-unit rpm --reference-topic /arm/target --drive their_drive.yaml
+
+docs/report.md says what each figure means."""
+
+
+def add_report(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments to a parser."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description, parser.epilog = DESCRIPTION, EXAMPLE
+    add = parser.add_argument
+    add("bag", type=Path, metavar="BAG", help="folder or file of a rosbag2 (mcap, sqlite3)")
+    add("--out", type=Path, metavar="FILE.html", help="file to write the page into; by default named like the bag")
+    add("--json", type=Path, metavar="FILE", help="file to write all numbers into")
+    add("--drive", type=Path, metavar="FILE", help="drive file with motor and gear; by default as in the bag")
+    text = "rad at the output, where the bag has none: the unit of the figures"
+    add("--backlash-angle", type=number_of(0.0, above=True), default=0.0, metavar="B", help=text)
+    add("--force", action="store_true", help="overwrite files that exist")
+    units = add_units(parser)
+    text = "of speeds, by default rad/s"
+    units.add_argument("--velocity-unit", choices=list(VELOCITY_UNITS), default="rad/s", help=text)
+    text = "of the motor's effort, by default Nm; A by the torque constant of --drive"
+    units.add_argument("--effort-unit", choices=list(EFFORT_UNITS), default="Nm", help=text)
+    text = "of the reference, by default the load's"
+    units.add_argument("--reference-unit", choices=[unit for unit in UNITS if unit != "counts"], help=text)
+    bag = add_topics(parser)
+    bag.add_argument("--reference-topic", default="", metavar="TOPIC", help="by default what the controller followed")
+    parser.set_defaults(motor_joint="", load_joint="")
+
+
+def options_of(given: argparse.Namespace) -> Options:
+    """Return how the bag is read; ValueError for arguments that do not go together."""
+    reading = reading_of(given)
+    reference = replace(reading.load, unit=given.reference_unit) if given.reference_unit else reading.load
+    return Options(
+        reading,
+        topics_of(given),
+        given.reference_topic,
+        reference,
+        given.velocity_unit,
+        given.effort_unit,
+        given.backlash_angle,
+        given.drive,
+    )
+
+
+def places_of(given: argparse.Namespace) -> Sequence[tuple[str, Path]]:
+    """Return the arguments that name files to write, and these."""
+    out = given.out or Path(f"{given.bag.resolve().stem}.html")
+    return [("out", out), *([("json", given.json)] if given.json is not None else [])]
+
+
+def _line(report: AxisReport) -> str:
+    """Return in a line what there is of an axis."""
+    said = [f"{len(report.steps)} steps", f"{len(report.events.runs)} learning runs"]
+    said.append(f"{len(report.events.faults)} faults")
+    if report.b > 0.0:
+        said.append(f"b = {report.b:.5g} rad from {report.b_source}")
+    if report.gap.told:
+        said.append(f"b from this recording {report.gap.angle:.5g} +- {report.gap.uncertainty:.2g} rad")
+    if report.timing is not None and math.isfinite(report.timing.rate):
+        said.append(f"{report.timing.rate:.4g} Hz, {report.timing.lost} samples lost")
+    return f"{report.axis.name}: {'; '.join(said)}"
+
+
+def write_report(given: argparse.Namespace, console: Console) -> int:
+    """Read the bag, print and write.
+
+    Raises
+    ------
+    NoLibraryError
+        If the library of the charts is not there.
+    OSError, ValueError
+        If the bag cannot be read, a file cannot be written, or an option does not fit the bag.
+    """
+
+    def say(text: str) -> None:
+        console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+    chart_library()  # before the bag is read, which takes a while
+    report = report_of(given.bag, options_of(given), shlex.join(["backlash", *given.words]))
+    for what in report.contents.damage:
+        say(f"the bag is not whole: {what}")
+    for axis in report.axes:
+        say(_line(axis))
+        for missing in axis.axis.missing:
+            say(f"  not in this recording: {missing}")
+    texts = {"out": page_of(report), "json": json.dumps(content_of(report), indent=1) + "\n"}
+    places = places_of(given)
+    for name, place in places:
+        write_text(place, texts[name], overwrite=given.force)
+    say(f"written: {', '.join(str(place) for _, place in places)}")
+    return 0

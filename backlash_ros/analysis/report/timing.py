@@ -1,0 +1,104 @@
+"""How steadily samples came, how old they were when recorded, what is missing, and how soon they were answered."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from backlash_ros.analysis.report.reading.axis import Axis
+from backlash_ros.analysis.session import late_answers
+from backlash_ros.control.monitoring.beat import Beat
+from backlash_ros.control.tick import MISSING
+from backlash_ros.drivetrain.signals import Array
+
+_SPAN = 4
+"""Samples over which a period is taken."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Times in s, nan where they are not known.
+
+    Attributes
+    ----------
+    samples, repeated : how many were used, and left out since their stamps do not rise
+    length : from the first to the last one
+    period, rate : median of the time from one to the next, over four at a time, and one by it, Hz
+    jitter, jitter_99 : of that time where none is missing: standard deviation from the period, and the deviation that
+        99 % stay below
+    longest : time from one to the next
+    lost : samples that a drive of that period has between the first and the last, and the bag has not
+    holes : how often that time was longer than `MISSING` periods
+    age, age_99, age_most : from stamp to recording, mean, 99 % and largest
+    answers, unanswered : commands, and samples without one before the next sample, or with a late next one
+    answered, answered_99 : from the recording of a sample to that of the command that names it, median and 99 %
+    """
+
+    samples: int
+    repeated: int
+    length: float
+    period: float
+    rate: float
+    jitter: float
+    jitter_99: float
+    longest: float
+    lost: int
+    holes: int
+    age: float = math.nan
+    age_99: float = math.nan
+    age_most: float = math.nan
+    answers: int = 0
+    unanswered: int = 0
+    answered: float = math.nan
+    answered_99: float = math.nan
+
+
+def period_of(time: Array) -> float:
+    """Return the period of samples, s: late ones, lost ones and every second one early do not matter."""
+    size = min(_SPAN, time.size - 1)
+    return float(np.median(time[size:] - time[:-size])) / size
+
+
+def _answer_times(axis: Axis) -> Array:
+    """Return from a sample to its answer, both as recorded, s."""
+    if axis.command is None or not np.any(np.isfinite(axis.answered)):
+        return np.empty(0)
+    place = {stamp: k for k, stamp in enumerate(axis.stamps)}
+    pairs = [(k, place[stamp]) for k, stamp in enumerate(axis.answered) if stamp in place]
+    if not pairs:
+        return np.empty(0)
+    answers, samples = np.array(pairs).T
+    return np.asarray(axis.commands_received[answers] - axis.received[samples])
+
+
+def timing_of(axis: Axis) -> Timing | None:
+    """Return the timing of an axis's samples; None where there are fewer than three."""
+    if axis.time.size < 3:
+        return None
+    steps = np.diff(axis.time)
+    period = period_of(axis.time)
+    beat = Beat(period)
+    off = np.abs(steps - period)[steps <= MISSING * period]
+    age = axis.received - axis.stamps if not axis.clock else np.full(1, math.nan)
+    answers = _answer_times(axis)
+    both = axis.command is not None and axis.command.time.size > 0
+    within = axis.time[axis.time >= axis.command.time[0]] if axis.command is not None and both else axis.time[:0]
+    return Timing(
+        samples=axis.time.size,
+        repeated=axis.repeated,
+        length=float(axis.time[-1] - axis.time[0]),
+        period=period,
+        rate=1.0 / period,
+        jitter=float(np.sqrt(np.mean(np.square(off)))),
+        jitter_99=float(np.quantile(off, 0.99)),
+        longest=float(np.max(steps)),
+        lost=sum(beat.sample(step)[0] - 1 for step in steps.tolist()),
+        holes=steps.size - off.size,
+        age=float(np.mean(age)),
+        age_99=float(np.quantile(age, 0.99)),
+        age_most=float(np.max(age)),
+        answers=axis.command.time.size if axis.command is not None else 0,
+        unanswered=late_answers(within, axis.command.time).size if axis.command is not None and within.size > 1 else 0,
+        answered=float(np.median(answers)) if answers.size else math.nan,
+        answered_99=float(np.quantile(answers, 0.99)) if answers.size else math.nan,
+    )

@@ -1,0 +1,302 @@
+"""One axis as the page sees it: what its controller and its drive say, and what can be asked of them."""
+
+import asyncio
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+
+from backlash_ros.control import Gains, Margins, stability_margins
+from backlash_ros.dashboard.rows import STATE_COLUMNS, Row, joint_row, state_row
+from backlash_ros.drivetrain.parameters import drive_of
+from backlash_ros.ros.topics import HISTORY, SEND
+
+ANSWER = 5.0
+"""Time that a service may take to answer, s, if it does no experiment."""
+EXPERIMENT = 900.0
+"""The same for one that does, s."""
+SILENCE = 1.0
+"""Time without joint states after which the drive counts as gone, s."""
+
+_ALL = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=500)
+"""Enough for 0.25 s at 2 kHz; nothing is sent again, so that a page that stands still stops nobody."""
+
+_SERVICES = ("learn", "identify", "cancel", "apply_estimate", "reset_fault")
+
+
+class Polled(CallbackGroup):
+    """Of subscriptions that no executor serves: their messages wait until they are taken, many at once."""
+
+    def can_execute(self, _entity: Any) -> bool:
+        """Return False: an executor leaves them alone."""
+        return False
+
+    def beginning_execution(self, _entity: Any) -> bool:
+        """Return False, as above."""
+        return False
+
+    def ending_execution(self, _entity: Any) -> None:
+        """Do nothing."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """One status of ``/diagnostics``: its level, its message, its values by name, and when it came (monotonic, s)."""
+
+    level: int
+    message: str
+    values: Mapping[str, str]
+    at: float
+
+
+@dataclass(frozen=True)
+class Names:
+    """The names of an axis: its controller, its topics, and the node that plays the drive, empty where none does."""
+
+    controller: str
+    joint_states: str
+    reference: str
+    command: str
+    load_torque: str
+    simulator: str = ""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a service answered, or why nothing came."""
+
+    success: bool
+    text: str
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a node said is in use: its parameters with their version."""
+
+    version: int = 0
+    values: dict[str, Any] = field(default_factory=dict)
+
+
+class Axis:
+    """What one axis says, and what can be asked of it.
+
+    It is made, and its ROS callbacks run, in the thread of the executor; everything else belongs to the event loop
+    ``loop`` of the page.
+    """
+
+    def __init__(self, node: Node, names: Names, loop: asyncio.AbstractEventLoop) -> None:
+        self._node, self._loop = node, loop
+        self.names = names
+        self.title = names.controller.rpartition("/")[0] or "/"
+        self.present = True
+        self.told, self.told_by_simulator = Told(), Told()
+        self.diagnoses: dict[str, Diagnosis] = {}
+        self.last_state: dict[str, float] = {}
+        self.sample_at = -math.inf
+        self.margins: dict[str, Margins] = {}
+        self.answer = ""
+        self._group = Polled()
+        self._joints = self._hear(JointState, names.joint_states)
+        self._states = self._hear(DiagnosticArray, f"{names.controller}/state")
+        node.create_subscription(ParameterEvent, f"{names.controller}/parameters_in_use", self._on_told, HISTORY)
+        self._reference = node.create_publisher(Float64, names.reference, SEND)
+        self._load_torque = node.create_publisher(Float64, names.load_torque, SEND)
+        self._services = {name: node.create_client(Trigger, f"{names.controller}/{name}") for name in _SERVICES}
+        self._transition = node.create_client(ChangeState, f"{names.controller}/change_state")
+        self._parameters = AsyncParameterClient(node, names.controller)
+        self._simulator: Simulator | None = None
+
+    # What is heard, in the executor's thread.
+
+    def _hear(self, kind: type, topic: str) -> Subscription:
+        # Its callback is never called.
+        return self._node.create_subscription(kind, topic, lambda _: None, _ALL, callback_group=self._group)
+
+    def found(self, names: Names) -> None:
+        """Take note of which topics the controller has now, and of who plays the drive."""
+        self.present = True
+        before, self.names = self.names, names
+        if names.joint_states != before.joint_states:
+            old, self._joints = self._joints, self._hear(JointState, names.joint_states)
+            self._node.destroy_subscription(old)
+        if names.reference != before.reference:
+            old, self._reference = self._reference, self._node.create_publisher(Float64, names.reference, SEND)
+            self._node.destroy_publisher(old)
+        if names.load_torque != before.load_torque:
+            old, self._load_torque = self._load_torque, self._node.create_publisher(Float64, names.load_torque, SEND)
+            self._node.destroy_publisher(old)
+        if names.simulator and (self._simulator is None or self._simulator.name != names.simulator):
+            self._simulator = Simulator(self._node, names.simulator, self._on_told_by_simulator)
+
+    def _on_told(self, message: ParameterEvent) -> None:
+        told = read_told(message)
+        values = told.values
+        try:
+            drive = drive_of(values)
+            period, delay = 1.0 / values["rate"], values["loop_delay"]
+            self.margins = {
+                region: stability_margins(drive, Gains(*values[f"gains.{region}.k"]), period, delay)
+                for region in ("fast", "overdamped")
+            }
+        except (KeyError, ValueError, TypeError):  # another version's controller
+            self.margins = {}
+        self.told = told
+
+    def _on_told_by_simulator(self, message: ParameterEvent) -> None:
+        self.told_by_simulator = read_told(message)
+
+    def on_diagnostics(self, name: str, diagnosis: Diagnosis) -> None:
+        """Keep what concerns this axis: ``name`` as in ``/controller: timing``."""
+        node, _, part = name.partition(": ")
+        if node in {self.names.controller, self.names.simulator}:
+            self.diagnoses[f"{'simulator' if node == self.names.simulator else 'controller'}: {part}"] = diagnosis
+
+    # What is taken, by the page.
+
+    def take(self) -> tuple[list[Row], list[Row]]:
+        """Return the rows of joint states and of ``~/state`` that came since the last call."""
+        values = self.told.values
+        joints = values.get("motor_joint", "motor"), values.get("load_joint", "load")
+        reduction = float(values.get("gear.reduction", math.nan))  # until the controller has told it
+        samples = [joint_row(message, joints, reduction) for message in taken(self._joints)]
+        states = [state_row(message) for message in taken(self._states)]
+        if samples:
+            self.sample_at = time.monotonic()
+        if states:
+            self.last_state = dict(zip(STATE_COLUMNS, states[-1], strict=True))
+        return samples, states
+
+    @property
+    def simulated(self) -> bool:
+        """Whether a simulator of this package plays the drive."""
+        return bool(self.names.simulator)
+
+    @property
+    def silent(self) -> float:
+        """For how long no joint states have come, s."""
+        return time.monotonic() - self.sample_at
+
+    @property
+    def lifecycle(self) -> str:
+        """The controller's state as it last said, or that it is not there."""
+        said = self.diagnoses.get("controller: servo")
+        if not self.present:
+            return "not there"
+        return said.values.get("state", "unknown") if said else "unknown"
+
+    @property
+    def b(self) -> float:
+        """The backlash in use, rad at the output; 0 while not known."""
+        return float(self.told.values.get("backlash_angle", 0.0))
+
+    # What is asked.
+
+    def move(self, angle: float) -> None:
+        """Send a reference, rad."""
+        self._reference.publish(Float64(data=angle))
+
+    def load(self, torque: float) -> None:
+        """Put a load torque on the simulated drive, N m."""
+        self._load_torque.publish(Float64(data=torque))
+
+    async def call(self, service: str, seconds: float = ANSWER) -> Answer:
+        """Call a service of the controller and return its answer."""
+        return await trigger(self._loop, self._services[service], seconds)
+
+    async def reset(self) -> Answer:
+        """Forget a latched fault, the drive's first where it is simulated."""
+        if self._simulator is not None and self.simulated:
+            await trigger(self._loop, self._simulator.reset_fault, ANSWER)
+        return await self.call("reset_fault")
+
+    async def change(self, transition: int) -> Answer:
+        """Ask the controller for a transition of its lifecycle."""
+        if not self._transition.service_is_ready():
+            return Answer(False, f"{self.names.controller} is not there")
+        request = ChangeState.Request()
+        request.transition.id = transition
+        try:
+            response = await answered(self._loop, self._transition.call_async(request), ANSWER)
+        except TimeoutError:
+            return Answer(False, f"{self.names.controller} did not answer within {ANSWER:g} s")
+        return Answer(response.success, "" if response.success else "the controller refused; its log says why")
+
+    async def set(self, values: Mapping[str, Any], *, simulator: bool = False) -> Answer:
+        """Set parameters of the controller, or of the simulator, all or none; return why not, if not."""
+        client, name = self._parameters, self.names.controller
+        if simulator and self._simulator is not None:
+            client, name = self._simulator.parameters, self._simulator.name
+        if not client.services_are_ready():
+            return Answer(False, f"{name} is not there")
+        request = [Parameter(key, value=value) for key, value in values.items()]
+        try:
+            response = await answered(self._loop, client.set_parameters_atomically(request), ANSWER)
+        except TimeoutError:
+            return Answer(False, f"{name} did not answer within {ANSWER:g} s")
+        return Answer(response.result.successful, response.result.reason)
+
+
+class Simulator:
+    """The services of a simulated drive, and what it says is in use."""
+
+    def __init__(self, node: Node, name: str, on_told: Callable[[ParameterEvent], None]) -> None:
+        self.name = name
+        self.reset_fault = node.create_client(Trigger, f"{name}/reset_fault")
+        self.parameters = AsyncParameterClient(node, name)
+        node.create_subscription(ParameterEvent, f"{name}/parameters_in_use", on_told, HISTORY)
+
+
+def read_told(message: ParameterEvent) -> Told:
+    """Return what a message of ``~/parameters_in_use`` says."""
+    values = {each.name: parameter_value_to_python(each.value) for each in message.new_parameters}
+    return Told(values.pop("version", 0), values)
+
+
+def taken(subscription: Subscription) -> list[Any]:
+    """Return the messages that wait, oldest first."""
+    messages = []
+    with subscription.handle:
+        while (got := subscription.handle.take_message(subscription.msg_type, subscription.raw)) is not None:
+            messages.append(got[0])
+    return messages
+
+
+async def answered(loop: asyncio.AbstractEventLoop, future: Future, seconds: float) -> Any:
+    """Return what a future of rclpy brings, which another thread sets; TimeoutError where nothing comes."""
+    done: asyncio.Future[Any] = loop.create_future()
+
+    def pass_on(result: Any) -> None:
+        if not done.done():
+            done.set_result(result)
+
+    future.add_done_callback(lambda known: loop.call_soon_threadsafe(pass_on, known.result()))
+    try:
+        return await asyncio.wait_for(done, seconds)
+    except asyncio.TimeoutError as error:
+        raise TimeoutError from error
+
+
+async def trigger(loop: asyncio.AbstractEventLoop, client: Any, seconds: float) -> Answer:
+    """Call a service of type Trigger."""
+    if not client.service_is_ready():
+        return Answer(False, f"{client.srv_name} is not there")
+    try:
+        response = await answered(loop, client.call_async(Trigger.Request()), seconds)
+    except TimeoutError:
+        return Answer(False, f"{client.srv_name} did not answer within {seconds:g} s")
+    return Answer(response.success, response.message)

@@ -1,0 +1,101 @@
+"""Who may see the page and who may change something: judged for every request, before anything else sees it."""
+
+import hmac
+from collections.abc import Awaitable, Callable, Collection, MutableMapping
+from http.cookies import SimpleCookie
+from ipaddress import ip_address
+from typing import Any
+from urllib.parse import parse_qs
+
+Scope = MutableMapping[str, Any]
+Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
+Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+COOKIE = "backlash_ros_token"
+_READING = {"GET", "HEAD"}
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether only this machine reaches ``host``, a name or an address."""
+    try:
+        return ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+class Guard:
+    """ASGI middleware that lets in only who may be.
+
+    A request must name one of ``hosts`` as its host, so that no name that somebody points at this machine leads here.
+    One that says from which page it comes must come from one of that same host, and one that may change something,
+    which is everything but reading, must say so: browsers do, and let no page lie. Where there is a ``token``, it is
+    asked for once, as ``/?token=...``, and then kept as a cookie.
+
+    Parameters
+    ----------
+    hosts : values of the Host header that are taken, in lower case; empty for any
+    token : empty for none
+    """
+
+    def __init__(self, app: App, hosts: Collection[str], token: str = "") -> None:
+        self._app, self._hosts, self._token = app, hosts, token
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on, or refuse it."""
+        if scope["type"] not in {"http", "websocket"}:
+            await self._app(scope, receive, send)
+            return
+        headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
+        host = headers.get("host", "").lower()
+        if self._hosts and host not in self._hosts:
+            await _refuse(scope, send, 421, f"nothing is served under the name {host!r} here")
+        elif not self._known(headers):
+            if self._opens(scope):
+                await _let_in(scope, send, self._token)
+            else:
+                text = "this page needs its token: open the address that the dashboard printed in its terminal"
+                await _refuse(scope, send, 403, text)
+        elif ("origin" in headers or _changes(scope)) and not _of_host(headers.get("origin", ""), host):
+            await _refuse(scope, send, 403, "only the page itself may do this")
+        else:
+            await self._app(scope, receive, send)
+
+    def _known(self, headers: dict[str, str]) -> bool:
+        if not self._token:
+            return True
+        kept = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+        return kept is not None and _equal(kept.value, self._token)
+
+    def _opens(self, scope: Scope) -> bool:
+        given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
+        return scope["type"] == "http" and scope["method"] == "GET" and _equal(given, self._token)
+
+
+def _equal(given: str, token: str) -> bool:
+    return hmac.compare_digest(given.encode(), token.encode())
+
+
+def _of_host(origin: str, host: str) -> bool:
+    return origin.lower().partition("://")[2] == host
+
+
+def _changes(scope: Scope) -> bool:
+    """Return whether a request may change something."""
+    return scope["type"] == "websocket" or scope["method"] not in _READING
+
+
+async def _let_in(scope: Scope, send: Send, token: str) -> None:
+    cookie = f"{COOKIE}={token}; HttpOnly; SameSite=Strict; Path=/"
+    headers = [(b"location", scope["path"].encode()), (b"set-cookie", cookie.encode())]
+    await send({"type": "http.response.start", "status": 303, "headers": headers})
+    await send({"type": "http.response.body", "body": b""})
+
+
+async def _refuse(scope: Scope, send: Send, status: int, text: str) -> None:
+    if scope["type"] == "websocket":
+        await send({"type": "websocket.close", "code": 1008, "reason": text})
+        return
+    headers = [(b"content-type", b"text/plain; charset=utf-8")]
+    await send({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": f"{text}\n".encode()})

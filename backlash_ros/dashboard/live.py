@@ -1,0 +1,41 @@
+"""A simulated drive, its controller and the page, on this machine alone: `make live`."""
+
+import argparse
+import socket
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from backlash_ros.dashboard.command import main as dashboard
+from backlash_ros.ros.client import start_node, stop_node
+from backlash_ros.ros.isolation import isolated
+
+_PORT = 8080
+_IN_STEP = ["-p", "lockstep:=true"]
+"""Of the simulator: time waits for the answers, so that what is seen is the drive's doing and not the machine's."""
+_PATIENT = ["-p", "use_sim_time:=true", "-p", "state_timeout:=2.0"]
+
+
+def _free(port: int) -> bool:
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        return probe.connect_ex(("127.0.0.1", port)) != 0
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run it until Ctrl-C; the address is printed."""
+    parser = argparse.ArgumentParser(prog="live", description=__doc__)
+    help_port = f"of the page; {_PORT}, or any where that is taken"
+    parser.add_argument("--port", type=int, metavar="PORT", help=help_port)
+    parser.add_argument("--out", type=Path, default=Path("results/live"), metavar="DIR", help="for recordings and logs")
+    given = parser.parse_args(words)
+    port = given.port if given.port is not None else _PORT if _free(_PORT) else 0
+    given.out.mkdir(parents=True, exist_ok=True)
+    with isolated(), ExitStack() as running:
+        for name, arguments in (("plant_simulator", _IN_STEP), ("controller", _PATIENT)):
+            running.callback(stop_node, start_node(name, given.out / f"{name}.log", *arguments))
+        return dashboard(["--ros-args", "-p", f"port:={port}", "-p", f"folder:={given.out}"])
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,206 @@
+"""What all pages share: the axes, the samples that go out to whoever watches, and what runs on behalf of a page."""
+
+import asyncio
+import math
+import re
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from lifecycle_msgs.msg import Transition
+
+from backlash_ros.dashboard.axis import Answer, Axis
+from backlash_ros.dashboard.graph import Graph
+from backlash_ros.dashboard.motion import Wave, wave
+from backlash_ros.dashboard.rows import JOINTS, STATE, frame
+from backlash_ros.measure import CERTIFICATE
+from backlash_ros.ros.client import start_node, stop_node
+
+PICTURE = 0.05
+"""Time between two frames, s."""
+_BEHIND = 40
+"""Frames that may wait for a browser; older ones are left out."""
+
+
+class Watcher:
+    """One browser that watches an axis: the frames that wait for it."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[bytes] = deque(maxlen=_BEHIND)
+        self._there = asyncio.Event()
+
+    def put(self, frames: list[bytes]) -> None:
+        """Add frames; the oldest go where too many wait."""
+        self._waiting.extend(frames)
+        self._there.set()
+
+    async def get(self) -> bytes:
+        """Return the next frame."""
+        while not self._waiting:
+            self._there.clear()
+            await self._there.wait()
+        return self._waiting.popleft()
+
+
+@dataclass
+class Work:
+    """A process that works for a page: a recorder, or a measurement."""
+
+    process: "subprocess.Popen[bytes]"
+    folder: Path
+    log: Path
+
+    @property
+    def running(self) -> bool:
+        """Whether it still runs."""
+        return self.process.poll() is None
+
+    @property
+    def size(self) -> int:
+        """Bytes in its folder."""
+        with suppress(OSError):
+            return sum(file.stat().st_size for file in self.folder.rglob("*") if file.is_file())
+        return 0
+
+    def last_line(self) -> str:
+        """Return the last that it said."""
+        with suppress(OSError):
+            lines = self.log.read_text(errors="replace").split("\n")
+            return next((line.strip() for line in reversed(lines) if line.strip()), "")
+        return ""
+
+
+@dataclass
+class OfAxis:
+    """What runs on behalf of one axis."""
+
+    watchers: set[Watcher] = field(default_factory=set)
+    motion: "asyncio.Task[None] | None" = None
+    mover: object = None
+    recorder: Work | None = None
+    measurement: Work | None = None
+    busy: str = ""
+
+
+class Station:
+    """The axes, and what runs on their behalf; all of it in the event loop of the server."""
+
+    def __init__(self, graph: Graph, folder: Path) -> None:
+        self.graph, self.folder = graph, folder
+        self._of: dict[str, OfAxis] = {}
+
+    @property
+    def axes(self) -> dict[str, Axis]:
+        """The axes that were found, by title."""
+        return self.graph.axes
+
+    def of(self, title: str) -> OfAxis:
+        """Return what runs on behalf of an axis."""
+        return self._of.setdefault(title, OfAxis())
+
+    async def run(self) -> None:
+        """Send what comes to whoever watches, until cancelled."""
+        while True:
+            for title, axis in list(self.axes.items()):
+                watchers = self.of(title).watchers
+                if not watchers:
+                    continue
+                samples, states = axis.take()
+                frames = [frame(kind, rows) for kind, rows in ((JOINTS, samples), (STATE, states)) if rows]
+                for watcher in watchers:
+                    watcher.put(frames)
+            await asyncio.sleep(PICTURE)
+
+    # Motion.
+
+    def begin(self, title: str, what: Wave, mover: object) -> None:
+        """Send the references of a wave from now on, in place of another's, on behalf of the page ``mover``."""
+        self.end(title)
+        axis = self.of(title)
+        axis.motion, axis.mover = asyncio.create_task(wave(what, self.axes[title].move)), mover
+
+    def end(self, title: str) -> None:
+        """Send no more references; the last one stays."""
+        motion, self.of(title).motion = self.of(title).motion, None
+        if motion is not None:
+            motion.cancel()
+
+    def left(self, mover: object) -> None:
+        """End what a page moves, whose browser is gone."""
+        for title, axis in self._of.items():
+            if axis.mover is mover:
+                self.end(title)
+
+    async def stop(self, title: str) -> Answer:
+        """Take the power off: deactivate the controller, whose last command is 0."""
+        axis = self.axes.get(title)
+        if axis is None:
+            return Answer(False, f"there is no axis {title}")
+        self.end(title)
+        answer = await axis.change(Transition.TRANSITION_DEACTIVATE)
+        if answer.success:
+            return Answer(True, "stopped: 0 V; activate to go on")
+        if axis.lifecycle in {"inactive", "unconfigured", "finalized"}:
+            return Answer(True, f"the controller is {axis.lifecycle}: it sends no commands")
+        return answer
+
+    # Processes.
+
+    def _new_folder(self, title: str, what: str) -> Path:
+        self.folder.mkdir(parents=True, exist_ok=True)
+        axis = re.sub(r"\W+", "_", title).strip("_")
+        name = "_".join(filter(None, (what, axis, time.strftime("%Y-%m-%d_%H-%M-%S"))))
+        return self.folder / name
+
+    def record(self, title: str) -> Work:
+        """Start a recorder for an axis."""
+        folder = self._new_folder(title, "recording")
+        log = folder.with_suffix(".log")
+        namespace = self.axes[title].names.controller.rpartition("/")[0] or "/"
+        process = start_node("recorder", log, "-p", f"output:={folder}", "-r", f"__ns:={namespace}")
+        work = self.of(title).recorder = Work(process, folder, log)
+        return work
+
+    def measure(self, title: str) -> Work:
+        """Start `backlash measure` for an axis."""
+        folder = self._new_folder(title, "measurement")
+        log = folder.with_suffix(".log")
+        namespace = self.axes[title].names.controller.rpartition("/")[0] or "/"
+        command = [sys.executable, "-m", "backlash_ros.cli", "measure", "--out", str(folder), "--namespace", namespace]
+        with log.open("wb") as output:
+            process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
+        work = self.of(title).measurement = Work(process, folder, log)
+        return work
+
+    def certificate(self, title: str) -> Path | None:
+        """Return the page that the last measurement of an axis left; None where there is none."""
+        work = self.of(title).measurement
+        place = work.folder / CERTIFICATE if work is not None else None
+        return place if place is not None and place.is_file() else None
+
+    async def close(self) -> None:
+        """End what runs; recordings are closed whole, motions end, experiments that a page started are cancelled."""
+        for title, running in self._of.items():
+            self.end(title)
+            for work in (running.measurement, running.recorder):
+                if work is not None and work.running:
+                    await asyncio.to_thread(stop_node, work.process)
+
+
+def megabytes(size: int) -> str:
+    """Return a size in words."""
+    return f"{size / 1e6:.1f} MB" if size >= 1e5 else f"{size / 1e3:.0f} kB"
+
+
+def finite(value: float, otherwise: float = 0.0) -> float:
+    """Return ``value`` where it is finite."""
+    return value if math.isfinite(value) else otherwise
+
+
+Refresh = Callable[[Axis], None]
+"""Shows what an axis says now."""

@@ -1,0 +1,468 @@
+"""The dashboard, beside real nodes and in a real browser: what is seen, what is done, and that it disturbs nobody."""
+
+import http.client
+import json
+import math
+import re
+import signal
+import struct
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from graph import Lifecycle, Parameters, Peer, Process
+from in_browser import console_of, requests_of
+from lifecycle_msgs.msg import Transition
+from selenium.webdriver import ActionChains, Chrome
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray
+from websockets.sync.client import connect
+
+from backlash_ros.dashboard.rows import JOINT_COLUMNS, JOINTS, STATE, STATE_COLUMNS
+from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.ros.isolation import isolated
+from backlash_ros.ros.topics import RECEIVE
+
+Start = Callable[..., Process]
+B = NOMINAL_DRIVE.gear.backlash_angle
+WATCHDOG = 1.0
+ANEW = ("law", "backlash_angle", "gain_set", "identified", "learning.experiment")
+
+
+class Served:
+    """A dashboard in a process of its own, and where it serves."""
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self.folder = folder / "kept"
+        words = ["-p", "port:=0", "-p", f"folder:={self.folder}", *arguments]
+        self.process = Process("dashboard", words, folder / "dashboard.log")
+
+    @property
+    def address(self) -> str:
+        """Empty until it has said where it serves."""
+        found = re.search(r"^http://\S+$", self.process.output(), re.MULTILINE)
+        return found[0] if found else ""
+
+    @property
+    def host(self) -> str:
+        return self.address.removeprefix("http://").partition("/")[0]
+
+    def ask(self, method: str, path: str, **headers: str) -> tuple[int, str]:
+        connection = http.client.HTTPConnection(self.host, timeout=60)
+        connection.request(method, path, headers=headers)
+        response = connection.getresponse()
+        return response.status, response.read().decode()
+
+
+@pytest.fixture
+def serve(tmp_path: Path, peer: Peer) -> Iterator[Callable[..., Served]]:
+    """Start a dashboard and wait until it serves."""
+    with ExitStack() as ends:
+
+        def started(*arguments: str) -> Served:
+            made = Served(tmp_path, *arguments)
+            ends.callback(lambda: print(f"--- dashboard\n{made.process.output()}"))
+            ends.callback(made.process.kill)
+            peer.wait(lambda: f"the dashboard, which said {made.process.output()}", lambda: made.address)
+            return made
+
+        yield started
+
+
+def begin(start: Start, **controller: object) -> Process:
+    """Start drive and controller; time waits for the answers, so that the drive does the same on any machine."""
+    drive = start("plant_simulator", lockstep=True, command_timeout=WATCHDOG)
+    start("controller", **{"state_timeout": 10.0, "use_sim_time": True, **controller})
+    return drive
+
+
+class Page:
+    """The page in a browser, used as a person would: by what is written on it."""
+
+    def __init__(self, browser: Chrome, served: Served, peer: Peer) -> None:
+        self.browser, self._peer = browser, peer
+        browser.set_window_size(1400, 1500)
+        browser.get(served.address)
+        self.wait("samples", lambda: self.run("return window.live?.joints.length ?? 0") > 100)
+
+    def run(self, script: str) -> Any:
+        return self.browser.execute_script(script)
+
+    def wait(self, what: str, condition: Callable[[], Any]) -> Any:
+        return self._peer.wait(lambda: f"{what}; the page says {self.text()}", condition)
+
+    def text(self) -> str:
+        return str(self.run("return document.body.innerText"))
+
+    def said(self, name: str) -> str:
+        return str(self.run(f"return document.querySelector('[data-name={name}]')?.textContent ?? ''"))
+
+    def click(self, words: str) -> None:
+        def button() -> Any:
+            found = self.browser.find_elements(By.TAG_NAME, "button")
+            return next((each for each in found if each.text.strip() == words and each.is_enabled()), None)
+
+        self.wait(f"the button {words!r}", button).click()
+
+    def slider(self, name: str) -> Any:
+        """Return what of a slider takes keys."""
+        return self.browser.find_element(By.CSS_SELECTOR, f"[data-name={name}] [tabindex='0']")
+
+    def value_of(self, name: str) -> float:
+        return float(self.run(f"return document.querySelector('[data-name={name}]').ariaValueNow"))
+
+    def at_rest_at(self, angle: float) -> bool:
+        load = self.run("return window.live.joints.last('load')")
+        return abs(load - angle) < B and self.run("return window.live.state.last('reference')") == pytest.approx(angle)
+
+    def swing(self) -> float:
+        """Return how far the load swung in the last second, rad, of the samples that the page draws."""
+        return float(
+            self.run(
+                "const {joints} = window.live; const from = joints.from(joints.last('time') - 1);"
+                "const load = joints.of('load').slice(from); return Math.max(...load) - Math.min(...load)"
+            )
+        )
+
+    def drawn(self, name: str) -> list[Any]:
+        """Return the points of a curve as the chart has them."""
+        return list(self.run(f"return window.live.chart.getOption().series.find(s => s.name === '{name}').data"))
+
+
+class Reader:
+    """One page's connection, without a browser: frames as they come."""
+
+    def __init__(self, served: Served) -> None:
+        self._connection = connect(
+            f"ws://{served.host}/samples?axis=/", origin=f"http://{served.host}", max_size=None, close_timeout=1
+        )
+        self.rows: dict[int, list[tuple[float, ...]]] = {JOINTS: [], STATE: []}
+
+    def read(self) -> None:
+        data = self._connection.recv(timeout=30)
+        assert isinstance(data, bytes)
+        kind, width, *numbers = struct.unpack(f"<{len(data) // 8}d", data)
+        self.rows[int(kind)] += zip(*[iter(numbers)] * int(width), strict=True)
+
+    def close(self) -> None:
+        self._connection.close()
+
+
+class System:
+    """Drive, controller and dashboard that several tests use, one after the other."""
+
+    def __init__(self, folder: Path) -> None:
+        self.peer = Peer()
+        said = {"plant_simulator": ["lockstep:=true", f"command_timeout:={WATCHDOG}"]}
+        said["controller"] = ["state_timeout:=10.0", "use_sim_time:=true", "loop_delay:=0.008"]
+        self._nodes = [
+            Process(name, [word for rule in rules for word in ("-p", rule)], folder / f"{name}.log")
+            for name, rules in said.items()
+        ]
+        self.served = Served(folder)
+        self.peer.wait("the dashboard", lambda: self.served.address)
+        self.parameters = Parameters(self.peer, "controller")
+        self._reference = self.peer.node.create_publisher(Float64, "reference", 10)
+        self._load: list[float] = []
+        self.peer.node.create_subscription(JointState, "joint_states", lambda m: self._load.append(m.position[1]), 10)
+        self._at_first = dict(zip(ANEW, self.parameters.get(*ANEW), strict=True))
+
+    def anew(self) -> None:
+        """Put back what a test may have changed, and let the load come to rest at 0."""
+        if Lifecycle(self.peer, "controller").state == "inactive":
+            Lifecycle(self.peer, "controller").change(Transition.TRANSITION_ACTIVATE)
+        assert self.parameters.set(**{name.replace(".", "__"): value for name, value in self._at_first.items()})[0]
+
+        def there() -> bool:
+            self._reference.publish(Float64(data=0.0))
+            return bool(self._load) and abs(self._load[-1]) < B
+
+        self.peer.wait("the load at 0", there)
+
+    def close(self) -> None:
+        for process in (self.served.process, *self._nodes):
+            process.kill()
+            print(f"--- {process.log.stem}\n{process.output()}")
+        self.peer.close()
+
+
+@pytest.fixture(scope="class")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
+    with isolated():
+        made = System(tmp_path_factory.mktemp("system"))
+        yield made
+        made.close()
+
+
+@pytest.fixture
+def system(shared: System) -> System:
+    shared.anew()
+    return shared
+
+
+class TestOneDrive:
+    """What leaves the nodes whole, beside the same ones."""
+
+    def test_a_newcomer_sees_the_rattle_and_ends_it_by_clicks(self, system: System, browser: Chrome) -> None:
+        served, peer = system.served, system.peer
+        page = Page(browser, served, peer)
+        assert page.said("backlash") == "the backlash is not learned yet"
+        page.click("Step forward")
+        page.wait("the step", lambda: page.at_rest_at(0.5))
+        page.wait("the rattle", lambda: 0.5 * B < page.swing() < 1.5 * B)
+        before = page.drawn("error")[-1]
+        page.wait("curves that move", lambda: page.drawn("error")[-1] != before)
+        last = np.array(page.drawn("error")[-200:], dtype=float)[:, 1]
+        assert 0.5 * B < 1e-3 * np.ptp(last) < 1.5 * B  # in mrad while b is not known
+        assert re.search(r"The load moved by 1\d\.\d+ mrad", page.text())
+        page.click("Learn the backlash")
+        page.wait("what was learned", lambda: page.said("backlash") == "backlash in use: 20 mrad")
+        page.wait("its uncertainty", lambda: "+-" in page.said("experiment-answer"))
+        page.wait("quiet", lambda: page.swing() < 0.05 * B)
+        page.click("Step back")
+        page.wait("the step back", lambda: page.at_rest_at(0.0))
+        page.wait("quiet", lambda: page.swing() < 0.05 * B)
+        page.wait("b in the text", lambda: "The load moved by 0.0" in page.text() and " b in the last" in page.text())
+        assert console_of(browser) == []
+        own = f"http://{served.host}/"
+        assert all(url.startswith((own, f"ws://{served.host}/", "data:", "blob:")) for url in requests_of(browser))
+
+    def test_gains_that_are_refused_say_why_and_go_back(self, system: System, browser: Chrome) -> None:
+        served, peer = system.served, system.peer
+        page = Page(browser, served, peer)
+        margins = page.wait("margins", lambda: page.said("fast-gains"))
+        assert re.fullmatch(r"k = \[[\d., e-]+\]; margins: \d+\u00b0 of phase, [\d.]+ ms of delay", margins)
+        slider = page.slider("fast-0")
+        while not page.said("law-answer"):  # to ever higher gains
+            before, shown = system.parameters.get("gains.fast.q"), page.said("fast-gains")
+            slider.send_keys(Keys.PAGE_UP)
+            page.wait("an answer", lambda shown=shown: page.said("law-answer") or page.said("fast-gains") != shown)
+        refused = page.said("law-answer")
+        assert refused.startswith("gains.fast")
+        assert "unstable" in refused
+        assert system.parameters.get("gains.fast.q") == before
+        assert page.said("fast-gains") != margins  # some were taken before
+        power = math.log10(before[0][0])
+        page.wait("the slider to go back", lambda: page.value_of("fast-0") == pytest.approx(power, abs=0.05))
+        slider.send_keys(Keys.ARROW_LEFT)
+        page.wait("lower gains", lambda: system.parameters.get("gains.fast.q") != before)
+        page.wait("no refusal", lambda: page.said("law-answer") == "")
+
+    @pytest.mark.parametrize("by", ["the button", "Escape"])
+    def test_stop_puts_out_0_v_amid_motion_and_the_drive_goes_on_when_asked(
+        self, system: System, browser: Chrome, by: str
+    ) -> None:
+        """Within a watchdog's time, while references come and curves are drawn."""
+        served, peer = system.served, system.peer
+        commands: list[tuple[float, float]] = []
+        subscription = peer.node.create_subscription(
+            Float64MultiArray,
+            "command",
+            lambda m, info: commands.append((1e-9 * info["source_timestamp"], m.data[0])),
+            RECEIVE,  # the newest alone: this process looks at the page most of the time
+        )
+        page = Page(browser, served, peer)
+        page.click("Sine")
+        page.wait("motion", lambda: page.swing() > 0.1)
+        peer.wait("commands", lambda: commands and commands[-1][1] != 0.0)
+        page.run(
+            "for (const kind of ['click', 'keydown'])"
+            " addEventListener(kind, () => { window.asked ??= Date.now() / 1000; }, true)"
+        )
+        if by == "Escape":
+            ActionChains(browser).send_keys(Keys.ESCAPE).perform()
+        else:
+            page.click("Stop: 0 V")
+        page.wait("the stop", lambda: "stopped: 0 V" in page.text())
+        peer.wait("the last command", lambda: commands[-1][1] == 0.0)
+        assert commands[-1][0] < page.run("return window.asked") + WATCHDOG
+        assert Lifecycle(peer, "controller").state == "inactive"
+        page.wait("the state", lambda: "inactive" in page.said("lifecycle"))
+        page.click("Activate")
+        page.wait("the state", lambda: page.said("lifecycle") == "controller active")
+        references: list[float] = []
+        peer.node.create_subscription(Float64, "reference", lambda m: references.append(m.data), 10)
+        page.click("Step forward")  # the sine has ended, so this is all that comes
+        peer.wait("a reference", lambda: references)
+        assert len(references) == 1
+        page.wait("the step", lambda: page.at_rest_at(references[0]))
+        peer.node.destroy_subscription(subscription)
+
+    def test_a_recording_is_made_and_ended(self, system: System, browser: Chrome) -> None:
+        served, peer = system.served, system.peer
+        page = Page(browser, served, peer)
+        page.click("Record")
+        page.wait("its size", lambda: re.search(r"recording [1-9][\d.]* [kM]B", page.said("recording")))
+        page.click("End the recording")
+        page.wait("its end", lambda: page.said("recording").startswith("recorded"))
+        (bag,) = served.folder.glob("recording_*/metadata.yaml")
+        assert "/joint_states" in bag.read_text()
+
+    def test_faults_and_load_torque_are_injected_and_taken_back(self, system: System, browser: Chrome) -> None:
+        served, peer = system.served, system.peer
+        page = Page(browser, served, peer)
+        page.click("Step forward")
+        page.wait("the step", lambda: page.at_rest_at(0.5))
+        page.slider("load-torque").send_keys(Keys.PAGE_UP)
+        page.wait("the load torque", lambda: page.run("return window.live.state.last('load_torque')") > 0.05)
+        page.click("Load encoder jumps")
+        page.wait("the fault", lambda: page.said("fact-fault").startswith("ENCODERS_DISAGREE: "))
+        page.click("As it was")
+        page.click("Reset the fault")
+        page.wait("no fault", lambda: page.said("fact-fault") == "none")
+        assert Parameters(peer, "plant_simulator").get("sensors.load_offset") == [0.0]
+
+    def test_ten_pages_get_every_sample_and_none_stops_another(self, system: System) -> None:
+        served = system.served
+        for _ in range(10):
+            assert served.ask("GET", "/")[0] == 200
+        readers = [Reader(served) for _ in range(10)]
+        asleep = readers.pop()  # a browser that stands still
+        for _ in range(100):
+            for reader in readers:
+                reader.read()
+        for reader in readers:
+            times = np.array([row[JOINT_COLUMNS.index("time")] for row in reader.rows[JOINTS]])
+            assert len(times) > 500
+            steps = np.diff(times) / 0.004
+            assert np.all(steps > 0.5)  # in order, none twice
+            assert np.allclose(steps, np.round(steps), atol=0.01)
+            assert np.mean(steps > 1.5) < 0.01  # best effort: one may be lost
+            assert len(reader.rows[STATE][0]) == len(STATE_COLUMNS)
+        asleep.read()
+        for reader in (*readers, asleep):
+            reader.close()
+
+    def test_only_the_page_itself_may_stop(self, system: System) -> None:
+        served, peer = system.served, system.peer
+        Reader(served).close()
+        own = f"http://{served.host}"
+        for headers in ({}, {"Origin": "http://evil.example"}):
+            assert served.ask("POST", "/stop?axis=/", **headers)[0] == 403
+        assert served.ask("POST", "/stop?axis=/", Origin="http://evil.example", Host="evil.example")[0] == 421
+        assert Lifecycle(peer, "controller").state == "active"
+        assert served.ask("POST", "/stop?axis=/nowhere", Origin=own) == (503, "there is no axis /nowhere")
+        assert peer.wait("the stop", lambda: served.ask("POST", "/stop?axis=/", Origin=own)[0] == 200)
+        assert Lifecycle(peer, "controller").state == "inactive"
+
+
+def test_a_drive_that_goes_and_comes_is_said_and_watched_again(
+    start: Start, peer: Peer, serve: Callable[..., Served], browser: Chrome
+) -> None:
+    drive = begin(start, state_timeout=2.0)
+    page = Page(browser, serve(), peer)
+    page.wait("the drive", lambda: page.said("fact-drive") == "simulated by /plant_simulator")
+    drive.kill()
+    page.wait("its absence", lambda: "no joint states: the drive is not there" in page.said("lifecycle"))
+    page.wait("the fault", lambda: page.said("fact-fault").startswith("NO_SAMPLES: No usable joint states came"))
+    assert "Then reset the fault." in page.said("fact-what-to-do")
+    start("plant_simulator", lockstep=True)
+    page.wait("its return", lambda: "not there" not in page.said("lifecycle"))
+    page.click("Reset the fault")
+    page.wait("no fault", lambda: page.said("fact-fault") == "none")
+    page.click("Step forward")
+    page.wait("a step", lambda: page.swing() > 0.1)
+    assert console_of(browser) == []
+
+
+@pytest.mark.parametrize("how", [signal.SIGSTOP, signal.SIGKILL])
+def test_a_dashboard_that_freezes_or_dies_stops_nobody(
+    start: Start, peer: Peer, serve: Callable[..., Served], how: signal.Signals
+) -> None:
+    begin(start)
+    served = serve()
+    reader = Reader(served)
+    reader.read()
+    answered: list[float] = []
+    peer.node.create_subscription(Float64MultiArray, "command", lambda _: answered.append(time.monotonic()), 1000)
+    peer.wait("commands", lambda: len(answered) > 10)
+    served.process.signal(how)
+    count = len(answered)
+    peer.wait("the loop to go on", lambda: len(answered) > count + 1000)
+    gaps = np.diff(answered[count:])
+    assert np.sum(gaps > 0.9) == 0  # shared memory would hold each publish up by 1 s
+    if how == signal.SIGSTOP:
+        served.process.signal(signal.SIGCONT)
+
+
+def test_read_only_shows_everything_and_takes_nothing(
+    start: Start, peer: Peer, serve: Callable[..., Served], browser: Chrome
+) -> None:
+    begin(start)
+    served = serve("-p", "read_only:=true")
+    page = Page(browser, served, peer)
+    page.wait("the drive", lambda: page.said("fact-drive") == "simulated by /plant_simulator")
+    words = [each.text.strip() for each in browser.find_elements(By.TAG_NAME, "button") if each.text.strip()]
+    assert {"Pause", "Live", "Zoom in"} <= set(words)
+    assert not {"Stop: 0 V", "Go there", "Learn the backlash", "Record", "Activate"} & set(words)
+    assert browser.find_elements(By.CSS_SELECTOR, "[role=slider]") == []
+    status, _ = served.ask("POST", "/stop?axis=/", Origin=f"http://{served.host}")
+    assert status in {404, 405}
+    assert Lifecycle(peer, "controller").state == "active"
+
+
+def test_another_address_wants_its_token(peer: Peer, serve: Callable[..., Served]) -> None:
+    served = serve("-p", "host:=0.0.0.0")
+    token = served.address.partition("/?token=")[2]
+    assert len(token) >= 20
+    warning = "whoever has this address may see the page and move the drive"
+    peer.wait("the warning", lambda: warning in served.process.output())
+    assert served.ask("GET", "/")[0] == 403
+    assert served.ask("GET", "/?token=wrong")[0] == 403
+    assert served.ask("GET", f"/?token={token}")[0] == 303
+    assert served.ask("GET", "/", Cookie=f"backlash_ros_token={token}")[0] == 200
+
+
+def test_it_ends_by_ctrl_c_with_pages_open(start: Start, peer: Peer, serve: Callable[..., Served]) -> None:
+    begin(start)
+    served = serve()
+    reader = Reader(served)
+    reader.read()
+    assert served.process.stop() == 0
+    assert "Traceback" not in served.process.output()
+
+
+@pytest.mark.parametrize(
+    ("rule", "says"),
+    [
+        ("port:=70000", "port must be"),
+        ("host:=no.such.host.invalid", "host must be an address of this machine, got 'no.such.host.invalid'"),
+        ("ports:=1", "there is no parameter 'ports', got 1: is 'port' meant?"),
+        ("read_only:=3", "read_only must be true or false"),
+    ],
+)
+def test_a_start_that_is_not_understood_is_refused_in_one_line(start: Start, rule: str, says: str) -> None:
+    process = start("dashboard", "-p", rule)
+    assert process.wait() == 2
+    assert says in process.output()
+    assert process.output().count("\n") == 1
+
+
+def test_a_port_that_is_taken_is_said(start: Start, serve: Callable[..., Served]) -> None:
+    port = serve().host.rpartition(":")[2]
+    second = start("dashboard", "-p", f"port:={port}")
+    assert second.wait() == 2
+    assert f"cannot serve at host '127.0.0.1', port {port}: Address already in use; port 0 is any" in second.output()
+
+
+def test_axes_are_told_apart_by_name(start: Start, peer: Peer, serve: Callable[..., Served], browser: Chrome) -> None:
+    names = ["arm/elbow", "wrist"]
+    start("plant_simulator", non_ros=["--axes", *names], lockstep=True)
+    start("controller", non_ros=["--axes", *names], state_timeout=10.0, use_sim_time=True)
+    page = Page(browser, serve(), peer)
+    page.wait("both", lambda: json.loads(page.run("return JSON.stringify(window.facts)"))["axis"] == "/arm/elbow")
+    page.click("Step forward")
+    page.wait("the step", lambda: page.at_rest_at(0.5))
+    browser.find_element(By.CSS_SELECTOR, "[data-name=axis]").click()
+    option = "//div[@role='option'][.//*[text()='/wrist']]"
+    page.wait("the other axis", lambda: browser.find_elements(By.XPATH, option))[0].click()
+    page.wait("its name", lambda: page.run("return window.live.axis") == "/wrist")
+    page.wait("its samples", lambda: page.run("return window.live.joints.length") > 100)
+    assert page.at_rest_at(0.5) is False
+    assert abs(page.run("return window.live.joints.last('load')")) < B

@@ -1,0 +1,130 @@
+"""Pages of `backlash report` in a browser: charts drawn and zoomed, in light, dark and on paper, without a network."""
+
+import re
+from pathlib import Path
+
+import pytest
+import reported
+from in_browser import console_of, emulate, requests_of
+from report_page import PATIENCE, opened, shown, wait
+from selenium.webdriver import ActionChains, Chrome, Keys
+from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
+from selenium.webdriver.common.by import By
+from selenium.webdriver.remote.webelement import WebElement
+from selenium.webdriver.support.ui import WebDriverWait
+
+from backlash_ros.analysis.style import DARK, LIGHT, PRINT
+from backlash_ros.cli import main
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Return the pages of an axis of ours, of six, and of somebody else's drive."""
+    folder = tmp_path_factory.mktemp("pages")
+    drive = reported.write_drive(folder)
+    made = {
+        "one": (reported.axes_bag([""]), []),
+        "six": (reported.axes_bag([f"/axis{k}" for k in range(1, 7)]), []),
+        "foreign": (reported.foreign_bag(), [*reported.FOREIGN, "--drive", str(drive)]),
+    }
+    for name, (bag, options) in made.items():
+        words = ["report", str(bag.write(folder / name)), "--out", str(folder / f"{name}.html"), *options]
+        assert main(words) == 0
+    return {name: folder / f"{name}.html" for name in made}
+
+
+def curves(chart: WebElement) -> str:
+    """Return all that is drawn in a chart."""
+    return str(chart.find_element(By.TAG_NAME, "svg").get_attribute("innerHTML"))
+
+
+def plot(chart: WebElement) -> WebElement:
+    return chart.find_element(By.CSS_SELECTOR, ".plot")
+
+
+@pytest.mark.parametrize("name", ["one", "six", "foreign"])
+def test_all_charts_are_drawn_and_nothing_is_loaded(browser: Chrome, pages: dict[str, Path], name: str) -> None:
+    charts = opened(browser, pages[name])
+    assert len(charts) >= {"one": 4, "six": 24, "foreign": 4}[name]
+    for chart in charts:
+        low, high = shown(chart)
+        assert low < high
+        curve = chart.find_elements(By.CSS_SELECTOR, "svg path[stroke-linejoin='bevel']")
+        assert sum(len(str(path.get_attribute("d"))) for path in curve) > 500
+    asked = requests_of(browser)
+    assert asked[0] == pages[name].as_uri()
+    assert all(address.startswith("blob:null/") for address in asked[1:])
+    assert console_of(browser) == []
+
+
+def test_a_chart_is_zoomed_by_buttons_keys_wheel_and_drag(browser: Chrome, pages: dict[str, Path]) -> None:
+    step = opened(browser, pages["foreign"])[1]
+    whole, before = shown(step), curves(step)
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", step)
+    buttons = {str(b.get_attribute("data-zoom")): b for b in step.find_elements(By.TAG_NAME, "button")}
+    buttons["in"].click()
+    near = shown(step)
+    assert near[1] - near[0] == pytest.approx(0.5 * (whole[1] - whole[0]), rel=0.01)
+    WebDriverWait(browser, PATIENCE).until(lambda _: curves(step) != before)
+    buttons["right"].click()
+    assert shown(step)[0] > near[0]
+    buttons["all"].send_keys(Keys.ENTER)
+    assert shown(step) == whole
+    buttons["all"].send_keys(Keys.TAB)
+    assert browser.switch_to.active_element != buttons["all"]
+    browser.switch_to.active_element.send_keys(Keys.SHIFT, Keys.TAB)
+    buttons["in"].send_keys(Keys.SPACE)
+    assert shown(step) == near
+    buttons["out"].click()
+    assert shown(step) == whole
+
+    ActionChains(browser).scroll_from_origin(ScrollOrigin.from_element(plot(step)), 0, -300).perform()
+    WebDriverWait(browser, PATIENCE).until(lambda _: shown(step) != whole)
+    wheeled = shown(step)
+    assert wheeled[1] - wheeled[0] < 0.95 * (whole[1] - whole[0])
+    ActionChains(browser).drag_and_drop_by_offset(plot(step), 120, 0).perform()
+    WebDriverWait(browser, PATIENCE).until(lambda _: shown(step)[0] < wheeled[0])
+    assert console_of(browser) == []
+
+
+def colours_of(browser: Chrome, chart: WebElement) -> set[str]:
+    found = browser.execute_script(
+        "return [...arguments[0].querySelectorAll('svg [stroke]')].map((curve) => curve.getAttribute('stroke'))", chart
+    )
+    return set(found)
+
+
+def test_colours_follow_the_scheme_and_paper_is_light(browser: Chrome, pages: dict[str, Path]) -> None:
+    ground = "return getComputedStyle(document.body).backgroundColor"
+    chart = opened(browser, pages["foreign"])[0]
+    for scheme, colours in (("dark", DARK), ("light", LIGHT), ("dark", DARK)):
+        emulate(browser, scheme=scheme)
+        WebDriverWait(browser, PATIENCE).until(lambda _, c=colours: c["load"] in colours_of(browser, chart))
+        red, green, blue = (int(colours["paper"][k : k + 2], 16) for k in (1, 3, 5))
+        assert browser.execute_script(ground) == f"rgb({red}, {green}, {blue})"
+    browser.execute_script("dispatchEvent(new Event('beforeprint'))")
+    assert {PRINT["load"], PRINT["faint"]} <= colours_of(browser, chart)
+    emulate(browser, scheme="dark", media="print")
+    assert browser.execute_script(ground) == "rgb(255, 255, 255)"
+    browser.execute_script("dispatchEvent(new Event('afterprint'))")
+    assert DARK["load"] in colours_of(browser, chart)
+
+
+def test_it_prints_all_charts_even_those_that_nobody_scrolled_to(browser: Chrome, pages: dict[str, Path]) -> None:
+    browser.get(pages["six"].as_uri())
+    wait(browser, "return document.documentElement.dataset.charts === 'ready'")
+    drawn = "return document.querySelectorAll('figure.chart .plot:has(svg path)').length"
+    assert browser.execute_script(drawn) < len(browser.find_elements(By.CSS_SELECTOR, "figure.chart"))
+    browser.execute_cdp_cmd("Page.printToPDF", {"preferCSSPageSize": True})
+    assert browser.execute_script(drawn) == len(browser.find_elements(By.CSS_SELECTOR, "figure.chart"))
+
+
+def test_without_scripts_the_figures_are_there(browser: Chrome, pages: dict[str, Path]) -> None:
+    browser.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
+    try:
+        browser.get(pages["foreign"].as_uri())
+        text = browser.find_element(By.TAG_NAME, "body").text
+    finally:
+        browser.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": False})
+    assert "The charts need JavaScript" in text
+    assert re.search(r"\b85\.\d{3}\b", text)  # the overshoot, mrad: 4.89 degrees
