@@ -50,7 +50,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/config", [*glob("config/*.yaml"), f"{NAME}/ros/loopback_udp.xml"]),
+        (f"share/{NAME}/config", [*glob("config/*"), f"{NAME}/ros/loopback_udp.xml"]),
         (f"share/{NAME}/launch", glob("launch/*.launch.py")),
     ],
     entry_points={

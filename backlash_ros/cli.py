@@ -20,12 +20,12 @@ from backlash_ros.analysis.evaluation.drive_file import read_axis, read_drive
 from backlash_ros.analysis.evaluation.population import ENCODERS, MODELS, POPULATIONS
 from backlash_ros.analysis.evaluation.task import DESIGNED, Task
 from backlash_ros.analysis.export import FORMATS
-from backlash_ros.analysis.figures import FIGURES, draw
 from backlash_ros.analysis.jsonable import jsonable
 from backlash_ros.analysis.page import write_page
 from backlash_ros.analysis.paper import CASES, PARTS, judge, reproduce, respond
 from backlash_ros.analysis.recordings.arguments import add_identification, in_the_way, number_of, request_of
 from backlash_ros.analysis.recordings.command import identify_recording
+from backlash_ros.analysis.replay import command as replaying
 from backlash_ros.analysis.report.command import add_report, places_of, write_report
 from backlash_ros.analysis.report.library import NoLibraryError
 from backlash_ros.analysis.staging import staging, write_text
@@ -37,6 +37,8 @@ T = TypeVar("T")
 
 def figures(out: Path, page: Path | None, console: Console) -> None:
     """Compute all, write figures and figures.json into ``out``, and the page to ``page``: all of it or nothing."""
+    from backlash_ros.analysis.figures import FIGURES, draw  # noqa: PLC0415 - matplotlib takes a second
+
     with ExitStack() as stack:
         drawn = stack.enter_context(staging(out / "figures.json"))
         results = {drawn: out}
@@ -214,6 +216,18 @@ def _design(parser: argparse.ArgumentParser, given: argparse.Namespace, console:
         parser.error(str(error))
 
 
+def _replay(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> int:
+    for name, place in replaying.files_in_the_way(given):
+        parser.error(f"argument --{name}: '{place}' is there already; --force writes over it")
+    for name in ("json", "plot"):
+        if (place := getattr(given, name)) is not None and (why := _unwritable(place, folder=False)):
+            parser.error(f"argument --{name}: must be a place that can be written, got '{place}': {why}")
+    try:
+        return replaying.replay_bag(given, console)
+    except ValueError as error:
+        parser.error(str(error))
+
+
 def _report(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> int:
     for name, place in places_of(given):
         if place.exists() and not given.force:
@@ -281,6 +295,9 @@ def main(args: Sequence[str] | None = None) -> int:
     add_report(reporting)
     designing = commands.add_parser("design", help="over-damped gains and their region's width, for a range of drives")
     add_design(designing)
+    again = commands.add_parser("replay", help="a recorded controller's commands computed again, to the last bit")
+    replaying.add_replay(again)
+    again.set_defaults(run=lambda a, console: _replay(again, a, console))
     designing.set_defaults(run=lambda a, console: _design(designing, a, console))
     words = tuple(sys.argv[1:] if args is None else args)
     finding.set_defaults(words=words, run=lambda a, console: _identify(finding, a, console))

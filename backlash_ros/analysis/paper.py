@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -22,15 +23,18 @@ Number = float | int | bool | str | None
 PERIOD = 0.001
 """Sample period of every loop here, s: the paper's loops are continuous."""
 SECONDS = 6.0
-GAINS = GainSet(
-    **{region: design_gains(region, NOMINAL_DRIVE, weights) for region, weights in DEFAULT_WEIGHTS.items()},
-)
 NOISY = Sensors(load_noise=0.01)
 """Noise on the measured load angle, even within 0.01 rad: 1 % of the step."""
 ENCODERS = Sensors(measured=(*POSITIONS, "current"), motor_counts=2.0**12, load_counts=2.0**12)
 """12-bit encoders on both shafts, speeds from them."""
 SEED = 2009
 """Of the noise."""
+
+
+@cache
+def gains() -> GainSet:
+    """Return the gains of the paper's weights for the nominal drive."""
+    return GainSet(**{region: design_gains(region, NOMINAL_DRIVE, each) for region, each in DEFAULT_WEIGHTS.items()})
 
 
 @dataclass(frozen=True)
@@ -93,7 +97,7 @@ def respond(law: str, case: Case, seconds: float = SECONDS) -> Run:
     scenario = Scenario(np.ones(count), np.array(case.load_torque), sensors=case.sensors, seed=SEED)
     gap = case.drive.gear.backlash_angle
     told = replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, backlash_angle=gap))
-    settings = ServoSettings(GAINS, law=law, backlash_angle=gap, period=PERIOD, identified=case.drive == told)
+    settings = ServoSettings(gains(), law=law, backlash_angle=gap, period=PERIOD, identified=case.drive == told)
     return run(case.drive, settings, scenario, model=NOMINAL_DRIVE)
 
 
@@ -121,7 +125,7 @@ def judge(result: Run, case: Case) -> dict[str, float]:
 
 def cycle_of(drive: Drive, seconds: float = 4.0) -> dict[str, Number]:
     """Return the limit cycle of the fast gains, without observer: amplitude over b, gap travel over d, period, s."""
-    settings = ServoSettings(GAINS, law="fast", period=PERIOD)
+    settings = ServoSettings(gains(), law="fast", period=PERIOD)
     scenario = Scenario(np.ones(round(seconds / PERIOD)), known_load_torque=True, substeps=4)
     result = run(drive, settings, scenario, model=NOMINAL_DRIVE)
     tail = slice(result.time.size // 2, None)
@@ -143,7 +147,7 @@ def sweep_backlash() -> list[dict[str, Number]]:
     for factor in SWEEP:
         drive = backlash(factor)
         b = drive.gear.backlash_angle
-        settings = ServoSettings(GAINS, period=PERIOD).with_experiment("limit_cycle")
+        settings = ServoSettings(gains(), period=PERIOD).with_experiment("limit_cycle")
         both = learn_backlash(drive, settings)
         load = learn_backlash(drive, settings, sensors=Sensors(measured=("theta_l", "omega_l")))
         row: dict[str, Number] = {"backlash_m": drive.gear.backlash, "backlash_angle_rad": b, **cycle_of(drive)}
@@ -158,7 +162,7 @@ def sweep_backlash() -> list[dict[str, Number]]:
 
 def prediction(drive: Drive) -> dict[str, Number]:
     """Return what harmonic balance predicts for the fast gains."""
-    predicted = predict_limit_cycle(drive, GAINS.fast, PERIOD)
+    predicted = predict_limit_cycle(drive, gains().fast, PERIOD)
     if predicted is None:
         return {"predicted_amplitude_b": None, "predicted_period_s": None}
     return {

@@ -68,7 +68,7 @@ class ActingExperiment:
 
     Parameters
     ----------
-    chosen, parameters : the experiment, and what it is run with
+    name, chosen, parameters : the experiment, and what it is run with
     law : the law that it names, as designed for the drive, or `IDLE`
     calm : the over-damped law, which acts instead once the experiment asks for it
     drive, period, limits : that it is made for; the period of the samples in s
@@ -76,6 +76,7 @@ class ActingExperiment:
 
     def __init__(
         self,
+        name: str,
         chosen: NamedExperiment,
         parameters: Validated,
         law: ControlLaw,
@@ -84,7 +85,7 @@ class ActingExperiment:
         period: float,
         limits: Limits,
     ) -> None:
-        self.acting, self._calm = ActingLaw(law), calm
+        self.name, self.acting, self._calm = name, ActingLaw(law), calm
         self._run = chosen.make(drive, parameters, period, limits)
         self._swing, self._swing_name = swing_of(chosen, parameters), swing_name(chosen, parameters)
         self._goes_away = bool(chosen.turn)

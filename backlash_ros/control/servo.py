@@ -329,6 +329,11 @@ class Servo:
         return self._experiment is not None
 
     @property
+    def experiment(self) -> str:
+        """The name of that experiment; empty where there is none."""
+        return "" if self._experiment is None else self._experiment.name
+
+    @property
     def progress(self) -> float:
         """How far the experiment is, from 0 to 1; 0 where there is none."""
         return 0.0 if self._experiment is None else self._experiment.progress
@@ -385,7 +390,7 @@ class Servo:
         law = design_law(self.drive, self.settings.with_law(chosen.law)) if chosen.law else IDLE
         period = self.settings.period
         self._experiment = ActingExperiment(
-            chosen, parameters, law, self._overdamped(), self.drive, period, self.limits
+            name, chosen, parameters, law, self._overdamped(), self.drive, period, self.limits
         )
         self._begin(self._experiment.acting)
 

@@ -21,6 +21,7 @@ from backlash_ros.drivetrain.signals import (
 from backlash_ros.gates.faults import Fault
 
 NO, YES = 0, 1
+LEARNING, IDENTIFYING = 1, 2
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,8 @@ TELEMETRY = {
     "fault": Plotted("", "fault that is latched", {fault.value: fault.name for fault in Fault}),
     "holding": Plotted("", "whether a position is held", {NO: "no", YES: "yes"}),
     "parameters_version": Plotted("", "version of the parameters in use"),
+    "samples": Plotted("", "samples taken since the node started"),
+    "elapsed": Plotted("s", "time since the sample before, 0 for the first; nan where told between samples"),
     "reference": Plotted("rad", "where the load is to come to rest; nan while no position is held"),
     "setpoint": Plotted("rad", "where the load is to be now"),
     "setpoint_velocity": Plotted("rad/s", "how fast it is to move now"),
@@ -64,7 +67,7 @@ TELEMETRY = {
     "gap_seen": Plotted("rad", "way between both flanks as the teeth have rested on them; 0 where on one alone"),
     "rattle": Plotted("rad", "swing of the load, peak to peak, where it rattles while held; 0 where it does not"),
     "calmed": Plotted("", "whether the over-damped gains act because the load rattled", {NO: "no", YES: "yes"}),
-    "experiment": Plotted("", "whether an experiment is under way", {NO: "no", YES: "yes"}),
+    "experiment": Plotted("", "what is under way", {0: "none", LEARNING: "learning", IDENTIFYING: "identifying"}),
     "progress": Plotted("", "how far the experiment is, from 0 to 1"),
     "offset": Plotted("rad", "what the experiment adds to the setpoint"),
     "torque": Plotted("N m", "what the experiment asks of the motor, at the output"),
@@ -72,7 +75,9 @@ TELEMETRY = {
 """Everything that ``~/state`` has, in its order."""
 
 
-def telemetry(servo: Servo, wear: WearWatch, *, active: bool, parameters_version: int) -> dict[str, float]:
+def telemetry(
+    servo: Servo, wear: WearWatch, *, active: bool, parameters_version: int, samples: int, elapsed: float
+) -> dict[str, float]:
     """Return what there is to plot now, by the names of `TELEMETRY`."""
     estimate, setpoint, excitation = servo.estimate, servo.memory.setpoint, servo.excitation
     return {
@@ -80,6 +85,8 @@ def telemetry(servo: Servo, wear: WearWatch, *, active: bool, parameters_version
         "fault": servo.latched.value,
         "holding": int(servo.holding),
         "parameters_version": parameters_version,
+        "samples": samples,
+        "elapsed": elapsed,
         "reference": servo.reference,
         "setpoint": float(setpoint[POSITION]),
         "setpoint_velocity": float(setpoint[VELOCITY]),
@@ -101,7 +108,7 @@ def telemetry(servo: Servo, wear: WearWatch, *, active: bool, parameters_version
         "gap_seen": wear.gap,
         "rattle": wear.rattle.swing if wear.rattle else 0.0,
         "calmed": int(servo.calmed),
-        "experiment": int(servo.experimenting),
+        "experiment": {"": 0, "identify": IDENTIFYING}.get(servo.experiment, LEARNING),
         "progress": servo.progress,
         "offset": excitation.offset,
         "torque": excitation.torque,

@@ -23,7 +23,7 @@ from std_srvs.srv import Trigger
 
 from backlash_ros.control import Gains, Margins, stability_margins
 from backlash_ros.dashboard.rows import STATE_COLUMNS, Row, joint_row, state_row
-from backlash_ros.ros.parameters import drive_of
+from backlash_ros.drivetrain.parameters import drive_of
 from backlash_ros.ros.topics import HISTORY, SEND
 
 ANSWER = 5.0

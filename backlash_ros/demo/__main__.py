@@ -38,9 +38,9 @@ from backlash_ros.analysis.session import (
     judge_load_step,
     judge_step,
     late_answers,
-    plot_session,
     swap_delay,
 )
+from backlash_ros.analysis.session_picture import plot_session
 from backlash_ros.analysis.staging import staging
 from backlash_ros.control import design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE

@@ -5,12 +5,14 @@ is its n = R1/R2 and the exponent of `contacts.power` the n of its eq 11.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from backlash_ros.drivetrain.contact import Contact, law_name
+from backlash_ros.drivetrain.contacts import CONTACTS
 from backlash_ros.drivetrain.contacts.power import PowerContact
-from backlash_ros.drivetrain.quantity import Validated, quantities, quantity
+from backlash_ros.drivetrain.quantity import Validated, quantities, quantity, take
 
 COMMAND_INTERFACES = ("voltage", "current")
 """What the drive takes as its command: the motor's voltage, V, or its current, A, which its own inner loop closes."""
@@ -226,6 +228,13 @@ def values_of(drive: Drive) -> dict[str, float | int | str]:
     parts = (drive.motor, drive.gear, drive.load, drive.gear.contact)
     numbers = {f"{part.section}.{name}": getattr(part, name) for part in parts for name in quantities(type(part))}
     return {**numbers, "contact.law": law_name(drive.gear.contact), "command_interface": drive.command_interface}
+
+
+def drive_of(values: Mapping[str, Any]) -> Drive:
+    """Return the drive that a set of parameters stands for; ValueError names the one that is out of bounds."""
+    contact = take(CONTACTS.choose("contact.law", values["contact.law"]), values)
+    gear = take(Gear, values, contact=contact)
+    return Drive(take(Motor, values), gear, take(Load, values), values["command_interface"])
 
 
 NOMINAL_DRIVE = Drive(

@@ -5,8 +5,9 @@ nodes read the same descriptions for their ROS parameters, and the documentation
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,3 +76,12 @@ class Validated:
 def quantities(kind: type[Validated]) -> dict[str, Quantity]:
     """Return the quantities of a validated dataclass by field name."""
     return {f.name: f.metadata["quantity"] for f in fields(kind) if "quantity" in f.metadata}
+
+
+V = TypeVar("V", bound=Validated)
+
+
+def take(kind: type[V], values: Mapping[str, Any], **others: Any) -> V:
+    """Build a validated value from parameters named by its section; ValueError names the one that is out of bounds."""
+    prefix = f"{kind.section}." if kind.section else ""
+    return kind(**{name: values[prefix + name] for name in quantities(kind)}, **others)

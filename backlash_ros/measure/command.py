@@ -180,9 +180,9 @@ def _part(columns: Columns, experiment: Series) -> Reading:
 
     Parameters
     ----------
-    experiment : 1 where it acts, by the stamps of the samples
+    experiment : not 0 where it acts, by the stamps of the samples
     """
-    acted = experiment.time[experiment.values == 1.0] - columns.epoch
+    acted = experiment.time[experiment.values != 0.0] - columns.epoch
     if not acted.size:
         return Reading()
     start, end = float(acted[0]), float(acted[-1])

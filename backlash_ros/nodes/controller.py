@@ -21,6 +21,7 @@ from backlash_ros.control.acting import IDLE, ActingLaw
 from backlash_ros.control.telemetry import telemetry
 from backlash_ros.control.tick import MISSING
 from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.drivetrain.messages import BadSampleError, NotOurJointsError, read_joint_state, stamp_ns
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Measurement
 from backlash_ros.gates import Action, Fault, Judged, SampleGate
 from backlash_ros.nodes.learning import Learning
@@ -30,15 +31,7 @@ from backlash_ros.nodes.start_lines import margins_line, stands_in, untold_drive
 from backlash_ros.nodes.tunables import Tunables
 from backlash_ros.ros.diagnostics import ERROR, OK, status
 from backlash_ros.ros.lifecycle import ManagedNode
-from backlash_ros.ros.messages import (
-    Answer,
-    BadSampleError,
-    NotOurJointsError,
-    answer,
-    read_joint_state,
-    stamp_ns,
-    to_stamp,
-)
+from backlash_ros.ros.messages import Answer, answer, to_stamp
 from backlash_ros.ros.overrides import values_given
 from backlash_ros.ros.run import run
 from backlash_ros.ros.timer import Timer, in_ns, now, now_ns
@@ -72,6 +65,7 @@ class Controller(ManagedNode):
         self._measured, self._answer = Measurement(np.empty(5)), Answer()
         self._told, self._said = Fault.NONE, (False, False, Fault.NONE)
         self._estimated = self._changed = False
+        self._owed = False  # whether something was told between samples, which the next one is to tell again
         self._report = ControllerReport(self._rate, self._state_timeout)
         self._command = self.speak(Float64MultiArray, "command")
         self._state = self.speak(DiagnosticArray, "~/state")
@@ -121,6 +115,7 @@ class Controller(ManagedNode):
     def activate(self) -> None:
         """Hold the position of the first sample that comes once somebody listens to ``command``."""
         self._gate.open()
+        self._learning.wear.forget()  # the drive may have been worked on
         self._watchdog.due = now() + 0.5 * self._state_timeout
         gain_set = self._tunables.values["gain_set"]
         self.get_logger().info(f"ready at {self._rate:g} Hz with gain set {gain_set!r}: waiting for the drive")
@@ -217,17 +212,19 @@ class Controller(ManagedNode):
         if judged.action is Action.TAKE:
             self._watchdog.due = now() + self._state_timeout  # put off with every sample that can be used
         if judged.reason and judged.action is Action.TAKE:
+            self._changed = True
             self.get_logger().warning(judged.reason, throttle_duration_sec=1.0)
         elif judged.reason:
             dropped = self._gate.dropped
             self.get_logger().warning(f"{judged.reason}; {dropped} messages dropped so far", throttle_duration_sec=1.0)
         if self._servo.experimenting and not self._said[1]:
             self.get_logger().info(self._learning.doing)
-        self._learning.end()
         self._tell_fault()
         regular = judged.action is Action.TAKE and self._gate.taken % self._telemetry_every == 0
-        if regular or (self._news and judged.action in (Action.TAKE, Action.REFUSE)):
-            self._publish_state(stamp)
+        if regular or ((self._news or self._owed) and judged.action in (Action.TAKE, Action.REFUSE)):
+            self._publish_state(stamp, 1e-9 * judged.elapsed)
+            self._owed = False
+        self._learning.end()  # what it changes acts on the next sample, which tells it
 
     @property
     def _doing(self) -> tuple[bool, bool, Fault]:
@@ -266,13 +263,19 @@ class Controller(ManagedNode):
         self._learning.waited(at, silence)
         if self._news:
             self._publish_state(self.get_clock().now().nanoseconds)
+            self._owed = True
         self._gate.unheard = False  # unless the next sample finds it so
 
-    def _publish_state(self, stamp: int) -> None:
-        """Say everything worth plotting, as numbers by name."""
+    def _publish_state(self, stamp: int, elapsed: float = math.nan) -> None:
+        """Say everything worth plotting, as numbers by name; ``elapsed`` where it is about a sample, s."""
         self._changed, self._said = False, self._doing
         values = telemetry(
-            self._servo, self._learning.wear, active=self.active, parameters_version=self._tunables.version
+            self._servo,
+            self._learning.wear,
+            active=self.active,
+            parameters_version=self._tunables.version,
+            samples=self._gate.taken,
+            elapsed=elapsed,
         )
         level = (ERROR, self._servo.latched.name) if self._servo.latched else (OK, "")
         message = DiagnosticArray(status=[status("servo", "", [level], values)])

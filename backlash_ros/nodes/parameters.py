@@ -9,7 +9,8 @@ from rclpy.node import Node
 
 from backlash_ros.drivetrain import Drive, Quantity
 from backlash_ros.drivetrain.delay import Delay
-from backlash_ros.drivetrain.parameters import FOUND
+from backlash_ros.drivetrain.parameters import FOUND, drive_of
+from backlash_ros.drivetrain.quantity import take
 from backlash_ros.ros.overrides import check_known, values_given
 from backlash_ros.ros.parameters import (
     NONE,
@@ -24,8 +25,6 @@ from backlash_ros.ros.parameters import (
     declare_sensors,
     declare_timeout,
     describe,
-    drive_of,
-    take,
 )
 from backlash_ros.ros.topics import TOPICS
 

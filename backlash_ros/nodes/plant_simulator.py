@@ -22,12 +22,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.drivetrain import IntegrationError
+from backlash_ros.drivetrain.messages import answered_sample
 from backlash_ros.drivetrain.signals import CURRENT
 from backlash_ros.gates import CommandGate, Fault
 from backlash_ros.nodes.parameters import declare_simulator, refuse_unknown
 from backlash_ros.nodes.reports import NodeFacts, SimulatorReport
 from backlash_ros.ros.lifecycle import ManagedNode
-from backlash_ros.ros.messages import answered_sample, fill_joint_state, to_stamp
+from backlash_ros.ros.messages import fill_joint_state, to_stamp
 from backlash_ros.ros.parameters import in_use, sensors_of
 from backlash_ros.ros.run import run
 from backlash_ros.ros.timer import Timer, in_ns, now, now_ns

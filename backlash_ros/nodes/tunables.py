@@ -4,7 +4,7 @@ A request that is refused changes nothing. What is in use is published each time
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent, SetParametersResult
 from rclpy.node import Node
@@ -21,21 +21,12 @@ from backlash_ros.control import (
     Limits,
     Margins,
     ServoSettings,
-    design_law,
     stability_margins,
 )
-from backlash_ros.control.design.gain_sets import (
-    CUSTOM,
-    NO_WEIGHTS,
-    REGIONS,
-    expand,
-    gain_set_of,
-    resolve_set,
-    what_stays,
-)
-from backlash_ros.control.design.stability import LONGEST_DELAY
-from backlash_ros.control.estimates import APPLY
-from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Quantity, Validated, quantities
+from backlash_ros.control.design.choice import APPLY_BOUND, Choice, Tuning, delay_bound
+from backlash_ros.control.design.gain_sets import CUSTOM, NO_WEIGHTS, REGIONS, expand
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
+from backlash_ros.drivetrain.parameters import drive_of
 from backlash_ros.ros.parameters import (
     ALL,
     Names,
@@ -43,20 +34,14 @@ from backlash_ros.ros.parameters import (
     declare_number,
     declare_quantities,
     describe,
-    drive_of,
     in_use,
-    take,
 )
 
 _K = "gains [k1, k2, k3] of V = -k1 (load angle - reference) - k2 load speed - k3 current"
 _K_UNIT = "V/rad, V s/rad, V/A"
 _K_BOUND = "k1 > 0 V/rad, all within +-1e+06, stable at the rate"
-_APPLY_BOUND = f"one of {list(APPLY)}"
 _Q_UNIT = "1/rad^2, s^2/rad^2"
 _Q_BOUND = "Q11 > 0 and <= 1e+12, Q22 >= 0 and <= 1e+12; or [0, 0] for none"
-
-Sets = dict[str, dict[str, list[float]]]
-"""The values of ``gains.*`` that each named set stands for."""
 
 
 def _gain_names(prefix: str) -> list[str]:
@@ -77,11 +62,6 @@ def _set_names(node: Node) -> list[str]:
     return names
 
 
-def _delay(rate: float) -> Quantity:
-    text = "delay of the drive, both ways, that gains are judged with: from measuring to when the command acts"
-    return Quantity(text, "s", 0.0, LONGEST_DELAY / rate)
-
-
 def _declare_parameters_of(node: Node, registry: Mapping[str, Any]) -> dict[str, Any]:
     """Declare the parameters of all laws, or of all experiments, and return what the user set."""
     values: dict[str, Any] = {}
@@ -90,14 +70,9 @@ def _declare_parameters_of(node: Node, registry: Mapping[str, Any]) -> dict[str,
     return values
 
 
-def _parameters_of(registry: Mapping[str, Any], values: dict[str, Any]) -> tuple[tuple[str, Validated], ...]:
-    """Return the parameters of each law, or of each experiment, by its name, from all values."""
-    return tuple((name, take(type(registry[name].parameters), values)) for name in sorted(registry))
-
-
 def _declare_beside_gains(node: Node, drive: Drive, rate: float) -> dict[str, Any]:
     """Declare the dynamic parameters that are no gains, and not the drive's, and return what the user set."""
-    values: dict[str, Any] = {"loop_delay": declare_number(node, "loop_delay", 0.0, _delay(rate), read_only=False)}
+    values: dict[str, Any] = {"loop_delay": declare_number(node, "loop_delay", 0.0, delay_bound(rate), read_only=False)}
     text = describe("control law", constraint=f"one of {sorted(LAWS)}")
     values["law"] = declare(node, "law", "two_region", text)
     values |= _declare_parameters_of(node, LAWS)
@@ -108,7 +83,7 @@ def _declare_beside_gains(node: Node, drive: Drive, rate: float) -> dict[str, An
     text = describe("whether the backlash is learned anew, which moves the load, where wear is noticed at rest")
     values["learning.renew"] = declare(node, "learning.renew", False, text)
     values |= _declare_parameters_of(node, EXPERIMENTS)
-    text = describe("when a valid estimate is put in use: at once, or when asked", constraint=_APPLY_BOUND)
+    text = describe("when a valid estimate is put in use: at once, or when asked", constraint=APPLY_BOUND)
     values["learning.apply"] = declare(node, "learning.apply", "auto", text)
     values |= declare_quantities(node, Limits.of(drive), dynamic=ALL)
     values |= declare_quantities(node, FaultThresholds.of(drive), dynamic=ALL)
@@ -129,16 +104,6 @@ def tunable_names(given: Mapping[str, Any]) -> set[str]:
     }
 
 
-class Choice(NamedTuple):
-    """All parameters that count, by name, and what they stand for."""
-
-    values: dict[str, Any]
-    drive: Drive
-    sets: Sets
-    settings: ServoSettings
-    limits: Limits
-
-
 class Tunables:
     """The tunable parameters of one controller, and the drive, settings and limits that they stand for, ``in_use``.
 
@@ -154,7 +119,7 @@ class Tunables:
     def __init__(self, node: Node, drive: Mapping[str, Any], rate: float) -> None:
         self._node = node
         self._rate = rate
-        self._given_sets = self._declare_gain_sets()
+        self._tuning = Tuning(self._declare_gain_sets(), rate)
         self.in_use = self._declare(drive)
         self._candidate = self.in_use
         self.version = 1
@@ -214,15 +179,10 @@ class Tunables:
             sets[name] = chosen
         return sets
 
-    def _sets(self, drive: Drive, delay: float) -> Sets:
-        """Return the named sets for a drive; ValueError where one cannot be designed, or is unstable."""
-        period = 1.0 / self._rate
-        return {name: resolve_set(name, given, drive, period, delay) for name, given in self._given_sets.items()}
-
     def _declare(self, drive_values: Mapping[str, Any]) -> Choice:
         node, drive = self._node, drive_of(drive_values)
         values = {**drive_values, **_declare_beside_gains(node, drive, self._rate)}
-        sets = self._sets(drive, values["loop_delay"])
+        sets = self._tuning.sets(drive, values["loop_delay"])
         first = next(iter(sets))
         # A set stands for its gains; gains given beside it at the start make it custom, as they do later.
         given: dict[str, Any] = {}
@@ -248,56 +208,13 @@ class Tunables:
         ]
         if changed:
             node.set_parameters_atomically(changed)
-        return self._built(values)
-
-    def _built(self, values: dict[str, Any]) -> Choice:
-        """Return what parameters stand for; ValueError names what is out of bounds, unstable or cannot be designed."""
-        drive, delay, period = drive_of(values), values["loop_delay"], 1.0 / self._rate
-        _delay(self._rate).check("loop_delay", delay)
-        sets = self._sets(drive, delay)
-        settings = take(
-            ServoSettings,
-            values,
-            gains=gain_set_of(values, sets, drive, period, delay),
-            law=values["law"],
-            period=period,
-            loop_delay=delay,
-            experiment=values["learning.experiment"],
-            renew=values["learning.renew"],
-            identified=values["identified"],
-            experiment_parameters=_parameters_of(EXPERIMENTS, values),
-            thresholds=take(FaultThresholds, values),
-            law_parameters=_parameters_of(LAWS, values),
-        )
-        if values["learning.apply"] not in APPLY:
-            raise ValueError(f"learning.apply must be {_APPLY_BOUND}, got {values['learning.apply']!r}")
-        if settings.experiment != AUTO:
-            EXPERIMENTS.choose("learning.experiment", settings.experiment, AUTO)
-        design_law(drive, settings)  # refuses what cannot be designed
-        return Choice(values, drive, sets, settings, take(Limits, values))
-
-    def _for_another(self, drive: Drive, changes: Mapping[str, Any]) -> dict[str, Any]:
-        """Return what stays for another drive, and thresholds that follow from it where those in use did."""
-        values, before, *_ = self.in_use
-        old, new = FaultThresholds.of(before), FaultThresholds.of(drive)
-        follow = {
-            f"faults.{name}": getattr(new, name)
-            for name in quantities(FaultThresholds)
-            if values[f"faults.{name}"] == getattr(old, name) != getattr(new, name)
-        }
-        return {**what_stays(changes, values), **follow}
+        return self._tuning.choice(values)
 
     def _complete(self, parameters: list[Parameter]) -> list[Parameter]:
         """Add what a request implies: a set's gains, gains designed from weights, what follows from another drive."""
         changes = {p.name: p.value for p in parameters}
         try:
-            values = {**self.values, **changes}
-            drive, sets = drive_of(values), self.in_use.sets
-            full = changes
-            if drive != self.in_use.drive:
-                sets = self._sets(drive, values["loop_delay"])
-                full = {**self._for_another(drive, changes), **changes}
-            full = expand(full, sets, drive)
+            full = self._tuning.completed(changes, self.in_use)
         except (ValueError, TypeError):
             return parameters  # refused, with its reason, when it is validated
         kept = [p for p in parameters if full[p.name] is p.value]
@@ -307,7 +224,7 @@ class Tunables:
     def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
         values = {**self.values, **{p.name: p.value for p in parameters if p.name in self.values}}
         try:
-            self._candidate = self._built(values)
+            self._candidate = self._tuning.choice(values)
         except (ValueError, TypeError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         reason = self.rejection_reason(self._candidate.limits, self._candidate.drive)

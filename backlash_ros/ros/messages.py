@@ -1,24 +1,16 @@
 """What the messages between drive and controller say: joint states, and commands that name the sample they answer."""
 
 import math
-import re
 import struct
 
-import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
-from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement
+from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement
 
-_STAMP = re.compile(r"(-?\d+)\.(\d{9})")
 _DOUBLE = struct.Struct("=d")
-
-
-def stamp_ns(stamp: Time) -> int:
-    """Return a stamp in ns; so gates name a sample."""
-    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
 def to_stamp(ns: int) -> Time:
@@ -58,77 +50,6 @@ class Answer:
         self._data[self._begin : self._begin + self._length] = label
         _DOUBLE.pack_into(self._data, len(self._data) - 8, value)  # the message's last field
         return bytes(self._data)
-
-
-def answered_sample(command: Float64MultiArray) -> int | None:
-    """Return the stamp of the sample that a command answers, ns; None where it names none."""
-    named = _STAMP.fullmatch(command.layout.dim[0].label) if command.layout.dim else None
-    return None if named is None else int(named[1]) * 10**9 + int(named[2])
-
-
-LARGEST = 1e9
-"""Beyond this no angle (rad), speed (rad/s) or torque (N m) is one that was measured."""
-
-
-class BadSampleError(ValueError):
-    """A message that cannot be used; the text says why."""
-
-
-class NotOurJointsError(Exception):
-    """A message of other joints: several drives may share a topic."""
-
-
-def _usable(what: str, joint: str, value: float, unit: str) -> float:
-    if not abs(value) <= LARGEST:
-        raise BadSampleError(f"{what} of joint {joint!r} must be finite and within +-{LARGEST:g} {unit}, got {value}")
-    return value
-
-
-def read_joint_state(
-    message: JointState, motor_joint: str, load_joint: str, torque_constant: float, out: Measurement | None = None
-) -> Measurement:
-    """Return the measurement in a message, nan where it does not say.
-
-    Joints are found by name, in any order, others ignored; either may be absent. Velocity and effort may be empty, or
-    nan where a joint does not measure them, as ros2_control's joint_state_broadcaster has it.
-
-    Parameters
-    ----------
-    torque_constant : of the motor, N m/A: its effort over this is the current
-    out : to write into and return; a new array by default
-
-    Raises
-    ------
-    NotOurJointsError
-        If both joints are absent.
-    BadSampleError
-        If one stands there twice, an array has the wrong length, a position is not finite or a velocity or effort is
-        infinite.
-    """
-    names, positions, speeds, efforts = message.name, message.position, message.velocity, message.effort
-    count = len(names)
-    if len(positions) != count:
-        raise BadSampleError(f"{count} names but {len(positions)} positions")
-    for field, values in (("velocity", speeds), ("effort", efforts)):
-        if len(values) not in (0, count):
-            raise BadSampleError(f"{count} names but {len(values)} values of {field}")
-    measured = Measurement(np.empty(5)) if out is None else out
-    measured.fill(math.nan)
-    seen = False
-    for joint, angle, speed in ((motor_joint, THETA_M, OMEGA_M), (load_joint, THETA_L, OMEGA_L)):
-        if joint not in names:
-            continue
-        if names.count(joint) > 1:
-            raise BadSampleError(f"joint {joint!r} stands {names.count(joint)} times in one message")
-        seen, k = True, names.index(joint)
-        measured[angle] = _usable("position", joint, positions[k], "rad")
-        if speeds and not math.isnan(speeds[k]):
-            measured[speed] = _usable("velocity", joint, speeds[k], "rad/s")
-        if efforts and joint == motor_joint and not math.isnan(efforts[k]):
-            measured[CURRENT] = _usable("effort", joint, efforts[k], "N m") / torque_constant
-    if not seen:
-        raise NotOurJointsError
-    return measured
 
 
 def fill_joint_state(

@@ -2,7 +2,7 @@
 
 from array import array
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, ParameterEvent
 from rclpy.node import Node
@@ -12,19 +12,14 @@ from backlash_ros.drivetrain import (
     COMMAND_INTERFACES,
     CONTACTS,
     NOMINAL_DRIVE,
-    Drive,
-    Gear,
-    Load,
-    Motor,
     Quantity,
     Validated,
     quantities,
 )
 from backlash_ros.drivetrain.contact import law_name
+from backlash_ros.drivetrain.quantity import take
 from backlash_ros.drivetrain.sensors import Sensors
 from backlash_ros.drivetrain.signals import STATE_NAMES
-
-V = TypeVar("V", bound=Validated)
 
 KINDS = {
     Parameter.Type.BOOL: "true or false",
@@ -118,12 +113,6 @@ def declare_quantities(node: Node, value: Validated, *, dynamic: tuple[str, ...]
     return declared
 
 
-def take(kind: type[V], values: Mapping[str, Any], **others: Any) -> V:
-    """Build a validated value from parameters named by its section; ValueError names the one that is out of bounds."""
-    prefix = f"{kind.section}." if kind.section else ""
-    return kind(**{name: values[prefix + name] for name in quantities(kind)}, **others)
-
-
 def declare_drive(node: Node, dynamic: tuple[str, ...] = NONE) -> dict[str, Any]:
     """Declare the drive's parameters, by default the nominal drive's, and return what the user set.
 
@@ -140,13 +129,6 @@ def declare_drive(node: Node, dynamic: tuple[str, ...] = NONE) -> dict[str, Any]
     text = describe("what the command is", constraint=f"one of {list(COMMAND_INTERFACES)}", read_only=True)
     values["command_interface"] = declare(node, "command_interface", NOMINAL_DRIVE.command_interface, text)
     return values
-
-
-def drive_of(values: Mapping[str, Any]) -> Drive:
-    """Return the drive that a set of parameters stands for; ValueError names the one that is out of bounds."""
-    contact = take(CONTACTS.choose("contact.law", values["contact.law"]), values)
-    gear = take(Gear, values, contact=contact)
-    return Drive(take(Motor, values), gear, take(Load, values), values["command_interface"])
 
 
 def declare_sensors(node: Node) -> dict[str, Any]:

@@ -17,8 +17,7 @@ from backlash_ros.analysis.judging import OVERSHOOT, PRECISE, QUIET, judge_move,
 from backlash_ros.control import DEFAULT_WEIGHTS, FaultThresholds, design_gains
 from backlash_ros.control.estimates import DriveIdentity, parse
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.drivetrain.parameters import FOUND
-from backlash_ros.ros.parameters import drive_of
+from backlash_ros.drivetrain.parameters import FOUND, drive_of
 
 SEED = 20261122
 

@@ -16,8 +16,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
+from backlash_ros.drivetrain.messages import stamp_ns
 from backlash_ros.ros.lifecycle import ManagedNode
-from backlash_ros.ros.messages import stamp_ns
 from backlash_ros.ros.run import _stopped
 
 Start = Callable[..., Process]

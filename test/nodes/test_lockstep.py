@@ -17,8 +17,9 @@ from backlash_ros.analysis.metrics import step_response
 from backlash_ros.control import GainSet, ServoSettings, design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.delay import Delay
+from backlash_ros.drivetrain.messages import answered_sample, stamp_ns
 from backlash_ros.drivetrain.sensors import Sensors
-from backlash_ros.ros.messages import answer, answered_sample, stamp_label, stamp_ns, to_stamp
+from backlash_ros.ros.messages import answer, stamp_label, to_stamp
 from backlash_ros.simulation import Scenario, run
 
 Start = Callable[..., Process]

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from in_browser import console_of, requests_of
 from report_page import opened, shown
 from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
+from viewers import foxglove_values, messages, plotjuggler_names
 
 from backlash_ros.analysis import read_bag
 from backlash_ros.cli import main
@@ -146,3 +148,25 @@ def test_its_report_is_drawn_and_zoomed(page: Path, browser: Chrome) -> None:
 
 def test_figure_is_there(results: Path) -> None:
     assert (results / "step_response.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_layout_for_plotjuggler_names_what_is_recorded(results: Path) -> None:
+    layout = ElementTree.parse(ROOT / "config" / "plotjuggler_layout.xml")
+    shown = {curve.attrib["name"] for curve in layout.iter("curve")}
+    assert len(shown) > 25
+    assert shown - {name for each in messages(results / "bag") for name in plotjuggler_names(*each)} == set()
+    for splitter in layout.iter("DockSplitter"):
+        assert len(splitter) == int(splitter.attrib["count"]) == len(splitter.attrib["sizes"].split(";"))
+
+
+def test_layout_for_foxglove_names_what_is_recorded(results: Path) -> None:
+    layout = json.loads((ROOT / "config" / "foxglove_layout.json").read_text())
+    panels = layout["configById"]
+    shown = {path["value"] for panel in panels.values() for path in panel.get("paths", ())}
+    assert len(shown) > 25
+    seen = set()
+    for topic, _, message in messages(results / "bag"):
+        of_topic = {path for path in shown - seen if re.match(r"[\w/]+", path)[0] == topic}
+        seen |= {path for path in of_topic if len(foxglove_values(path, topic, message)) == 1}
+    assert shown - seen == set()
+    assert set(re.findall(r"\w+!\w+", json.dumps(layout["layout"]))) == set(panels)

@@ -90,6 +90,8 @@ def test_colcon_build_installs_executables_that_talk(source: Path, tmp_path: Pat
     assert (prefix / "share/ament_index/resource_index/packages/backlash_ros").is_file()
     assert (prefix / "share/backlash_ros/package.xml").is_file()
     assert (prefix / "share/backlash_ros/config/nominal_drive.yaml").is_file()
+    assert (prefix / "share/backlash_ros/config/plotjuggler_layout.xml").is_file()
+    assert (prefix / "share/backlash_ros/config/foxglove_layout.json").is_file()
     assert (prefix / "share/backlash_ros/launch/servo.launch.py").is_file()
     assert (prefix / "share/backlash_ros/config/loopback_udp.xml").is_file()
     sourced = subprocess.run(

@@ -17,8 +17,9 @@ import pytest
 import yaml
 from rich.console import Console
 
-from backlash_ros.analysis.certificate import Subject, certificate
+from backlash_ros.analysis.certificate.page import certificate
 from backlash_ros.analysis.certificate.rounding import in_gear_units, in_si, rounded, shown
+from backlash_ros.analysis.certificate.subject import Subject
 from backlash_ros.analysis.recordings import command
 from backlash_ros.analysis.recordings.samples import Columns, Reading, began
 from backlash_ros.cli import main

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from rich.console import Console
 
-from backlash_ros.analysis.design.picture import draw
 from backlash_ros.analysis.design.report import content_of, gain_text, show
 from backlash_ros.analysis.design.search import NothingQuietError, design
 from backlash_ros.analysis.design.trial import Loop
@@ -108,6 +107,8 @@ def design_gains_for(given: argparse.Namespace, console: Console) -> int:
         if given.json is not None:
             staged[given.json].write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
         if given.plot is not None:
+            from backlash_ros.analysis.design.picture import draw  # noqa: PLC0415 - matplotlib takes a second
+
             draw(found, staged[given.plot])
         for place, made in staged.items():
             made.replace(place)

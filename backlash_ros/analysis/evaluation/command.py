@@ -16,7 +16,6 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from backlash_ros.analysis.evaluation.failures import group_failures, worst_drives
-from backlash_ros.analysis.evaluation.pictures import draw_runs, draw_settling, draw_shares
 from backlash_ros.analysis.evaluation.summary import Collected, failed, summarize
 from backlash_ros.analysis.evaluation.table import rows_of, write_table
 from backlash_ros.analysis.evaluation.task import Task, evaluate_drive, perform
@@ -65,6 +64,8 @@ def evaluate(
             folder = stack.enter_context(staging(out / "runs.parquet"))
             staged = {folder: out, **staged}  # the report comes last
             write_table(_rows(task, drives, journal, collected, failures), folder / "runs.parquet")
+            from backlash_ros.analysis.evaluation.pictures import draw_settling, draw_shares  # noqa: PLC0415 - matplotlib takes a second
+
             draw_shares(collected, folder / "shares.png")
             draw_settling(collected, folder / "settling.png")
         else:
@@ -93,6 +94,8 @@ def replay(task: Task, number: int, plot: Path | None, console: Console) -> None
     }
     if plot is not None:
         with staging(plot) as folder:
+            from backlash_ros.analysis.evaluation.pictures import draw_runs  # noqa: PLC0415 - matplotlib takes a second
+
             draw_runs(member, runs, folder / plot.name)
             (folder / plot.name).replace(plot)
     console.print_json(json.dumps(jsonable(content)))

@@ -1,7 +1,6 @@
 """Reading the samples and commands of one drive from a rosbag2: which answered which, and when they were taken."""
 
 import math
-import re
 import sqlite3
 from bisect import bisect_right
 from collections.abc import Sequence
@@ -15,10 +14,10 @@ from rosbags.typesys import Stores, get_typestore
 
 from backlash_ros.analysis.bag_files import readable
 from backlash_ros.analysis.recordings.samples import Columns
+from backlash_ros.drivetrain.messages import answered_sample, stamp_ns
 
 STAMPS = ("header", "log")
 _JOINT_STATE = "sensor_msgs/msg/JointState"
-_STAMP = re.compile(r"(-?\d+)\.(\d{9})")
 _FASTER = 1.2
 """Commands for each sample beyond which there are more than answers."""
 
@@ -75,13 +74,6 @@ def _positions(message: Any, topics: Topics) -> tuple[float, float]:
     return motor, load
 
 
-def _answered(message: Any) -> int | None:
-    """Return the stamp of the sample that a command names in its label, ns."""
-    layout = getattr(message, "layout", None)
-    named = _STAMP.fullmatch(layout.dim[0].label) if layout is not None and layout.dim else None
-    return None if named is None else int(named[1]) * 10**9 + int(named[2])
-
-
 def _value(message: Any, topic: str, index: int, path: Path) -> float:
     data = np.ravel(getattr(message, "data", ()))
     if index >= data.size or data.dtype.kind not in "iuf":
@@ -106,14 +98,13 @@ def _messages(path: Path, topics: Topics) -> tuple[Messages, str, str]:
             for connection, received, raw in reader.messages(chosen):
                 message: Any = reader.deserialize(raw, connection.msgtype)
                 if connection.topic == source:
-                    stamp = message.header.stamp
-                    found.stamps.append(int(stamp.sec) * 10**9 + int(stamp.nanosec))
+                    found.stamps.append(stamp_ns(message.header.stamp))
                     found.received.append(received)
                     found.positions.append(_positions(message, topics))
                     found.joints |= set(message.name)
                 else:
                     value = _value(message, target, topics.index, path)
-                    found.commands.append((received, _answered(message), value))
+                    found.commands.append((received, answered_sample(message), value))
     except (AnyReaderError, FileNotFoundError, sqlite3.DatabaseError) as error:
         raise ValueError(f"{path}: is no rosbag2 that can be read: {error}") from error
     return found, source, target

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from backlash_ros.analysis.certificate import Subject, certificate
+from backlash_ros.analysis.certificate.subject import Subject
 from backlash_ros.analysis.evaluation.drive_file import Axis, read_axis
 from backlash_ros.analysis.recordings.bag_topics import Topics, read_topics
 from backlash_ros.analysis.recordings.csv_file import ColumnNames, read_csv
@@ -127,6 +127,8 @@ def identify_recording(request: Request, console: Console) -> int:
         _write(request.drive_file, drive_text(found, counts, subject.source))
         written.append(str(request.drive_file))
     if request.certificate is not None:
+        from backlash_ros.analysis.certificate.page import certificate  # noqa: PLC0415 - matplotlib takes a second
+
         _write(request.certificate, certificate(subject, found))
         written.append(str(request.certificate))
     if written:

@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from backlash_ros.analysis.certificate import Subject
+from backlash_ros.analysis.certificate.subject import Subject
 from backlash_ros.analysis.jsonable import jsonable
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.held_out import Score

@@ -61,9 +61,9 @@ class WearWatch:
 
     def __init__(self, servo: Servo) -> None:
         self._servo = servo
-        self._forget()
+        self.forget()
 
-    def _forget(self) -> None:
+    def forget(self) -> None:
         """Begin anew, as for other settings."""
         self._in_use = self._servo.settings
         self.rattle: Rattle | None = None
@@ -138,7 +138,7 @@ class WearWatch:
         """
         servo = self._servo
         if servo.settings is not self._in_use:
-            self._forget()
+            self.forget()
         if servo.latched or servo.experimenting or not servo.holding:
             self._reference = self._apart = math.nan
             return False

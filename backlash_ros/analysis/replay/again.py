@@ -1,0 +1,272 @@
+"""The replay: the samples that recorded commands name through the servo again, with all that acted on them.
+
+What acted on a sample (parameters, reference, experiment, reset) is what ``~/state`` tells with that sample. The end of
+an experiment, the faults of the tick and what wear does follow by themselves.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backlash_ros.analysis.replay.recorded import Activation, Answered, Found, Recorded, nearest
+from backlash_ros.analysis.replay.what_if import Changes, tuning_of
+from backlash_ros.control import Servo
+from backlash_ros.control.design.choice import Choice
+from backlash_ros.control.monitoring.wear import WearWatch
+from backlash_ros.control.telemetry import IDENTIFYING
+from backlash_ros.drivetrain.messages import BadSampleError, NotOurJointsError, read_joint_state
+from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Array, Measurement
+from backlash_ros.gates.faults import Fault
+
+_OF_GATE = {Fault.NO_SAMPLES, Fault.SECOND_DRIVE}
+"""Faults after which the gate passes no sample on."""
+_ACTS = ("parameters_version", "fault", "experiment", "reference")
+"""What of ``~/state`` may be another one on a sample than on the one before, without following from that."""
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """Commands of one activation, in their order, V or A, with the stamps of their samples, ns; shapes (N,).
+
+    ``replayed`` is nan where the sample is not in the bag, ``lost`` such in number; ``unanswered``: samples that were
+    taken but whose command is not in the bag. ``unit`` of the commands; ``notes`` say what could not be placed exactly.
+    """
+
+    stamps: Sequence[int]
+    recorded: Array
+    replayed: Array
+    lost: int
+    unanswered: int
+    unit: str
+    notes: tuple[str, ...]
+
+    @cached_property
+    def differing(self) -> NDArray[np.intp]:
+        """Places of the commands that are not equal to the last bit."""
+        return np.flatnonzero(self.recorded.view(np.int64) != self.replayed.view(np.int64))
+
+    @property
+    def equal(self) -> bool:
+        """Whether every command was replayed, and is equal to the last bit."""
+        return not (self.differing.size or self.lost or self.unanswered)
+
+    @property
+    def time(self) -> Array:
+        """Of the samples, s after the first one."""
+        return 1e-9 * np.array([stamp - self.stamps[0] for stamp in self.stamps])
+
+
+class _Run:
+    """One pass through an activation."""
+
+    def __init__(self, recorded: Recorded, activation: Activation, told: Found, changes: Changes) -> None:
+        self._all, self._activation, self._told, self._changes = recorded, activation, told, changes
+        first = activation.answers[0]
+        begin = nearest(told, first.stamp, first.received)
+        self._version = min(recorded.in_use)
+        choice = self._choice(self._version, first.received)
+        values = choice.values
+        self._joint_names = values["motor_joint"], values["load_joint"]
+        self._timeout = round(1e9 * values["state_timeout"])
+        self._servo = Servo(choice.drive, choice.settings, choice.limits)
+        self._wear = WearWatch(self._servo)
+        self._missed = begin["samples"] - 1
+        self._taken = self._lost = self._unanswered = 0
+        self._before: Answered | None = None
+        self._joints: tuple[bool, bool] | None = None
+        self._fault, self._gated, self._in_force = Fault.NONE, False, 0.0
+        self._measured = Measurement(np.empty(5))
+        self.notes: list[str] = []
+
+    # What acts on a sample.
+
+    def _choice(self, version: int, received: int) -> Choice:
+        values = nearest(self._all.in_use, version, received)
+        if values is None:
+            raise ValueError(f"version {version} of the parameters in use is not in the bag")
+        return self._changes.applied_to(tuning_of(values), values)
+
+    def _note(self, text: str) -> None:
+        if text not in self.notes:
+            self.notes.append(text)
+
+    def _use(self, version: int, answered: Answered) -> None:
+        """Use each version up to one, as the controller did."""
+        for number in range(self._version + 1, version):
+            if number not in self._all.in_use:
+                self._note(f"version {number} of the parameters in use is not in the bag")
+                continue
+            self._swap(self._choice(number, answered.received))
+        if version != self._version:
+            self._swap(self._choice(version, answered.received))
+        self._version = version
+
+    def _swap(self, choice: Choice) -> None:
+        if why := self._servo.rejection_reason(choice.limits, choice.drive):
+            self._note(f"parameters would have been refused: {why}")
+            return
+        self._servo.use(choice.settings, choice.limits, choice.drive)
+
+    def _act(self, told: Mapping[str, float], answered: Answered) -> None:
+        """Do what was done before a sample, as far as it does not follow from the samples."""
+        servo = self._servo
+        if servo.experimenting and not told["experiment"]:
+            servo.cancel("cancelled on request")
+            servo.take_outcome()
+        self._use(int(told["parameters_version"]), answered)
+        fault, before = Fault(int(told["fault"])), self._fault
+        self._fault = fault
+        if before and not fault:
+            servo.reset()
+            self._before, self._joints, self._gated = None, None, False
+        elif fault in _OF_GATE and not before:
+            servo.fail(fault, fault.name)
+            self._gated = True
+        open_to_all = servo.holding and not servo.latched and not servo.experimenting
+        another = math.isfinite(told["reference"]) and told["reference"] != servo.reference
+        if open_to_all and another and (why := servo.set_reference(told["reference"])):
+            self._note(f"the reference would have been refused: {why}")
+        if open_to_all and told["experiment"]:
+            try:
+                servo.start_experiment("identify" if told["experiment"] == IDENTIFYING else "")
+            except ValueError as error:
+                self._note(f"the experiment would have been refused: {error}")
+
+    # A sample.
+
+    def _read(self, message: Any) -> bool:
+        """Read a sample; return whether the gate passes it on."""
+        constant = self._servo.drive.motor.torque_constant
+        try:
+            read_joint_state(message, *self._joint_names, constant, out=self._measured)
+        except (BadSampleError, NotOurJointsError):
+            return False
+        joints = (not math.isnan(self._measured[THETA_M]), not math.isnan(self._measured[THETA_L]))
+        if self._joints not in (None, joints):
+            return False
+        self._joints = joints
+        return True
+
+    def _elapsed(self, answered: Answered, told: Mapping[str, float] | None) -> float:
+        """Return the time since the sample before, s, as the gate tells it."""
+        if told is not None:
+            return told["elapsed"]
+        if self._before is None:
+            return 0.0
+        stamped, arrived = (answered[k] - self._before[k] for k in (1, 0))
+        if 0 < stamped < max(arrived, 0) + self._timeout:
+            return 1e-9 * stamped
+        self._note(f"the clock of joint_states jumped at stamp {_seconds(answered.stamp)}")
+        return 1e-9 * max(arrived, 0)
+
+    def _answer(self, answered: Answered, told: Mapping[str, float] | None) -> float:
+        """Return the command that answers a sample; nan where the sample is not in the bag."""
+        if self._before is not None and answered.stamp == self._before.stamp and not self._gated:
+            return self._in_force  # it was sent again
+        message = nearest(self._all.samples, answered.stamp, answered.received)
+        if message is None:
+            self._lost += 1
+            return math.nan
+        if self._gated:
+            return 0.0
+        servo = self._servo
+        if not self._read(message):
+            servo.command = 0.0
+            return 0.0
+        elapsed = self._elapsed(answered, told)
+        self._before = answered
+        self._taken += 1
+        command = servo.update(self._measured, elapsed)
+        self._wear.look(self._measured, elapsed)
+        return command
+
+    def commands(self) -> Array:
+        """Return the command for each of the recorded ones, shape (N,)."""
+        answers = self._activation.answers
+        made = np.empty(len(answers))
+        for k, answered in enumerate(answers):
+            told = nearest(self._told, answered.stamp, answered.received)
+            if told is not None:
+                self._act(told, answered)
+            self._in_force = made[k] = self._answer(answered, told)
+            if told is not None:
+                self._count(told)
+            if self._changes.given and not self._servo.latched:
+                self._servo.command = answered.command  # this is what the drive, and so its samples, had
+            self._servo.take_outcome()
+        return made
+
+    def _count(self, told: Mapping[str, float]) -> None:
+        """Compare how many samples were taken with how many there are."""
+        self._unanswered = max(self._unanswered, int(told["samples"] - self._missed) - self._taken - self._lost)
+
+    def result(self) -> Replayed:
+        """Run and return what came of it."""
+        made, answers = self.commands(), self._activation.answers
+        return Replayed(
+            [each.stamp for each in answers],
+            np.array([each.command for each in answers]),
+            made,
+            self._lost,
+            self._unanswered,
+            self._servo.drive.command_unit,
+            tuple(self.notes),
+        )
+
+
+def _seconds(stamp: int) -> str:
+    return f"{stamp // 10**9}.{stamp % 10**9:09d}"
+
+
+def _told_earlier(replayed: Replayed, activation: Activation, told: Found) -> tuple[Found, str] | None:
+    """Return what was told with something that acted told where commands first differ, and that in words.
+
+    What ``~/state`` told with the sample itself may be missing in the bag; what follows tells it too.
+    """
+    if not replayed.differing.size:
+        return None
+    first = int(replayed.differing[0])
+    at = activation.answers[first]
+    if at.stamp in told:
+        return None
+    stamps = [(k, nearest(told, each.stamp, each.received)) for k, each in enumerate(activation.answers)]
+    before = next((each for k, each in reversed(stamps[:first]) if each is not None), None)
+    later = next(((k, each) for k, each in stamps[first:] if each is not None), None)
+    if before is None or later is None or all(later[1][name] == before[name] for name in _ACTS):
+        return None
+    elapsed = 1e-9 * (at.stamp - activation.answers[first - 1].stamp)
+    moved = {**told, at.stamp: [(at.received, {**later[1], "elapsed": elapsed})]}
+    where = _seconds(activation.answers[later[0]].stamp), _seconds(at.stamp)
+    return moved, "what ~/state tells with stamp {} is taken to act from stamp {} on, where commands differ".format(
+        *where
+    )
+
+
+def replay(recorded: Recorded, activation: Activation, changes: Changes) -> tuple[Replayed, Replayed | None]:
+    """Replay an activation as it was recorded and, where there are ``changes``, with them.
+
+    With changes each command is what they would have given for the recorded samples, after the recorded commands: the
+    drive would have moved otherwise.
+
+    Raises
+    ------
+    ValueError
+        Where parameters are missing, or are refused.
+    """
+    told, notes = activation.told, list[str]()
+    done = _Run(recorded, activation, told, Changes({})).result()
+    while (better := _told_earlier(done, activation, told)) is not None:
+        again = _Run(recorded, activation, better[0], Changes({})).result()
+        if again.differing.size and again.differing[0] <= done.differing[0]:
+            break
+        told, done = better[0], again
+        notes.append(better[1])
+    done = replace(done, notes=(*done.notes, *notes))
+    if not changes.given:
+        return done, None
+    return done, _Run(recorded, activation, told, changes).result()

@@ -1,0 +1,186 @@
+"""What a bag has of one controller: samples, commands by the sample that they answer, parameters, what it told."""
+
+import math
+import sqlite3
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any, NamedTuple
+
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.typesys import Stores, get_typestore
+
+from backlash_ros.analysis.bag import in_use_of
+from backlash_ros.analysis.bag_files import readable
+from backlash_ros.drivetrain.messages import answered_sample, stamp_ns
+
+_LINGERS = 10**8
+"""Time after a controller has said that it is not active any more within which its last answers are recorded, ns."""
+_JOINT_STATES, _COMMANDS = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64MultiArray"
+
+Found = Mapping[int, Sequence[tuple[int, Any]]]
+"""Messages, each with its time of receipt (ns), by a number that may come twice: a stamp begins anew with a simulator,
+a version with a controller."""
+
+
+def nearest(found: Found, number: int, received: int) -> Any:
+    """Return the message of that number that was received nearest to a time, ns; None where there is none."""
+    return min(found.get(number, [(0, None)]), key=lambda each: abs(each[0] - received))[1]
+
+
+class Answered(NamedTuple):
+    """A command: when it was received and the stamp of the sample that it answers, ns, and its value, V or A."""
+
+    received: int
+    stamp: int
+    command: float
+
+
+@dataclass(frozen=True)
+class Activation:
+    """What was recorded from an activation of the controller on, until the next one.
+
+    ``received``: when it was told, ns; ``told``: the values of ``~/state`` by the stamp of their sample.
+    """
+
+    received: int
+    answers: Sequence[Answered]
+    told: Found
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What a bag has of one controller; joint states by their stamps (ns), parameters in use by their version.
+
+    ``damage``: what is wrong with its files, in words.
+    """
+
+    controller: str
+    damage: Sequence[str]
+    samples: Found
+    in_use: Found
+    activations: Sequence[Activation]
+
+
+def _telling(message: Any) -> dict[str, float]:
+    return {entry.key: float(entry.value) for entry in message.status[0].values}
+
+
+def _topic_of(kind: str, name: str, controller: str, topics: Mapping[str, str], path: Path) -> str:
+    """Return the topic of a type beside a controller, under its usual name, or the only one."""
+    usual = str(PurePosixPath(controller).parent / name)
+    found = sorted(topic for topic, its in topics.items() if its == kind)
+    if usual in found:
+        return usual
+    if len(found) != 1:
+        raise ValueError(f"{path}: there is no '{usual}' ({kind}); of that type there are {found}")
+    return found[0]
+
+
+def _controller_of(wanted: str, topics: Mapping[str, str], path: Path) -> str:
+    """Return the controller that is asked for, or the only one: who tells both its state and its parameters."""
+    ending = "/parameters_in_use"
+    names = [topic.removesuffix(ending) for topic in topics if topic.endswith(ending)]
+    there = sorted(name for name in names if f"{name}/state" in topics)
+    name = f"/{wanted.strip('/')}" if wanted else ""
+    if name in there:
+        return name
+    if wanted:
+        raise ValueError(f"{path}: there is no controller '{name}'; there are {there}")
+    if not there:
+        raise ValueError(f"{path}: there is no controller: '~/state' and '~{ending}' of one must be in the bag")
+    if len(there) > 1:
+        raise ValueError(f"{path}: --controller must be given: there are {there}")
+    return there[0]
+
+
+def _activations(
+    told: Sequence[tuple[int, int, dict[str, float]]], answers: Sequence[Answered], path: Path
+) -> list[Activation]:
+    """Return what follows each activation that was told: by the first sample on which the controller held."""
+    begun: list[int] = []
+    before: dict[str, float] = {"active": 0.0, "samples": 0.0}
+    for k, (_, _, values) in enumerate(told):
+        if values["samples"] < before["samples"]:  # another controller of that name
+            before = {"active": 0.0, "samples": 0.0}
+        began = not values["holding"] or values["samples"] <= before["samples"] + 1
+        if values["active"] and not before["active"] and began:
+            begun.append(k)
+        before = values
+    if not begun:
+        raise ValueError(f"{path}: no activation of the controller is in the bag: begin to record before it is active")
+    found = []
+    for begin, end in zip(begun, [*begun[1:], len(told)], strict=True):
+        by_stamp: dict[int, list[tuple[int, dict[str, float]]]] = defaultdict(list)
+        for received, stamp, values in told[begin:end]:
+            if not math.isnan(values["elapsed"]):  # else it is about no sample
+                by_stamp[stamp].append((received, values))
+        over = next((each[0] + _LINGERS for each in told[begin:end] if not each[2]["active"]), None)
+        later = told[end][0] if end < len(told) else None
+        until = min((each for each in (over, later) if each is not None), default=None)
+        first = next(((r, s) for s, each in by_stamp.items() for r, values in each if values["holding"]), None)
+        if first is None:
+            continue  # nothing was held: there is nothing to replay
+        mine = [each for each in answers if until is None or each.received <= until]
+        start = min(
+            (k for k, each in enumerate(mine) if each.stamp == first[1]),
+            key=lambda k: abs(mine[k].received - first[0]),
+            default=None,
+        )
+        if start is None:
+            raise ValueError(f"{path}: the command that answers the first sample of an activation is not in the bag")
+        found.append(Activation(told[begin][0], mine[start:], by_stamp))
+    return found
+
+
+def read_recorded(path: Path, controller: str = "") -> Recorded:
+    """Read a rosbag2, also one whose recorder was killed.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    ValueError
+        Names what is not in it and is needed.
+    """
+    samples: dict[int, list[tuple[int, Any]]] = defaultdict(list)
+    in_use: dict[int, list[tuple[int, Any]]] = defaultdict(list)
+    told: list[tuple[int, int, dict[str, float]]] = []
+    answers: list[Answered] = []
+    commands = 0
+    try:
+        with (
+            readable(path) as bag,
+            AnyReader(bag.paths, default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
+        ):
+            topics = {connection.topic: connection.msgtype for connection in reader.connections}
+            name = _controller_of(controller, topics, path)
+            source = _topic_of(_JOINT_STATES, "joint_states", name, topics, path)
+            target = _topic_of(_COMMANDS, "command", name, topics, path)
+            wanted = {source, target, f"{name}/state", f"{name}/parameters_in_use"}
+            chosen = [connection for connection in reader.connections if connection.topic in wanted]
+            for connection, received, raw in reader.messages(chosen):
+                message: Any = reader.deserialize(raw, connection.msgtype)
+                if connection.topic == source:
+                    samples[stamp_ns(message.header.stamp)].append((received, message))
+                elif connection.topic == target:
+                    commands += 1
+                    stamp = answered_sample(message)
+                    if stamp is not None and len(message.data) == 1:
+                        answers.append(Answered(received, stamp, float(message.data[0])))
+                elif connection.topic.endswith("/state"):
+                    told.append((received, stamp_ns(message.header.stamp), _telling(message)))
+                else:
+                    _, version, values = in_use_of(message)
+                    in_use[version].append((received, values))
+    except (AnyReaderError, FileNotFoundError, sqlite3.DatabaseError) as error:
+        raise ValueError(f"{path}: is no rosbag2 that can be read: {error}") from error
+    if not commands:
+        raise ValueError(f"{path}: there is no message on '{target}'")
+    if not answers:
+        raise ValueError(f"{path}: no command on '{target}' names the sample that it answers: they are another node's")
+    for topic, messages in ((f"{name}/parameters_in_use", in_use), (f"{name}/state", told), (source, samples)):
+        if not messages:
+            raise ValueError(f"{path}: there is no message on '{topic}'")
+    return Recorded(name, bag.damage, samples, in_use, _activations(told, answers, path))

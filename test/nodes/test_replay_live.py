@@ -1,0 +1,89 @@
+"""The replay of a live controller: a minute over DDS in lockstep, whatever is done to it meanwhile, to the last bit."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from diagnostic_msgs.msg import DiagnosticArray
+from graph import Lifecycle, Parameters, Peer, Process
+from lifecycle_msgs.msg import Transition
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+
+from backlash_ros.analysis.replay.again import replay
+from backlash_ros.analysis.replay.recorded import read_recorded
+from backlash_ros.analysis.replay.what_if import Changes
+
+KEPT = {f"qos_overrides./{topic}.publisher.depth": 20_000 for topic in ("joint_states", "command", "controller/state")}
+"""So that a recorder on a busy machine loses nothing."""
+PERIOD = 0.004
+
+
+class Session:
+    """A user of a controller whose samples come as fast as it answers; time is counted in samples."""
+
+    def __init__(self, peer: Peer) -> None:
+        self._peer, self.values = peer, dict[str, float]()
+        node = peer.node
+        node.create_subscription(DiagnosticArray, "controller/state", self._on_state, QoSProfile(depth=1000))
+        self.reference, self.torque = (node.create_publisher(Float64, t, 10) for t in ("reference", "load_torque"))
+
+    def _on_state(self, message: DiagnosticArray) -> None:
+        self.values = {entry.key: float(entry.value) for entry in message.status[0].values}
+
+    def wait(self, seconds: float) -> None:
+        """Wait for so much simulated time."""
+        until = self.values["samples"] + seconds / PERIOD
+        self._peer.wait(f"{seconds:g} s of simulated time", lambda: self.values["samples"] >= until)
+
+    def go(self, target: float, seconds: float) -> None:
+        self.reference.publish(Float64(data=target))
+        self._peer.wait(f"reference {target:g}", lambda: self.values["reference"] == target)
+        self.wait(seconds)
+
+
+def test_a_minute_is_replayed_to_the_last_bit(start: Callable[..., Process], peer: Peer, tmp_path: Path) -> None:
+    session, node = Session(peer), peer.node
+    recorder = start("recorder", output=tmp_path / "bag")
+    start("controller", state_timeout=10.0, autostart=False, **KEPT)
+    start("plant_simulator", lockstep=True, real_time_factor=0.0, **KEPT)
+    parameters, lifecycle = Parameters(peer, "controller"), Lifecycle(peer, "controller")
+    assert lifecycle.change(Transition.TRANSITION_CONFIGURE)
+    for said in ("hears /joint_states", "hears /controller/parameters_in_use", "recording /controller/state"):
+        peer.wait(said, lambda said=said: said in recorder.output())
+    assert lifecycle.change(Transition.TRANSITION_ACTIVATE)
+    peer.wait("samples", lambda: session.values.get("samples", 0.0) > 0.0)
+    peer.wait("both", lambda: session.reference.get_subscription_count() + session.torque.get_subscription_count() == 4)
+
+    session.go(1.0, 3.0)
+    assert peer.call(Trigger, "controller/learn", Trigger.Request()).success
+    session.go(-0.5, 2.0)
+    session.go(0.5, 0.02)
+    assert parameters.set(gains__fast__q=[300.0, 1.0]) == (True, "")
+    session.wait(3.0)
+    session.torque.publish(Float64(data=0.1))
+    session.wait(3.0)
+    assert parameters.set(law="two_encoder", identified=True) == (True, "")
+    session.go(1.5, 5.0)
+    learning = node.create_client(Trigger, "controller/learn").call_async(Trigger.Request())
+    peer.wait("learning", lambda: session.values["experiment"] == 1)
+    session.wait(0.5)
+    assert peer.call(Trigger, "controller/cancel", Trigger.Request()).success
+    peer.wait("the answer", learning.done)
+    session.torque.publish(Float64(data=-0.2))
+    session.go(-1.0, 5.0)
+    assert lifecycle.change(Transition.TRANSITION_DEACTIVATE)
+    assert parameters.set(gain_set="nominal") == (True, "")
+    assert lifecycle.change(Transition.TRANSITION_ACTIVATE)
+    peer.wait("samples again", lambda: session.values["holding"] == 1.0)
+    session.go(0.3, 4.0)
+    assert peer.call(Trigger, "controller/identify", Trigger.Request()).success
+    session.go(-0.3, 3.0)
+    while session.values["samples"] < 60.0 / PERIOD:
+        session.go(-session.values["reference"], 5.0)
+
+    assert recorder.stop() == 0
+    recorded = read_recorded(tmp_path / "bag")
+    done = [replay(recorded, activation, Changes({}))[0] for activation in recorded.activations]
+    assert [(each.equal, each.lost, each.unanswered, each.notes) for each in done] == [(True, 0, 0, ())] * 2
+    assert sum(len(each.stamps) for each in done) >= 60.0 / PERIOD
