@@ -8,7 +8,7 @@
 #   make lint    formatting, style and types
 #   make paper   the paper's figures and the page that judges them, in docs
 #   make evaluation  2,000 random drives, judged, into docs/evaluation.md; on all cores
-#   make docs    docs/parameters.md, the table of all parameters, from the code
+#   make docs    docs/parameters.md, the table of all parameters, from the code; and the picture of the dashboard, in Chromium
 #   make bench   what a tick costs; how fast the offline loop is, beside scipy in the same run; six axes in real time; lockstep;
 #                one axis while it identifies its drive, beside itself at rest;
 #                a step of the node beside a bare publish;
@@ -87,6 +87,7 @@ evaluation: $(READY)
 docs: $(READY)
 	$(BIN)/python test/support/parameter_table.py
 	$(BIN)/python test/support/telemetry_table.py
+	$(BIN)/python test/support/dashboard_picture.py
 
 bench: $(READY)
 	rm -f results/bench.json

@@ -64,6 +64,11 @@ def _tell(label: ui.label, answer: Answer) -> None:
     label.classes(remove="bad good", add="" if answer.success else "bad")
 
 
+def _show_link(link: ui.link, station: Station, axis: Axis, kind: str) -> None:
+    link.set_visibility(station.page(axis.title, kind) is not None)
+    link.props(f'href="/pages/{kind}?axis={axis.title}"')
+
+
 def move_card(page: Shown) -> Refresh:
     """Step, back and forth, sine, a typed value."""
     station = page.station
@@ -265,8 +270,7 @@ def experiment_card(page: Shown) -> Refresh:
         kind.set_value(axis.told.values.get("learning.experiment"))
         known.set_text(f"backlash in use: {1e3 * axis.b:.3g} mrad" if axis.b else "the backlash is not learned yet")
         work = station.of(axis.title).measurement
-        link.set_visibility(station.certificate(axis.title) is not None)
-        link.props(f'href="/certificate?axis={axis.title}"')
+        _show_link(link, station, axis, "certificate")
         if work is not None:
             measured.set_text("measuring ..." if work.running else work.last_line())
 
@@ -323,7 +327,8 @@ def drive_card(page: Shown) -> Refresh:
         paced = timing.values if timing else {}
         facts["rate"].set_text(f"{paced.get('rate_Hz', '')} of {paced.get('nominal_rate_Hz', '')} Hz" if paced else "")
         facts["late samples"].set_text(paced.get("late_samples", ""))
-        facts["age"].set_text(paced.get("state_age", ""))
+        age = paced.get("state_age", "")
+        facts["age"].set_text("" if "nan" in age else age)
         heard, drives = station.graph.listeners(axis)
         facts["connections"].set_text(f"{heard} listen to the command, {drives} publish joint states")
 
@@ -405,16 +410,29 @@ def record_card(page: Shown) -> Refresh:
             except OSError as error:
                 said.set_text(f"folder: {error}")
 
+    def report() -> None:
+        work = station.of(page.title).report
+        if work is None or not work.running:
+            station.report(page.title)
+
     with _card("Record"):
         button = _button("Record", toggle, "record")
         said = ui.label("").classes("muted").props("data-name=recording")
+        write = _button("Write its report", report)
+        told = ui.label("").classes("muted").props("data-name=report")
+        link = ui.link("open the report", "", new_tab=True).props("data-name=report-link")
 
     def refresh(axis: Axis) -> None:
-        work = station.of(axis.title).recorder
+        running = station.of(axis.title)
+        work = running.recorder
+        write.set_visibility(work is not None and not work.running)
+        _show_link(link, station, axis, "report")
+        if running.report is not None:
+            told.set_text("writing ..." if running.report.running else running.report.last_line())
         if work is None:
             return
         button.set_text("End the recording" if work.running else "Record")
         state = "recording" if work.running else "recorded"
-        said.set_text(f"{state} {megabytes(work.size)} in {work.folder}")
+        said.set_text(f"{state} {megabytes(work.size)} in {work.result}")
 
     return refresh

@@ -89,9 +89,9 @@ def build(given: DashboardParameters, station: Any, names: set[str], token: str)
             sending.cancel()
             watchers.discard(watcher)
 
-    @web.get("/certificate")
-    async def certificate(axis: str) -> Any:
-        place = station.certificate(axis)
+    @web.get("/pages/{kind}")
+    async def left_page(kind: str, axis: str) -> Any:
+        place = station.page(axis, kind)
         return FileResponse(place) if place else PlainTextResponse("there is none\n", status_code=404)
 
     if not given.read_only:

@@ -63,6 +63,7 @@ class Page:
         self.title = next(iter(station.axes), "")
         self._refreshers: list[Callable[[Axis], None]] = []
         self._facts: dict[str, Any] = {}
+        ui.colors(primary="#0b5fa5")
         ui.add_head_html(f'<link rel="stylesheet" href="{STATIC}/style.css">')
         self._bar()
         with ui.element("main").classes("page"):

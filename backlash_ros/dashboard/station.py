@@ -49,10 +49,10 @@ class Watcher:
 
 @dataclass
 class Work:
-    """A process that works for a page: a recorder, or a measurement."""
+    """A process that works for a page, a recorder say, the folder or file that it leaves, and what it said."""
 
     process: "subprocess.Popen[bytes]"
-    folder: Path
+    result: Path
     log: Path
 
     @property
@@ -62,9 +62,9 @@ class Work:
 
     @property
     def size(self) -> int:
-        """Bytes in its folder."""
+        """Bytes in the folder that it writes."""
         with suppress(OSError):
-            return sum(file.stat().st_size for file in self.folder.rglob("*") if file.is_file())
+            return sum(file.stat().st_size for file in self.result.rglob("*") if file.is_file())
         return 0
 
     def last_line(self) -> str:
@@ -84,7 +84,7 @@ class OfAxis:
     mover: object = None
     recorder: Work | None = None
     measurement: Work | None = None
-    busy: str = ""
+    report: Work | None = None
 
 
 class Station:
@@ -157,37 +157,49 @@ class Station:
         name = "_".join(filter(None, (what, axis, time.strftime("%Y-%m-%d_%H-%M-%S"))))
         return self.folder / name
 
-    def record(self, title: str) -> Work:
+    def record(self, title: str) -> None:
         """Start a recorder for an axis."""
         folder = self._new_folder(title, "recording")
         log = folder.with_suffix(".log")
         namespace = self.axes[title].names.controller.rpartition("/")[0] or "/"
         process = start_node("recorder", log, "-p", f"output:={folder}", "-r", f"__ns:={namespace}")
-        work = self.of(title).recorder = Work(process, folder, log)
-        return work
+        self.of(title).recorder = Work(process, folder, log)
 
-    def measure(self, title: str) -> Work:
+    def measure(self, title: str) -> None:
         """Start `backlash measure` for an axis."""
         folder = self._new_folder(title, "measurement")
-        log = folder.with_suffix(".log")
         namespace = self.axes[title].names.controller.rpartition("/")[0] or "/"
-        command = [sys.executable, "-m", "backlash_ros.cli", "measure", "--out", str(folder), "--namespace", namespace]
-        with log.open("wb") as output:
-            process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
-        work = self.of(title).measurement = Work(process, folder, log)
-        return work
+        self.of(title).measurement = self._run(folder, "measure", "--out", str(folder), "--namespace", namespace)
 
-    def certificate(self, title: str) -> Path | None:
-        """Return the page that the last measurement of an axis left; None where there is none."""
-        work = self.of(title).measurement
-        place = work.folder / CERTIFICATE if work is not None else None
-        return place if place is not None and place.is_file() else None
+    def report(self, title: str) -> None:
+        """Start `backlash report` for the last recording of an axis."""
+        running = self.of(title)
+        if running.recorder is not None:
+            bag = running.recorder.result
+            page = bag.with_name(f"{bag.name}.html")
+            running.report = self._run(page, "report", str(bag), "--out", str(page), "--force")
+
+    @staticmethod
+    def _run(result: Path, *words: str) -> Work:
+        log = result.with_suffix(".log")
+        with log.open("wb") as output:
+            command = [sys.executable, "-m", "backlash_ros.cli", *words]
+            return Work(subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT), result, log)
+
+    def page(self, title: str, kind: str) -> Path | None:
+        """Return the page that the last measurement or report of an axis left; None where there is none."""
+        running = self.of(title)
+        work = {"certificate": running.measurement, "report": running.report}.get(kind)
+        if work is None or work.running:
+            return None
+        place = work.result / CERTIFICATE if kind == "certificate" else work.result
+        return place if place.is_file() else None
 
     async def close(self) -> None:
         """End what runs; recordings are closed whole, motions end, experiments that a page started are cancelled."""
         for title, running in self._of.items():
             self.end(title)
-            for work in (running.measurement, running.recorder):
+            for work in (running.measurement, running.recorder, running.report):
                 if work is not None and work.running:
                     await asyncio.to_thread(stop_node, work.process)
 

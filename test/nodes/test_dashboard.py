@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from graph import Lifecycle, Parameters, Peer, Process
-from in_browser import console_of, requests_of
+from in_browser import console_of, emulate, requests_of
 from lifecycle_msgs.msg import Transition
 from selenium.webdriver import ActionChains, Chrome
 from selenium.webdriver.common.by import By
@@ -303,6 +303,41 @@ class TestOneDrive:
         page.wait("its end", lambda: page.said("recording").startswith("recorded"))
         (bag,) = served.folder.glob("recording_*/metadata.yaml")
         assert "/joint_states" in bag.read_text()
+        page.click("Write its report")
+        page.wait(
+            "the report", lambda: page.run("return document.querySelector('[data-name=report-link]').offsetParent")
+        )
+        link = page.run("return document.querySelector('[data-name=report-link]').getAttribute('href')")
+        status, text = served.ask("GET", link)
+        assert status == 200
+        assert "<h1>" in text
+
+    def test_the_keyboard_alone_moves_the_drive(self, system: System, browser: Chrome) -> None:
+        page = Page(browser, system.served, system.peer)
+        seen: list[str] = []
+        while "Step forward" not in seen[-1:]:
+            ActionChains(browser).send_keys(Keys.TAB).perform()
+            seen.append(page.run("return document.activeElement.textContent.trim()"))
+            assert len(seen) < 60, seen
+        assert "Stop: 0 V" in seen  # before all that moves
+        assert page.run("return getComputedStyle(document.activeElement).boxShadow") != "none"  # one sees where one is
+        ActionChains(browser).send_keys(Keys.ENTER).perform()
+        page.wait("the step", lambda: page.at_rest_at(0.5))
+
+    @pytest.mark.parametrize("scheme", ["light", "dark"])
+    def test_it_fits_a_telephone(self, system: System, browser: Chrome, scheme: str) -> None:
+        size = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        emulate(browser, scheme=scheme)
+        try:
+            page = Page(browser, system.served, system.peer)
+            assert page.run("return document.documentElement.scrollWidth") <= 390
+            stop = page.run("return document.querySelector('[data-name=stop]').getBoundingClientRect().toJSON()")
+            assert 0 <= stop["left"] < stop["right"] <= 390
+            assert stop["height"] >= 44  # for a thumb
+            assert page.run("return document.querySelector('[data-name=curves]').offsetWidth") > 300
+        finally:
+            browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
     def test_faults_and_load_torque_are_injected_and_taken_back(self, system: System, browser: Chrome) -> None:
         served, peer = system.served, system.peer

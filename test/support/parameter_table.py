@@ -1,4 +1,4 @@
-"""Writes docs/parameters.md: every parameter of simulator and controller, as the running nodes describe it."""
+"""Writes docs/parameters.md: every parameter of simulator, controller and dashboard, as the nodes describe it."""
 
 import argparse
 import re
@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from backlash_ros.nodes.controller import Controller
+from backlash_ros.nodes.parameters import declare_dashboard
 from backlash_ros.nodes.plant_simulator import PlantSimulator
 from backlash_ros.ros.isolation import isolated
 
@@ -82,12 +83,22 @@ LEARNING = """A learning run keeps the values that it was started with; changes 
 """
 
 
-def describe_nodes() -> tuple[Described, Described]:
-    """Return the parameters of simulator and controller, by name: descriptor and default."""
+DASHBOARD = """What `ros2 run backlash_ros dashboard` takes: [dashboard.md](dashboard.md).
+"""
+
+
+def _dashboard() -> Node:
+    node = Node("dashboard")
+    declare_dashboard(node)
+    return node
+
+
+def describe_nodes() -> tuple[Described, Described, Described]:
+    """Return the parameters of simulator, controller and dashboard, by name: descriptor and default."""
     with isolated():
         rclpy.init(args=[])
         try:
-            return _described(PlantSimulator), _described(Controller)
+            return _described(PlantSimulator), _described(Controller), _described(_dashboard)
         finally:
             rclpy.shutdown()
 
@@ -143,7 +154,7 @@ def _of_both(simulator: tuple[Any, ...], controller: tuple[Any, ...]) -> tuple[A
 
 def parameter_table() -> str:
     """Return the page."""
-    simulator, controller = describe_nodes()
+    simulator, controller, dashboard = describe_nodes()
     plain_first = sorted(simulator, key=lambda name: "." in name)
     shared = {name: _of_both(simulator[name], controller[name]) for name in plain_first if name in controller}
     own = {name: described for name, described in controller.items() if name not in shared}
@@ -168,6 +179,7 @@ def parameter_table() -> str:
             _section("Limits", LIMITS, part("limits.")),
             _section("Faults", FAULTS, part("faults.")),
             _section("Learning", LEARNING, part("learning.")),
+            _section("Dashboard", DASHBOARD, dashboard),
         )
     ).replace("\n\n\n", "\n\n")
 

@@ -482,6 +482,17 @@ def test_the_example_of_the_docs_reads_the_bag_that_it_speaks_of(
     assert Path("their_bag.html").exists()
 
 
+@pytest.mark.parametrize("reference", [0.0, math.nan])
+def test_a_recording_in_which_nothing_moved_makes_a_page(tmp_path: Path, reference: float) -> None:
+    bag = PlainBag()
+    for k in range(250):
+        bag.sample("/joint_states", 0.004 * k, ("motor", "load"), (0.0, 0.0))
+    for k in range(5):
+        bag.status("/controller/state", 0.2 * k, "servo", {"reference": reference, "holding": 1.0})
+    made = report(bag.write(tmp_path / "bag"), tmp_path)
+    assert made.axis["steps"] == made.axis["paths"] == []
+
+
 def test_a_path_is_no_step(tmp_path: Path) -> None:
     bag = PlainBag()
     for k in range(500):

@@ -135,7 +135,7 @@ def _moves(axis: Axis) -> list[Move]:
             groups[-1].append(change)
         else:
             groups.append([change])
-    ends = [group[0][0] for group in groups[1:]] + [_end_of(axis)]
+    ends = [*(group[0][0] for group in groups), _end_of(axis)][1:]
     return [
         Move(group[-1 if len(group) < 3 else 0][0], end, group[0][1], group[-1][2], len(group) >= 3)
         for group, end in zip(groups, ends, strict=True)
