@@ -13,6 +13,7 @@ from std_srvs.srv import Trigger
 from backlash_ros.analysis.replay.again import replay
 from backlash_ros.analysis.replay.recorded import read_recorded
 from backlash_ros.analysis.replay.what_if import Changes
+from backlash_ros.control.telemetry import IDENTIFYING, LEARNING
 
 KEPT = {f"qos_overrides./{topic}.publisher.depth": 20_000 for topic in ("joint_states", "command", "controller/state")}
 """So that a recorder on a busy machine loses nothing."""
@@ -36,6 +37,19 @@ class Session:
         until = self.values["samples"] + seconds / PERIOD
         self._peer.wait(f"{seconds:g} s of simulated time", lambda: self.values["samples"] >= until)
 
+    def begin(self, service: str, experiment: int) -> None:
+        """Ask for an experiment, once: its answer takes as long as a busy machine takes."""
+        client = self._peer.node.create_client(Trigger, f"controller/{service}")
+        self._peer.wait(service, client.service_is_ready)
+        client.call_async(Trigger.Request())
+        self._peer.wait(f"{service} to begin", lambda: self.values["experiment"] == experiment)
+
+    def put_in_use(self, service: str, experiment: int) -> None:
+        """Let what an experiment finds be put in use."""
+        before = self.values["parameters_version"]
+        self.begin(service, experiment)
+        self._peer.wait(f"the result of {service}", lambda: self.values["parameters_version"] > before)
+
     def go(self, target: float, seconds: float) -> None:
         self.reference.publish(Float64(data=target))
         self._peer.wait(f"reference {target:g}", lambda: self.values["reference"] == target)
@@ -43,7 +57,7 @@ class Session:
 
 
 def test_a_minute_is_replayed_to_the_last_bit(start: Callable[..., Process], peer: Peer, tmp_path: Path) -> None:
-    session, node = Session(peer), peer.node
+    session = Session(peer)
     recorder = start("recorder", output=tmp_path / "bag")
     start("controller", state_timeout=10.0, autostart=False, **KEPT)
     start("plant_simulator", lockstep=True, real_time_factor=0.0, **KEPT)
@@ -56,7 +70,7 @@ def test_a_minute_is_replayed_to_the_last_bit(start: Callable[..., Process], pee
     peer.wait("both", lambda: session.reference.get_subscription_count() + session.torque.get_subscription_count() == 4)
 
     session.go(1.0, 3.0)
-    assert peer.call(Trigger, "controller/learn", Trigger.Request()).success
+    session.put_in_use("learn", LEARNING)
     session.go(-0.5, 2.0)
     session.go(0.5, 0.02)
     assert parameters.set(gains__fast__q=[300.0, 1.0]) == (True, "")
@@ -65,11 +79,10 @@ def test_a_minute_is_replayed_to_the_last_bit(start: Callable[..., Process], pee
     session.wait(3.0)
     assert parameters.set(law="two_encoder", identified=True) == (True, "")
     session.go(1.5, 5.0)
-    learning = node.create_client(Trigger, "controller/learn").call_async(Trigger.Request())
-    peer.wait("learning", lambda: session.values["experiment"] == 1)
+    session.begin("learn", LEARNING)
     session.wait(0.5)
-    assert peer.call(Trigger, "controller/cancel", Trigger.Request()).success
-    peer.wait("the answer", learning.done)
+    peer.call(Trigger, "controller/cancel", Trigger.Request())
+    peer.wait("the end", lambda: session.values["experiment"] == 0)
     session.torque.publish(Float64(data=-0.2))
     session.go(-1.0, 5.0)
     assert lifecycle.change(Transition.TRANSITION_DEACTIVATE)
@@ -77,7 +90,7 @@ def test_a_minute_is_replayed_to_the_last_bit(start: Callable[..., Process], pee
     assert lifecycle.change(Transition.TRANSITION_ACTIVATE)
     peer.wait("samples again", lambda: session.values["holding"] == 1.0)
     session.go(0.3, 4.0)
-    assert peer.call(Trigger, "controller/identify", Trigger.Request()).success
+    session.put_in_use("identify", IDENTIFYING)
     session.go(-0.3, 3.0)
     while session.values["samples"] < 60.0 / PERIOD:
         session.go(-session.values["reference"], 5.0)

@@ -17,6 +17,7 @@ import pytest
 import yaml
 from rich.console import Console
 
+from backlash_ros.analysis.certificate import page
 from backlash_ros.analysis.certificate.page import certificate
 from backlash_ros.analysis.certificate.rounding import in_gear_units, in_si, rounded, shown
 from backlash_ros.analysis.certificate.subject import Subject
@@ -102,7 +103,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setattr(command, "certificate", write)
+        patch.setattr(page, "certificate", write)
         assert main([*words[1:], "--json", "results/certificate.json"]) == 0
     out = folder / "results"
     html, content = (out / "certificate.html").read_text("utf-8"), json.loads((out / "certificate.json").read_text())

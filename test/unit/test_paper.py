@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from backlash_ros import cli
+from backlash_ros.analysis import figures
 from backlash_ros.analysis.figures import FIGURES
 from backlash_ros.analysis.page import write_page
 from backlash_ros.analysis.paper import CASES
@@ -139,7 +140,7 @@ def test_figures_that_fail_leave_the_old_ones(tmp_path: Path, monkeypatch: pytes
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(cli, "reproduce", lambda _: None)
-    monkeypatch.setattr(cli, "draw", full)
+    monkeypatch.setattr(figures, "draw", full)
     (tmp_path / "fig07_open_loop.png").write_text("old")
     assert main(["figures", "--out", str(tmp_path)]) == 2
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"fig07_open_loop.png": "old"}
