@@ -11,6 +11,7 @@
 #   make docs    docs/parameters.md, the table of all parameters, from the code; and the picture of the dashboard, in Chromium
 #   make bench   what a tick costs; how fast the offline loop is, beside scipy in the same run; six axes in real time; lockstep;
 #                one axis while it identifies its drive, beside itself at rest;
+#                one axis at 1 kHz, beside itself while ten pages of the dashboard read every sample;
 #                a step of the node beside a bare publish;
 #                a listener that is stopped, by shared memory and by UDP;
 #                the plant beside the same equations in C and beside scipy, and batches of runs: how many a second,
@@ -99,6 +100,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/real_time.py axes --seconds 20
 	$(BIN)/python benchmarks/real_time.py lockstep --seconds 20
 	$(BIN)/python benchmarks/real_time.py identify --seconds 40
+	$(BIN)/python benchmarks/real_time.py dashboard --seconds 20
 	$(BIN)/python benchmarks/real_time.py step --seconds 10
 	$(BIN)/python benchmarks/stopped_listener.py --seconds 20
 

@@ -4,6 +4,7 @@
     real_time.py axes       six axes in one pair of processes, beside one axis alone: answered within the period
     real_time.py lockstep   how many times faster than real time a simulated minute runs
     real_time.py identify   one axis while it identifies its drive, fit and all, beside the same axis while it holds
+    real_time.py dashboard  one axis at 1 kHz, by itself and while ten pages read every sample, in turns
     real_time.py step       the controller's step, sample to answer published, beside a plain node that only publishes
 
 Run with `make soak` and `make bench`. What else the machine does counts here, so how late a bare sleep wakes up stands
@@ -14,6 +15,7 @@ import argparse
 import contextlib
 import json
 import os
+import re
 import signal
 import statistics
 import subprocess
@@ -21,6 +23,7 @@ import sys
 import tempfile
 import threading
 import time
+import urllib.request
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -356,6 +359,77 @@ def identify(seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool
     return figures, True
 
 
+_PAGES = 10
+_READ = """
+import asyncio, sys
+from websockets.asyncio.client import connect
+
+async def read(host):
+    async with connect(f"ws://{host}/samples?axis=/", origin=f"http://{host}", max_size=None) as page:
+        async for _ in page:
+            pass
+
+async def main(host, pages):
+    await asyncio.gather(*(read(host) for _ in range(pages)))
+
+asyncio.run(main(sys.argv[1], int(sys.argv[2])))
+"""
+"""What ten pages read, without what a browser draws."""
+
+
+@contextlib.contextmanager
+def pages() -> Iterator[float]:
+    """Run the dashboard with the connections of ten pages; give the time that it took to serve the page first, s."""
+    with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
+        log = Path(folder, "log")
+        words = ["--ros-args", "-p", "port:=0", "-p", f"folder:={folder}"]
+        began = time.monotonic()
+        with log.open("w") as output:
+            command = [sys.executable, "-m", "backlash_ros.dashboard.command", *words]
+            serving = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
+        stack.callback(serving.wait)
+        stack.callback(serving.send_signal, signal.SIGINT)
+        while not (found := re.search(r"^http://(\S+)$", log.read_text(), re.MULTILINE)):
+            if serving.poll() is not None:
+                raise RuntimeError(log.read_text())
+            time.sleep(0.05)
+        with urllib.request.urlopen(found[0]) as page:  # noqa: S310 - our own page
+            page.read()
+        served = time.monotonic() - began
+        reading = subprocess.Popen([sys.executable, "-c", _READ, found[1], str(_PAGES)])
+        stack.callback(reading.wait)
+        stack.callback(reading.terminate)
+        yield served
+
+
+def dashboard(seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
+    """Run one axis at 1 kHz in five blocks by itself and five with ten pages, in turns."""
+    words, name = ["--ros-args", *PATIENT, "-p", "rate:=1000.0", *extra], "/plant_simulator: timing"
+    shares: dict[str, list[float]] = {"alone": [], "with ten pages": []}
+    served = []
+    with pair(words, words) as (graph, *_):
+        graph.wait("answers", lambda: int(graph.said.get(name, {}).get("answered_in_period", 0)))
+        for block in range(10):
+            which = ("alone", "with ten pages")[block % 2]
+            with pages() if block % 2 else contextlib.nullcontext() as took:
+                served += [took] if took is not None else []
+                graph.move([""], WARM_UP)
+                (before,) = graph.fresh(name)
+                graph.move([""], seconds)
+                (after,) = graph.fresh(name)
+            samples, in_period = (int(after[key]) - int(before[key]) for key in ("samples", "answered_in_period"))
+            shares[which].append(100 * in_period / samples)
+    figures: dict[str, Any] = {"seconds of a block": seconds}
+    for which, of in shares.items():
+        figures[f"{which}, answered within the period, %"] = ", ".join(f"{share:.2f}" for share in of)
+    medians = {which: statistics.median(of) for which, of in shares.items()}
+    figures["medians, %"] = ", ".join(f"{median:.2f}" for median in medians.values())
+    figures["median with ten pages over alone"] = round(medians["with ten pages"] / medians["alone"], 4)
+    figures["start of the dashboard until its page is served, s"] = round(statistics.median(served), 1)
+    spread = max(max(of) - min(of) for of in shares.values())
+    return figures, medians["with ten pages"] >= medians["alone"] - max(0.5, spread)
+
+
 def step(seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
     """Let controller and plain node answer one simulator in turns: same message, same subscribers."""
     figures: dict[str, Any] = {"seconds": seconds, "turns": TURNS}
@@ -384,7 +458,7 @@ def step(seconds: float, extra: Sequence[str]) -> tuple[dict[str, Any], bool]:
 def main() -> int:
     """Measure, print, and write JSON where asked."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["soak", "axes", "lockstep", "identify", "step"])
+    parser.add_argument("what", choices=["soak", "axes", "lockstep", "identify", "dashboard", "step"])
     parser.add_argument("--minutes", type=float, default=10.0, help="of the soak")
     parser.add_argument("--seconds", type=float, default=60.0, help="of six axes, and simulated in lockstep")
     parser.add_argument("--json", type=Path, help="file to write the figures to")
@@ -399,7 +473,7 @@ def main() -> int:
         if asked.what == "soak":
             figures, held = soak(asked.minutes, extra if asked.newest else [*NOTHING_LOST, *extra])
         else:
-            measures = {"axes": axes, "lockstep": lockstep, "identify": identify, "step": step}
+            measures = {"axes": axes, "lockstep": lockstep, "identify": identify, "dashboard": dashboard, "step": step}
             figures, held = measures[asked.what](asked.seconds, extra)
     finally:
         seen = bare.stop()

@@ -5,6 +5,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -108,6 +109,7 @@ class Axis:
         self.diagnoses: dict[str, Diagnosis] = {}
         self.last_state: dict[str, float] = {}
         self.sample_at = -math.inf
+        self._newest: Row = (math.nan,)
         self.margins: dict[str, Margins] = {}
         self.answer = ""
         self._group = Polled()
@@ -173,7 +175,10 @@ class Axis:
         values = self.told.values
         joints = values.get("motor_joint", "motor"), values.get("load_joint", "load")
         reduction = float(values.get("gear.reduction", math.nan))  # until the controller has told it
-        samples = [joint_row(message, joints, reduction) for message in taken(self._joints)]
+        rows = [joint_row(message, joints, reduction) for message in taken(self._joints)]
+        # In lockstep a sample is sent again where its answer is missing.
+        samples = [row for before, row in pairwise([self._newest, *rows]) if row[0] != before[0]]
+        self._newest = rows[-1] if rows else self._newest
         states = [state_row(message) for message in taken(self._states)]
         if samples:
             self.sample_at = time.monotonic()
