@@ -5,9 +5,9 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import ParameterEvent
@@ -23,8 +23,9 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from backlash_ros.control import Gains, Margins, stability_margins
-from backlash_ros.dashboard.rows import STATE_COLUMNS, Row, joint_row, state_row
+from backlash_ros.dashboard.rows import STATE_COLUMNS, JointReader, Table, state_rows
 from backlash_ros.drivetrain.parameters import drive_of
+from backlash_ros.ros.aside import give_way
 from backlash_ros.ros.topics import HISTORY, SEND
 
 ANSWER = 5.0
@@ -109,7 +110,8 @@ class Axis:
         self.diagnoses: dict[str, Diagnosis] = {}
         self.last_state: dict[str, float] = {}
         self.sample_at = -math.inf
-        self._newest: Row = (math.nan,)
+        self._reader = JointReader()
+        self._newest = math.nan
         self.margins: dict[str, Margins] = {}
         self.answer = ""
         self._group = Polled()
@@ -127,7 +129,8 @@ class Axis:
 
     def _hear(self, kind: type, topic: str) -> Subscription:
         # Its callback is never called.
-        return self._node.create_subscription(kind, topic, lambda _: None, _ALL, callback_group=self._group)
+        raw = kind is JointState
+        return self._node.create_subscription(kind, topic, lambda _: None, _ALL, callback_group=self._group, raw=raw)
 
     def found(self, names: Names) -> None:
         """Take note of which topics the controller has now, and of who plays the drive."""
@@ -170,20 +173,19 @@ class Axis:
 
     # What is taken, by the page.
 
-    def take(self) -> tuple[list[Row], list[Row]]:
+    def take(self) -> tuple[Table, Table]:
         """Return the rows of joint states and of ``~/state`` that came since the last call."""
         values = self.told.values
-        joints = values.get("motor_joint", "motor"), values.get("load_joint", "load")
+        motor, load = values.get("motor_joint", "motor"), values.get("load_joint", "load")
         reduction = float(values.get("gear.reduction", math.nan))  # until the controller has told it
-        rows = [joint_row(message, joints, reduction) for message in taken(self._joints)]
+        samples = self._reader.rows(taken(self._joints), motor, load, reduction)
         # In lockstep a sample is sent again where its answer is missing.
-        samples = [row for before, row in pairwise([self._newest, *rows]) if row[0] != before[0]]
-        self._newest = rows[-1] if rows else self._newest
-        states = [state_row(message) for message in taken(self._states)]
-        if samples:
-            self.sample_at = time.monotonic()
-        if states:
-            self.last_state = dict(zip(STATE_COLUMNS, states[-1], strict=True))
+        samples = samples[np.diff(samples[:, 0], prepend=self._newest) != 0]
+        states = state_rows(taken(self._states))
+        if len(samples):
+            self.sample_at, self._newest = time.monotonic(), samples[-1, 0]
+        if len(states):
+            self.last_state = dict(zip(STATE_COLUMNS, states[-1].tolist(), strict=True))
         return samples, states
 
     @property
@@ -278,6 +280,8 @@ def taken(subscription: Subscription) -> list[Any]:
     with subscription.handle:
         while (got := subscription.handle.take_message(subscription.msg_type, subscription.raw)) is not None:
             messages.append(got[0])
+            if len(messages) % 8 == 0:
+                give_way()
     return messages
 
 

@@ -59,6 +59,7 @@ def build(given: DashboardParameters, station: Any, names: set[str], token: str)
     from backlash_ros.dashboard.guard import Guard  # noqa: PLC0415
     from backlash_ros.dashboard.page import STATIC, Page, static_folder  # noqa: PLC0415
     from backlash_ros.dashboard.station import Watcher  # noqa: PLC0415
+    from backlash_ros.ros.aside import give_way  # noqa: PLC0415
 
     @asynccontextmanager
     async def life(_app: FastAPI) -> AsyncIterator[None]:
@@ -80,6 +81,7 @@ def build(given: DashboardParameters, station: Any, names: set[str], token: str)
         async def send() -> None:
             while True:
                 await connection.send_bytes(await watcher.get())
+                give_way()
 
         sending = asyncio.create_task(send())
         try:
@@ -133,7 +135,12 @@ async def serve(node: Node, given: DashboardParameters, listening: socket.socket
     graph = Graph(node, asyncio.get_running_loop(), broken)
     web = build(given, Station(graph, Path(given.folder)), _names(given.host, port), token)
     config = uvicorn.Config(
-        web, log_level="warning", ws="websockets-sansio", lifespan="on", timeout_graceful_shutdown=int(_LAST)
+        web,
+        log_level="warning",
+        ws="websockets-sansio",
+        ws_per_message_deflate=False,  # numbers shrink little, and it is half the work
+        lifespan="on",
+        timeout_graceful_shutdown=int(_LAST),
     )
     server = uvicorn.Server(config)
     name = f"[{given.host}]" if ":" in given.host else given.host

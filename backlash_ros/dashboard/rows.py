@@ -2,51 +2,128 @@
 
 import math
 from collections.abc import Sequence
+from itertools import takewhile
 
 import numpy as np
+import numpy.typing as npt
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from backlash_ros.control.telemetry import TELEMETRY
 
-JOINTS, STATE = 0, 1
-"""What a frame is of."""
-
 JOINT_COLUMNS = ("time", "motor", "load", "gear_torque")
-"""Of a frame of joint states: s; the motor's angle through the gear and the load's, rad; N m at the output."""
+"""Of a joint state: s; the motor's angle through the gear and the load's, rad; N m at the output."""
 
 STATE_COLUMNS = ("time", *TELEMETRY)
-"""Of a frame of ``~/state``."""
+"""Of a message of ``~/state``."""
 
-Row = tuple[float, ...]
+Table = npt.NDArray[np.float64]
+_Bytes = npt.NDArray[np.uint8]
+
+_HEAD = 4
+"""Bytes before a serialized message: how it is serialized. Fields are aligned with what follows."""
+_PLAIN = b"\x00\x01"
+"""What these begin with: little-endian CDR."""
+_STAMP = 8
+"""Bytes of a time: two whole numbers, s and ns."""
 
 
-def _seconds(stamp: object) -> float:
-    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)  # type: ignore[attr-defined]
+class _Pattern:
+    """Joint states as they are sent that are like ``sample`` but for their numbers."""
+
+    def __init__(self, sample: bytes) -> None:
+        self._same = np.zeros(len(sample), bool)  # its bytes that are the same in all; what fills gaps may be anything
+        self._same[: len(_PLAIN)] = True
+        self._names: list[str] = []
+        self._sample = np.frombuffer(sample, np.uint8)
+        self._end = _HEAD + _STAMP
+        self._text()  # the frame
+        self._names = [self._text() for _ in range(self._count())]
+        self._positions, _, self._efforts = (self._numbers() for _ in range(3))
+
+    def _count(self) -> int:
+        first = self._end + -self._end % 4
+        self._end = first + 4
+        self._same[first : self._end] = True
+        return int(self._sample[first : self._end].view(np.uint32)[0])
+
+    def _text(self) -> str:
+        length = self._count()
+        first, self._end = self._end, self._end + length
+        self._same[first : self._end] = True
+        return self._sample[first : self._end - 1].tobytes().decode()
+
+    def _numbers(self) -> list[int]:
+        """Return where each begins."""
+        count = self._count()
+        if count:
+            self._end += (_HEAD - self._end) % 8 + 8 * count
+        return [self._end - 8 * left for left in range(count, 0, -1)]
+
+    def read(self, messages: Sequence[bytes], motor: str, load: str) -> Table:
+        """Return the rows, shape (count, 4), of the messages at the front that are like the sample."""
+        size = self._sample.size
+        run = list(takewhile(lambda message: len(message) == size, messages))
+        table: _Bytes = np.frombuffer(b"".join(run), np.uint8).reshape(-1, size)
+        alike = (table[:, self._same] == self._sample[self._same]).all(axis=1)
+        table = table[np.logical_and.accumulate(alike)]
+
+        def column(places: Sequence[int], joint: str) -> Table:
+            index = self._names.index(joint) if joint in self._names else len(places)
+            if index >= len(places):
+                return np.full(len(table), math.nan)
+            return table[:, places[index] : places[index] + 8].copy().view(np.float64)[:, 0]
+
+        stamps = table[:, _HEAD : _HEAD + _STAMP].copy().view(np.int32)
+        time = stamps[:, 0] + 1e-9 * stamps[:, 1]
+        places = self._positions
+        return np.column_stack([time, column(places, motor), column(places, load), column(self._efforts, load)])
 
 
-def joint_row(message: JointState, joints: tuple[str, str], reduction: float) -> Row:
-    """Return the row of `JOINT_COLUMNS`; nan for what the message does not have.
+class JointReader:
+    """Reads joint states by the dozen, as they were received: at 1 kHz, one by one is much work beside a drive.
 
-    Parameters
-    ----------
-    joints : names of the motor's and of the load's joint
-    reduction : turns of the motor for one of the load
+    As a rule the messages of a topic differ in their numbers alone; one that differs in more is read by itself.
     """
 
-    def of(joint: str, values: Sequence[float]) -> float:
-        place = message.name.index(joint) if joint in message.name else len(values)
-        return float(values[place]) if place < len(values) else math.nan
+    def __init__(self) -> None:
+        self._patterns: dict[int, _Pattern] = {}
 
-    motor, load = joints
-    torque = of(load, message.effort)
-    return _seconds(message.header.stamp), of(motor, message.position) / reduction, of(load, message.position), torque
+    def rows(self, messages: Sequence[bytes], motor: str, load: str, reduction: float) -> Table:
+        """Return the rows of `JOINT_COLUMNS`, shape (messages, 4); nan for what a message does not have.
+
+        Parameters
+        ----------
+        messages : of type ``sensor_msgs/msg/JointState``, serialized
+        motor, load : names of the joints
+        reduction : turns of the motor for one of the load
+        """
+        waiting = list(messages)
+        tables = [np.empty((0, len(JOINT_COLUMNS)))]
+        while waiting:
+            pattern = self._patterns.get(len(waiting[0]))
+            rows = pattern.read(waiting, motor, load) if pattern else tables[0]
+            if not len(rows):
+                if waiting[0][: len(_PLAIN)] != _PLAIN:
+                    waiting[0] = serialize_message(deserialize_message(waiting[0], JointState))
+                self._patterns[len(waiting[0])] = pattern = _Pattern(waiting[0])
+                rows = pattern.read(waiting, motor, load)
+            tables.append(rows)
+            del waiting[: len(rows)]
+        table = np.concatenate(tables)
+        table[:, JOINT_COLUMNS.index("motor")] /= reduction
+        return table
 
 
-def state_row(message: DiagnosticArray) -> Row:
-    """Return the row of `STATE_COLUMNS`; nan for what the message does not have."""
-    values = {entry.key: entry.value for status in message.status for entry in status.values}
-    return _seconds(message.header.stamp), *(_number(values.get(name, "")) for name in TELEMETRY)
+def state_rows(messages: Sequence[DiagnosticArray]) -> Table:
+    """Return the rows of `STATE_COLUMNS`, shape (messages, columns); nan for what a message does not have."""
+    rows = []
+    for message in messages:
+        stamp = message.header.stamp
+        values = {entry.key: entry.value for status in message.status for entry in status.values}
+        rows.append([stamp.sec + 1e-9 * stamp.nanosec, *(_number(values.get(name, "")) for name in TELEMETRY)])
+    return np.array(rows).reshape(-1, len(STATE_COLUMNS))
 
 
 def _number(text: str) -> float:
@@ -56,7 +133,6 @@ def _number(text: str) -> float:
         return math.nan
 
 
-def frame(kind: int, rows: Sequence[Row]) -> bytes:
-    """Return rows as numbers of 8 bytes, little-endian: ``kind``, how many columns there are, and the rows."""
-    table = np.array(rows, dtype="<f8")
-    return np.concatenate([np.array([kind, table.shape[1]], dtype="<f8"), table.ravel()]).tobytes()
+def frame(samples: Table, states: Table) -> bytes:
+    """Return numbers of 8 bytes: how many bytes the samples take, these, and the states."""
+    return np.concatenate([[samples.nbytes], samples.ravel(), states.ravel()]).tobytes()

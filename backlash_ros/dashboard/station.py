@@ -17,7 +17,7 @@ from lifecycle_msgs.msg import Transition
 from backlash_ros.dashboard.axis import Answer, Axis
 from backlash_ros.dashboard.graph import Graph
 from backlash_ros.dashboard.motion import Wave, wave
-from backlash_ros.dashboard.rows import JOINTS, STATE, frame
+from backlash_ros.dashboard.rows import frame
 from backlash_ros.measure import CERTIFICATE
 from backlash_ros.ros.client import start_node, stop_node
 
@@ -34,9 +34,9 @@ class Watcher:
         self._waiting: deque[bytes] = deque(maxlen=_BEHIND)
         self._there = asyncio.Event()
 
-    def put(self, frames: list[bytes]) -> None:
-        """Add frames; the oldest go where too many wait."""
-        self._waiting.extend(frames)
+    def put(self, one: bytes) -> None:
+        """Add a frame; the oldest goes where too many wait."""
+        self._waiting.append(one)
         self._there.set()
 
     async def get(self) -> bytes:
@@ -111,9 +111,10 @@ class Station:
                 if not watchers:
                     continue
                 samples, states = axis.take()
-                frames = [frame(kind, rows) for kind, rows in ((JOINTS, samples), (STATE, states)) if rows]
-                for watcher in watchers:
-                    watcher.put(frames)
+                if len(samples) or len(states):
+                    one = frame(samples, states)
+                    for watcher in watchers:
+                        watcher.put(one)
             await asyncio.sleep(PICTURE)
 
     # Motion.

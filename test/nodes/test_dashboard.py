@@ -24,7 +24,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from websockets.sync.client import connect
 
-from backlash_ros.dashboard.rows import JOINT_COLUMNS, JOINTS, STATE, STATE_COLUMNS
+from backlash_ros.dashboard.rows import JOINT_COLUMNS, STATE_COLUMNS
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.ros.isolation import isolated
 from backlash_ros.ros.topics import RECEIVE
@@ -142,13 +142,15 @@ class Reader:
         self._connection = connect(
             f"ws://{served.host}/samples?axis=/", origin=f"http://{served.host}", max_size=None, close_timeout=1
         )
-        self.rows: dict[int, list[tuple[float, ...]]] = {JOINTS: [], STATE: []}
+        self.samples: list[tuple[float, ...]] = []
+        self.states: list[tuple[float, ...]] = []
 
     def read(self) -> None:
         data = self._connection.recv(timeout=30)
         assert isinstance(data, bytes)
-        kind, width, *numbers = struct.unpack(f"<{len(data) // 8}d", data)
-        self.rows[int(kind)] += zip(*[iter(numbers)] * int(width), strict=True)
+        split = 8 + int(struct.unpack_from("<d", data)[0])
+        self.samples += struct.iter_unpack(f"<{len(JOINT_COLUMNS)}d", data[8:split])
+        self.states += struct.iter_unpack(f"<{len(STATE_COLUMNS)}d", data[split:])
 
     def close(self) -> None:
         self._connection.close()
@@ -363,13 +365,13 @@ class TestOneDrive:
             for reader in readers:
                 reader.read()
         for reader in readers:
-            times = np.array([row[JOINT_COLUMNS.index("time")] for row in reader.rows[JOINTS]])
+            times = np.array([row[JOINT_COLUMNS.index("time")] for row in reader.samples])
             assert len(times) > 500
             steps = np.diff(times) / 0.004
             assert np.all(steps > 0.5)  # in order, none twice
             assert np.allclose(steps, np.round(steps), atol=0.01)
             assert np.mean(steps > 1.5) < 0.01  # best effort: one may be lost
-            assert len(reader.rows[STATE][0]) == len(STATE_COLUMNS)
+            assert reader.states
         asleep.read()
         for reader in (*readers, asleep):
             reader.close()

@@ -1,6 +1,5 @@
 // Curves and the tooth in its gap, drawn from the samples that the server sends; and the stop.
 
-const JOINTS = 0;
 const KEPT = 65; // s of samples that are kept
 const FRAME = 50; // ms between two pictures
 const POINTS = 600; // places along a curve; each shows the least and the largest value there
@@ -22,7 +21,7 @@ class Table {
   }
   add(numbers) {
     const width = this.columns.length;
-    for (let i = 2; i < numbers.length; i += width) {
+    for (let i = 0; i < numbers.length; i += width) {
       if (this.length && numbers[i] < this.last("time")) this.values.forEach((column) => (column.length = 0)); // time began anew
       for (let k = 0; k < width; k++) this.values[k].push(numbers[i + k]);
     }
@@ -105,8 +104,9 @@ class Live {
     this.socket = new WebSocket(`${scheme}://${location.host}/samples?axis=${encodeURIComponent(axis)}`);
     this.socket.binaryType = "arraybuffer";
     this.socket.onmessage = (event) => {
-      const numbers = new Float64Array(event.data);
-      (numbers[0] === JOINTS ? this.joints : this.state).add(numbers);
+      const [joints] = new Float64Array(event.data, 0, 1); // bytes of joint states; states follow
+      this.joints.add(new Float64Array(event.data, 8, joints / 8));
+      this.state.add(new Float64Array(event.data, 8 + joints));
       this.frames = (this.frames || 0) + 1;
     };
     this.socket.onclose = () => setTimeout(() => axis === this.axis && this.connect(), 1000);
