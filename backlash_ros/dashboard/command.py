@@ -1,11 +1,13 @@
 """The dashboard as a node with a web server: `ros2 run backlash_ros dashboard`."""
 
 import asyncio
+import os
 import secrets
 import signal
 import socket
 import sys
 from collections.abc import AsyncIterator, Sequence
+from concurrent.futures import Executor
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from backlash_ros.nodes.parameters import DashboardParameters, declare_dashboard, refuse_unknown
+from backlash_ros.ros.aside import KINDER, InTurn
 from backlash_ros.ros.overrides import parameter_rules
 from backlash_ros.ros.transport import avoid_shared_memory
 
@@ -114,7 +117,7 @@ def build(given: DashboardParameters, station: Any, names: set[str], token: str)
     return Guard(web, names, token)
 
 
-async def serve(node: Node, given: DashboardParameters, listening: socket.socket) -> int:
+async def serve(node: Node, given: DashboardParameters, listening: socket.socket, starting: Executor) -> int:
     """Serve until a signal comes; return the exit code."""
     import uvicorn  # noqa: PLC0415 - of the extra `page`
 
@@ -133,7 +136,7 @@ async def serve(node: Node, given: DashboardParameters, listening: socket.socket
         failed = server.should_exit = True
 
     graph = Graph(node, asyncio.get_running_loop(), broken)
-    web = build(given, Station(graph, Path(given.folder)), _names(given.host, port), token)
+    web = build(given, Station(graph, Path(given.folder), starting), _names(given.host, port), token)
     config = uvicorn.Config(
         web,
         log_level="warning",
@@ -165,6 +168,11 @@ def main(args: Sequence[str] | None = None) -> int:
     except ImportError:
         print(NEEDS, file=sys.stderr)
         return 2
+    # Linux keeps a nice value for each thread; new threads and processes take their maker's. So the page and what hears
+    # the topics are kinder than the loop, but a recorder that the page starts is not.
+    starting = InTurn()
+    starting.submit(os.getpid).result()
+    os.nice(KINDER)
     # As Ctrl-C does; the server takes both while it runs, and raises them again when it has ended.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
@@ -178,7 +186,7 @@ def main(args: Sequence[str] | None = None) -> int:
             node.get_logger().fatal(f"cannot start: {error}")
             return 2
         with listening:
-            return asyncio.run(serve(node, given, listening))
+            return asyncio.run(serve(node, given, listening, starting))
     except KeyboardInterrupt:
         return 0
     finally:

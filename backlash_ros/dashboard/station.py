@@ -8,8 +8,10 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable
+from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from lifecycle_msgs.msg import Transition
@@ -88,10 +90,13 @@ class OfAxis:
 
 
 class Station:
-    """The axes, and what runs on their behalf; all of it in the event loop of the server."""
+    """The axes, and what runs on their behalf; all of it in the event loop of the server.
 
-    def __init__(self, graph: Graph, folder: Path) -> None:
-        self.graph, self.folder = graph, folder
+    ``starting`` starts the processes, which inherit its priority.
+    """
+
+    def __init__(self, graph: Graph, folder: Path, starting: Executor) -> None:
+        self.graph, self.folder, self._starting = graph, folder, starting
         self._of: dict[str, OfAxis] = {}
 
     @property
@@ -163,7 +168,8 @@ class Station:
         folder = self._new_folder(title, "recording")
         log = folder.with_suffix(".log")
         namespace = self.axes[title].names.controller.rpartition("/")[0] or "/"
-        process = start_node("recorder", log, "-p", f"output:={folder}", "-r", f"__ns:={namespace}")
+        words = ["-p", f"output:={folder}", "-r", f"__ns:={namespace}"]
+        process = self._starting.submit(start_node, "recorder", log, *words).result()
         self.of(title).recorder = Work(process, folder, log)
 
     def measure(self, title: str) -> None:
@@ -180,12 +186,12 @@ class Station:
             page = bag.with_name(f"{bag.name}.html")
             running.report = self._run(page, "report", str(bag), "--out", str(page), "--force")
 
-    @staticmethod
-    def _run(result: Path, *words: str) -> Work:
+    def _run(self, result: Path, *words: str) -> Work:
         log = result.with_suffix(".log")
         with log.open("wb") as output:
             command = [sys.executable, "-m", "backlash_ros.cli", *words]
-            return Work(subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT), result, log)
+            start = partial(subprocess.Popen, command, stdout=output, stderr=subprocess.STDOUT)
+            return Work(self._starting.submit(start).result(), result, log)
 
     def page(self, title: str, kind: str) -> Path | None:
         """Return the page that the last measurement or report of an axis left; None where there is none."""

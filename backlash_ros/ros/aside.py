@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-_KINDER = 10
-"""Added to the nice value of what computes."""
+KINDER = 10
+"""Added to the nice value of what the loop must not wait for."""
 
 
 def give_way() -> None:
@@ -49,7 +49,7 @@ class Aside(Executor):
 
 
 def _do(sender: Connection, work: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
-    os.nice(_KINDER)
+    os.nice(KINDER)
     try:
         done = ForkingPickler.dumps((work(*args, **kwargs), None))
     except Exception as error:
