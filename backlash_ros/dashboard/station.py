@@ -11,7 +11,6 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
 from lifecycle_msgs.msg import Transition
@@ -77,6 +76,14 @@ class Work:
         return ""
 
 
+def _run(result: Path, *words: str) -> Work:
+    """Start `backlash` with these words."""
+    log = result.with_suffix(".log")
+    with log.open("wb") as output:
+        command = [sys.executable, "-m", "backlash_ros.cli", *words]
+        return Work(subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT), result, log)
+
+
 @dataclass
 class OfAxis:
     """What runs on behalf of one axis."""
@@ -92,7 +99,7 @@ class OfAxis:
 class Station:
     """The axes, and what runs on their behalf; all of it in the event loop of the server.
 
-    ``starting`` starts the processes, which inherit its priority.
+    ``starting`` starts what must keep up with the drive, which inherits its priority.
     """
 
     def __init__(self, graph: Graph, folder: Path, starting: Executor) -> None:
@@ -176,7 +183,8 @@ class Station:
         """Start `backlash measure` for an axis."""
         folder = self._new_folder(title, "measurement")
         namespace = self.axes[title].names.controller.rpartition("/")[0] or "/"
-        self.of(title).measurement = self._run(folder, "measure", "--out", str(folder), "--namespace", namespace)
+        words = ["measure", "--out", str(folder), "--namespace", namespace]
+        self.of(title).measurement = self._starting.submit(_run, folder, *words).result()
 
     def report(self, title: str) -> None:
         """Start `backlash report` for the last recording of an axis."""
@@ -184,14 +192,7 @@ class Station:
         if running.recorder is not None:
             bag = running.recorder.result
             page = bag.with_name(f"{bag.name}.html")
-            running.report = self._run(page, "report", str(bag), "--out", str(page), "--force")
-
-    def _run(self, result: Path, *words: str) -> Work:
-        log = result.with_suffix(".log")
-        with log.open("wb") as output:
-            command = [sys.executable, "-m", "backlash_ros.cli", *words]
-            start = partial(subprocess.Popen, command, stdout=output, stderr=subprocess.STDOUT)
-            return Work(self._starting.submit(start).result(), result, log)
+            running.report = _run(page, "report", str(bag), "--out", str(page), "--force")
 
     def page(self, title: str, kind: str) -> Path | None:
         """Return the page that the last measurement or report of an axis left; None where there is none."""
