@@ -80,6 +80,9 @@ def move_card(page: Shown) -> Refresh:
                 bound = "" if each.min in (None, -math.inf) else f" >= {each.min:g}"
                 _tell(said, Answer(False, f"{each.props['label']} must be a number{bound}, got {value}"))
                 return False
+        if page.axis is not None and not page.axis.last_state.get("holding", math.nan):
+            _tell(said, Answer(False, "nothing was sent: the controller holds no position, and would drop a reference"))
+            return False
         said.set_text("")
         return page.axis is not None
 
@@ -116,7 +119,7 @@ def move_card(page: Shown) -> Refresh:
             _button("Back and forth", lambda: begin(False), "to-and-fro")
             _button("Sine", lambda: begin(True), "sine")
             _button("Stay", lambda: station.end(page.title), "stay")
-        said = ui.label("").classes("answer")
+        said = ui.label("").classes("answer").props("data-name=move-answer")
 
     context.client.on_disconnect(lambda: station.left(page))
     return lambda _axis: None

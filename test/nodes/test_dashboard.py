@@ -400,10 +400,13 @@ def test_a_drive_that_goes_and_comes_is_said_and_watched_again(
     page.wait("its absence", lambda: "no joint states: the drive is not there" in page.said("lifecycle"))
     page.wait("the fault", lambda: page.said("fact-fault").startswith("NO_SAMPLES: No usable joint states came"))
     assert "Then reset the fault." in page.said("fact-what-to-do")
+    page.click("Step forward")
+    page.wait("that it is not sent", lambda: "the controller holds no position" in page.said("move-answer"))
     start("plant_simulator", lockstep=True)
     page.wait("its return", lambda: "not there" not in page.said("lifecycle"))
     page.click("Reset the fault")
     page.wait("no fault", lambda: page.said("fact-fault") == "none")
+    page.wait("a held position", lambda: "no position" not in page.said("fact-law-acts"))
     page.click("Step forward")
     page.wait("a step", lambda: page.swing() > 0.1)
     assert console_of(browser) == []
