@@ -3,6 +3,7 @@
 import http.client
 import json
 import math
+import os
 import re
 import signal
 import struct
@@ -302,6 +303,9 @@ class TestOneDrive:
         page = Page(browser, served, peer)
         page.click("Record")
         page.wait("its size", lambda: re.search(r"recording [1-9][\d.]* [kM]B", page.said("recording")))
+        threads = Path(f"/proc/{served.process.pid}/task").iterdir()
+        (recorder,) = (int(pid) for thread in threads for pid in (thread / "children").read_text().split())
+        assert os.getpriority(os.PRIO_PROCESS, recorder) < os.getpriority(os.PRIO_PROCESS, served.process.pid)
         page.click("End the recording")
         page.wait("its end", lambda: page.said("recording").startswith("recorded"))
         (bag,) = served.folder.glob("recording_*/metadata.yaml")
