@@ -17,12 +17,12 @@ def _chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 
 @pytest.fixture
-def browser(_chromium: Any) -> Any:
+def browser(_chromium: Any) -> Iterator[Any]:
     """Give a headless Chromium with an empty page and empty logs; skip where there is none."""
     from in_browser import console_of, emulate, requests_of  # noqa: PLC0415
 
-    _chromium.get("about:blank")
     emulate(_chromium)
     console_of(_chromium)
     requests_of(_chromium)
-    return _chromium
+    yield _chromium
+    _chromium.get("about:blank")  # it would draw on
