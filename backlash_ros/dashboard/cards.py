@@ -16,7 +16,7 @@ from backlash_ros.control.design.gain_sets import CUSTOM
 from backlash_ros.control.telemetry import TELEMETRY
 from backlash_ros.dashboard.axis import EXPERIMENT, Answer, Axis
 from backlash_ros.dashboard.motion import Wave
-from backlash_ros.dashboard.station import Refresh, Station, finite, megabytes
+from backlash_ros.dashboard.station import Mover, Refresh, Station, finite, megabytes
 from backlash_ros.gates.faults import FAULTS, Fault
 from backlash_ros.ros.client import stop_node
 
@@ -31,7 +31,7 @@ _JUMP = 0.5
 """By how much an encoder's zero is moved so that it jumps, rad."""
 
 
-class Shown(Protocol):
+class Shown(Mover, Protocol):
     """The page that a card is on."""
 
     station: Station
@@ -72,6 +72,7 @@ def _show_link(link: ui.link, station: Station, axis: Axis, kind: str) -> None:
 def move_card(page: Shown) -> Refresh:
     """Step, back and forth, sine, a typed value."""
     station = page.station
+    ended = ""
 
     def usable(*fields: ui.number) -> bool:
         for each in fields:
@@ -121,8 +122,14 @@ def move_card(page: Shown) -> Refresh:
             _button("Stay", lambda: station.end(page.title), "stay")
         said = ui.label("").classes("answer").props("data-name=move-answer")
 
+    def refresh(axis: Axis) -> None:
+        nonlocal ended
+        before, ended = ended, station.of(axis.title).ended
+        if ended != before:
+            _tell(said, Answer(False, ended))
+
     context.client.on_disconnect(lambda: station.left(page))
-    return lambda _axis: None
+    return refresh
 
 
 def _words(margins: Margins | None) -> str:

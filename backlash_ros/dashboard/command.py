@@ -25,6 +25,8 @@ from backlash_ros.ros.transport import avoid_shared_memory
 NEEDS = 'the dashboard needs NiceGUI: pip install "backlash_ros[page]"'
 _LAST = 5.0
 """Time that pages have to leave when the server ends, s."""
+_BACK = 30.0
+"""Time within which a page whose connection breaks comes back as it was, s; later it starts anew."""
 
 
 def _listen(host: str, port: int) -> socket.socket:
@@ -111,9 +113,11 @@ def build(given: DashboardParameters, station: Any, names: set[str], token: str)
         shown = Page(station, given.read_only)
         shown.refresh()
         await client.connected()
-        shown.started(client)
+        shown.started()
 
-    ui.run_with(web, title="backlash_ros", dark=None, tailwind=False, show_welcome_message=False)
+    ui.run_with(
+        web, title="backlash_ros", dark=None, tailwind=False, show_welcome_message=False, reconnect_timeout=_BACK
+    )
     return Guard(web, names, token)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from importlib.resources import files
 from typing import Any
 
-from nicegui import Client, ui
+from nicegui import context, ui
 
 from backlash_ros.dashboard.axis import SILENCE, Axis
 from backlash_ros.dashboard.cards import (
@@ -25,6 +25,8 @@ REFRESH = 0.25
 """Time between two looks at what is told beside the curves, s."""
 WINDOWS = {10: "10 s", 30: "30 s", 60: "60 s"}
 STATIC = "/static"
+_ANSWERS = 6.0
+"""Time within which a browser answers, s."""
 
 _TOOTH = """
 <svg class="drawing" viewBox="0 0 460 170" role="img" aria-labelledby="tooth-title" id="tooth">
@@ -63,6 +65,7 @@ class Page:
         self.title = next(iter(station.axes), "")
         self._refreshers: list[Callable[[Axis], None]] = []
         self._facts: dict[str, Any] = {}
+        self._client = context.client
         ui.colors(primary="#0b5fa5")
         ui.add_head_html(f'<link rel="stylesheet" href="{STATIC}/style.css">')
         self._bar()
@@ -152,16 +155,23 @@ class Page:
             self.title = title
             self.refresh()
 
-    def started(self, client: Client) -> None:
+    async def answers(self) -> bool:
+        """Return whether its browser answers."""
+        try:
+            return bool(await self._client.run_javascript("return true", timeout=_ANSWERS))
+        except TimeoutError:
+            return False
+
+    def started(self) -> None:
         """Begin to draw, once the browser is there."""
         options = f"joints: {list(JOINT_COLUMNS)}, state: {list(STATE_COLUMNS)}, facts: () => window.facts ?? {{}}"
         # The chart is there a moment after its element.
-        client.run_javascript(
+        self._client.run_javascript(
             f"const draw = () => getElement({self._chart.id})?.chart ? import('{STATIC}/live.js').then(m => "
             f"m.start({{chart: getElement({self._chart.id}).chart, {options}}})) : setTimeout(draw, 50); draw();"
         )
         if not self.read_only:
-            client.run_javascript(
+            self._client.run_javascript(
                 "document.addEventListener('keydown', e => { if (e.key === 'Escape') "
                 f"import('{STATIC}/live.js').then(m => m.stop(window.facts?.axis)) }})"
             )

@@ -12,6 +12,7 @@ from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 
 from lifecycle_msgs.msg import Transition
 
@@ -26,6 +27,16 @@ PICTURE = 0.05
 """Time between two frames, s."""
 _BEHIND = 40
 """Frames that may wait for a browser; older ones are left out."""
+_LOOK = 1.0
+"""Time between two looks at whether the browser is there that a motion is for, s."""
+_LEFT = "the motion has ended: the page that began it was closed, or did not answer"
+
+
+class Mover(Protocol):
+    """The page that began a motion, which ends with it."""
+
+    async def answers(self) -> bool:
+        """Return whether its browser is still there."""
 
 
 class Watcher:
@@ -89,8 +100,9 @@ class OfAxis:
     """What runs on behalf of one axis."""
 
     watchers: set[Watcher] = field(default_factory=set)
-    motion: "asyncio.Task[None] | None" = None
-    mover: object = None
+    motion: "tuple[asyncio.Task[None], ...]" = ()
+    mover: Mover | None = None
+    ended: str = ""
     recorder: Work | None = None
     measurement: Work | None = None
     report: Work | None = None
@@ -131,23 +143,34 @@ class Station:
 
     # Motion.
 
-    def begin(self, title: str, what: Wave, mover: object) -> None:
+    def begin(self, title: str, what: Wave, mover: Mover) -> None:
         """Send the references of a wave from now on, in place of another's, on behalf of the page ``mover``."""
         self.end(title)
         axis = self.of(title)
-        axis.motion, axis.mover = asyncio.create_task(wave(what, self.axes[title].move)), mover
+        axis.mover = mover
+        axis.motion = tuple(map(asyncio.create_task, (wave(what, self.axes[title].move), self._attend(title, mover))))
+
+    async def _attend(self, title: str, mover: Mover) -> None:
+        try:
+            while await mover.answers():
+                await asyncio.sleep(_LOOK)
+        finally:  # whatever went wrong
+            if asyncio.current_task() in self.of(title).motion:
+                self.left(mover)
 
     def end(self, title: str) -> None:
         """Send no more references; the last one stays."""
-        motion, self.of(title).motion = self.of(title).motion, None
-        if motion is not None:
-            motion.cancel()
+        axis = self.of(title)
+        motion, axis.motion, axis.ended = axis.motion, (), ""
+        for task in motion:
+            task.cancel()
 
-    def left(self, mover: object) -> None:
-        """End what a page moves, whose browser is gone."""
+    def left(self, mover: Mover) -> None:
+        """End what a page moves, whose browser is gone, and say so to whoever looks."""
         for title, axis in self._of.items():
-            if axis.mover is mover:
+            if axis.motion and axis.mover is mover:
                 self.end(title)
+                axis.ended = _LEFT
 
     async def stop(self, title: str) -> Answer:
         """Take the power off: deactivate the controller, whose last command is 0."""

@@ -306,6 +306,22 @@ class TestOneDrive:
         page.wait("the step", lambda: page.at_rest_at(references[0]))
         peer.node.destroy_subscription(subscription)
 
+    def test_a_page_that_hangs_moves_nothing_any_more(self, system: System, browser: Chrome) -> None:
+        sent: list[float] = []
+        subscription = system.peer.node.create_subscription(
+            Float64, "reference", lambda _, info: sent.append(1e-9 * info["source_timestamp"]), 1000
+        )
+        page = Page(browser, system.served.address, system.peer)
+        page.click("Sine")
+        page.wait("motion", lambda: page.swing() > 0.1)
+        woke = page.run("const end = Date.now() + 10000; while (Date.now() < end); return Date.now() / 1000")
+        page.wait("why", lambda: page.said("move-answer").startswith("the motion has ended: the page"))
+        assert sent[0] < woke - 8.0
+        assert sent[-1] < woke - 1.0
+        page.click("Stay")
+        page.wait("no more words", lambda: page.said("move-answer") == "")
+        system.peer.node.destroy_subscription(subscription)
+
     def test_a_recording_is_made_and_ended(self, system: System, browser: Chrome) -> None:
         served, peer = system.served, system.peer
         page = Page(browser, served.address, peer)
