@@ -59,7 +59,6 @@ setup(
             f"controller = {NAME}.nodes.controller:main",
             f"recorder = {NAME}.nodes.recorder:main",
             f"dashboard = {NAME}.dashboard.command:main",
-            f"demo = {NAME}.demo.__main__:main",
             f"backlash = {NAME}.cli:main",
         ],
         # Named like the module: with -p besides, pytest takes it once.

@@ -1,4 +1,4 @@
-"""The command `backlash`: the paper's figures, single runs, drives judged, identified and reported, without ROS."""
+"""Servo control of geared drives with backlash: try it, measure a drive, choose gains, judge, report."""
 
 import argparse
 import errno
@@ -8,12 +8,14 @@ import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from importlib import import_module
 from pathlib import Path
 from typing import NoReturn, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from backlash_ros import __version__
 from backlash_ros.analysis.design.command import add_design, design_gains_for, files_in_the_way
 from backlash_ros.analysis.evaluation.command import evaluate, replay
 from backlash_ros.analysis.evaluation.drive_file import read_axis, read_drive
@@ -269,19 +271,54 @@ def _measure(parser: argparse.ArgumentParser, given: argparse.Namespace, console
         return 1
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the command; the exit code is 2 for arguments that cannot be used, 1 where a recording tells nothing."""
+_WITH_ROS = {
+    "demo": (
+        "backlash_ros.demo.__main__",
+        "simulator, controller and recorder: learn, step, judge; results in a folder",
+    ),
+    "live": ("backlash_ros.dashboard.live", "a simulated drive, its controller and a page in the browser"),
+}
+"""Commands that are programs of their own: module and what it does."""
+
+
+def _run_with_ros(name: str, words: Sequence[str]) -> int:
+    try:
+        module = import_module(_WITH_ROS[name][0])
+    except ImportError as error:
+        print(f"backlash {name}: needs ROS 2: {error}", file=sys.stderr)
+        return 2
+    code: int = module.main(words)
+    return code
+
+
+def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser of all commands; ``words`` are those of the command line, which results repeat."""
     parser = _Parser(prog="backlash", description=__doc__)
-    commands = parser.add_subparsers(required=True)
-    drawing = commands.add_parser("figures", help="the paper's figures, computed and drawn")
+    parser.add_argument("--version", action="version", version=f"backlash_ros {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    for name, (_, text) in _WITH_ROS.items():
+        commands.add_parser(name, help=text)
+    drawing = commands.add_parser(
+        "figures",
+        help="the paper's figures, computed and drawn",
+        epilog="example: backlash figures --out results/figures",
+    )
     drawing.add_argument("--out", type=Path, required=True, help="folder to write into")
     drawing.add_argument("--page", type=Path, help="also write the page that judges them")
     drawing.set_defaults(run=lambda a, console: figures(a.out, a.page, console))
-    single = commands.add_parser("simulate", help="one step response of 1 rad: its figures as JSON")
+    single = commands.add_parser(
+        "simulate",
+        help="one step response of 1 rad: its figures as JSON",
+        epilog='example: backlash simulate --law cascade --case "load inertia x4"',
+    )
     single.add_argument("--law", choices=sorted(LAWS), default="two_region")
     single.add_argument("--case", choices=list(CASES), default="nominal")
     single.set_defaults(run=lambda a, console: simulate(a.law, a.case, console))
-    judging = commands.add_parser("evaluate", help="learning and laws judged on a random population of drives")
+    judging = commands.add_parser(
+        "evaluate",
+        help="learning and laws judged on a random population of drives",
+        epilog="example: backlash evaluate --seed 1 --drives 20 --json results/evaluation.json",
+    )
     _add_evaluation(judging)
     exporting = commands.add_parser(
         "export",
@@ -289,17 +326,28 @@ def main(args: Sequence[str] | None = None) -> int:
         epilog="example: backlash export config/nominal_drive.yaml --format mujoco --out drive.xml",
     )
     _add_export(exporting)
-    finding = commands.add_parser("identify", help="what a recording tells of a drive, with uncertainties")
+    finding = commands.add_parser(
+        "identify",
+        help="what a recording tells of a drive, with uncertainties",
+    )
     add_identification(finding)
-    reporting = commands.add_parser("report", help="a page about a recording: steps, faults, backlash, timing, charts")
+    reporting = commands.add_parser(
+        "report",
+        help="a page about a recording: steps, faults, backlash, timing, charts",
+    )
     add_report(reporting)
-    designing = commands.add_parser("design", help="over-damped gains and their region's width, for a range of drives")
+    designing = commands.add_parser(
+        "design",
+        help="over-damped gains and their region's width, for a range of drives",
+    )
     add_design(designing)
-    again = commands.add_parser("replay", help="a recorded controller's commands computed again, to the last bit")
+    again = commands.add_parser(
+        "replay",
+        help="a recorded controller's commands computed again, to the last bit",
+    )
     replaying.add_replay(again)
     again.set_defaults(run=lambda a, console: _replay(again, a, console))
     designing.set_defaults(run=lambda a, console: _design(designing, a, console))
-    words = tuple(sys.argv[1:] if args is None else args)
     finding.set_defaults(words=words, run=lambda a, console: _identify(finding, a, console))
     reporting.set_defaults(words=words, run=lambda a, console: _report(reporting, a, console))
     measuring = commands.add_parser(
@@ -309,7 +357,15 @@ def main(args: Sequence[str] | None = None) -> int:
     )
     _add_measurement(measuring)
     measuring.set_defaults(words=words, run=lambda a, console: _measure(measuring, a, console))
-    parsed = parser.parse_args(args)
+    return parser
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command; the exit code is 2 for arguments that cannot be used, 1 where a recording tells nothing."""
+    words = tuple(sys.argv[1:] if args is None else args)
+    if words and words[0] in _WITH_ROS:
+        return _run_with_ros(words[0], words[1:])
+    parsed = parser_of(words).parse_args(words)
     command: Callable[[argparse.Namespace, Console], int | None] = parsed.run
     try:
         return command(parsed, Console()) or 0

@@ -24,7 +24,9 @@ def _free(port: int) -> bool:
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run it until Ctrl-C; the address is printed."""
-    parser = argparse.ArgumentParser(prog="live", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="backlash live", description=__doc__, epilog="example: backlash live --port 8081"
+    )
     help_port = f"of the page; {_PORT}, or any where that is taken"
     parser.add_argument("--port", type=int, metavar="PORT", help=help_port)
     parser.add_argument("--out", type=Path, default=Path("results/live"), metavar="DIR", help="for recordings and logs")

@@ -291,7 +291,9 @@ def _is_replaceable(out: Path) -> bool:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the demo; results appear in the folder given with --out only when they are complete."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="backlash demo", description=__doc__, epilog="example: backlash demo --out results/demo"
+    )
     parser.add_argument("--out", type=Path, default=Path("results/demo"), help="folder for the results (replaced)")
     out = parser.parse_args(args).out
     console = Console(soft_wrap=True)

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from data_sheet import Rig
 from faults_page import SECTION, page
 from graph import Peer, Process
 from rclpy.signals import SignalHandlerOptions
+from served import Served, System
 
 from backlash_ros.ros.isolation import isolated
 
@@ -88,3 +90,34 @@ def start(domain: int, tmp_path: Path, request: pytest.FixtureRequest) -> Iterat
 def rig(start: Callable[..., Process], peer: Peer, tmp_path: Path) -> Callable[..., Rig]:
     """Start a controller that is told the data sheet of a `Member`, and the drive; keyword arguments as for `start`."""
     return lambda member, **parameters: Rig(start, peer, tmp_path, member, **parameters)
+
+
+@pytest.fixture
+def serve(tmp_path: Path, peer: Peer) -> Iterator[Callable[..., Served]]:
+    """Start a dashboard and wait until it serves."""
+    with ExitStack() as ends:
+
+        def started(*arguments: str) -> Served:
+            made = Served(tmp_path, *arguments)
+            ends.callback(lambda: print(f"--- dashboard\n{made.process.output()}"))
+            ends.callback(made.process.kill)
+            peer.wait(lambda: f"the dashboard, which said {made.process.output()}", lambda: made.address)
+            return made
+
+        yield started
+
+
+@pytest.fixture(scope="class")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
+    """Run one dashboard with a drive for all tests of a class."""
+    with isolated():
+        made = System(tmp_path_factory.mktemp("system"))
+        yield made
+        made.close()
+
+
+@pytest.fixture
+def system(shared: System) -> System:
+    """Give that dashboard as it was at first."""
+    shared.anew()
+    return shared

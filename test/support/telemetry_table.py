@@ -1,10 +1,10 @@
-"""The table of what ``~/state`` has, in the README between two marks; made from the code."""
+"""The table of what ``~/state`` has, in docs/interface.md between two marks; made from the code."""
 
 from pathlib import Path
 
 from backlash_ros.control.telemetry import TELEMETRY
 
-BEGIN, END = "<!-- telemetry -->\n", "\n\nPublishers are reliable"
+BEGIN, END = "<!-- telemetry -->\n", "\n\n## Time and rate"
 
 
 def telemetry_table() -> str:
@@ -23,4 +23,4 @@ def renew(page: Path) -> None:
 
 
 if __name__ == "__main__":
-    renew(Path("README.md"))
+    renew(Path("docs/interface.md"))

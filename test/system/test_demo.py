@@ -70,7 +70,7 @@ def test_load_torque_is_estimated_and_held(summary: dict) -> None:
 
 def test_readme_reads_the_bag(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (example,) = re.findall(
-        r"```python\n(from backlash_ros.analysis.*?)```", (ROOT / "README.md").read_text(), re.DOTALL
+        r"```python\n(from backlash_ros.analysis.*?)```", (ROOT / "docs" / "python.md").read_text(), re.DOTALL
     )
     exec(example.replace("results/demo", str(results)), {})
     assert int(capsys.readouterr().out.split()[0]) > 1000

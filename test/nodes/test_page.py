@@ -1,0 +1,330 @@
+"""The page in a real browser, beside real nodes: what is seen, and what is done by clicks and keys."""
+
+import json
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from graph import Lifecycle, Parameters, Peer
+from in_browser import console_of, emulate, requests_of
+from selenium.common.exceptions import ElementClickInterceptedException, StaleElementReferenceException
+from selenium.webdriver import ActionChains, Chrome
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from served import WATCHDOG, B, Served, Start, System, begin
+from std_msgs.msg import Float64, Float64MultiArray
+
+from backlash_ros.ros.topics import RECEIVE
+
+
+class Page:
+    """The page in a browser, used as a person would: by what is written on it."""
+
+    def __init__(self, browser: Chrome, address: str, peer: Peer) -> None:
+        self.browser, self._peer = browser, peer
+        browser.set_window_size(1400, 1500)
+        browser.get(address)
+        self.wait("samples", lambda: self.run("return window.live?.joints.length ?? 0") > 100)
+
+    def run(self, script: str) -> Any:
+        return self.browser.execute_script(script)
+
+    def wait(self, what: str, condition: Callable[[], Any]) -> Any:
+        return self._peer.wait(lambda: f"{what}; the page says {self.text()}", condition)
+
+    def text(self) -> str:
+        return str(self.run("return document.body.innerText"))
+
+    def said(self, name: str) -> str:
+        return str(self.run(f"return document.querySelector('[data-name={name}]')?.textContent ?? ''"))
+
+    def click(self, words: str) -> None:
+        def clicked() -> bool:
+            found = self.browser.find_elements(By.TAG_NAME, "button")
+            with suppress(ElementClickInterceptedException, StaleElementReferenceException):  # it moves: cards fill
+                for button in found:
+                    if button.text.strip() == words and button.is_enabled():
+                        button.click()
+                        return True
+            return False
+
+        self.wait(f"a click on the button {words!r}", clicked)
+
+    def slider(self, name: str) -> Any:
+        """Return what of a slider takes keys."""
+        return self.browser.find_element(By.CSS_SELECTOR, f"[data-name={name}] [tabindex='0']")
+
+    def value_of(self, name: str) -> float:
+        return float(self.run(f"return document.querySelector('[data-name={name}]').ariaValueNow"))
+
+    def at_rest_at(self, angle: float) -> bool:
+        load = self.run("return window.live.joints.last('load')")
+        return abs(load - angle) < B and self.run("return window.live.state.last('reference')") == pytest.approx(angle)
+
+    def swing(self) -> float:
+        """Return how far the load swung in the last second, rad, of the samples that the page draws."""
+        return float(
+            self.run(
+                "const {joints} = window.live; const from = joints.from(joints.last('time') - 1);"
+                "const load = joints.of('load').slice(from); return Math.max(...load) - Math.min(...load)"
+            )
+        )
+
+    def drawn(self, name: str) -> list[Any]:
+        """Return the points of a curve as the chart has them."""
+        return list(self.run(f"return window.live.chart.getOption().series.find(s => s.name === '{name}').data"))
+
+
+class TestOneDrive:
+    """What leaves the nodes whole, beside the same ones."""
+
+    def test_a_newcomer_sees_the_rattle_and_ends_it_by_clicks(self, system: System, browser: Chrome) -> None:
+        served, peer = system.served, system.peer
+        page = Page(browser, served.address, peer)
+        assert page.said("backlash") == "the backlash is not learned yet"
+        page.click("Step forward")
+        page.wait("the step", lambda: page.at_rest_at(0.5))
+        page.wait("the rattle", lambda: 0.5 * B < page.swing() < 1.5 * B)
+        before = page.drawn("error")[-1]
+        page.wait("curves that move", lambda: page.drawn("error")[-1] != before)
+        time, error = np.array(page.drawn("error"), dtype=float).T
+        assert 0.5 * B < 1e-3 * np.ptp(error[time > time[-1] - 1.0]) < 1.5 * B  # in mrad while b is not known
+        page.wait("the rattle in words", lambda: re.search(r"The load moved by [12]\d\.\d+ mrad", page.text()))
+        page.click("Learn the backlash")
+        page.wait("what was learned", lambda: page.said("backlash") == "backlash in use: 20 mrad")
+        page.wait("its uncertainty", lambda: "+-" in page.said("experiment-answer"))
+        page.wait("quiet", lambda: page.swing() < 0.05 * B)
+        page.click("Step back")
+        page.wait("the step back", lambda: page.at_rest_at(0.0))
+        page.wait("quiet", lambda: page.swing() < 0.05 * B)
+        page.wait("b in the text", lambda: "The load moved by 0.0" in page.text() and " b in the last" in page.text())
+        assert console_of(browser) == []
+        own = f"http://{served.host}/"
+        assert all(url.startswith((own, f"ws://{served.host}/", "data:", "blob:")) for url in requests_of(browser))
+
+    def test_gains_that_are_refused_say_why_and_go_back(self, system: System, browser: Chrome) -> None:
+        served, peer = system.served, system.peer
+        page = Page(browser, served.address, peer)
+        margins = page.wait("margins", lambda: page.said("fast-gains"))
+        assert re.fullmatch(r"k = \[[\d., e-]+\]; margins: \d+\u00b0 of phase, [\d.]+ ms of delay", margins)
+        slider = page.slider("fast-0")
+        while not page.said("law-answer"):  # to ever higher gains
+            before, shown = system.parameters.get("gains.fast.q"), page.said("fast-gains")
+            slider.send_keys(Keys.PAGE_UP)
+            page.wait("an answer", lambda shown=shown: page.said("law-answer") or page.said("fast-gains") != shown)
+        refused = page.said("law-answer")
+        assert refused.startswith("gains.fast")
+        assert "unstable" in refused
+        assert system.parameters.get("gains.fast.q") == before
+        assert page.said("fast-gains") != margins  # some were taken before
+        power = math.log10(before[0][0])
+        page.wait("the slider to go back", lambda: page.value_of("fast-0") == pytest.approx(power, abs=0.05))
+        slider.send_keys(Keys.ARROW_LEFT)
+        page.wait("lower gains", lambda: system.parameters.get("gains.fast.q") != before)
+        page.wait("no refusal", lambda: page.said("law-answer") == "")
+
+    @pytest.mark.parametrize("by", ["the button", "Escape"])
+    def test_stop_puts_out_0_v_amid_motion_and_the_drive_goes_on_when_asked(
+        self, system: System, browser: Chrome, by: str
+    ) -> None:
+        """Within a watchdog's time, while references come and curves are drawn."""
+        served, peer = system.served, system.peer
+        commands: list[tuple[float, float]] = []
+        subscription = peer.node.create_subscription(
+            Float64MultiArray,
+            "command",
+            lambda m, info: commands.append((1e-9 * info["source_timestamp"], m.data[0])),
+            RECEIVE,  # the newest alone: this process looks at the page most of the time
+        )
+        page = Page(browser, served.address, peer)
+        page.click("Sine")
+        page.wait("motion", lambda: page.swing() > 0.1)
+        peer.wait("commands", lambda: commands and commands[-1][1] != 0.0)
+        page.run(
+            "for (const kind of ['click', 'keydown'])"
+            " addEventListener(kind, () => { window.asked ??= Date.now() / 1000; }, true)"
+        )
+        if by == "Escape":
+            ActionChains(browser).send_keys(Keys.ESCAPE).perform()
+        else:
+            page.click("Stop: 0 V")
+        page.wait("the stop", lambda: "stopped: 0 V" in page.text())
+        peer.wait("the last command", lambda: commands[-1][1] == 0.0)
+        assert commands[-1][0] < page.run("return window.asked") + WATCHDOG
+        assert Lifecycle(peer, "controller").state == "inactive"
+        page.wait("the state", lambda: "inactive" in page.said("lifecycle"))
+        page.click("Activate")
+        page.wait("the state", lambda: page.said("lifecycle") == "controller active")
+        references: list[float] = []
+        peer.node.create_subscription(Float64, "reference", lambda m: references.append(m.data), 10)
+        page.click("Step forward")  # the sine has ended, so this is all that comes
+        peer.wait("a reference", lambda: references)
+        assert len(references) == 1
+        page.wait("the step", lambda: page.at_rest_at(references[0]))
+        peer.node.destroy_subscription(subscription)
+
+    def test_a_page_that_hangs_moves_nothing_any_more(self, system: System, browser: Chrome) -> None:
+        sent: list[float] = []
+        subscription = system.peer.node.create_subscription(
+            Float64, "reference", lambda _, info: sent.append(1e-9 * info["source_timestamp"]), 1000
+        )
+        page = Page(browser, system.served.address, system.peer)
+        page.click("Sine")
+        page.wait("motion", lambda: page.swing() > 0.1)
+        woke = page.run("const end = Date.now() + 10000; while (Date.now() < end); return Date.now() / 1000")
+        page.wait("why", lambda: page.said("move-answer").startswith("the motion has ended: the page"))
+        assert sent[0] < woke - 8.0
+        assert sent[-1] < woke - 1.0
+        page.click("Stay")
+        page.wait("no more words", lambda: page.said("move-answer") == "")
+        system.peer.node.destroy_subscription(subscription)
+
+    def test_a_recording_is_made_and_ended(self, system: System, browser: Chrome) -> None:
+        served, peer = system.served, system.peer
+        page = Page(browser, served.address, peer)
+        page.click("Record")
+        page.wait("its size", lambda: re.search(r"recording [1-9][\d.]* [kM]B", page.said("recording")))
+        threads = Path(f"/proc/{served.process.pid}/task").iterdir()
+        (recorder,) = (int(pid) for thread in threads for pid in (thread / "children").read_text().split())
+        assert os.getpriority(os.PRIO_PROCESS, recorder) < os.getpriority(os.PRIO_PROCESS, served.process.pid)
+        page.click("End the recording")
+        page.wait("its end", lambda: page.said("recording").startswith("recorded"))
+        (bag,) = served.folder.glob("recording_*/metadata.yaml")
+        assert "/joint_states" in bag.read_text()
+        page.click("Write its report")
+        page.wait(
+            "the report", lambda: page.run("return document.querySelector('[data-name=report-link]').offsetParent")
+        )
+        link = page.run("return document.querySelector('[data-name=report-link]').getAttribute('href')")
+        status, text = served.ask("GET", link)
+        assert status == 200
+        assert "<h1>" in text
+
+    def test_the_keyboard_alone_moves_the_drive(self, system: System, browser: Chrome) -> None:
+        page = Page(browser, system.served.address, system.peer)
+        seen: list[str] = []
+        while "Step forward" not in seen[-1:]:
+            ActionChains(browser).send_keys(Keys.TAB).perform()
+            seen.append(page.run("return document.activeElement.textContent.trim()"))
+            assert len(seen) < 60, seen
+        assert "Stop: 0 V" in seen  # before all that moves
+        assert page.run("return getComputedStyle(document.activeElement).boxShadow") != "none"  # one sees where one is
+        ActionChains(browser).send_keys(Keys.ENTER).perform()
+        page.wait("the step", lambda: page.at_rest_at(0.5))
+
+    @pytest.mark.parametrize("scheme", ["light", "dark"])
+    def test_it_fits_a_telephone(self, system: System, browser: Chrome, scheme: str) -> None:
+        size = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        emulate(browser, scheme=scheme)
+        try:
+            page = Page(browser, system.served.address, system.peer)
+            assert page.run("return document.documentElement.scrollWidth") <= 390
+            stop = page.run("return document.querySelector('[data-name=stop]').getBoundingClientRect().toJSON()")
+            assert 0 <= stop["left"] < stop["right"] <= 390
+            assert stop["height"] >= 44  # for a thumb
+            assert page.run("return document.querySelector('[data-name=curves]').offsetWidth") > 300
+        finally:
+            browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+    def test_faults_and_load_torque_are_injected_and_taken_back(self, system: System, browser: Chrome) -> None:
+        served, peer = system.served, system.peer
+        page = Page(browser, served.address, peer)
+        page.click("Step forward")
+        page.wait("the step", lambda: page.at_rest_at(0.5))
+        page.slider("load-torque").send_keys(Keys.PAGE_UP)
+        page.wait("the load torque", lambda: page.run("return window.live.state.last('load_torque')") > 0.05)
+        page.click("Load encoder jumps")
+        page.wait("the fault", lambda: page.said("fact-fault").startswith("ENCODERS_DISAGREE: "))
+        page.click("As it was")
+        page.click("Reset the fault")
+        page.wait("no fault", lambda: page.said("fact-fault") == "none")
+        assert Parameters(peer, "plant_simulator").get("sensors.load_offset") == [0.0]
+
+
+def test_a_drive_that_goes_and_comes_is_said_and_watched_again(
+    start: Start, peer: Peer, serve: Callable[..., Served], browser: Chrome
+) -> None:
+    drive = begin(start, state_timeout=2.0)
+    page = Page(browser, serve().address, peer)
+    page.wait("the drive", lambda: page.said("fact-drive") == "simulated by /plant_simulator")
+    drive.kill()
+    page.wait("its absence", lambda: "no joint states: the drive is not there" in page.said("lifecycle"))
+    page.wait("the fault", lambda: page.said("fact-fault").startswith("NO_SAMPLES: No usable joint states came"))
+    assert "Then reset the fault." in page.said("fact-what-to-do")
+    page.click("Step forward")
+    page.wait("that it is not sent", lambda: "the controller holds no position" in page.said("move-answer"))
+    start("plant_simulator", lockstep=True)
+    page.wait("its return", lambda: "not there" not in page.said("lifecycle"))
+    page.click("Reset the fault")
+    page.wait("no fault", lambda: page.said("fact-fault") == "none")
+    page.wait("a held position", lambda: "no position" not in page.said("fact-law-acts"))
+    page.click("Step forward")
+    page.wait("a step", lambda: page.swing() > 0.1)
+    assert console_of(browser) == []
+
+
+def test_read_only_shows_everything_and_takes_nothing(
+    start: Start, peer: Peer, serve: Callable[..., Served], browser: Chrome
+) -> None:
+    begin(start)
+    served = serve("-p", "read_only:=true")
+    page = Page(browser, served.address, peer)
+    page.wait("the drive", lambda: page.said("fact-drive") == "simulated by /plant_simulator")
+    words = [each.text.strip() for each in browser.find_elements(By.TAG_NAME, "button") if each.text.strip()]
+    assert {"Pause", "Live", "Zoom in"} <= set(words)
+    assert not {"Stop: 0 V", "Go there", "Learn the backlash", "Record", "Activate"} & set(words)
+    assert browser.find_elements(By.CSS_SELECTOR, "[role=slider]") == []
+    status, _ = served.ask("POST", "/stop?axis=/", Origin=f"http://{served.host}")
+    assert status in {404, 405}
+    assert Lifecycle(peer, "controller").state == "active"
+
+
+def test_axes_are_told_apart_by_name(start: Start, peer: Peer, serve: Callable[..., Served], browser: Chrome) -> None:
+    names = ["arm/elbow", "wrist"]
+    start("plant_simulator", non_ros=["--axes", *names], lockstep=True)
+    start("controller", non_ros=["--axes", *names], state_timeout=10.0, use_sim_time=True)
+    page = Page(browser, serve().address, peer)
+    page.wait("both", lambda: json.loads(page.run("return JSON.stringify(window.facts)"))["axis"] == "/arm/elbow")
+    page.click("Step forward")
+    page.wait("the step", lambda: page.at_rest_at(0.5))
+    browser.find_element(By.CSS_SELECTOR, "[data-name=axis]").click()
+    option = "//div[@role='option'][.//*[text()='/wrist']]"
+    page.wait("the other axis", lambda: browser.find_elements(By.XPATH, option))[0].click()
+    page.wait("its name", lambda: page.run("return window.live.axis") == "/wrist")
+    page.wait("its samples", lambda: page.run("return window.live.joints.length") > 100)
+    assert page.at_rest_at(0.5) is False
+    assert abs(page.run("return window.live.joints.last('load')")) < B
+
+
+def test_make_live_shows_a_drive_that_ends_with_it(tmp_path: Path, peer: Peer, browser: Chrome) -> None:
+    root = Path(__file__).parents[2]
+    recipe = subprocess.run(["make", "--dry-run", "live"], cwd=root, capture_output=True, text=True, check=True).stdout
+    assert recipe.splitlines()[-1].endswith("/python -m backlash_ros.dashboard.live")
+    command = [sys.executable, "-m", "backlash_ros.dashboard.live", "--port", "0", "--out", str(tmp_path)]
+    log = tmp_path / "log"
+    with log.open("wb") as output:
+        live = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT, start_new_session=True)
+    try:
+        pattern = re.compile(r"^http://127\.0\.0\.1:\d+$", re.MULTILINE)
+        address = peer.wait("the address", lambda: pattern.search(log.read_text()))[0]
+        page = Page(browser, address, peer)
+        page.click("Step forward")
+        page.wait("the rattle", lambda: page.at_rest_at(0.5) and 0.5 * B < page.swing() < 1.5 * B)
+        os.killpg(live.pid, signal.SIGINT)  # as Ctrl-C in a terminal does
+        assert live.wait(60) == 0
+        with pytest.raises(ProcessLookupError):
+            os.killpg(live.pid, 0)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(live.pid, signal.SIGKILL)
+    assert "Traceback" not in log.read_text()

@@ -1,0 +1,88 @@
+"""README and docs: links lead somewhere, commands are understood, nodes and parameters exist."""
+
+import re
+import shlex
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from backlash_ros import __version__
+from backlash_ros.cli import main, parser_of
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
+PARAMETERS = (ROOT / "docs" / "parameters.md").read_text()
+OF_ROS = {"use_sim_time"}
+OF_RECORDER = {"output", "topics"}
+
+
+@cache
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of a page's headings, as GitHub makes them."""
+    text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page: Path) -> None:
+    text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if target.startswith("https://"):
+            continue
+        path, _, anchor = target.partition("#")
+        place = (page.parent / path).resolve() if path else page
+        assert place.exists(), target
+        assert not anchor or anchor in anchors(place), target
+
+
+def commands() -> list[str]:
+    """Return the commands of all pages, as they stand in blocks: fenced or indented."""
+    found = []
+    for page in PAGES:
+        text = page.read_text().replace("\\\n", " ")
+        blocks = re.findall(r"```sh\n(.*?)```", text, re.DOTALL)
+        lines = [line for block in blocks for line in block.splitlines()]
+        lines += re.findall(r"^    ((?:ros2 run|backlash [a-z]+) .*)$", text, re.MULTILINE)
+        found += [line.partition("   #")[0].removeprefix(".venv/bin/") for line in lines]
+    return sorted(set(found))
+
+
+@pytest.mark.parametrize("command", [c for c in commands() if c.startswith("backlash ")])
+def test_commands_are_understood(command: str) -> None:
+    words = shlex.split(command)[1:]
+    parser_of(words).parse_args(words)  # ends the interpreter where one is not
+
+
+@pytest.mark.parametrize("command", [c for c in commands() if c.startswith("ros2 run backlash_ros ")])
+def test_nodes_and_their_parameters_exist(command: str) -> None:
+    words = shlex.split(command)
+    assert f'f"{words[3]} = {{NAME}}' in (ROOT / "setup.py").read_text()
+    names = [rule.partition(":=")[0] for flag, rule in zip(words, words[1:], strict=False) if flag == "-p"]
+    for name in names:
+        known = OF_RECORDER if words[3] == "recorder" else OF_ROS
+        assert f"| `{name}` |" in PARAMETERS or name in known, name
+
+
+def test_pages_have_commands_of_both_kinds() -> None:
+    assert sum(c.startswith("backlash ") for c in commands()) > 15
+    assert sum(c.startswith("ros2 run backlash_ros ") for c in commands()) > 8
+
+
+@pytest.mark.parametrize("name", re.findall(r"^    (\w+) ", parser_of([]).format_help(), re.MULTILINE))
+def test_help_of_each_command_has_an_example(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    if name in {"demo", "live"}:
+        pytest.importorskip("rclpy", reason="needs rclpy")
+    with pytest.raises(SystemExit, match="0"):
+        main([name, "--help"])
+    assert f"backlash {name} " in capsys.readouterr().out.partition("xample")[2]
+
+
+def test_all_places_have_one_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main(["--version"])
+    assert capsys.readouterr().out == f"backlash_ros {__version__}\n"
+    assert f"<version>{__version__}</version>" in (ROOT / "package.xml").read_text()
+    assert f'version="{__version__}"' in (ROOT / "setup.py").read_text()
+    assert f"## {__version__}" in (ROOT / "CHANGELOG.md").read_text()
