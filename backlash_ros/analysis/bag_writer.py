@@ -31,7 +31,7 @@ _CHUNK_SIZE = 2**20
 
 
 class _Unsaved:
-    """What belongs at ``start`` of a file and is not there yet; looks like the file to who writes it."""
+    """Bytes that belong at ``start`` of a file and are not written yet, with the methods of a file."""
 
     def __init__(self, start: int) -> None:
         self.start = start
