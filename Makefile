@@ -48,11 +48,11 @@ demo: $(READY)
 live: $(READY)
 	$(BIN)/python -m backlash_ros.dashboard.live
 
-# What is judged in real time, or recorded as fast as it can be simulated, runs alone, the rest three at a time; plain
+# What is judged in real time, or recorded as fast as it can be simulated, runs alone, the rest four at a time; plain
 # pytest runs all of it, one after the other.
 ALONE := test/system/test_demo.py test/system/test_contract.py test/nodes/test_measure.py test/nodes/test_page.py \
          test/nodes/test_transport.py
-SIDE_BY_SIDE := -n 3 --dist worksteal
+SIDE_BY_SIDE := -n 4 --dist worksteal
 test: $(READY)
 	$(BIN)/python -m backlash_ros.simulation  # compiles once for all, on all cores
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE) $(ALONE:%=--ignore=%)
