@@ -3,6 +3,7 @@
 import re
 import shlex
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -59,7 +60,7 @@ def test_commands_are_understood(command: str) -> None:
 def test_nodes_and_their_parameters_exist(command: str) -> None:
     words = shlex.split(command)
     assert f'f"{words[3]} = {{NAME}}' in (ROOT / "setup.py").read_text()
-    names = [rule.partition(":=")[0] for flag, rule in zip(words, words[1:], strict=False) if flag == "-p"]
+    names = [rule.partition(":=")[0] for flag, rule in pairwise(words) if flag == "-p"]
     for name in names:
         known = OF_RECORDER if words[3] == "recorder" else OF_ROS
         assert f"| `{name}` |" in PARAMETERS or name in known, name
