@@ -5,10 +5,11 @@
 #   make test    all tests
 #   make faults  inject every fault and write docs/faults.md; make test-repeat does it twenty times under load
 #   make bad-samples  what wrong samples do to the load, at the end of docs/faults.md
-#   make lint    formatting, style and types
+#   make lint    formatting, style, types, and links of the pages
 #   make paper   the paper's figures and the page that judges them, in docs
 #   make evaluation  2,000 random drives, judged, into docs/evaluation.md; on all cores
 #   make docs    docs/parameters.md, the table of all parameters, from the code; and the picture of the dashboard, in Chromium
+#   make site    the documentation as a site, in results/site
 #   make bench   what a tick costs; how fast the offline loop is, beside scipy in the same run; six axes in real time; lockstep;
 #                one axis while it identifies its drive, beside itself at rest;
 #                one axis at 1 kHz, beside itself while ten pages of the dashboard read every sample;
@@ -40,7 +41,7 @@ else
   LOCKS := requirements/python.txt requirements/ros.txt
 endif
 
-.PHONY: demo live test test-unit faults bad-samples test-repeat test-floors lint paper evaluation docs bench soak lock clean
+.PHONY: demo live test test-unit faults bad-samples test-repeat test-floors lint paper evaluation docs site bench soak lock clean
 
 demo: $(READY)
 	$(BIN)/python -m backlash_ros.demo
@@ -77,6 +78,7 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/zensical build --strict  # every link of the pages leads somewhere
 
 paper: $(READY)
 	$(BIN)/python -m backlash_ros.cli figures --out docs/figures --page docs/paper.md
@@ -90,6 +92,9 @@ docs: $(READY)
 	$(BIN)/python test/support/parameter_table.py
 	$(BIN)/python test/support/telemetry_table.py
 	$(BIN)/python test/support/dashboard_picture.py
+
+site: $(READY)
+	$(BIN)/zensical build --clean --strict
 
 bench: $(READY)
 	rm -f results/bench.json

@@ -199,7 +199,7 @@ on after a fault. Both in rad.
 
 Currents are held against what the commands can drive through the winding, speeds against the way of their encoder, and
 what cannot be is not used
-([`control/monitoring/plausibility.py`](../backlash_ros/control/monitoring/plausibility.py)). An encoder that jumps by
+(`backlash_ros/control/monitoring/plausibility.py`). An encoder that jumps by
 less than the gap that was learned, and a half, cannot be told from teeth that moved. A speed that is wrong by less than
 a drive may report it late counts as late: at full speed that is the largest figure here. A load that moves when
 the motor goes to 0 V runs on, by its speed times the mechanical time constant (0.02 s here): that is the 0.4 rad. A
