@@ -16,10 +16,12 @@ import rclpy
 from rclpy.exceptions import InvalidParameterTypeException, ParameterException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from backlash_ros.nodes.parameters import DashboardParameters, declare_dashboard, refuse_unknown
 from backlash_ros.ros.aside import KINDER, InTurn
 from backlash_ros.ros.overrides import parameter_rules
+from backlash_ros.ros.run import help_of
 from backlash_ros.ros.transport import avoid_shared_memory
 
 NEEDS = 'the dashboard needs NiceGUI: pip install "backlash_ros[page]"'
@@ -163,9 +165,19 @@ async def serve(node: Node, given: DashboardParameters, listening: socket.socket
     return 1 if failed else 0
 
 
+ABOUT = """\
+Serves a page to watch drives, tune their controllers and stop them; it prints the address.
+
+It finds every controller of the graph. Only this machine may see the page, unless the parameter host says otherwise;
+then the address has a token. read_only:=true shows everything and changes nothing.
+
+example: ros2 run backlash_ros dashboard --ros-args -p port:=8081"""
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the dashboard; code 2 where it cannot start."""
     words = sys.argv[1:] if args is None else list(args)
+    help_of("dashboard", ABOUT).parse_args(remove_ros_args(words))
     avoid_shared_memory()
     try:
         import nicegui  # noqa: F401, PLC0415 - of the extra `page`

@@ -315,9 +315,25 @@ class Controller(ManagedNode):
         return self._report.statuses(facts, self._joints, self._servo, self._gate, shown)
 
 
+ABOUT = """\
+Answers each sample of a geared drive with a command, and learns the drive's backlash.
+
+topics, relative to the namespace
+  takes  joint_states    sensor_msgs/JointState       motor and load: rad, rad/s, N m
+         reference       std_msgs/Float64             where the load is to come to rest, rad
+  gives  command         std_msgs/Float64MultiArray   data[0]: V, or A with command_interface:=current
+         ~/state         diagnostic_msgs/DiagnosticArray, ~/backlash_estimate, ~/parameters_in_use, /diagnostics
+services (std_srvs/Trigger)
+  ~/learn, ~/identify, ~/apply_estimate, ~/cancel, ~/reset_fault; those of the lifecycle
+
+The command is 0 after a fault, when deactivated and at the end. 0 does not hold a hanging load.
+
+example: ros2 run backlash_ros controller --ros-args --params-file my_drive.yaml"""
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the controller, or one for each of ``--axes``."""
-    return run("controller", Controller, args)
+    return run("controller", ABOUT, Controller, args)
 
 
 if __name__ == "__main__":

@@ -254,10 +254,24 @@ class PlantSimulator(ManagedNode):
         return self._report.statuses(facts, self._gate, self._drive.command_unit, self._load_torque)
 
 
+ABOUT = """\
+Plays a geared drive with backlash: publishes joint states at a fixed rate and takes the motor's command.
+
+topics, relative to the namespace
+  gives  joint_states    sensor_msgs/JointState       motor and load: rad, rad/s, N m
+         ~/parameters_in_use, /diagnostics; /clock where simulated time is not real time
+  takes  command         std_msgs/Float64MultiArray   data[0]: V, or A with command_interface:=current
+         load_torque     std_msgs/Float64             on the output, N m; positive turns it forward
+services
+  ~/reset_fault (std_srvs/Trigger); those of the lifecycle
+
+example: ros2 run backlash_ros plant_simulator --ros-args -p gear.backlash_angle:=0.01 -p load.coulomb_friction:=0.02"""
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the plant simulator, or one for each of ``--axes``."""
     together: list[PlantSimulator] = []
-    return run("plant_simulator", lambda namespace: PlantSimulator(namespace, together), args)
+    return run("plant_simulator", ABOUT, lambda namespace: PlantSimulator(namespace, together), args)
 
 
 if __name__ == "__main__":

@@ -274,9 +274,18 @@ class Recorder(StoppableNode):
                 self.get_logger().error(f"lost {_listed(lost)}")
 
 
+ABOUT = """\
+Writes the topics of drive and controller to a rosbag2 folder (mcap) until it is stopped.
+
+Without the parameter topics it takes those of docs/interface.md, relative to its namespace. Ctrl-C closes the folder,
+which is complete after every second in any case.
+
+example: ros2 run backlash_ros recorder --ros-args -p output:=my_run"""
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the recorder."""
-    return run("recorder", _made, args)
+    return run("recorder", ABOUT, _made, args)
 
 
 def _made(axis: str) -> Recorder:

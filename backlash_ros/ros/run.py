@@ -94,12 +94,23 @@ class _RosLog(logging.Handler):
             get_logger(self._name).info(record.getMessage())
 
 
-def _axes(words: Sequence[str]) -> list[str]:
+def help_of(name: str, about: str) -> argparse.ArgumentParser:
+    """Return the parser of what stands before ``--ros-args``; its help says what the node is, in ``about``, and how."""
+    return argparse.ArgumentParser(
+        prog=name,
+        description=about,
+        epilog="Parameters and remaps stand behind --ros-args: -p NAME:=VALUE, --params-file FILE, -r FROM:=TO.\n"
+        "docs/parameters.md has all parameters, with units and bounds; so has a running node: ros2 param describe.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+def _axes(name: str, about: str, words: Sequence[str]) -> list[str]:
     """Return the namespaces that ``--axes`` gives, one node each; without it one, that of the process.
 
     Help, and words that nobody knows, end it: a parameter file without ``--ros-args`` before it must not be overlooked.
     """
-    parser = argparse.ArgumentParser(epilog="parameters, remaps and the like stand behind --ros-args")
+    parser = help_of(name, about)
     parser.add_argument("--axes", nargs="+", default=[""], metavar="NAMESPACE", help="one node in each")
     axes: list[str] = parser.parse_args(remove_ros_args(list(words))).axes
     return axes
@@ -155,20 +166,20 @@ def _turn(executor: EventsExecutor, nodes: Sequence[Runnable], watch: Timer) -> 
     executor.spin_once(timeout_sec=min(max(wait, 0.0), 0.1))
 
 
-def run(name: str, make: Callable[[str], Runnable], args: Sequence[str] | None) -> int:
+def run(name: str, about: str, make: Callable[[str], Runnable], args: Sequence[str] | None) -> int:
     """Run the nodes that ``make`` builds, one per axis, until told to stop or shut down; return the exit code.
 
     rclpy's own handlers would end the context before a last command could leave, so signals are taken here.
     A parameter out of bounds, or one that nobody knows, ends it at once with code 2 and a line that says which. Where
     the middleware does not let go of a node that has been stopped, the process ends with code 1 and says where it was.
 
-    ``name`` stands in the log until there is a node.
+    ``name`` stands in the log until there is a node; ``about`` is what the help says of it.
     """
     avoid_shared_memory()
     words = sys.argv[1:] if args is None else list(args)
     never_wait()
     try:
-        axes = _axes(words)
+        axes = _axes(name, about, words)
         rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # arguments or a parameter file that cannot be read
         return _refuse(name, error)

@@ -163,7 +163,7 @@ def test_signals_that_come_while_it_stops_do_not_keep_it_from_ending_well(start:
     assert process.wait() == 0
 
 
-@pytest.mark.parametrize("node", ["controller", "plant_simulator", "recorder"])
+@pytest.mark.parametrize("node", ["controller", "plant_simulator", "recorder", "dashboard"])
 def test_words_that_nobody_knows_end_the_start(start: Start, node: str) -> None:
     """A parameter file without --ros-args before it would be passed over, and the drive be another one."""
     process = start(node, non_ros=["--params-file", "my_drive.yaml"])
@@ -171,11 +171,21 @@ def test_words_that_nobody_knows_end_the_start(start: Start, node: str) -> None:
     assert "unrecognized arguments: --params-file my_drive.yaml" in process.output()
 
 
-def test_help_is_given_and_nothing_starts(start: Start) -> None:
-    process = start("controller", non_ros=["--help"])
+@pytest.mark.parametrize(
+    ("node", "says"),
+    [
+        ("controller", ["--axes NAMESPACE", "joint_states", "~/learn", "does not hold a hanging load"]),
+        ("plant_simulator", ["--axes NAMESPACE", "load_torque", "~/reset_fault"]),
+        ("recorder", ["rosbag2 folder"]),
+        ("dashboard", ["host", "read_only"]),
+    ],
+)
+def test_help_is_given_and_nothing_starts(start: Start, node: str, says: list[str]) -> None:
+    process = start(node, non_ros=["--help"])
     assert process.wait() == 0
-    assert "--axes NAMESPACE" in process.output()
-    assert "ready" not in process.output()
+    for words in ("--params-file FILE", f"example: ros2 run backlash_ros {node} ", *says):
+        assert words in process.output()
+    assert not re.search("ready|simulating|recording|http", process.output())
 
 
 def test_node_that_cannot_be_configured_ends_with_a_line_that_says_so(start: Start) -> None:
