@@ -138,7 +138,7 @@ class Chart {
 
   tell() {
     const digits = Math.max(0, Math.min(6, 3 - Math.floor(Math.log10(this.range[1] - this.range[0]))));
-    const [low, high] = this.range.map((value) => minus(value.toFixed(digits)));
+    const [low, high] = this.range.map((value) => minus((Math.round(value * 10 ** digits) / 10 ** digits + 0).toFixed(digits)));
     this.output.textContent = `${low} to ${high} s`;
   }
 
