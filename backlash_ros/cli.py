@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from backlash_ros import __version__
+from backlash_ros.analysis.checking.command import add_check, check_and_show
 from backlash_ros.analysis.design.command import add_design, design_gains_for, files_in_the_way
 from backlash_ros.analysis.evaluation.command import evaluate, replay
 from backlash_ros.analysis.evaluation.drive_file import read_axis, read_drive
@@ -206,6 +207,13 @@ def _identify(parser: argparse.ArgumentParser, given: argparse.Namespace, consol
         return 1
 
 
+def _check(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> int:
+    try:
+        return check_and_show(given, console)
+    except ValueError as error:
+        parser.error(str(error))
+
+
 def _design(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> int:
     for name, place in files_in_the_way(given):
         parser.error(f"argument --{name}: '{place}' is there already; --force writes over it")
@@ -341,6 +349,9 @@ def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
         help="over-damped gains and their region's width, for a range of drives",
     )
     add_design(designing)
+    checking = commands.add_parser("check", help="what a drive file makes of the loop, before anything moves")
+    add_check(checking)
+    checking.set_defaults(run=lambda a, console: _check(checking, a, console))
     again = commands.add_parser(
         "replay",
         help="a recorded controller's commands computed again, to the last bit",

@@ -53,12 +53,13 @@ class Axis:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a drive file says beside the drive: rate, Hz, sensors, delay, and the fast gains that it starts with."""
+    """What a drive file says beside the drive: rate, Hz, sensors, delay, and the gains that it starts with."""
 
     rate: float
     sensors: Sensors
     delay: Delay
     fast: Gains
+    overdamped: Gains
 
 
 def read_surroundings(path: Path, drive: Drive) -> Surroundings:
@@ -82,20 +83,21 @@ def read_surroundings(path: Path, drive: Drive) -> Surroundings:
         delay = Delay(**_own(Delay, _section(parameters, "delay")))
         if not delay.mean:
             delay = Delay(command=parameters.get("loop_delay", 0.0))
-        return Surroundings(rate, Sensors(**_own(Sensors, given), **signals), delay, _fast_gains(parameters, drive))
+        gains = {region: _gains(parameters, drive, region) for region in DEFAULT_WEIGHTS}
+        return Surroundings(rate, Sensors(**_own(Sensors, given), **signals), delay, **gains)
     except (ValueError, TypeError, yaml.YAMLError) as error:
         reason = " ".join(str(error).split())
         raise ValueError(f"{path}: {reason}") from error
 
 
-def _fast_gains(parameters: Mapping[str, Any], drive: Drive) -> Gains:
-    """Return the fast gains of the first gain set that a file names; by default those of the default weights."""
+def _gains(parameters: Mapping[str, Any], drive: Drive, region: str) -> Gains:
+    """Return a region's gains in the first gain set that a file names; by default those of the default weights."""
     names = parameters.get("gain_set_names", ["nominal"])
-    where = f"gain_sets.{names[0]}.fast"
-    given = _section(_section(_section(parameters, "gain_sets"), names[0]), "fast")
+    where = f"gain_sets.{names[0]}.{region}"
+    given = _section(_section(_section(parameters, "gain_sets"), names[0]), region)
     if "k" in given:
         return Gains.from_sequence(f"{where}.k", given["k"])
-    return design_gains(f"{where}.q", drive, given.get("q", DEFAULT_WEIGHTS["fast"]))
+    return design_gains(f"{where}.q", drive, given.get("q", DEFAULT_WEIGHTS[region]))
 
 
 def read_drive(path: Path) -> Drive:

@@ -1,0 +1,135 @@
+"""A drive as its file describes it: what the motor can do, how near the loop is to instability, what can be learned."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from backlash_ros.analysis.evaluation.drive_file import Axis, Surroundings, read_axis, read_surroundings
+from backlash_ros.control import Gains, Margins, stability_margins
+from backlash_ros.drivetrain import Drive
+
+LEAST_PHASE = math.radians(30)
+"""Of a margin that is no warning; least delay is one period."""
+HEAVY = 0.5
+"""J_l/J_r from which on the two-region law is likelier to keep a slow limit cycle: docs/evaluation.md."""
+COARSE = 20
+"""Counts of the load's encoder in the gap below which the load swings more often: docs/evaluation.md."""
+
+
+@dataclass(frozen=True)
+class Warned:
+    """What may go wrong, and what to do about it."""
+
+    what: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class Checked:
+    """Figures of a drive by name, each with its unit, and the warnings; ``fails``: why its gains are refused."""
+
+    figures: Mapping[str, str]
+    warnings: tuple[Warned, ...]
+    fails: str = ""
+
+
+def check_drive(path: Path) -> Checked:
+    """Return what the parameter file of a drive says of the loop; nothing moves and no ROS is needed.
+
+    Raises
+    ------
+    OSError, ValueError
+        If the file cannot be read, or a parameter is out of bounds: the text names it, the value and the bound.
+    """
+    axis = read_axis(path)
+    around = read_surroundings(path, axis.drive)
+    regions = {"fast": around.fast, "overdamped": around.overdamped}
+    try:
+        margins = {name: _margins(axis.drive, gains, around) for name, gains in regions.items()}
+    except ValueError as error:
+        return Checked(_figures(axis, around, {}), tuple(_warnings(axis, around, {})), str(error))
+    return Checked(_figures(axis, around, margins), tuple(_warnings(axis, around, margins)))
+
+
+def _margins(drive: Drive, gains: Gains, around: Surroundings) -> Margins:
+    return stability_margins(drive, gains, 1.0 / around.rate, around.delay.mean)
+
+
+def _counts_in_gap(drive: Drive, around: Surroundings) -> dict[str, float]:
+    """Return how many counts of each encoder the gap has, for those that count."""
+    sensors, turns = around.sensors, drive.gear.backlash_angle / (2.0 * math.pi)
+    found = {"load": turns * sensors.load_counts, "motor": turns * drive.gear.reduction * sensors.motor_counts}
+    seen = {"load": "theta_l", "motor": "theta_m"}
+    return {name: counts for name, counts in found.items() if counts and seen[name] in sensors.measured}
+
+
+def _figures(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) -> dict[str, str]:
+    drive = axis.drive
+    motor, gear, load = drive.motor, drive.gear, drive.load
+    reflected = drive.reflected_inertia
+    figures = {
+        "backlash": f"{1e3 * gear.backlash_angle:.3g} mrad, {math.degrees(60.0 * gear.backlash_angle):.3g} arcmin",
+        "torque at standstill": f"{drive.standstill_torque():.3g} N m at the output",
+        "speed without load": f"{motor.voltage_limit / motor.torque_constant * gear.ratio:.3g} rad/s at the output",
+        "load's inertia over the motor's": f"{load.inertia / reflected:.2g}, seen from the output",
+        "swing of a free load with the fast gains": f"{1e3 * _swing(drive):.3g} mrad, if it rattles",
+    }
+    for name, counts in _counts_in_gap(drive, around).items():
+        figures[f"gap in counts of the {name}'s encoder"] = f"{counts:.3g}"
+    for name, margin in margins.items():
+        phase = f"{math.degrees(margin.phase):.0f} degrees" if math.isfinite(margin.phase) else "any phase"
+        delay = f"{1e3 * margin.delay:.3g} ms" if math.isfinite(margin.delay) else "any delay"
+        figures[f"margins of the {name} gains"] = f"{phase}, {delay}, at {around.rate:g} Hz"
+    return figures
+
+
+def _swing(drive: Drive) -> float:
+    """Return the load's share of the gap by the exchange of momentum, rad."""
+    reflected = drive.reflected_inertia
+    return drive.gear.backlash_angle * reflected / (reflected + drive.load.inertia)
+
+
+def _warnings(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) -> Iterator[Warned]:
+    drive = axis.drive
+    load, stall = drive.load, drive.standstill_torque()
+    tight = [n for n, m in margins.items() if m.phase < LEAST_PHASE or m.delay < 1.0 / around.rate]
+    if tight:
+        yield Warned(
+            f"the {' and '.join(tight)} gains bear less than 30 degrees of lag, or less than one period of delay",
+            "lower the weights (gain_sets.*.q), raise rate, or shorten the delay",
+        )
+    if load.inertia > HEAVY * drive.reflected_inertia:
+        yield Warned(
+            f"the load has {load.inertia / drive.reflected_inertia:.2g} of the motor's inertia, seen from the output: "
+            "the two-region law may keep a slow limit cycle",
+            "let backlash design choose gains for this drive, or use law two_encoder with two encoders",
+        )
+    for name, counts in _counts_in_gap(drive, around).items():
+        if counts < COARSE:
+            yield Warned(
+                f"the gap has {counts:.2g} counts of the {name}'s encoder: "
+                "what is learned is coarse, and the load may swing",
+                "use a finer encoder, and let backlash design choose wider regions",
+            )
+    if "theta_l" not in around.sensors.measured:
+        yield Warned(
+            "the load has no encoder: nobody sees where it is in the gap",
+            "expect errors of up to the backlash; learning (relay) needs motor and reduction described well",
+        )
+    if load.gravity_torque > 0.0:
+        yield Warned(
+            f"the load's weight turns it with up to {load.gravity_torque:.3g} N m, and a command of 0 does not hold it",
+            "use a mechanical brake that the drive sets when commands stop",
+        )
+    if load.gravity_torque + load.coulomb_friction > 0.8 * stall:
+        yield Warned(
+            f"weight and friction of the load take up to {load.gravity_torque + load.coulomb_friction:.3g} N m of "
+            f"{stall:.3g} N m at standstill",
+            "check motor.torque_constant, motor.voltage_limit and gear.reduction, or use a stronger motor",
+        )
+    if not axis.has_ends:
+        yield Warned(
+            "the load's travel has no ends: a wrong reference may turn it anywhere",
+            "give limits.position_lower and limits.position_upper, unless it may turn freely",
+        )

@@ -1,0 +1,43 @@
+"""`backlash check`: its arguments, and what it prints."""
+
+import argparse
+from pathlib import Path
+
+from rich.console import Console
+
+from backlash_ros.analysis.checking.check import check_drive
+
+DESCRIPTION = "Says what a drive file makes of the loop: figures, and warnings with what to do. Nothing moves."
+EXAMPLE = "example: backlash check config/nominal_drive.yaml"
+
+
+def add_check(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments to a parser."""
+    parser.description, parser.epilog = DESCRIPTION, EXAMPLE
+    parser.add_argument("drive", type=Path, metavar="DRIVE", help="ROS parameter file of the drive")
+
+
+def check_and_show(given: argparse.Namespace, console: Console) -> int:
+    """Print figures and warnings; return 1 where a controller would refuse the gains for that drive, else 0.
+
+    Raises
+    ------
+    OSError, ValueError
+        As `check_drive`.
+    """
+    found = check_drive(given.drive)
+
+    def say(text: str) -> None:
+        console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+    width = max(map(len, found.figures))
+    for name, value in found.figures.items():
+        say(f"{name:{width}}  {value}")
+    for warning in found.warnings:
+        say(f"warning: {warning.what}\n  -> {warning.remedy}")
+    if found.fails:
+        say(f"fails: {found.fails}\n  -> lower the weights (gain_sets.*.q), raise rate, or shorten the delay")
+        return 1
+    many = {0: "no warnings", 1: "1 warning"}.get(len(found.warnings), f"{len(found.warnings)} warnings")
+    say(f"{given.drive}: the loop is stable, {many}")
+    return 0

@@ -1,0 +1,78 @@
+"""`backlash check`: a drive file's figures, its warnings with what to do, and what is refused."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from backlash_ros.analysis.checking import check_drive
+from backlash_ros.cli import main
+
+ROOT = Path(__file__).parents[2]
+ENDS = {"limits": {"position_lower": -3.0, "position_upper": 3.0}}
+
+
+def file_of(folder: Path, **sections: object) -> Path:
+    path = folder / "drive.yaml"
+    nominal = {"gear": {"reduction": 10.0}, **ENDS}
+    path.write_text(yaml.safe_dump({"/**": {"ros__parameters": nominal | sections}}))
+    return path
+
+
+def test_a_sound_drive_has_figures_and_no_warning(tmp_path: Path) -> None:
+    checked = check_drive(file_of(tmp_path))
+    assert checked.fails == ""
+    assert checked.warnings == ()
+    assert checked.figures["torque at standstill"] == "6 N m at the output"
+    assert checked.figures["load's inertia over the motor's"].startswith("0.25,")
+    assert checked.figures["margins of the fast gains"] == "90 degrees, 19.5 ms, at 250 Hz"
+
+
+@pytest.mark.parametrize(
+    ("sections", "what", "remedy"),
+    [
+        ({"load": {"inertia": 2e-3}}, "1 of the motor's inertia", "backlash design"),
+        ({"load": {"gravity_torque": 0.1}}, "a command of 0 does not hold it", "brake"),
+        ({"load": {"gravity_torque": 5.5}}, "5.5 N m of 6 N m at standstill", "stronger motor"),
+        ({"sensors": {"load_counts": 4096.0}}, "13 counts of the load's encoder", "finer encoder"),
+        ({"sensors": {"measured": ["theta_m"]}}, "the load has no encoder", "relay"),
+        ({"limits": {}}, "no ends", "limits.position_lower"),
+        ({"loop_delay": 0.014}, "fast gains bear less", "lower the weights"),
+    ],
+)
+def test_each_warning_says_what_to_do(tmp_path: Path, sections: dict[str, object], what: str, remedy: str) -> None:
+    warnings = check_drive(file_of(tmp_path, **sections)).warnings
+    (found,) = [warning for warning in warnings if what in warning.what]
+    assert remedy in found.remedy
+
+
+def test_gains_that_would_be_refused_fail(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = file_of(tmp_path, gain_sets={"nominal": {"fast": {"q": [1e6, 0.0]}}}, loop_delay=0.02)
+    assert main(["check", str(path)]) == 1
+    said = capsys.readouterr().out
+    assert "fails: " in said
+    assert "unstable" in said
+    assert "lower the weights" in said
+
+
+@pytest.mark.parametrize(
+    ("sections", "says"),
+    [
+        ({"motor": {"resistance": -2.0}}, "motor.resistance must be > 0 ohm and <= 1e+06 ohm, got -2.0"),
+        ({"gear": {"ratio": 0.1}}, "gear.ratio is no parameter"),
+    ],
+)
+def test_a_file_that_is_wrong_is_refused_in_one_line(
+    tmp_path: Path, sections: dict[str, object], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["check", str(file_of(tmp_path, **sections))])
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize("place", ["config/nominal_drive.yaml", "docs/examples/axis.yaml"])
+def test_files_of_ours_are_stable(place: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(ROOT / place)]) == 0
+    assert "the loop is stable" in capsys.readouterr().out
