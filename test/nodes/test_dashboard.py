@@ -22,12 +22,11 @@ class TestOneDrive:
             assert served.ask("GET", "/")[0] == 200
         readers = [Reader(served) for _ in range(10)]
         asleep = readers.pop()  # a browser that stands still
-        while not readers[0].samples or readers[0].samples[-1][0] - readers[0].samples[0][0] < 60.0:
+        while min(reader.span for reader in readers) < 60.0:
             for reader in readers:
                 reader.read()
         for reader in readers:
             times = np.array([row[JOINT_COLUMNS.index("time")] for row in reader.samples])
-            assert np.ptp(times) > 59.0
             steps = np.diff(times) / 0.004
             assert np.all(steps > 0.5)  # in order, none twice
             assert np.allclose(steps, np.round(steps), atol=0.01)

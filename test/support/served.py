@@ -60,7 +60,8 @@ class Reader:
     def __init__(self, served: Served) -> None:
         self._open = ExitStack()
         host = served.host
-        page = connect(f"ws://{host}/samples?axis=/", origin=f"http://{host}", max_size=None, close_timeout=1)
+        rest = {"max_size": None, "close_timeout": 1, "ping_interval": None}  # one that stands still asks nobody
+        page = connect(f"ws://{host}/samples?axis=/", origin=f"http://{host}", **rest)
         self._connection = self._open.enter_context(page)
         self.samples: list[tuple[float, ...]] = []
         self.states: list[tuple[float, ...]] = []
@@ -71,6 +72,11 @@ class Reader:
         split = 8 + int(struct.unpack_from("<d", data)[0])
         self.samples += struct.iter_unpack(f"<{len(JOINT_COLUMNS)}d", data[8:split])
         self.states += struct.iter_unpack(f"<{len(STATE_COLUMNS)}d", data[split:])
+
+    @property
+    def span(self) -> float:
+        """Time between its first and its last sample, s."""
+        return self.samples[-1][0] - self.samples[0][0] if self.samples else 0.0
 
     def close(self) -> None:
         self._open.close()
