@@ -25,12 +25,13 @@ from backlash_ros.analysis.evaluation.task import DESIGNED, Task
 from backlash_ros.analysis.export import FORMATS
 from backlash_ros.analysis.jsonable import jsonable
 from backlash_ros.analysis.page import write_page
-from backlash_ros.analysis.paper import CASES, PARTS, judge, reproduce, respond
+from backlash_ros.analysis.paper import PARTS, reproduce
 from backlash_ros.analysis.recordings.arguments import add_identification, in_the_way, number_of, request_of
 from backlash_ros.analysis.recordings.command import identify_recording
 from backlash_ros.analysis.replay import command as replaying
 from backlash_ros.analysis.report.command import add_report, places_of, write_report
 from backlash_ros.analysis.report.library import NoLibraryError
+from backlash_ros.analysis.simulating import command as simulating
 from backlash_ros.analysis.staging import staging, write_text
 from backlash_ros.control import AUTO, EXPERIMENTS, LAWS
 from backlash_ros.simulation.batch import CannotRunError
@@ -69,12 +70,6 @@ def figures(out: Path, page: Path | None, console: Console) -> None:
     console.print(f"{len(FIGURES)} figures (PNG, SVG) and figures.json in {out}", highlight=False)
     if page is not None:
         console.print(f"{page}", highlight=False)
-
-
-def simulate(law: str, case: str, console: Console) -> None:
-    """Run one step response and print its figures as JSON."""
-    condition = CASES[case]
-    console.print_json(json.dumps(jsonable({"law": law, "case": case, **judge(respond(law, condition), condition)})))
 
 
 class _Parser(argparse.ArgumentParser):
@@ -207,6 +202,18 @@ def _identify(parser: argparse.ArgumentParser, given: argparse.Namespace, consol
         return 1
 
 
+def _simulate(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> int:
+    for name, place in simulating.files_in_the_way(given):
+        parser.error(f"argument --{name}: '{place}' is there already; --force writes over it")
+    for name in ("plot", "csv"):
+        if (place := getattr(given, name)) is not None and (why := _unwritable(place, folder=False)):
+            parser.error(f"argument --{name}: must be a place that can be written, got '{place}': {why}")
+    try:
+        return simulating.simulate(given, console)
+    except ValueError as error:
+        parser.error(str(error))
+
+
 def _check(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> int:
     try:
         return check_and_show(given, console)
@@ -314,14 +321,9 @@ def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
     drawing.add_argument("--out", type=Path, required=True, help="folder to write into")
     drawing.add_argument("--page", type=Path, help="also write the page that judges them")
     drawing.set_defaults(run=lambda a, console: figures(a.out, a.page, console))
-    single = commands.add_parser(
-        "simulate",
-        help="one step response of 1 rad: its figures as JSON",
-        epilog='example: backlash simulate --law cascade --case "load inertia x4"',
-    )
-    single.add_argument("--law", choices=sorted(LAWS), default="two_region")
-    single.add_argument("--case", choices=list(CASES), default="nominal")
-    single.set_defaults(run=lambda a, console: simulate(a.law, a.case, console))
+    single = commands.add_parser("simulate", help="one step response: its figures as JSON, a picture, a table")
+    simulating.add_simulate(single)
+    single.set_defaults(run=lambda a, console: _simulate(single, a, console))
     judging = commands.add_parser(
         "evaluate",
         help="learning and laws judged on a random population of drives",

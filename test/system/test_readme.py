@@ -101,6 +101,7 @@ def test_command_line_works(command: str, tmp_path: Path) -> None:
     if not (ROOT / command.split(maxsplit=1)[0]).exists():
         pytest.skip("needs the .venv that make makes")
     axes_bag([""]).write(tmp_path / "results" / "demo" / "bag")  # in the demo's place
+    (tmp_path / "config").symlink_to(ROOT / "config")
     command = re.sub(r"--drives \d+", "--drives 2", command)  # twenty take a minute
     done = subprocess.run(
         ["bash", "-c", str(ROOT / command)], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False

@@ -1,18 +1,20 @@
 """A drive from a file of ROS parameters, such as config/nominal_drive.yaml, without ROS."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 
-from backlash_ros.control import DEFAULT_WEIGHTS, Gains, design_gains
+from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, Gains, design_gains
 from backlash_ros.control.limits import NO_LIMIT
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Gear, Load, Motor, Quantity, Validated, quantities
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import Sensors
+
+T = TypeVar("T")
 
 RATE = Quantity("samples per second", "Hz", 0.0, 2000.0, True)
 """Of a controller."""
@@ -72,22 +74,29 @@ def read_surroundings(path: Path, drive: Drive) -> Surroundings:
     OSError, ValueError
         As `read_axis`.
     """
-    try:
-        parameters = _parameters(yaml.safe_load(path.read_text()))
-        rate = parameters.get("rate", 250.0)
-        RATE.check("rate", rate)
-        given = dict(_section(parameters, "sensors"))
-        signals = {name: given.pop(name) for name in ("measured", "speeds_from_positions") if name in given}
-        if "measured" in signals:
-            signals["measured"] = tuple(signals["measured"])
-        delay = Delay(**_own(Delay, _section(parameters, "delay")))
-        if not delay.mean:
-            delay = Delay(command=parameters.get("loop_delay", 0.0))
-        gains = {region: _gains(parameters, drive, region) for region in DEFAULT_WEIGHTS}
-        return Surroundings(rate, Sensors(**_own(Sensors, given), **signals), delay, **gains)
-    except (ValueError, TypeError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())
-        raise ValueError(f"{path}: {reason}") from error
+    return _read(path, lambda parameters: surroundings_of(parameters, drive))
+
+
+def surroundings_of(parameters: Mapping[str, Any], drive: Drive) -> Surroundings:
+    """Return what surrounds ``drive`` in parameters, in sections; ValueError or TypeError names what is wrong."""
+    rate = parameters.get("rate", 250.0)
+    RATE.check("rate", rate)
+    given = dict(_section(parameters, "sensors"))
+    signals = {name: given.pop(name) for name in ("measured", "speeds_from_positions") if name in given}
+    if "measured" in signals:
+        signals["measured"] = tuple(signals["measured"])
+    delay = Delay(**_own(Delay, _section(parameters, "delay")))
+    if not delay.mean:
+        delay = Delay(command=parameters.get("loop_delay", 0.0))
+    gains = {region: _gains(parameters, drive, region) for region in DEFAULT_WEIGHTS}
+    return Surroundings(rate, Sensors(**_own(Sensors, given), **signals), delay, **gains)
+
+
+def law_parameters_of(parameters: Mapping[str, Any], law: str) -> Validated:
+    """Return the parameters of a law, ``laws.<law>``, in sections; what they do not say is its default."""
+    default = LAWS[law].parameters
+    given = _own(type(default), _section(_section(parameters, "laws"), law))
+    return replace(default, **given)
 
 
 def _gains(parameters: Mapping[str, Any], drive: Drive, region: str) -> Gains:
@@ -117,9 +126,18 @@ def read_axis(path: Path) -> Axis:
     ValueError
         Names the file and the parameter that is out of bounds, or says what is no parameter file.
     """
+    return _read(path, axis_of)
+
+
+def read_parameters(path: Path) -> Mapping[str, Any]:
+    """Return the parameters of a file, in sections; OSError and ValueError as `read_axis`."""
+    return _read(path, lambda parameters: parameters)
+
+
+def _read(path: Path, take: Callable[[Mapping[str, Any]], T]) -> T:
     try:
-        return axis_of(_parameters(yaml.safe_load(path.read_text())))
-    except (ValueError, yaml.YAMLError) as error:
+        return take(_parameters(yaml.safe_load(path.read_text())))
+    except (ValueError, TypeError, yaml.YAMLError) as error:
         reason = " ".join(str(error).split())
         raise ValueError(f"{path}: {reason}") from error
 

@@ -1,0 +1,193 @@
+"""`backlash simulate`: its arguments, and what it does with them: simulates a step, judges, prints, draws, writes."""
+
+import argparse
+import csv
+import json
+import math
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from backlash_ros.analysis.evaluation.drive_file import axis_of, law_parameters_of, read_parameters, surroundings_of
+from backlash_ros.analysis.jsonable import jsonable
+from backlash_ros.analysis.metrics import settling_time, step_response
+from backlash_ros.analysis.paper import CASES, SECONDS, judge, respond
+from backlash_ros.analysis.replay.what_if import Changes
+from backlash_ros.analysis.staging import staging
+from backlash_ros.control import LAWS, GainSet, ServoSettings
+from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M
+from backlash_ros.simulation import Run, Scenario, run
+
+DESCRIPTION = (
+    "Simulates one step of the reference and prints its figures as JSON: of the nominal drive under one of the paper's "
+    "conditions, or of the drive in a parameter file, with its rate, sensors, delay and gains. The controller knows "
+    "the drive and its backlash."
+)
+EXAMPLE = (
+    "examples: backlash simulate --law cascade --case 'load inertia x4'; backlash simulate config/nominal_drive.yaml "
+    "--set load.inertia=0.002 --reference 0.5 --plot step.png --csv step.csv"
+)
+_WRITTEN = ("plot", "csv")
+_LONGEST = 600.0
+_OURS = ("motor", "gear", "load", "contact", "sensors", "delay", "gain_sets", "rate", "loop_delay", "command_interface")
+"""What of a parameter file a simulation goes by, beside the parameters of its law."""
+_COLUMNS = ("time", "reference", "load_angle", "load_velocity", "motor_angle", "motor_velocity", "command", "region")
+
+
+def add_simulate(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments to a parser."""
+    parser.description, parser.epilog = DESCRIPTION, EXAMPLE
+    add = parser.add_argument
+    add("drive", type=Path, nargs="?", metavar="DRIVE", help="ROS parameter file, such as config/nominal_drive.yaml")
+    add("--law", choices=sorted(LAWS), default="two_region")
+    add("--case", choices=list(CASES), help="a condition of the paper, without DRIVE; by default nominal")
+    text = "with DRIVE, as often as needed: a parameter of drive, sensors, delay, gain sets or laws"
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help=text)
+    add("--reference", type=float, default=1.0, metavar="RAD", help="with DRIVE: where the load goes from 0")
+    add("--seconds", type=float, default=SECONDS, metavar="S", help=f"with DRIVE; by default {SECONDS:g}")
+    add("--load-torque", type=float, default=0.0, metavar="T", help="with DRIVE: on the output throughout, N m")
+    add("--plot", type=Path, metavar="FILE", help="with DRIVE: picture to draw, such as step.png")
+    add("--csv", type=Path, metavar="FILE", help="with DRIVE: table to write, a row for each sample")
+    add("--force", action="store_true", help="write over files that are there")
+
+
+def files_in_the_way(given: argparse.Namespace) -> list[tuple[str, Path]]:
+    """Return the files that would be written over, by their options."""
+    places = [(name, getattr(given, name)) for name in _WRITTEN]
+    return [(name, place) for name, place in places if place is not None and place.exists() and not given.force]
+
+
+def _merged(parameters: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters in sections with others, named as in a running node, in their place."""
+    merged = dict(parameters)
+    for name, value in changes.items():
+        section, _, rest = name.partition(".")
+        if rest:
+            below = merged.get(section, {})
+            value = _merged(below if isinstance(below, Mapping) else {}, {rest: value})  # noqa: PLW2901
+        merged[section] = value
+    return merged
+
+
+def _changes(given: argparse.Namespace) -> Mapping[str, Any]:
+    changes = Changes.parsed(given.set).given
+    for name, value in changes.items():
+        if name.partition(".")[0] not in _OURS and not name.startswith(f"laws.{given.law}."):
+            known = ", ".join([*_OURS, f"laws.{given.law}.*"])
+            raise ValueError(f"--set must be a parameter that a simulation goes by ({known}), got {name}={value!r}")
+    return changes
+
+
+def _check(name: str, value: float, least: float, most: float, unit: str) -> None:
+    if not least <= value <= most:
+        raise ValueError(f"{name} must be >= {least:g} and <= {most:g} {unit}, got {value!r}")
+
+
+def _simulated(given: argparse.Namespace) -> tuple[Run, Drive]:
+    """Return the run that is asked for, and its drive; ValueError names what is wrong."""
+    _check("--seconds", given.seconds, 0.1, _LONGEST, "s")
+    _check("--reference", abs(given.reference), 1e-6, 1e3, "rad, either way")
+    if not math.isfinite(given.load_torque):
+        raise ValueError(f"--load-torque must be finite, in N m, got {given.load_torque!r}")
+    try:
+        parameters = _merged(read_parameters(given.drive), _changes(given))
+        axis = axis_of(parameters)
+        around = surroundings_of(parameters, axis.drive)
+        law = law_parameters_of(parameters, given.law)
+    except TypeError as error:
+        raise ValueError(str(error)) from error
+    settings = ServoSettings(
+        GainSet(around.fast, around.overdamped),
+        period=1.0 / around.rate,
+        loop_delay=around.delay.mean,
+        identified=True,
+        backlash_angle=axis.drive.gear.backlash_angle,
+    ).with_law(given.law, law)
+    reference = np.full(max(1, round(given.seconds * around.rate)), given.reference)
+    scenario = Scenario(reference, np.array(given.load_torque), sensors=around.sensors, delay=around.delay)
+    return run(axis.drive, settings, scenario), axis.drive
+
+
+def _figures(result: Run, drive: Drive, reference: float) -> dict[str, Any]:
+    b = drive.gear.backlash_angle
+    judged = step_response(
+        result.time,
+        result.load_angle,
+        result.gap(drive),
+        target=reference,
+        backlash=drive.gear.backlash,
+        backlash_angle=b,
+    )
+    return {
+        "rise_time_s": judged.rise_time,
+        "settling_time_s": settling_time(result.time, result.load_angle, reference, 0.25 * b),
+        "overshoot_b": judged.overshoot,
+        "residual_b": judged.residual,
+        "impacts_after_switch": judged.impacts,
+        "final_error_b": float(result.load_angle[-1] - reference) / b,
+        "peak_force_N": float(np.max(result.peak_force)),
+        "peak_command": float(np.max(np.abs(result.command))),
+        "fault": result.fault,
+    }
+
+
+def _write_table(result: Run, reference: float, place: Path) -> None:
+    count = result.command.size
+    state = result.state[:count]
+    columns = [
+        result.time[:count],
+        np.full(count, reference),
+        *(state[:, k] for k in (THETA_L, OMEGA_L, THETA_M, OMEGA_M)),
+        result.command,
+        result.region,
+    ]
+    with place.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(_COLUMNS)
+        writer.writerows(zip(*(column.tolist() for column in columns), strict=True))
+
+
+def simulate(given: argparse.Namespace, console: Console) -> int:
+    """Simulate and print; return 1 where the controller latched a fault, else 0. Files appear complete or not at all.
+
+    Raises
+    ------
+    OSError, ValueError
+        If the file cannot be read, a parameter or an option is out of bounds, or options contradict each other.
+    """
+    if given.drive is None:
+        for name, value in (("--set", given.set), ("--plot", given.plot), ("--csv", given.csv)):
+            if value:
+                raise ValueError(f"{name} needs DRIVE, a parameter file")
+        case = given.case or "nominal"
+        condition = CASES[case]
+        figures = judge(respond(given.law, condition), condition)
+        console.print_json(json.dumps(jsonable({"law": given.law, "case": case, **figures})))
+        return 0
+    if given.case is not None:
+        raise ValueError(f"--case is of the nominal drive: leave it or {given.drive} out")
+    result, drive = _simulated(given)
+    with ExitStack() as stack:
+        places = {name: place for name in _WRITTEN if (place := getattr(given, name)) is not None}
+        staged = {name: stack.enter_context(staging(place)) / place.name for name, place in places.items()}
+        if "csv" in staged:
+            _write_table(result, given.reference, staged["csv"])
+        if "plot" in staged:
+            from backlash_ros.analysis.simulating.picture import draw  # noqa: PLC0415 - matplotlib takes a second
+
+            draw(result, drive, given.reference, f"{given.drive.name}, law {given.law}", staged["plot"])
+        for name, place in places.items():
+            staged[name].replace(place)
+    content = {
+        "law": given.law,
+        "drive": str(given.drive),
+        "set": given.set,
+        **_figures(result, drive, given.reference),
+    }
+    console.print_json(json.dumps(jsonable(content)))
+    return 1 if result.fault else 0

@@ -1,0 +1,99 @@
+"""`backlash simulate`: a step of a drive of one's own, its figures, table and picture, and what is refused."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from backlash_ros.cli import main
+from backlash_ros.control import LAWS
+
+DRIVE = str(Path(__file__).parents[2] / "config" / "nominal_drive.yaml")
+
+
+def figures_of(capsys: pytest.CaptureFixture[str], *words: str) -> dict:
+    assert main(["simulate", *words]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_condition_of_the_paper_is_run(capsys: pytest.CaptureFixture[str]) -> None:
+    figures = figures_of(capsys, "--law", "fast")
+    assert figures["case"] == "nominal"
+    assert figures["residual_b"] > 0.5
+
+
+@pytest.mark.parametrize("law", sorted(LAWS))
+def test_every_law_takes_the_load_of_a_file_to_its_target(law: str, capsys: pytest.CaptureFixture[str]) -> None:
+    figures = figures_of(capsys, DRIVE, "--law", law, "--reference", "-0.5", "--seconds", "4")
+    assert abs(figures["final_error_b"]) < 1.0
+    assert figures["fault"] == ""
+
+
+def test_parameters_are_set_by_name(capsys: pytest.CaptureFixture[str]) -> None:
+    quiet = figures_of(capsys, DRIVE, "--set", "rate=1000")
+    heavy = figures_of(capsys, DRIVE, "--set", "rate=1000", "--set", "load.inertia=0.002")
+    wide = figures_of(capsys, DRIVE, "--set", "rate=1000", "--set", "laws.two_region.width=3")
+    pushed = figures_of(capsys, DRIVE, "--set", "rate=1000", "--load-torque", "0.1")
+    assert quiet["residual_b"] < 0.01
+    assert heavy["residual_b"] > 0.3
+    assert wide["settling_time_s"] > 1.1 * quiet["settling_time_s"]
+    assert len({figures["peak_force_N"] for figures in (quiet, heavy, pushed)}) == 3
+
+
+def test_table_and_picture_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table, picture = tmp_path / "step.csv", tmp_path / "step.png"
+    words = (DRIVE, "--seconds", "1", "--csv", str(table), "--plot", str(picture))
+    figures_of(capsys, *words)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    with table.open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 250
+    assert {name: float(value) for name, value in rows[0].items()} == {
+        "time": 0.0,
+        "reference": 1.0,
+        "load_angle": 0.0,
+        "load_velocity": 0.0,
+        "motor_angle": 0.0,
+        "motor_velocity": 0.0,
+        "command": 24.0,
+        "region": 1.0,
+    }
+    before = table.read_bytes()
+    with pytest.raises(SystemExit, match="2"):
+        main(["simulate", *words])
+    assert "is there already" in capsys.readouterr().err
+    assert table.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--plot", "x.png"], "--plot needs DRIVE"),
+        ([DRIVE, "--case", "nominal"], "--case is of the nominal drive"),
+        ([DRIVE, "--set", "load.inertai=1"], "load.inertai is no parameter"),
+        ([DRIVE, "--set", "lod.inertia=1"], "--set must be a parameter that a simulation goes by"),
+        ([DRIVE, "--set", "laws.cascade.dead_band=1"], "laws.two_region.*), got laws.cascade.dead_band=1"),
+        ([DRIVE, "--set", "load.inertia=-1"], "load.inertia must be >= 1e-09 kg m^2"),
+        ([DRIVE, "--set", "load.inertia=heavy"], "load.inertia must be"),
+        ([DRIVE, "--set", "load"], "must be name=value, got 'load'"),
+        ([DRIVE, "--set", "rate=0"], "rate must be > 0 Hz"),
+        ([DRIVE, "--seconds", "nan"], "--seconds must be >= 0.1 and <= 600 s, got nan"),
+        ([DRIVE, "--reference", "0"], "--reference must be"),
+        ([DRIVE, "--load-torque", "inf"], "--load-torque must be finite"),
+        (["nosuch.yaml"], "nosuch.yaml"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(
+    words: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    try:
+        code = main(["simulate", *words])
+    except SystemExit as end:
+        code = int(end.code or 0)
+    assert code == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
