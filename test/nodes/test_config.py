@@ -1,5 +1,6 @@
 """The documented parameter file says what the nodes have: every parameter, with its default."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +27,17 @@ def flatten(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def documented() -> dict[str, Any]:
-    tree = yaml.safe_load(CONFIG.read_text())
+    """Return what the file says, what stands there as a comment since it follows from the drive, too."""
+    tree = yaml.safe_load(re.sub(r"^( +)# ( *\w+:)", r"\1\2", CONFIG.read_text(), flags=re.MULTILINE))
     return flatten(tree["/**"]["ros__parameters"])
+
+
+def test_what_follows_from_the_drive_is_not_given_in_the_file_to_copy() -> None:
+    given = flatten(yaml.safe_load(CONFIG.read_text())["/**"]["ros__parameters"])
+    assert set(documented()) - set(given) == {
+        "limits.command",
+        *(f"faults.{x}" for x in ("velocity", "load_torque", "gap")),
+    }
 
 
 def declared(peer: Peer, node: str) -> dict[str, Any]:
