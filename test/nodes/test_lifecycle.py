@@ -275,7 +275,7 @@ class Stuck(run.StoppableNode):
         ctypes.PyDLL(None).sleep(3600)  # with Python's lock held
 
 run._LEAVING = 0.5
-sys.exit(run.run("stuck", lambda axis: Stuck("stuck"), []))
+sys.exit(run.run("stuck", "Gets stuck.", lambda axis: Stuck("stuck"), []))
 """
 
 
