@@ -113,7 +113,9 @@ class Graph:
 
     @staticmethod
     def _topics(ask: Callable[[str, str], list[tuple[str, list[str]]]], name: str, namespace: str) -> dict[str, str]:
-        """Return a node's topics by type."""
+        """Return a node's topics by type; none where its name has not come yet, which the middleware says by a word."""
+        if not namespace.startswith("/"):
+            return {}
         try:
             return {kinds[0]: topic for topic, kinds in ask(name, namespace)}
         except NodeNameNonExistentError:

@@ -182,6 +182,8 @@ class TestOneDrive:
         page.wait("motion", lambda: page.swing() > 0.1)
         woke = page.run("const end = Date.now() + 10000; while (Date.now() < end); return Date.now() / 1000")
         page.wait("why", lambda: page.said("move-answer").startswith("the motion has ended: the page"))
+        heard: list[int] = []
+        system.peer.wait("all that was sent", lambda: heard.append(len(sent)) or 0 < heard[-1] == heard[-20:][0])
         assert sent[0] < woke - 8.0
         assert sent[-1] < woke - 1.0
         page.click("Stay")
@@ -308,7 +310,9 @@ def test_axes_are_told_apart_by_name(start: Start, peer: Peer, serve: Callable[.
 
 def test_make_live_shows_a_drive_that_ends_with_it(tmp_path: Path, peer: Peer, browser: Chrome) -> None:
     root = Path(__file__).parents[2]
-    recipe = subprocess.run(["make", "--dry-run", "live"], cwd=root, capture_output=True, text=True, check=True).stdout
+    recipe = subprocess.run(
+        ["make", "--no-print-directory", "--dry-run", "live"], cwd=root, capture_output=True, text=True, check=True
+    ).stdout
     assert recipe.splitlines()[-1].endswith("/python -m backlash_ros.dashboard.live")
     command = [sys.executable, "-m", "backlash_ros.dashboard.live", "--port", "0", "--out", str(tmp_path)]
     log = tmp_path / "log"

@@ -12,6 +12,7 @@ import pytest
 pytest.importorskip("rclpy", reason="needs rclpy")
 
 from backlash_ros.dashboard import station as module
+from backlash_ros.dashboard.graph import Graph
 from backlash_ros.dashboard.motion import Wave
 from backlash_ros.dashboard.station import Station, Work
 from backlash_ros.measure import CERTIFICATE
@@ -102,3 +103,13 @@ def test_a_motion_ends_with_its_page_and_says_so(tmp_path: Path, how: str, monke
         assert ("the page" in station.of("/").ended) == (how in {"no answer", "error", "closed"})
 
     asyncio.run(scene())
+
+
+def test_a_node_whose_name_has_not_come_yet_has_no_topics() -> None:
+    """A publisher may be known before its node is; asking for such a node ended the dashboard."""
+
+    def ask(_name: str, namespace: str) -> list[tuple[str, list[str]]]:
+        raise ValueError(namespace)
+
+    assert Graph._topics(ask, "_NODE_NAME_UNKNOWN_", "_NODE_NAMESPACE_UNKNOWN_") == {}
+    assert Graph._topics(lambda *_: [("/command", ["kind"])], "drive", "/") == {"kind": "/command"}

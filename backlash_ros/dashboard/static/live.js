@@ -236,8 +236,9 @@ class Live {
     const half = b ? 0.75 : 1;
     const scale = niceLimit(Math.max(half, Number.isFinite(low) ? 1.3 * Math.max(-low, high) : half));
     const of = (name) => thin(st, state.of(name), s0, s1, this.zero);
+    const limit = (name) => (this.options.facts().unit === "V" ? of(name) : []); // limits are told in V
     const joint = (values) => thin(jt, values, j0, j1, this.zero);
-    const data = [joint(load), joint(joints.of("motor")), of("setpoint"), joint(error), of("command"), of("range_high"), of("range_low"), of("load_torque"), of("region"), of("flank")];
+    const data = [joint(load), joint(joints.of("motor")), of("setpoint"), joint(error), of("command"), limit("range_high"), limit("range_low"), of("load_torque"), of("region"), of("flank")];
     chart.setOption({
       xAxis: Array.from({ length: 5 }, () => ({ min: -this.window, max: 0 })),
       yAxis: [{}, { name: b ? "error, b" : "error, mrad (b is not learned yet)", min: -scale, max: scale }, { name: `command, ${this.options.facts().unit}` }, {}, {}],
