@@ -49,8 +49,8 @@ demo: $(READY)
 live: $(READY)
 	$(BIN)/python -m backlash_ros.dashboard.live
 
-# What is judged in real time, or recorded as fast as it can be simulated, runs alone, the rest four at a time; plain
-# pytest runs all of it, one after the other.
+# What is judged in real time, recorded as fast as it can be simulated, or drawn in a browser runs alone, the rest four at
+# a time; plain pytest runs all of it, one after the other.
 ALONE := test/system/test_demo.py test/system/test_contract.py test/nodes/test_measure.py test/nodes/test_page.py \
          test/nodes/test_transport.py
 SIDE_BY_SIDE := -n 4 --dist worksteal

@@ -17,7 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from backlash_ros import __version__
 from backlash_ros.analysis.checking.command import add_check, check_and_show
-from backlash_ros.analysis.design.command import add_design, design_gains_for, files_in_the_way
+from backlash_ros.analysis.design import command as designer
 from backlash_ros.analysis.evaluation.command import evaluate, replay
 from backlash_ros.analysis.evaluation.drive_file import read_axis, read_drive
 from backlash_ros.analysis.evaluation.population import ENCODERS, MODELS, POPULATIONS
@@ -202,45 +202,23 @@ def _identify(parser: argparse.ArgumentParser, given: argparse.Namespace, consol
         return 1
 
 
-def _simulate(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> int:
-    for name, place in simulating.files_in_the_way(given):
-        parser.error(f"argument --{name}: '{place}' is there already; --force writes over it")
-    for name in ("plot", "csv"):
-        if (place := getattr(given, name)) is not None and (why := _unwritable(place, folder=False)):
+def _work(
+    parser: argparse.ArgumentParser,
+    given: argparse.Namespace,
+    console: Console,
+    work: Callable[[argparse.Namespace, Console], int],
+    written: Sequence[str] = (),
+) -> int:
+    """Do a subcommand's work once every file that it is to write, by its options ``written``, may be written."""
+    places = [(name, place) for name in written if (place := getattr(given, name)) is not None]
+    for name, place in places:
+        if place.exists() and not given.force:
+            parser.error(f"argument --{name}: '{place}' is there already; --force writes over it")
+    for name, place in places:
+        if why := _unwritable(place, folder=False):
             parser.error(f"argument --{name}: must be a place that can be written, got '{place}': {why}")
     try:
-        return simulating.simulate(given, console)
-    except ValueError as error:
-        parser.error(str(error))
-
-
-def _check(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> int:
-    try:
-        return check_and_show(given, console)
-    except ValueError as error:
-        parser.error(str(error))
-
-
-def _design(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> int:
-    for name, place in files_in_the_way(given):
-        parser.error(f"argument --{name}: '{place}' is there already; --force writes over it")
-    for name in ("out", "json", "plot"):
-        if (place := getattr(given, name)) is not None and (why := _unwritable(place, folder=False)):
-            parser.error(f"argument --{name}: must be a place that can be written, got '{place}': {why}")
-    try:
-        return design_gains_for(given, console)
-    except ValueError as error:
-        parser.error(str(error))
-
-
-def _replay(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> int:
-    for name, place in replaying.files_in_the_way(given):
-        parser.error(f"argument --{name}: '{place}' is there already; --force writes over it")
-    for name in ("json", "plot"):
-        if (place := getattr(given, name)) is not None and (why := _unwritable(place, folder=False)):
-            parser.error(f"argument --{name}: must be a place that can be written, got '{place}': {why}")
-    try:
-        return replaying.replay_bag(given, console)
+        return work(given, console)
     except ValueError as error:
         parser.error(str(error))
 
@@ -323,7 +301,7 @@ def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
     drawing.set_defaults(run=lambda a, console: figures(a.out, a.page, console))
     single = commands.add_parser("simulate", help="one step response: its figures as JSON, a picture, a table")
     simulating.add_simulate(single)
-    single.set_defaults(run=lambda a, console: _simulate(single, a, console))
+    single.set_defaults(run=lambda a, console: _work(single, a, console, simulating.simulate, simulating.WRITTEN))
     judging = commands.add_parser(
         "evaluate",
         help="learning and laws judged on a random population of drives",
@@ -350,17 +328,19 @@ def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
         "design",
         help="over-damped gains and their region's width, for a range of drives",
     )
-    add_design(designing)
+    designer.add_design(designing)
     checking = commands.add_parser("check", help="what a drive file makes of the loop, before anything moves")
     add_check(checking)
-    checking.set_defaults(run=lambda a, console: _check(checking, a, console))
+    checking.set_defaults(run=lambda a, console: _work(checking, a, console, check_and_show))
     again = commands.add_parser(
         "replay",
         help="a recorded controller's commands computed again, to the last bit",
     )
     replaying.add_replay(again)
-    again.set_defaults(run=lambda a, console: _replay(again, a, console))
-    designing.set_defaults(run=lambda a, console: _design(designing, a, console))
+    again.set_defaults(run=lambda a, console: _work(again, a, console, replaying.replay_bag, replaying.WRITTEN))
+    designing.set_defaults(
+        run=lambda a, console: _work(designing, a, console, designer.design_gains_for, designer.WRITTEN)
+    )
     finding.set_defaults(words=words, run=lambda a, console: _identify(finding, a, console))
     reporting.set_defaults(words=words, run=lambda a, console: _report(reporting, a, console))
     measuring = commands.add_parser(

@@ -113,7 +113,7 @@ class Graph:
 
     @staticmethod
     def _topics(ask: Callable[[str, str], list[tuple[str, list[str]]]], name: str, namespace: str) -> dict[str, str]:
-        """Return a node's topics by type; none where its name has not come yet, which the middleware says by a word."""
+        """Return a node's topics by type; none while the middleware knows a publisher, but not its node's name."""
         if not namespace.startswith("/"):
             return {}
         try:

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping
 from backlash_ros.control import Margins, ServoSettings
 from backlash_ros.control.laws import lacks
 
-_LEAST_PHASE = math.radians(30)
 _DRIVE = ("motor.", "gear.", "load.")
 
 
@@ -40,7 +39,7 @@ def margins_line(name: str, margins: Mapping[str, Margins], period: float) -> tu
     They are where a region bears less than 30 deg of lag, or less than a ``period`` (s) of further delay.
     """
     listed = "; ".join(f"{region} {_distance(margin)}" for region, margin in margins.items())
-    tight = [region for region, margin in margins.items() if margin.phase < _LEAST_PHASE or margin.delay < period]
+    tight = [region for region, margin in margins.items() if margin.tight(period)]
     line = f"gain set {name!r}, margins of phase and delay: {listed}"
     if tight:
         line += f"; {' and '.join(tight)} below 30 deg or one period, {1e3 * period:.3g} ms: lower gains bear more"

@@ -1,5 +1,6 @@
 """`backlash check`: a drive file's figures, its warnings with what to do, and what is refused."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -60,6 +61,9 @@ def test_gains_that_would_be_refused_fail(tmp_path: Path, capsys: pytest.Capture
     [
         ({"motor": {"resistance": -2.0}}, "motor.resistance must be > 0 ohm and <= 1e+06 ohm, got -2.0"),
         ({"gear": {"ratio": 0.1}}, "gear.ratio is no parameter"),
+        ({"load": {"inertia": math.nan}}, "load.inertia must be a finite number, >= 1e-09 kg m^2"),
+        ({"sensors": {"measured": 3}}, "sensors.measured must be a list with something in it, got 3"),
+        ({"gain_set_names": []}, "gain_set_names must be a list with something in it, got []"),
     ],
 )
 def test_a_file_that_is_wrong_is_refused_in_one_line(

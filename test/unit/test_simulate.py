@@ -76,6 +76,16 @@ def test_table_and_picture_are_written(tmp_path: Path, capsys: pytest.CaptureFix
         ([DRIVE, "--set", "laws.cascade.dead_band=1"], "laws.two_region.*), got laws.cascade.dead_band=1"),
         ([DRIVE, "--set", "load.inertia=-1"], "load.inertia must be >= 1e-09 kg m^2"),
         ([DRIVE, "--set", "load.inertia=heavy"], "load.inertia must be"),
+        ([DRIVE, "--set", "load.inertia=.nan"], "load.inertia must be a finite number, >= 1e-09 kg m^2"),
+        ([DRIVE, "--set", "loop_delay=late"], "loop_delay must be a finite number, >= 0 s and <= 1 s, got 'late'"),
+        (
+            [DRIVE, "--set", "sensors.measured=theta_l"],
+            "sensors.measured must be a list with something in it, got 'theta_l'",
+        ),
+        (
+            [DRIVE, "--set", "gain_sets.nominal.fast.q=3"],
+            "gain_sets.nominal.fast.q must be a list with something in it, got 3",
+        ),
         ([DRIVE, "--set", "load"], "must be name=value, got 'load'"),
         ([DRIVE, "--set", "rate=0"], "rate must be > 0 Hz"),
         ([DRIVE, "--seconds", "nan"], "--seconds must be >= 0.1 and <= 600 s, got nan"),

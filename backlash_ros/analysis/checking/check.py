@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from backlash_ros.analysis.evaluation.drive_file import Axis, Surroundings, read_axis, read_surroundings
-from backlash_ros.control import Gains, Margins, stability_margins
+from backlash_ros.control import Margins, stability_margins
 from backlash_ros.drivetrain import Drive
 
-LEAST_PHASE = math.radians(30)
-"""Of a margin that is no warning; least delay is one period."""
 HEAVY = 0.5
 """J_l/J_r from which on the two-region law is likelier to keep a slow limit cycle: docs/evaluation.md."""
 COARSE = 20
@@ -44,16 +42,13 @@ def check_drive(path: Path) -> Checked:
     """
     axis = read_axis(path)
     around = read_surroundings(path, axis.drive)
-    regions = {"fast": around.fast, "overdamped": around.overdamped}
+    margins, fails = {}, ""
     try:
-        margins = {name: _margins(axis.drive, gains, around) for name, gains in regions.items()}
+        for name, gains in {"fast": around.fast, "overdamped": around.overdamped}.items():
+            margins[name] = stability_margins(axis.drive, gains, 1.0 / around.rate, around.delay.mean)
     except ValueError as error:
-        return Checked(_figures(axis, around, {}), tuple(_warnings(axis, around, {})), str(error))
-    return Checked(_figures(axis, around, margins), tuple(_warnings(axis, around, margins)))
-
-
-def _margins(drive: Drive, gains: Gains, around: Surroundings) -> Margins:
-    return stability_margins(drive, gains, 1.0 / around.rate, around.delay.mean)
+        fails = str(error)
+    return Checked(_figures(axis, around, margins), tuple(_warnings(axis, around, margins)), fails)
 
 
 def _counts_in_gap(drive: Drive, around: Surroundings) -> dict[str, float]:
@@ -68,12 +63,13 @@ def _figures(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) -
     drive = axis.drive
     motor, gear, load = drive.motor, drive.gear, drive.load
     reflected = drive.reflected_inertia
+    swing = gear.backlash_angle * reflected / (reflected + load.inertia)  # the load's share by exchange of momentum
     figures = {
         "backlash": f"{1e3 * gear.backlash_angle:.3g} mrad, {math.degrees(60.0 * gear.backlash_angle):.3g} arcmin",
         "torque at standstill": f"{drive.standstill_torque():.3g} N m at the output",
         "speed without load": f"{motor.voltage_limit / motor.torque_constant * gear.ratio:.3g} rad/s at the output",
         "load's inertia over the motor's": f"{load.inertia / reflected:.2g}, seen from the output",
-        "swing of a free load with the fast gains": f"{1e3 * _swing(drive):.3g} mrad, if it rattles",
+        "swing of a free load with the fast gains": f"{1e3 * swing:.3g} mrad, if it rattles",
     }
     for name, counts in _counts_in_gap(drive, around).items():
         figures[f"gap in counts of the {name}'s encoder"] = f"{counts:.3g}"
@@ -84,16 +80,10 @@ def _figures(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) -
     return figures
 
 
-def _swing(drive: Drive) -> float:
-    """Return the load's share of the gap by the exchange of momentum, rad."""
-    reflected = drive.reflected_inertia
-    return drive.gear.backlash_angle * reflected / (reflected + drive.load.inertia)
-
-
 def _warnings(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) -> Iterator[Warned]:
     drive = axis.drive
     load, stall = drive.load, drive.standstill_torque()
-    tight = [n for n, m in margins.items() if m.phase < LEAST_PHASE or m.delay < 1.0 / around.rate]
+    tight = [name for name, margin in margins.items() if margin.tight(1.0 / around.rate)]
     if tight:
         yield Warned(
             f"the {' and '.join(tight)} gains bear less than 30 degrees of lag, or less than one period of delay",

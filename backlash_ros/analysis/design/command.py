@@ -22,7 +22,8 @@ DESCRIPTION = (
     "every drive of a range around the one described, as fast as that allows."
 )
 EXAMPLE = "example: backlash design config/nominal_drive.yaml --inertia 0.7 1.3 --out gains.yaml --plot design.png"
-_WRITTEN = ("out", "json", "plot")
+WRITTEN = ("out", "json", "plot")
+"""Options that name files to write."""
 
 
 def add_design(parser: argparse.ArgumentParser) -> None:
@@ -73,12 +74,6 @@ def loop_of(given: argparse.Namespace) -> Loop:
     return Loop(drive, around.fast, rate, around.sensors, delay)
 
 
-def files_in_the_way(given: argparse.Namespace) -> list[tuple[str, Path]]:
-    """Return the files that would be written over, by their options."""
-    places = [(name, getattr(given, name)) for name in _WRITTEN]
-    return [(name, place) for name, place in places if place is not None and place.exists() and not given.force]
-
-
 def design_gains_for(given: argparse.Namespace, console: Console) -> int:
     """Design, print and write; return the exit code: 0 where gains were found, 1 where none are quiet.
 
@@ -92,7 +87,7 @@ def design_gains_for(given: argparse.Namespace, console: Console) -> int:
     uncertainty = Uncertainty(**{field.name: getattr(given, field.name) for field in fields(Uncertainty)})
     loop = loop_of(given)
     with ExitStack() as stack:
-        places = [place for name in _WRITTEN if (place := getattr(given, name)) is not None]
+        places = [place for name in WRITTEN if (place := getattr(given, name)) is not None]
         staged = {place: stack.enter_context(staging(place)) / place.name for place in places}
         try:
             with console.status("designing"):

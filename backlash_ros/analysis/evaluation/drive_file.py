@@ -1,7 +1,7 @@
 """A drive from a file of ROS parameters, such as config/nominal_drive.yaml, without ROS."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -84,10 +84,12 @@ def surroundings_of(parameters: Mapping[str, Any], drive: Drive) -> Surroundings
     given = dict(_section(parameters, "sensors"))
     signals = {name: given.pop(name) for name in ("measured", "speeds_from_positions") if name in given}
     if "measured" in signals:
-        signals["measured"] = tuple(signals["measured"])
+        signals["measured"] = tuple(_list("sensors.measured", signals["measured"]))
     delay = Delay(**_own(Delay, _section(parameters, "delay")))
     if not delay.mean:
-        delay = Delay(command=parameters.get("loop_delay", 0.0))
+        late = parameters.get("loop_delay", 0.0)
+        quantities(Delay)["command"].check("loop_delay", late)
+        delay = Delay(command=late)
     gains = {region: _gains(parameters, drive, region) for region in DEFAULT_WEIGHTS}
     return Surroundings(rate, Sensors(**_own(Sensors, given), **signals), delay, **gains)
 
@@ -101,12 +103,12 @@ def law_parameters_of(parameters: Mapping[str, Any], law: str) -> Validated:
 
 def _gains(parameters: Mapping[str, Any], drive: Drive, region: str) -> Gains:
     """Return a region's gains in the first gain set that a file names; by default those of the default weights."""
-    names = parameters.get("gain_set_names", ["nominal"])
+    names = _list("gain_set_names", parameters.get("gain_set_names", ["nominal"]))
     where = f"gain_sets.{names[0]}.{region}"
     given = _section(_section(_section(parameters, "gain_sets"), names[0]), region)
     if "k" in given:
-        return Gains.from_sequence(f"{where}.k", given["k"])
-    return design_gains(f"{where}.q", drive, given.get("q", DEFAULT_WEIGHTS[region]))
+        return Gains.from_sequence(f"{where}.k", _list(f"{where}.k", given["k"]))
+    return design_gains(f"{where}.q", drive, _list(f"{where}.q", given.get("q", DEFAULT_WEIGHTS[region])))
 
 
 def read_drive(path: Path) -> Drive:
@@ -192,6 +194,12 @@ def _section(parameters: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     if not isinstance(section, Mapping):
         raise ValueError(f"{name} must have parameters by name, got {section!r}")
     return section
+
+
+def _list(name: str, value: Any) -> Sequence[Any]:
+    if not isinstance(value, (list, tuple)) or not value:
+        raise ValueError(f"{name} must be a list with something in it, got {value!r}")
+    return value
 
 
 def _end(parameters: Mapping[str, Any], name: str) -> Any:

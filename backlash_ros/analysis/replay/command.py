@@ -26,7 +26,8 @@ _OPEN_LOOP = (
     "Open loop: each command is what these values would have given for the recorded samples, after the recorded "
     "commands. The drive would have moved otherwise."
 )
-_WRITTEN = ("json", "plot")
+WRITTEN = ("json", "plot")
+"""Options that name files to write."""
 Pairs = Sequence[tuple[Replayed, Replayed | None]]
 
 
@@ -41,12 +42,6 @@ def add_replay(parser: argparse.ArgumentParser) -> None:
     add("--json", type=Path, metavar="FILE", help="file to write the result into")
     add("--plot", type=Path, metavar="FILE", help="picture of both commands to draw, such as replay.png or replay.svg")
     add("--force", action="store_true", help="write over files that are there")
-
-
-def files_in_the_way(given: argparse.Namespace) -> list[tuple[str, Path]]:
-    """Return the files that would be written over, by their options."""
-    places = [(name, getattr(given, name)) for name in _WRITTEN]
-    return [(name, place) for name, place in places if place is not None and place.exists() and not given.force]
 
 
 def _difference(replayed: Replayed, k: int) -> dict[str, float | int]:
@@ -136,7 +131,7 @@ def replay_bag(given: argparse.Namespace, console: Console) -> int:
     result["damage"] = list(recorded.damage)
     if changes.given:
         result |= {"set": dict(changes.given), "open_loop": _OPEN_LOOP}
-    places = [place for name in _WRITTEN if (place := getattr(given, name)) is not None]
+    places = [place for name in WRITTEN if (place := getattr(given, name)) is not None]
     with ExitStack() as stack:
         staged = {place: stack.enter_context(staging(place)) / place.name for place in places}
         if given.json is not None:

@@ -32,7 +32,8 @@ EXAMPLE = (
     "examples: backlash simulate --law cascade --case 'load inertia x4'; backlash simulate config/nominal_drive.yaml "
     "--set load.inertia=0.002 --reference 0.5 --plot step.png --csv step.csv"
 )
-_WRITTEN = ("plot", "csv")
+WRITTEN = ("plot", "csv")
+"""Options that name files to write."""
 _LONGEST = 600.0
 _OURS = ("motor", "gear", "load", "contact", "sensors", "delay", "gain_sets", "rate", "loop_delay", "command_interface")
 """What of a parameter file a simulation goes by, beside the parameters of its law."""
@@ -54,12 +55,6 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
     add("--plot", type=Path, metavar="FILE", help="with DRIVE: picture to draw, such as step.png")
     add("--csv", type=Path, metavar="FILE", help="with DRIVE: table to write, a row for each sample")
     add("--force", action="store_true", help="write over files that are there")
-
-
-def files_in_the_way(given: argparse.Namespace) -> list[tuple[str, Path]]:
-    """Return the files that would be written over, by their options."""
-    places = [(name, getattr(given, name)) for name in _WRITTEN]
-    return [(name, place) for name, place in places if place is not None and place.exists() and not given.force]
 
 
 def _merged(parameters: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -173,7 +168,7 @@ def simulate(given: argparse.Namespace, console: Console) -> int:
         raise ValueError(f"--case is of the nominal drive: leave it or {given.drive} out")
     result, drive = _simulated(given)
     with ExitStack() as stack:
-        places = {name: place for name in _WRITTEN if (place := getattr(given, name)) is not None}
+        places = {name: place for name in WRITTEN if (place := getattr(given, name)) is not None}
         staged = {name: stack.enter_context(staging(place)) / place.name for name, place in places.items()}
         if "csv" in staged:
             _write_table(result, given.reference, staged["csv"])

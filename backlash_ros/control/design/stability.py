@@ -26,6 +26,8 @@ _STEPS_PER_PERIOD = 16
 _LONG = 100
 """In periods: beyond it the poles of the delayed loop take long to compute, and a broken period matters little."""
 
+_LEAST_PHASE = math.radians(30)
+
 
 @dataclass(frozen=True)
 class Margins:
@@ -43,6 +45,10 @@ class Margins:
     delay: float
     gain: float
     crossover: float
+
+    def tight(self, period: float) -> bool:
+        """Return whether the loop bears less than 30 degrees of lag, or less than a ``period``, s, of further delay."""
+        return self.phase < _LEAST_PHASE or self.delay < period
 
 
 def _check_delay(name: str, period: float, delay: float) -> None:
