@@ -30,6 +30,8 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready-$(or $(ROS_DISTRO),wheels)
 # Small matrices only: threads of the linear algebra stand in each other's way, and in that of the tests beside them.
 export OPENBLAS_NUM_THREADS := 1
+# Demo and tests start hundreds of processes: each would have to compile all sources anew.
+unexport PYTHONDONTWRITEBYTECODE
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 LOCK := uv pip compile --quiet --upgrade --universal --python-version 3.10 --generate-hashes --no-annotate \
         --custom-compile-command "make lock"

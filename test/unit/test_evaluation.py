@@ -334,8 +334,9 @@ def test_the_page_is_filled_from_a_report(tmp_path: Path) -> None:
 # The command.
 
 
-BRIEF = ("--experiments", "limit_cycle")
-"""Learning that takes a tenth of a second a drive: enough where it is asked how drives are handed out and put down."""
+BRIEF = ("--laws", "fast", "--experiments", "limit_cycle")
+"""One law, and learning that takes a tenth of a second a drive: enough where it is asked how drives are handed out and
+put down."""
 
 
 def command(folder: Path, *more: str, drives: int = 2) -> list[str]:
@@ -367,11 +368,19 @@ def test_the_same_command_gives_the_same_files(tmp_path: Path) -> None:
         assert {name: row[name] for name in drawn} == drawn
 
 
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """What a brief batch gives where nothing happens to it."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    assert main(command(folder, *BRIEF, drives=12)) == 0
+    return (folder / "result.json").read_bytes()
+
+
 @pytest.mark.population
-def test_a_batch_that_was_killed_ends_in_the_same_file(tmp_path: Path) -> None:
+def test_a_batch_that_was_killed_ends_in_the_same_file(tmp_path: Path, undisturbed: bytes) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    killed, whole = tmp_path / "killed", tmp_path / "whole"
-    arguments = [sys.executable, "-m", "backlash_ros.cli", *command(killed, "--laws", "fast", *BRIEF, drives=12)]
+    killed = tmp_path / "killed"
+    arguments = [sys.executable, "-m", "backlash_ros.cli", *command(killed, *BRIEF, drives=12)]
     first = subprocess.Popen(arguments, env=environment, stdout=subprocess.DEVNULL)
     end = time.monotonic() + 120
     while not (journals := list(killed.glob(".result.json.*.journal"))) or journals[0].read_bytes().count(b"\n") < 2:
@@ -383,8 +392,7 @@ def test_a_batch_that_was_killed_ends_in_the_same_file(tmp_path: Path) -> None:
     assert not (killed / "result.json").exists()
     resumed = subprocess.run(arguments, env=environment, capture_output=True, text=True, check=True, timeout=120)
     assert "of 12 drives are in" in resumed.stdout
-    assert main(command(whole, "--laws", "fast", *BRIEF, drives=12)) == 0
-    assert (killed / "result.json").read_bytes() == (whole / "result.json").read_bytes()
+    assert (killed / "result.json").read_bytes() == undisturbed
     assert [path.name for path in killed.iterdir()] == ["result.json"]
 
 
@@ -455,7 +463,7 @@ def test_what_failed_is_in_the_report_with_its_parameters(
     from backlash_ros.control import LAWS  # noqa: PLC0415
 
     LAWS.add(plugin)
-    assert main(command(tmp_path, "--laws", "broken", *BRIEF)) == 0
+    assert main(command(tmp_path, *BRIEF, "--laws", "broken")) == 0
     content = json.loads((tmp_path / "result.json").read_text())
     assert [each["failure"] for each in content["failed_runs"]] == ["RuntimeError: a law with a bug"] * 2
     assert content["failed_runs"][1]["parameters"]["number"] == 1
@@ -465,17 +473,15 @@ def test_what_failed_is_in_the_report_with_its_parameters(
 
 
 @pytest.mark.population
-def test_a_cluster_writes_the_same_file(tmp_path: Path) -> None:
+def test_a_cluster_writes_the_same_file(tmp_path: Path, undisturbed: bytes) -> None:
     distributed = pytest.importorskip("distributed")
     environment = {"PYTHONPATH": os.pathsep.join(sys.path)}
-    here, there = tmp_path / "here", tmp_path / "there"
-    assert main(command(here, "--laws", "fast", *BRIEF, drives=4)) == 0
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=2, processes=True, dashboard_address=None, env=environment
     ) as cluster:
         address = cluster.scheduler_address
-        assert main(command(there, "--laws", "fast", "--scheduler", address, *BRIEF, drives=4)) == 0
-    assert (here / "result.json").read_bytes() == (there / "result.json").read_bytes()
+        assert main(command(tmp_path, "--scheduler", address, *BRIEF, drives=12)) == 0
+    assert (tmp_path / "result.json").read_bytes() == undisturbed
 
 
 def test_a_drive_from_a_parameter_file(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""README and docs: links lead somewhere, commands are understood, nodes and parameters exist."""
+"""README and docs: links lead somewhere, commands are understood and run, nodes and parameters exist."""
 
 import re
 import shlex
@@ -7,12 +7,11 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from pages import PAGES, ROOT, commands, runner
 
 from backlash_ros import __version__
 from backlash_ros.cli import main, parser_of
 
-ROOT = Path(__file__).parents[2]
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
 PARAMETERS = (ROOT / "docs" / "parameters.md").read_text()
 OF_ROS = {"use_sim_time"}
 OF_RECORDER = {"output", "topics"}
@@ -38,22 +37,26 @@ def test_links_lead_somewhere(page: Path) -> None:
         assert not anchor or anchor in anchors(place), target
 
 
-def commands() -> list[str]:
-    """Return the commands of all pages, as they stand in blocks: fenced or indented."""
-    found = []
-    for page in PAGES:
-        text = page.read_text().replace("\\\n", " ")
-        blocks = re.findall(r"```sh\n(.*?)```", text, re.DOTALL)
-        lines = [line for block in blocks for line in block.splitlines()]
-        lines += re.findall(r"^    ((?:ros2 run|backlash [a-z]+) .*)$", text, re.MULTILINE)
-        found += [line.partition("   #")[0].removeprefix(".venv/bin/") for line in lines]
-    return sorted(set(found))
-
-
 @pytest.mark.parametrize("command", [c for c in commands() if c.startswith("backlash ")])
 def test_commands_are_understood(command: str) -> None:
     words = shlex.split(command)[1:]
     parser_of(words).parse_args(words)  # ends the interpreter where one is not
+
+
+RUN = {"check": "1 warning", "design": "written: gains.yaml", "evaluate": "written: ", "export": "written: drive."}
+"""What those of a page print that no other test runs; --drives is less here."""
+
+
+@pytest.mark.population
+@pytest.mark.parametrize("command", commands("test_pages.py"))
+def test_commands_do_what_they_say(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "config").symlink_to(ROOT / "config")
+    monkeypatch.chdir(tmp_path)
+    words = shlex.split(re.sub(r"--drives \d+", "--drives 1", command))[1:]
+    assert main(words) == 0
+    assert RUN[words[0]] in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("command", [c for c in commands() if c.startswith("ros2 run backlash_ros ")])
@@ -64,6 +67,11 @@ def test_nodes_and_their_parameters_exist(command: str) -> None:
     for name in names:
         known = OF_RECORDER if words[3] == "recorder" else OF_ROS
         assert f"| `{name}` |" in PARAMETERS or name in known, name
+
+
+@pytest.mark.parametrize("command", commands())
+def test_something_runs_each_command(command: str) -> None:
+    assert (ROOT / runner(command)).is_file(), "nothing runs it: see RUN_BY in pages.py"
 
 
 def test_pages_have_commands_of_both_kinds() -> None:

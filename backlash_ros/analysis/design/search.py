@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy.stats import qmc
 
 from backlash_ros.analysis.design.trial import AIM, LENGTH, MARGIN, Choice, Loop, Outcome, attempt
 from backlash_ros.analysis.design.uncertainty import Case, Uncertainty
@@ -257,6 +256,8 @@ def design(loop: Loop, uncertainty: Uncertainty, progress: Callable[[str], None]
     search = _Search(loop, trials)
     progress("trying gains")
     search.try_point(_point(loop.drive, default_choice(loop.drive), search.scale))
+    from scipy.stats import qmc  # noqa: PLC0415 - slow to load, and most who import this need it not
+
     sampler = qmc.Sobol(4, scramble=False)
     for _ in range(_BATCHES):
         for share in sampler.random(_SAMPLES):

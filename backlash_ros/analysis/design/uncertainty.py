@@ -5,7 +5,6 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import qmc
 
 from backlash_ros.drivetrain import CONTACTS, Drive
 from backlash_ros.drivetrain.contact import Contact, law_name
@@ -92,6 +91,8 @@ def _inside(varied: dict[str, Factors]) -> list[dict[str, float]]:
     if not varied:
         return []
     low, high = np.array(list(varied.values())).T
+    from scipy.stats import qmc  # noqa: PLC0415 - slow to load, and most who import this need it not
+
     shares = qmc.Halton(len(varied), scramble=False).random(_INSIDE + 1)[1:]  # the first is a corner
     return [dict(zip(varied, point, strict=True)) for point in (low + shares * (high - low)).tolist()]
 

@@ -65,6 +65,8 @@ _DRY = 2e-3
 _FITS, _FINE = 1.05, 0.5
 """Largest rms of the innovations for which the model is taken for the drive's; by what it is less for a fine encoder,
 the counts of which are taken for coarser than they are."""
+_HOPELESS = 1.5
+"""Rms of the innovations, over what fits, from which on no other width and no finer reading has ever helped."""
 _FLANK = 0.02
 """Share of the torque at standstill that a flank has borne to be counted as seen."""
 _LIGHTEST = 0.12
@@ -204,6 +206,8 @@ def fit_one_sided(
         ends = sorted([*ends, *(search.go_on(found[k]) for found in begun)], key=cost_of)
         if max(ends[0].sizes) <= _FITS:
             break
+    if max(ends[0].sizes) > _HOPELESS * _FITS:
+        return fit_of(ends[0]), 0.0
     ends = sorted([*ends, *search.widths(ends[0])], key=cost_of)
     best = ends[0]
     others = [end.cost - best.cost for end in ends if abs(end.x[LN_HALF_GAP] - best.x[LN_HALF_GAP]) > _APART]
