@@ -1,6 +1,6 @@
 # Each target does its own set-up: it makes .venv when it is missing or older than the locks. Nothing else is touched.
 #
-#   make demo    learn the backlash and judge three laws, on real ROS 2, recorded: results in results/demo
+#   make demo    learn the backlash and judge four laws, on real ROS 2 in lockstep, recorded: results in results/demo
 #   make live    a simulated drive, its controller and a page in the browser, which prints its address
 #   make test    all tests
 #   make faults  inject every fault and write docs/faults.md; make test-repeat does it twenty times under load

@@ -1,129 +1,105 @@
-"""Judging a recorded session: step responses, a swap of gains, a load step, learning; in numbers."""
+"""Judging a recorded session in lockstep: step responses, a swap of gains, load steps; in numbers."""
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from backlash_ros.analysis.bag import Recording
-from backlash_ros.analysis.metrics import StepResponse, step_response
-from backlash_ros.control import Gains
-from backlash_ros.control.tick import MISSING
+from backlash_ros.analysis.judging import SETTLED, TAIL
+from backlash_ros.analysis.metrics import Array, settling_time, step_response
 from backlash_ros.drivetrain import Drive
 
-TAIL, SETTLING = 1.0, 0.3
-"""Time over which a residual is taken, and after a disturbance until it may be, s."""
-
-LABELS = {"fast": "fast gains alone", "overdamped": "over-damped gains alone", "two_region": "two-region law"}
+PAPER = ("fast", "overdamped", "two_region")
+COMPARED = ("two_region", "two_encoder")
+"""The laws of the paper; its adaptive one, and ours."""
+LABELS = {
+    "fast": "fast gains alone",
+    "overdamped": "over-damped gains alone",
+    "two_region": "two-region law (paper)",
+    "two_encoder": "two-encoder law (ours)",
+}
+_MOVED = 0.01
+"""Way from rest that tells that a load torque has come on, in b."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A part of a recording: ``start`` and ``end``, s since the epoch, and the target, rad."""
+    """A part of a recording: stamps of its first and last sample, s, and the target, rad."""
 
     start: float
     end: float
     target: float
 
 
-@dataclass(frozen=True)
-class LoadStep:
-    """What a step of load torque did: torque and its estimate at the end (N m), largest and last error (b)."""
-
-    torque: float
-    estimate: float
-    largest_error: float
-    final_error: float
-    residual: float
-
-
-def gap(recording_rows: NDArray[np.float64], drive: Drive) -> NDArray[np.float64]:
+def gap(recording_rows: Array, drive: Drive) -> Array:
     """Return R1 theta_m - R2 theta_l, m, of joint-state rows."""
     return drive.gear.motor_radius * recording_rows[:, 0] - drive.gear.load_radius * recording_rows[:, 3]
 
 
-def late_answers(samples: NDArray[np.float64], answers: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the times of the samples, in s, that had no answer before the next one, or whose next one came late."""
-    passed = np.diff(samples)
-    unanswered = np.diff(np.searchsorted(answers, samples)) == 0
-    late: NDArray[np.float64] = samples[:-1][unanswered | (passed > MISSING * np.median(passed))]
-    return late
+def judge_step(recording: Recording, interval: Interval, drive: Drive) -> dict[str, float]:
+    """Return the metrics of the step response in ``interval``, and from when on it stayed within b/4, s.
 
-
-def quiet_end(recording: Recording, interval: Interval) -> float | None:
-    """Return the end of the last stretch in which the loop ran as it should: every sample answered in its period.
-
-    A shared machine is late now and then, and a late answer widens a limit cycle for a while. The stretch lies in the
-    second half of the interval; None where there is none.
+    To the end and for the last second; inf where it never did.
     """
-    samples = recording.joint_states.between(interval.start, interval.end).time
-    answers = recording.scalars["/command"].between(interval.start, interval.end).time
-    return last_quiet(samples, answers, 0.5 * (interval.start + interval.end))
-
-
-def last_quiet(samples: NDArray[np.float64], answers: NDArray[np.float64], middle: float) -> float | None:
-    """Return the end of the last stretch after ``middle`` without a late answer that is long enough, s, or None."""
-    late = late_answers(samples, answers)
-    edges = np.array([middle, *late[late > middle], samples[-1]])
-    long_enough = np.flatnonzero(np.diff(edges) >= TAIL + SETTLING)
-    return float(edges[long_enough[-1] + 1]) if long_enough.size else None
-
-
-def judge_step(recording: Recording, interval: Interval, drive: Drive) -> StepResponse:
-    """Return the metrics of the step response in ``interval``; its residual is taken at a `quiet_end`, if any."""
     part = recording.joint_states.between(interval.start, interval.end)
-    end = quiet_end(recording, interval) or interval.end
-    tail = recording.joint_states.between(end - TAIL, end).values[:, 3]
-    residual = float(np.ptp(tail)) / drive.gear.backlash_angle
-    response = step_response(
-        part.time - interval.start,
-        part.values[:, 3],
-        gap(part.values, drive),
-        target=interval.target,
-        backlash=drive.gear.backlash,
-        backlash_angle=drive.gear.backlash_angle,
-    )
-    return replace(response, residual=residual)
+    time, angle, gear = part.time - interval.start, part.values[:, 3], drive.gear
+    lengths = {"backlash": gear.backlash, "backlash_angle": gear.backlash_angle}
+    response = step_response(time, angle, gap(part.values, drive), target=interval.target, **lengths)
+    settled = settling_time(time, angle, interval.target, SETTLED * gear.backlash_angle)
+    return {**asdict(response), "settling_time": settled if settled <= time[-1] - TAIL else math.inf}
 
 
-def in_time(recording: Recording, interval: Interval, rising: float) -> dict[str, bool]:
-    """Return what of a response says something of the law: no sample was late while ``rising``, s, or at the end."""
-    samples = recording.joint_states.between(interval.start, interval.start + rising).time
-    answers = recording.scalars["/command"].between(interval.start, interval.start + rising).time
-    late = late_answers(samples, answers)
-    return {"rising": not late.size, "end": quiet_end(recording, interval) is not None}
-
-
-def judge_load_step(recording: Recording, interval: Interval, torque: float, drive: Drive) -> LoadStep:
-    """Return what a load torque put on at the start of ``interval`` did."""
+def came_on(recording: Recording, interval: Interval, drive: Drive) -> Interval:
+    """Return ``interval`` from the last sample on at which a load torque had not moved the load yet."""
     part = recording.joint_states.between(interval.start, interval.end)
-    b = drive.gear.backlash_angle
-    error = (part.values[:, 3] - interval.target) / b
+    way = np.abs(part.values[:, 3] - part.values[0, 3]) / drive.gear.backlash_angle
+    return replace(interval, start=float(part.time[max(int(np.argmax(way > _MOVED)) - 1, 0)]))
+
+
+def judge_load_step(recording: Recording, interval: Interval, torque: float, drive: Drive) -> dict[str, float]:
+    """Return what a load torque put on at the start of ``interval`` did.
+
+    The torque and its estimate at the end, N m; the largest error, that of the mean of the last second and the swing in
+    it, peak to peak, in b.
+    """
+    part = recording.joint_states.between(interval.start, interval.end)
+    error = (part.values[:, 3] - interval.target) / drive.gear.backlash_angle
     estimates = recording.scalars["/controller/state/load_torque"].between(interval.start, interval.end)
     tail = error[part.time >= interval.end - 1.0]
-    return LoadStep(
-        torque=torque,
-        estimate=float(estimates.values[-1]),
-        largest_error=float(np.max(np.abs(error))),
-        final_error=float(np.mean(tail)),
-        residual=float(np.ptp(tail)),
-    )
+    return {
+        "torque": torque,
+        "estimate": float(estimates.values[-1]),
+        "largest_error": float(np.max(np.abs(error))),
+        "final_error": float(np.mean(tail)),
+        "residual": float(np.ptp(tail)),
+    }
 
 
-def swap_delay(
-    recording: Recording, swapped: float, before: Gains, after: Gains, interval: Interval, torque_constant: float
-) -> float:
-    """Return the time from ``swapped`` to the first command that the new gains made, s; nan where none did.
+def judge_swap(recording: Recording, interval: Interval, drive: Drive) -> dict[str, Any]:
+    """Return how fast the load moved when the over-damped gains were swapped, rad/s, and whether commands mix them.
 
-    A command is the new gains' where it lies closer to what eq 15 gives with them, on the sample that it answers,
-    than to what it gives with the old ones.
+    ``commands`` that the controller told, and how many of them, ``mixed``, are nearer to what eq 15 gives with the
+    gains that were not in force for their sample.
     """
-    samples = recording.joint_states
-    commands = recording.scalars["/command"].between(swapped, interval.end)
-    for time, voltage in zip(commands.time, commands.values, strict=True):
-        _, _, torque, angle, speed, _ = samples.values[np.searchsorted(samples.time, time) - 1]
-        state = np.array([angle - interval.target, speed, torque / torque_constant])
-        old, new = (-float(gains.as_array() @ state) for gains in (before, after))
-        if abs(voltage - new) < abs(voltage - old):
-            return float(time - swapped)
-    return float("nan")
+    names = ("parameters_version", "load_angle", "load_velocity", "current", "load_torque", "range_low", "range_high")
+    told = {
+        name: recording.scalars[f"/controller/state/{name}"].between(interval.start, interval.end)
+        for name in (*names, "command")
+    }
+    version, angle, speed, current, torque, low, high, command = (series.values for series in told.values())
+    gains = {number: values["gains.overdamped.k"] for _, number, values in recording.in_use if number in version}
+    (before, old), (after, new) = sorted(gains.items())
+    motor = drive.motor
+    ways = []
+    for k1, k2, k3 in (old, new):
+        feedforward = -drive.gear.ratio * (motor.resistance + k3) / motor.torque_constant
+        wanted = feedforward * torque - k1 * (angle - interval.target) - k2 * speed - k3 * current
+        ways.append(np.abs(np.clip(wanted, low, high) - command))
+    in_force, other = np.where(version == before, ways, ways[::-1])
+    return {
+        "speed": float(speed[np.argmax(version == after)]),
+        "commands": command.size,
+        "mixed": int(np.sum(in_force > other)),
+    }

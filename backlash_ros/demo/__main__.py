@@ -1,233 +1,172 @@
 """The demo: a geared servo rattles, learns its backlash and stops rattling, on real DDS, recorded and judged.
 
-Simulator, controller and recorder run as separate processes, on a domain of their own and on this machine only.
-All figures come from the bag that was recorded.
+Simulator, controller and recorder run as separate processes, on a domain of their own and on this machine only. What is
+judged runs in lockstep, so that it does not depend on how busy the machine is, and all of its figures come from the bag
+that was recorded. A simulator and a controller in real time then show which rate the machine keeps.
 """
 
 import argparse
 import json
-import math
 import shutil
 import signal
-import subprocess
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.node import Node
-from rclpy.qos import QoSProfile
-from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from rich.table import Table
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.analysis.bag import read_bag
 from backlash_ros.analysis.jsonable import jsonable
-from backlash_ros.analysis.metrics import StepResponse
 from backlash_ros.analysis.session import (
+    COMPARED,
     LABELS,
+    PAPER,
     Interval,
-    in_time,
+    came_on,
     judge_load_step,
     judge_step,
-    late_answers,
-    swap_delay,
+    judge_swap,
 )
 from backlash_ros.analysis.session_picture import plot_session
 from backlash_ros.analysis.staging import staging
-from backlash_ros.control import design_gains
+from backlash_ros.demo.session import ALL, HOLD, LOAD_STEP, Session, running
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.ros.client import Client, ClientError, start_node, stop_node
+from backlash_ros.ros.client import ClientError
 from backlash_ros.ros.isolation import isolated
-from backlash_ros.ros.topics import RECEIVE, SEND, TOPICS
 
 BRISK = {"fast": [1000.0, 1.0], "overdamped": [16.0, 0.0]}
 """LQR weights of the gain set that the demo swaps to: over-damped gains of twice the stiffness."""
 
-LOAD_STEP = 0.1
-_HOLD = 4.0
-_RISING = 0.4
-"""Time in which every sample has to be answered within its period, s: else the rise says more of the machine."""
-_ATTEMPTS = 8
-WATCH = QoSProfile(depth=5000)
-_TIMEOUT = 0.5
-"""Silence that both sides bear, s: a shared machine may stall for longer than the default of 0.1 s."""
+HEAVY = 4.0
+"""Load inertia over the nominal one in the second part: as heavy as the motor is through the gear."""
+_TIMEOUT, _PATIENT = 0.5, 10.0
+"""Silence that both sides bear in real time, s, as a shared machine may stall for longer than the default of 0.1 s; and
+that the controller bears in lockstep."""
 
 
-class Session(Client):
-    """The running system seen from outside: what a user does with topics, services and parameters."""
-
-    def __init__(self, node: Node, children: dict[str, subprocess.Popen[bytes]], say: Callable[[str], None]) -> None:
-        super().__init__(node, children)
-        self._say = say
-        self.angle = math.nan
-        self.speed = math.nan
-        self.reference = node.create_publisher(Float64, "reference", SEND)
-        self.load_torque = node.create_publisher(Float64, "load_torque", SEND)
-        self._closed = self._obeyed = False
-        self._samples: list[float] = []
-        self._answers: list[float] = []
-        node.create_subscription(JointState, "joint_states", self._on_joint_states, WATCH)
-        node.create_subscription(Float64MultiArray, "command", self._on_command, WATCH)
-        node.create_subscription(DiagnosticArray, "controller/state", self._on_state, RECEIVE)
-        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, WATCH)
-
-    def _on_joint_states(self, message: JointState, info: dict[str, int]) -> None:
-        k = message.name.index("load")
-        self.angle, self.speed = message.position[k], message.velocity[k]
-        self._samples.append(1e-9 * info["source_timestamp"])
-
-    def _on_command(self, _message: Float64MultiArray, info: dict[str, int]) -> None:
-        self._answers.append(1e-9 * info["source_timestamp"])
-
-    def _on_state(self, message: DiagnosticArray) -> None:
-        self._closed = any(entry.key == "holding" and entry.value == "1" for entry in message.status[0].values)
-
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            if status.name == "/plant_simulator: timing":
-                self._obeyed = any(entry.key == "answered_in_period" and entry.value != "0" for entry in status.values)
-
-    def ready(self) -> None:
-        """Wait until every process takes part."""
-        self.wait("the drive's joint states", lambda: not math.isnan(self.angle))
-        self.wait("the controller to answer them", lambda: self._closed)
-        self.wait("the drive to hear the answers", lambda: self._obeyed)
-        self.wait_for_controller()
-        self.wait_for_recorder(list(TOPICS)[:-2])
-
-    def move(self, target: float) -> float:
-        """Send a reference and return when, s since the epoch."""
-        now = time.time()
-        self.reference.publish(Float64(data=target))
-        return now
-
-    def settle_at(self, target: float) -> None:
-        """Go to ``target`` with the two-region law and wait for rest."""
-        self.must_set({"law": "two_region", "gain_set": "nominal"})
-        self.move(target)
-        b = NOMINAL_DRIVE.gear.backlash_angle
-        self.wait("rest", lambda: abs(self.angle - target) < 0.5 * b and abs(self.speed) < 0.01)
-        self.pause(0.5)
-
-    def step(self, law: str, target: float = 1.0) -> Interval:
-        """Step from 0 to ``target`` with ``law`` and hold; again where answers came late meanwhile."""
-        for attempt in range(_ATTEMPTS):
-            self.settle_at(0.0)
-            self.must_set({"law": law})
-            self._samples.clear()
-            self._answers.clear()
-            start = self.move(target)
-            self.pause(_HOLD)
-            late = late_answers(np.array(self._samples), np.array(self._answers))
-            if not np.any(late - self._samples[0] < _RISING) or attempt == _ATTEMPTS - 1:
-                break
-            self._say("  this machine was too busy to answer in time: once more")
-        return Interval(start, time.time(), target)
-
-
-def _parameters(*assignments: str) -> list[str]:
-    return [word for assignment in assignments for word in ("-p", assignment)]
+def _kept(*topics: str) -> list[str]:
+    """Let a node keep what a recorder on a busy machine takes seconds to fetch: nothing is missing then."""
+    return [f"qos_overrides./{topic}.publisher.depth:={ALL.depth}" for topic in topics]
 
 
 def perform(session: Session, say: Callable[[str], None]) -> dict[str, Any]:
-    """Do what the demo shows; return when each part was."""
-    say("waiting for simulator, controller and recorder to find each other")
-    session.ready()
+    """Do what the demo shows with the nominal drive; return when each part was."""
     say("learning the backlash: the motor goes to and fro across the gap")
-    for _ in range(_ATTEMPTS):
-        valid, answer = session.call("learn")
-        say(f"  {answer}")
-        if valid:
-            break
-    else:
-        raise ClientError(f"the backlash was not learned: {answer}")
-    script: dict[str, Any] = {"learned": (valid, answer, session.get("backlash_angle")["backlash_angle"]), "steps": {}}
-    for law in LABELS:
-        say(f"step 0 to 1 rad: {LABELS[law]}")
+    learned = session.ask("learn", say), session.get("backlash_angle")["backlash_angle"]
+    script: dict[str, Any] = {"learned": learned, "steps": {}, "loads": {}}
+
+    def judged(law: str) -> None:
+        loaded = law in COMPARED
+        say(f"step 0 to 1 rad{f', then {LOAD_STEP:g} N m on the load' if loaded else ''}: {LABELS[law]}")
         script["steps"][law] = session.step(law)
+        if loaded:
+            script["loads"][law] = session.load_step()
+
+    for law in PAPER:
+        judged(law)
     say("swapping the gain set while the load moves")
+    script["swap"] = session.swap()
     session.settle_at(0.0)
-    session.must_set({"law": "overdamped"})
-    start = session.move(1.0)
-    session.wait("the load to move", lambda: session.angle > 0.3)
-    accepted, reason = session.set({"gain_set": "brisk"})
-    session.pause(1.0)
-    script["swap"] = accepted, reason, Interval(start, time.time(), 1.0)
-    say(f"putting {LOAD_STEP:g} N m on the load")
-    session.settle_at(1.0)
-    now = time.time()
-    session.load_torque.publish(Float64(data=LOAD_STEP))
-    session.pause(2.5)
-    script["load"] = Interval(now, time.time(), 1.0)
+    say("identifying the drive: our law plans with its inertia and friction")
+    session.ask("identify", say)
+    judged("two_encoder")
     return script
 
 
+def perform_heavy(session: Session, say: Callable[[str], None]) -> dict[str, Interval]:
+    """Learn the backlash with the heavy load and step with the paper's law and ours; return when."""
+    session.ask("learn", say)
+    steps = {}
+    for law in COMPARED:
+        say(f"step 0 to 1 rad: {LABELS[law]}")
+        steps[law] = session.step(law)
+    return steps
+
+
 def judge(script: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Read the bag and judge it; write the figure and return the summary."""
+    """Read the bags and judge them; write the figure and return the summary."""
     drive = NOMINAL_DRIVE
-    recording = read_bag(folder / "bag")
-    valid, answer, angle = script["learned"]
-    accepted, _, interval = script["swap"]
-    swapped = next(
-        (t for t, name, value in recording.parameters if (name, value.string_value) == ("gain_set", "brisk")), math.nan
+    nominal, heavy = (read_bag(bag) for bag in (folder / "bag", folder / "heavy" / "bag"))
+    answer, angle = script["learned"]
+    accepted, swap = script["swap"]
+    loads = {law: came_on(nominal, each, drive) for law, each in script["loads"].items()}
+    plot_session(
+        [
+            (nominal, script["steps"], "The load near its target after a step of 1 rad"),
+            (heavy, script["heavy"], f"The same with {HEAVY:g} times the load inertia"),
+        ],
+        loads,
+        drive,
+        folder / "step_response.png",
     )
-    before, after = (design_gains("q", drive, q) for q in ([4.0, 0.0], BRISK["overdamped"]))
-    plot_session(recording, script["steps"], script["load"], drive, angle, folder / "step_response.png")
     return {
         "learned": {
             "backlash_angle": angle,
             "true_backlash_angle": drive.gear.backlash_angle,
             "method": answer.partition(" by ")[2].partition(",")[0],
-            "valid": valid,
         },
-        "in_time": {law: in_time(recording, part, _RISING) for law, part in script["steps"].items()},
-        "responses": {law: asdict(judge_step(recording, part, drive)) for law, part in script["steps"].items()},
-        "gain_swap": {
-            "accepted": accepted,
-            "applied_after": swap_delay(recording, swapped, before, after, interval, drive.motor.torque_constant),
-        },
-        "load_torque": asdict(judge_load_step(recording, script["load"], LOAD_STEP, drive)),
+        "responses": {law: judge_step(nominal, each, drive) for law, each in script["steps"].items()},
+        "heavy_responses": {law: judge_step(heavy, each, drive) for law, each in script["heavy"].items()},
+        "gain_swap": {"accepted": accepted, **judge_swap(nominal, swap, drive)},
+        "load_steps": {law: judge_load_step(nominal, each, LOAD_STEP, drive) for law, each in loads.items()},
         "bag": "bag",
-        "messages": recording.messages,
+        "messages": nominal.messages,
     }
+
+
+def keep_the_rate(session: Session, learned: float) -> dict[str, int]:
+    """Step in real time; return how many samples the drive sent meanwhile, and had answered within their period."""
+    session.must_set({"backlash_angle": learned})
+    session.settle_at(0.0)
+    sent, answered = session.sent, session.answered
+    for target in (1.0, 0.0):
+        session.move(target)
+        session.run(0.5 * HOLD)
+    return {"samples": session.sent - sent, "answered_in_period": session.answered - answered}
 
 
 def show(summary: dict[str, Any], console: Console) -> None:
     """Print the summary as a table."""
-    table = Table(title="Step of 1 rad, nominal drive, 250 Hz")
-    for heading in ("law", "rise time, s", "overshoot / b", "residual peak to peak / b", "impacts after the switch"):
-        table.add_column(heading, justify="left" if heading == "law" else "right")
-    for law, response in summary["responses"].items():
-        figures = StepResponse(**response)
-        table.add_row(
-            LABELS[law],
-            f"{figures.rise_time:.3f}",
-            f"{figures.overshoot:.3f}",
-            f"{figures.residual:.3f}",
-            str(figures.impacts),
-        )
+    columns = {
+        "rise, s": ("rise_time", ".3f"),
+        "settled, s": ("settling_time", ".2f"),
+        "over/b": ("overshoot", ".3f"),
+        "rest/b": ("residual", ".3f"),
+        "impacts": ("impacts", "d"),
+    }
+    table = Table(box=None)
+    table.add_column("step of 1 rad", no_wrap=True)
+    for heading in columns:
+        table.add_column(heading, justify="right")
+    for key, title in (("responses", "nominal drive"), ("heavy_responses", f"{HEAVY:g} times the load inertia")):
+        table.add_row(f"{title}:")
+        for law, response in summary[key].items():
+            cells = [f"{response[name]:{form}}".replace("inf", "never") for name, form in columns.values()]
+            table.add_row(f"  {LABELS[law]}", *cells)
     console.print(table)
-    learned, swap, load = summary["learned"], summary["gain_swap"], summary["load_torque"]
+    console.print("b: the backlash; settled: within b/4 for good; rest: swing in the last second\n", highlight=False)
+    learned, swap, rate = summary["learned"], summary["gain_swap"], summary["real_time"]
     true = learned["true_backlash_angle"]
-    for law, parts in summary["in_time"].items():
-        if late := [part for part, undisturbed in parts.items() if not undisturbed]:
-            console.print(f"{LABELS[law]}: this machine was too busy to answer in time ({', '.join(late)})")
     console.print(
         f"learned b = {learned['backlash_angle']:.5f} rad, true b = {true:.5f} rad "
         f"({100 * (learned['backlash_angle'] / true - 1):+.1f} %), by {learned['method']}"
     )
-    console.print(f"gain set swapped while moving: in use {1e3 * swap['applied_after']:.2f} ms after it was accepted")
     console.print(
-        f"load torque {load['torque']:g} N m: estimated {load['estimate']:.3f} N m, "
-        f"largest error {load['largest_error']:.2f} b, final error {load['final_error']:.3f} b"
+        f"gain set swapped while the load moved at {swap['speed']:.1f} rad/s: {swap['commands'] - swap['mixed']} of "
+        f"{swap['commands']} commands around it are those of the gains in force"
+    )
+    for law, load in summary["load_steps"].items():
+        console.print(
+            f"load torque {load['torque']:g} N m, {LABELS[law]}: estimated {load['estimate']:.3f} N m, "
+            f"largest error {load['largest_error']:.2f} b, final {load['final_error']:.3f} b"
+        )
+    share = 100 * rate["answered_in_period"] / rate["samples"]
+    console.print(
+        f"in real time, 250 Hz: {rate['answered_in_period']} of {rate['samples']} samples ({share:.1f} %) answered "
+        "within their period"
     )
 
 
@@ -238,30 +177,37 @@ def record(folder: Path, console: Console) -> dict[str, Any]:
     def say(text: str) -> None:
         console.print(f"[{time.monotonic() - began:5.1f} s] {text}", markup=False, highlight=False)
 
-    with ExitStack() as stack:
-        domain = stack.enter_context(isolated())
-        say(f"starting simulator, controller and recorder on ROS domain {domain}, this machine only")
-        children: dict[str, subprocess.Popen[bytes]] = {}
-        brisk = [f"gain_sets.brisk.{region}.q:={weights}" for region, weights in BRISK.items()]
-        for name, parameters in (
-            ("recorder", [f"output:={folder / 'bag'}"]),
-            ("plant_simulator", [f"command_timeout:={_TIMEOUT}"]),
-            ("controller", [f"state_timeout:={_TIMEOUT}", "gain_set_names:=[nominal, brisk]", *brisk]),
-        ):
-            child = start_node(name, folder / f"{name}.log", *_parameters(*parameters))
-            children[name] = child
-            stack.callback(stop_node, child)
-        context = rclpy.Context()
-        rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-        stack.callback(context.try_shutdown)
-        node = Node("demo", context=context)
-        stack.callback(node.destroy_node)
-        script = perform(Session(node, children, say), say)
-        for name, child in reversed(children.items()):  # controller first: 0 V goes out while everybody listens
-            if (code := stop_node(child)) != 0:
-                raise ClientError(f"{name} ended with code {code}")
-    say("reading the bag")
-    return judge(script, folder)
+    brisk = [f"gain_sets.brisk.{region}.q:={weights}" for region, weights in BRISK.items()]
+    clock = "use_sim_time:=true"
+    controller = [
+        *("autostart:=false", f"state_timeout:={_PATIENT}", clock, "gain_set_names:=[nominal, brisk]", *brisk),
+        *_kept("command", "controller/state", "controller/parameters_in_use"),
+    ]
+
+    def in_lockstep(place: Path, *drive: str) -> dict[str, list[str]]:
+        simulator = ["lockstep:=true", "real_time_factor:=0.0", *_kept("joint_states"), *drive]
+        told = [*controller, *drive, f"identified:={bool(drive)}"]
+        return {"recorder": [f"output:={place / 'bag'}"], "plant_simulator": simulator, "controller": told}
+
+    in_real_time = {
+        "plant_simulator": [f"command_timeout:={_TIMEOUT}"],
+        "controller": ["autostart:=false", f"state_timeout:={_TIMEOUT}"],
+    }
+    heavy, real_time = folder / "heavy", folder / "real_time"
+    for place in (heavy, real_time):
+        place.mkdir()
+    with isolated() as domain:
+        say(f"starting simulator, controller and recorder on ROS domain {domain}, this machine only, in lockstep")
+        with running(folder, in_lockstep(folder)) as session:
+            script = perform(session, say)
+        say(f"starting again with {HEAVY:g} times the load inertia, which the controller is told")
+        with running(heavy, in_lockstep(heavy, f"load.inertia:={HEAVY * NOMINAL_DRIVE.load.inertia}")) as session:
+            script["heavy"] = perform_heavy(session, say)
+        say("stepping to and fro in real time")
+        with running(real_time, in_real_time) as session:
+            rate = keep_the_rate(session, script["learned"][1])
+    say("reading the bags")
+    return {**judge(script, folder), "real_time": rate}
 
 
 def put_in_place(finished: Path, out: Path) -> None:
@@ -328,7 +274,7 @@ def main(args: Sequence[str] | None = None) -> int:
             if not isinstance(error, (ClientError, OSError)):
                 raise
             console.print(f"failed: {error}", markup=False)
-            for log in sorted(folder.glob("*.log")):
+            for log in sorted(folder.rglob("*.log")):
                 console.print(f"--- {log.stem}\n{log.read_text()[-2000:]}", markup=False, highlight=False)
             return 1
     show(summary, console)

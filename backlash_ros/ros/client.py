@@ -4,7 +4,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,8 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+SERVICES = ("learn", "identify", "cancel")
+"""Of the controller, that are called here."""
 PATIENCE = 30.0
 """Time that is waited by default, s."""
 _END = 60.0
@@ -64,7 +66,7 @@ class Client:
         self.node, self.children = node, children
         self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
-        self.services = {name: node.create_client(Trigger, f"{controller}/{name}") for name in ("learn", "cancel")}
+        self.services = {name: node.create_client(Trigger, f"{controller}/{name}") for name in SERVICES}
         self.parameters = AsyncParameterClient(node, controller)
 
     def wait(self, what: str, condition: Callable[[], bool], seconds: float = PATIENCE) -> None:
@@ -88,15 +90,6 @@ class Client:
         for name, service in self.services.items():
             self.wait(f"the controller's service {name}", service.service_is_ready, seconds)
         self.wait("the controller's parameters", self.parameters.services_are_ready, seconds)
-
-    def wait_for_recorder(self, topics: Sequence[str]) -> None:
-        """Wait until a recorder listens to topics."""
-        for topic in topics:
-            self.wait(f"the recorder on {topic}", partial(self._is_recorded, topic))
-
-    def _is_recorded(self, topic: str) -> bool:
-        subscriptions = self.node.get_subscriptions_info_by_topic(self.node.resolve_topic_name(topic))
-        return any(endpoint.node_name == "recorder" for endpoint in subscriptions)
 
     def call(self, service: str, seconds: float = PATIENCE) -> tuple[bool, str]:
         """Call a service once and return its answer: whether it succeeded, and the text."""

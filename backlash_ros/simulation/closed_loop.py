@@ -89,7 +89,8 @@ class Run:
     """A closed-loop run: ``substeps`` plant samples per controller sample, from t = 0 on.
 
     ``state`` (N * substeps + 1, 5) at ``time``; ``command`` (V or A), ``region`` and ``load_torque_estimate`` (N,) per
-    controller sample; ``peak_force`` (N,), the largest contact force within each controller period, N. ``fault`` is the
+    controller sample; ``peak_force`` (N,), the largest contact force within each controller period, N;
+    ``measured_load_angle`` (N,), what the load's encoder showed the controller, rad, nan without one. ``fault`` is the
     text of what the controller latched at sample ``fault_sample``, from which on the command is 0; "" and -1 for none.
     """
 
@@ -99,6 +100,7 @@ class Run:
     region: Array
     load_torque_estimate: Array
     peak_force: Array
+    measured_load_angle: Array
     fault: str = ""
     fault_sample: int = -1
 
@@ -136,9 +138,9 @@ def _loop(
     states: Array,
     signals: Array,
 ) -> tuple[int, float, int]:
-    """Fill ``states`` and ``signals``: command, region, load torque estimate, peak force. The one loop body offline.
+    """Fill ``states`` and ``signals``: command, region, load torque estimate, peak force, measured load angle.
 
-    Returns status, time reached (s) and the sample at which a fault was latched, or -1.
+    The one loop body offline. Returns status, time reached (s) and the sample at which a fault was latched, or -1.
     """
     inputs = np.zeros(INPUTS)
     inputs[KNOWN_LOAD_TORQUE] = np.nan
@@ -146,6 +148,7 @@ def _loop(
     substeps = (states.shape[0] - 1) // load_torque.shape[0]
     for k in range(load_torque.shape[0]):
         inputs[ELAPSED] = take_sample(sensors, sensed, delay, line, k, measured)
+        signals[k, 4] = measured[THETA_L]
         if known_load_torque:
             inputs[KNOWN_LOAD_TORQUE] = load_torque[k]
         if references.shape[0] > 0:
@@ -230,7 +233,7 @@ def run(
     state[: scenario.initial_state.size] = scenario.initial_state
     if not np.all(np.isfinite(state)):
         raise ValueError(f"initial_state must be finite, got {scenario.initial_state.tolist()}")
-    states, signals = np.empty((count * substeps + 1, 5)), np.zeros((count, 4))
+    states, signals = np.empty((count * substeps + 1, 5)), np.zeros((count, 5))
     states[0] = state[:5]
     segments = servo.segments if scenario.source is None else _planned(scenario.source, state, servo.limits)
 
@@ -266,5 +269,5 @@ def run(
     if status != DONE:
         raise IntegrationError(REASONS[status], reached, state)
     time = np.arange(count * substeps + 1, dtype=np.float64) * (settings.period / substeps)
-    command, region, torque, force = np.ascontiguousarray(signals.T)
-    return Run(time, states, command, region, torque, force, servo.described_fault, fault_sample)
+    command, region, torque, force, measured = np.ascontiguousarray(signals.T)
+    return Run(time, states, command, region, torque, force, measured, servo.described_fault, fault_sample)

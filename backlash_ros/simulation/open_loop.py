@@ -19,12 +19,17 @@ from backlash_ros.drivetrain.signals import Array, at_rest
 
 @dataclass(frozen=True)
 class OpenLoop:
-    """Arrays of shape (N + 1,): ``time`` (s), contact ``force`` (N), ``gap`` (m) and ``gap_rate`` (m/s)."""
+    """Arrays of shape (N + 1,): ``time`` (s), contact ``force`` (N), ``gap`` (m) and ``gap_rate`` (m/s).
+
+    ``motor_torque`` (N,) and ``load_torque`` are what drove it, N m, each on its own shaft.
+    """
 
     time: Array
     force: Array
     gap: Array
     gap_rate: Array
+    motor_torque: Array
+    load_torque: float
 
 
 def drive_with_torque(drive: Drive, torque: Array, load_torque: float, period: float) -> OpenLoop:
@@ -43,4 +48,6 @@ def drive_with_torque(drive: Drive, torque: Array, load_torque: float, period: f
             raise IntegrationError(REASONS[status], k * period + passed, state)
         gap, rate = gap_of(plant, state)
         rows[k + 1] = contact_of(plant, state)[0], gap, rate
-    return OpenLoop(np.arange(torque.size + 1, dtype=np.float64) * period, *np.ascontiguousarray(rows.T))
+    time = np.arange(torque.size + 1, dtype=np.float64) * period
+    forces, gaps, gap_rates = np.ascontiguousarray(rows.T)
+    return OpenLoop(time, forces, gaps, gap_rates, torque, load_torque)

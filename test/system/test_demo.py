@@ -1,4 +1,4 @@
-"""The demo, as the README has it, in real time: its numbers and its files."""
+"""The demo, as the README has it: its numbers, judged in lockstep, and its files."""
 
 import json
 import re
@@ -16,10 +16,25 @@ from selenium.webdriver.common.by import By
 from viewers import foxglove_values, messages, plotjuggler_names
 
 from backlash_ros.analysis import read_bag
+from backlash_ros.analysis.metrics import rise_time
 from backlash_ros.cli import main
+from backlash_ros.control import DEFAULT_WEIGHTS, GainSet, ServoSettings, design_gains
+from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.simulation import Scenario, run
 
 ROOT = Path(__file__).parents[2]
 DEMO = [sys.executable, "-m", "backlash_ros.demo"]
+
+
+def offline_rises() -> dict[str, float]:
+    """Return the rise time with each law of the paper as the offline loop has it, s."""
+    drive, rises = NOMINAL_DRIVE, {}
+    gains = GainSet(**{region: design_gains(region, drive, weights) for region, weights in DEFAULT_WEIGHTS.items()})
+    for law in ("fast", "overdamped", "two_region"):
+        settings = ServoSettings(gains, law=law, backlash_angle=drive.gear.backlash_angle, period=0.004)
+        response = run(drive, settings, Scenario(np.ones(1000)))
+        rises[law] = rise_time(response.time, response.load_angle, 0.0, 1.0)
+    return rises
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +55,6 @@ def summary(results: Path) -> dict:
 
 def test_backlash_is_learned_within_half_a_percent(summary: dict) -> None:
     learned = summary["learned"]
-    assert learned["valid"] is True
     assert learned["method"] == "gap_probe"
     assert learned["true_backlash_angle"] == pytest.approx(0.02)
     assert learned["backlash_angle"] == pytest.approx(0.02, rel=0.005)
@@ -51,21 +65,46 @@ def test_two_region_law_comes_to_rest(summary: dict) -> None:
     assert summary["responses"]["overdamped"]["residual"] <= 0.02
 
 
+def test_law_for_two_encoders_comes_to_rest_where_the_two_region_law_does_not(summary: dict) -> None:
+    assert summary["responses"]["two_encoder"]["residual"] <= 0.02
+    assert summary["heavy_responses"]["two_encoder"]["residual"] <= 0.02
+    assert summary["heavy_responses"]["two_region"]["residual"] >= 0.3
+
+
+def test_figures_do_not_depend_on_the_machine(summary: dict) -> None:
+    """In lockstep a response is that of the offline run; only where in the gap it begins differs from run to run."""
+    rises = {law: response["rise_time"] for law, response in summary["responses"].items()}
+    for law, offline in offline_rises().items():
+        assert rises[law] == pytest.approx(offline, abs=1e-3), law
+
+
 def test_fast_gains_alone_rattle(summary: dict) -> None:
     assert summary["responses"]["fast"]["residual"] >= 0.7
 
 
 def test_gains_are_swapped_while_the_load_moves(summary: dict) -> None:
-    assert summary["gain_swap"]["accepted"] is True
-    assert 0 <= summary["gain_swap"]["applied_after"] < 0.1
+    swap = summary["gain_swap"]
+    assert swap["accepted"] is True
+    assert swap["speed"] > 1.0
+    assert swap["commands"] > 30
+    assert swap["mixed"] == 0
 
 
 def test_load_torque_is_estimated_and_held(summary: dict) -> None:
-    load = summary["load_torque"]
-    assert load["torque"] == 0.1
-    assert load["estimate"] == pytest.approx(0.1, rel=0.05)
-    assert abs(load["final_error"]) < 0.1
-    assert load["residual"] < 0.1
+    assert set(summary["load_steps"]) == {"two_region", "two_encoder"}
+    for load in summary["load_steps"].values():
+        assert load["torque"] == 0.1
+        assert load["estimate"] == pytest.approx(0.1, rel=0.05)
+        assert abs(load["final_error"]) < 0.1
+        assert load["residual"] < 0.1
+
+
+def test_one_part_runs_in_real_time(results: Path, summary: dict) -> None:
+    """Four seconds, as far as the drive tells once a second; how many it had answered is up to the machine."""
+    rate = summary["real_time"]
+    assert 500 <= rate["samples"] <= 2000
+    assert 0 < rate["answered_in_period"] <= rate["samples"]
+    assert "simulating at 250 Hz, 1 times real time" in (results / "real_time" / "plant_simulator.log").read_text()
 
 
 def test_readme_reads_the_bag(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -84,30 +123,30 @@ def counts(log: Path, pattern: str) -> list[int]:
 def test_bag_has_every_topic_with_the_messages_that_the_run_implies(results: Path, summary: dict) -> None:
     recording = read_bag(results / summary["bag"])
     assert recording.messages == summary["messages"]
-    stamps = recording.joint_states.time
-    beats = round((stamps[-1] - stamps[0]) * 250) + 1
-    published, late = counts(results / "plant_simulator.log", r"stopped after (\d+) samples, (\d+) of them late")
-    assert beats - late - 1 <= stamps.size <= beats
-    # Each sample that the controller answered since it was first heard has one command, and every fifth has telemetry;
-    # there is 0 V now and then besides: before the first sample, and at the end.
-    commands = recording.scalars["/command"]
-    samples = int(np.count_nonzero((stamps > commands.time[0]) & (stamps < commands.time[-1])))
+    stamps = np.unique(recording.joint_states.time)  # one may be sent again until it is answered
+    np.testing.assert_allclose(np.diff(stamps), 0.004)
+    # Each sample that was answered has one command, and every fifth has telemetry; there is 0 V at the end besides.
     (answered,) = counts(results / "controller.log", r"stopped after (\d+) samples")
-    unheard = published - stamps.size + int(np.count_nonzero(stamps <= commands.time[0]))
-    assert answered - unheard <= commands.time.size <= samples + 10
-    telemetry = recording.scalars["/controller/state/error"].time
-    meanwhile = np.count_nonzero((commands.time >= telemetry[0]) & (commands.time <= telemetry[-1]))
-    # References, laws, gain sets and what was learned are said at once; a step that is made once more has its own.
-    changes = recording.messages["/reference"] + recording.messages["/parameter_events"]
-    assert meanwhile / 5 - 3 <= telemetry.size <= meanwhile / 5 + changes
-    assert recording.messages["/controller/backlash_estimate"] == 1
+    assert answered <= stamps.size <= answered + 1
+    assert answered <= recording.messages["/command"] <= answered + 1
+    telemetry = recording.messages["/controller/state"]
+    # References, laws, gain sets, and what was learned and identified are said at once.
+    changes = recording.messages["/reference"] + recording.messages["/controller/parameters_in_use"] + 10
+    assert answered // 5 <= telemetry <= answered // 5 + changes
+    assert recording.messages["/controller/backlash_estimate"] == 2
     assert recording.messages["/reference"] >= 7
-    assert recording.messages["/load_torque"] == 1
+    assert recording.messages["/load_torque"] == 4
     assert recording.scalars["/command"].values[-1] == 0.0
     changed = [name for _, name, _ in recording.parameters]
-    assert {"law", "gain_set", "gains.overdamped.k"} <= set(changed)
-    # The first events may have been sent before the recorder was found; what is in use is kept for who comes late.
-    assert recording.in_use[-1][2]["backlash_angle"] == summary["learned"]["backlash_angle"]
+    assert {"law", "gain_set", "gains.overdamped.k", "identified"} <= set(changed)
+    told = [values["backlash_angle"] for _, _, values in recording.in_use]
+    assert summary["learned"]["backlash_angle"] in told
+
+
+def test_replay_gives_every_command_to_the_last_bit(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for bag in ("bag", "heavy/bag"):
+        assert main(["replay", str(results / bag)]) == 0
+        assert capsys.readouterr().out.rstrip().endswith("all equal to the last bit")
 
 
 @pytest.fixture(scope="module")
@@ -121,8 +160,8 @@ def page(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_its_report_says_what_the_summary_says(page: Path, summary: dict) -> None:
     (axis,) = json.loads(page.with_suffix(".json").read_text())["axes"]
-    assert axis["backlash_angle"] == summary["learned"]["backlash_angle"]
-    assert axis["learning_runs"][-1]["learned"] == summary["learned"]["backlash_angle"]
+    assert axis["backlash_angle"] == pytest.approx(summary["learned"]["backlash_angle"], rel=0.005)  # identified
+    assert axis["learning_runs"][0]["learned"] == summary["learned"]["backlash_angle"]
     assert axis["missing"] == []
     up = [step for step in axis["steps"] if step["origin"] < 0.5 < step["target"]]
     swapped = [step for step in up if any("gain_set" in remark for remark in step["remarks"])]
@@ -131,8 +170,9 @@ def test_its_report_says_what_the_summary_says(page: Path, summary: dict) -> Non
         step = [step for step in up if step["law"] == law and step not in swapped][-1]
         assert step["rise"] == pytest.approx(response["rise_time"], rel=0.02)
         assert step["overshoot_b"] == pytest.approx(response["overshoot"], abs=0.02)
-        if summary["in_time"][law]["end"]:
-            assert step["residual_b"] == pytest.approx(response["residual"], abs=0.02)
+        assert step["residual_b"] == pytest.approx(response["residual"], abs=0.02)
+        assert not step["late_rising"]
+        assert not step["late_rest"]
 
 
 def test_its_report_is_drawn_and_zoomed(page: Path, browser: Chrome) -> None:

@@ -8,13 +8,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from backlash_ros import cli
 from backlash_ros.analysis import figures
 from backlash_ros.analysis.figures import FIGURES
 from backlash_ros.analysis.page import write_page
-from backlash_ros.analysis.paper import CASES
+from backlash_ros.analysis.paper import CASES, NOISY, respond
 from backlash_ros.cli import main
 from backlash_ros.control import LAWS
 
@@ -64,6 +65,25 @@ def test_committed_numbers_are_what_the_command_computes(fresh: Path) -> None:
 def test_committed_page_is_written_from_the_committed_numbers() -> None:
     numbers = json.loads((DOCS / "figures" / "figures.json").read_text())
     assert (DOCS / "paper.md").read_text() == write_page(numbers)
+
+
+def test_verdicts_follow_the_numbers() -> None:
+    numbers = json.loads((DOCS / "figures" / "figures.json").read_text())
+    rows = [line for line in write_page(numbers).splitlines() if line.startswith("| [Fig. 11]")]
+    assert [row.split(" | ")[-1] for row in rows] == ["holds |"]
+    numbers["table"]["two_region"]["1 % noise"]["residual_b"] = 1.0
+    page = write_page(numbers)
+    rows = [line for line in page.splitlines() if line.startswith("| [Fig. 11]")]
+    assert [row.split(" | ")[-1] for row in rows] == ["does not hold |"]
+    assert page.count("**Verdict: does not hold.**") == 1
+
+
+def test_what_the_encoder_says_is_the_true_angle_and_the_noise() -> None:
+    exact, noisy = (respond("two_region", CASES[name], 0.4) for name in ("nominal", "1 % noise"))
+    assert np.array_equal(exact.measured_load_angle, exact.load_angle[:-1])
+    noise = noisy.measured_load_angle - noisy.load_angle[:-1]
+    assert np.max(np.abs(noise)) <= NOISY.load_noise
+    assert np.std(noise) == pytest.approx(NOISY.load_noise / math.sqrt(3), rel=0.1)
 
 
 def test_every_figure_is_written_and_committed(fresh: Path) -> None:

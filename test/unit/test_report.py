@@ -24,6 +24,7 @@ from backlash_ros.analysis.report import charts, library
 from backlash_ros.analysis.report.charts import Chart, ChartBook, Line, Panel, thinned
 from backlash_ros.analysis.report.library import NoLibraryError, chart_library
 from backlash_ros.analysis.report.steps import limit_cycle
+from backlash_ros.analysis.report.timing import last_quiet, late_answers
 from backlash_ros.cli import main
 
 DEGREE = math.pi / 180.0
@@ -248,6 +249,35 @@ def test_an_axis_in_the_root_has_its_own_topics_alone(tmp_path: Path) -> None:
     axes = report(bag.write(tmp_path / "bag"), tmp_path).content["axes"]
     assert [axis["command"] for axis in axes] == ["/command", "/axis1/command"]
     assert [axis["steps"][0]["target"] for axis in axes] == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("lockstep", [False, True])
+def test_in_lockstep_no_answer_is_late_whenever_it_was_recorded(tmp_path: Path, lockstep: bool) -> None:
+    bag = PlainBag()
+    bag.in_use("/plant_simulator/parameters_in_use", 0.0, 1, {"lockstep": lockstep})
+    for k in range(1000):
+        stamp, received = 0.004 * k - 1000.0, 0.001 * k  # a clock of its own
+        late = 0.0012 if k % 50 == 25 else 0.0008
+        bag.sample("/joint_states", stamp, ("motor", "load"), (0.0, 1.0 * (k > 110)), received=received)
+        bag.numbers("/command", received + late, (0.0,), answers=stamp)
+    bag.number("/reference", 0.0, 0.0)
+    bag.number("/reference", 0.1, 1.0)
+    axis = report(bag.write(tmp_path / "bag"), tmp_path).axis
+    assert axis["timing"]["answers"] == 1000
+    assert (axis["timing"]["unanswered"] == 0) is lockstep
+
+
+def test_late_answers_are_those_that_come_after_the_next_sample() -> None:
+    samples = np.array([0.0, 1.0, 2.0, 3.0])
+    assert late_answers(samples, np.array([0.1, 2.1, 2.2])).tolist() == [1.0]
+    assert late_answers(samples, np.array([0.1, 1.1, 2.1])).tolist() == []
+
+
+def test_rest_is_judged_where_the_loop_ran_as_it_should() -> None:
+    samples = 0.004 * np.arange(1001)
+    assert last_quiet(samples, samples + 0.001, 2.0) == samples[-1]
+    assert last_quiet(samples, np.delete(samples + 0.001, 900), 2.0) == samples[900]
+    assert last_quiet(samples, np.delete(samples + 0.001, range(500, 1000, 50)), 2.0) is None
 
 
 def test_without_options_a_foreign_bag_says_what_it_lacks(bags: Path, tmp_path: Path) -> None:

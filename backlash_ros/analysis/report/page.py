@@ -12,8 +12,7 @@ from backlash_ros.analysis.report import charts, pictures
 from backlash_ros.analysis.report.charts import ChartBook
 from backlash_ros.analysis.report.report import AxisReport, Report
 from backlash_ros.analysis.report.steps import NEAR, Step
-from backlash_ros.analysis.report.timing import Timing
-from backlash_ros.analysis.session import SETTLING, TAIL
+from backlash_ros.analysis.report.timing import SETTLING, TAIL, Timing
 from backlash_ros.control.tick import MISSING
 
 MOST_CHARTS = 60

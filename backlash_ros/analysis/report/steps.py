@@ -11,7 +11,7 @@ from backlash_ros.analysis.judging import QUIET, SETTLED
 from backlash_ros.analysis.metrics import count_impacts, rise_time, settling_time
 from backlash_ros.analysis.report.events import Events, Move, in_use_at
 from backlash_ros.analysis.report.reading.axis import Axis
-from backlash_ros.analysis.session import SETTLING, TAIL, last_quiet, late_answers
+from backlash_ros.analysis.report.timing import SETTLING, TAIL, last_quiet, late_answers
 from backlash_ros.drivetrain.signals import Array
 
 Mask = NDArray[np.bool_]

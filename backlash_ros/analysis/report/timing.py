@@ -6,13 +6,32 @@ from dataclasses import dataclass
 import numpy as np
 
 from backlash_ros.analysis.report.reading.axis import Axis
-from backlash_ros.analysis.session import late_answers
 from backlash_ros.control.monitoring.beat import Beat
 from backlash_ros.control.tick import MISSING
 from backlash_ros.drivetrain.signals import Array
 
 _SPAN = 4
 """Samples over which a period is taken."""
+
+
+TAIL, SETTLING = 1.0, 0.3
+"""Time over which a residual is taken, and after a disturbance until it may be, s."""
+
+
+def late_answers(samples: Array, answers: Array) -> Array:
+    """Return the times of the samples, in s, that had no answer before the next one, or whose next one came late."""
+    passed = np.diff(samples)
+    unanswered = np.diff(np.searchsorted(answers, samples)) == 0
+    late: Array = samples[:-1][unanswered | (passed > MISSING * np.median(passed))]
+    return late
+
+
+def last_quiet(samples: Array, answers: Array, middle: float) -> float | None:
+    """Return the end of the last stretch after ``middle`` without a late answer that is long enough, s, or None."""
+    late = late_answers(samples, answers)
+    edges = np.array([middle, *late[late > middle], samples[-1]])
+    long_enough = np.flatnonzero(np.diff(edges) >= TAIL + SETTLING)
+    return float(edges[long_enough[-1] + 1]) if long_enough.size else None
 
 
 @dataclass(frozen=True)

@@ -121,6 +121,11 @@ class _Builder:
             return []
         return [(stamp, version, values) for stamp, version, values in self._contents.in_use[own[0]]]
 
+    def _in_lockstep(self) -> bool:
+        """Whether the drive is a simulated one that waited for the answer to each sample."""
+        own = [topic for topic in self._of_axis(self._contents.in_use, 2) if "/plant_simulator/" in topic]
+        return any(values.get("lockstep") for topic in own for _, _, values in self._contents.in_use[topic])
+
     def _with_drive(self, axis: Axis) -> Axis:
         if self._options.drive is not None:
             return replace(axis, drive=read_axis(self._options.drive).drive, drive_source=str(self._options.drive))
@@ -271,9 +276,12 @@ class _Builder:
         if told == "duty":
             series, unit = Series(series.time, series.values * self._options.reading.supply), "V"
         answered = np.array([message.answers for message in numbers[topic] if topics.index < len(message.values)])
+        command = on_clock(series)
+        if axis.clock and self._in_lockstep():  # time stood still until the answer was there
+            command = Series(np.where(np.isfinite(answered), answered - axis.stamps[0], command.time), command.values)
         return replace(
             axis,
-            command=on_clock(series),
+            command=command,
             command_unit=unit,
             command_topic=topic,
             answered=answered,
