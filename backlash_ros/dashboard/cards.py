@@ -11,7 +11,7 @@ from lifecycle_msgs.msg import Transition
 from nicegui import context, ui
 from nicegui.events import GenericEventArguments
 
-from backlash_ros.control import AUTO, EXPERIMENTS, LAWS, Margins
+from backlash_ros.control import AUTO, EXPERIMENTS, LAWS
 from backlash_ros.control.design.gain_sets import CUSTOM
 from backlash_ros.control.telemetry import TELEMETRY
 from backlash_ros.dashboard.axis import EXPERIMENT, Answer, Axis
@@ -132,14 +132,6 @@ def move_card(page: Shown) -> Refresh:
     return refresh
 
 
-def _words(margins: Margins | None) -> str:
-    if margins is None:
-        return ""
-    phase = f"{math.degrees(margins.phase):.0f}\u00b0 of phase" if math.isfinite(margins.phase) else "any phase"
-    delay = f"{1e3 * margins.delay:.3g} ms of delay" if math.isfinite(margins.delay) else "any delay"
-    return f"margins: {phase}, {delay}"
-
-
 def _power(value: float) -> float:
     return math.log10(value) if value > 10**_LEAST else _LEAST
 
@@ -221,7 +213,8 @@ def gains_card(page: Shown) -> Refresh:
                     slider.set_value(power)
         for region, line in lines.items():
             k = ", ".join(f"{each:.3g}" for each in values[f"gains.{region}.k"])
-            line.set_text(f"k = [{k}]; {_words(axis.margins.get(region))}")
+            margins = axis.margins.get(region)
+            line.set_text(f"k = [{k}]" + (f"; margins: {margins.in_words()}" if margins else ""))
 
     return refresh
 

@@ -95,7 +95,7 @@ def test_it_ends_by_ctrl_c_with_pages_open(start: Start, peer: Peer, serve: Call
     [
         ("port:=70000", "port must be"),
         ("host:=no.such.host.invalid", "host must be an address of this machine, got 'no.such.host.invalid'"),
-        ("ports:=1", "there is no parameter 'ports', got 1: is 'port' meant?"),
+        ("ports:=1", "there is no parameter 'ports', got 1: did you mean 'port'?"),
         ("read_only:=3", "read_only must be true or false"),
     ],
 )

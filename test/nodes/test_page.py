@@ -115,7 +115,7 @@ class TestOneDrive:
         served, peer = system.served, system.peer
         page = Page(browser, served.address, peer)
         margins = page.wait("margins", lambda: page.said("fast-gains"))
-        assert re.fullmatch(r"k = \[[\d., e-]+\]; margins: \d+\u00b0 of phase, [\d.]+ ms of delay", margins)
+        assert re.fullmatch(r"k = \[[\d., e-]+\]; margins: \d+ deg of phase, [\d.]+ ms of delay", margins)
         slider = page.slider("fast-0")
         while not page.said("law-answer"):  # to ever higher gains
             before, shown = system.parameters.get("gains.fast.q"), page.said("fast-gains")

@@ -171,7 +171,7 @@ def test_a_file_that_exists_is_kept(
     with pytest.raises(SystemExit) as ended:
         main(["identify", "a.csv", "--certificate", "docs", "--force"])
     assert ended.value.code == 2
-    assert "argument --certificate: must be a place that can be written, got 'docs'" in capsys.readouterr().err
+    assert "argument --certificate: must be writable, got 'docs'" in capsys.readouterr().err
 
 
 def test_a_page_that_cannot_be_written_whole_is_not_written(
@@ -269,7 +269,7 @@ def test_the_gap_around_the_turn_is_drawn_and_told(made: Made) -> None:
     assert "The gap around the turn: " not in page.text
     unsure = replace(seen, eccentricity=3e-5)
     text = Parsed(certificate(about, replace(made.found, around=Mapped(unsure, "6 of 6 places")))).text
-    assert "an eccentricity of 4e-05 rad would have been seen, and was not" in text
+    assert "no eccentricity was seen; one of 4e-05 rad would have been" in text
     assert map_findings(unsure)[-1].why in text
 
 

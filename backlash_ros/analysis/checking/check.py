@@ -74,9 +74,7 @@ def _figures(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) -
     for name, counts in _counts_in_gap(drive, around).items():
         figures[f"gap in counts of the {name}'s encoder"] = f"{counts:.3g}"
     for name, margin in margins.items():
-        phase = f"{math.degrees(margin.phase):.0f} degrees" if math.isfinite(margin.phase) else "any phase"
-        delay = f"{1e3 * margin.delay:.3g} ms" if math.isfinite(margin.delay) else "any delay"
-        figures[f"margins of the {name} gains"] = f"{phase}, {delay}, at {around.rate:g} Hz"
+        figures[f"margins of the {name} gains"] = f"{margin.in_words()}, at {around.rate:g} Hz"
     return figures
 
 
@@ -86,7 +84,7 @@ def _warnings(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) 
     tight = [name for name, margin in margins.items() if margin.tight(1.0 / around.rate)]
     if tight:
         yield Warned(
-            f"the {' and '.join(tight)} gains bear less than 30 degrees of lag, or less than one period of delay",
+            f"the {' and '.join(tight)} gains tolerate less than 30 deg of lag, or less than one more period of delay",
             "lower the weights (gain_sets.*.q), raise rate, or shorten the delay",
         )
     if load.inertia > HEAVY * drive.reflected_inertia:
