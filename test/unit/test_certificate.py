@@ -237,7 +237,7 @@ def test_a_gap_that_is_not_told_has_its_reason_in_place_of_a_number(made: Made) 
     unsure = replace(found, gap=gap, findings=rows)
     derived = lost_motion_of(about.told, unsure, about.told.standstill_torque())
     page = Parsed(certificate(replace(about, derived=derived), unsure))
-    assert "The recording does not tell the gap: the far flank was not seen" in page.text
+    assert "The recording does not show the gap: the far flank was not seen" in page.text
     assert [row.why for row in derived] == [gap.reason] * 2
     assert page.text.count("cannot be told: the far flank was not seen") == 6
     assert "The gap is not told." in page.text
