@@ -23,12 +23,12 @@ from backlash_ros.ros.client import stop_node
 _FIELD = "dense outlined"
 _BUTTON = "dense unelevated no-caps"
 _LEAST, _MOST = -2.0, 6.0
-"""Of the sliders for weights: powers of ten; at the least one a weight is 0."""
+"""Range of the sliders for weights, in powers of ten; at the lower end a weight is 0."""
 _LET_GO = 0.7
-"""Time after which a slider that nobody moves shows what is in use again, s."""
+"""Time after which a slider that is not moved shows the value in use again, s."""
 _ALL_SIGNALS = ["theta_m", "omega_m", "theta_l", "omega_l", "current"]
 _JUMP = 0.5
-"""By how much an encoder's zero is moved so that it jumps, rad."""
+"""Shift of an encoder's zero to make it jump, rad."""
 
 
 class Shown(Mover, Protocol):
@@ -82,7 +82,7 @@ def move_card(page: Shown) -> Refresh:
                 _tell(said, Answer(False, f"{each.props['label']} must be a number{bound}, got {value}"))
                 return False
         if page.axis is not None and not page.axis.last_state.get("holding", math.nan):
-            _tell(said, Answer(False, "nothing was sent: the controller holds no position, and would drop a reference"))
+            _tell(said, Answer(False, "nothing was sent: the controller holds no position and refuses references"))
             return False
         said.set_text("")
         return page.axis is not None
@@ -168,7 +168,7 @@ def law_card(page: Shown) -> Refresh:
 
 
 def gains_card(page: Shown) -> Refresh:
-    """Tune the weights that gains come from, with the gains and their margins beside them."""
+    """Tune the weights of the gains; show the gains and their margins."""
     sliders: dict[tuple[str, int], ui.slider] = {}
     lines: dict[str, ui.label] = {}
     touched = -math.inf
@@ -333,7 +333,7 @@ def drive_card(page: Shown) -> Refresh:
         age = paced.get("state_age", "")
         facts["age"].set_text("" if "nan" in age else age)
         heard, drives = station.graph.listeners(axis)
-        facts["connections"].set_text(f"{heard} listen to the command, {drives} publish joint states")
+        facts["connections"].set_text(f"subscribers of command: {heard}, publishers of joint states: {drives}")
 
     return refresh
 

@@ -73,7 +73,7 @@ def test_another_address_wants_its_token(peer: Peer, serve: Callable[..., Served
     served = serve("-p", "host:=0.0.0.0")
     token = served.address.partition("/?token=")[2]
     assert len(token) >= 20
-    warning = "whoever has this address may see the page and move the drive"
+    warning = "anyone with this address can see the page and move the drive"
     peer.wait("the warning", lambda: warning in served.process.output())
     assert served.ask("GET", "/")[0] == 403
     assert served.ask("GET", "/?token=wrong")[0] == 403
