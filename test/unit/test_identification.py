@@ -212,7 +212,7 @@ def test_what_was_found_before_the_search_had_ended_is_not_believed(monkeypatch:
         if ends[-1] == (True, True):
             everything = identify(told_model(member, "nominal"), recording, hold_out=False)
             assert not everything.valid
-            assert f"no answer after {PASSES} passes" in everything.reason
+            assert f"found none in {PASSES} passes" in everything.reason
     assert (True, True) in ends
 
 
