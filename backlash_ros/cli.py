@@ -1,4 +1,4 @@
-"""Servo control of geared drives with backlash: try it, measure a drive, choose gains, judge, report."""
+"""Servo control of geared drives with backlash: try it, measure a drive, choose gains, evaluate, report."""
 
 import argparse
 import errno
@@ -40,7 +40,7 @@ T = TypeVar("T")
 
 
 def figures(out: Path, page: Path | None, console: Console) -> None:
-    """Compute all, write figures and figures.json into ``out``, and the page to ``page``: all of it or nothing."""
+    """Compute everything; write figures and figures.json into ``out``, and the page to ``page``: all or nothing."""
     from backlash_ros.analysis.figures import FIGURES, draw  # noqa: PLC0415 - matplotlib takes a second
 
     with ExitStack() as stack:
@@ -73,7 +73,7 @@ def figures(out: Path, page: Path | None, console: Console) -> None:
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser that says in one line what is wrong."""
+    """A parser with one-line error messages."""
 
     def error(self, message: str) -> NoReturn:
         """End with exit code 2."""
@@ -96,7 +96,7 @@ def _whole(least: int) -> Callable[[str], int]:
 def _entry_of(registry: Mapping[str, T], *besides: str) -> Callable[[str], str]:
     def parse(text: str) -> str:
         if text not in registry and text not in besides:
-            raise argparse.ArgumentTypeError(f"must be of {sorted([*registry, *besides])}, got {text!r}")
+            raise argparse.ArgumentTypeError(f"must be one of {sorted([*registry, *besides])}, got {text!r}")
         return text
 
     return parse
@@ -104,18 +104,18 @@ def _entry_of(registry: Mapping[str, T], *besides: str) -> Callable[[str], str]:
 
 def _add_evaluation(parser: argparse.ArgumentParser) -> None:
     add, default = parser.add_argument, Task(0)
-    add("--seed", type=_whole(0), required=True, metavar="S", help="of the population")
-    add("--drives", type=_whole(1), metavar="N", help="how many of its drives are judged, from the first on")
-    add("--json", type=Path, metavar="FILE", help="file to write the summary into")
+    add("--seed", type=_whole(0), required=True, metavar="S", help="seed of the population")
+    add("--drives", type=_whole(1), metavar="N", help="number of drives to judge, from the first on")
+    add("--json", type=Path, metavar="FILE", help="file for the summary")
     add("--experiments", nargs="+", type=_entry_of(EXPERIMENTS, AUTO), default=default.experiments, metavar="NAME")
     add("--laws", nargs="+", type=_entry_of(LAWS, DESIGNED), default=default.laws, metavar="NAME")
-    add("--model", choices=MODELS, default=default.model, help="what the controller takes the drive for")
+    add("--model", choices=MODELS, default=default.model, help="the drive as the controller knows it")
     add("--population", choices=POPULATIONS, default=default.population)
     add("--encoders", choices=list(ENCODERS), default=default.encoders)
     add("--drive", type=Path, metavar="FILE", help="draw the population around the drive of a ROS parameter file")
     add("--out", type=Path, metavar="DIR", help="folder for the table of all runs and the pictures")
     add("--scheduler", default="", metavar="ADDRESS", help="run on the workers of a Dask scheduler")
-    add("--only", type=_whole(0), metavar="K", help="run drive K alone and print all about it")
+    add("--only", type=_whole(0), metavar="K", help="run only drive K and print its details")
     add("--plot", type=Path, metavar="FILE", help="with --only: draw its runs")
     parser.set_defaults(run=lambda a, console: _evaluate(parser, a, console))
 
@@ -125,8 +125,8 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     add("drive", type=Path, metavar="DRIVE", help="ROS parameter file, such as config/nominal_drive.yaml")
     add("--format", choices=list(FORMATS), required=True)
     add("--out", type=Path, metavar="FILE", help="file to write; by default the text is printed")
-    add("--torque", type=float, metavar="T", help="on the output, N m, at which the limit is fitted to the teeth")
-    add("--force", action="store_true", help="write over a file that is there")
+    add("--torque", type=float, metavar="T", help="output torque, N m, at which the limit is fitted to the teeth")
+    add("--force", action="store_true", help="overwrite an existing file")
     parser.set_defaults(run=lambda a, _: _export(parser, a))
 
 
@@ -135,17 +135,43 @@ def _export(parser: argparse.ArgumentParser, given: argparse.Namespace) -> None:
         text = FORMATS[given.format](read_axis(given.drive), given.torque)
     except (OSError, ValueError) as error:
         parser.error(str(error))
+    _print_or_write(parser, given, text)
+
+
+def _print_or_write(parser: argparse.ArgumentParser, given: argparse.Namespace, text: str) -> None:
+    """Print a text, or write it to ``--out``."""
     if given.out is None:
         print(text, end="")
         return
     try:
         write_text(given.out, text, overwrite=given.force)
     except FileExistsError:
-        parser.error(f"argument --out: '{given.out}' is there already; --force writes over it")
+        parser.error(f"argument --out: '{given.out}' exists; --force overwrites it")
+
+
+_NODES = ("plant_simulator", "controller")
+"""Nodes of which `backlash params` writes the parameters."""
+
+
+def _add_params(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    parser.description = "Writes a commented parameter file with every parameter and its default."
+    add("node", nargs="?", choices=_NODES, help="by default both in one file")
+    add("--out", type=Path, metavar="FILE", help="file to write; by default the text is printed")
+    add("--force", action="store_true", help="overwrite an existing file")
+    parser.set_defaults(run=lambda a, _: _params(parser, a))
+
+
+def _params(parser: argparse.ArgumentParser, given: argparse.Namespace) -> None:
+    try:
+        from backlash_ros.nodes.parameter_file import parameter_file  # noqa: PLC0415 - needs ROS
+    except ImportError as error:
+        parser.error(f"needs ROS 2: {error}")
+    _print_or_write(parser, given, parameter_file([given.node] if given.node else _NODES))
 
 
 def _unwritable(place: Path, *, folder: bool) -> str:
-    """Return why a file, or files in a folder, cannot be written there; empty where they can."""
+    """Return why a file, or files in a folder, cannot be written there; empty if they can."""
     if place.is_dir() and not folder:
         return os.strerror(errno.EISDIR)
     try:
@@ -159,12 +185,12 @@ def _evaluate(parser: argparse.ArgumentParser, given: argparse.Namespace, consol
     if given.only is None:
         for name in ("drives", "json"):
             if getattr(given, name) is None:
-                parser.error(f"argument --{name}: must be given, unless --only is")
+                parser.error(f"argument --{name}: must be given without --only")
         if given.plot is not None:
-            parser.error("argument --plot: draws one drive, so --only must be given")
+            parser.error("argument --plot: needs --only, since it draws one drive")
     for name in ("json", "plot", "out"):
         if (place := getattr(given, name)) is not None and (why := _unwritable(place, folder=name == "out")):
-            parser.error(f"argument --{name}: must be a place that can be written, got '{place}': {why}")
+            parser.error(f"argument --{name}: must be writable, got '{place}': {why}")
     try:
         around = read_drive(given.drive) if given.drive else None
     except (OSError, ValueError) as error:
@@ -181,7 +207,7 @@ def _evaluate(parser: argparse.ArgumentParser, given: argparse.Namespace, consol
     except (ImportError, CannotRunError) as error:
         parser.error(str(error))
     except KeyboardInterrupt:
-        parser.exit(130, "\nstopped: the same command goes on from here\n")
+        parser.exit(130, "\nstopped: run the same command to continue\n")
 
 
 def _identify(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> int:
@@ -194,7 +220,7 @@ def _identify(parser: argparse.ArgumentParser, given: argparse.Namespace, consol
     for name in ("json", "drive_file", "certificate"):
         if (place := getattr(request, name)) is not None and (why := _unwritable(place, folder=False)):
             option = name.replace("_", "-")
-            parser.error(f"argument --{option}: must be a place that can be written, got '{place}': {why}")
+            parser.error(f"argument --{option}: must be writable, got '{place}': {why}")
     try:
         return identify_recording(request, console)
     except ValueError as error:
@@ -209,14 +235,14 @@ def _work(
     work: Callable[[argparse.Namespace, Console], int],
     written: Sequence[str] = (),
 ) -> int:
-    """Do a subcommand's work once every file that it is to write, by its options ``written``, may be written."""
+    """Do a subcommand's work after checking that the files of its options ``written`` can be written."""
     places = [(name, place) for name in written if (place := getattr(given, name)) is not None]
     for name, place in places:
         if place.exists() and not given.force:
-            parser.error(f"argument --{name}: '{place}' is there already; --force writes over it")
+            parser.error(f"argument --{name}: '{place}' exists; --force overwrites it")
     for name, place in places:
         if why := _unwritable(place, folder=False):
-            parser.error(f"argument --{name}: must be a place that can be written, got '{place}': {why}")
+            parser.error(f"argument --{name}: must be writable, got '{place}': {why}")
     try:
         return work(given, console)
     except ValueError as error:
@@ -228,7 +254,7 @@ def _report(parser: argparse.ArgumentParser, given: argparse.Namespace, console:
         if place.exists() and not given.force:
             parser.error(f"argument --{name}: '{place}' exists; --force overwrites it")
         if why := _unwritable(place, folder=False):
-            parser.error(f"argument --{name}: must be a place that can be written, got '{place}': {why}")
+            parser.error(f"argument --{name}: must be writable, got '{place}': {why}")
     try:
         return write_report(given, console)
     except NoLibraryError as error:
@@ -240,10 +266,15 @@ def _report(parser: argparse.ArgumentParser, given: argparse.Namespace, console:
 
 def _add_measurement(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("--out", type=Path, metavar="DIR", help="new folder for recording, drive file and certificate; named by now")
-    add("--namespace", default="/", metavar="NS", help="of the controller and its topics, such as /axis_1")
-    add("--experiment", type=_entry_of(EXPERIMENTS, AUTO), metavar="NAME", help="else the controller's own")
-    text = "N m at the output, at 3 %% of which lost motion is given; by default half of the motor's at standstill"
+    add(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="new folder for recording, drive file and certificate; by default named by the time",
+    )
+    add("--namespace", default="/", metavar="NS", help="namespace of the controller and its topics, such as /axis_1")
+    add("--experiment", type=_entry_of(EXPERIMENTS, AUTO), metavar="NAME", help="by default the controller's own")
+    text = "N m at the output; lost motion is given at 3 %% of it; by default half the standstill torque"
     add("--rated-torque", type=number_of(0.0, above=True), default=0.0, metavar="T", help=text)
 
 
@@ -267,11 +298,11 @@ def _measure(parser: argparse.ArgumentParser, given: argparse.Namespace, console
 _WITH_ROS = {
     "demo": (
         "backlash_ros.demo.__main__",
-        "simulator, controller and recorder: learn, step, judge; results in a folder",
+        "run simulator, controller and recorder: learn, step, judge",
     ),
-    "live": ("backlash_ros.dashboard.live", "a simulated drive, its controller and a page in the browser"),
+    "live": ("backlash_ros.dashboard.live", "run a simulated drive, its controller and a page in the browser"),
 }
-"""Commands that are programs of their own: module and what it does."""
+"""Commands that are separate programs: module and help."""
 
 
 def _run_with_ros(name: str, words: Sequence[str]) -> int:
@@ -285,7 +316,7 @@ def _run_with_ros(name: str, words: Sequence[str]) -> int:
 
 
 def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
-    """Return the parser of all commands; ``words`` are those of the command line, which results repeat."""
+    """Return the parser of all commands; ``words`` is the command line, which results repeat."""
     parser = _Parser(prog="backlash", description=__doc__)
     parser.add_argument("--version", action="version", version=f"backlash_ros {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
@@ -293,48 +324,54 @@ def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
         commands.add_parser(name, help=text)
     drawing = commands.add_parser(
         "figures",
-        help="the paper's figures, computed and drawn",
+        help="compute and draw the paper's figures",
         epilog="example: backlash figures --out results/figures",
     )
-    drawing.add_argument("--out", type=Path, required=True, help="folder to write into")
-    drawing.add_argument("--page", type=Path, help="also write the page that judges them")
+    drawing.add_argument("--out", type=Path, required=True, help="folder for the figures")
+    drawing.add_argument("--page", type=Path, help="also write the page that discusses them")
     drawing.set_defaults(run=lambda a, console: figures(a.out, a.page, console))
-    single = commands.add_parser("simulate", help="one step response: its figures as JSON, a picture, a table")
+    single = commands.add_parser("simulate", help="simulate one step: figures as JSON, a picture, a table")
     simulating.add_simulate(single)
     single.set_defaults(run=lambda a, console: _work(single, a, console, simulating.simulate, simulating.WRITTEN))
     judging = commands.add_parser(
         "evaluate",
-        help="learning and laws judged on a random population of drives",
+        help="judge learning and laws on a random population of drives",
         epilog="example: backlash evaluate --seed 1 --drives 20 --json results/evaluation.json",
     )
     _add_evaluation(judging)
     exporting = commands.add_parser(
         "export",
-        help="a drive as a file for MuJoCo, or as URDF or SDF",
+        help="export a drive for MuJoCo, or as URDF or SDF",
         epilog="example: backlash export config/nominal_drive.yaml --format mujoco --out drive.xml",
     )
     _add_export(exporting)
+    listing = commands.add_parser(
+        "params",
+        help="write a commented file of all parameters, to start from",
+        epilog="example: backlash params --out my_drive.yaml",
+    )
+    _add_params(listing)
     finding = commands.add_parser(
         "identify",
-        help="what a recording tells of a drive, with uncertainties",
+        help="identify a drive from a recording, with uncertainties",
     )
     add_identification(finding)
     reporting = commands.add_parser(
         "report",
-        help="a page about a recording: steps, faults, backlash, timing, charts",
+        help="write a page about a recording: steps, faults, backlash, timing, charts",
     )
     add_report(reporting)
     designing = commands.add_parser(
         "design",
-        help="over-damped gains and their region's width, for a range of drives",
+        help="design over-damped gains and their region's width for a range of drives",
     )
     designer.add_design(designing)
-    checking = commands.add_parser("check", help="what a drive file makes of the loop, before anything moves")
+    checking = commands.add_parser("check", help="check a drive file and its loop before anything moves")
     add_check(checking)
     checking.set_defaults(run=lambda a, console: _work(checking, a, console, check_and_show))
     again = commands.add_parser(
         "replay",
-        help="a recorded controller's commands computed again, to the last bit",
+        help="compute a recorded controller's commands again, to the last bit",
     )
     replaying.add_replay(again)
     again.set_defaults(run=lambda a, console: _work(again, a, console, replaying.replay_bag, replaying.WRITTEN))
@@ -354,7 +391,7 @@ def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the command; the exit code is 2 for arguments that cannot be used, 1 where a recording tells nothing."""
+    """Run the command; the exit code is 2 for unusable arguments, 1 if a recording gives no result."""
     words = tuple(sys.argv[1:] if args is None else args)
     if words and words[0] in _WITH_ROS:
         return _run_with_ros(words[0], words[1:])

@@ -1,4 +1,4 @@
-"""The bench of the drive contract kit: starts a drive in a domain of its own, moves it, records what it says."""
+"""The bench of the drive contract kit: starts a drive in its own domain, moves it, records its samples."""
 
 import contextlib
 import math
@@ -33,21 +33,21 @@ REST = 0.3
 """Duration of the command 0 after a move, s."""
 
 REACH = {"voltage": 3.0, "current": 6.0}
-"""Travel at which the kit gives up and commands 0, in travels of the move before, or of a motor without losses.
+"""Travel at which the kit gives up and commands 0, as a multiple of the previous move's, or a lossless motor's.
 
-A sound motor that takes a current coasts at 0 A, after a move and a command timeout for 4.5 travels at most.
+A sound motor that takes a current coasts at 0 A, after a move and a command timeout, for at most 4.5 travels.
 """
 
 FEWEST = 10
-"""Samples of a stretch below which nothing can be said of it."""
+"""Smallest number of samples for judging a stretch."""
 
 ATTEMPTS = 3
-"""Of a move, where samples stay away for so long that the drive may have missed commands."""
+"""Attempts at a move if samples are missing for so long that the drive may have missed commands."""
 
 
 @dataclass(frozen=True)
 class Expected:
-    """What the user says of the drive: command line, what it takes, Hz, V or A, names, N m/A, ohm, kg m^2, s."""
+    """The user's description of the drive: command line, interface, Hz, V or A, names, N m/A, ohm, kg m^2, s."""
 
     command: str
     interface: str
@@ -63,12 +63,12 @@ class Expected:
 
     @property
     def joints(self) -> list[str]:
-        """The joints that the drive has, the motor's first."""
+        """The drive's joints, the motor's first."""
         return [name for name in (self.motor_joint, self.load_joint) if name]
 
     @property
     def takes_current(self) -> bool:
-        """Whether a command is a current, which speeds the motor up, and not a voltage, which sets its speed."""
+        """Whether a command is a current, which accelerates the motor, and not a voltage, which sets its speed."""
         return self.interface == "current"
 
     @property
@@ -83,7 +83,7 @@ class Expected:
 
     @property
     def double_move(self) -> float:
-        """Duration of the move at the double command, s: speed wants time where the command is a current."""
+        """Duration of the move at the double command, s: under a current the speed needs time."""
         return self.move if self.takes_current else self.move / 2
 
     @property
@@ -105,7 +105,7 @@ class Expected:
 
 @dataclass(frozen=True)
 class Motion:
-    """One joint during one stretch: s, rad, rad/s and N m, nan where the drive does not say."""
+    """One joint during one stretch: s, rad, rad/s and N m, nan if not measured."""
 
     time: NDArray[np.float64]
     position: NDArray[np.float64]
@@ -134,7 +134,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Recording:
-    """Every sample that came, and which of them during which stretch."""
+    """Every received sample, and the stretch to which it belongs."""
 
     messages: list[JointState]
     received: list[int]
@@ -148,12 +148,12 @@ class Recording:
 
     @property
     def time(self) -> NDArray[np.float64]:
-        """Time of each sample, s; by its stamp, or its arrival where the stamps are wrong, which has its own check."""
+        """Time of each sample, s; by its stamp, or by its arrival if the stamps are wrong, which has its own check."""
         stamps = self.stamps if np.all(np.diff(self.stamps) > 0) else np.array(self.received, dtype=np.int64)
         return np.asarray((stamps - stamps[0]) * 1e-9)
 
     def motion(self, joint: str, *stretches: str) -> Motion:
-        """Return what ``joint`` did from the first of the stretches to the last."""
+        """Return the motion of ``joint`` from the first of the stretches to the last."""
         what = " to ".join(dict.fromkeys((stretches[0], stretches[-1])))
         within = range(self.stretches[stretches[0]].start, self.stretches[stretches[-1]].stop)
         time = self.time
@@ -173,7 +173,7 @@ class Recording:
 
 
 class Bench:
-    """A drive in a process group of its own, and the node that commands and records it."""
+    """A drive in its own process group, and the node that commands and records it."""
 
     def __init__(self, expected: Expected) -> None:
         self._expected = expected
@@ -219,11 +219,11 @@ class Bench:
             pytest.fail(f"no {what} within {START_LIMIT:g} s of the start of the drive")
 
     def connect(self) -> None:
-        """Wait until the drive publishes and listens."""
+        """Wait until the drive publishes and subscribes."""
         topic = self._node.resolve_topic_name("joint_states")
 
         def heard() -> bool:
-            # Who has just joined announces itself at once, later only every 3 s.
+            # A new participant announces itself at once, later only every 3 s.
             if not self._spin_until(lambda: self._node.count_publishers(topic), 1.0):
                 self._leave()
                 self._join()
@@ -232,7 +232,7 @@ class Bench:
         self._wait(f"publisher on {topic}", heard)
         offered = [info.qos_profile.reliability for info in self._node.get_publishers_info_by_topic(topic)]
         reliable = all(policy == ReliabilityPolicy.RELIABLE for policy in offered)
-        # A drive that is not reliable fails the check of that, and is heard all the same.
+        # A best-effort drive fails its own check, but is received anyway.
         wanted = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
         self.recording = Recording([], [], {}, reliable=reliable)
         self._node.create_subscription(
@@ -264,7 +264,7 @@ class Bench:
         self._publisher.publish(message)
 
     def _position(self, back: int = 0) -> float:
-        """Position of the first joint ``back`` samples ago, rad; nan where the drive does not say."""
+        """Position of the first joint ``back`` samples ago, rad; nan if not measured."""
         message = self.recording.messages[-1 - back]
         return float(dict(zip(message.name, message.position, strict=False)).get(self._expected.joints[0], math.nan))
 
@@ -278,11 +278,11 @@ class Bench:
         set_off: bool = False,
         reach: float = math.inf,
     ) -> None:
-        """Answer each sample with ``command`` for a time, None with silence, and note the stretch.
+        """Answer each sample with ``command`` for a time (None: with silence), and note the stretch.
 
-        ``stamped``: with the stamp of the sample in the layout. ``set_off``: the time counts from the first motion,
-        as a drive that has just started may not yet hear commands. ``reach``: travel at which the bench gives up
-        and commands 0, rad.
+        ``stamped``: with the sample's stamp in the layout. ``set_off``: the time counts from the first motion, since a
+        drive that has just started may not yet receive commands. ``reach``: travel at which the bench gives up and
+        commands 0, rad.
         """
         start = len(self.recording.messages)
         self.runaway = 0.0
@@ -295,9 +295,9 @@ class Bench:
         self.recording.stretches[stretch] = slice(start, len(self.recording.messages))
 
     def move(self, stretch: str, command: Sequence[float], seconds: float, *, stamped: bool = False) -> None:
-        """Hold a command; again after a rest where samples stayed away: the watchdog may have stopped the motor.
+        """Hold a command; repeat it after a rest if samples were missing: the watchdog may have stopped the motor.
 
-        What speeds up as long as it gets a current is given up where it goes too far.
+        A motor that accelerates under a current is stopped if it goes too far.
         """
         expected = self._expected
         self._moved = command[0]
@@ -312,18 +312,18 @@ class Bench:
             self.rest("rest before another attempt")
 
     def stalled(self, stretch: str) -> bool:
-        """Whether samples stayed away, from just before the stretch on, for so long that commands may be missing."""
+        """Whether samples were missing, from just before the stretch on, for so long that commands may be missing."""
         within = self.recording.stretches[stretch]
         arrivals = self.recording.received[max(0, within.start - 1) : within.stop]
         return len(arrivals) > 2 and bool(np.max(np.diff(arrivals)) * 1e-9 >= 0.5 * self._expected.command_timeout)
 
     def rest(self, stretch: str) -> None:
-        """Command 0 after a move, then take out the motion that is left."""
+        """Command 0 after a move, then remove the remaining motion."""
         self.hold(stretch, [0.0], REST)
         self.brake()
 
     def brake(self) -> None:
-        """Drive a motor that coasts at 0 A against its motion, until it turns back, at most for two moves."""
+        """Drive a motor that coasts at 0 A against its motion until it reverses, at most for two moves."""
         samples = max(1, round(0.02 * self._expected.rate))
         if not self._expected.takes_current or len(self.recording.messages) <= samples:
             return
@@ -336,17 +336,17 @@ class Bench:
 
     @property
     def exit_code(self) -> int | None:
-        """Of the drive's process, None while it runs."""
+        """Exit code of the drive's process, None while it runs."""
         return self._process.poll()
 
     def end(self, number: signal.Signals) -> bool:
-        """Send a signal to the drive's process group; say whether it ended in time."""
+        """Send a signal to the drive's process group; return whether it ended in time."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, number)
         return self._spin_until(lambda: self.exit_code is not None, END_LIMIT)
 
     def close(self) -> None:
-        """Command 0 and end the drive, whatever happened."""
+        """Command 0 and end the drive in any case."""
         self._command, self._reach = [0.0], math.inf
         self._publisher.publish(Float64MultiArray(data=self._command))
         if self.exit_code is None:
@@ -360,7 +360,7 @@ class Bench:
 
 @contextlib.contextmanager
 def running(expected: Expected) -> Iterator[Bench]:
-    """Start the drive on a bench and end it: the next one may need the same machine."""
+    """Start the drive on a bench, and end it afterwards: the next one may need the same machine."""
     with isolated():
         bench = Bench(expected)
         try:

@@ -1,4 +1,4 @@
-"""Keeps the kit out of every run of pytest that names no drive, such as this package's own tests."""
+"""Excludes the kit from every run of pytest without a drive, such as this package's own tests."""
 
 from pathlib import Path
 
@@ -6,5 +6,5 @@ import pytest
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:  # noqa: ARG001
-    """Ignore the checks where there is nothing to check."""
+    """Ignore the checks if there is nothing to check."""
     return None if config.getoption("--drive-command", None) else True

@@ -1,8 +1,8 @@
-"""Options of the drive contract kit, known to pytest only in a run that names the kit.
+"""Options of the drive contract kit, known to pytest only in a run of the kit.
 
-pytest asks for the options of a conftest.py only where a path leads to it, not where --pyargs does. This plugin is
-therefore an entry point of the package (``-p backlash_ros.contract.plugin`` does the same in a source tree), and leaves
-every other run of pytest in the workspace alone.
+pytest reads the options of a conftest.py only if a path leads to it, not with --pyargs. This plugin is therefore an
+entry point of the package (``-p backlash_ros.contract.plugin`` does the same in a source tree), and does not affect any
+other run of pytest in the workspace.
 """
 
 import argparse
@@ -48,22 +48,24 @@ def pytest_load_initial_conftests(parser: pytest.Parser, args: list[str]) -> Non
         "--command-interface",
         choices=("voltage", "current"),
         default="voltage",
-        help="what a command is (default %(default)r)",
+        help="what a command sets (default %(default)r)",
     )
     group.addoption(
-        "--drive-value", type=_positive, help="command of the test moves; once doubled (default 1.0 V, or 0.05 A)"
+        "--drive-value",
+        type=_positive,
+        help="command of the test moves; once doubled (default 1.0 V, or 0.05 A)",
     )
     add("--motor-joint", "motor", "name of the motor's joint; '' if the drive has none")
     add("--load-joint", "load", "name of the load's joint; '' if the drive has none")
-    add("--gear-ratio", 0.1, "load angle per motor angle")
-    add("--torque-constant", 0.05, "of the motor, N m/A")
-    add("--resistance", 2.0, "of the motor's winding, ohm")
-    add("--inertia", 2.5e-5, "of the motor and what it turns, at the motor's shaft, kg m^2; used with a current")
-    add("--command-timeout", 0.1, "silence on command after which the motor gets 0 V or 0 A, s")
+    add("--gear-ratio", 0.1, "load angle divided by motor angle")
+    add("--torque-constant", 0.05, "torque constant of the motor, N m/A")
+    add("--resistance", 2.0, "resistance of the motor's winding, ohm")
+    add("--inertia", 2.5e-5, "inertia of the motor and its load, at the motor's shaft, kg m^2; used with a current")
+    add("--command-timeout", 0.1, "time without a command after which the motor gets 0 V or 0 A, s")
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Refuse to run the kit on nothing."""
+    """Refuse to run the kit without a drive."""
     if not _named(session.config.args):
         return
     command = shlex.split(session.config.getoption("--drive-command") or "")

@@ -1,7 +1,7 @@
 """The checks of the drive contract: each is one claim about a drive, and fails by its name.
 
-One recording of small moves serves every check that only looks. What may leave a drive with a fault, or ends it, has a
-fresh drive of its own.
+One recording of small moves serves every check that only reads. A check that may leave a drive with a fault, or ends
+it, has its own fresh drive.
 """
 
 import itertools
@@ -26,7 +26,7 @@ TEST_VALUE = {"voltage": 1.0, "current": 0.05}
 
 @pytest.fixture(scope="module")
 def expected(pytestconfig: pytest.Config) -> Expected:
-    """Return what the options say."""
+    """Return the description from the options."""
     option = pytestconfig.getoption
     interface = option("--command-interface")
     return Expected(
@@ -46,7 +46,7 @@ def expected(pytestconfig: pytest.Config) -> Expected:
 
 @pytest.fixture(scope="module")
 def recording(expected: Expected) -> Recording:
-    """Return what the drive says before, during and between four small moves."""
+    """Return the drive's samples before, during and between four small moves."""
     value = expected.value
     with running(expected) as bench:
         bench.hold("silence", None, REST)
@@ -64,7 +64,7 @@ def recording(expected: Expected) -> Recording:
 
 @pytest.fixture
 def fresh(expected: Expected, recording: Recording) -> Iterator[Bench]:  # noqa: ARG001
-    """Give a drive that has just started; one that made no recording is not started again."""
+    """Yield a drive that has just started; a drive that made no recording is not started again."""
     with running(expected) as bench:
         yield bench
 
@@ -79,16 +79,16 @@ def joint(request: pytest.FixtureRequest, expected: Expected) -> str:
 
 
 def test_joint_states_are_published_reliably(recording: Recording) -> None:
-    """A reliable subscriber, a recorder say, hears the drive."""
-    assert recording.reliable, "joint_states is offered best effort: a reliable subscriber hears nothing"
+    """A reliable subscriber, such as a recorder, receives the drive's samples."""
+    assert recording.reliable, "joint_states is offered best effort: a reliable subscriber receives nothing"
 
 
 def test_samples_name_the_joints(recording: Recording, expected: Expected) -> None:
-    """Each joint stands once in every sample, in any place."""
+    """Each joint is in every sample once, in any place."""
     for message in recording.messages:
         for name in expected.joints:
             count = list(message.name).count(name)
-            assert count == 1, f"joint {name!r} stands {count} times, not once, in a sample of {list(message.name)}"
+            assert count == 1, f"joint {name!r} appears {count} times, not once, in a sample of {list(message.name)}"
 
 
 def test_arrays_fit_the_names(recording: Recording) -> None:
@@ -101,7 +101,7 @@ def test_arrays_fit_the_names(recording: Recording) -> None:
 
 
 def not_finite(recording: Recording) -> str:
-    """Say what is not finite, and how often; nothing if all is, or is a velocity or an effort that is always NaN."""
+    """Return which value is not finite, and how often; empty if none, or if a velocity or effort is always NaN."""
     signals: dict[tuple[str, str], list[float]] = {}
     for message in recording.messages:
         for field in ("position", "velocity", "effort"):
@@ -116,7 +116,7 @@ def not_finite(recording: Recording) -> str:
 
 
 def test_values_are_finite(recording: Recording) -> None:
-    """No NaN and no infinity, but in a velocity or an effort that is not measured: that is NaN in every sample."""
+    """No NaN and no infinity, except an unmeasured velocity or effort, which is NaN in every sample."""
     assert not not_finite(recording), not_finite(recording)
 
 
@@ -134,23 +134,23 @@ def test_rate(recording: Recording, expected: Expected) -> None:
 
 
 def same(a: JointState, b: JointState) -> bool:
-    """Whether both say the same, NaN included."""
+    """Return whether both are the same, including NaN."""
     return bool(serialize_message(a) == serialize_message(b))
 
 
 def test_each_sample_is_published_once(recording: Recording) -> None:
-    """No sample comes a second time, with the same stamp and the same values."""
+    """No sample is repeated with the same stamp and the same values."""
     moving = recording.messages[recording.stretches["forward"]]
-    # Samples at rest are all the same where the stamp stands still, which has its own check.
+    # Samples at rest are all the same if the stamp stands still, which has its own check.
     change = next((k for k, message in enumerate(moving) if not same(message, moving[0])), 0)
     if change and moving[change].header.stamp == moving[0].header.stamp:
         moving = moving[change:]
     twice = sum(same(a, b) for a, b in itertools.pairwise(moving))
-    assert twice == 0, f"{twice} of {len(moving)} samples of a move repeat the one before"
+    assert twice == 0, f"{twice} of {len(moving)} samples of a move repeat the previous one"
 
 
 def test_stamps_increase(recording: Recording) -> None:
-    """Each sample is stamped later than the one before."""
+    """Each sample is stamped later than the previous one."""
     messages, stamps = recording.messages, recording.stamps
     steps = np.array([stamps[k + 1] - stamps[k] for k in range(stamps.size - 1) if not same(*messages[k : k + 2])])
     wrong = steps[steps <= 0]
@@ -197,7 +197,7 @@ def test_load_travels_gear_ratio_times_the_motor(recording: Recording, expected:
     """Each joint is measured at its own shaft, in the same unit."""
     if len(expected.joints) < 2:
         pytest.skip("the drive has one joint")
-    # The second half of the move: the backlash is taken up.
+    # The second half of the move, with the teeth in contact.
     motor, load = (recording.motion(joint, "forward").end_speed(expected.move / 2) for joint in expected.joints)
     ratio = load / motor if motor else math.nan
     gear = expected.gear_ratio
@@ -207,7 +207,7 @@ def test_load_travels_gear_ratio_times_the_motor(recording: Recording, expected:
 
 
 def test_position_is_in_radians(recording: Recording, expected: Expected, joint: str) -> None:
-    """The speed is that of a motor: voltage/torque constant, or torque x time/inertia, less what friction takes."""
+    """The speed is that of a motor: voltage/torque constant, or torque x time/inertia, reduced by friction."""
     top = recording.motion(joint, "forward", "forward rest").top_speed()
     ideal = expected.ideal_speed(joint)
     most = (4 if expected.takes_current else 2) * ideal
@@ -224,7 +224,7 @@ def test_velocity_is_the_rate_of_the_position(recording: Recording, expected: Ex
         if np.all(np.isnan(motion.velocity)):
             pytest.skip("the drive does not publish velocity")
         steps = np.diff(motion.time)
-        whole = steps < 5 / expected.rate  # not where samples are missing
+        whole = steps < 5 / expected.rate  # not with missing samples
         summed = float(np.nansum((0.5 * (motion.velocity[1:] + motion.velocity[:-1]) * steps)[whole]))
         travel = float(np.sum(np.diff(motion.position)[whole]))
         assert abs(summed - travel) <= 0.2 * abs(travel), (
@@ -233,7 +233,7 @@ def test_velocity_is_the_rate_of_the_position(recording: Recording, expected: Ex
 
 
 def test_motor_effort_is_its_torque(recording: Recording, expected: Expected) -> None:
-    """The motor's torque has the sign of the command and the size of the torque at rest, which a voltage loses soon."""
+    """The motor's torque has the sign of the command and the size of the standstill torque; a voltage's soon drops."""
     if not expected.motor_joint:
         pytest.skip("the drive has no motor joint")
     torque = expected.starting_torque
@@ -250,7 +250,7 @@ def test_motor_effort_is_its_torque(recording: Recording, expected: Expected) ->
 
 
 def test_double_command_is_faster(recording: Recording, expected: Expected) -> None:
-    """The command is a size, not a switch."""
+    """The command is proportional, not a switch."""
     joint = expected.joints[0]
     single, double = (abs(recording.motion(joint, move).end_speed(0.05)) for move in ("forward", "double"))
     assert double >= 1.3 * single > 0, (
@@ -260,10 +260,10 @@ def test_double_command_is_faster(recording: Recording, expected: Expected) -> N
 
 
 def left_of_speed(recording: Recording, expected: Expected, move: str, after: str) -> float:
-    """Share of the speed at the end of ``move`` that is left at the end of ``after``.
+    """Return the share of the speed at the end of ``move`` that is left at the end of ``after``.
 
-    Under a current the motor speeds up until a watchdog bites, and then coasts: there it is the share of the speed
-    that ``after`` has a rest before its end.
+    Under a current the motor accelerates until a watchdog acts, and then coasts: in that case it is the share of the
+    speed a rest before the end of ``after``.
     """
     joint = expected.joints[0]
     rest = recording.motion(joint, after)
@@ -272,12 +272,12 @@ def left_of_speed(recording: Recording, expected: Expected, move: str, after: st
 
 
 def test_zero_command_slows_down(recording: Recording, expected: Expected) -> None:
-    """0 takes the drive out of its motion, or lets it coast; the checks of stopping compare with this."""
+    """0 stops the drive or lets it coast; the checks of stopping compare with this."""
     left = left_of_speed(recording, expected, "forward", "forward rest")
     most = 0.7
     if expected.takes_current:
-        # Friction that holds the speed towards the end of the move takes it away afterwards. Where there is hardly any
-        # the speed about doubles in the second half, and then stays.
+        # Friction that limits the speed towards the end of the move stops the drive afterwards. With hardly any, the
+        # speed about doubles in the second half, and then stays.
         move = recording.motion(expected.joints[0], "forward")
         late, early = move.end_speed(0.05), move.end_speed(0.05, before=expected.move / 2)
         most = max(most, late / early - 0.7 if early else 0.0)
@@ -287,7 +287,7 @@ def test_zero_command_slows_down(recording: Recording, expected: Expected) -> No
 
 
 def test_stamp_and_further_elements_are_no_obstacle(recording: Recording, expected: Expected) -> None:
-    """data[0] counts; data behind it, and a layout with the stamp of the sample that is answered, change nothing."""
+    """data[0] counts; further data, and a layout with the stamp of the answered sample, change nothing."""
     joint = expected.joints[0]
     plain, stamped = (recording.motion(joint, move).end_speed() for move in ("back", "stamped"))
     value, unit = expected.value, expected.unit
@@ -298,9 +298,9 @@ def test_stamp_and_further_elements_are_no_obstacle(recording: Recording, expect
 
 
 def stops(command: list[float] | None, recording: Recording, expected: Expected) -> Recording:
-    """Assert that the drive, moving, slows down on ``command`` as it does at 0, within the command timeout.
+    """Assert that the moving drive slows down on ``command`` as it does at 0, within the command timeout.
 
-    Each attempt has a drive that has just started: the one before may have taken the command for a fault.
+    Each attempt has a drive that has just started: the command may have been a fault to the previous one.
     """
     what = "silence" if command is None else f"command {command}"
     joint = expected.joints[0]
@@ -312,7 +312,7 @@ def stops(command: list[float] | None, recording: Recording, expected: Expected)
             bench.hold("after", command, expected.command_timeout + REST, reach=REACH[expected.interface] * travel)
             bench.brake()
             code = bench.exit_code
-        # Where samples stayed away the watchdog may have stopped the motor, and not what was commanded.
+        # If samples were missing, the watchdog may have stopped the motor, not the command.
         if command is None or bench.runaway or code is not None or not bench.stalled("after"):
             break
     heard = bench.recording.stretches["after"]
@@ -333,20 +333,20 @@ def stops(command: list[float] | None, recording: Recording, expected: Expected)
 
 
 def test_stops_when_commands_stop(recording: Recording, expected: Expected) -> None:
-    """The drive has a watchdog of its own: a controller that died cannot stop it."""
+    """The drive has its own watchdog: a crashed controller cannot stop it."""
     stops(None, recording, expected)
 
 
 @pytest.mark.parametrize("bad", [[math.nan], [math.inf], []], ids=["nan", "inf", "empty"])
 def test_stops_on_a_bad_command(recording: Recording, expected: Expected, bad: list[float]) -> None:
-    """What is no number is 0, not the old command, and the drive goes on publishing."""
+    """A command that is not a number counts as 0, not as the old command, and the drive goes on publishing."""
     heard = stops(bad, recording, expected)
     assert not not_finite(heard), f"after command {bad} {not_finite(heard)}"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
 def test_ends_on_a_signal(fresh: Bench, number: signal.Signals) -> None:
-    """The drive ends when it is told to, and nothing of it goes on."""
+    """The drive ends when it is told to, and leaves no process."""
     assert fresh.end(number), f"the drive still runs {END_LIMIT:g} s after {number.name}"
     fresh.hold("on its way", None, 0.1)
     fresh.hold("ended", None, REST)

@@ -1,4 +1,4 @@
-"""A law that acts, and an experiment that does beside it: each with the state that it has by now."""
+"""The law in action and the experiment beside it, each with its present state."""
 
 import math
 
@@ -16,16 +16,16 @@ from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Array, Estimate, M
 
 @compiled_as(LAW_SIGNATURE)
 def _idle(_law: Array, _state: Array, _estimate: Estimate, _setpoint: Setpoint, low: float, high: float) -> float:
-    """Ask for 0 V, or for what is next to it in the range."""
+    """Ask for 0 V, or for the voltage nearest to it in the range."""
     return float(min(max(0.0, low), high))
 
 
 IDLE = ControlLaw(_idle, np.zeros(1), np.array([float(FAST_REGION)]))
-"""The law beside which an experiment acts alone."""
+"""The law of an experiment that acts alone."""
 
 
 class ActingLaw:
-    """A designed law with its state and the tick that has it inside."""
+    """A designed law with its state, and the tick compiled with it."""
 
     def __init__(self, law: ControlLaw) -> None:
         self.law = law
@@ -33,27 +33,27 @@ class ActingLaw:
         self.tick = tick_with(law.step)
 
     def redesign(self, law: ControlLaw) -> None:
-        """Take another design of the same law; its state is kept, unless it is another one's."""
+        """Take another design; the state is kept if the law is the same."""
         self.law, self.tick = law, tick_with(law.step)
         if self.state.shape != law.state.shape:
             self.state = law.state.copy()
 
     def start(self) -> None:
-        """Begin anew: the state is updated in place."""
+        """Start again: the state is updated in place."""
         self.state[:] = self.law.state
 
     def take_over(self, estimate: Estimate, setpoint: Setpoint, holding: float) -> None:
-        """Go on where another law has held the load, with ``holding`` V against what acts on it."""
+        """Take over from another law, which holds the load with ``holding`` V."""
         self.law.take_over(self.law.constants, self.state, estimate, setpoint, holding)
 
 
 def swing_of(chosen: NamedExperiment, parameters: Validated) -> float:
-    """Return how far an experiment may move the load to either side, rad; 0 where it does not say."""
+    """Return how far an experiment may move the load to either side, rad; 0 if it sets no limit."""
     return at_once(chosen, parameters) + (0.5 * float(getattr(parameters, chosen.turn)) if chosen.turn else 0.0)
 
 
 def at_once(chosen: NamedExperiment, parameters: Validated) -> float:
-    """Return how far an experiment may move the load at once, rad; 0 where it does not say."""
+    """Return how far an experiment may move the load at once, rad; 0 if it sets no limit."""
     return float(getattr(parameters, chosen.swing)) if chosen.swing else 0.0
 
 
@@ -64,14 +64,14 @@ def swing_name(chosen: NamedExperiment, parameters: Validated) -> str:
 
 
 class ActingExperiment:
-    """One run of an experiment and the law that acts meanwhile; whatever it does, the motor's side goes on.
+    """One run of an experiment and the law that acts meanwhile; if the experiment fails, the motor stays controlled.
 
     Parameters
     ----------
-    name, chosen, parameters : the experiment, and what it is run with
+    name, chosen, parameters : the experiment and its parameters
     law : the law that it names, as designed for the drive, or `IDLE`
-    calm : the over-damped law, which acts instead once the experiment asks for it
-    drive, period, limits : that it is made for; the period of the samples in s
+    calm : the over-damped law, which takes over when the experiment asks for it
+    drive, period, limits : those of the run; the sample period in s
     """
 
     def __init__(
@@ -95,17 +95,17 @@ class ActingExperiment:
 
     @property
     def outcome(self) -> Outcome | Deferred | None:
-        """How it ended, or what tells that; None while it runs."""
+        """How it ended, or the work that will tell; None while it runs."""
         return self._broken or self._run.outcome
 
     @property
     def left_away(self) -> bool:
-        """Whether it has ended where it was, which may be far from where it began."""
+        """Whether it ended at a place that may be far from where it began."""
         return self._goes_away and not isinstance(self.outcome, Deferred)
 
     @property
     def progress(self) -> float:
-        """How far it is, from 0 to 1."""
+        """Progress, from 0 to 1."""
         return self._run.progress
 
     def cancel(self, reason: str) -> None:
@@ -116,11 +116,11 @@ class ActingExperiment:
             self._broken = Refusal(f"{reason}; and it could not be cancelled: {error!r}")
 
     def answered(self, at: float) -> None:
-        """Take down when the newest sample was answered, s of a steady clock."""
+        """Note when the newest sample was answered, s of a steady clock."""
         self._beat.answered(at)
 
     def excite(self, measured: Measurement, estimate: Estimate, command: float, elapsed: float) -> Excitation:
-        """Take a sample and return what it asks for: none where that, or the load's way, is too much, which ends it."""
+        """Take a sample and return the excitation; end the run if that or the load's motion is too large."""
         if self._broken is not None:
             return Excitation()
         periods, late = self._beat.sample(elapsed)
@@ -129,7 +129,8 @@ class ActingExperiment:
             self._start = load
         if (way := abs(load - self._start)) > self._swing > 0.0:
             self.cancel(
-                f"the load went {way:.3g} rad from where it was, beyond {self._swing_name} = {self._swing:g} rad"
+                f"the load moved {way:.3g} rad from its position at the start, "
+                f"beyond {self._swing_name} = {self._swing:g} rad"
             )
             return Excitation()
         try:
@@ -143,6 +144,6 @@ class ActingExperiment:
             return wanted
         self.cancel(
             f"it asked for an offset of {wanted.offset:g} rad and a torque of {wanted.torque:g} N m, "
-            f"and may ask for +-{self._swing:g} rad and a finite torque"
+            f"but is allowed +-{self._swing:g} rad and a finite torque"
         )
         return Excitation()

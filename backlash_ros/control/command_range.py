@@ -1,12 +1,12 @@
-"""Between the law's voltage and the drive's command: the range that the drive has, told to the law before it acts.
+"""From the law's voltage to the drive's command; the law gets the drive's voltage range before it acts.
 
 Every law is written for the voltage V. A drive that takes a voltage gets it. For one that takes a current the
 controller emulates the winding without its inductance, i = (V - K_m omega_m)/R: gains keep their meaning, and the motor
-the damping of its back-EMF. Inside the gap that takes the motor's encoder: the speed of a load through the rigid gear
+the damping of its back-EMF. Inside the gap this needs the motor's encoder: the load's speed through the rigid gear
 damps nothing there, and the limit cycle stays.
 
-Nothing changes the command behind the law: supply, current limit, ``limits.command`` and the soft zones before the ends
-of the travel are all in the range, so that what a law remembers is what was applied.
+Nothing changes the command after the law: the range includes supply, current limit, ``limits.command`` and the soft
+zones before the ends of the travel, so that a law's memory agrees with what was applied.
 """
 
 from typing import NamedTuple
@@ -34,7 +34,7 @@ class RangeConstants(NamedTuple):
 
 
 def range_constants(drive: Drive, limits: Limits) -> RangeConstants:
-    """Return what turns the law's voltage into the command of ``drive`` within ``limits``."""
+    """Return the constants that turn the law's voltage into the command of ``drive`` within ``limits``."""
     motor = drive.motor
     return RangeConstants(
         back_emf=float(motor.torque_constant) if drive.takes_current else 0.0,
@@ -50,7 +50,7 @@ def range_constants(drive: Drive, limits: Limits) -> RangeConstants:
 
 @compiled
 def clamp(value: float, low: float, high: float) -> float:
-    """Return ``value``, or the bound that it is beyond."""
+    """Return ``value``, clamped to the bounds."""
     return float(min(max(value, low), high))
 
 
@@ -58,9 +58,9 @@ def clamp(value: float, low: float, high: float) -> float:
 def voltage_range(constants: RangeConstants, estimate: Estimate) -> tuple[float, float]:
     """Return the least and the largest voltage that the drive can follow at this sample, V.
 
-    Towards an end of the travel it fades to 0 V over the soft zone; beyond the end only the way back is left. For a
-    drive that takes a current, 0 V is the braking current of a motor with its terminals joined, not 0 A. Where the
-    motor is so fast that the supply cannot make any allowed current, the nearest allowed current is left.
+    Towards an end of the travel the range fades to 0 V over the soft zone; beyond the end only the way back is allowed.
+    For a drive that takes a current, 0 V is the braking current of a motor with short-circuited terminals, not 0 A. If
+    the motor is too fast for the supply to make any allowed current, the nearest allowed current is used.
     """
     angle = estimate[THETA_L]
     reach = min(constants.voltage_limit, constants.resistance * constants.limit)
@@ -75,6 +75,6 @@ def voltage_range(constants: RangeConstants, estimate: Estimate) -> tuple[float,
 
 @compiled
 def command_of(constants: RangeConstants, estimate: Estimate, voltage: float) -> float:
-    """Return the command (V or A) for a voltage (V) within the range: rounding alone is clamped."""
+    """Return the command (V or A) for a voltage (V) within the range; the clamp only catches rounding."""
     command = (voltage - constants.back_emf * estimate[OMEGA_M]) / constants.resistance
     return clamp(command, -constants.limit, constants.limit)

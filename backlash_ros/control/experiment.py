@@ -1,6 +1,6 @@
-"""What an experiment is: plain Python beside the tick, which excites the drive and ends in a result or a refusal.
+"""The interface of experiments: plain Python beside the tick that excites the drive and ends in a result or a refusal.
 
-The experiments themselves are in `experiments`, a file each.
+The experiments themselves are in `experiments`, one file each.
 """
 
 from collections.abc import Callable, Mapping
@@ -19,10 +19,10 @@ from backlash_ros.identification.recordings.findings import Finding
 
 
 class Excitation(NamedTuple):
-    """What an experiment asks of one sample: an ``offset`` on the setpoint, rad, and a ``torque`` at the output, N m.
+    """The excitation for one sample: an ``offset`` on the setpoint, rad, and a ``torque`` at the output, N m.
 
-    The torque is the motor's, at standstill, added to what the law asks for; both together keep to the range. ``calm``
-    asks that the over-damped law acts from now on, to bring the load to rest.
+    The torque is the motor's, at standstill, added to the law's; both together stay within the range. ``calm`` asks for
+    the over-damped law from now on, to bring the load to rest.
     """
 
     offset: float = 0.0
@@ -31,7 +31,7 @@ class Excitation(NamedTuple):
 
 
 class Outcome(Protocol):
-    """How an experiment ended: whether it found what it looked for, and from what, or why not."""
+    """How an experiment ended: whether it has a result, and from what, or why not."""
 
     @property
     def valid(self) -> bool:
@@ -40,13 +40,13 @@ class Outcome(Protocol):
 
     @property
     def reason(self) -> str:
-        """What the result is made from, or why there is none."""
+        """The data that the result comes from, or why there is none."""
         ...
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """The outcome of an experiment that failed by itself."""
+    """The outcome of an experiment that failed."""
 
     reason: str
     valid: bool = False
@@ -54,7 +54,7 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Deferred:
-    """The outcome of an experiment that is over but takes some computing: ``work`` does it, in any process."""
+    """The outcome of an experiment that has ended but needs computation: ``work`` does it, in any process."""
 
     work: Callable[[], Outcome]
 
@@ -75,10 +75,9 @@ class Method(Enum):
 class BacklashEstimate:
     """What learning found: ``angle`` and standard ``uncertainty``, rad at the output, both 0 unless ``valid``.
 
-    ``uncertainty`` is 0, too, where the method has none. ``amplitude`` (rad), ``period`` (s) and ``cycles`` are those
-    of a limit cycle, ``fit`` is what a probe of the gap found besides, valid or not. ``map`` has the gaps around the
-    turn, of which ``angle`` is the largest, and ``fit`` is then that of the place that is most certain.
-    ``lost_motion`` is what the torque on an output that stands did.
+    ``uncertainty`` is also 0 if the method gives none. ``amplitude`` (rad), ``period`` (s) and ``cycles`` are those of
+    a limit cycle; ``fit`` is the result of a gap probe, valid or not. ``map`` has the gaps around the turn; ``angle``
+    is then the largest, and ``fit`` that of the most certain place. ``lost_motion`` comes from an output at rest.
     """
 
     angle: float
@@ -106,11 +105,10 @@ class BacklashEstimate:
 
 @dataclass(frozen=True)
 class DriveEstimate(BacklashEstimate):
-    """What identification found: load, friction, teeth and delay, and the gap, 0 where it is not told.
+    """What identification found: load, friction, teeth and delay, and the gap, 0 if it was not found.
 
-    ``findings`` have all that there is to tell, and why what is not told is not. ``drive`` is what of it is a
-    parameter, by name, beside ``backlash_angle``, and ``deviations`` its standard uncertainties, as far as they are
-    known.
+    ``findings`` have every quantity, or the reason why it is missing. ``drive`` has the values that are parameters, by
+    name, beside ``backlash_angle``, and ``deviations`` their standard uncertainties as far as known.
     """
 
     drive: Mapping[str, Any] = field(default_factory=dict)
@@ -131,17 +129,17 @@ class DriveEstimate(BacklashEstimate):
 class Experiment(Protocol):
     """One run of an experiment.
 
-    It is stepped before each tick, so that its excitation acts on the sample that it has just seen.
+    It is stepped before each tick, so that its excitation acts in the sample that it has just seen.
     """
 
     @property
     def outcome(self) -> Outcome | Deferred | None:
-        """How it ended, or what tells that; None while it runs."""
+        """How it ended, or the work that will tell; None while it runs."""
         ...
 
     @property
     def progress(self) -> float:
-        """How far it is, from 0 to 1."""
+        """Progress, from 0 to 1."""
         ...
 
     def step(
@@ -152,9 +150,9 @@ class Experiment(Protocol):
         Parameters
         ----------
         measured : this sample
-        estimate, command : the observer's estimate at the sample before, and the command since then, V or A
-        elapsed : since the sample before, s, in whole periods: stamps jitter, the drive's period does not
-        late : by how much later than usual that command was sent, s; 0 where it was sent as usual
+        estimate, command : the observer's estimate at the previous sample, and the command since then, V or A
+        elapsed : since the previous sample, s, in whole periods: stamps jitter, the drive's period does not
+        late : how much later than usual that command was sent, s; 0 if it was on time
         """
         ...
 
@@ -171,14 +169,14 @@ class NamedExperiment(NamedTuple):
     title : in words
     make : starts a run for a drive, its own parameters, the period of the samples, s, and the limits in force
     parameters : the defaults
-    swing : name of the parameter that says how far the load may go to either side, rad, and the setpoint with it: the
-        servo ends an experiment that goes farther; "" for none
-    turn : name of the parameter that says over which range it goes besides, rad, half of it to either side, slowly and
-        without a leap, so that ``limits.step`` does not bound it; "" for none. Where such a run does not come back, the
-        load is held where it ends
-    law : the law that acts meanwhile, with a state of its own; "" for none, so that its torque acts alone
-    refusal : tells of a drive, the parameters, the limits and the thresholds of faults why a run cannot begin, empty
-        where it can; None where there is never a reason
+    swing : name of the parameter that limits how far load and setpoint may go to either side, rad: the servo ends an
+        experiment that goes farther; "" for none
+    turn : name of the parameter for the range over which the load moves in addition, rad, half of it to either side,
+        slowly and without a leap, so that ``limits.step`` does not apply; "" for none. If such a run does not come
+        back, the load is held where the run ends
+    law : the law that acts meanwhile, with its own state; "" for none, so that the experiment's torque acts alone
+    refusal : returns why a run cannot begin with a drive, parameters, limits and fault thresholds, empty if it can;
+        None if there is never a reason
     """
 
     title: str

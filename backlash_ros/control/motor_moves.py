@@ -1,7 +1,6 @@
 """Moves of the motor from rest to rest, and a loop on its own encoder that follows them, for experiments without a law.
 
-The loop is stable whatever the load does, and bounds the load's way, too: it is never farther from the motor than half
-the gap.
+The loop is stable with any load. It also bounds the load's motion: the load stays within half the gap of the motor.
 """
 
 import math
@@ -14,7 +13,7 @@ from backlash_ros.identification.fit import motor_side
 
 @dataclass(frozen=True)
 class Move:
-    """From rest to rest: at the output, rad, rad/s and rad/s^2; or no move at all, for a while."""
+    """A move from rest to rest, at the output, rad, rad/s and rad/s^2; or a wait."""
 
     start: float
     end: float
@@ -25,7 +24,7 @@ class Move:
 
     @staticmethod
     def of(start: float, end: float, up: float, down: float, speed: float) -> "Move":
-        """Return a move that is no faster than ``speed``."""
+        """Return a move with at most ``speed``."""
         way = abs(end - start)
         peak = min(speed, math.sqrt(2.0 * way * up * down / (up + down)))
         length = way / peak + 0.5 * peak * (1.0 / up + 1.0 / down) if way > 0.0 else 0.0
@@ -33,7 +32,7 @@ class Move:
 
     @staticmethod
     def rest(position: float, length: float) -> "Move":
-        """Return a while, s, at rest."""
+        """Return a wait, s, at rest."""
         return Move(position, position, 1.0, 1.0, 0.0, length)
 
     def at(self, time: float) -> tuple[float, float, float]:
@@ -53,9 +52,9 @@ class Move:
 class Throw:
     """To one side and back, from rest to rest, turning as fast as possible: at the output, rad, rad/s and rad/s^2.
 
-    The motor runs up to ``speed`` with ``soft``, turns with ``hard`` until it is as fast the other way, and brakes to
-    where it began. A load that a torque pulls to ``side``, 1 or -1, is thrown against the torque and falls back. So
-    both stay near where they began while the motor gains on the load, for twice as long as from rest to that speed.
+    The motor accelerates to ``speed`` with ``soft``, reverses with ``hard`` until it is as fast the other way, and
+    brakes to where it began. A load that a torque pulls to ``side``, 1 or -1, is thrown against the torque and falls
+    back. So both stay near their start while the motor gains on the load, twice as long as from rest to that speed.
     """
 
     home: float
@@ -66,17 +65,17 @@ class Throw:
 
     @staticmethod
     def fastest(way: float, soft: float, hard: float) -> float:
-        """Return the speed of a throw that goes as far as a ``way``, rad."""
+        """Return the speed of a throw that reaches a distance ``way``, rad."""
         return math.sqrt(2.0 * way * soft * hard / (soft + hard))
 
     @property
     def way(self) -> float:
-        """How far it goes, rad."""
+        """Its largest distance, rad."""
         return 0.5 * self.speed**2 * (1.0 / self.soft + 1.0 / self.hard)
 
     @property
     def length(self) -> float:
-        """How long it takes, s."""
+        """Its duration, s."""
         return 2.0 * self.speed * (1.0 / self.soft + 1.0 / self.hard)
 
     def at(self, time: float) -> tuple[float, float, float]:
@@ -94,12 +93,12 @@ class Throw:
 
 
 class MotorLoop:
-    """Follows the moves on the motor's encoder: what they take, and a PID on what is missing.
+    """Follows the moves on the motor's encoder: feedforward and a PID on the error.
 
     Parameters
     ----------
-    drive, period : for the motor; the period of the samples in s
-    most : torque at standstill that it may use, N m at the output
+    drive, period : for the motor; the sample period in s
+    most : largest standstill torque, N m at the output
     """
 
     def __init__(self, drive: Drive, period: float, most: float) -> None:
@@ -114,7 +113,7 @@ class MotorLoop:
         self._speed = self._integral = 0.0
 
     def torque(self, position: float, wanted: tuple[float, float, float], elapsed: float) -> float:
-        """Return the torque at standstill, N m at the output, for a reading, s after the last, and what is wanted."""
+        """Return the standstill torque, N m at the output, from a reading, the time since the last, s, and a target."""
         if math.isnan(self._before):
             self._before = position
         self._speed += self._smooth * ((position - self._before) / elapsed - self._speed)

@@ -1,18 +1,18 @@
-"""What the law needs and the drive may not measure: speeds, current and load torque, from position if need be.
+"""Estimates what the law needs and the drive may not measure: speeds, current and load torque.
 
-Each signal is the measured one where there is one. Otherwise
+Each signal is the measured one if there is one. Otherwise
 a speed is the difference quotient of its encoder through a first-order low-pass,
-the current follows the armature equation (eq 7) under the voltage that was commanded, or is what was commanded, and
-a missing encoder is the other one through the rigid gear.
+the current follows the armature equation (eq 7) under the commanded voltage, or is the commanded current, and
+a missing encoder is replaced by the other one through the rigid gear.
 
 The load torque has no sensor. Adding eq 1 and eq 2 over n cancels the contact force,
 
     d/dt (J_l omega_l + J_m omega_m / n) = K_m i / n - B_l omega_l - B_m omega_m / n + tau_l,
 
 so the momentum of both shafts gives tau_l whether the teeth touch or not: a momentum observer (De Luca &
-Mattone, ICRA 2003) with one bandwidth, written so that it remembers the estimate and the last momentum only: a change
-of bandwidth while it runs makes no step. With the load encoder alone the motor's momentum inside the gap is unknown;
-an estimate through the rigid gear keeps up a limit cycle by itself, so there is none then, and it stays 0.
+Mattone, ICRA 2003) with one bandwidth, which stores only the estimate and the last momentum, so that a change of
+bandwidth while it runs causes no step. With the load encoder alone the motor's momentum inside the gap is unknown, and
+an estimate through the rigid gear would keep up a limit cycle by itself: the load torque then stays 0.
 """
 
 import math
@@ -35,7 +35,7 @@ from backlash_ros.drivetrain.signals import (
 
 _STARTED, _MOMENTUM = 6, 7
 MEMORY = 8
-"""Length of the observer's memory: the estimate, then what goes with it."""
+"""Length of the observer's memory: the estimate, then its auxiliary values."""
 
 
 class ObserverConstants(NamedTuple):
@@ -81,13 +81,13 @@ def observer_constants(
 
 
 def observer_memory() -> Array:
-    """Return an observer that has seen nothing: shape (8,), the estimate and what goes with it."""
+    """Return the initial memory: shape (8,), the estimate and its auxiliary values."""
     return np.zeros(MEMORY)
 
 
 @compiled
 def low_pass_gain(bandwidth: float, period: float) -> float:
-    """Return the share by which a first-order low-pass of a bandwidth (rad/s) follows within a period, s."""
+    """Return the share of a step that a first-order low-pass of a bandwidth (rad/s) follows within a period, s."""
     return -math.expm1(-bandwidth * period)
 
 
@@ -101,7 +101,7 @@ def next_current(constants: ObserverConstants, before: float, command: float, om
 
 @compiled
 def _mean_weight(electrical_rate: float, period: float) -> float:
-    """Return how much of the current before is in the mean of a period in which it relaxes with L/R."""
+    """Return the weight of the previous current in the mean over a period in which it relaxes with L/R."""
     electrical = electrical_rate * period
     if math.isinf(electrical):
         return 0.0
@@ -110,7 +110,7 @@ def _mean_weight(electrical_rate: float, period: float) -> float:
 
 @compiled
 def _track(memory: Array, angle: int, speed: int, position: float, measured: float, gain: float, period: float) -> None:
-    """Update one shaft: the measured speed where there is one, else the filtered difference quotient."""
+    """Update one shaft: the measured speed if there is one, else the filtered difference quotient."""
     if math.isnan(measured):
         predicted = memory[angle] + period * memory[speed]
         memory[speed] += gain / period * (position - predicted)
@@ -134,8 +134,8 @@ def observer_step(
     ----------
     memory : from `observer_memory`, updated in place
     measured : nan where not measured; at least one angle
-    command : held since the sample before, V or A
-    period : since the sample before, s
+    command : held since the previous sample, V or A
+    period : since the previous sample, s
     torque_bandwidth : of the load torque estimate, rad/s; 0 for none
     """
     n = constants.ratio
@@ -178,7 +178,7 @@ def observer_step(
 
 
 def keep_estimate(constants: ObserverConstants, memory: Array) -> None:
-    """Let the estimate go on under other ``constants``: with other inertias the momentum is another one, no torque."""
+    """Keep the estimate under new ``constants``: the momentum changes with the inertias, without any torque."""
     if memory[_STARTED] != 0.0:
         memory[_MOMENTUM] = constants.J_l * memory[OMEGA_L] + constants.J_m * memory[OMEGA_M] / constants.ratio
 

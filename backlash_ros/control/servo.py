@@ -1,4 +1,4 @@
-"""The controller without ROS: samples in, commands out. What the node and an offline session both call."""
+"""The controller without ROS: samples in, commands out. The node and offline runs both call it."""
 
 import math
 
@@ -48,21 +48,21 @@ from backlash_ros.drivetrain.signals import (
 from backlash_ros.gates.faults import Fault
 
 _OTHER, _SLOW = 3.0, 0.02
-"""By what factor the inertia at the output may change while the load moves, and up to which share of faults.velocity it
-does not."""
+"""Factor by which the inertia at the output may change while the load moves, and share of faults.velocity below which
+the load counts as at rest."""
 
 
 class Servo:
-    """The servo of one axis: the tick around one plan of the setpoint, and an experiment beside it.
+    """The servo of one axis: the tick with a plan of the setpoint, and an experiment beside it.
 
-    After construction and after every `release` it holds the position of the first sample it sees. A fault, found by
-    the tick or told by `fail`, is ``latched``, with its text in ``fault``: 0 V until `reset`.
+    After construction and after every `release` it holds the position of the first sample. A fault, found by the tick
+    or reported by `fail`, is ``latched``, with its text in ``fault``: 0 V until `reset`.
 
     Parameters
     ----------
-    drive : what the controller takes the drive for
+    drive : the drive as the controller knows it
     limits : `Limits.of` the drive by default
-    watched : whether the monitor looks on; offline runs may do without it
+    watched : whether the monitor is on; offline runs may do without it
     """
 
     settings: ServoSettings
@@ -86,13 +86,13 @@ class Servo:
         self.use(settings, limits or Limits.of(drive))
 
     def _hold(self) -> None:
-        """Hold the position where the next sample finds the load."""
+        """Hold the position of the next sample."""
         self.segments = AtRest(math.nan).segments(self.memory.setpoint)
         self._end: float | None = None
         self._reach: tuple[float, float] | None = None
 
     def _hold_at(self, angle: float) -> None:
-        """Hold a load that is far from its reference at an angle, rad, so that it does not leap back."""
+        """Hold a load that is far from its reference at an angle, rad, so that it does not jump back."""
         self.segments = AtRest(angle).segments(self.memory.setpoint)
         self.memory.setpoint[:] = angle, 0.0, 0.0
         self.memory.out[PLAN_TIME] = NOT_BEGUN
@@ -101,15 +101,15 @@ class Servo:
     # Tuning.
 
     def use(self, settings: ServoSettings, limits: Limits | None = None, drive: Drive | None = None) -> None:
-        """Use ``settings`` from the next sample on; what the observer, and the same law, remember is kept.
+        """Use ``settings`` from the next sample on; the memory of the observer, and of an unchanged law, is kept.
 
-        Another law starts from what holds the load. A ``drive`` may have another load, friction and teeth; motor,
-        reduction and command have to be those of the one before. An experiment goes on with what it was started with.
+        A new law starts with the voltage that holds the load. A new ``drive`` may have another load, friction and
+        teeth, but must have the same motor, reduction and command. A running experiment keeps its settings.
 
         Raises
         ------
         ValueError
-            If the law cannot be designed; nothing is changed then.
+            If the law cannot be designed; nothing changes.
         """
         limits, drive = limits or self.limits, drive or self.drive
         law, observer = design_law(drive, settings), settings.observer(drive)
@@ -133,7 +133,7 @@ class Servo:
             keep_torque(observer, self.memory.monitor)
             self.drive = drive
         named = hasattr(self, "settings") and self.settings.law == settings.law
-        if named and self._chosen.law.step is law.step:  # another one may have stood in for it
+        if named and self._chosen.law.step is law.step:  # another law may have replaced it
             self._chosen.redesign(law)
             if self.calmed:
                 self._calming = None
@@ -146,10 +146,10 @@ class Servo:
         self.settings, self.limits = settings, limits
 
     def rejection_reason(self, limits: Limits, drive: Drive | None = None) -> str:
-        """Return why ``limits``, or another ``drive``, cannot be used now; empty where they can.
+        """Return why ``limits`` or a new ``drive`` cannot be used now; empty if they can.
 
-        Limits: the plan goes outside of them. A load that was found outside is held there, which does not stand in the
-        way of other limits. A drive: the load moves, and a wrong unit would drive it on.
+        Limits are refused if the plan goes outside of them, except a load that was found outside and is held there. A
+        drive is refused while the load moves, since a wrong unit would accelerate it.
         """
         if not self.holding:
             return ""
@@ -168,25 +168,25 @@ class Servo:
         return next(filter(None, reasons), "")
 
     def _begin(self, acting: ActingLaw) -> None:
-        """Begin a law anew; where the load is held, from what holds it."""
+        """Start a law again; if the load is held, from the voltage that holds it."""
         acting.start()
         if self.holding:
             acting.take_over(self.estimate, self.memory.setpoint, self.holding_voltage)
 
     @property
     def _acting(self) -> ActingLaw:
-        """What acts where there is no experiment."""
+        """The law that acts without an experiment."""
         return self._calming or self._chosen
 
     @property
     def calmed(self) -> bool:
-        """Whether the over-damped gains act in place of the law."""
+        """Whether the over-damped gains act instead of the law."""
         return self._calming is not None
 
     def calm(self) -> None:
-        """Let the over-damped gains act in place of the law, until other settings are used or the load is let go of.
+        """Let the over-damped gains act instead of the law, until other settings are used or the load is released.
 
-        So wear is answered, and an encoder that is missing where the law needs both.
+        This is the answer to wear, and to a missing encoder if the law needs both.
         """
         if not self.calmed and self.holding:
             self._calming = ActingLaw(self._overdamped())
@@ -198,7 +198,7 @@ class Servo:
     # Holding and faults.
 
     def release(self, reason: str) -> None:
-        """Let go of the drive: command 0, forget what was observed, cancel an experiment; hold where it next shows."""
+        """Release the drive: command 0, reset the observer, end an experiment; hold the position of the next sample."""
         self.memory.forget()
         self._calming = None
         self._chosen.start()
@@ -206,7 +206,7 @@ class Servo:
         self.cancel(reason)
 
     def fail(self, fault: Fault, why: str) -> None:
-        """Latch a fault, unless there is one: let go of the drive, 0 V until `reset`."""
+        """Latch a fault, unless one is latched: release the drive, 0 V until `reset`."""
         if not self.latched:
             self.latched, self.fault = fault, why
         self.release(why)
@@ -219,7 +219,7 @@ class Servo:
     # The reference.
 
     def set_reference(self, reference: float) -> str:
-        """Take a reference at rest, rad, and return an empty text; or why it is refused, which changes nothing."""
+        """Take a reference at rest, rad, and return an empty text; or change nothing and return why it is refused."""
         if not math.isfinite(reference):
             return f"reference must be finite, in rad, got {reference}"
         return self.follow(AtRest(reference))
@@ -244,18 +244,18 @@ class Servo:
 
     @property
     def _position(self) -> float:
-        """Where the setpoint stands, rad, without an experiment's offset."""
+        """The position of the setpoint, rad, without an experiment's offset."""
         return float(self.memory.setpoint[POSITION] - self._inputs[OFFSET])
 
     @property
     def _extremes(self) -> tuple[float, float]:
-        """Least and largest position of the plan, rad, until it is over."""
+        """Smallest and largest position of the plan, rad, until its end."""
         over = self.memory.out[PLAN_TIME] >= np.sum(self.segments[:, DURATION])
         return (self.reference, self.reference) if self._reach is None or over else self._reach
 
     @property
     def reference(self) -> float:
-        """Where the plan ends, rad; nan while no position is held."""
+        """The end of the plan, rad; nan while no position is held."""
         return float(self.segments[0, 0]) if self._end is None else self._end
 
     @property
@@ -263,7 +263,7 @@ class Servo:
         """Whether a sample has been seen since the last `release`."""
         return not math.isnan(self.segments[0, 0])
 
-    # What the tick left.
+    # Results of the tick.
 
     @property
     def command(self) -> float:
@@ -281,21 +281,21 @@ class Servo:
 
     @property
     def tracking_error(self) -> float:
-        """Setpoint - theta_l, rad; an experiment's offset does not count."""
+        """Setpoint - theta_l, rad, without an experiment's offset."""
         return self._position - self.load_angle
 
     @property
     def region(self) -> int:
-        """1 where the fast gains act, 2 where the over-damped ones do."""
+        """1 while the fast gains act, 2 while the over-damped ones do."""
         return int(self._stepped.state[REGION])
 
     @property
     def _stepped(self) -> ActingLaw:
-        """What acts now, in an experiment too."""
+        """The law that acts now, also in an experiment."""
         return self._experiment.acting if self._experiment else self._acting
 
     def shown(self, name: str) -> int:
-        """Return what the law that acts says of itself, "phase" or "flank"; 0 where it says nothing."""
+        """Return the "phase" or "flank" of the law that acts; 0 if it has none."""
         at = self._stepped.law.shown.get(name)
         return 0 if at is None else int(self._stepped.state[at])
 
@@ -306,9 +306,9 @@ class Servo:
 
     @property
     def holding_voltage(self) -> float:
-        """Voltage that holds the load against what acts on it, V; 0 where the monitor, which finds that, is off.
+        """Voltage that holds the load, V; 0 if the monitor, which finds the load torque, is off.
 
-        The law's estimate is none of it: there is none with one encoder, and ``torque_bandwidth`` may be 0.
+        It does not use the law's estimate: there is none with one encoder, and ``torque_bandwidth`` may be 0.
         """
         drive = self.drive
         reach = drive.standstill_torque(self.limits.command)
@@ -325,33 +325,33 @@ class Servo:
 
     @property
     def experimenting(self) -> bool:
-        """Whether an experiment is under way, or its outcome not yet taken."""
+        """Whether an experiment is running, or its outcome has not been taken."""
         return self._experiment is not None
 
     @property
     def experiment(self) -> str:
-        """The name of that experiment; empty where there is none."""
+        """The name of that experiment; empty if there is none."""
         return "" if self._experiment is None else self._experiment.name
 
     @property
     def progress(self) -> float:
-        """How far the experiment is, from 0 to 1; 0 where there is none."""
+        """Progress of the experiment, from 0 to 1; 0 if there is none."""
         return 0.0 if self._experiment is None else self._experiment.progress
 
     @property
     def excitation(self) -> Excitation:
-        """What the experiment asked of the last sample."""
+        """The experiment's excitation for the last sample."""
         return Excitation(float(self._inputs[OFFSET]), float(self._inputs[TORQUE]))
 
     def _named(self, name: str) -> tuple[str, NamedExperiment]:
-        """Return an experiment by its name, or that of the settings; `AUTO` goes by the encoders of the last sample."""
+        """Return an experiment by name, or that of the settings; `AUTO` chooses by the encoders of the last sample."""
         name = name or self.settings.experiment
         if name == AUTO:
             name = "relay" if np.isnan(self.memory.row[[THETA_M, THETA_L]]).any() else "gap_probe"
         return name, EXPERIMENTS.choose("learning.experiment", name, AUTO)
 
     def experiment_refusal(self, name: str = "", parameters: Validated | None = None) -> str:
-        """Return why an experiment cannot begin, or would go beyond the limits from where the load is held."""
+        """Return why an experiment cannot begin, or would exceed the limits from the held position."""
         name, chosen = self._named(name)
         parameters = parameters or self._parameters_of(name)
         thresholds = self.settings.thresholds_of(self.drive)
@@ -375,9 +375,9 @@ class Servo:
         Raises
         ------
         RuntimeError
-            If one is under way.
+            If one is running.
         ValueError
-            If there is none of that name, its parameters are of another, or its law cannot be designed.
+            If there is none of that name, the parameters are another's, or its law cannot be designed.
         """
         if self._experiment is not None:
             raise RuntimeError("already learning")
@@ -385,7 +385,7 @@ class Servo:
         parameters = parameters or self._parameters_of(name)
         if type(parameters) is not type(chosen.parameters):
             raise ValueError(
-                f"{name} takes {type(chosen.parameters).__name__} as its parameters, got {type(parameters).__name__}"
+                f"{name} needs parameters of type {type(chosen.parameters).__name__}, got {type(parameters).__name__}"
             )
         law = design_law(self.drive, self.settings.with_law(chosen.law)) if chosen.law else IDLE
         period = self.settings.period
@@ -400,7 +400,7 @@ class Servo:
             self._experiment.cancel(reason)
 
     def take_outcome(self) -> Outcome | Deferred | None:
-        """Return how an experiment ended, or what tells that, once; None while there is none that has."""
+        """Return, once, how an experiment ended or the work that will tell; None before."""
         outcome = None if self._experiment is None else self._experiment.outcome
         if self._experiment is not None and outcome is not None:
             self.memory.setpoint[POSITION] -= self._inputs[OFFSET]
@@ -414,12 +414,12 @@ class Servo:
     # The loop.
 
     def update(self, measured: Measurement, elapsed: float | None = None) -> float:
-        """Take one sample and return the command, V or A; 0 while a fault is latched and where no finite one follows.
+        """Take one sample and return the command, V or A; 0 while a fault is latched or if no finite command follows.
 
         Parameters
         ----------
         measured : this sample; nan where not measured
-        elapsed : since the sample before, s; the period by default
+        elapsed : since the previous sample, s; the period by default
         """
         if self.latched:
             return 0.0
@@ -443,7 +443,7 @@ class Servo:
         return command
 
     def answered(self, at: float) -> None:
-        """Take down when the command of the last `update` was sent, s of a steady clock, where that is known."""
+        """Note when the command of the last `update` was sent, s of a steady clock, if known."""
         if self._experiment is not None:
             self._experiment.answered(at)
 

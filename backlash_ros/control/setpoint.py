@@ -1,7 +1,7 @@
-"""The setpoint: what the load is to do now, and the sources that plan it.
+"""The setpoint of the load's motion, and the sources that plan it.
 
-A source plans when it is chosen, outside of the tick, and leaves polynomial segments, which the tick evaluates at each
-sample: position, velocity and acceleration of the load (rad, rad/s, rad/s^2). The last segment's end is held.
+A source plans when it is chosen, outside the tick, and returns polynomial segments, which the tick evaluates at each
+sample: position, velocity and acceleration of the load (rad, rad/s, rad/s^2). The end of the last segment is held.
 """
 
 import math
@@ -19,28 +19,28 @@ ORDER = 5
 """Largest power of time in a segment."""
 
 DURATION = ORDER + 1
-"""Column of a segment that holds how long it lasts, s; before it the coefficients, c0 first."""
+"""Column of a segment with its duration, s; before it the coefficients, c0 first."""
 
 
 class Source(Protocol):
-    """What plans setpoints: a reference at rest, a profile, a trajectory."""
+    """A planner of setpoints: a reference at rest, a profile, a trajectory."""
 
     def segments(self, start: Setpoint) -> Array:
         """Return the plan from ``start`` on: shape (segments, 7).
 
         Each row has the coefficients c0 ... c5 of position = sum c_k t^k, t from the row's own start (rad/s^k), then
-        its duration in s. What follows the last one is rest where it ends.
+        its duration in s. After the last one, its end is held.
         """
         ...
 
 
 @dataclass(frozen=True)
 class AtRest:
-    """The setpoint that `reference` stands for: one position (rad), at rest, from now on."""
+    """A reference as a source: one position (rad), at rest, from now on."""
 
     position: float
 
-    def segments(self, start: Setpoint) -> Array:  # noqa: ARG002  whatever was before
+    def segments(self, start: Setpoint) -> Array:  # noqa: ARG002  independent of the start
         """Return one segment without an end."""
         return np.array([[self.position, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf]])
 
@@ -52,7 +52,7 @@ class Polynomials:
     Raises
     ------
     ValueError
-        If there is none, or a number in them is not finite (but the last duration), or a duration is not > 0 s.
+        If there is none, a number other than the last duration is not finite, or a duration is not > 0 s.
     """
 
     rows: Array
@@ -72,8 +72,8 @@ class Polynomials:
 
 
 def _turns(coefficients: Array, duration: float) -> list[float]:
-    """Return the times within a segment at which its speed is 0, s; one infinite one where they cannot be found."""
-    # In units of the duration, and without powers that do not count: their roots would overflow.
+    """Return the times within a segment at which its speed is 0, s; one infinite value if they cannot be found."""
+    # In units of the duration, and without negligible powers, whose roots would overflow.
     with np.errstate(over="ignore", invalid="ignore"):
         scaled = np.where(coefficients == 0.0, 0.0, coefficients * duration ** np.arange(DURATION))
     rate = np.polynomial.Polynomial(scaled).deriv()
@@ -86,7 +86,7 @@ def _turns(coefficients: Array, duration: float) -> list[float]:
 
 
 def extent(segments: Array) -> tuple[float, float, float, float]:
-    """Return where a plan starts, where it ends, and its least and largest position, rad."""
+    """Return the start and the end of a plan, and its smallest and largest position, rad."""
     extremes: list[float] = []
     for row in segments:
         position = np.polynomial.Polynomial(row[:DURATION])
@@ -106,9 +106,9 @@ def extent(segments: Array) -> tuple[float, float, float, float]:
 
 
 def plan_rejection(segments: Array, limits: Limits, present: float) -> str:
-    """Return why a plan is refused where the setpoint stands at ``present``, rad; empty where it is not.
+    """Return why a plan is refused with the setpoint at ``present``, rad; empty if it is accepted.
 
-    It may not leave the travel, nor leap by more than ``limits.step`` at its start or from row to row.
+    It must not leave the travel, nor jump by more than ``limits.step`` at its start or from row to row.
     """
     start, _, least, largest = extent(segments)
     leaps = [(start, present)]

@@ -1,4 +1,4 @@
-"""What there is to plot of a servo: names, units and meanings in one table, with the words that numbers stand for."""
+"""The telemetry of a servo: names, units and meanings in one table, with the words for enumerated values."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -26,7 +26,7 @@ LEARNING, IDENTIFYING = 1, 2
 
 @dataclass(frozen=True)
 class Plotted:
-    """One quantity: its unit, what it is, and the words for its values where they stand for something."""
+    """One quantity: its unit, its meaning, and the words for its values if these are enumerated."""
 
     unit: str
     meaning: str
@@ -39,38 +39,40 @@ TELEMETRY = {
     "holding": Plotted("", "whether a position is held", {NO: "no", YES: "yes"}),
     "parameters_version": Plotted("", "version of the parameters in use"),
     "samples": Plotted("", "samples taken since the node started"),
-    "elapsed": Plotted("s", "time since the sample before, 0 for the first; nan in what is sent between samples"),
-    "reference": Plotted("rad", "where the load is to come to rest; nan while no position is held"),
-    "setpoint": Plotted("rad", "where the load is to be now"),
-    "setpoint_velocity": Plotted("rad/s", "how fast it is to move now"),
-    "setpoint_acceleration": Plotted("rad/s^2", "how fast that is to change now"),
-    "error": Plotted("rad", "setpoint minus load angle, without an experiment's offset"),
+    "elapsed": Plotted("s", "time since the previous sample, 0 for the first; nan in a message sent between samples"),
+    "reference": Plotted("rad", "target angle of the load; nan while no position is held"),
+    "setpoint": Plotted("rad", "angle that the load should have now"),
+    "setpoint_velocity": Plotted("rad/s", "speed that the load should have now"),
+    "setpoint_acceleration": Plotted("rad/s^2", "acceleration that the load should have now"),
+    "error": Plotted("rad", "setpoint minus load angle, without the experiment's offset"),
     "motor_angle": Plotted("rad", "estimate, at the motor's shaft"),
     "motor_velocity": Plotted("rad/s", "estimate, at the motor's shaft"),
     "load_angle": Plotted("rad", "estimate, at the output"),
     "load_velocity": Plotted("rad/s", "estimate, at the output"),
     "current": Plotted("A", "estimate of the motor's current"),
     "load_torque": Plotted("N m", "estimate of the torque on the output; 0 with the load encoder alone"),
-    "command": Plotted("V or A", "what the drive is told"),
-    "range_low": Plotted("V", "least voltage that the law may ask for"),
+    "command": Plotted("V or A", "command to the drive"),
+    "range_low": Plotted("V", "smallest voltage that the law may ask for"),
     "range_high": Plotted("V", "largest voltage that the law may ask for"),
     "region": Plotted(
         "", "which gains act", {0: "none", FAST_REGION: "fast gains", OVERDAMPED_REGION: "over-damped gains"}
     ),
-    "phase": Plotted("", "what law two_encoder does", {0: "none", **PHASES}),
+    "phase": Plotted("", "what law two_encoder is doing", {0: "none", **PHASES}),
     "flank": Plotted(
         "",
-        "on which flank it has the load, or a flight ends",
+        "flank on which law two_encoder has the load, or on which its move ends",
         {-1: "holds the load back", 0: "none", 1: "drives the load forward"},
     ),
-    "backlash_angle": Plotted("rad", "backlash as learned or given; 0 while not known"),
-    "gap_seen": Plotted("rad", "way between both flanks as the teeth have rested on them; 0 where on one alone"),
-    "rattle": Plotted("rad", "swing of the load, peak to peak, where it rattles while held; 0 where it does not"),
+    "backlash_angle": Plotted("rad", "backlash as learned or given; 0: unknown"),
+    "gap_seen": Plotted("rad", "distance between both flanks, from where the teeth rested; 0 until both were seen"),
+    "rattle": Plotted("rad", "peak-to-peak swing of a load that rattles while held; 0: no rattle"),
     "calmed": Plotted("", "whether the over-damped gains act because the load rattled", {NO: "no", YES: "yes"}),
-    "experiment": Plotted("", "what is under way", {0: "none", LEARNING: "learning", IDENTIFYING: "identifying"}),
-    "progress": Plotted("", "how far the experiment is, from 0 to 1"),
+    "experiment": Plotted(
+        "", "experiment that is running", {0: "none", LEARNING: "learning", IDENTIFYING: "identifying"}
+    ),
+    "progress": Plotted("", "progress of the experiment, from 0 to 1"),
     "offset": Plotted("rad", "what the experiment adds to the setpoint"),
-    "torque": Plotted("N m", "what the experiment asks of the motor, at the output"),
+    "torque": Plotted("N m", "torque that the experiment asks of the motor, at the output"),
 }
 """Everything that ``~/state`` has, in its order."""
 
@@ -78,7 +80,7 @@ TELEMETRY = {
 def telemetry(
     servo: Servo, wear: WearWatch, *, active: bool, parameters_version: int, samples: int, elapsed: float
 ) -> dict[str, float]:
-    """Return what there is to plot now, by the names of `TELEMETRY`."""
+    """Return the present values, by the names of `TELEMETRY`."""
     estimate, setpoint, excitation = servo.estimate, servo.memory.setpoint, servo.excitation
     return {
         "active": int(active),

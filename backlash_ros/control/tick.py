@@ -56,23 +56,23 @@ _MOTOR_CURRENT, _MOTOR_SPEED, _LOAD_SPEED = (
 )
 
 ELAPSED, OFFSET, TORQUE, KNOWN_LOAD_TORQUE = range(4)
-"""The inputs of a tick beside the sample: time since the sample before (s), what an experiment asks for (rad, N m), and
-the load torque where it is known (N m), else nan."""
+"""The inputs of a tick beside the sample: time since the previous sample (s), an experiment's excitation (rad, N m),
+and the load torque if known (N m), else nan."""
 INPUTS = 4
 
 MISSING = 1.5
-"""Periods between two samples from which on one between them is missing."""
+"""Periods between two samples above which a sample between them is missing."""
 
 COMMAND, FAULT, PLAN_TIME, LOW, HIGH = range(5)
-"""What a tick leaves in `TickMemory.out`: the command in force (V or A), the `Fault`, the time since the plan began, s,
-the least and the largest voltage that the law might ask for (V); after them the fault's details."""
+"""Results of a tick in `TickMemory.out`: the command in force (V or A), the `Fault`, the time since the plan began, s,
+the smallest and the largest voltage allowed to the law (V), then the fault's details."""
 NOT_BEGUN = -1.0
-"""Plan time of a plan that begins with the next sample."""
+"""Plan time that marks a plan as beginning with the next sample."""
 _DETAILS = HIGH + 1
 
 
 class TickConstants(NamedTuple):
-    """Everything that a tick takes from drive, settings and limits; the law's constants go beside it."""
+    """Everything that a tick needs from drive, settings and limits; the law's constants are separate."""
 
     observer: ObserverConstants
     monitor: MonitorConstants
@@ -86,7 +86,7 @@ _O, _M, _P, _R = (len(part._fields) for part in _PARTS)
 
 
 def pack(constants: TickConstants, *, watched: bool) -> Array:
-    """Return the constants in a row, and at its end whether the monitor looks on.
+    """Return the constants in one row, and at its end whether the monitor is on.
 
     A tick called from Python costs 0.7 us with one array and 4 us with as many numbers in named tuples.
     """
@@ -95,7 +95,7 @@ def pack(constants: TickConstants, *, watched: bool) -> Array:
 
 @compiled
 def _unpack(packed: Array) -> TickConstants:
-    """Return what `pack` packed; compiled, it costs nothing."""
+    """Return what `pack` packed; it costs nothing once compiled."""
     return TickConstants(
         ObserverConstants(*to_fixed_tuple(packed[:_O], _O)),
         MonitorConstants(*to_fixed_tuple(packed[_O : _O + _M], _M)),
@@ -112,11 +112,11 @@ _OUT = _SETPOINT + 3
 
 
 class TickMemory:
-    """What a tick remembers, without the law's state: one array, ``row``, and views of its parts.
+    """The memory of a tick, without the law's state: one array, ``row``, and views of its parts.
 
-    ``used`` is the last `Measurement` as it was used, nan where it is not plausible; ``observer`` begins with the
-    `Estimate`; ``setpoint`` is the last `Setpoint`, an experiment's offset in it; ``out`` is what `COMMAND` and the
-    others name.
+    ``used`` is the last `Measurement` as used, nan where implausible; ``observer`` begins with the `Estimate`;
+    ``setpoint`` is the last `Setpoint`, including an experiment's offset; ``out`` has the results that `COMMAND` and
+    the others index.
     """
 
     def __init__(self) -> None:
@@ -130,7 +130,7 @@ class TickMemory:
         self.forget()
 
     def forget(self) -> None:
-        """Forget everything that was seen; the setpoint stays."""
+        """Forget everything but the setpoint."""
         self.observer[:] = observer_memory()
         self.monitor[:] = monitor_memory()
         self.plausibility[:] = plausibility_memory()
@@ -139,7 +139,7 @@ class TickMemory:
 
 
 def fault_details(memory: TickMemory) -> Array:
-    """Return what the text of the last fault needs, shape (3,)."""
+    """Return the values for the text of the last fault, shape (3,)."""
     return memory.out[_DETAILS:]
 
 
@@ -151,7 +151,7 @@ def tick_estimate(memory: Array) -> Estimate:
 
 @compiled
 def tick_out(memory: Array) -> Array:
-    """Return what a tick left in its memory, see `COMMAND`, as a view."""
+    """Return the results of a tick in its memory, see `COMMAND`, as a view."""
     return memory[_OUT:]
 
 
@@ -161,15 +161,15 @@ law_step: Callable[[Array, Array, Array, Array, float, float], float] = unbound
 def _tick(
     packed: Array, memory: Array, law: Array, state: Array, segments: Array, measured: Measurement, inputs: Array
 ) -> float:
-    """Take one sample and return the command, V or A; 0 where the sample shows a fault.
+    """Take one sample and return the command, V or A; 0 if the sample shows a fault.
 
     Parameters
     ----------
     packed, memory : constants, from `pack`, and `TickMemory.row`
     law, state : constants and state of the law
-    segments : the plan, as `setpoint.Source.segments` returns it; its first coefficient nan: hold the position at which
-        the load is found
-    inputs : see `ELAPSED` and what follows it
+    segments : the plan, as `setpoint.Source.segments` returns it; if its first coefficient is nan, hold the present
+        position of the load
+    inputs : see `ELAPSED` and the following
     """
     constants = _unpack(packed)
     used, observed, out = as_measurement(memory[:_OBSERVER]), memory[_OBSERVER:_MONITOR], memory[_OUT:]
@@ -223,13 +223,13 @@ def _tick(
         beyond = min(max(planned + inputs[OFFSET], ends.lower_end), ends.upper_end)
         inputs[OFFSET] = min(max(beyond - planned, -abs(inputs[OFFSET])), abs(inputs[OFFSET]))
         setpoint[POSITION] += inputs[OFFSET]
-    # What an experiment adds is taken off the range: the law and it together keep to it.
+    # An experiment's torque is subtracted from the range, so that both together stay within it.
     added = inputs[TORQUE] * constants.range.feedforward
     low, high = voltage_range(constants.range, estimate)
     out[LOW], out[HIGH] = low, high
     added = min(max(added, low), high) if added != 0.0 else 0.0
     voltage = law_step(law, state, estimate, setpoint, low - added, high - added) + added
-    if not low <= voltage <= high and math.isfinite(voltage):  # a law keeps to its range; the motor does in any case
+    if not low <= voltage <= high and math.isfinite(voltage):  # a law stays in its range; this makes sure
         voltage = min(max(voltage, low), high)
     command = command_of(constants.range, estimate, voltage)
     total = command
@@ -237,7 +237,7 @@ def _tick(
         total += value
     for value in state:
         total += value
-    if not math.isfinite(total):  # finite if and only if all are, but for sums beyond 1e308
+    if not math.isfinite(total):  # finite if and only if all are, except for sums beyond 1e308
         out[FAULT] = _NOT_FINITE
         return 0.0
     out[COMMAND] = command

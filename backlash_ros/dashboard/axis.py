@@ -234,14 +234,14 @@ class Axis:
     async def change(self, transition: int) -> Answer:
         """Ask the controller for a transition of its lifecycle."""
         if not self._transition.service_is_ready():
-            return Answer(False, f"{self.names.controller} is not there")
+            return Answer(False, f"{self.names.controller} is not available")
         request = ChangeState.Request()
         request.transition.id = transition
         try:
             response = await answered(self._loop, self._transition.call_async(request), ANSWER)
         except TimeoutError:
             return Answer(False, f"{self.names.controller} did not answer within {ANSWER:g} s")
-        return Answer(response.success, "" if response.success else "the controller refused; its log says why")
+        return Answer(response.success, "" if response.success else "the controller refused; its log has the reason")
 
     async def set(self, values: Mapping[str, Any], *, simulator: bool = False) -> Answer:
         """Set parameters of the controller, or of the simulator, all or none; return why not, if not."""
@@ -249,7 +249,7 @@ class Axis:
         if simulator and self._simulator is not None:
             client, name = self._simulator.parameters, self._simulator.name
         if not client.services_are_ready():
-            return Answer(False, f"{name} is not there")
+            return Answer(False, f"{name} is not available")
         request = [Parameter(key, value=value) for key, value in values.items()]
         try:
             response = await answered(self._loop, client.set_parameters_atomically(request), ANSWER)
@@ -303,7 +303,7 @@ async def answered(loop: asyncio.AbstractEventLoop, future: Future, seconds: flo
 async def trigger(loop: asyncio.AbstractEventLoop, client: Any, seconds: float) -> Answer:
     """Call a service of type Trigger."""
     if not client.service_is_ready():
-        return Answer(False, f"{client.srv_name} is not there")
+        return Answer(False, f"{client.srv_name} is not available")
     try:
         response = await answered(loop, client.call_async(Trigger.Request()), seconds)
     except TimeoutError:

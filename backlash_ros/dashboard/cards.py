@@ -11,7 +11,7 @@ from lifecycle_msgs.msg import Transition
 from nicegui import context, ui
 from nicegui.events import GenericEventArguments
 
-from backlash_ros.control import AUTO, EXPERIMENTS, LAWS, Margins
+from backlash_ros.control import AUTO, EXPERIMENTS, LAWS
 from backlash_ros.control.design.gain_sets import CUSTOM
 from backlash_ros.control.telemetry import TELEMETRY
 from backlash_ros.dashboard.axis import EXPERIMENT, Answer, Axis
@@ -23,12 +23,12 @@ from backlash_ros.ros.client import stop_node
 _FIELD = "dense outlined"
 _BUTTON = "dense unelevated no-caps"
 _LEAST, _MOST = -2.0, 6.0
-"""Of the sliders for weights: powers of ten; at the least one a weight is 0."""
+"""Range of the sliders for weights, in powers of ten; at the lower end a weight is 0."""
 _LET_GO = 0.7
-"""Time after which a slider that nobody moves shows what is in use again, s."""
+"""Time after which a slider that is not moved shows the value in use again, s."""
 _ALL_SIGNALS = ["theta_m", "omega_m", "theta_l", "omega_l", "current"]
 _JUMP = 0.5
-"""By how much an encoder's zero is moved so that it jumps, rad."""
+"""Shift of an encoder's zero to make it jump, rad."""
 
 
 class Shown(Mover, Protocol):
@@ -82,7 +82,7 @@ def move_card(page: Shown) -> Refresh:
                 _tell(said, Answer(False, f"{each.props['label']} must be a number{bound}, got {value}"))
                 return False
         if page.axis is not None and not page.axis.last_state.get("holding", math.nan):
-            _tell(said, Answer(False, "nothing was sent: the controller holds no position, and would drop a reference"))
+            _tell(said, Answer(False, "nothing was sent: the controller holds no position and refuses references"))
             return False
         said.set_text("")
         return page.axis is not None
@@ -132,14 +132,6 @@ def move_card(page: Shown) -> Refresh:
     return refresh
 
 
-def _words(margins: Margins | None) -> str:
-    if margins is None:
-        return ""
-    phase = f"{math.degrees(margins.phase):.0f}\u00b0 of phase" if math.isfinite(margins.phase) else "any phase"
-    delay = f"{1e3 * margins.delay:.3g} ms of delay" if math.isfinite(margins.delay) else "any delay"
-    return f"margins: {phase}, {delay}"
-
-
 def _power(value: float) -> float:
     return math.log10(value) if value > 10**_LEAST else _LEAST
 
@@ -176,7 +168,7 @@ def law_card(page: Shown) -> Refresh:
 
 
 def gains_card(page: Shown) -> Refresh:
-    """Tune the weights that gains come from, with the gains and their margins beside them."""
+    """Tune the weights of the gains; show the gains and their margins."""
     sliders: dict[tuple[str, int], ui.slider] = {}
     lines: dict[str, ui.label] = {}
     touched = -math.inf
@@ -221,7 +213,8 @@ def gains_card(page: Shown) -> Refresh:
                     slider.set_value(power)
         for region, line in lines.items():
             k = ", ".join(f"{each:.3g}" for each in values[f"gains.{region}.k"])
-            line.set_text(f"k = [{k}]; {_words(axis.margins.get(region))}")
+            margins = axis.margins.get(region)
+            line.set_text(f"k = [{k}]" + (f"; margins: {margins.in_words()}" if margins else ""))
 
     return refresh
 
@@ -340,7 +333,7 @@ def drive_card(page: Shown) -> Refresh:
         age = paced.get("state_age", "")
         facts["age"].set_text("" if "nan" in age else age)
         heard, drives = station.graph.listeners(axis)
-        facts["connections"].set_text(f"{heard} listen to the command, {drives} publish joint states")
+        facts["connections"].set_text(f"subscribers of command: {heard}, publishers of joint states: {drives}")
 
     return refresh
 

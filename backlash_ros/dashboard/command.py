@@ -157,7 +157,7 @@ async def serve(node: Node, given: DashboardParameters, listening: socket.socket
     print(f"http://{name}:{port}{secret}", flush=True)
     if needs_token:
         may = "see the page" if given.read_only else "see the page and move the drive"
-        node.get_logger().warning(f"whoever has this address may {may}")
+        node.get_logger().warning(f"anyone with this address can {may}")
     try:
         await server.serve(sockets=[listening])
     finally:
@@ -168,8 +168,8 @@ async def serve(node: Node, given: DashboardParameters, listening: socket.socket
 ABOUT = """\
 Serves a page to watch drives, tune their controllers and stop them; it prints the address.
 
-It finds every controller of the graph. Only this machine may see the page, unless the parameter host says otherwise;
-then the address has a token. read_only:=true shows everything and changes nothing.
+It finds every controller of the graph. Only this machine can see the page, unless the parameter host says otherwise;
+then the address needs a token. read_only:=true shows everything and changes nothing.
 
 example: ros2 run backlash_ros dashboard --ros-args -p port:=8081"""
 

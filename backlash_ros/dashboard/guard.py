@@ -49,15 +49,15 @@ class Guard:
         headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
         host = headers.get("host", "").lower()
         if self._hosts and host not in self._hosts:
-            await _refuse(scope, send, 421, f"nothing is served under the name {host!r} here")
+            await _refuse(scope, send, 421, f"this server does not serve the name {host!r}")
         elif not self._known(headers):
             if self._opens(scope):
                 await _let_in(scope, send, self._token)
             else:
-                text = "this page needs its token: open the address that the dashboard printed in its terminal"
+                text = "this page needs a token: open the address that the dashboard printed in its terminal"
                 await _refuse(scope, send, 403, text)
         elif ("origin" in headers or _changes(scope)) and not _of_host(headers.get("origin", ""), host):
-            await _refuse(scope, send, 403, "only the page itself may do this")
+            await _refuse(scope, send, 403, "only the dashboard's own page may do this")
         else:
             await self._app(scope, receive, send)
 

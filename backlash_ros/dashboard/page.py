@@ -44,7 +44,7 @@ _TOOTH = """
   <g id="pinion"><path class="tooth" d="M-32 6 L-50 84 H50 L32 6 Z"/><text x="-17" y="50">motor</text></g>
   <path id="force"/>
   <rect id="swing" x="228" y="136" width="4" height="7"/>
-  <text x="8" y="164">bar: how far the load swung in the last second</text>
+  <text x="8" y="164">bar: swing of the load in the last second</text>
 </svg>
 """
 
@@ -187,9 +187,9 @@ class Page:
             self._choice.set_value(self.title or None)
         axis = self.axis
         if axis is None:
-            self._lifecycle.set_text("looking for a controller: none is there yet")
+            self._lifecycle.set_text("looking for a controller: none found yet")
             return
-        silent = "" if axis.silent < SILENCE else "no joint states: the drive is not there"
+        silent = "" if axis.silent < SILENCE else "no joint states from the drive"
         if silent and math.isfinite(axis.silent):
             silent += f" since {axis.silent:.0f} s"
         self._lifecycle.set_text(", ".join(filter(None, (f"controller {axis.lifecycle}", silent))))

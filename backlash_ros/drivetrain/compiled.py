@@ -1,9 +1,9 @@
-"""The one way this package compiles a function, so that a stale machine-code cache cannot run.
+"""The one way in which this package compiles functions, so that stale machine code from a cache cannot run.
 
 numba keys its disk cache on the file that holds the function, not on the functions it calls: after an update of one
 file a cached caller would go on running the old code. Here the cache folder is named after the text of every source
-file that is compiled, so any change starts afresh. Where nothing can be cached, functions are compiled every time.
-Copies of the same sources, say installed ones, share the code where they are given one folder (NUMBA_CACHE_DIR).
+file that is compiled, so any change starts a new one. If nothing can be cached, functions are compiled every time.
+Copies of the same sources, such as installed ones, share the code if they are given the same folder (NUMBA_CACHE_DIR).
 """
 
 import contextlib
@@ -38,7 +38,7 @@ _FOLDER = "backlash_ros_compiled"
 _ROOMS = "gates", "drivetrain", "identification", "control", "simulation"
 """Where functions are compiled."""
 _OURS = re.compile(r"source-[0-9a-f]{16}")
-"""Name of a folder of machine code: only what is called so is ever deleted."""
+"""Name pattern of a folder of machine code: only such folders are ever deleted."""
 
 
 def _source_digest() -> str:
@@ -86,7 +86,7 @@ _warned: list[str] = []
 
 
 def _warn_uncached(why: str) -> None:
-    """Say once, for however many functions, that the next start will take as long as this one."""
+    """Warn once, for all functions, that the next start will take as long as this one."""
     if _warned:
         return
     _warned.append(why)
@@ -97,21 +97,21 @@ def _warn_uncached(why: str) -> None:
 
 
 class _Turn:
-    """Lets one process at a time compile a function: those that wait for it find what it compiled.
+    """Lets one process at a time compile a function; waiting processes then load what it compiled.
 
-    A function waits for those that it calls while it holds its own turn, and they never for it: nobody waits in a ring.
-    What does not call one another is compiled side by side.
+    A function keeps its lock while it waits for the functions that it calls, and these never wait for it: no deadlock.
+    Functions that do not call each other are compiled in parallel.
     """
 
     _PATIENCE = 120.0
-    """Seconds: whoever holds the lock longer is stopped, not compiling."""
+    """Seconds: a process that holds the lock longer is taken to be stopped, not compiling."""
 
     def __init__(self, lock: Path) -> None:
         self._path = lock
         self._lock: int | None = None
 
     def take(self) -> None:
-        """Wait for the lock, unless it is held; where there can be none, go on without."""
+        """Wait for the lock, unless it is held; go on without it if there can be none."""
         if self._lock is not None:
             return
         with contextlib.suppress(OSError):
@@ -121,7 +121,7 @@ class _Turn:
                 time.sleep(0.05)
 
     def leave(self) -> None:
-        """Let the next one have it, if it is held."""
+        """Release the lock if it is held."""
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
@@ -140,7 +140,7 @@ _said: list[str] = []
 
 
 def _say_once() -> None:
-    """Log once that compiling takes its time, as soon as somebody reads the log."""
+    """Log once that compiling takes a while, as soon as the log has a reader."""
     if not _said and _log.isEnabledFor(logging.INFO):
         _said.append("compiling, once for this version of the package: about half a minute")
         _log.info(_said[0])
@@ -152,13 +152,13 @@ def _text_digest(file: Path) -> str:
 
 
 class _Cache(_FunctionCache):  # type: ignore[misc]
-    """A cache that does without itself where the disk is full or a file cannot be read."""
+    """A cache that is skipped if the disk is full or a file cannot be read."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
         file, name = Path(inspect.getfile(function)).resolve(), self._impl.filename_base
         if any(file.is_relative_to(_PACKAGE / room) for room in _ROOMS):
-            # Known by name and text: where a copy of the file lies and when it was written does not matter.
+            # Identified by name and text: the file's place and date do not matter.
             self._cache_path = os.path.join(_config.CACHE_DIR, function.__module__)
             os.makedirs(self._cache_path, exist_ok=True)
             self._cache_file = _IndexFile(self._cache_path, name, _text_digest(file))
@@ -178,7 +178,7 @@ class _Cache(_FunctionCache):  # type: ignore[misc]
             return super().load_overload(sig, target_context)
         except Exception:  # a file that was cut short raises whatever its bytes happen to mean
             with contextlib.suppress(OSError):
-                self.flush()  # a broken index would be in the way of storing, too
+                self.flush()  # a broken index would also prevent storing
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -191,11 +191,11 @@ class _Cache(_FunctionCache):  # type: ignore[misc]
 _CACHE = _cache_folder()
 
 _INLINES = numba.version_info[:2] >= (0, 59)
-"""Whether numba can put one function into another: older versions take minutes, so they leave it to LLVM."""
+"""Whether numba inlines functions: older versions take minutes for that, so it is left to LLVM."""
 
 
 def _keep(dispatcher: Any, cache: _Cache) -> None:
-    """Let ``dispatcher`` take its code from the cache, and its turn to compile what is not there."""
+    """Make ``dispatcher`` load its code from the cache, and compile under a lock what is not there."""
     compile_one = dispatcher.compile
 
     def compile_in_turn(signature: Any) -> Any:
@@ -211,8 +211,8 @@ def _dispatcher(function: Callable[..., Any], *, fused: bool = False, inlined: b
     """Return numba's dispatcher for ``function``, cached on disk where possible.
 
     Division by zero and overflow follow IEEE 754 (inf and nan), as numpy has them: the callers look at the results. No
-    fast-math: a mirrored input must give the mirrored output, bit for bit; as it does where ``fused`` lets the
-    processor round a product and a sum once.
+    fast-math: a mirrored input must give the mirrored output, bit for bit. It does so with ``fused``, too, which lets
+    the processor round a product and a sum once.
     """
     options: dict[str, Any] = {"fastmath": {"contract"} if fused else False}
     if inlined:
@@ -236,7 +236,7 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def fused(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile as `compiled` does, with a product and a sum in one where the processor can."""
+    """Compile as `compiled` does, with fused multiply-add if the processor has it."""
     result: Callable[P, R] = _dispatcher(function, fused=True)
     return result
 
@@ -255,8 +255,8 @@ def compiled_as(signature: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
 
 def unbound(*_: Any) -> Any:
-    """Stand, in a template, for a function that `specialize` binds: ``_force: ForceFunction = unbound``."""
-    raise NotImplementedError("a template is to be compiled by `specialize`, with its functions")
+    """Hold the place of a function that `specialize` binds in a template: ``_force: ForceFunction = unbound``."""
+    raise NotImplementedError("a template must be compiled by `specialize`, with its functions")
 
 
 def specialize(
@@ -265,12 +265,12 @@ def specialize(
     """Compile a copy of ``template`` in which the global names ``bound`` stand for compiled functions and for values.
 
     So a tick is compiled once for each control law, an integrator once for each contact law, and neither pays for a
-    call through a pointer. A compiled function that takes another one as an argument needs a signature that says so
-    (`numba.types.FunctionType`): without one numba keeps its code under the other's identity, and may find that of a
-    third one in the cache of the next process.
+    call through a pointer. A compiled function that takes another function as an argument needs a signature that says
+    so (`numba.types.FunctionType`). Otherwise numba stores its code under the identity of the argument, and the next
+    process may load the code for a different one.
 
-    The cached copy is named after the text of the bound functions' files: a law outside of this package that is edited
-    is compiled again.
+    The cached copy is named after the text of the bound functions' files: after an edit of a law outside this package
+    it is compiled again.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """What a tooth contact is: a validated value with one compiled force. The laws are in `contacts`, one a file.
 
-A law answers for a gap (m), its rate (m/s) and half the backlash where the teeth are (m), in this order:
+For a gap (m), its rate (m/s) and half the local backlash (m), a law gives, in this order:
 
     force              F, N, positive where the motor's gear drives the load forward
     stiffness          its derivative by the gap, N/m
@@ -8,8 +8,8 @@ A law answers for a gap (m), its rate (m/s) and half the backlash where the teet
     elastic            the part of F that stores energy, N: the derivative of that energy by the gap
     elastic_stiffness  its derivative by the gap, N/m
 
-What F has beyond the elastic part is lost as heat. Where the backlash varies along the turn, the stored energy also
-depends on the half gap, and what that costs turns the load: see `dynamics`.
+The rest of F is lost as heat. If the backlash varies along the turn, the stored energy also depends on the half gap,
+and this dependence exerts a torque on the load: see `dynamics`.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ Constants = tuple[float, ...]
 
 _CONSTANTS = 8
 _FARTHEST = 1e9
-"""Half gaps that teeth are pressed at most."""
+"""Largest depth that teeth are pressed in, in half gaps."""
 
 ToothForce = tuple[float, float, float, float, float]
 """force, stiffness, damping, elastic, elastic_stiffness."""
@@ -61,18 +61,18 @@ LinearPiece = tuple[float, float, float, float, float, float, float, float, floa
 
     F = offset + stiffness gap + damping gap_rate
 
-then of two bounds, each bound + by_gap gap + by_rate gap_rate (m; no unit; s), that are not below 0 where it holds."""
+then two bounds, each bound + by_gap gap + by_rate gap_rate (m; no unit; s), both >= 0 where it holds."""
 
 
 class LinearFunction(Protocol):
     """A compiled function: the linear piece of the force."""
 
     def __call__(self, constants: Constants, half_gap: float, gap: float, gap_rate: float, /) -> LinearPiece:
-        """Return the one that holds for half the backlash (m), a gap (m) and its rate (m/s), if there is one there."""
+        """Return the piece that holds for half the backlash (m), a gap (m) and its rate (m/s), if there is one."""
 
 
 class PieceFunction(Protocol):
-    """A compiled function: which of the pieces that the force is made of holds."""
+    """A compiled function: which piece of the force holds."""
 
     def __call__(self, constants: Constants, half_gap: float, gap: float, gap_rate: float, /) -> int:
         """Return its number for half the backlash (m), a gap (m) and its rate (m/s)."""
@@ -109,7 +109,7 @@ class Contact(Validated):
     force : compiled, ``(constants, half_gap, gap, gap_rate) -> ToothForce``
     energy : compiled, ``(constants, half_gap, gap)`` -> what the teeth store, J
     half_gap_slopes : compiled, ``(constants, half_gap, gap, tooth) -> HalfGapSlopes``, with what ``force`` answered;
-        right as it is for every law in which only the depth beyond the gap counts
+        the default is right for every law in which only the depth beyond the gap counts
     piece : compiled, ``(constants, half_gap, gap, gap_rate)`` -> a number for each piece in which the force is
         smooth; 0 throughout by default
     linear : compiled, ``(constants, half_gap, gap, gap_rate) -> LinearPiece``, where the force is linear: there the
@@ -137,7 +137,7 @@ class Contact(Validated):
         raise NotImplementedError
 
     def edge_stiffness(self, half_gap: float, load_radius: float) -> float:
-        """Return the spring that stands for the teeth at the edge of the gap, N/m along the pitch line."""
+        """Return the stiffness of the teeth at the edge of the gap, N/m along the pitch line."""
         raise NotImplementedError
 
 
@@ -152,7 +152,7 @@ def gap_at_rest(contact: Contact, constants: Constants, half_gap: float, force: 
     Raises
     ------
     ValueError
-        If they carry none that large.
+        If they cannot carry so large a force.
     """
 
     def missing(gap: float) -> float:
@@ -167,12 +167,12 @@ def gap_at_rest(contact: Contact, constants: Constants, half_gap: float, force: 
 
 
 def law_name(contact: Contact) -> str:
-    """Return the name of the law of ``contact``, as it stands in `contacts.CONTACTS`."""
+    """Return the name of the law of ``contact`` in `contacts.CONTACTS`."""
     return contact.section.removeprefix("contact.")
 
 
 def as_constants(*values: float) -> Constants:
-    """Return up to eight numbers as what the compiled functions take; ValueError for more."""
+    """Return up to eight numbers in the form that the compiled functions take; ValueError for more."""
     if len(values) > _CONSTANTS:
         raise ValueError(f"a contact law has at most {_CONSTANTS} constants, got {len(values)}")
     return tuple(float(value) for value in values) + (0.0,) * (_CONSTANTS - len(values))

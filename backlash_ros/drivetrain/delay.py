@@ -1,7 +1,7 @@
-"""A drive that answers late: its samples are old when they arrive, and its commands act some time after they were sent.
+"""A drive with delay: its samples are old when they arrive, and its commands act some time after they were sent.
 
 Sample k arrives at k T and was taken at k T - d_s; the command that answers it acts from k T + d_c on. Both delays may
-be any number of periods, whole or broken, and jitter evenly. A command never acts before an older one.
+be any number of periods, also fractions, with uniform jitter. A command never acts before an older one.
 """
 
 from collections.abc import Callable
@@ -21,29 +21,33 @@ from backlash_ros.drivetrain.sensors import NOISE_STREAMS, uniform
 from backlash_ros.drivetrain.signals import Array, PlantState, at_rest
 
 LINE = 64
-"""Samples and commands that may be on their way at once."""
+"""Largest number of samples and commands in transit."""
 
 _SAMPLE_STREAM, _COMMAND_STREAM = NOISE_STREAMS, NOISE_STREAMS + 1
 
 
 @dataclass(frozen=True)
 class Delay(Validated):
-    """How late a drive is, both ways; 0 by default."""
+    """Delays of a drive, of samples and of commands; 0 by default."""
 
     section: ClassVar[str] = "delay"
 
-    sample: float = quantity("from measuring to the controller's tick", "s", at_most=1.0, default=0.0)
-    command: float = quantity("from the controller's tick to the motor", "s", at_most=1.0, default=0.0)
-    sample_jitter: float = quantity("by which a sample may be later, evenly", "s", at_most=1.0, default=0.0)
-    command_jitter: float = quantity("by which a command may be later, evenly", "s", at_most=1.0, default=0.0)
+    sample: float = quantity("delay from the measurement to the controller's tick", "s", at_most=1.0, default=0.0)
+    command: float = quantity("delay from the controller's tick to the motor", "s", at_most=1.0, default=0.0)
+    sample_jitter: float = quantity(
+        "largest extra delay of a sample, uniformly distributed", "s", at_most=1.0, default=0.0
+    )
+    command_jitter: float = quantity(
+        "largest extra delay of a command, uniformly distributed", "s", at_most=1.0, default=0.0
+    )
 
     @property
     def mean(self) -> float:
-        """Both together, s: what a design takes into account."""
+        """Mean of both together, s: what a design takes into account."""
         return self.sample + self.command + 0.5 * (self.sample_jitter + self.command_jitter)
 
     def check_line(self, period: float) -> None:
-        """Raise ValueError where more would be on its way than a simulation keeps, at a period in s."""
+        """Raise ValueError if more would be in transit than a simulation stores, at a period in s."""
         for way in ("sample", "command"):
             longest = getattr(self, way) + getattr(self, f"{way}_jitter")
             if longest > (LINE - 2) * period:
@@ -78,7 +82,7 @@ def delay_constants(delay: Delay, period: float, seed: int = 0) -> DelayConstant
 
 
 class DelayMemory(NamedTuple):
-    """What is on its way.
+    """The samples and commands in transit.
 
     ``taken`` (LINE, 7): states at which the next samples are taken, by number modulo LINE. ``sent`` (LINE, 2): commands
     and when they act, s. ``force`` (3,): the command that acts, its number, and the number of the next to be sent.
@@ -90,7 +94,7 @@ class DelayMemory(NamedTuple):
 
 
 def delay_memory(state: PlantState) -> DelayMemory:
-    """Return a line on which every sample that was taken before the start shows ``state``, and nothing acts."""
+    """Return a line in which every sample from before the start shows ``state``, and no command acts."""
     return DelayMemory(np.tile(state, (LINE, 1)), np.zeros((LINE, 2)), np.array([0.0, -1.0, 0.0]))
 
 
@@ -131,7 +135,7 @@ def _play_period(
     Parameters
     ----------
     step : of `integrator.integration_memory`
-    rows : shape (substeps, 5): the states at the ends of so many even parts of the period
+    rows : shape (substeps, 5): filled with the states at the ends of equal parts of the period
 
     Returns
     -------
@@ -145,7 +149,7 @@ def _play_period(
     slack = 1e-9 * delay.period
     now, row = 0.0, 0
     while True:
-        # What acts from here on, and what comes next. Rounding must not cut off a sliver.
+        # The command that acts now, and the next one. Rounding must not leave a sliver of time.
         following = (row + 1) * delay.period / substeps
         for j in range(max(int(memory.force[1]) + 1, k - LINE + 1), k + 1):
             due = memory.sent[j % LINE, 1] - begin
@@ -187,7 +191,7 @@ PLAYER_SIGNATURE: Any = _types.Tuple((_types.int64, _number))(
 
 
 def player_for(drive: Drive) -> Player:
-    """Return what plays a period of ``drive``, with the integrator of its contact law inside."""
+    """Return the function that simulates a period of ``drive``, with the integrator of its contact law compiled in."""
     return _player_with(integrator_for(drive))
 
 

@@ -1,9 +1,9 @@
-"""Linear models of the drive, continuous and discrete: from them gains are designed and loops are judged.
+"""Linear models of the drive, continuous and discrete, for designing gains and judging loops.
 
 Continuous models take the winding's voltage V, and the current is their last state. Under the voltage interface the
-drive holds the voltage of each sample. Under the current interface the drive's own loop imposes the current, and the
-controller computes it as a winding without inductance would settle, i = (V - K_m omega_m)/R, from the speed of the
-sample. `discretize` gives the model from sample to sample under either.
+drive holds the voltage of each sample. Under the current interface the drive's own loop imposes the current, which the
+controller computes for a winding without inductance, i = (V - K_m omega_m)/R, from the speed of the sample.
+`discretize` gives the model from sample to sample for either interface.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from backlash_ros.drivetrain.parameters import Drive
 from backlash_ros.drivetrain.signals import Array
 
 _WHOLE = 1e-9
-"""A delay this close to whole periods, in periods, is whole."""
+"""A delay this close to a whole number of periods counts as whole, in periods."""
 
 
 def rigid_model(drive: Drive) -> tuple[Array, Array]:
@@ -40,7 +40,7 @@ def rigid_model(drive: Drive) -> tuple[Array, Array]:
 
 
 def motor_model(drive: Drive) -> tuple[Array, Array]:
-    """Return the matrices (A, B) of the motor by itself, as it turns inside the gap (eqs 7, 8 with F = 0).
+    """Return the matrices (A, B) of the motor alone, as it turns inside the gap (eqs 7, 8 with F = 0).
 
     States: omega_m (rad/s), i (A). Input: voltage (V).
 
@@ -59,12 +59,12 @@ def motor_model(drive: Drive) -> tuple[Array, Array]:
 
 
 def _settled_current(a: Array, b: Array) -> tuple[Array, Array]:
-    """Return the rows that give the current, with L di/dt = 0, from the other states and from the voltage."""
+    """Return the rows that give the current for L di/dt = 0, from the other states and from the voltage."""
     return a[-1:, :-1] / -a[-1, -1], b[-1:] / -a[-1, -1]
 
 
 def without_inductance(a: Array, b: Array) -> tuple[Array, Array]:
-    """Return the model in the limit L -> 0, where the current is no state.
+    """Return the model in the limit L -> 0, where the current is not a state.
 
     Parameters
     ----------
@@ -104,10 +104,10 @@ def _zero_order_hold(a: Array, b: Array, seconds: float) -> tuple[Array, Array]:
 
 
 def discretize_from_command(drive: Drive, a: Array, b: Array, period: float, delay: float = 0.0) -> tuple[Array, Array]:
-    """Return the model from sample to sample whose input is the drive's command u, V or A, which acts late.
+    """Return the model from sample to sample whose input is the drive's command u, V or A, which acts with a delay.
 
     The command of sample k acts from ``k period + delay`` on, until the next one does. A delay of m whole periods and a
-    rest splits each period in two: u(k - m - 1) acts for the rest, then u(k - m). The commands on their way are states.
+    remainder splits each period in two: u(k - m - 1) acts first, then u(k - m). The commands in transit are states.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def discretize_from_command(drive: Drive, a: Array, b: Array, period: float, del
     states = len(a)
     moving = states - 1 if drive.takes_current else states
     flow, effect = (a[:-1, :-1], a[:-1, -1:]) if drive.takes_current else (a, b)
-    # Row j gives u(k - j), the columns are the states, the commands on their way and the new one.
+    # Row j gives u(k - j); the columns are the states, the commands in transit and the new one.
     commands = np.zeros((waiting + 1, states + waiting + 1))
     commands[0, -1] = 1.0
     commands[1:, states:-1] = np.eye(waiting)

@@ -1,4 +1,4 @@
-"""What the messages between drive and controller say, whoever has deserialised them: rclpy, or a reader of bags."""
+"""The content of the messages between drive and controller, deserialised by rclpy or by a reader of bags."""
 
 import math
 import re
@@ -12,19 +12,19 @@ _STAMP = re.compile(r"(-?\d+)\.(\d{9})")
 
 
 def stamp_ns(stamp: Any) -> int:
-    """Return a stamp in ns; so gates name a sample."""
+    """Return a stamp in ns, by which the gates name a sample."""
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
 def answered_sample(command: Any) -> int | None:
-    """Return the stamp of the sample that a command answers, ns; None where it names none."""
+    """Return the stamp of the sample that a command answers, ns; None if it names none."""
     layout = getattr(command, "layout", None)
     named = _STAMP.fullmatch(layout.dim[0].label) if layout is not None and layout.dim else None
     return None if named is None else int(named[1]) * 10**9 + int(named[2])
 
 
 LARGEST = 1e9
-"""Beyond this no angle (rad), speed (rad/s) or torque (N m) is one that was measured."""
+"""Largest magnitude of an angle (rad), speed (rad/s) or torque (N m) that is believed."""
 
 
 class BadSampleError(ValueError):
@@ -32,7 +32,7 @@ class BadSampleError(ValueError):
 
 
 class NotOurJointsError(Exception):
-    """A message of other joints: several drives may share a topic."""
+    """A message about other joints: several drives may share a topic."""
 
 
 def _usable(what: str, joint: str, value: float, unit: str) -> float:
@@ -44,10 +44,10 @@ def _usable(what: str, joint: str, value: float, unit: str) -> float:
 def read_joint_state(
     message: Any, motor_joint: str, load_joint: str, torque_constant: float, out: Measurement | None = None
 ) -> Measurement:
-    """Return the measurement in a message, nan where it does not say.
+    """Return the measurement in a message, nan where a value is missing.
 
-    Joints are found by name, in any order, others ignored; either may be absent. Velocity and effort may be empty, or
-    nan where a joint does not measure them, as ros2_control's joint_state_broadcaster has it.
+    Joints are found by name, in any order; others are ignored, and either may be absent. Velocity and effort may be
+    empty, or nan for a joint that does not measure them, as with ros2_control's joint_state_broadcaster.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def read_joint_state(
     NotOurJointsError
         If both joints are absent.
     BadSampleError
-        If one stands there twice, an array has the wrong length, a position is not finite or a velocity or effort is
+        If a joint appears twice, an array has the wrong length, a position is not finite or a velocity or effort is
         infinite.
     """
     names, positions, speeds, efforts = message.name, message.position, message.velocity, message.effort
@@ -76,7 +76,7 @@ def read_joint_state(
         if joint not in names:
             continue
         if names.count(joint) > 1:
-            raise BadSampleError(f"joint {joint!r} stands {names.count(joint)} times in one message")
+            raise BadSampleError(f"joint {joint!r} appears {names.count(joint)} times in one message")
         seen, k = True, names.index(joint)
         measured[angle] = _usable("position", joint, positions[k], "rad")
         if len(speeds) and not math.isnan(speeds[k]):

@@ -29,7 +29,7 @@ class Motor(Validated):
     torque_constant: float = quantity("torque constant K_m, also the back-EMF constant", "N m/A", above=0, at_most=1e3)
     inertia: float = quantity("rotor inertia J_m", "kg m^2", at_least=1e-9, at_most=1e3)
     viscous_friction: float = quantity("rotor viscous friction B_m", "N m s/rad", at_least=0, at_most=1e3)
-    voltage_limit: float = quantity("largest magnitude of the voltage", "V", above=0, at_most=1e4)
+    voltage_limit: float = quantity("largest magnitude of the motor voltage", "V", above=0, at_most=1e4)
     current_limit: float = quantity("largest magnitude of a commanded current", "A", above=0, at_most=1e5, default=12.0)
     coulomb_friction: float = quantity(
         "Coulomb friction of the rotor, before the gear", "N m", at_least=0, at_most=1e5, default=0.0
@@ -59,27 +59,27 @@ class Gear(Validated):
         default=0.05,
     )
     backlash_variation: float = quantity(
-        "how far the backlash rises and falls along the output's turn, as a share of its mean",
+        "amplitude of the backlash's variation over a turn of the output, as a share of its mean",
         "",
         at_least=0,
         at_most=0.9,
         default=0.0,
     )
     backlash_cycles: int = quantity(
-        "how often it does so in one turn", "", at_least=1, at_most=1000, whole=True, default=1
+        "periods of that variation in one turn of the output", "", at_least=1, at_most=1000, whole=True, default=1
     )
     backlash_phase: float = quantity(
-        "where in its cycle the backlash is at a load angle of 0; at phase 0 it is widest",
+        "phase of that variation at a load angle of 0; the backlash is widest at phase 0",
         "rad",
         at_least=-6.3,
         at_most=6.3,
         default=0.0,
     )
     efficiency_forward: float = quantity(
-        "share of the power that the teeth let through from motor to load", "", at_least=1e-3, at_most=1, default=1.0
+        "efficiency of the teeth while power flows from motor to load", "", at_least=1e-3, at_most=1, default=1.0
     )
     efficiency_backward: float = quantity(
-        "share of the power that the teeth let through from load to motor; 0 is self-locking",
+        "efficiency of the teeth while power flows from load to motor; 0: self-locking",
         "",
         at_least=0,
         at_most=1,
@@ -135,14 +135,14 @@ class Load(Validated):
         "Coulomb friction of the load, behind the gear", "N m", at_least=0, at_most=1e5, default=0.0
     )
     gravity_torque: float = quantity(
-        "largest torque of the load's weight, m g l; it pulls by gravity_torque sin(theta_l + gravity_offset)",
+        "largest gravity torque of the load, m g l; gravity pulls with gravity_torque sin(theta_l + gravity_offset)",
         "N m",
         at_least=0,
         at_most=1e5,
         default=0.0,
     )
     gravity_offset: float = quantity(
-        "angle of the load from hanging straight down where its encoder reads 0",
+        "angle between the load and straight down when its encoder reads 0",
         "rad",
         at_least=-6.3,
         at_most=6.3,

@@ -45,26 +45,33 @@ class Sensors(Validated):
     motor_counts: float = quantity("counts per turn of the motor's encoder; 0: exact", "", at_most=2.0**40, default=0.0)
     load_counts: float = quantity("counts per turn of the load's encoder; 0: exact", "", at_most=2.0**40, default=0.0)
     motor_offset: float = quantity(
-        "what the motor's encoder shows at theta_m = 0", "rad", at_least=-1e6, at_most=1e6, default=0.0
+        "reading of the motor's encoder at theta_m = 0", "rad", at_least=-1e6, at_most=1e6, default=0.0
     )
     load_offset: float = quantity(
-        "what the load's encoder shows at theta_l = 0", "rad", at_least=-1e6, at_most=1e6, default=0.0
+        "reading of the load's encoder at theta_l = 0", "rad", at_least=-1e6, at_most=1e6, default=0.0
     )
-    motor_eccentricity: float = quantity("error once per turn of the motor, amplitude", "rad", at_most=1.0, default=0.0)
-    load_eccentricity: float = quantity("error once per turn of the load, amplitude", "rad", at_most=1.0, default=0.0)
+    motor_eccentricity: float = quantity(
+        "amplitude of the motor encoder's once-per-turn error", "rad", at_most=1.0, default=0.0
+    )
+    load_eccentricity: float = quantity(
+        "amplitude of the load encoder's once-per-turn error", "rad", at_most=1.0, default=0.0
+    )
     eccentricity_phase: float = quantity(
-        "of both errors, at theta = 0", "rad", at_least=-_TURN, at_most=_TURN, default=0.0
+        "phase of both once-per-turn errors at theta = 0", "rad", at_least=-_TURN, at_most=_TURN, default=0.0
     )
-    motor_noise: float = quantity("noise on the motor's angle, even within +-", "rad", at_most=1e3, default=0.0)
-    load_noise: float = quantity("noise on the load's angle, even within +-", "rad", at_most=1e3, default=0.0)
+    motor_noise: float = quantity(
+        "noise on the motor's angle, uniform within +- this value", "rad", at_most=1e3, default=0.0
+    )
+    load_noise: float = quantity(
+        "noise on the load's angle, uniform within +- this value", "rad", at_most=1e3, default=0.0
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         unknown = [name for name in self.measured if name not in STATE_NAMES]
         if unknown or not set(self.measured) & set(POSITIONS):
             raise ValueError(
-                f"sensors.measured must be of {list(STATE_NAMES)}, theta_m or theta_l among them, "
-                f"got {list(self.measured)}"
+                f"sensors.measured must be of {list(STATE_NAMES)}, with theta_m or theta_l, got {list(self.measured)}"
             )
 
     def load_zero(self, theta_l: Array) -> Array:

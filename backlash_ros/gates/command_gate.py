@@ -1,7 +1,7 @@
-"""What a drive does with commands: which sample they answer, how old they are, and when the motor gets nothing.
+"""What a drive does with commands: which sample they answer, how old they are, and when the motor gets 0.
 
 A state machine without ROS, for the simulator and for any adapter of a real drive. All times are integer nanoseconds
-of a steady clock, ``now``; a sample is named by its stamp, in nanoseconds too, whatever clock that is of.
+of a steady clock, ``now``; a sample is named by its stamp, also in nanoseconds, of any clock.
 """
 
 import math
@@ -13,7 +13,7 @@ from backlash_ros.gates.faults import Fault
 SECOND = 10**9
 
 _KEPT = 16
-"""Samples that are remembered at least, however long ago they were sent."""
+"""Smallest number of samples that are remembered, however old they are."""
 
 
 class _Sent:
@@ -25,18 +25,18 @@ class _Sent:
 
 
 class CommandGate:
-    """Takes commands and says what the motor gets: never a stale one, never those of two publishers mixed.
+    """Takes commands and decides what the motor gets: no stale command, and no mixture of two publishers' commands.
 
-    A command names the sample that it answers, and is as old as that sample; one that names none is as old as its
-    arrival. A ``fault`` is latched, with its text in ``why``: the motor gets nothing until `reset`. A command of 0 is
-    obeyed whatever its age.
+    A command names the sample that it answers, and is as old as that sample; a command that names no sample ages from
+    its arrival. A ``fault`` is latched, with its text in ``why``: the motor gets 0 until `reset`. A command of 0 is
+    always obeyed, however old.
 
     Parameters
     ----------
-    timeout : age from which on a command is not obeyed, and silence after which the motor gets nothing, ns
+    timeout : age above which a command is not obeyed, and silence after which the motor gets 0, ns
     unit : of the command, for texts
-    lockstep : time stands still until the newest sample is answered: no command is too old, only those to other samples
-        are ignored
+    lockstep : time stands still until the newest sample is answered: no command is too old, but answers to other
+        samples are ignored
     """
 
     def __init__(self, timeout: int, unit: str = "V", *, lockstep: bool = False) -> None:
@@ -50,7 +50,7 @@ class CommandGate:
         self.open()
 
     def open(self) -> None:
-        """Begin: forget commands and samples, not the fault."""
+        """Start: forget commands and samples, but not the fault."""
         self._value = 0.0
         self._since = 0
         self._sent: OrderedDict[int, _Sent] = OrderedDict()
@@ -64,7 +64,7 @@ class CommandGate:
         self.fault, self.why, self._value = Fault.NONE, "", 0.0
 
     def fail(self, fault: Fault, why: str) -> None:
-        """Latch a fault, unless there is one: the motor gets nothing."""
+        """Latch a fault, unless one is latched: the motor gets 0."""
         self._value = 0.0
         if not self.fault:
             self.fault, self.why = fault, why
@@ -72,7 +72,7 @@ class CommandGate:
     # What the drive does.
 
     def sent(self, sample: int, now: int) -> None:
-        """Take down that a sample leaves now."""
+        """Note that a sample is sent now."""
         self._sent.pop(sample, None)
         self._sent[sample] = _Sent(now)
         self._newest, self.waiting = sample, True
@@ -81,36 +81,36 @@ class CommandGate:
             self._sent.popitem(last=False)
 
     def sent_again(self) -> None:
-        """Take down that the newest sample leaves once more: one controller may answer it twice."""
+        """Note that the newest sample is sent again: one controller may answer it twice."""
         if self._newest is not None:
             self._sent[self._newest].repeated = True
 
     @property
     def value(self) -> float:
-        """What the motor got when it was last asked or told."""
+        """The command that the motor last got."""
         return self._value
 
     @property
     def expires(self) -> int | None:
-        """When the command in force is too old, ns; None where the motor gets nothing, and in lockstep."""
+        """When the command in force becomes too old, ns; None if the motor gets 0, and in lockstep."""
         return self._since + self._timeout if self._value and not self._lockstep else None
 
     def output(self, now: int) -> float:
-        """Return what the motor gets now; silence latches the fault."""
+        """Return the motor's command now; silence latches the fault."""
         if self.expires is not None and now >= self.expires:
-            only = ", only answers to samples that are older" if self._outdated else ""
+            only = ", only answers to older samples" if self._outdated else ""
             self.fail(Fault.NO_COMMANDS, f"no command for {self._timeout / SECOND:g} s{only}")
         return self._value
 
     # What comes.
 
     def command(self, values: Sequence[float], answers: int | None, now: int) -> str:
-        """Take a command that has just arrived; return why it is not obeyed, empty where it is or a fault says why.
+        """Take a command that has just arrived; return why it is not obeyed, empty if it is or a fault says why.
 
         Parameters
         ----------
-        values : its first one is the command, in the drive's unit
-        answers : the sample that it names; None where it names none
+        values : the first one is the command, in the drive's unit
+        answers : the sample that the command names; None if it names none
         now : of the steady clock, ns
         """
         self.output(now)
@@ -129,7 +129,7 @@ class CommandGate:
         if not math.isfinite(value):
             self.rejected += 1
             self.fail(
-                Fault.BAD_COMMAND, f"command must begin with a finite number, in {self._unit}, got {list(values)}"
+                Fault.BAD_COMMAND, f"the first value of command must be finite, in {self._unit}, got {list(values)}"
             )
         elif sample is not None and sample.answered and not sample.repeated:
             self._two_answers()
@@ -144,7 +144,7 @@ class CommandGate:
             return f"command answers a sample that is older than command_timeout = {self._timeout / SECOND:g} s"
         elif value and sample is not None and self._last_answer is not None and sample.at < self._last_answer:
             self.rejected += 1
-            return "command answers an older sample than the one in force"
+            return "command answers an older sample than the command in force does"
         elif not self.fault:
             self._value, self._since, self._outdated = value, now if sample is None else sample.at, False
         return ""
@@ -159,10 +159,10 @@ class CommandGate:
         self.answered_late += answers != self._newest
 
     def _two_answers(self) -> None:
-        self.fail(Fault.SECOND_CONTROLLER, "two controllers on command: one sample was answered twice")
+        self.fail(Fault.SECOND_CONTROLLER, "two controllers publish command: one sample was answered twice")
 
     def _forgotten(self, answers: int | None) -> bool:
-        """Whether a sample was sent, so long ago that it is not remembered; any other name means nothing."""
+        """Return whether the named sample is too old to be remembered; any other unknown name means nothing."""
         oldest = next(iter(self._sent), None)
         return (
             answers is not None and self._first is not None and oldest is not None and self._first <= answers < oldest

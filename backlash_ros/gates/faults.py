@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 
 class Fault(IntEnum):
-    """What latches: the motor gets nothing until a reset. Names and numbers are stable: bags and pages keep them."""
+    """Faults that latch: the motor gets 0 until a reset. Names and numbers are stable: bags and pages store them."""
 
     NONE = 0
     # Found by the tick in a sample.
@@ -34,7 +34,7 @@ class Fault(IntEnum):
 
 
 class Meaning(NamedTuple):
-    """What a fault means and what to do about it, each a sentence."""
+    """What a fault means and what to do about it, in one sentence each."""
 
     meaning: str
     remedy: str
@@ -56,16 +56,16 @@ FAULTS = {
         "The load turns faster than faults.velocity allows.", "Look for what drives it, or raise faults.velocity."
     ),
     Fault.ENCODERS_DISAGREE: Meaning(
-        "The two shafts moved apart by more than the gear can have between them.",
+        "The two shafts moved apart by more than the gear's backlash and wind-up allow.",
         "Look at both encoders and the gear; check gear.reduction and backlash_angle.",
     ),
     Fault.UNEXPLAINED_TORQUE: Meaning(
-        "The drive does not move as its command makes it.",
+        "The drive does not move as its command should make it.",
         "Look for a blocked load and a motor without power; check the signs of encoders and command.",
     ),
     Fault.LOWER_END: Meaning("The load is too far beyond the lower end of its travel.", "Bring it back by hand."),
     Fault.UPPER_END: Meaning("The load is too far beyond the upper end of its travel.", "Bring it back by hand."),
-    Fault.NOT_FINITE: Meaning("No finite command follows from the samples.", "Look at what the drive publishes."),
+    Fault.NOT_FINITE: Meaning("The samples give no finite command.", "Look at what the drive publishes."),
     Fault.MOTOR_SPEED: Meaning(
         "The motor's speed contradicts its encoder.", "Check unit (rad/s) and sign of the velocity, and rate."
     ),
@@ -73,26 +73,28 @@ FAULTS = {
         "The load's speed contradicts its encoder.", "Check unit (rad/s) and sign of the velocity, and rate."
     ),
     Fault.MOTOR_CURRENT: Meaning(
-        "The motor's effort is one that the command cannot make.",
+        "The command cannot cause the motor's effort.",
         "Check unit (N m at the motor's shaft) and sign of the effort, and motor.torque_constant.",
     ),
-    Fault.RATE: Meaning("Samples come at another rate than the controller was told.", "Give rate as the drive has it."),
+    Fault.RATE: Meaning(
+        "Samples do not come at the rate that the controller was given.", "Set rate to the drive's rate."
+    ),
     Fault.NO_SAMPLES: Meaning(
         "No usable joint states came for state_timeout.", "Look at the drive and at the network; see messages_dropped."
     ),
     Fault.SECOND_DRIVE: Meaning(
-        "Two drives publish joint states with the same joint names, or one with stamps that stand still.",
-        "Stop one, or give it a namespace of its own; look at the stamps.",
+        "Two drives publish joint states with the same joint names, or the stamps of one drive stand still.",
+        "Stop one, or give it its own namespace; look at the stamps.",
     ),
     Fault.NO_COMMANDS: Meaning(
         "No usable command came for command_timeout while the motor had power.", "Look at the controller."
     ),
-    Fault.BAD_COMMAND: Meaning("A command was not one finite number.", "Look at who publishes commands."),
+    Fault.BAD_COMMAND: Meaning("A command was not a finite number.", "Find out who publishes commands."),
     Fault.SECOND_CONTROLLER: Meaning(
-        "Two controllers, or another publisher beside one, command the drive.", "Stop all but one."
+        "Two controllers, or a controller and another publisher, command the drive.", "Stop all but one."
     ),
     Fault.CANNOT_SIMULATE: Meaning(
         "The equations of the simulated drive cannot be solved for its load torque.", "Give a smaller load torque."
     ),
 }
-"""Every fault but none."""
+"""Every fault except NONE."""

@@ -1,4 +1,4 @@
-"""Which samples a controller takes, and what becomes of the others: a state machine without ROS.
+"""Decides which samples a controller takes, and what to do with the others: a state machine without ROS.
 
 All times are integer nanoseconds. A stamp is when a sample was measured, by the drive's clock, which may jump; ``now``
 is the steady clock of the controller, which does not.
@@ -12,14 +12,14 @@ from backlash_ros.gates.faults import Fault
 SECOND = 10**9
 
 _STRAYS = 3
-"""So many samples of somebody else are a second drive; one may be a clock that is set."""
+"""This many stray samples are taken for a second drive; a single one may come from a clock that was set."""
 
 _MEMORY = 10
-"""Strays are counted together within so many timeouts."""
+"""Stray samples are counted together within this many timeouts."""
 
 
 class Action(Enum):
-    """What becomes of a sample."""
+    """What to do with a sample."""
 
     TAKE = "take it: it goes to the tick, whose command answers it"
     REPEAT = "answer it with the command in force"
@@ -28,7 +28,7 @@ class Action(Enum):
 
 
 class Judged(NamedTuple):
-    """What becomes of a sample: the action, the time since the one before (ns, 0 where there is none), what to tell."""
+    """What to do with a sample, the time since the previous one (ns, 0 if there is none), and a reason to report."""
 
     action: Action
     elapsed: int = 0
@@ -36,10 +36,10 @@ class Judged(NamedTuple):
 
 
 class SampleGate:
-    """Order, repeats, clock jumps, joints that come or go, a second drive, silence, and nobody who listens.
+    """Judges order, repeats, clock jumps, appearing and disappearing joints, a second drive, silence, no subscriber.
 
-    A ``fault`` is latched, with its text in ``why``: nothing is taken until `open`. Until somebody listens to the
-    commands nothing is taken either, so that no position is held that the drive does not hear of.
+    A ``fault`` is latched, with its text in ``why``: no sample is taken until `open`. Nor is one taken before the
+    commands have a subscriber: otherwise the controller would hold a position without the drive receiving commands.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class SampleGate:
         self.open()
 
     def open(self) -> None:
-        """Forget the fault and all that was seen; the counts go on."""
+        """Forget the fault and all samples; the counts go on."""
         self.fault = Fault.NONE
         self.why = ""
         self.unheard = False
@@ -77,7 +77,7 @@ class SampleGate:
 
     @property
     def waiting(self) -> bool:
-        """Whether no sample has come yet, or none since a silence."""
+        """Whether no sample has arrived yet, or none since the last silence."""
         return self._arrived is None
 
     def sample(
@@ -94,12 +94,12 @@ class SampleGate:
 
         Parameters
         ----------
-        stamp : when it was measured, ns; None where it does not say
+        stamp : when it was measured, ns; None if unknown
         now : of the steady clock, ns
-        joints : which of the joints it has
-        content : what it says; None where a repeat is not to be compared
-        unusable : why it cannot be used; empty where it can
-        heard : whether anybody listens to the commands
+        joints : whether it has the motor's and the load's joint
+        content : its values; None to accept any repeat without comparing
+        unusable : why it cannot be used; empty if it can
+        heard : whether the commands have a subscriber
         """
         self.silent(now)
         if self.fault:
@@ -119,7 +119,7 @@ class SampleGate:
         return Judged(Action.TAKE, elapsed, reason)
 
     def silent(self, now: int) -> bool:
-        """Whether no usable sample has come for the timeout since the last one, which latches the fault."""
+        """Return whether the timeout has passed since the last usable sample; if so, latch the fault."""
         if self._arrived is None or now - self._arrived < self._timeout:
             return False
         self._arrived = None
@@ -132,7 +132,7 @@ class SampleGate:
             self.fault, self.why = fault, why
 
     def drop(self, reason: str) -> None:
-        """Count a message that is of no use, here or of another topic."""
+        """Count a dropped message, of this or another topic."""
         self.dropped += 1
         self.last_dropped = reason
 
@@ -142,10 +142,10 @@ class SampleGate:
         return Judged(action, 0, reason)
 
     def _changed(self, joints: tuple[bool, ...]) -> str:
-        """Say which joint has come or gone: their zeros may differ, and a position is held by those that were there."""
+        """Return which joint has appeared or disappeared: the held position relies on those at the start."""
         assert self._joints is not None
         changes = (
-            f"joint {name!r} {'has come, which the loop was begun without' if there else 'is missing, which was there'}"
+            f"joint {name!r} has {'' if there else 'dis'}appeared since the loop started"
             for name, before, there in zip(self._names, self._joints, joints, strict=True)
             if before != there
         )
@@ -154,7 +154,7 @@ class SampleGate:
     # Order.
 
     def _out_of_turn(self, stamp: int | None, now: int, content: bytes | None) -> Judged | None:
-        """Judge a sample that is not newer than the newest, or one too many of a second drive; None for all others."""
+        """Judge a sample that is not newer than the newest, or that reveals a second drive; None for all others."""
         if stamp is None or self.stamp is None or self._arrived is None:
             return None
         behind = self.stamp - stamp
@@ -164,27 +164,27 @@ class SampleGate:
             self._astray = stamp
             return self._drop(Action.IGNORE, f"joint_states out of order, {behind / SECOND:g} s behind the newest")
         if behind < 0 and self._astray is not None:
-            # One clock does not go back for a sample and then on as before.
-            self._suspect(now, "joint_states of two drives in turn")
+            # A single clock does not go back for one sample and then continue as before.
+            self._suspect(now, "joint_states of two drives alternate")
         self._astray = None
         return Judged(Action.REFUSE) if self.fault else None
 
     def _repeated(self, now: int, content: bytes | None) -> Judged:
-        """Answer again: the drive has not heard the answer, or stands still; another content may be another drive's."""
+        """Answer again: the drive missed the answer, or stands still; other content may come from another drive."""
         if content is not None and self._content is not None and content != self._content:
             self._suspect(
-                now, "joint_states with the stamp of the newest and other values, or a stamp that stands still"
+                now, "joint_states with other values but the newest sample's stamp, or with a stamp that stands still"
             )
         if self.fault:
             return Judged(Action.REFUSE)
-        return self._drop(Action.REPEAT, "joint_states repeated, with the stamp of the newest")
+        return self._drop(Action.REPEAT, "joint_states repeated with the newest sample's stamp")
 
     def _set_back(self, stamp: int, behind: int) -> bool:
-        """Whether the drive's clock was set back: by the timeout or more, or two samples in turn go on from there."""
+        """Whether the drive's clock was set back: by the timeout or more, or two consecutive samples confirm it."""
         return behind >= self._timeout or (self._astray is not None and self._astray < stamp)
 
     def _suspect(self, now: int, reason: str) -> None:
-        """Take down a sample of somebody else, and latch the fault where there are too many within a while."""
+        """Count a stray sample, and latch the fault if there are too many within a short time."""
         self._strays = 1 if now - self._strayed > _MEMORY * self._timeout else self._strays + 1
         self._strayed = now
         if self._strays >= _STRAYS:

@@ -1,1 +1,1 @@
-"""What a recording tells of a drive: the gap, the load, friction, and how sure that is. No ROS, no clock."""
+"""Finds gap, load and friction of a drive from a recording, with uncertainties. No ROS, no clock."""

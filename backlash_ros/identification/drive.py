@@ -1,4 +1,4 @@
-"""A drive as a fit found it: what the controller designs for, and what a simulator plays."""
+"""A drive as a fit found it, for the controller's design and for simulation."""
 
 import math
 from dataclasses import fields, replace
@@ -10,12 +10,12 @@ from backlash_ros.identification.fit import Fit
 
 
 def identified_drive(drive: Drive, found: Fit) -> Drive:
-    """Return ``drive`` with gap, teeth, load and friction as found; motor and reduction are taken as they are.
+    """Return ``drive`` with gap, teeth, load and friction as found; motor and reduction stay.
 
     Raises
     ------
     ValueError
-        If what was found is beyond what a drive may have.
+        If a value that was found is out of a drive's bounds.
     """
     x = [float(value) for value in found.parameters]
     return replace(
@@ -32,7 +32,7 @@ def identified_drive(drive: Drive, found: Fit) -> Drive:
 
 
 def _scaled(contact: Contact, force: float) -> Contact:
-    """Return teeth with so many times the force."""
+    """Return teeth with the force scaled by a factor."""
     powers = {"stiffness": 1, "damping": 1, "wind_up": -1}
     changes = {
         part.name: getattr(contact, part.name) * force ** powers[part.name]

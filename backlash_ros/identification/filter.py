@@ -1,4 +1,4 @@
-"""Predicts each sample of a recording from those before it, and how the prediction depends on what is to be identified.
+"""Predicts each sample of a recording from the previous ones, with the derivatives by the parameters to identify.
 
 An extended Kalman filter over both shafts as seen at the output: motor angle n theta_m and its speed, drive torque
 K_m i/n, load angle and speed. The teeth act between them by the contact law of the drive, linearly implicit at half
@@ -33,26 +33,27 @@ from backlash_ros.drivetrain.signals import Array
     ECCENTRICITY,
     DELAY,
 ) = range(12)
-"""The parameters: ln of half the gap (rad) where the load started, the motor's angle in its middle less the load's
-(rad), by what share the gap grows with the load's angle (1/rad), ln of the teeth's force over that of their contact
-law; the load's ln of inertia (kg m^2) and of viscous friction (N m s/rad), its dry friction and torque (N m), and by
-how much that torque grows with its angle (N m/rad); the motor's dry friction at the output (N m); by what share the
-load's encoder reads too much; s from a sample to when its command acts."""
+"""The parameters: ln of half the gap (rad) at the load's start, motor angle minus load angle in its middle (rad),
+relative growth of the gap with the load's angle (1/rad), ln of the teeth's force relative to their contact law; for the
+load ln of inertia (kg m^2) and of viscous friction (N m s/rad), dry friction and torque (N m), and growth of that
+torque with its angle (N m/rad); the motor's dry friction at the output (N m); relative scale error of the load's
+encoder; time from a sample to when its command acts, s."""
 PARAMETERS = 12
 _P, _W, _T, _Q, _V = range(5)
 LEAST, LARGEST = 5, 6
-"""Columns of the states beside the filter's own: torques of the teeth since the sample before, N m."""
+"""Columns of the states beside the filter's own: torques of the teeth since the previous sample, N m."""
 STATES = 7
 
 _LONGEST = 5e-4
 _SHORTEST = 2e-5
-"""Of the steps between two samples, s."""
+"""Shortest step between two samples, s."""
 _UNSURE, _MOST_TORQUE = 1e-2, 1e6
-"""Variance of both speeds (rad^2/s^2) and of the torque (N^2 m^2) at the start; N m beyond which all is lost."""
+"""Variance of both speeds (rad^2/s^2) and of the torque (N^2 m^2) at the start; torque beyond which the motion has
+left all bounds, N m."""
 _COLUMNS = 5 + PARAMETERS
 _WIDE = 4 * math.ceil(_COLUMNS / 4)
-"""Columns that are kept, to work off four at a time. Rows stand behind each other in one array: at distances that the
-compiler knows, so that it sees that no column depends on another one."""
+"""Stored columns, processed four at a time. The rows follow each other in one array at distances known to the compiler,
+so that it sees that the columns are independent."""
 
 
 class MotorSide(NamedTuple):
@@ -89,10 +90,10 @@ _slopes: SlopesFunction = unbound
 def _observe(
     z: Array, row: int, column: int, scale: float, variance: float, way: float, gains: Array, change: Array
 ) -> None:
-    """Take one reading of the state's ``row`` into the covariance and the derivatives; leave its ``gains``.
+    """Update covariance and derivatives with one reading of the state's ``row``; write its ``gains``.
 
-    The load's encoder, the error of which has a ``column`` (else -1), reads ``scale`` as much over a ``way`` (rad).
-    What the reading changes is left in ``change``, shape (`_WIDE`,).
+    The load's encoder, whose scale error has a ``column`` (else -1), reads ``scale`` times the travel ``way`` (rad).
+    The changes by the reading are written to ``change``, shape (`_WIDE`,).
     """
     for j in range(_WIDE):
         change[j] = scale * z[row * _WIDE + j]
@@ -108,9 +109,9 @@ def _observe(
 def _in_force(
     time: Array, command: Array, doubt: Array, delay: float, held: int, now: float, length: float
 ) -> tuple[int, float, float, float]:
-    """Return which command acts ``now``; the mean of what does for a ``length``, its slope by the delay, its doubt.
+    """Return the index of the command that acts ``now``; mean over a ``length``, its slope by the delay, its doubt.
 
-    Before the first one acts, half of it is taken to act, more or less.
+    Before the first command acts, half of it is assumed, with the corresponding doubt.
     """
     while held + 1 < time.shape[0] and time[held + 1] + delay <= now:
         held += 1
@@ -128,7 +129,7 @@ def _in_force(
 
 @compiled
 def _step_length(longest: float, inside: float, approach: float, torque: float, stiffness: float, rate: float) -> float:
-    """Return a step (s) that ends at the teeth or is short for what they do.
+    """Return a step (s) that ends at contact or is short compared with the dynamics of the teeth.
 
     Parameters
     ----------
@@ -150,9 +151,9 @@ def _step_length(longest: float, inside: float, approach: float, torque: float, 
 def _with_friction(
     m11: float, m12: float, m22: float, rhs_w: float, rhs_v: float, w: float, v: float, c_m: float, c_l: float
 ) -> tuple[float, float, float, float, float, float, float]:
-    """Solve for both speeds with dry friction, which brakes what moves or is about to and holds what it stops.
+    """Solve for both speeds with dry friction, which brakes moving shafts and holds a shaft that it stops.
 
-    Returns both speeds, the inverse matrix [11, 12, 22], zero for a shaft that is held, and which way each one moves.
+    Returns both speeds, the inverse matrix [11, 12, 22], zero for a held shaft, and the direction of each shaft.
     """
     per_det = 1.0 / (m11 * m22 - m12 * m12)
     s11, s12, s22 = per_det * m22, -per_det * m12, per_det * m11
@@ -234,7 +235,7 @@ def _predict(
     derivatives: Array,
     states: Array,
 ) -> float:
-    """Fill in the innovations over their standard deviation, their derivatives, and the states after each sample.
+    """Fill in the innovations divided by their standard deviation, their derivatives, and the states after each sample.
 
     Parameters
     ----------
@@ -248,7 +249,7 @@ def _predict(
 
     Returns
     -------
-    the sum of the logarithms of the innovations' variances; infinite where the motion leaves all bounds
+    the sum of the logarithms of the innovations' variances; infinite if the motion leaves all bounds
     """
     half_gap, offset, widens = math.exp(parameters[LN_HALF_GAP]), parameters[OFFSET], parameters[GAP_SLOPE]
     radius, teeth = side.load_radius, math.exp(parameters[LN_TEETH])
@@ -342,7 +343,7 @@ def _predict(
             miss, deepest = reading - expected, max(h, abs(p - q - offset)) + 0.2 * h
             p, w, tau = p + gains[_P] * miss, w + gains[_W] * miss, tau + gains[_T] * miss
             q, v = q + gains[_Q] * miss, v + gains[_V] * miss
-            # One that is not read is not pressed into the teeth by what the other one shows.
+            # A shaft without a reading is not pressed into the teeth by the other shaft's reading.
             if math.isnan(load[sample]):
                 q = p - offset - min(max(p - q - offset, -deepest), deepest)
             elif math.isnan(motor[sample]):

@@ -1,8 +1,8 @@
-"""Finds the parameters under which a recording of both encoders is least surprising, and says how sure that is.
+"""Finds the most likely parameters for a recording of both encoders, with uncertainties.
 
-The innovations of the filter count with a pseudo-Huber loss, so that one odd sample moves nothing. Levenberg and
-Marquardt's method minimises it from many starts, at first with so much noise between the samples that every start finds
-its way, then with less and less.
+The filter's innovations enter a pseudo-Huber loss, so that a single outlier has no effect. Levenberg and Marquardt's
+method minimises it from many starts, at first with so much process noise that every start converges, then with less and
+less.
 """
 
 import math
@@ -52,12 +52,12 @@ class Stage(NamedTuple):
 
 STAGES = (Stage(1.0, 4.0, 0.05), Stage(0.3, 1.0, 0.035), Stage(0.09, 0.25, 0.02), Stage(0.03, 0.12, 0.013))
 FITS = 1.15
-"""Largest rms of the innovations, in their standard deviations, for which the model is taken for the drive's."""
+"""Largest rms of the innovations, in their standard deviations, with which the model is accepted."""
 _CALM, _KEPT, _WIDTHS, _DEEPEST = 0.4, 4, 25, 3
 _RIVAL = 200.0
-"""Cost by which the beginning may speak against a contact law that is still tried on all of the recording."""
+"""Cost by which a contact law may be worse at the beginning and still be tried on the whole recording."""
 _KNEE = 2.0
-"""Standard deviations from which on an innovation counts by its magnitude, no longer by its square."""
+"""Standard deviations above which an innovation counts by its magnitude, not its square."""
 _SMALL = 1e-12
 """Variance of a reading beside its counts, rad^2."""
 PASSES = 1000
@@ -80,16 +80,16 @@ _SPREAD = _row(
     {LN_HALF_GAP: 3, OFFSET: 1, GAP_SLOPE: 0.2, LN_TEETH: 0.02, LN_INERTIA: 3, LN_VISCOUS: 3, ECCENTRICITY: 0.005}, 1
 )
 _NONE, _WORTH = 1e-6, 0.05
-"""N m, as good as none; cost that dry friction has to save for each sample to be believed: what the steps of the filter
-leave looks like a thousandth of a newton metre."""
+"""Negligible dry friction, N m; and cost per sample that dry friction must save to be believed, since the filter's
+steps leave errors that look like a thousandth of a newton metre."""
 _FIRST, _MOVING = 0.02, 0.3
-"""s from which the first speeds are taken, and rad/s below which they are none."""
+"""Time from which the first speeds are taken, s, and speed below which they count as 0, rad/s."""
 _SPRING = 0.7
-"""What is believed beforehand, as standard deviations; of the force of a spring, more."""
+"""Prior standard deviations; larger for the force of a spring."""
 
 
 def motor_side(drive: Drive, contact: Contact | None = None) -> MotorSide:
-    """Return the motor of ``drive`` as the filter has it, with its teeth or others."""
+    """Return the motor of ``drive`` as the filter needs it, with its own teeth or others."""
     n, motor, gear = drive.gear.ratio, drive.motor, drive.gear
     K, R, current = motor.torque_constant, motor.resistance, drive.takes_current
     contact = contact or gear.contact
@@ -105,7 +105,7 @@ def motor_side(drive: Drive, contact: Contact | None = None) -> MotorSide:
 
 
 def count_of(angle: Array) -> float:
-    """Return an encoder's count, rad: the smallest difference of its readings; next to none where there is none."""
+    """Return an encoder's count, rad: the smallest difference of its readings; close to 0 without quantization."""
     steps = np.diff(np.unique(np.round(angle[np.isfinite(angle)], 11)))
     return float(np.min(steps[steps > 1e-9], initial=1e-2))
 
@@ -117,7 +117,7 @@ def noise_of(counts: tuple[float, float], stage: Stage) -> Noise:
 
 
 def first_states(recording: Recording) -> Array:
-    """Return room for the filter's states, shape (N, `STATES`), with the speeds to start from where it is in motion."""
+    """Return room for the filter's states, shape (N, `STATES`), with initial speeds if it starts in motion."""
     states = np.zeros((recording.time.size, STATES))
     first = recording.time <= recording.time[0] + _FIRST
     for column, angle in ((1, recording.motor), (4, recording.load)):
@@ -130,7 +130,7 @@ def first_states(recording: Recording) -> Array:
 
 @dataclass
 class Effort:
-    """Samples that the filter may still pass in one search: a bound on its time that is the same on any machine."""
+    """Samples that the filter may still process in one search: a time limit that is the same on any machine."""
 
     left: float = math.inf
 
@@ -142,9 +142,9 @@ class Effort:
 
 @dataclass
 class Problem:
-    """One recording under one contact law, and how the noise between its samples is lowered: the ``stages``.
+    """One recording with one contact law, and the ``stages`` of decreasing process noise.
 
-    Once the ``effort`` is spent, what is being solved stops where it is.
+    When the ``effort`` is spent, the present solution stops where it is.
     """
 
     side: MotorSide
@@ -180,7 +180,7 @@ class Problem:
         return cost, weighed.T @ nu + off / self.spread, weighed.T @ slopes + np.diag(1.0 / self.spread**2)
 
     def solve(self, x: Array, stage: Stage, most: int, enough: float) -> "Minimum":
-        """Go down from ``x``, until a step gains less than ``enough`` or ``most`` steps are done."""
+        """Minimise from ``x`` until a step gains less than ``enough`` or ``most`` steps are done."""
         damping = 1e-3
         cost, gradient, matrix = self.look(x, stage)
         for _ in range(most):
@@ -203,14 +203,14 @@ class Problem:
         return Minimum(cost, x, self, sizes)
 
     def descend(self, x: Array) -> "Minimum":
-        """Go down through all stages to the bottom."""
+        """Minimise through all stages."""
         for stage in self.stages:
             x = self.solve(x, stage, 8, 0.5).x
         return self.solve(x, self.stages[-1], 20, 0.02)
 
 
 class Minimum(NamedTuple):
-    """Where the way down has ended: the cost, the parameters, what was solved, and the rms of both innovations."""
+    """The end of a minimisation: the cost, the parameters, the problem, and the rms of both innovations."""
 
     cost: float
     x: Array
@@ -231,11 +231,11 @@ def _sizes(innovations: Array) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Fit:
-    """What was found: under one contact law the ``parameters`` of the filter, and their ``covariance``.
+    """The result: with one contact law the ``parameters`` of the filter, and their ``covariance``.
 
-    ``rms`` of the innovations of both angles by the loss, 1 where all is as believed; ``counts`` of both encoders, rad;
-    ``torques``: the least and the largest that the teeth bore in a few samples, N m; ``exhausted``: whether the search
-    ended after `PASSES`, before it had an answer.
+    ``rms`` of the innovations of both angles by the loss, 1 if the noise is as assumed; ``counts`` of both encoders,
+    rad; ``torques``: smallest and largest torque of the teeth in a few samples, N m; ``exhausted``: whether the search
+    ended after `PASSES` before it converged.
     """
 
     contact: Contact
@@ -258,7 +258,7 @@ class Fit:
 
     @property
     def scale(self) -> float:
-        """By what share the load's encoder reads too much."""
+        """Relative scale error of the load's encoder."""
         return float(self.parameters[ECCENTRICITY])
 
     @property
@@ -268,7 +268,7 @@ class Fit:
 
 
 def _widths(x: Array, travel: float) -> list[Array]:
-    """Return gaps of any width within a travel (rad), with one wall where it is and the other one anywhere."""
+    """Return gaps of any width within a travel (rad), with one wall at its end and the other one anywhere."""
     result = [x]
     half_gap = math.exp(x[LN_HALF_GAP])
     for side in (1.0, -1.0):
@@ -297,7 +297,7 @@ def _start(recording: Recording, guess: Guess, delay: float, inertia: float, sha
 
 
 def believed(start: Array, contact: Contact, torque: float, period: float) -> tuple[Array, Array]:
-    """Return what is believed before the samples are seen: around what, and how closely."""
+    """Return the prior: means and standard deviations."""
     prior, spread = start.copy(), _SPREAD.copy()
     prior[[GAP_SLOPE, LN_TEETH, GRAVITY, ECCENTRICITY]] = 0.0
     spread[[COULOMB_L, TORQUE, COULOMB_M]] = torque
@@ -309,7 +309,7 @@ def believed(start: Array, contact: Contact, torque: float, period: float) -> tu
 
 
 def compile_filters(contacts: Iterable[type[Contact]]) -> None:
-    """Compile what fits need, so that processes that fit find the code."""
+    """Compile the functions of fits, so that processes that fit find the code."""
     drive = NOMINAL_DRIVE
     still, start = np.zeros(3), _row({LN_INERTIA: -7.0, LN_VISCOUS: -7.0, LN_HALF_GAP: -4.0}, 0.0)
     for law in contacts:
@@ -324,13 +324,13 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
     Parameters
     ----------
     drive : for its motor and gear, which are taken as they are
-    contacts : the laws that are tried
-    delays : from a sample to when its command acts, s, that are tried as starts
+    contacts : the laws to try
+    delays : starting values of the time from a sample to when its command acts, s
     torque : the largest that may act, N m at the output
 
     Notes
     -----
-    The search takes `PASSES` of the filter at most, and up to 200 more to end: it is a matter of seconds.
+    The search takes at most `PASSES` of the filter, and up to 200 more to end: some seconds.
     """
     time, motor, load = recording[:3]
     effort = Effort(PASSES * time.size)
@@ -352,7 +352,7 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
     calm = recording.part(slice(math.ceil(_CALM * time.size)))
 
     def of_the_calm(contact: Contact) -> Minimum:
-        """Return what the beginning tells, which is gentle: all but perhaps the far flank."""
+        """Return the result from the gentle beginning, which shows everything but perhaps the far flank."""
         starts = [
             _start(calm, guess, delay, inertia, share)
             for guess, delay in guesses[:3]
@@ -360,12 +360,12 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
             for share in ((1.0, 0.5) if delay == guesses[0][1] else (1.0,))
         ]
         tried = sorted((problem(contact, calm, x).solve(x, STAGES[0], 6, 1.0) for x in starts), key=cost_of)
-        for stage in STAGES[1:3]:  # with much noise a wrong one may look better than the right one
+        for stage in STAGES[1:3]:  # with much noise a wrong law may look better than the right one
             tried = [each.problem.solve(each.x, stage, 6, 1.0) for each in tried[:_KEPT]]
         return min(tried, key=cost_of)
 
     def of_all(start: Minimum) -> list[Minimum]:
-        """Return what all of the recording tells from the most likely widths on."""
+        """Return the result from the whole recording, starting from the most likely widths."""
         whole = problem(start.problem.contact, recording, start.x)
         widths = _widths(start.x, float(np.ptp(recording.travel)))
         scanned = sorted(((whole.look(x, STAGES[0])[0], k) for k, x in enumerate(widths)))
@@ -375,7 +375,7 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
     cheapest = min(map(cost_of, gentle))
     ends = [end for start in gentle if start.cost <= cheapest + _RIVAL for end in of_all(start)]
     best = min(ends, key=cost_of)
-    if max(best.sizes) > FITS:  # perhaps for the sake of another law, or of the delay
+    if max(best.sizes) > FITS:  # perhaps because of another law or the delay
         ends += [end for start in gentle if start.cost > cheapest + _RIVAL for end in of_all(start)]
         other = best = min(ends, key=cost_of)
         for _, delay in guesses:
@@ -388,11 +388,11 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
 
 
 def fit_of(end: Minimum) -> Fit:
-    """Return what was found at the bottom, without friction that is not seen, and how sure it is."""
+    """Return the result at the minimum, without dry friction that is not seen, and its uncertainty."""
     spread = end.problem.spread
     end = _without_what_is_not_seen(end)
     _, _, matrix = end.problem.look(end.x, end.problem.stages[-1])
-    # Friction that was left out could be there, as far as the recording goes.
+    # Friction that was left out might exist, as far as the recording shows.
     bent = np.linalg.inv(matrix + np.diag(spread**-2 - end.problem.spread**-2))
     least, largest = np.sort(end.problem.states[1:, LEAST]), np.sort(end.problem.states[1:, LARGEST])
     return Fit(
@@ -406,7 +406,7 @@ def fit_of(end: Minimum) -> Fit:
 
 
 def _without_what_is_not_seen(end: Minimum) -> Minimum:
-    """Return a minimum without the dry friction, of either side, that explains next to nothing."""
+    """Return a minimum without dry friction, of either side, that explains almost nothing."""
     for index in (COULOMB_M, COULOMB_L):
         prior, spread, x = end.problem.prior.copy(), end.problem.spread.copy(), end.x.copy()
         prior[index], spread[index], x[index] = 0.0, _NONE, 0.0
@@ -417,7 +417,7 @@ def _without_what_is_not_seen(end: Minimum) -> Minimum:
 
 
 _TOGETHER = 13
-"""Samples from which on innovations do not resemble each other."""
+"""Number of samples beyond which innovations are uncorrelated."""
 
 
 def _scatter(problem: Problem) -> Array:

@@ -1,7 +1,7 @@
-"""The gap around the output's turn, from a recording at each of several places, and the eccentricity apart from it.
+"""The gap around the output's turn, from a recording at each of several places, separated from the eccentricity.
 
-Pure computation. At each place the fit tells the gap, and where its middle is: the motor's angle less the load's. An
-eccentric encoder, or gear, moves the middle once per turn, by -e sin(theta_l + phase), and leaves the gap as it is.
+Pure computation. At each place the fit gives the gap and its middle: the motor's angle minus the load's. An eccentric
+encoder or gear moves the middle once per turn, by -e sin(theta_l + phase), and does not change the gap.
 """
 
 import math
@@ -21,24 +21,24 @@ from backlash_ros.identification.recording import Recording
 
 _TURN = 2.0 * math.pi
 FEWEST_PLACES, _FEWEST = 6, 0.75
-"""Places that there must be, and share of them that must be measured."""
+"""Smallest number of places, and share of them that must be measured."""
 _RATIO, _COUNT = 0.005, 0.3
-"""By what share ``gear.reduction`` may be off, as a standard deviation; and what the middle of the gap is uncertain by
-beside the noise, in counts of the load's encoder."""
+"""Standard deviation of the relative error of ``gear.reduction``; and uncertainty of the middle of the gap beside the
+noise, in counts of the load's encoder."""
 _SLOPED = 0.75
-"""What the uncertainty has besides: a share of the gap for each square radian of the load's way and each 1/rad by which
-the gap's slope in the fit is not that between the neighbours, since the far flank may be met at the way's end alone."""
+"""Additional uncertainty: a share of the gap per square radian of the load's travel and per 1/rad of difference between
+the gap's slope in the fit and that between the neighbours, since the far flank may be met only at the travel's end."""
 _SEEN = 2.0
-"""Standard uncertainties from which on an eccentricity is told as one."""
+"""Number of standard uncertainties above which an eccentricity is reported."""
 
 
 @dataclass(frozen=True)
 class GapMap:
-    """The gap at each place that was measured.
+    """The gap at each measured place.
 
-    ``places``: what the load's encoder read there, rad, in rising order; ``gaps`` and standard ``uncertainties`` there,
-    rad at the output. The load's angle reads too much by ``eccentricity`` sin(angle + ``phase``), rad;
-    ``eccentricity_uncertainty`` is its standard uncertainty in any phase.
+    ``places``: readings of the load's encoder there, rad, in rising order; ``gaps`` and standard ``uncertainties``
+    there, rad at the output. The error of the load's angle is ``eccentricity`` sin(angle + ``phase``), rad;
+    ``eccentricity_uncertainty`` is its standard uncertainty at any phase.
     """
 
     places: tuple[float, ...]
@@ -65,18 +65,18 @@ class GapMap:
 
     @property
     def eccentric(self) -> bool:
-        """Whether the eccentricity stands out of its uncertainty."""
+        """Whether the eccentricity exceeds its uncertainty."""
         return self.eccentricity > _SEEN * self.eccentricity_uncertainty
 
     def eccentricity_in_words(self) -> str:
-        """Return the eccentricity, or how large one would have been seen."""
+        """Return the eccentricity in words, or the size that would have been seen."""
         unsure = self.eccentricity_uncertainty
         if self.eccentric:
             return f"the load's angle is off by {self.eccentricity:.2g} +- {unsure:.1g} rad once per turn"
-        return f"an eccentricity of {_SEEN * unsure:.1g} rad would have been seen, and was not"
+        return f"no eccentricity was seen; one of {_SEEN * unsure:.1g} rad would have been"
 
     def values(self) -> dict[str, float | str]:
-        """Return it by name: numbers to plot, and ``gap_map_rad``, a text with every place and its gap."""
+        """Return the map by name: numbers to plot, and ``gap_map_rad``, a text with every place and its gap."""
         smallest, largest = self.smallest, self.largest
         pairs = zip(self.places, self.gaps, strict=True)
         return {
@@ -92,7 +92,7 @@ class GapMap:
         }
 
     def __str__(self) -> str:
-        """Return it in words."""
+        """Return the map in words."""
         smallest, largest = self.smallest, self.largest
         return (
             f"the gap is {self.gaps[smallest]:.4g} rad where it is smallest, at {self.places[smallest]:.3g} rad, "
@@ -102,7 +102,7 @@ class GapMap:
 
 
 class Mapped(NamedTuple):
-    """What recordings say of the gap around the turn: a ``map``, unless it is not ``valid``, and the best ``fit``."""
+    """The gap around the turn from recordings: a ``map`` if ``valid``, and the best ``fit``."""
 
     map: GapMap | None
     reason: str
@@ -110,7 +110,7 @@ class Mapped(NamedTuple):
 
 
 def incomplete(measured: Sequence[bool], *, closed: bool) -> bool:
-    """Return whether more than a quarter of the places are missing, or two neighbours; ``closed``: all around."""
+    """Return whether more than a quarter of the places, or two neighbours, are missing; ``closed``: a full turn."""
     pairs = zip(measured, [*measured[1:], measured[0] if closed else True], strict=True)
     return sum(measured) < _FEWEST * len(measured) or any(not (here or there) for here, there in pairs)
 
@@ -122,8 +122,8 @@ def map_gaps(drive: Drive, recordings: Sequence[Recording], torque: float, place
     ----------
     drive, torque : as `measure_gap` takes them
     recordings : of the first places, in their order; each starts with the load at rest at its place
-    places : how many there should be
-    closed : whether the last one is the neighbour of the first
+    places : the planned number
+    closed : whether the last place is a neighbour of the first
     """
     reached = [k < len(recordings) for k in range(places)]
     if incomplete(reached, closed=closed):
@@ -136,7 +136,7 @@ def map_gaps(drive: Drive, recordings: Sequence[Recording], torque: float, place
         k, why = next((k, gap.reason) for k, gap in enumerate(found) if not gap.valid)
         return Mapped(
             None,
-            f"only {told} were measured, and three quarters must be, and of two neighbours one; "
+            f"only {told} were measured: three quarters are needed, and one of any two neighbours; "
             f"at {recordings[k].load[0]:.3g} rad: {why}",
             surest.fit,
         )
@@ -155,7 +155,7 @@ def map_gaps(drive: Drive, recordings: Sequence[Recording], torque: float, place
 
 
 def _measured(drive: Drive, recordings: Sequence[Recording], torque: float) -> list[Gap]:
-    """Return the gap of each place: teeth are by the contact law of the place before, else by any."""
+    """Return the gap at each place, with the contact law of the previous place, or else any law."""
     found: list[Gap] = []
     laws: list[Contact] = []
     for recording in recordings:
@@ -169,7 +169,7 @@ def _measured(drive: Drive, recordings: Sequence[Recording], torque: float) -> l
 
 
 def _uncertainties(readings: Array, pairs: Sequence[tuple[Recording, Gap]], *, closed: bool) -> tuple[float, ...]:
-    """Return the standard uncertainties, larger where a fit and the neighbours do not agree on how the gap changes."""
+    """Return the standard uncertainties, larger where fit and neighbours disagree on the gap's slope."""
     gaps, at = np.array([gap.angle for _, gap in pairs]), readings
     if closed:
         at = np.concatenate(([at[-1] - _TURN], at, [at[0] + _TURN]))
@@ -186,7 +186,7 @@ def _uncertainties(readings: Array, pairs: Sequence[tuple[Recording, Gap]], *, c
 def _eccentricity(readings: Array, gaps: Sequence[Gap]) -> tuple[float, float, float]:
     """Return amplitude, phase and standard uncertainty of the load's error once per turn, by least squares.
 
-    A reduction that is slightly off moves the middle, too, in proportion to the angle.
+    A slightly wrong reduction also moves the middle, in proportion to the angle.
     """
     fits = [gap.fit for gap in gaps if gap.fit is not None]
     middles = np.array([fit.parameters[OFFSET] for fit in fits])

@@ -1,13 +1,13 @@
-"""Gap, lost motion and stiffness from the angle between the shafts while a slow torque works on an output that stands.
+"""Gap, lost motion and stiffness from the angle between the shafts while a slow torque acts on an output at rest.
 
-With x = n theta_m - theta_l, the motor's torque T and what the teeth bear tau, both N m at the output:
+With x = n theta_m - theta_l, the motor's torque T and the teeth's torque tau, both N m at the output:
 
     x = x0 +- (h + wind-up(abs(tau)))                          on either flank, by a contact law
     T - C - mu abs(tau) <= tau <= T + C + mu abs(tau)          the motor moves at either end only, else it sticks
 
-Half the gap h, its middle x0, the Coulomb friction C, the teeth's loss mu and, of a spring, its give make the squares
-of x least. The branches up and down lie 2 (C + mu abs(tau)) apart, which tells friction from wind-up. Samples at speed,
-in the gap and just after it, do not count. Beside that, without a law: slopes, and places at a torque.
+Half the gap h, its middle x0, the Coulomb friction C, the teeth's loss mu and, of a spring, its compliance are found by
+least squares of x. The branches up and down are 2 (C + mu abs(tau)) apart, which separates friction from wind-up.
+Samples at speed, in the gap and just after it, do not count. Slopes and angles at a torque are found without a law.
 """
 
 import math
@@ -29,8 +29,8 @@ from backlash_ros.identification.lost_motion import Curve, LostMotion
 from backlash_ros.identification.newey_west import newey_west
 
 _BLOCK, _SETTLED, _FAST = 0.008, 0.06, 0.5
-"""Samples are averaged over so long, s; they count when the motor has been slow for so long, s: slower than a share of
-the speed through the gap."""
+"""Averaging time of the samples, s; time for which the motor must have been slow before they count, s: slower than this
+share of the speed through the gap."""
 _WARM_UP, _END = 2, 2
 """Branches of the torque, at first and at last, that do not count."""
 _FAINT = 0.01
@@ -38,9 +38,9 @@ _FAINT = 0.01
 _MOST_LOSS = 0.4
 """Largest share of the torque that friction may take."""
 _BETTER, _AS_GOOD = 0.8, 1.1
-"""Share of the own law's residual below which another is taken; times the best one's up to which a law may be right."""
+"""Share of the own law's residual below which another law is taken; largest multiple of the best residual."""
 _LOSS, _WEIGHT = 0.05, 4.0
-"""Loss of the teeth as it is believed beforehand, a standard deviation; how much that counts, in single counts."""
+"""Prior standard deviation of the teeth's loss; its weight, in single counts."""
 _FITS, _FITS_COUNTS = 0.03, 1.0
 """Largest residual: share of the gap, or counts."""
 _REPEATS = 0.05
@@ -48,9 +48,9 @@ _REPEATS = 0.05
 _SURE, _HALF_COUNT = 0.05, 0.5
 """Largest standard uncertainty: share of the gap, or counts."""
 _NOISE, _MODEL, _COUNT = 1.25, 0.006, 0.12
-"""What the uncertainty is made of: times the standard deviation by the residuals, a share, and one of a count."""
+"""Components of the uncertainty: a factor on the residuals' standard deviation, a share, and a share of a count."""
 _GIVE_MODEL, _GIVE_COUNT = 0.01, 0.3
-"""The same of a stiffness: a share, and one of a count over the way that it is from."""
+"""The same for a stiffness: a share, and a share of a count divided by the travel that it comes from."""
 _X0, _H, _C, _MU, _GIVE = range(5)
 
 
@@ -73,7 +73,7 @@ class _Found(NamedTuple):
 
 
 def _points(curve: Curve, drive: Drive, speed: float) -> _Points:
-    """Return what the fit sees of a recording in which the motor crosses the gap at ``speed``, rad/s."""
+    """Return the points for the fit from a recording in which the motor crosses the gap at ``speed``, rad/s."""
     period = float(curve.time[-1] / (curve.time.size - 1))
     size = max(1, round(_BLOCK / period))
     n = curve.time.size // size * size
@@ -96,7 +96,7 @@ def _points(curve: Curve, drive: Drive, speed: float) -> _Points:
 
 
 def _teeth_torque(torque: Array, friction: float, loss: float) -> Array:
-    """Return what the teeth bear, N m, under a motor's torque that changes slowly: the motor sticks, then slips."""
+    """Return the teeth's torque, N m, under a slowly changing motor torque: the motor sticks, then slips."""
     up, down = torque - friction, torque + friction
     least = np.where(up > 0.0, up / (1.0 + loss), up / (1.0 - loss)).tolist()
     most = np.where(down > 0.0, down / (1.0 - loss), down / (1.0 + loss)).tolist()
@@ -108,14 +108,14 @@ def _teeth_torque(torque: Array, friction: float, loss: float) -> Array:
 
 
 def static_place(drive: Drive, contact: Contact, half_gap: float, torque: float) -> float:
-    """Return how far from the middle of the gap the teeth rest under a torque (N m, > 0), rad at the output."""
+    """Return where, from the middle of the gap, the teeth rest under a torque (N m, > 0), rad at the output."""
     radius = drive.gear.load_radius
     constants = contact.constants(radius, drive.contact_mass)
     return gap_at_rest(contact, constants, radius * half_gap, torque / radius) / radius
 
 
 def _places(drive: Drive, contact: Contact, values: Array, teeth: Array) -> Array:
-    """Return how far from the middle of the gap torques of the teeth (N m, >= 0) press, rad."""
+    """Return the distances from the middle of the gap for torques of the teeth (N m, >= 0), rad."""
     half_gap = float(values[_H])
     if isinstance(contact, SpringContact):
         return np.asarray(half_gap + values[_GIVE] * teeth)
@@ -173,7 +173,7 @@ def _slope(points: _Points, teeth: Array, side: float, count: float) -> tuple[fl
 
 
 def _cycle_travels(points: _Points, teeth: Array) -> Array:
-    """Return for each cycle how far the places at about half the torque of both flanks are apart, rad."""
+    """Return for each cycle the distance between both flanks at about half the torque, rad."""
     share = np.abs(teeth) / np.max(np.abs(teeth))
     there = points.counts & (share > 0.4) & (share < 0.6)
     travels = []
@@ -191,21 +191,21 @@ def _refused(reason: str) -> LostMotion:
 def measure_lost_motion(
     drive: Drive, curve: Curve, speed: float, at: float, contacts: Sequence[Contact] = ()
 ) -> LostMotion:
-    """Return what a recording says.
+    """Return gap, lost motion and stiffness from a recording.
 
     Parameters
     ----------
-    drive : for its motor, friction by speed and gear ratio, which are taken as they are, and its contact law
+    drive : for its motor, viscous friction and gear ratio, which are taken as given, and its contact law
     speed : of the motor through the gap, rad/s at the output
-    at : torque to either side between which the lost motion is, N m
-    contacts : the laws that are tried, the drive's own first; see `contacts_of`
+    at : the lost motion is measured between plus and minus this torque, N m
+    contacts : the laws to try, the drive's own first; see `contacts_of`
     """
     points = _points(curve, drive, speed)
     count_m = count_of(curve.motor)
     count_l = count_of(curve.load) if np.ptp(curve.load) > 0.0 else 0.0
     count = math.hypot(count_m, count_l)
     if np.sum(points.counts) < 50 or min(np.sum(points.counts & (points.side == s)) for s in (-1.0, 1.0)) < 20:
-        return _refused("the motor hardly moved, or never came to rest on both flanks: check its encoder and command")
+        return _refused("the motor hardly moved, or did not come to rest on both flanks: check its encoder and command")
     if np.ptp(points.x[points.counts]) < 3.0 * max(count_m, 1e-7):
         return _refused("the motor hardly moved under the torque: its encoder stands still, or there is no gap")
     tried = [_fit(drive, contact, points, count) for contact in contacts or contacts_of(drive)]
@@ -256,14 +256,14 @@ def measure_lost_motion(
             "the couplings, that nothing else moves the load, and that encoders count without gaps"
         )
     elif best.values[_C] + best.values[_MU] * top > _MOST_LOSS * float(np.max(points.torque)):
-        why = "friction takes about half of the torque: what a gear that locks itself bears is not seen at the motor"
+        why = "friction takes about half of the torque: the motor does not feel the tooth load of a self-locking gear"
     elif not spread <= max(_REPEATS * gap, 2.0 * count):
         why = (
-            f"the cycles differ by {spread:.2g} rad, and may differ by {max(_REPEATS * gap, 2.0 * count):.2g} rad: "
+            f"the cycles differ by {spread:.2g} rad; the limit is {max(_REPEATS * gap, 2.0 * count):.2g} rad: "
             "something slips, gives way or warms up; hold the output better, or go more slowly"
         )
     elif not deviation <= max(_SURE * gap, _HALF_COUNT * count) or not uncertainty < 0.5 * gap:
-        why = f"the gap is {gap:.3g} rad with a standard uncertainty of {uncertainty:.2g} rad, too much to be used"
+        why = f"the gap is {gap:.3g} rad with a standard uncertainty of {uncertainty:.2g} rad, too large to be used"
     told = f"{travels.size} cycles of torque on an output that stood; {found.in_words()}"
     return replace(found, valid=not why, reason=why or told)
 

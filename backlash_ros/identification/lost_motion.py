@@ -1,4 +1,4 @@
-"""Lost motion as values: the curve that was recorded on an output that stands, and what it says, in words, too."""
+"""Lost motion as values: the curve recorded on an output at rest, and its results, also in words."""
 
 import math
 from dataclasses import dataclass, field
@@ -24,12 +24,12 @@ class Curve(NamedTuple):
 
 @dataclass(frozen=True)
 class LostMotion:
-    """What the curve says, at the output: rad, N m and N m/rad, with standard uncertainties; all 0 where not found.
+    """Results of the curve, at the output: rad, N m and N m/rad, with standard uncertainties; 0 if not found.
 
     ``gap`` is that of ``contact``, which holds where the teeth bear ``gap_torque``, 0 for a spring; ``lost_motion`` is
     between plus and minus ``at``; ``stiffness`` of the negative and the positive flank, from half of ``torque`` on;
     ``friction`` of the motor and ``loss``, a share of the teeth's torque, are half the width of the hysteresis.
-    ``angles`` over ``torques`` is the curve itself, ``modelled`` what was fitted to it, nan where teeth bear little.
+    ``angles`` over ``torques`` is the curve itself, ``modelled`` the fit, nan where the teeth bear little.
     """
 
     valid: bool

@@ -1,4 +1,4 @@
-"""The covariance of a sum whose terms, sample by sample, resemble their neighbours (Newey & West 1987)."""
+"""The covariance of a sum whose terms are correlated with their neighbours (Newey & West 1987)."""
 
 import numpy as np
 
@@ -10,8 +10,8 @@ def newey_west(scores: Array, bandwidth: int) -> Array:
 
     Parameters
     ----------
-    scores : what each sample adds to a gradient, of mean 0, evenly in time; shape (N, P)
-    bandwidth : samples from which on two of them do not resemble each other; 1 where none does
+    scores : each sample's part of a gradient, of mean 0, evenly in time; shape (N, P)
+    bandwidth : number of samples beyond which they are uncorrelated; 1 if all are
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""A recording of a drive in motion: what both encoders showed, and which commands acted."""
+"""A recording of a drive in motion: the readings of both encoders, and the commands that acted."""
 
 import math
 from typing import NamedTuple
@@ -24,7 +24,7 @@ class Recording(NamedTuple):
 
     @classmethod
     def of(cls, time: Array, motor: Array, load: Array, command: Array) -> "Recording":
-        """Return a recording of commands that are nan where they are not known: what is around them is taken."""
+        """Return a recording whose unknown commands (nan) are replaced by those around them."""
         return cls(time, motor, load, *_guessed(command))
 
     @property
@@ -39,7 +39,7 @@ class Recording(NamedTuple):
 
 
 def _guessed(command: Array) -> tuple[Array, Array]:
-    """Return commands, those that are nan from the ones around, and as doubtful as these, and their next, differ."""
+    """Return commands with nan replaced by those around, and a doubt from the difference between them."""
     result, doubt = command.copy(), np.zeros(command.size)
     told = np.flatnonzero(np.isfinite(command))
     for row in np.flatnonzero(~np.isfinite(command)) if told.size else ():
@@ -52,22 +52,22 @@ def _guessed(command: Array) -> tuple[Array, Array]:
 
 
 def with_late_answers(time: Array, motor: Array, load: Array, command: Array, late: Array, period: float) -> Recording:
-    """Return a recording of samples some answers of which came late.
+    """Return a recording of samples of which some answers came late.
 
-    A drive takes a command at once or with its next period. So between the whole periods before and after it, nobody
-    knows whether a late one acts; what acts then is taken to be halfway between what may act, and that far off.
+    A drive takes a command at once or with its next period. So between the whole periods before and after it, it is
+    unknown whether a late command acts: the mean of both commands is assumed, with half their difference as doubt.
 
     Parameters
     ----------
     time : of the samples, whole periods, s
-    late : by how much later than usual each one was answered, s
+    late : how much later than usual each sample was answered, s
     period : of the samples, s
     """
     slot = np.round((time - time[0]) / period).astype(int)
     slots = np.arange(slot[-1] + 1)
 
     def newest(waits: Array) -> Array:
-        """Return the newest answer in each slot where they act after so many periods."""
+        """Return the newest answer in each slot if answers act after this many periods."""
         acts = np.full(slots.size, 0)
         begin = slot + waits.astype(int)
         inside = begin < slots.size

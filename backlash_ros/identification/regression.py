@@ -4,8 +4,8 @@ Adding eq 1 and eq 2, both at the output, cancels the force of the teeth, in con
 
     J_r w_m' + B_r w_m + c_m sign w_m + J_l w_l' + B_l w_l + c_l sign w_l - tau_l = drive torque
 
-Weighted with smooth bumps and integrated by parts it needs no derivative of a reading (modulating functions: Shinbrot
-1957), and is linear in what is not known.
+Weighted with smooth bumps and integrated by parts, it needs no derivative of a reading (modulating functions: Shinbrot
+1957), and is linear in the unknowns.
 """
 
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from backlash_ros.identification.recording import Recording
 
 _WIDTH = 0.1
 _LEAST = 1e-7
-"""Inertia and viscous friction of a load that shows none, kg m^2 and N m s/rad."""
+"""Inertia and viscous friction assumed for a load that shows none, kg m^2 and N m s/rad."""
 
 
 class Guess(NamedTuple):
@@ -34,7 +34,7 @@ class Guess(NamedTuple):
 
 
 def guess_of(side: MotorSide, recording: Recording, delay: float) -> Guess:
-    """Return what fits best if commands act ``delay`` s after their samples.
+    """Return the best fit for commands that act ``delay`` s after their samples.
 
     Angles are taken from straight lines through the readings, evenly in time; a command holds until the next.
     """
@@ -73,8 +73,8 @@ def guess_of(side: MotorSide, recording: Recording, delay: float) -> Guess:
         [weighed(q, second), -weighed(q, first), weighed(speed(q), bump), weighed(speed(p), bump)]
     )
     known *= scale
-    # Friction of motor and load look alike while the teeth are in contact: none is negative, in the solution itself.
-    # The torque, which may have either sign, is what the means leave.
+    # Friction of motor and load look alike in contact: the solution itself keeps them >= 0. The torque, of either sign,
+    # is the remaining mean.
     means, mean = matrix.mean(axis=0), known.mean()
     found, norm = nnls(matrix - means, known - mean)
     inertia, viscous, coulomb_l, coulomb_m = (float(value) for value in found)

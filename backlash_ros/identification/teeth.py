@@ -1,4 +1,4 @@
-"""What the teeth do by a fit: their torque at each sample, and lost motion and stiffness as gear makers give them."""
+"""The teeth according to a fit: their torque at each sample; lost motion and stiffness as gear makers state them."""
 
 import math
 from dataclasses import replace
@@ -18,9 +18,9 @@ from backlash_ros.identification.recordings.held_out import follow
 from backlash_ros.identification.recordings.identify import Identified
 
 LOST_MOTION_SHARE = 0.03
-"""Of the rated torque, to either side, at which gear makers give the lost motion."""
+"""Share of the rated torque, to either side, at which gear makers state the lost motion."""
 _STEP = 1e-4
-"""By which logarithms are changed to see what depends on them."""
+"""Change of logarithms for numerical derivatives."""
 
 
 class Loop(NamedTuple):
@@ -62,11 +62,11 @@ def _teeth_of(drive: Drive, found: Fit) -> _Teeth:
 
 
 def loop_of(drive: Drive, found: Fit, recording: Recording) -> Loop:
-    """Return what the filter with a fit's parameters takes the teeth to do in a recording, shapes (N,).
+    """Return the teeth in a recording according to the filter with a fit's parameters, shapes (N,).
 
     Parameters
     ----------
-    drive : as told; the fit took its motor and gear as they are
+    drive : as given; the fit took its motor and gear from it
     """
     _, states = follow(drive, found.contact, found.parameters, recording, found.counts)
     teeth, x = _teeth_of(drive, found), found.parameters
@@ -92,15 +92,15 @@ def _lost_motion(teeth: _Teeth, torque: float) -> float:
 
 
 def lost_motion_of(drive: Drive, found: Identified, rated: float) -> tuple[Finding, ...]:
-    """Return lost motion and stiffness by the teeth that were fitted; none where nothing was fitted.
+    """Return lost motion and stiffness of the fitted teeth; none if nothing was fitted.
 
     The lost motion is the way of the output from minus to plus 3 % of the ``rated`` torque (N m at the output) with
-    the motor held, the gap in it. Both come from the motion that was recorded, not from a slow run of the torque to and
-    fro; stiffness is that of teeth and whatever else gives between the encoders.
+    the motor held, including the gap. Both come from the recorded motion, not from a slow cycle of the torque; the
+    stiffness is that of the teeth and of all other compliance between the encoders.
 
     Parameters
     ----------
-    drive : as told; the fit took its motor and gear as they are
+    drive : as given; the fit took its motor and gear from it
     """
     fit, gap, torque = found.fit, found.gap, LOST_MOTION_SHARE * rated
     if fit is None or gap is None or not found.findings:
@@ -127,7 +127,7 @@ def lost_motion_of(drive: Drive, found: Identified, rated: float) -> tuple[Findi
     value, more = _lost_motion(teeth, torque), 1.0 + _STEP
     wider, harder = teeth._replace(half_gap=more * teeth.half_gap), teeth._replace(strength=more * teeth.strength)
     by = [(_lost_motion(other, torque) - value) / _STEP for other in (wider, harder)]
-    # Errors of both that cancel do not count: noise correlates, and most of either uncertainty is no noise.
+    # Correlated errors that cancel are ignored: most of either uncertainty is not noise.
     cov, i, k = fit.covariance, LN_HALF_GAP, LN_TEETH
     together = float(cov[i, k]) / math.sqrt(float(cov[i, i] * cov[k, k]))
     parts = by[0] * gap.uncertainty / gap.angle, by[1] * share
@@ -136,7 +136,7 @@ def lost_motion_of(drive: Drive, found: Identified, rated: float) -> tuple[Findi
 
 
 def _share_of_teeth(found: Identified) -> float:
-    """Return the standard uncertainty of the teeth's force, as a share: as told of the wind-up, else by the noise."""
+    """Return the relative standard uncertainty of the teeth's force: from the wind-up if found, else from the noise."""
     assert found.fit is not None
     for row in found.findings:
         if row.symbol == "wind-up" and row.told:

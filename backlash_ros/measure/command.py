@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.progress import Progress, TaskID
 
 from backlash_ros.analysis.bag import Series, read_bag
+from backlash_ros.analysis.evaluation.drive_file import in_sections
 from backlash_ros.analysis.recordings.bag_topics import Topics, read_topics
 from backlash_ros.analysis.recordings.command import REFUSED, Request, identify_recording
 from backlash_ros.analysis.recordings.samples import Columns, Reading
@@ -66,15 +67,8 @@ def told_parameters(values: dict[str, Any]) -> str:
     ----------
     values : the controller's parameters by name
     """
-    tree: dict[str, Any] = {}
-    for name, value in sorted(values.items()):
-        if name in _AXIS or name.startswith(_DRIVE):
-            *sections, last = name.split(".")
-            at = tree
-            for section in sections:
-                at = at.setdefault(section, {})
-            at[last] = value
-    return yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False)
+    own = {name: value for name, value in sorted(values.items()) if name in _AXIS or name.startswith(_DRIVE)}
+    return yaml.safe_dump({"/**": {"ros__parameters": in_sections(own)}}, sort_keys=False)
 
 
 class _Operator(Client):
@@ -150,7 +144,7 @@ def _record(request: Measurement, folder: Path, console: Console, interrupted: l
             operator.wait_for_controller(_FIND)
         except ClientError as error:
             where = node.resolve_service_name("controller/learn")
-            raise ClientError(f"no controller offers {where}: {error}; start one, or give --namespace") from error
+            raise ClientError(f"no controller found at {where}: {error}; start one, or set --namespace") from error
         (folder / TOLD).write_text(told_parameters(operator.get()))
         chosen = "-p", f"topics:=[{', '.join(_TOPICS)}]", "-p", f"output:={folder / BAG}"
         log = folder / "recorder.log"
@@ -187,9 +181,11 @@ def _part(columns: Columns, experiment: Series) -> Reading:
         return Reading()
     start, end = float(acted[0]), float(acted[-1])
     if start == end:
-        raise ClientError("the experiment acted for no time that could be seen: see the answer, and measure again")
+        raise ClientError("the recording does not show the experiment: see its answer, and measure again")
     if not 0.0 < start < end:
-        raise ClientError("the recording has not all of the experiment: the recorder came late; measure again")
+        raise ClientError(
+            "the recording misses a part of the experiment because the recorder started late: measure again"
+        )
     return Reading(start=start, end=end)
 
 

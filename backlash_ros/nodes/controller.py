@@ -1,8 +1,8 @@
 """The controller as a node: joint states in, the gate, one call of the servo, a command out at once.
 
-What is decided is decided without ROS: by `backlash_ros.gates.SampleGate` which samples are taken, by
-`backlash_ros.control.Servo` what they are answered. Here are the topics and the lifecycle; the services of learning are
-in `learning`.
+All decisions are made without ROS: `backlash_ros.gates.SampleGate` decides which samples are taken, and
+`backlash_ros.control.Servo` how they are answered. This file has the topics and the lifecycle; `learning` has the
+services of learning.
 """
 
 import math
@@ -41,10 +41,10 @@ _SHOWN = ("law", "gain_set", "gains.fast.k", "gains.overdamped.k", "backlash_ang
 """Parameters that the diagnostics repeat; all of them are in ~/parameters_in_use."""
 
 _LAW = {"law", "backlash_angle", "identified"}
-"""Parameters that say which law acts."""
+"""Parameters that determine which law acts."""
 
 _ACKNOWLEDGED = Duration(seconds=0.02)
-"""How long the last command waits for readers that acknowledge: a stalled one must not stop the other axes' loops."""
+"""Longest wait for acknowledgements of the last command: a stalled reader must not stop the other axes' loops."""
 
 
 class Controller(ManagedNode):
@@ -65,7 +65,7 @@ class Controller(ManagedNode):
         self._measured, self._answer = Measurement(np.empty(5)), Answer()
         self._told, self._said = Fault.NONE, (False, False, Fault.NONE)
         self._estimated = self._changed = False
-        self._owed = False  # whether something was told between samples, which the next one is to tell again
+        self._owed = False  # whether a message was sent between samples, so that the next sample must repeat it
         self._report = ControllerReport(self._rate, self._state_timeout)
         self._command = self.speak(Float64MultiArray, "command")
         self._state = self.speak(DiagnosticArray, "~/state")
@@ -80,7 +80,7 @@ class Controller(ManagedNode):
     # The lifecycle.
 
     def prepare(self) -> None:
-        """Come up; say so where the drive is not described."""
+        """Start; warn if the drive is not described."""
         if text := untold_drive(values_given(self)):
             self.get_logger().warning(text)
         super().prepare()
@@ -94,9 +94,9 @@ class Controller(ManagedNode):
                 self.get_logger().info(text)
 
     def configure(self) -> None:
-        """Read the estimate file; compile every law, and none for experiments that act alone.
+        """Read the estimate file; compile every law, also the one of experiments that act alone.
 
-        So choosing one stalls no loop.
+        So a change of the law never stalls the loop.
         """
         self._learning.configure()
         self._tell_margins()
@@ -104,7 +104,8 @@ class Controller(ManagedNode):
         at_rest = Measurement(np.zeros(5))
         settings = self._tunables.in_use.settings
         for law in LAWS:
-            for drive in (self._servo.drive, NOMINAL_DRIVE):  # one that cannot be designed now may be for what is found
+            # A law that cannot be designed for this drive may be possible once the drive is identified.
+            for drive in (self._servo.drive, NOMINAL_DRIVE):
                 with suppress(ValueError):
                     Servo(drive, settings.with_law(law)).update(at_rest)
                     break
@@ -113,9 +114,9 @@ class Controller(ManagedNode):
         self._publish_estimate()
 
     def activate(self) -> None:
-        """Hold the position of the first sample that comes once somebody listens to ``command``."""
+        """Hold the position of the first sample received once ``command`` has a subscriber."""
         self._gate.open()
-        self._learning.wear.forget()  # the drive may have been worked on
+        self._learning.wear.forget()  # the drive may have been repaired
         self._watchdog.due = now() + 0.5 * self._state_timeout
         gain_set = self._tunables.values["gain_set"]
         self.get_logger().info(f"ready at {self._rate:g} Hz with gain set {gain_set!r}: waiting for the drive")
@@ -123,20 +124,20 @@ class Controller(ManagedNode):
             self.get_logger().info(text)
 
     def deactivate(self) -> None:
-        """Put 0 V out and see to it that it leaves."""
-        self._command.publish(answer(0.0))  # first, whatever an experiment does when it is cancelled
-        self._servo.release("the controller is not active any more")
+        """Command 0 V and wait until it is sent."""
+        self._command.publish(answer(0.0))  # first, before an experiment is cancelled
+        self._servo.release("the controller is no longer active")
         self._command.publisher.wait_for_all_acked(_ACKNOWLEDGED)
-        self._learning.stop("the controller is not active any more")
+        self._learning.stop("the controller is no longer active")
         self.get_logger().info(f"stopped after {self._gate.taken} samples, {self._gate.dropped} messages dropped")
 
     def destroy_node(self) -> None:
-        """End, once the last estimate is on the disk; not much later where that hangs."""
+        """Stop, once the last estimate is on the disk or writing takes too long."""
         self._learning.finish()
         super().destroy_node()
 
     def state_changed(self) -> None:
-        """Say what the node does now, active or not."""
+        """Publish whether the node is active."""
         self._publish_state(self.get_clock().now().nanoseconds)
 
     # Parameters.
@@ -190,14 +191,14 @@ class Controller(ManagedNode):
         self._report.step_time.add(1e-9 * (answered - began))
         self._report.age.add(age)
         if judged.action is Action.TAKE:
-            # In simulated time, or where time stands still until the answer, none is late.
+            # In simulated time, or if time stands still until the answer, no answer is late.
             if abs(age) < self._state_timeout and not clock.ros_time_is_active:
                 self._servo.answered(1e-9 * answered)
             self._learning.look(self._measured, 1e-9 * judged.elapsed)
         self._after(judged, stamp)
 
     def _act(self, action: Action, elapsed: float) -> float:
-        """Return the command that a sample is answered with."""
+        """Return the command that answers a sample."""
         if self._gate.fault:
             self._servo.fail(self._gate.fault, self._gate.why)
         if action is Action.TAKE:
@@ -208,9 +209,9 @@ class Controller(ManagedNode):
         return self._servo.command
 
     def _after(self, judged: Judged, stamp: int) -> None:
-        """Say what a sample has changed, once its answer is on the way."""
+        """Report what a sample has changed, after its answer was sent."""
         if judged.action is Action.TAKE:
-            self._watchdog.due = now() + self._state_timeout  # put off with every sample that can be used
+            self._watchdog.due = now() + self._state_timeout  # postponed by every usable sample
         if judged.reason and judged.action is Action.TAKE:
             self._changed = True
             self.get_logger().warning(judged.reason, throttle_duration_sec=1.0)
@@ -224,7 +225,7 @@ class Controller(ManagedNode):
         if regular or ((self._news or self._owed) and judged.action in (Action.TAKE, Action.REFUSE)):
             self._publish_state(stamp, 1e-9 * judged.elapsed)
             self._owed = False
-        self._learning.end()  # what it changes acts on the next sample, which tells it
+        self._learning.end()  # its changes act on the next sample, which reports them
 
     @property
     def _doing(self) -> tuple[bool, bool, Fault]:
@@ -232,12 +233,12 @@ class Controller(ManagedNode):
 
     @property
     def _news(self) -> bool:
-        """Whether something has changed since ~/state was sent."""
+        """Whether something has changed since the last ~/state."""
         return self._changed or self._doing != self._said
 
     @property
     def _heard(self) -> bool:
-        """Whether anybody listens to the command, be it the drive or a recorder: before, no position is held."""
+        """Whether the command has a subscriber, a drive or a recorder: before that, no position is held."""
         return self._command.publisher.get_subscription_count() > 0
 
     def _on_reference(self, message: Float64) -> None:
@@ -257,17 +258,17 @@ class Controller(ManagedNode):
         at = now_ns()
         if self._gate.silent(at):
             self._servo.fail(self._gate.fault, self._gate.why)
-        self._command.publish(answer(0.0))  # first: the rest takes its time
+        self._command.publish(answer(0.0))  # first, since the rest takes a while
         self._tell_fault()
-        silence = "nobody listens to command" if self._gate.unheard else "no joint_states"
+        silence = "command has no subscriber" if self._gate.unheard else "no joint_states"
         self._learning.waited(at, silence)
         if self._news:
             self._publish_state(self.get_clock().now().nanoseconds)
             self._owed = True
-        self._gate.unheard = False  # unless the next sample finds it so
+        self._gate.unheard = False  # unless the next sample changes it
 
     def _publish_state(self, stamp: int, elapsed: float = math.nan) -> None:
-        """Say everything worth plotting, as numbers by name; ``elapsed`` where it is about a sample, s."""
+        """Publish the telemetry, as numbers by name; ``elapsed`` (s) if it is about a sample."""
         self._changed, self._said = False, self._doing
         values = telemetry(
             self._servo,
@@ -285,7 +286,7 @@ class Controller(ManagedNode):
     # Faults and diagnostics.
 
     def _tell_fault(self) -> None:
-        """Say a fault that was latched just now."""
+        """Log and publish a fault that was just latched."""
         before, self._told = self._told, self._servo.latched
         if self._told and self._told is not before:
             unit = self._servo.drive.command_unit
@@ -293,17 +294,17 @@ class Controller(ManagedNode):
             self.publish_diagnostics()
 
     def reset_fault(self) -> tuple[bool, str]:
-        """Forget a latched fault and hold the position where the next sample finds the load."""
+        """Clear a latched fault and hold the position of the next sample."""
         fault, text = self._servo.latched, self._servo.fault
         if not fault:
-            return True, "there was no fault"
+            return True, "no fault was latched"
         self._gate.open()
         self._servo.reset()
         self._told = Fault.NONE
         return True, f"reset {fault.name}: {text}"
 
     def statuses(self) -> Sequence[DiagnosticStatus]:
-        """Say what the servo does with which gains, and how steadily samples come and are answered."""
+        """Report the servo's state and gains, and the timing of samples and answers."""
         values = self._tunables.values
         commanders = self.count_publishers(self._command.publisher.topic_name) if self.configured else 0
         heard = self.configured and self._heard
@@ -319,14 +320,14 @@ ABOUT = """\
 Answers each sample of a geared drive with a command, and learns the drive's backlash.
 
 topics, relative to the namespace
-  takes  joint_states    sensor_msgs/JointState       motor and load: rad, rad/s, N m
-         reference       std_msgs/Float64             where the load is to come to rest, rad
-  gives  command         std_msgs/Float64MultiArray   data[0]: V, or A with command_interface:=current
-         ~/state         diagnostic_msgs/DiagnosticArray, ~/backlash_estimate, ~/parameters_in_use, /diagnostics
+  subscribes  joint_states    sensor_msgs/JointState       motor and load: rad, rad/s, N m
+              reference       std_msgs/Float64             target angle of the load, rad
+  publishes   command         std_msgs/Float64MultiArray   data[0]: V, or A with command_interface:=current
+              ~/state         diagnostic_msgs/DiagnosticArray, ~/backlash_estimate, ~/parameters_in_use, /diagnostics
 services (std_srvs/Trigger)
-  ~/learn, ~/identify, ~/apply_estimate, ~/cancel, ~/reset_fault; those of the lifecycle
+  ~/learn, ~/identify, ~/apply_estimate, ~/cancel, ~/reset_fault; also the lifecycle services
 
-The command is 0 after a fault, when deactivated and at the end. 0 does not hold a hanging load.
+The command is 0 after a fault, when deactivated and when the node ends. 0 does not hold a hanging load.
 
 example: ros2 run backlash_ros controller --ros-args --params-file my_drive.yaml"""
 

@@ -1,6 +1,6 @@
-"""The services of learning: backlash or drive are learned, put in use or offered, and kept.
+"""The services of learning: learn the backlash or identify the drive, apply or offer the result, and store it.
 
-What becomes of requests and of estimates is decided by `backlash_ros.control.estimates`.
+Requests and estimates are handled by `backlash_ros.control.estimates`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,10 +25,10 @@ from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.timer import Timer, now_ns
 
 _LOOK = 0.05
-"""Time between looks whether the file is written, s."""
+"""Time between checks whether the file has been written, s."""
 
 _FINISH = 2.0
-"""How long the end of the process waits for the file, s."""
+"""Longest wait for the file when the process ends, s."""
 
 
 class Learning:
@@ -47,7 +47,7 @@ class Learning:
     # The lifecycle.
 
     def configure(self) -> None:
-        """Open the estimate file, and use it where the parameters say so; ValueError refuses it."""
+        """Open the estimate file, and use it if the parameters say so; ValueError if it cannot be used."""
         given, node = self._given, self._node
         drive = DriveIdentity(node.get_fully_qualified_name(), *given.joints, given.drive["gear.reduction"])
         node.held(self._estimates, Estimates.forget)
@@ -55,48 +55,48 @@ class Learning:
             node.get_logger().info(text)
 
     def stop(self, why: str) -> None:
-        """End what is under way, and answer everybody who waits."""
+        """End a running experiment, and answer waiting requests."""
         self._reply(self._requests.end() or self._requests.stop(why))
         self._tell(wait_no_more=True)
 
     def finish(self) -> None:
-        """Wait for the file, for a while."""
+        """Wait for the file, up to a time limit."""
         if not self._estimates.finish(_FINISH):
-            self._node.get_logger().error("the estimate file was not written before the end")
+            self._node.get_logger().error("the estimate file could not be written before the node ended")
 
-    # Beside the samples.
+    # Called beside the samples.
 
     def look(self, measured: Measurement, elapsed: float) -> None:
-        """Look for wear in a sample that was answered, ``elapsed`` s after the one before; learn anew where allowed."""
+        """Check an answered sample, ``elapsed`` s after the previous one, for wear; learn again if allowed."""
         learn, log = self.wear.look(measured, elapsed), self._node.get_logger()
         before, self._noticed = self._noticed, self.wear.kind
         if self._noticed != before and any(self._noticed):
             log.warning(self.wear.finding, throttle_duration_sec=10.0)
         if learn:
             refusal = self._ask("learn")
-            log.info(f"not learned anew: {refusal[1]}" if refusal else "learning anew")
+            log.info(f"not learned again: {refusal[1]}" if refusal else "learning anew")
 
     def begin(self) -> None:
-        """Begin what was asked for, before a sample is taken."""
+        """Start a requested experiment, before a sample is taken."""
         self._reply(self._requests.begin())
 
     def end(self) -> None:
-        """Look whether the experiment has ended."""
+        """Check whether the experiment has ended."""
         self._reply(self._requests.end())
 
     def waited(self, now: int, silence: str) -> None:
-        """Look whether it has ended, or a request has waited for too long, with ``silence`` in words for why."""
+        """Check whether it has ended or a request has waited too long; ``silence`` says why."""
         self._reply(self._requests.end() or self._requests.waited(now, silence))
 
     @property
     def doing(self) -> str:
-        """What an experiment that begins is for, in words."""
+        """The purpose of an experiment, for the log."""
         return "identifying the drive" if self._requests.service == "identify" else "learning the backlash"
 
     # Services.
 
     def _ask(self, service: str) -> tuple[bool, str] | None:
-        """Ask for a run of a service's experiment; return why there is none."""
+        """Request a run of a service's experiment; return why it is refused."""
         if not self._node.active:
             return False, f"cannot {service}: the controller is {self._node.state}, not active"
         if self._estimates.busy:
@@ -117,14 +117,14 @@ class Learning:
         return answer and answer[1:]
 
     def _put_in_use(self, values: Mapping[str, Any]) -> str:
-        """Set parameters as anybody does; return why they were refused, or an empty text."""
+        """Set parameters like any client; return why they were refused, or an empty text."""
         told = {"identified": True} if values.keys() >= IDENTIFIED else {}
         parameters = [Parameter(name, value=value) for name, value in {**values, **told}.items()]
         result = self._node.set_parameters_atomically(parameters)
         return "" if result.successful else str(result.reason)
 
     def _reply(self, reply: Reply | None) -> None:
-        """Take over what was learned, or answer why there is nothing."""
+        """Apply what was learned, or answer why there is nothing to apply."""
         if reply is None:
             return
         if reply.estimate is None:
@@ -136,7 +136,7 @@ class Learning:
             self._tell()
 
     def _look(self, *, wait_no_more: bool = False) -> Answer | None:
-        """Return the answer that is due; log it, and what is wrong with the file, once."""
+        """Return the answer that is due; log it and any trouble with the file, once."""
         before, log = self._estimates.trouble, self._node.get_logger()
         answer = self._estimates.poll(now_ns(), wait_no_more=wait_no_more)
         if answer is not None:
@@ -146,17 +146,17 @@ class Learning:
         return answer
 
     def _tell(self, *, wait_no_more: bool = False) -> None:
-        """Answer who waits, where the answer is due."""
+        """Answer the waiting request if the answer is due."""
         if answer := self._look(wait_no_more=wait_no_more):
             self._services[answer.service].answer(answer.success, answer.text)
 
     # Diagnostics.
 
     def remarks(self) -> Sequence[tuple[bytes, str]]:
-        """Return what there is to judge: an estimate that waits, a file that could not be written, wear."""
+        """Return remarks for the diagnostics: an estimate that waits, a file that could not be written, wear."""
         offer, trouble = self._estimates.offer, self._estimates.trouble
         return [(level, text) for level, text in ((OK, offer), (WARN, trouble), (WARN, self.wear.finding)) if text]
 
     def values(self) -> dict[str, Any]:
-        """Return the newest estimate by name, and what was noticed of wear."""
+        """Return the newest estimate by name, and signs of wear."""
         return {**self._estimates.values(), "wear": self.wear.finding}

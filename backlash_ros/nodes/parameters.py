@@ -1,4 +1,4 @@
-"""The parameters of each node, declared by functions: so each node knows the names of all without making the others."""
+"""The parameters of each node, declared by functions, so that each node knows all names without creating the others."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from backlash_ros.drivetrain.quantity import take
 from backlash_ros.ros.overrides import check_known, values_given
 from backlash_ros.ros.parameters import (
     NONE,
-    Names,
+    Declarations,
     declare,
     declare_autostart,
     declare_drive,
@@ -31,7 +31,7 @@ from backlash_ros.ros.topics import TOPICS
 
 @dataclass(frozen=True)
 class SimulatorParameters:
-    """What the plant simulator is told; times in s, rates in Hz. ``sensors`` are values by name, dynamic ones."""
+    """The plant simulator's parameters; times in s, rates in Hz. ``sensors`` are values by name, and dynamic."""
 
     drive: Drive
     joints: tuple[str, str]
@@ -45,15 +45,15 @@ class SimulatorParameters:
 
 
 def declare_simulator(node: Node) -> SimulatorParameters:
-    """Declare the plant simulator's parameters and return them; ValueError names the one that is refused."""
+    """Declare the plant simulator's parameters and return them; ValueError names a refused one."""
     drive, joints, rate = drive_of(declare_drive(node)), declare_joints(node), declare_rate(node)
-    text = "simulated time over real time, with lockstep at most; 0 is as fast as it can, with lockstep alone"
+    text = "simulated time divided by real time; with lockstep an upper limit, and 0: as fast as possible"
     factor = declare_number(node, "real_time_factor", 1.0, Quantity(text, "", 0.0, 100.0))
-    text = "wait for the answer to each sample; time is then the plant's, published on /clock"
+    text = "wait for the answer to each sample; the simulated time is then published on /clock"
     lockstep = declare(node, "lockstep", False, describe(text, read_only=True))
     if not (factor or lockstep):
         raise ValueError("real_time_factor must be > 0 without lockstep, got 0")
-    text = "silence on command after which the motor gets 0 V; an answer is as old as the sample that it names"
+    text = "time without a valid command after which the motor gets 0 V; a command is as old as the sample it answers"
     timeout = declare_timeout(node, "command_timeout", text, 1.0 / rate / (factor or 1.0))
     sensors, delay = declare_sensors(node), take(Delay, declare_quantities(node, Delay(), dynamic=NONE))
     seed = declare_number(node, "seed", 0, Quantity("seed of noise and jitter", "", 0, 2**31 - 1, whole=True))
@@ -62,7 +62,7 @@ def declare_simulator(node: Node) -> SimulatorParameters:
 
 @dataclass(frozen=True)
 class ControllerParameters:
-    """What the controller is told at the start; what can change while it runs is in `Tunables`.
+    """The controller's fixed parameters; those that can change while it runs are in `Tunables`.
 
     Times in s, rates in Hz; ``drive`` are values by name, some of them dynamic.
     """
@@ -78,39 +78,43 @@ class ControllerParameters:
 
 def _declare_estimate_file(node: Node) -> tuple[str, bool]:
     text = describe(
-        "file that keeps every valid estimate; empty for none",
-        constraint="a file of this controller, or a new one in a folder that is there",
+        "file that stores every valid estimate; empty: none",
+        constraint="a file of this controller, or a new file in an existing folder",
         read_only=True,
     )
     file = declare(node, "learning.estimate_file", "", text)
-    text = describe("use what that file says was applied when configured; of each parameter the newest", read_only=True)
+    text = describe(
+        "when configured, restore the newest applied value of each parameter from that file", read_only=True
+    )
     use = declare(node, "learning.use_estimate_file", False, text)
     if use and not file:
-        raise ValueError("learning.use_estimate_file must be false where learning.estimate_file is empty, got true")
+        raise ValueError("learning.use_estimate_file must be false if learning.estimate_file is empty, got true")
     return file, use
 
 
 def declare_controller(node: Node) -> ControllerParameters:
-    """Declare the controller's parameters beside the tunable ones; ValueError names the one that is refused."""
+    """Declare the controller's parameters except the tunable ones; ValueError names a refused one."""
     drive, joints, rate = declare_drive(node, FOUND), declare_joints(node), declare_rate(node)
-    text = "silence on joint_states after which the command is 0 V and a fault is latched"
+    text = "time without joint_states after which the command is 0 V and a fault is latched"
     timeout = declare_timeout(node, "state_timeout", text, 1.0 / rate)
-    described = Quantity("rate of ~/state, at most rate; each change is sent besides", "Hz", 0.0, rate, True)
+    described = Quantity(
+        "rate of ~/state, at most the sample rate; changes are also sent at once", "Hz", 0.0, rate, True
+    )
     telemetry_rate = declare_number(node, "telemetry_rate", min(50.0, rate), described)
     return ControllerParameters(drive, joints, rate, timeout, telemetry_rate, *_declare_estimate_file(node))
 
 
 @dataclass(frozen=True)
 class RecorderParameters:
-    """What the recorder is told."""
+    """The recorder's parameters."""
 
     output: str
     topics: Sequence[str]
 
 
 def declare_recorder(node: Node, output: str) -> RecorderParameters:
-    """Declare the recorder's parameters and return them; ``output`` is where it writes unless it is told."""
-    text = "folder to write, which must not exist yet"
+    """Declare the recorder's parameters and return them; ``output`` is the default folder."""
+    text = "folder to create; must not exist yet"
     output = declare(node, "output", output, describe(text, read_only=True))
     return RecorderParameters(
         output, declare(node, "topics", list(TOPICS), describe("topics to record", read_only=True))
@@ -119,7 +123,7 @@ def declare_recorder(node: Node, output: str) -> RecorderParameters:
 
 @dataclass(frozen=True)
 class DashboardParameters:
-    """What the dashboard is told; ``port`` 0 stands for any that is free."""
+    """The dashboard's parameters; ``port`` 0 stands for any free port."""
 
     host: str
     port: int
@@ -134,22 +138,24 @@ def declare_dashboard(node: Node) -> DashboardParameters:
     def fixed(text: str) -> ParameterDescriptor:
         return describe(text, read_only=True)
 
-    text = "address to serve the page at; any but this machine's own needs a token"
+    text = "address at which the page is served; any but this machine's loopback address needs a token"
     host = declare(node, "host", "127.0.0.1", fixed(text))
-    port = declare_number(node, "port", 8080, Quantity("TCP port of the page; 0 is any", "", 0, 65535, whole=True))
-    text = "secret without which nobody sees the page; empty for one made anew where the address needs it"
+    port = declare_number(
+        node, "port", 8080, Quantity("TCP port of the page; 0: any free port", "", 0, 65535, whole=True)
+    )
+    text = "secret needed to see the page; if empty and the address needs one, a new one is made"
     token = declare(node, "token", "", fixed(text))
-    read_only = declare(node, "read_only", False, fixed("show everything, let nobody change anything"))
-    text = "folder for recordings and measurements, each in a new folder of its own"
+    read_only = declare(node, "read_only", False, fixed("show everything, allow no change"))
+    text = "folder for recordings and measurements, each in a new subfolder"
     return DashboardParameters(host, port, token, read_only, declare(node, "folder", "dashboard", fixed(text)))
 
 
 def all_names(given: Mapping[str, Any]) -> set[str]:
-    """Return the names of the parameters of all nodes where the overrides are ``given``, which may name gain sets."""
-    # Only where somebody asks: the simulator needs no control law.
+    """Return the parameter names of all nodes with the overrides ``given``, which may name gain sets."""
+    # Imported only when needed: the simulator needs no control law.
     from backlash_ros.nodes.tunables import tunable_names  # noqa: PLC0415
 
-    names: Any = Names()
+    names: Any = Declarations()
     declare_autostart(names)
     declare_simulator(names)
     declare_controller(names)
@@ -159,6 +165,6 @@ def all_names(given: Mapping[str, Any]) -> set[str]:
 
 
 def refuse_unknown(node: Node) -> None:
-    """Refuse names given to ``node`` that look like ours and are no parameter; all of its own are declared by now."""
+    """Refuse misspelled overrides of ``node``, after all of its parameters have been declared."""
     given = values_given(node)
     check_known(given, list(node._parameters), lambda: all_names(given))

@@ -1,13 +1,13 @@
-"""The drive, simulated: publishes joint states at a fixed rate and takes the motor's voltage or current.
+"""The simulated drive: publishes joint states at a fixed rate and takes the motor's voltage or current.
 
-Simulated time goes with the steady clock, one period a turn, ``real_time_factor`` times as fast. The command that
+Simulated time follows the steady clock, ``real_time_factor`` times as fast, in steps of one period. The command that
 arrives after sample k acts from sample k on, as if the controller took no time, so that the loop equals the offline one
-as long as every answer comes within its period. A turn that comes late is made good by moving the plant on, not by
-extra samples. In ``lockstep`` the next sample waits for the answer to the last one, and time is the plant's alone: the
-loop then equals the offline one whatever the machine does. It runs as fast as the graph allows, but no faster than
-``real_time_factor`` says, if that is not 0.
+as long as every answer comes within its period. After a late step the plant is advanced to catch up, without extra
+samples. In ``lockstep`` the next sample waits for the answer to the last one, and only the simulation sets the time:
+the loop then equals the offline one on any machine. It runs as fast as the graph allows, but no faster than
+``real_time_factor`` says, unless that is 0.
 
-What the motor gets is decided by `backlash_ros.gates.CommandGate`, what moves by `backlash_ros.simulation`.
+`backlash_ros.gates.CommandGate` decides the motor's command, `backlash_ros.simulation` computes the motion.
 """
 
 import math
@@ -37,13 +37,14 @@ from backlash_ros.simulation import SimulatedDrive
 from backlash_ros.simulation.simulated_drive import largest_load_torque
 
 _REPEAT = 0.04
-"""Silence after which a sample in lockstep is sent again, s: best effort may lose it, and a watchdog waits for it."""
+"""Silence after which a sample in lockstep is sent again, s: best-effort delivery may lose it, and the controller's
+watchdog waits for it."""
 
 
 class PlantSimulator(ManagedNode):
     """Geared servo with backlash behind the topics of a drive.
 
-    ``together``: the simulators of this process, in whose company it joins: in lockstep they step as one.
+    ``together``: the simulators of this process, to which this one is added: in lockstep they step together.
     """
 
     def __init__(self, namespace: str = "", together: "list[PlantSimulator] | None" = None) -> None:
@@ -55,7 +56,7 @@ class PlantSimulator(ManagedNode):
         self._lockstep, self._delay, self._seed, self._values = given.lockstep, given.delay, given.seed, given.sensors
         self._simulated = self._at_rest()
         self._gate = CommandGate(in_ns(given.command_timeout), self._drive.command_unit, lockstep=self._lockstep)
-        self._wall = SystemClock()  # whatever use_sim_time says: time comes from a drive, not to it
+        self._wall = SystemClock()  # independent of use_sim_time: a drive is a source of time
         self._own_time = self._lockstep or given.real_time_factor != 1.0
         self._load_torque, self._largest_load_torque = 0.0, largest_load_torque(self._drive)
         self._ticks = self._due = 0
@@ -75,7 +76,7 @@ class PlantSimulator(ManagedNode):
         self._together.append(self)
         alike = {(axis._lockstep, axis._rate) for axis in self._together}
         if len(alike) > 1 and any(lockstep for lockstep, _ in alike):
-            raise ValueError("lockstep must be the same, and rate too, for all axes of one process")
+            raise ValueError("lockstep and rate must be the same for all axes of one process")
 
     def _at_rest(self) -> SimulatedDrive:
         sensors = sensors_of(self._values)
@@ -87,32 +88,32 @@ class PlantSimulator(ManagedNode):
 
     def configure(self) -> None:
         """Compile the plant, at rest in the middle of the gap."""
-        self._simulated.advance(0.0)  # compiles, or loads what was compiled before
+        self._simulated.advance(0.0)  # compiles, or loads compiled code
         self._simulated, self._load_torque = self._at_rest(), 0.0
         self._gate.reset()
         self._told = Fault.NONE
         self._publish_in_use()
 
     def activate(self) -> None:
-        """Begin to publish."""
+        """Start to publish."""
         self._gate.open()
-        self._ticks = max(axis._ticks for axis in self._together)  # one time for all
+        self._ticks = max(axis._ticks for axis in self._together)  # the same time for all
         self._due = 0
         self._report.begin(self._gate)
-        # Axes of one process take turns: at once, the last one would wait for all the others each time.
+        # Axes of one process take turns: if all were due at once, the last one would always wait for the others.
         self._timer.restart(0.0 if self._lockstep else self._turn * self._together.index(self) / len(self._together))
         self._start = self._timer.due - self._turn
         self.own_timers.append(self._timer)
         if self._lockstep:
             self._publish()
-        factor = f"{1.0 / self._rate / self._turn:g} times real time" if self._turn else "as fast as it can"
+        factor = f"{1.0 / self._rate / self._turn:g} times real time" if self._turn else "as fast as possible"
         speed = f"in lockstep, {factor}{' at most' if self._turn else ''}" if self._lockstep else factor
         self.get_logger().info(
             f"simulating at {self._rate:g} Hz, {speed}, backlash {self._drive.gear.backlash_angle:g} rad at the output"
         )
 
     def deactivate(self) -> None:
-        """Take the command off and stand still: no time passes while not active."""
+        """Remove the command and stop: no time passes while not active."""
         self._gate.open()
         self.own_timers.remove(self._timer)
         self.get_logger().info(f"stopped after {self._report.samples} samples, {self._report.late} of them late")
@@ -129,7 +130,7 @@ class PlantSimulator(ManagedNode):
     def _measure(self, parameters: list[Parameter]) -> None:
         changed = {p.name: p.value for p in parameters if p.name in self._values}
         if not changed:
-            return  # rclpy declares parameters for the quality of service of each topic
+            return  # rclpy declares parameters for the QoS of each topic
         self._values |= changed
         self._simulated.use(sensors_of(self._values))
         self._version += 1
@@ -142,7 +143,7 @@ class PlantSimulator(ManagedNode):
     # Faults.
 
     def _tell_fault(self) -> None:
-        """Say a fault that was latched just now."""
+        """Log and publish a fault that was just latched."""
         before, self._told = self._told, self._gate.fault
         if self._told and self._told is not before:
             unit = self._drive.command_unit
@@ -150,19 +151,19 @@ class PlantSimulator(ManagedNode):
             self.publish_diagnostics()
 
     def reset_fault(self) -> tuple[bool, str]:
-        """Forget a latched fault; the motor takes commands again."""
+        """Clear a latched fault; the motor takes commands again."""
         fault, text = self._gate.fault, self._gate.why
         self._gate.reset()
         self._told = Fault.NONE
-        return True, f"reset {fault.name}: {text}" if fault else "there was no fault"
+        return True, f"reset {fault.name}: {text}" if fault else "no fault was latched"
 
-    # What comes.
+    # Subscriptions.
 
     def _on_command(self, message: Float64MultiArray) -> None:
         if not self.active:
             return
         if not self._lockstep and self._timer.overdue > self._turn:
-            self._timer.call()  # first what was before: the motor had what it had
+            self._timer.call()  # first simulate up to now with the old command
         if why := self._gate.command(message.data, answered_sample(message), now_ns()):
             rejected = self._gate.rejected
             self.get_logger().warning(f"{why}; {rejected} commands rejected so far", throttle_duration_sec=1.0)
@@ -176,13 +177,13 @@ class PlantSimulator(ManagedNode):
             return
         self._report.rejected += 1
         bound = f"within +-{self._largest_load_torque:g} N m, ten times what the motor holds"
-        why = f"load_torque must be {bound}, got {message.data:g}: kept {self._load_torque:g}"
+        why = f"load_torque must be {bound}, got {message.data:g}: {self._load_torque:g} stays"
         self.get_logger().warning(why, throttle_duration_sec=1.0)
 
     # Time.
 
     def _step_together(self) -> None:
-        """In lockstep: when every axis of this process has its answer, all go on."""
+        """In lockstep: when every axis of this process has its answer, all continue."""
         axes = [axis for axis in self._together if axis.active]
         if any(axis._gate.waiting for axis in axes):
             return
@@ -197,21 +198,21 @@ class PlantSimulator(ManagedNode):
 
     def _repeat(self) -> None:
         if not self._gate.waiting:
-            self._step_together()  # the axis that the others waited for may be active no more
+            self._step_together()  # the axis that the others waited for may have been deactivated
         elif now() - self._sent_at > _REPEAT:
             self._gate.sent_again()
             self._states.publish(self._sample)
 
     def _go_on(self) -> None:
-        """Make the periods that are due, under what the motor had, and publish where that leads."""
-        at, wall = now(), self._wall.now().nanoseconds  # when the plant is there, however long the rest takes
+        """Simulate the periods that are due with the motor's command, and publish the result."""
+        at, wall = now(), self._wall.now().nanoseconds  # the time of the plant's state, however long the rest takes
         due = max(1, round((at - self._start) / self._turn) - self._due)
         self._due += due
         self._report.late += due - 1
         expires, before = self._gate.expires, self._gate.value
         command = self._gate.output(in_ns(at))
         if expires is not None and self._gate.fault:
-            # However late this is, the motor was powered no longer than the watchdog lets it.
+            # However late this call is, the motor is powered no longer than the watchdog allows.
             powered = max(0, due - math.floor((in_ns(at) - expires) / in_ns(self._turn)))
             self._advance(powered, before)
             due -= powered
@@ -227,7 +228,7 @@ class PlantSimulator(ManagedNode):
                 self._simulated.sample()
         except IntegrationError as error:
             torque, self._load_torque = self._load_torque, 0.0
-            why = f"cannot simulate with load_torque {torque:g} N m, which is 0 again: {error}"
+            why = f"cannot simulate with load_torque {torque:g} N m, so it was set to 0: {error}"
             self._gate.fail(Fault.CANNOT_SIMULATE, why)
             self._tell_fault()
         self._ticks += periods
@@ -235,7 +236,7 @@ class PlantSimulator(ManagedNode):
 
     def _publish(self, wall: int = 0) -> None:
         arrives = round((self._ticks + 1) * 1e9 / self._rate) if self._own_time else wall
-        stamp = arrives - in_ns(self._simulated.age)  # when it was measured
+        stamp = arrives - in_ns(self._simulated.age)  # time of measurement
         measured = self._simulated.measured
         torques = self._drive.motor.torque_constant * float(measured[CURRENT]), self._simulated.gear_torque
         fill_joint_state(self._sample, self._joints, measured, torques)
@@ -249,21 +250,21 @@ class PlantSimulator(ManagedNode):
         self._states.publish(self._sample)
 
     def statuses(self) -> Sequence[DiagnosticStatus]:
-        """Say what the motor gets, how steadily samples leave and how many were answered in time."""
+        """Report the motor's command, the timing of the samples, and how many were answered in time."""
         facts = NodeFacts(self.get_fully_qualified_name(), self.state, self.mismatches)
         return self._report.statuses(facts, self._gate, self._drive.command_unit, self._load_torque)
 
 
 ABOUT = """\
-Plays a geared drive with backlash: publishes joint states at a fixed rate and takes the motor's command.
+Simulates a geared drive with backlash: publishes joint states at a fixed rate and takes the motor's command.
 
 topics, relative to the namespace
-  gives  joint_states    sensor_msgs/JointState       motor and load: rad, rad/s, N m
-         ~/parameters_in_use, /diagnostics; /clock where simulated time is not real time
-  takes  command         std_msgs/Float64MultiArray   data[0]: V, or A with command_interface:=current
-         load_torque     std_msgs/Float64             on the output, N m; positive turns it forward
+  publishes   joint_states    sensor_msgs/JointState       motor and load: rad, rad/s, N m
+              ~/parameters_in_use, /diagnostics; /clock if simulated time is not real time
+  subscribes  command         std_msgs/Float64MultiArray   data[0]: V, or A with command_interface:=current
+              load_torque     std_msgs/Float64             on the output, N m; positive turns it forward
 services
-  ~/reset_fault (std_srvs/Trigger); those of the lifecycle
+  ~/reset_fault (std_srvs/Trigger); also the lifecycle services
 
 example: ros2 run backlash_ros plant_simulator --ros-args -p gear.backlash_angle:=0.01 -p load.coulomb_friction:=0.02"""
 

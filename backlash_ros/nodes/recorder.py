@@ -1,9 +1,8 @@
-"""Recorder for places without ros2 bag: writes the interface's topics to a rosbag2 directory (mcap).
+"""Recorder for machines without ros2 bag: writes the interface's topics to a rosbag2 directory (mcap).
 
-`ros2 bag`, PlotJuggler, Foxglove and the rosbags library read it. Messages are stored as they came off the wire, each
-with the time of its receipt (mcap's log time) and of its publication at the source (publish time).
-The bag is whole up to the last second whatever happens to the recorder, be it SIGKILL or a full disk, which ends it
-with code 1.
+`ros2 bag`, PlotJuggler, Foxglove and the rosbags library read it. Messages are stored as received, each with the time
+of receipt (mcap's log time) and of publication (publish time). The bag is complete up to the last second even after
+SIGKILL or with a full disk, which ends the recorder with code 1.
 """
 
 import os
@@ -31,20 +30,20 @@ from backlash_ros.ros.timer import Timer
 from backlash_ros.ros.topics import HEARS, TOPICS
 
 _QUEUE = 10_000
-"""Messages of a topic that can wait for a slow disk: 40 s at 250 Hz. Fast DDS does not tell of what it drops beyond."""
+"""Messages of a topic that can wait for a slow disk: 40 s at 250 Hz. Fast DDS does not report what it drops beyond."""
 
 _SLOW = 1.0
-"""Seconds of writing that are worth a warning."""
+"""Duration of a write that causes a warning, s."""
 
 _DISTROS = {"7": "jazzy", "9": "kilted"}
 """ROS distributions by the major version of their rclpy."""
 
 _Offer = tuple[ReliabilityPolicy, DurabilityPolicy]
-"""The part of a publisher's quality of service that decides who hears it."""
+"""The part of a publisher's QoS that decides which subscribers match."""
 
 
 def _ros_distro() -> str:
-    """Return the name of the running ROS distribution: what its setup file says, or the version of rclpy."""
+    """Return the name of the running ROS distribution, from its setup file or the version of rclpy."""
     try:
         by_version = _DISTROS.get(version("rclpy").partition(".")[0], "unknown")
     except PackageNotFoundError:
@@ -71,9 +70,9 @@ def _bag_time(duration: Duration) -> QosTime:
 
 
 def _bag_qos(qos: QoSProfile) -> Qos:
-    """Return what a publisher offers in the terms of the bag.
+    """Return a publisher's offered QoS as the bag describes it.
 
-    DDS discovery says nothing of history and depth: with Fast DDS these are unknown and 0, as rosbag2 writes them too.
+    DDS discovery does not report history and depth: with Fast DDS these are unknown and 0, and rosbag2 writes the same.
     """
     return Qos(
         QosHistory(int(qos.history)),
@@ -89,9 +88,9 @@ def _bag_qos(qos: QoSProfile) -> Qos:
 
 
 def _with_info(store: Callable[[bytes, dict[str, Any]], None]) -> Callable[..., None]:
-    """Let ``store`` be called with a message and its info by every executor.
+    """Return a callback that calls ``store`` with a message and its info from any executor.
 
-    The events executor of rclpy 7.1.6 hands both over as one tuple, the others as two arguments.
+    The events executor of rclpy 7.1.6 passes both as one tuple, the others as two arguments.
     """
 
     @wraps(store)
@@ -107,10 +106,10 @@ def _listed(counts: dict[str, int]) -> str:
 
 @dataclass
 class _Topic:
-    """A topic that is recorded.
+    """A recorded topic.
 
-    ``message``: its type, None until a publisher tells; ``connection``: its place in the bag, from the first publisher
-    or message on; ``heard``: what tells the last messages apart.
+    ``message``: its type, None until there is a publisher; ``connection``: its entry in the bag, from the first
+    publisher or message on; ``heard``: keys of the last messages.
     """
 
     name: str
@@ -121,7 +120,7 @@ class _Topic:
     lost: int = 0
 
     def is_new(self, info: dict[str, Any]) -> bool:
-        """Return whether a message was not heard by another subscription before."""
+        """Return whether no other subscription has received this message."""
         key = info["source_timestamp"], info["publication_sequence_number"]
         if key in self.heard:
             return False
@@ -134,9 +133,10 @@ class _Topic:
 class Recorder(StoppableNode):
     """Writes a bag until it is stopped.
 
-    It subscribes to the topics of the interface at once, so that it hears who says one thing and leaves, and to others
-    when a publisher shows their type. A topic has one subscription for each kind of offer among its publishers, so that
-    it hears them all and loses nothing that is sent reliably; what two of them hear is written once.
+    It subscribes to the topics of the interface at once, so that it also hears publishers that send one message and
+    leave, and to other topics when a publisher shows their type. A topic has one subscription for each kind of QoS
+    among its publishers, so that it hears them all and loses no reliable message; a message received twice is written
+    once.
     """
 
     linger = 0.3
@@ -147,7 +147,7 @@ class Recorder(StoppableNode):
         refuse_unknown(self)
         output, topics = Path(given.output), given.topics
         if not topics:
-            raise ValueError("topics must name at least one topic, got none")
+            raise ValueError("topics must have at least one topic, got none")
         self._types = get_typestore(Stores.ROS2_JAZZY)
         self._bag = self._new_bag(output)
         self._broken = False
@@ -177,7 +177,7 @@ class Recorder(StoppableNode):
             self._hear_all(topic)
 
     def _hear_all(self, topic: _Topic) -> None:
-        """Subscribe so that every publisher of a topic is heard as it offers."""
+        """Subscribe with every QoS that a topic's publishers offer."""
         publishers = [p for p in self.get_publishers_info_by_topic(topic.name) if self._is_known(topic, p.topic_type)]
         for publisher in publishers:
             offer = _offer(publisher.qos_profile)
@@ -188,7 +188,7 @@ class Recorder(StoppableNode):
             self.get_logger().info(f"recording {topic.name}")
 
     def _is_known(self, topic: _Topic, kind: str) -> bool:
-        """Return whether messages of a topic that are of this type can be recorded; the first publisher sets it."""
+        """Return whether messages of this type can be recorded for a topic; the first publisher sets the type."""
         if (topic.name, kind) in self._refused:
             return False
         reason = ""
@@ -222,7 +222,7 @@ class Recorder(StoppableNode):
         )
 
     def _take_up(self, topic: _Topic, publishers: Sequence[TopicEndpointInfo]) -> Connection:
-        """Make a topic's place in the bag."""
+        """Create a topic's entry in the bag."""
         assert topic.message
         offered = [_bag_qos(publisher.qos_profile) for publisher in publishers]
         topic.connection = self._bag.add_connection(
@@ -237,12 +237,12 @@ class Recorder(StoppableNode):
         if topic.is_new(info):
             if first:
                 self.get_logger().info(f"{HEARS} {topic.name}")
-            connection = topic.connection or self._take_up(topic, [])  # from one that has left already
+            connection = topic.connection or self._take_up(topic, [])  # from a publisher that has already left
             self._bag.write(connection, self.get_clock().now().nanoseconds, data, info["source_timestamp"])
 
     def _miss(self, topic: _Topic, event: QoSMessageLostInfo) -> None:
-        """Take down what a publisher could not keep until it was fetched."""
-        topic.lost = max(topic.lost, event.total_count)  # each subscription counts for itself
+        """Count messages that a publisher dropped before they were fetched."""
+        topic.lost = max(topic.lost, event.total_count)  # each subscription has its own count
         self.get_logger().warning(f"lost {topic.lost} {topic.name}", throttle_duration_sec=1.0)
 
     def _keep(self, write: Callable[[], None]) -> None:
@@ -253,23 +253,23 @@ class Recorder(StoppableNode):
             self._broken = True
             raise OSError(f"the bag cannot be written: {error.strerror}") from error
         if (took := time.monotonic() - began) > _SLOW:
-            self.get_logger().warning(f"the disk took {took:.1f} s; messages wait, {_QUEUE} of a topic at most")
+            self.get_logger().warning(f"writing to the disk took {took:.1f} s; up to {_QUEUE} messages per topic wait")
 
     def stop(self) -> None:
-        """Close the bag, so that it is whole, and say what is in it."""
+        """Close the bag properly, and log its content."""
         told = self._broken
         for topic in self._topics:
             if topic.message and not topic.connection:
                 self._take_up(topic, [])  # so that the bag lists it, with 0 messages
         try:
-            self._keep(self._bag.close)  # after a full disk too: there may be space again
+            self._keep(self._bag.close)  # also after a full disk: there may be space again
         except OSError:
             if not told:
                 raise
         finally:
             self.get_logger().info(f"recorded {_listed(self._bag.saved)}")
             if unknown := [topic.name for topic in self._topics if not topic.message]:
-                self.get_logger().warning(f"not recorded, as nobody published it: {', '.join(unknown)}")
+                self.get_logger().warning(f"not recorded because nobody published it: {', '.join(unknown)}")
             if lost := {topic.name: topic.lost for topic in self._topics if topic.lost}:
                 self.get_logger().error(f"lost {_listed(lost)}")
 
@@ -277,8 +277,8 @@ class Recorder(StoppableNode):
 ABOUT = """\
 Writes the topics of drive and controller to a rosbag2 folder (mcap) until it is stopped.
 
-Without the parameter topics it takes those of docs/interface.md, relative to its namespace. Ctrl-C closes the folder,
-which is complete after every second in any case.
+Without the parameter topics it records those of docs/interface.md, relative to its namespace. Ctrl-C closes the
+folder; even without that, it is complete up to the last second.
 
 example: ros2 run backlash_ros recorder --ros-args -p output:=my_run"""
 
@@ -290,7 +290,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _made(axis: str) -> Recorder:
     if axis:
-        raise ValueError(f"the recorder takes no --axes: record one axis with --ros-args -r __ns:=/{axis.strip('/')}")
+        raise ValueError(f"the recorder has no --axes: record one axis with --ros-args -r __ns:=/{axis.strip('/')}")
     return Recorder()
 
 

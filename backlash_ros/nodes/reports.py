@@ -1,4 +1,4 @@
-"""What the diagnostics of controller and simulator say, once a second: judged from gates and counts, without a node."""
+"""The diagnostics of controller and simulator, once a second: computed from gates and counts, without a node."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,9 +25,10 @@ from backlash_ros.ros.timer import in_ns, now
 
 @dataclass(frozen=True)
 class NodeFacts:
-    """What a node says of itself: its name, its state, and how many publishers of another quality of service there are.
+    """Facts about a node: its name, its state, and the number of publishers with an incompatible QoS.
 
-    ``commanders``: publishers of commands; ``heard``: whether anybody listens to ours; ``remarks``: more to judge.
+    ``commanders``: number of command publishers; ``heard``: whether our commands have a subscriber; ``remarks``:
+    further judgements.
     """
 
     name: str
@@ -43,15 +44,15 @@ class NodeFacts:
         return self.state == "active"
 
     def judged(self) -> list[tuple[bytes, str]]:
-        """Return what both nodes judge alike."""
+        """Return the judgements common to both nodes."""
         judgements = [(OK, self.state), *self.remarks]
         if self.mismatches:
-            judgements.append((WARN, f"{self.mismatches} publishers of a quality of service that does not match"))
+            judgements.append((WARN, f"{self.mismatches} publishers with an incompatible QoS"))
         return judgements
 
 
 class ControllerReport:
-    """How steadily samples come and are answered.
+    """Timing of the samples and their answers.
 
     Parameters
     ----------
@@ -67,9 +68,9 @@ class ControllerReport:
     def statuses(
         self, facts: NodeFacts, joints: Sequence[str], servo: Servo, gate: SampleGate, shown: dict[str, Any]
     ) -> list[DiagnosticStatus]:
-        """Return what there is to say of the time since the last call; ``shown`` are parameters to repeat."""
+        """Return the report on the time since the last call; ``shown`` are parameters to repeat."""
         before, self._came = self._came, facts.active and not gate.waiting
-        steady = before and self._came  # samples came all the time
+        steady = before and self._came  # samples arrived all the time
         grown = self._since.look(
             at=now(), stamp=gate.stamp or 0, taken=gate.taken, late=gate.late, dropped=gate.dropped
         )
@@ -85,7 +86,7 @@ class ControllerReport:
             "last_dropped": gate.last_dropped,
         }
         age, step = self.age.take(), self.step_time.take()
-        # By the stamps where they go on evenly: in simulated time the steady clock says nothing of the drive's rate.
+        # From the stamps if they are regular: in simulated time the steady clock does not show the drive's rate.
         seconds = 1e-9 * grown["stamp"] if 0 < grown["stamp"] < in_ns(CLOCKS_DIFFER) else grown["at"]
         rate = grown["taken"] / seconds
         timing = [rate_level(rate, self._rate)] if steady and grown["taken"] else [(OK, facts.state)]
@@ -113,7 +114,7 @@ class ControllerReport:
         if servo.latched:
             judgements.append((ERROR, servo.fault))
         if facts.active and not facts.heard and (gate.unheard or servo.holding):
-            judgements.append((WARN, f"nobody listens to command{' any more' if servo.holding else ''}"))
+            judgements.append((WARN, f"command has no subscriber{' any more' if servo.holding else ''}"))
         elif facts.active and gate.waiting:
             judgements.append((WARN, "waiting for joint_states"))
         if dropped:
@@ -124,9 +125,9 @@ class ControllerReport:
 
 
 class SimulatorReport:
-    """How steadily samples leave and how many are answered in time.
+    """Timing of the samples, and how many are answered in time.
 
-    ``rate``: nominal, Hz; nan in lockstep, where there is none.
+    ``rate``: nominal, Hz; nan in lockstep, which has none.
     """
 
     def __init__(self, rate: float) -> None:
@@ -135,14 +136,14 @@ class SimulatorReport:
         self.step_time, self._since = Window(), Since()
 
     def begin(self, gate: CommandGate) -> None:
-        """Count from now on."""
+        """Start counting."""
         self._grown(gate)
 
     def _grown(self, gate: CommandGate) -> dict[str, float]:
         return self._since.look(at=now(), samples=self.samples, late=self.late, answered=gate.answered)
 
     def statuses(self, facts: NodeFacts, gate: CommandGate, unit: str, load_torque: float) -> list[DiagnosticStatus]:
-        """Return what there is to say of the time since the last call."""
+        """Return the report on the time since the last call."""
         grown = self._grown(gate)
         drive = facts.judged()
         if gate.fault:

@@ -1,6 +1,5 @@
-"""What the controller says of its gains, its drive and its law: margins, what nobody told it, what it waits for."""
+"""Lines of the controller's log at the start: margins, a drive that was not described, what the law waits for."""
 
-import math
 from collections.abc import Iterable, Mapping
 
 from backlash_ros.control import Margins, ServoSettings
@@ -10,37 +9,28 @@ _DRIVE = ("motor.", "gear.", "load.")
 
 
 def untold_drive(given: Iterable[str]) -> str:
-    """Return what to say where no parameter of the drive is among the names ``given``; empty where one is."""
+    """Return a warning if no parameter of the drive is among the names ``given``; else an empty text."""
     if any(name.startswith(_DRIVE) for name in given):
         return ""
     return (
-        "nothing was said of the drive, it is taken for the nominal one: "
-        "for another one give motor.torque_constant, gear.reduction and load.inertia at least"
+        "no drive parameters were given, so the nominal drive is assumed: "
+        "for another drive set at least motor.torque_constant, gear.reduction and load.inertia"
     )
 
 
 def stands_in(settings: ServoSettings) -> str:
-    """Return what to say where the over-damped law stands in for the one that is asked for; empty where it does not."""
+    """Return a line if the over-damped law replaces the chosen one for now; else an empty text."""
     lacking = lacks(settings)
     if not lacking:
         return ""
-    return f"law {settings.law!r} moves slowly, with the over-damped gains, until {lacking}: call identify"
-
-
-def _distance(margins: Margins) -> str:
-    phase = f"{math.degrees(margins.phase):.0f} deg" if math.isfinite(margins.phase) else "any phase"
-    delay = f"{1e3 * margins.delay:.3g} ms" if math.isfinite(margins.delay) else "any delay"
-    return f"{phase}, {delay}"
+    return f"law {settings.law!r} uses the over-damped gains, which are slow, until {lacking}: call identify"
 
 
 def margins_line(name: str, margins: Mapping[str, Margins], period: float) -> tuple[str, bool]:
-    """Return the phase and delay margins of a gain set in words, by region, and whether they are a warning.
-
-    They are where a region bears less than 30 deg of lag, or less than a ``period`` (s) of further delay.
-    """
-    listed = "; ".join(f"{region} {_distance(margin)}" for region, margin in margins.items())
+    """Return the margins of a gain set in words, by region, and whether one is `Margins.tight` at a ``period`` (s)."""
+    listed = "; ".join(f"{region} {margin.in_words()}" for region, margin in margins.items())
     tight = [region for region, margin in margins.items() if margin.tight(period)]
-    line = f"gain set {name!r}, margins of phase and delay: {listed}"
+    line = f"gain set {name!r}, margins: {listed}"
     if tight:
-        line += f"; {' and '.join(tight)} below 30 deg or one period, {1e3 * period:.3g} ms: lower gains bear more"
+        line += f"; {' and '.join(tight)} below 30 deg or one period, {1e3 * period:.3g} ms: lower the gains"
     return line, bool(tight)

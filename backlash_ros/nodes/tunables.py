@@ -1,4 +1,4 @@
-"""What can be tuned while the controller runs, as parameters: declared once, validated whole, swapped as one value.
+"""The parameters that can be tuned while the controller runs: declared once, validated together, swapped as one value.
 
 A request that is refused changes nothing. What is in use is published each time with a new version.
 """
@@ -29,7 +29,7 @@ from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.parameters import drive_of
 from backlash_ros.ros.parameters import (
     ALL,
-    Names,
+    Declarations,
     declare,
     declare_number,
     declare_quantities,
@@ -50,7 +50,7 @@ def _gain_names(prefix: str) -> list[str]:
 
 def _set_names(node: Node) -> list[str]:
     text = describe(
-        "names of the gain sets, each given under gain_sets.<name>; the first is used at the start",
+        "names of the gain sets, each defined under gain_sets.<name>; the first is in use at the start",
         constraint=f"different from each other and from {CUSTOM!r}",
         read_only=True,
     )
@@ -71,19 +71,26 @@ def _declare_parameters_of(node: Node, registry: Mapping[str, Any]) -> dict[str,
 
 
 def _declare_beside_gains(node: Node, drive: Drive, rate: float) -> dict[str, Any]:
-    """Declare the dynamic parameters that are no gains, and not the drive's, and return what the user set."""
+    """Declare the dynamic parameters other than the gains and the drive, and return what the user set."""
     values: dict[str, Any] = {"loop_delay": declare_number(node, "loop_delay", 0.0, delay_bound(rate), read_only=False)}
     text = describe("control law", constraint=f"one of {sorted(LAWS)}")
     values["law"] = declare(node, "law", "two_region", text)
     values |= _declare_parameters_of(node, LAWS)
-    text = describe("what ~/learn runs", constraint=f"one of {sorted([AUTO, *EXPERIMENTS])}")
+    text = describe(
+        "experiment that ~/learn runs; auto: chosen by the encoders that are present",
+        constraint=f"one of {sorted([AUTO, *EXPERIMENTS])}",
+    )
     values["learning.experiment"] = declare(node, "learning.experiment", AUTO, text)
-    text = describe("whether load and friction are as found on this drive: law two_encoder is over-damped before")
+    text = describe(
+        "whether load and friction were identified on this drive; until then law two_encoder uses the over-damped gains"
+    )
     values["identified"] = declare(node, "identified", False, text)
-    text = describe("whether the backlash is learned anew, which moves the load, where wear is noticed at rest")
+    text = describe(
+        "whether to learn the backlash again, which moves the load, when wear is noticed and the load is at rest"
+    )
     values["learning.renew"] = declare(node, "learning.renew", False, text)
     values |= _declare_parameters_of(node, EXPERIMENTS)
-    text = describe("when a valid estimate is put in use: at once, or when asked", constraint=APPLY_BOUND)
+    text = describe("when a valid estimate is applied: at once, or on ~/apply_estimate", constraint=APPLY_BOUND)
     values["learning.apply"] = declare(node, "learning.apply", "auto", text)
     values |= declare_quantities(node, Limits.of(drive), dynamic=ALL)
     values |= declare_quantities(node, FaultThresholds.of(drive), dynamic=ALL)
@@ -92,8 +99,8 @@ def _declare_beside_gains(node: Node, drive: Drive, rate: float) -> dict[str, An
 
 
 def tunable_names(given: Mapping[str, Any]) -> set[str]:
-    """Return the names of what `Tunables` declares where the overrides are ``given``; nothing is designed for it."""
-    names: Any = Names()
+    """Return the names that `Tunables` declares with the overrides ``given``, without designing anything."""
+    names: Any = Declarations()
     _declare_beside_gains(names, NOMINAL_DRIVE, 1.0)
     sets = [*_set_names(names), *(given.get("gain_set_names") or [])]
     return {
@@ -104,23 +111,96 @@ def tunable_names(given: Mapping[str, Any]) -> set[str]:
     }
 
 
-class Tunables:
-    """The tunable parameters of one controller, and the drive, settings and limits that they stand for, ``in_use``.
+def _declare_gain_sets(node: Node) -> dict[str, Any]:
+    """Declare the gain sets and return how each region of each set is given."""
+    sets = {}
+    for name in _set_names(node):
+        defaults = DEFAULT_WEIGHTS if name == "nominal" else dict.fromkeys(REGIONS, NO_WEIGHTS)
+        chosen = {}
+        for region in REGIONS:
+            prefix = f"gain_sets.{name}.{region}"
+            text = describe(
+                f"{_K}; [0, 0, 0] if weights are given",
+                unit=_K_UNIT,
+                constraint=f"{_K_BOUND}; or [0, 0, 0] for none",
+                read_only=True,
+            )
+            k = declare(node, f"{prefix}.k", [0.0, 0.0, 0.0], text)
+            text = describe(
+                "LQR weights [Q11, Q22] of eq 14, instead of gains",
+                unit=_Q_UNIT,
+                constraint=_Q_BOUND,
+                read_only=True,
+            )
+            chosen[region] = {
+                "q": declare(node, f"{prefix}.q", NO_WEIGHTS if any(k) else defaults[region], text),
+                "k": k,
+            }
+        sets[name] = chosen
+    return sets
 
-    ``rejection_reason`` says why limits and drive cannot be taken now, empty where they can; ``changed`` is called with
+
+def declare_tunables(node: Node, drive_values: Mapping[str, Any], rate: float) -> tuple[Tuning, Choice]:
+    """Declare the tunable parameters; return their rules and the values at the start.
+
+    Parameters
+    ----------
+    drive_values : values of the drive's parameters, already declared
+    rate : of the samples, Hz
+    """
+    tuning, drive = Tuning(_declare_gain_sets(node), rate), drive_of(drive_values)
+    values = {**drive_values, **_declare_beside_gains(node, drive, rate)}
+    sets = tuning.sets(drive, values["loop_delay"])
+    first = next(iter(sets))
+    # Gains given beside a set at the start make the set custom, as they do later.
+    given: dict[str, Any] = {}
+    start = sets[first]
+    names = describe("gain set in use; setting it sets the gains", constraint=f"one of {[*sets, CUSTOM]}")
+    asked = {"gain_set": declare(node, "gain_set", first, names)}
+    for region in REGIONS:
+        for kind, text in (
+            ("k", describe(f"{_K}, in use", unit=_K_UNIT, constraint=_K_BOUND)),
+            (
+                "q",
+                describe(
+                    "LQR weights [Q11, Q22] from which the gains in use were designed; [0, 0]: none",
+                    unit=_Q_UNIT,
+                    constraint=_Q_BOUND,
+                ),
+            ),
+        ):
+            name = f"gains.{region}.{kind}"
+            value = declare(node, name, start[name], text)
+            if value != start[name]:
+                given[name] = value
+    if given and asked["gain_set"] == first:
+        asked = {"gain_set": CUSTOM}
+    values |= start | expand({**asked, **given}, sets, drive)
+    changed = [
+        Parameter(name, value=value)
+        for name, value in values.items()
+        if name.startswith("gain") and node.get_parameter(name).value != value
+    ]
+    if changed:
+        node.set_parameters_atomically(changed)
+    return tuning, tuning.choice(values)
+
+
+class Tunables:
+    """The tunable parameters of one controller, and the drive, settings and limits that they define, ``in_use``.
+
+    ``rejection_reason`` returns why limits and drive cannot be used now, empty if they can; ``changed`` is called with
     the names after each swap.
 
     Parameters
     ----------
-    drive : values of the drive's parameters, which are declared
+    drive : values of the drive's parameters, already declared
     rate : of the samples, Hz
     """
 
     def __init__(self, node: Node, drive: Mapping[str, Any], rate: float) -> None:
         self._node = node
-        self._rate = rate
-        self._tuning = Tuning(self._declare_gain_sets(), rate)
-        self.in_use = self._declare(drive)
+        self._tuning, self.in_use = declare_tunables(node, drive, rate)
         self._candidate = self.in_use
         self.version = 1
         self.rejection_reason: Callable[[Limits, Drive], str] = lambda _limits, _drive: ""
@@ -135,7 +215,7 @@ class Tunables:
         return self.in_use.values
 
     def margins(self) -> dict[str, dict[str, Margins]]:
-        """Return how far the gains of each set, and those in use, are from unstable, by set and region."""
+        """Return the stability margins of each gain set, and of the gains in use, by set and region."""
         values, drive, sets, settings, _ = self.in_use
         period, delay = settings.period, settings.loop_delay
         return {
@@ -147,76 +227,16 @@ class Tunables:
         }
 
     def message(self) -> ParameterEvent:
-        """Return all parameters that are in use, the fixed ones too, with their version, as a message."""
+        """Return all parameters in use, including the fixed ones, with their version, as a message."""
         return in_use(self._node, self.version, self.values)
 
-    def _declare_gain_sets(self) -> dict[str, Any]:
-        """Declare them and return what each region of each is given by."""
-        node = self._node
-        sets = {}
-        for name in _set_names(node):
-            defaults = DEFAULT_WEIGHTS if name == "nominal" else dict.fromkeys(REGIONS, NO_WEIGHTS)
-            chosen = {}
-            for region in REGIONS:
-                prefix = f"gain_sets.{name}.{region}"
-                text = describe(
-                    f"{_K}; [0, 0, 0] where weights are given",
-                    unit=_K_UNIT,
-                    constraint=f"{_K_BOUND}; or [0, 0, 0] for none",
-                    read_only=True,
-                )
-                k = declare(node, f"{prefix}.k", [0.0, 0.0, 0.0], text)
-                text = describe(
-                    "LQR weights [Q11, Q22] of eq 14, in place of gains",
-                    unit=_Q_UNIT,
-                    constraint=_Q_BOUND,
-                    read_only=True,
-                )
-                chosen[region] = {
-                    "q": declare(node, f"{prefix}.q", NO_WEIGHTS if any(k) else defaults[region], text),
-                    "k": k,
-                }
-            sets[name] = chosen
-        return sets
-
-    def _declare(self, drive_values: Mapping[str, Any]) -> Choice:
-        node, drive = self._node, drive_of(drive_values)
-        values = {**drive_values, **_declare_beside_gains(node, drive, self._rate)}
-        sets = self._tuning.sets(drive, values["loop_delay"])
-        first = next(iter(sets))
-        # A set stands for its gains; gains given beside it at the start make it custom, as they do later.
-        given: dict[str, Any] = {}
-        start = sets[first]
-        names = describe("gain set in use; setting it sets the gains", constraint=f"one of {[*sets, CUSTOM]}")
-        asked = {"gain_set": declare(node, "gain_set", first, names)}
-        for region in REGIONS:
-            for kind, text in (
-                ("k", describe(f"{_K}, in use", unit=_K_UNIT, constraint=_K_BOUND)),
-                ("q", describe("LQR weights [Q11, Q22] that they come from", unit=_Q_UNIT, constraint=_Q_BOUND)),
-            ):
-                name = f"gains.{region}.{kind}"
-                value = declare(node, name, start[name], text)
-                if value != start[name]:
-                    given[name] = value
-        if given and asked["gain_set"] == first:
-            asked = {"gain_set": CUSTOM}
-        values |= start | expand({**asked, **given}, sets, drive)
-        changed = [
-            Parameter(name, value=value)
-            for name, value in values.items()
-            if name.startswith("gain") and node.get_parameter(name).value != value
-        ]
-        if changed:
-            node.set_parameters_atomically(changed)
-        return self._tuning.choice(values)
-
     def _complete(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Add what a request implies: a set's gains, gains designed from weights, what follows from another drive."""
+        """Add the consequences of a request: a set's gains, gains from weights, values that another drive changes."""
         changes = {p.name: p.value for p in parameters}
         try:
             full = self._tuning.completed(changes, self.in_use)
         except (ValueError, TypeError):
-            return parameters  # refused, with its reason, when it is validated
+            return parameters  # refused with a reason when it is validated
         kept = [p for p in parameters if full[p.name] is p.value]
         names = {p.name for p in kept}
         return kept + [Parameter(name, value=value) for name, value in full.items() if name not in names]

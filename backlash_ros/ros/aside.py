@@ -1,4 +1,4 @@
-"""Work beside the loop, so that no sample waits for it: computing in a process of its own, the disk in a thread."""
+"""Work beside the loop, so that no sample waits for it: computation in a separate process, the disk in a thread."""
 
 import os
 import signal
@@ -15,28 +15,28 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 KINDER = 10
-"""Added to the nice value of what the loop must not wait for."""
+"""Added to the nice value of work for which the loop must not wait."""
 
 
 def give_way() -> None:
-    """Let what waits for this core run first.
+    """Yield to threads that wait for this core.
 
-    Linux lets a thread go on for some milliseconds that others wait for: between two short pieces of work, this keeps
-    a loop on the same machine from waiting for both.
+    Linux lets a thread run for some milliseconds while others wait. Called between two short pieces of work, this
+    spares a loop on the same machine from waiting for both.
     """
     os.sched_yield()
 
 
 class Aside(Executor):
-    """Does each piece of work in a process that ends with it, when it is cancelled, and with this one at the latest."""
+    """Runs each job in its own process, which ends with the job, when cancelled, or with this process."""
 
     def submit(self, work: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Start ``work``, which has to be picklable, as its result has; return what will have the result."""
+        """Start ``work``, which must be picklable, as must its result; return the future of the result."""
         future: Future[T] = Future()
         context = get_context("spawn")
         receiver, sender = context.Pipe(duplex=False)
         process = context.Process(target=_do, args=(sender, work, args, kwargs), daemon=True)
-        # Ctrl-C is for the node: the process inherits that it is blocked.
+        # Ctrl-C is for the node: the process inherits the blocked signal.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             process.start()
@@ -54,7 +54,7 @@ def _do(sender: Connection, work: Callable[..., Any], args: tuple[Any, ...], kwa
         done = ForkingPickler.dumps((work(*args, **kwargs), None))
     except Exception as error:
         done = ForkingPickler.dumps((None, error))
-    with suppress(BrokenPipeError):  # nobody waits for it any more
+    with suppress(BrokenPipeError):  # no one waits for it any longer
         sender.send_bytes(done)
 
 
@@ -72,9 +72,9 @@ def _wait(receiver: Connection, future: "Future[Any]", process: Any) -> None:
 
 
 class InTurn(Executor):
-    """Does one piece of work after the other in a thread: for what waits, but hardly computes.
+    """Runs one job after the other in a thread, for jobs that wait but hardly compute.
 
-    The process ends without it where it hangs, as it may on a disk of the network.
+    The process ends without waiting for a job that hangs, as it may on a network disk.
     """
 
     def __init__(self) -> None:
@@ -82,7 +82,7 @@ class InTurn(Executor):
         self._thread: Thread | None = None
 
     def submit(self, work: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Put ``work`` behind the rest; return what will have its result."""
+        """Queue ``work``; return the future of its result."""
         future: Future[T] = Future()
 
         def do() -> None:

@@ -1,4 +1,4 @@
-"""A controller seen from outside, and nodes of this package as processes of their own: for programs that run them."""
+"""A client of a controller, and nodes of this package as separate processes, for programs that run them."""
 
 import signal
 import subprocess
@@ -19,24 +19,24 @@ from std_srvs.srv import Trigger
 SERVICES = ("learn", "identify", "cancel")
 """Of the controller, that are called here."""
 PATIENCE = 30.0
-"""Time that is waited by default, s."""
+"""Default waiting time, s."""
 _END = 60.0
-"""Time that a node may take to end, s: a recorder works off what has arrived, on a processor that may be busy."""
+"""Time that a node may take to end, s: a recorder first writes what has arrived, and the processor may be busy."""
 
 
 class ClientError(RuntimeError):
-    """Something did not come about; the text says what was waited for, or what was refused."""
+    """A wait timed out or a request was refused; the text says which."""
 
 
 def start_node(name: str, log: Path, *ros_arguments: str) -> subprocess.Popen[bytes]:
-    """Start a node of this package, as ``python -m`` would, with what it prints in ``log``."""
+    """Start a node of this package, as ``python -m`` would, with its output in ``log``."""
     command = [sys.executable, "-m", f"backlash_ros.nodes.{name}", "--ros-args", *ros_arguments]
     with log.open("wb") as output:
         return subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
 
 
 def stop_node(process: subprocess.Popen[bytes]) -> int:
-    """End a node as Ctrl-C does and return its exit code; killed if it does not end in time."""
+    """End a node as Ctrl-C does and return its exit code; kill it if it does not end in time."""
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
     try:
@@ -51,12 +51,12 @@ def _done_or_over(future: Future, end: float) -> bool:
 
 
 class Client:
-    """What a user does with a controller's services and parameters.
+    """A user of a controller's services and parameters.
 
     Parameters
     ----------
-    node : that asks; it is spun while something is waited for
-    children : processes without which waiting is in vain, by name
+    node : the client's node, which is spun while waiting
+    children : processes that must run while waiting, by name
     controller : name of the controller's node
     """
 
@@ -70,7 +70,7 @@ class Client:
         self.parameters = AsyncParameterClient(node, controller)
 
     def wait(self, what: str, condition: Callable[[], bool], seconds: float = PATIENCE) -> None:
-        """Spin until ``condition`` holds; ClientError when it does not within ``seconds`` or a child has ended."""
+        """Spin until ``condition`` holds; ClientError if it does not within ``seconds`` or if a child has ended."""
         end = time.monotonic() + seconds
         while not condition():
             for name, child in self.children.items():
@@ -99,7 +99,7 @@ class Client:
         return response.success, response.message
 
     def _ask(self, what: str, send: Callable[[], Future]) -> Any:
-        """Send a request that may be sent twice, and return its answer.
+        """Send a request, repeatedly if needed, and return its answer.
 
         The first answer of a service can be lost: the client may know the server before the server knows the client.
         """
@@ -112,7 +112,7 @@ class Client:
         raise ClientError(f"waited {PATIENCE:g} s for {what}")
 
     def get(self, *names: str) -> dict[str, Any]:
-        """Return parameters of the controller by name, all of them where none is named."""
+        """Return parameters of the controller by name, all of them if none is named."""
         if not names:
             names = tuple(self._ask("parameter names", self.parameters.list_parameters).result.names)
         values = self._ask("parameters", lambda: self.parameters.get_parameters(names)).values
@@ -125,7 +125,7 @@ class Client:
         return result.successful, result.reason
 
     def must_set(self, parameters: dict[str, Any]) -> None:
-        """Set parameters; ClientError where they are refused."""
+        """Set parameters; ClientError if they are refused."""
         accepted, reason = self.set(parameters)
         if not accepted:
             raise ClientError(f"the controller refused {parameters}: {reason}")

@@ -9,15 +9,15 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 RATE_WARN, RATE_ERROR = 0.05, 0.2
-"""Deviation of the measured rate, relative to the nominal one, that is a warning, and that is an error."""
+"""Relative deviations of the measured rate from the nominal one that are a warning and an error."""
 
 
 CLOCKS_DIFFER = 10.0
-"""Age of a sample that says more of the clocks than of the sample, s."""
+"""Age of a sample beyond which the clocks must differ, s."""
 
 
 class Window:
-    """Values gathered since the last look."""
+    """Values collected since the last report."""
 
     def __init__(self) -> None:
         self._values: list[float] = []
@@ -27,14 +27,14 @@ class Window:
         return len(self._values)
 
     def take(self) -> tuple[float, float, float]:
-        """Return mean, 99th percentile and maximum, nan where there is nothing, and start anew."""
+        """Return mean, 99th percentile and maximum, nan without values, and start again."""
         values = sorted(self._values) or [math.nan]
         self._values.clear()
         return sum(values) / len(values), values[math.ceil(0.99 * len(values)) - 1], values[-1]
 
 
 class Since:
-    """How much counts have grown since the last look."""
+    """Growth of counts since the last report."""
 
     def __init__(self) -> None:
         self._seen: dict[str, float] = {}
@@ -62,14 +62,14 @@ def rate_level(measured: float, nominal: float) -> tuple[bytes, str]:
 def age_level(age: Sequence[float], longest: float) -> tuple[bytes, str]:
     """Return level and text for the age of samples, s: mean, 99th percentile and maximum."""
     if abs(age[0]) > CLOCKS_DIFFER:
-        return WARN, f"joint_states are {age[0]:.3g} s old: clocks differ, or use_sim_time does"
+        return WARN, f"joint_states are {age[0]:.3g} s old: the clocks or use_sim_time differ"
     return (WARN if age[1] > longest else OK), f"joint_states are {age[1]:.3g} s old"
 
 
 def status(
     name: str, hardware: str, judgements: Sequence[tuple[bytes, str]], values: Mapping[str, Any]
 ) -> DiagnosticStatus:
-    """Return a status as bad as the worst of its judgements, with the texts of all that are not good."""
+    """Return a status with the worst level of its judgements, and the texts of all that are not OK."""
     level = max((level for level, _ in judgements), default=OK)
     return DiagnosticStatus(
         level=level,

@@ -1,4 +1,4 @@
-"""A ROS domain of one's own on this machine, for the demo and for tests: claimed by a port, released with it."""
+"""An exclusive ROS domain on this machine, for the demo and for tests: claimed by a port, released with it."""
 
 import contextlib
 import errno
@@ -11,21 +11,21 @@ from pathlib import Path
 from backlash_ros.ros.transport import ON_LOOPBACK, Variables, may_use_loopback, set_variables
 
 _DOMAINS = range(1, 101)
-"""Domain ids whose ports are free of the ephemeral range on every platform, without 0, which is everybody's."""
+"""Domain ids whose ports are outside the ephemeral range on every platform, without 0, the default domain."""
 
 
 _PORTS = 250
 """UDP ports of a domain, from 7400 + 250 times its id: discovery and the traffic of its participants."""
 
 _CLAIM = 9
-"""Which of them claims the domain: RTPS takes 0, 1, and from 10 on."""
+"""Offset of the port that claims the domain: RTPS uses 0, 1, and from 10 on."""
 
 _BOUND = Path("/proc/net/udp"), Path("/proc/net/udp6")
-"""Where Linux lists the UDP ports that are bound, of all users."""
+"""Linux lists the bound UDP ports of all users here."""
 
 
 def _is_live(first_port: int) -> bool:
-    """Return whether somebody takes part in the domain, whoever it is; always False where the system does not say."""
+    """Return whether the domain has any participant; always False if the system does not show it."""
     tables = [table.read_text().splitlines()[1:] for table in _BOUND if table.exists()]
     bound = {int(row.split()[1].rpartition(":")[2], 16) for rows in tables for row in rows}
     return not bound.isdisjoint({*range(first_port, first_port + _PORTS)} - {first_port + _CLAIM})
@@ -33,9 +33,9 @@ def _is_live(first_port: int) -> bool:
 
 @contextlib.contextmanager
 def own_domain() -> Iterator[int]:
-    """Claim a domain id in which nobody takes part and which nobody else claims, of any user of this machine.
+    """Claim a domain id without participants and without another claim, by any user of this machine.
 
-    The claim is a bound port: it goes with its process, and leaves no file behind. RuntimeError when all are taken.
+    The claim is a bound port: it ends with its process, and leaves no file. RuntimeError if all are taken.
     """
     for domain in random.sample(_DOMAINS, len(_DOMAINS)):
         first_port = 7400 + _PORTS * domain
@@ -53,10 +53,10 @@ def own_domain() -> Iterator[int]:
 
 
 def _variables(domain: int) -> Variables:
-    """Return what keeps a process in ``domain`` and on this machine; None is for what must not be there.
+    """Return the variables that keep a process in ``domain`` and on this machine; None removes a variable.
 
-    With Fast DDS by a profile without shared memory, by which a process that is stopped may hold up the others
-    (docs/faults.md), unless the user has a profile of his own.
+    With Fast DDS this needs a profile without shared memory, since a stopped process may hold up the others there
+    (docs/faults.md), unless the user has their own profile.
     """
     reach: Variables = ON_LOOPBACK if may_use_loopback() else {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     return {"ROS_DOMAIN_ID": str(domain), **reach}
@@ -64,10 +64,10 @@ def _variables(domain: int) -> Variables:
 
 @contextlib.contextmanager
 def isolated() -> Iterator[int]:
-    """Keep this process, and what it starts, on this machine and in a domain of its own, and give the domain's id.
+    """Keep this process and its children on this machine and in an exclusive domain, and yield the domain's id.
 
-    It does so by environment variables, which it puts back in the end, and so before the first participant: Fast DDS
-    reads its profile once in a process. RuntimeError when all domains are taken.
+    This uses environment variables, which are restored at the end. It must be done before the first participant: Fast
+    DDS reads its profile once per process. RuntimeError if all domains are taken.
     """
     with own_domain() as domain:
         variables = _variables(domain)

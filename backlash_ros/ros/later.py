@@ -1,8 +1,8 @@
-"""A service whose answer comes later, from the loop that goes on meanwhile.
+"""A service whose answer comes later, while the loop goes on.
 
-A callback that waited would stop the executor. rclpy's events executor loses a coroutine as callback (ros2/rclpy issue
-1473, mended in 7.1.11); what it does with a callback's result is `Service.send_response`, in every version, and that is
-put off here.
+A waiting callback would stop the executor. rclpy's events executor loses a coroutine as callback (ros2/rclpy issue
+1473, fixed in 7.1.11). Every version passes a callback's result to `Service.send_response`, and that call is postponed
+here.
 """
 
 from collections.abc import Callable
@@ -13,9 +13,9 @@ from std_srvs.srv import Trigger
 
 
 class LaterTrigger:
-    """A Trigger service; ``ask`` is called with each request and returns its answer, or None where that comes later.
+    """A Trigger service; ``ask`` is called with each request and returns its answer, or None if that comes later.
 
-    Answers that come later are sent by `answer`, to all who wait.
+    Later answers are sent by `answer`, to all waiting clients.
     """
 
     def __init__(self, node: Node, name: str, ask: Callable[[], tuple[bool, str] | None]) -> None:
@@ -40,7 +40,7 @@ class LaterTrigger:
             self._send(response, header)
 
     def answer(self, success: bool, message: str) -> None:
-        """Answer everybody who waits."""
+        """Answer all waiting clients."""
         waiting, self._waiting = self._waiting, []
         for response, header in waiting:
             response.success, response.message = success, message

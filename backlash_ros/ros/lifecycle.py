@@ -24,7 +24,7 @@ E = TypeVar("E")
 
 
 class Outlet:
-    """A topic that a node speaks on while it is configured."""
+    """A publisher that exists while its node is configured."""
 
     def __init__(self) -> None:
         self._publisher: Publisher | None = None
@@ -34,12 +34,12 @@ class Outlet:
         self.publisher.publish(_message)
 
     def open(self, publisher: Publisher) -> None:
-        """Speak by ``publisher`` from now on."""
+        """Use ``publisher`` from now on."""
         self._publisher = publisher
-        self.publish = publisher.publish  # without a detour: it is on the way of each sample
+        self.publish = publisher.publish  # without indirection: it is called for each sample
 
     def close(self) -> None:
-        """Speak no more: who tries all the same gets the RuntimeError of `publisher`."""
+        """Stop publishing: further calls raise the RuntimeError of `publisher`."""
         self._publisher = None
         self.publish = self._refuse
 
@@ -54,8 +54,8 @@ class Outlet:
 class ManagedNode(LifecycleNode):
     """A managed node with a motor behind it.
 
-    A subclass says what its transitions do, what its faults are and what its diagnostics say. Whatever ends the active
-    state goes through `deactivate`, which leaves the motor at 0 V.
+    A subclass defines its transitions, its faults and its diagnostics. Every end of the active state goes through
+    `deactivate`, which leaves the motor at 0 V.
     """
 
     linger = 0.0
@@ -76,26 +76,26 @@ class ManagedNode(LifecycleNode):
     # For subclasses.
 
     def configure(self) -> None:
-        """Compile and design; the topics are there by now. ValueError refuses."""
+        """Compile and design; the topics already exist. ValueError refuses the transition."""
         raise NotImplementedError
 
     def activate(self) -> None:
-        """Begin; ValueError refuses."""
+        """Start; ValueError refuses the transition."""
         raise NotImplementedError
 
     def deactivate(self) -> None:
-        """Put 0 V out and end."""
+        """Command 0 V and stop."""
         raise NotImplementedError
 
     def state_changed(self) -> None:
-        """Take note that the node is active now, or no more."""
+        """Note that the node has become active or inactive."""
 
     def reset_fault(self) -> tuple[bool, str]:
-        """Forget a latched fault; return whether that was possible, and what was forgotten or why not."""
+        """Clear a latched fault; return whether that was possible, and which fault it was or why not."""
         raise NotImplementedError
 
     def statuses(self) -> Sequence[DiagnosticStatus]:
-        """Return what the diagnostics of the last second say."""
+        """Return the diagnostics of the last second."""
         raise NotImplementedError
 
     # The lifecycle.
@@ -107,12 +107,12 @@ class ManagedNode(LifecycleNode):
 
     @property
     def configured(self) -> bool:
-        """Whether the topics are there: inactive or active."""
+        """Whether the topics exist: inactive or active."""
         return self.state in {"inactive", "active"}
 
     @property
     def finished(self) -> bool:
-        """Whether there is no way back: shut down, or ``broken`` by a transition from which it could not recover."""
+        """Whether the node cannot come back: shut down, or ``broken`` by a failed transition."""
         return self.state == "finalized"
 
     @property
@@ -123,12 +123,12 @@ class ManagedNode(LifecycleNode):
     _active = False
 
     def held(self, entity: E, destroy: Callable[[E], Any]) -> E:
-        """Return ``entity``, which is destroyed when the node is cleaned up, or could not be configured to the end."""
+        """Return ``entity``, to be destroyed when the node is cleaned up or its configuration fails."""
         self._held.callback(destroy, entity)
         return entity
 
     def speak(self, kind: type, topic: str, qos: QoSProfile = SEND) -> "Outlet":
-        """Return a publisher that is there while configured; its quality of service can be overridden."""
+        """Return a publisher that exists while configured; its QoS can be overridden."""
         outlet = Outlet()
         self._topics.append(lambda: self._open(outlet, kind, topic, qos))
         return outlet
@@ -140,7 +140,7 @@ class ManagedNode(LifecycleNode):
         self.held(outlet, Outlet.close)
 
     def listen(self, kind: type, topic: str, callback: Callable[[Any], None]) -> None:
-        """Take control data while configured; a publisher whose quality of service does not match is reported."""
+        """Subscribe to control data while configured; publishers with an incompatible QoS are reported."""
         self._topics.append(lambda: self._hear(kind, topic, callback))
 
     def _hear(self, kind: type, topic: str, callback: Callable[[Any], None]) -> None:
@@ -159,13 +159,13 @@ class ManagedNode(LifecycleNode):
             open_topic()
 
     def prepare(self) -> None:
-        """Configure where ``autostart`` says so; RuntimeError where that fails."""
+        """Configure if ``autostart`` is true; RuntimeError if that fails."""
         if not self.autostart:
-            self.get_logger().info("autostart is false: waiting to be configured and activated")
+            self.get_logger().info("autostart is false: waiting for the requests to configure and activate")
         self._come_up(self.trigger_configure)
 
     def start(self) -> None:
-        """Activate where ``autostart`` says so; RuntimeError where that fails."""
+        """Activate if ``autostart`` is true; RuntimeError if that fails."""
         self._come_up(self.trigger_activate)
 
     def _come_up(self, transition: Callable[[], TransitionCallbackReturn]) -> None:
@@ -173,7 +173,7 @@ class ManagedNode(LifecycleNode):
             raise RuntimeError(f"{self.get_name()} did not come up: still {self.state}")
 
     def stop(self) -> None:
-        """Shut down from wherever it is; the context is still alive."""
+        """Shut down from any state; the context is still alive."""
         if not self.finished:
             self.trigger_shutdown()
 
@@ -184,7 +184,7 @@ class ManagedNode(LifecycleNode):
         state: LifecycleState,
         *actions: Callable[[], None],
     ) -> TransitionCallbackReturn:
-        """Do what a transition is for, and ``then`` what rclpy does; log what goes wrong, which rclpy would swallow."""
+        """Execute a transition, and ``then`` rclpy's part; log errors, which rclpy would swallow."""
         try:
             for action in actions:
                 action()
@@ -210,7 +210,7 @@ class ManagedNode(LifecycleNode):
             self.state_changed()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Compile, design, take up the topics."""
+        """Compile, design, create the topics."""
         result = self._guarded("configure", super().on_configure, state, self._take_up_topics, self.configure)
         if result != RESULT.SUCCESS:
             self._held.close()
@@ -221,19 +221,19 @@ class ManagedNode(LifecycleNode):
         return self._guarded("activate", super().on_activate, state, self._begin)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Put 0 V out and end."""
+        """Command 0 V and stop."""
         return self._guarded("deactivate", super().on_deactivate, state, self._end)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of the topics."""
+        """Remove the topics."""
         return self._guarded("clean up", super().on_cleanup, state, self._held.close)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Put 0 V out, let go of the topics."""
+        """Command 0 V, remove the topics."""
         return self._guarded("shut down", super().on_shutdown, state, self._end, self._held.close)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """After a transition that failed, which the log tells: put 0 V out, again if need be; let go of the topics."""
+        """Handle a failed transition, which is already logged: command 0 V, again if need be; remove the topics."""
         ended = self._guarded("recover", super().on_error, state, self._end)
         self._active = False
         closed = self._guarded("recover", super().on_error, state, self._held.close)
@@ -243,13 +243,13 @@ class ManagedNode(LifecycleNode):
     def _LifecycleNodeMixin__on_change_state(  # noqa: N802
         self, request: ChangeState.Request, response: ChangeState.Response
     ) -> ChangeState.Response:
-        """Answer success=False to a transition that is not possible; rclpy's own answer lets the node die of it."""
+        """Answer success=False to an impossible transition; with rclpy's own answer the node would crash."""
         before = self.state
         try:
             return super()._LifecycleNodeMixin__on_change_state(request, response)
         except Exception as error:
             wanted = request.transition.label or request.transition.id
-            self.get_logger().error(f"transition {wanted!r} is not possible from {before}: {error}")
+            self.get_logger().error(f"transition {wanted!r} is not possible in state {before}: {error}")
             response.success = False
             return response
 
@@ -262,16 +262,16 @@ class ManagedNode(LifecycleNode):
         return response
 
     def _mismatch_events(self, topic: str) -> SubscriptionEventCallbacks:
-        """Return what a subscription does about a publisher whose quality of service does not match."""
+        """Return the callback for a publisher with an incompatible QoS."""
 
         def report(event: Any) -> None:
             self.mismatches = event.total_count
-            self.get_logger().warning(f"a publisher on {topic} offers an incompatible QoS: nothing comes from it")
+            self.get_logger().warning(f"a publisher on {topic} offers an incompatible QoS: none of its messages arrive")
 
         return SubscriptionEventCallbacks(incompatible_qos=report)
 
     def publish_diagnostics(self) -> None:
-        """Say how it is, now."""
+        """Publish the diagnostics now."""
         message = DiagnosticArray(status=list(self.statuses()))
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)

@@ -1,4 +1,4 @@
-"""What the messages between drive and controller say: joint states, and commands that name the sample they answer."""
+"""The messages between drive and controller: joint states, and commands that name the sample they answer."""
 
 import math
 import struct
@@ -20,7 +20,7 @@ def to_stamp(ns: int) -> Time:
 
 
 def stamp_label(stamp: Time) -> str:
-    """Return how an answer names the sample that it is for: the sample's stamp."""
+    """Return the label by which an answer names its sample: the sample's stamp."""
     return f"{stamp.sec}.{stamp.nanosec:09d}"
 
 
@@ -33,9 +33,9 @@ def answer(value: float, label: str = "") -> Float64MultiArray:
 
 
 class Answer:
-    """The answers of a controller as they go over the wire.
+    """The serialized answers of a controller.
 
-    One is written over the last: to make a message and to serialise it takes longer than all else that a step does.
+    Each answer overwrites the last one: creating and serializing a message takes longer than the rest of a step.
     """
 
     def __init__(self) -> None:
@@ -55,7 +55,7 @@ class Answer:
 def fill_joint_state(
     message: JointState, joints: tuple[str, str], measured: Measurement, torques: tuple[float, float]
 ) -> None:
-    """Write what a drive measures into a message: joints without an angle are left out, nan is what it does not know.
+    """Write a drive's measurement into a message: joints without an angle are left out, unknown values are nan.
 
     Parameters
     ----------

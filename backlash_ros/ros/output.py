@@ -1,8 +1,8 @@
-"""Standard output and error that never wait for who reads them: a log line must not stop the loop, nor the stop.
+"""Standard output and error that never wait for their reader: a log line must delay neither the loop nor a stop.
 
-A terminal that was halted with Ctrl-S, or a pipe that nobody reads, blocks whoever writes to it, and a line of the ROS
-log is written with Python's lock held: no thread of the process goes on. So both are opened anew without blocking. What
-they do not take is dropped there; the log file and /rosout have it.
+A terminal halted with Ctrl-S, or a pipe that nobody reads, blocks its writer, and a line of the ROS log is written with
+Python's lock held, so that no thread of the process goes on. Both are therefore reopened without blocking. Output that
+they do not take is dropped; it is still in the log file and on /rosout.
 """
 
 import atexit
@@ -17,7 +17,7 @@ _DESCRIPTORS = (1, 2)
 
 
 def _open_anew(descriptor: int) -> None:
-    """Open the terminal or pipe behind ``descriptor`` once more: others who hold it must not find it changed."""
+    """Open the terminal or pipe behind ``descriptor`` again, so that it does not change for other processes."""
     anew = os.open(f"/proc/self/fd/{descriptor}", os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
     try:
         os.dup2(anew, descriptor)
@@ -26,34 +26,34 @@ def _open_anew(descriptor: int) -> None:
 
 
 def never_wait() -> None:
-    """Let writing to standard output and error drop what is not taken at once. Files stay as they are."""
+    """Make standard output and error drop what is not taken at once. Files are not affected."""
     for descriptor in _DESCRIPTORS:
         with suppress(OSError):  # it is closed
             kind = os.fstat(descriptor).st_mode
             if stat.S_ISFIFO(kind) or stat.S_ISCHR(kind):
                 try:
                     _open_anew(descriptor)
-                except OSError:  # another user's, or nobody has it open any more
+                except OSError:  # another user's, or no longer open
                     _share_without_blocking(descriptor)
             elif stat.S_ISSOCK(kind):
                 _share_without_blocking(descriptor)
 
 
 def _share_without_blocking(descriptor: int) -> None:
-    """Change what others may hold too, until the process ends."""
+    """Change a descriptor that other processes may share, until this process ends."""
     if os.get_blocking(descriptor):
         os.set_blocking(descriptor, False)
         atexit.register(os.set_blocking, descriptor, True)
 
 
 class Backlog:
-    """Whether the output takes anything: looked at now and then, it tells when it takes lines again."""
+    """Checks now and then whether the output takes lines, and reports when it does again."""
 
     def __init__(self) -> None:
         self._since: float | None = None
 
     def ended(self) -> float:
-        """Return for how long nothing was taken, s, once it is taken again; else 0."""
+        """Return for how long the output took nothing, s, once it takes lines again; else 0."""
         waiting = select.poll()
         for descriptor in _DESCRIPTORS:
             waiting.register(descriptor, select.POLLOUT)

@@ -1,4 +1,4 @@
-"""What the user gave for parameters: which of it wins, and what of it nobody understands."""
+"""The user's parameter overrides: which one wins, and which are misspelled."""
 
 import difflib
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -8,19 +8,19 @@ from typing import Any
 from rclpy.node import Node
 
 COMMAND_LINE: ContextVar[Sequence[str]] = ContextVar("the command line's rules for parameters", default=())
-"""ROS arguments that each node of this process takes as its own.
+"""ROS arguments that are passed to each node of this process.
 
-For rcl a value given with ``-p`` stands under ``/**``, and gives way to any key of a parameter file that stands further
-down and fits the node. A node's own arguments come after all that: so ``-p`` wins.
+rcl treats a value given with ``-p`` like one under ``/**``, so that a more specific key in a parameter file overrides
+it. A node's own arguments come later, so with them ``-p`` wins.
 """
 
 _FROM_ROS = "qos_overrides."
 _CLOSE = 0.85
-"""Likeness from which a name is taken for a misspelt one of ours."""
+"""Similarity above which an unknown name counts as misspelled."""
 
 
 def parameter_rules(arguments: Sequence[str]) -> list[str]:
-    """Return the ROS arguments among ``arguments`` that give parameters one by one; none where there is no such."""
+    """Return the ROS arguments among ``arguments`` that set single parameters; empty if there are none."""
     rules: list[str] = []
     ros = False
     words = iter(arguments)
@@ -39,21 +39,21 @@ def _nearest(name: str, known: Collection[str], least: float) -> str:
 
 
 def _meant(name: str, known: Collection[str]) -> str:
-    """Return the parameter that ``name`` seems to stand for; empty where it is somebody else's."""
+    """Return the parameter that ``name`` probably means; empty if it belongs to another node."""
     sections = {other.partition(".")[0] for other in known if "." in other}
     return _nearest(name, known, 0.0 if name.partition(".")[0] in sections else _CLOSE)
 
 
 def check_known(given: Mapping[str, Any], declared: Collection[str], elsewhere: Callable[[], Collection[str]]) -> None:
-    """Refuse what was given under a name that is none of ours, but looks like one.
+    """Refuse misspelled overrides.
 
-    Parameter files are shared with other nodes: what is far from our names is left alone.
+    Parameter files are shared with other nodes: names unlike ours are ignored.
 
     Parameters
     ----------
     given : value of each override by its name
     declared : names of the node's parameters
-    elsewhere : the names of all nodes of the package, asked for only where a name is not among ``declared``
+    elsewhere : the parameter names of all nodes of the package, used only if a name is not among ``declared``
 
     Raises
     ------
@@ -67,11 +67,11 @@ def check_known(given: Mapping[str, Any], declared: Collection[str], elsewhere: 
     if wrong:
         raise ValueError(
             "; ".join(
-                f"there is no parameter {name!r}, got {given[name]!r}: is {near!r} meant?" for name, near in wrong
+                f"there is no parameter {name!r}, got {given[name]!r}: did you mean {near!r}?" for name, near in wrong
             )
         )
 
 
 def values_given(node: Node) -> dict[str, Any]:
-    """Return the overrides that are addressed to ``node``, by name."""
+    """Return the overrides for ``node``, by name."""
     return {name: parameter.value for name, parameter in node._parameter_overrides.items()}

@@ -1,7 +1,7 @@
-"""The services that set parameters: whatever a request holds, it is answered, and refused with the culprit's name.
+"""The services that set parameters: every request is answered, and a refusal names the parameter.
 
-rclpy's own answers leave out the name of a parameter that has the wrong type, is deleted or does not exist, and a
-value of a type that it does not know ends the node.
+rclpy's own answers do not name a parameter that has the wrong type, is deleted or does not exist, and a value of an
+unknown type crashes the node.
 """
 
 from collections.abc import Sequence
@@ -17,14 +17,14 @@ from backlash_ros.ros.parameters import check_kind, convert
 
 
 def read_request(node: Node, messages: Sequence[ParameterMessage]) -> list[Parameter]:
-    """Return what a request changes, in the types that the parameters were declared with; ValueError names the culprit.
+    """Return the changes of a request, in the declared types of the parameters; ValueError names a refused one.
 
-    A parameter that cannot change any more may be set to what it is: a file of all parameters can be loaded again.
+    A read-only parameter may be set to its present value, so that a file of all parameters can be loaded again.
     """
     names = [message.name for message in messages]
     for name in names:
         if names.count(name) > 1:
-            raise ValueError(f"{name} stands {names.count(name)} times in one request")
+            raise ValueError(f"{name} is in the request {names.count(name)} times")
     parameters = [_read(node, message) for message in messages]
     return [parameter for parameter in parameters if not node.describe_parameter(parameter.name).read_only]
 
@@ -42,7 +42,7 @@ def _read(node: Node, message: ParameterMessage) -> Parameter:
     if described.read_only:
         now = node.get_parameter(name).value
         if value != now:
-            raise ValueError(f"{name} is read-only: it stays {now!r} as long as the node runs, got {value!r}")
+            raise ValueError(f"{name} is read-only: it stays {now!r} while the node runs, got {value!r}")
         return node.get_parameter(name)
     check_kind(name, value, kind, constraint)
     for bounds in (*described.floating_point_range, *described.integer_range):
@@ -52,7 +52,7 @@ def _read(node: Node, message: ParameterMessage) -> Parameter:
 
 
 class ParameterRequests(ParameterService):
-    """The parameter services of one node, for one that was made with ``start_parameter_services=False``."""
+    """The parameter services of a node that was created with ``start_parameter_services=False``."""
 
     def _set(self, messages: Sequence[ParameterMessage]) -> SetParametersResult:
         node = self._get_node()

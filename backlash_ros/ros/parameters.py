@@ -1,10 +1,11 @@
-"""ROS parameters from the package's validated values: declared with meaning, unit and bound, read back as values."""
+"""ROS parameters from the package's validated values: declared with description, unit and bound, read as values."""
 
+import re
 from array import array
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, ParameterEvent
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, ParameterEvent, ParameterValue
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -32,25 +33,37 @@ KINDS = {
 """The types of parameters in words."""
 
 ALL, NONE = ("",), ()
-"""Beginnings of the names of parameters that may change while the node runs."""
+"""Prefixes of the names of parameters that may change while the node runs."""
 
 _ABOVE = 1e-12
-"""Where a range begins that excludes its lower bound, above that: a range has no open end. Nothing real is smaller."""
+"""Offset of a range's start from an excluded lower bound, since a range has no open end. No real value is smaller."""
 
 
 def describe(text: str, *, unit: str = "", constraint: str = "", read_only: bool = False) -> ParameterDescriptor:
-    """Return a parameter's descriptor: what it is, in what unit, within which bounds."""
+    """Return a parameter's descriptor: description, unit and bounds."""
     return ParameterDescriptor(
         description=f"{text} [{unit}]" if unit else text, additional_constraints=constraint, read_only=read_only
     )
 
 
+_UNIT = re.compile(r" \[([^]]+)\]$")
+
+
+def in_parts(descriptor: ParameterDescriptor) -> tuple[str, str, str]:
+    """Return a parameter's description, its unit, and its bounds without the unit, from `describe`'s descriptor."""
+    text, bound = descriptor.description, descriptor.additional_constraints
+    unit = "".join(_UNIT.findall(text))
+    if descriptor.floating_point_range and unit:
+        bound = re.sub(rf"(?<=\d) {re.escape(unit)}(?= |$)", "", bound)
+    return _UNIT.sub("", text), unit, bound
+
+
 def convert(value: Any, kind: Parameter.Type) -> Any:
-    """Return ``value`` in a parameter's type where nothing is lost, and else as it is: 250 for 250.0, 3.0 for 3."""
+    """Return ``value`` in a parameter's type if the conversion is exact, else unchanged: 250 for 250.0, 3.0 for 3."""
     if kind == Parameter.Type.DOUBLE_ARRAY and isinstance(value, (list, tuple, array)):
         return [convert(item, Parameter.Type.DOUBLE) for item in value]
     if kind == Parameter.Type.STRING_ARRAY and value is None:
-        return []  # of which rcl knows no type
+        return []  # rcl has no type for it
     if kind == Parameter.Type.DOUBLE and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     if kind == Parameter.Type.INTEGER and isinstance(value, float) and value.is_integer():
@@ -74,10 +87,10 @@ def declare(
     descriptor: ParameterDescriptor,
     check: Callable[[str, Any], None] = lambda _name, _value: None,
 ) -> Any:
-    """Declare a parameter of its default's type and return it, once ``check`` has not refused it.
+    """Declare a parameter with its default's type and return its value, unless ``check`` refuses it.
 
-    What the user gave is converted where nothing is lost, which rclpy leaves room for only while a parameter's type is
-    open; it is closed here.
+    The user's value is converted if that is exact. rclpy allows this only while a parameter's type is dynamic; it is
+    fixed here.
     """
     kind = Parameter.Type.from_parameter_value(default)
     value = convert(node.declare_parameter(name, default, ParameterDescriptor(dynamic_typing=True)).value, kind)
@@ -89,9 +102,9 @@ def declare(
 
 
 def declare_number(node: Node, name: str, default: float, described: Quantity, *, read_only: bool = True) -> Any:
-    """Declare a parameter for a number and return it, within its bounds; ValueError names it where it is not."""
+    """Declare a parameter for a number and return it; ValueError names it if it is out of bounds."""
     descriptor = describe(described.description, unit=described.unit, constraint=described.bound, read_only=read_only)
-    # What a tool needs for a slider. The bound in words is the exact one, and checked by ourselves.
+    # For a tool's slider. The bound in words is the exact one, and is checked here.
     if isinstance(default, float):
         lower = described.lower + (_ABOVE if described.open_lower else 0.0)
         descriptor.floating_point_range = [FloatingPointRange(from_value=lower, to_value=described.upper)]
@@ -103,7 +116,7 @@ def declare_number(node: Node, name: str, default: float, described: Quantity, *
 def declare_quantities(node: Node, value: Validated, *, dynamic: tuple[str, ...]) -> dict[str, Any]:
     """Declare a parameter for each quantity of ``value``, which gives the defaults; return what the user set.
 
-    Those whose names begin with one of ``dynamic`` may change later: `ALL`, `NONE`, or some.
+    Those whose names begin with one of ``dynamic`` may change later: `ALL`, `NONE`, or some prefixes.
     """
     declared = {}
     for name, described in quantities(type(value)).items():
@@ -116,7 +129,7 @@ def declare_quantities(node: Node, value: Validated, *, dynamic: tuple[str, ...]
 def declare_drive(node: Node, dynamic: tuple[str, ...] = NONE) -> dict[str, Any]:
     """Declare the drive's parameters, by default the nominal drive's, and return what the user set.
 
-    They are read-only, but for those whose names begin with one of ``dynamic``.
+    They are read-only, except those whose names begin with one of ``dynamic``.
     """
     values: dict[str, Any] = {}
     for part in (NOMINAL_DRIVE.motor, NOMINAL_DRIVE.gear, NOMINAL_DRIVE.load):
@@ -126,7 +139,11 @@ def declare_drive(node: Node, dynamic: tuple[str, ...] = NONE) -> dict[str, Any]
     values["contact.law"] = declare(node, "contact.law", law_name(NOMINAL_DRIVE.gear.contact), text)
     for kind in CONTACTS.values():
         values |= declare_quantities(node, kind(), dynamic=dynamic)
-    text = describe("what the command is", constraint=f"one of {list(COMMAND_INTERFACES)}", read_only=True)
+    text = describe(
+        "what the command sets: the motor's voltage or its current",
+        constraint=f"one of {list(COMMAND_INTERFACES)}",
+        read_only=True,
+    )
     values["command_interface"] = declare(node, "command_interface", NOMINAL_DRIVE.command_interface, text)
     return values
 
@@ -134,15 +151,15 @@ def declare_drive(node: Node, dynamic: tuple[str, ...] = NONE) -> dict[str, Any]
 def declare_sensors(node: Node) -> dict[str, Any]:
     """Declare the parameters of the sensors, dynamic and by default exact ones, and return what the user set."""
     values = declare_quantities(node, Sensors(), dynamic=ALL)
-    text = describe("signals that there are", constraint=f"of {list(STATE_NAMES)}, one angle at least")
+    text = describe("signals that the drive measures", constraint=f"of {list(STATE_NAMES)}, at least one angle")
     values["sensors.measured"] = declare(node, "sensors.measured", list(STATE_NAMES), text)
-    text = describe("whether the drive finds its speeds from its counted positions, over one sample")
+    text = describe("whether the drive derives its speeds from its encoder counts, over one sample period")
     values["sensors.speeds_from_positions"] = declare(node, "sensors.speeds_from_positions", False, text)
     return values
 
 
 def sensors_of(values: dict[str, Any]) -> Sensors:
-    """Return the sensors that a set of parameters stands for; ValueError names the one that is out of bounds."""
+    """Return the sensors that a set of parameters defines; ValueError names a value that is out of bounds."""
     return take(
         Sensors,
         values,
@@ -169,25 +186,29 @@ def declare_joints(node: Node) -> tuple[str, str]:
 
 def declare_autostart(node: Node) -> bool:
     """Declare ``autostart`` and return it."""
-    text = "configure and activate at the start; false leaves both to lifecycle requests"
+    text = "configure and activate at the start; if false, wait for lifecycle requests"
     return bool(declare(node, "autostart", True, describe(text, read_only=True)))
 
 
 def declare_rate(node: Node) -> float:
     """Declare ``rate`` and return it, Hz: of the samples, the same for drive and controller."""
-    return float(declare_number(node, "rate", 250.0, Quantity("rate of the samples", "Hz", 0.0, 2000.0, True)))
+    return float(
+        declare_number(
+            node, "rate", 250.0, Quantity("sample rate, the same for drive and controller", "Hz", 0.0, 2000.0, True)
+        )
+    )
 
 
 def declare_timeout(node: Node, name: str, text: str, period: float) -> float:
     """Declare the read-only time of a watchdog and return it, two periods of the samples (s) to 10 s."""
-    timeout = float(declare_number(node, name, 0.1, Quantity(f"{text}; two periods at least", "s", 0.0, 10.0, True)))
+    timeout = float(declare_number(node, name, 0.1, Quantity(f"{text}; at least two periods", "s", 0.0, 10.0, True)))
     if timeout < 2 * period:
-        raise ValueError(f"{name} must be two periods of the samples at least, {2 * period:g} s, got {timeout:g}")
+        raise ValueError(f"{name} must be at least two sample periods, {2 * period:g} s, got {timeout:g}")
     return timeout
 
 
 def in_use(node: Node, version: int, values: Mapping[str, Any]) -> ParameterEvent:
-    """Return all parameters of a node, the fixed ones too, and their version; ``values`` are those it goes by."""
+    """Return all parameters of a node, including the fixed ones, and their version; ``values`` are those in use."""
     declared = {name: parameter.value for name, parameter in node.get_parameters_by_prefix("").items()}
     listed = {"version": version, **declared, **values}
     return ParameterEvent(
@@ -197,16 +218,21 @@ def in_use(node: Node, version: int, values: Mapping[str, Any]) -> ParameterEven
     )
 
 
-class Names:
-    """Stands in for a node where only the names of its parameters are wanted: all have their defaults."""
+class Declarations:
+    """Replaces a node to collect the parameters that it would declare, with their defaults."""
 
     def __init__(self) -> None:
-        self.declared: list[str] = []
+        self.declared: dict[str, tuple[ParameterDescriptor, Any]] = {}
 
-    def declare_parameter(self, name: str, default: Any, _descriptor: ParameterDescriptor) -> Parameter:
-        """Take the name down and return the default."""
-        self.declared.append(name)
+    def declare_parameter(self, name: str, default: Any, descriptor: ParameterDescriptor) -> Parameter:
+        """Note a parameter and return its default."""
+        self.declared[name] = descriptor, default
         return Parameter(name, value=default)
 
-    def set_descriptor(self, *_: Any) -> None:
-        """Nobody asks for it."""
+    def set_descriptor(self, name: str, descriptor: ParameterDescriptor, _value: ParameterValue) -> None:
+        """Note a parameter's final descriptor."""
+        self.declared[name] = descriptor, self.declared[name][1]
+
+    def get_parameter(self, name: str) -> Parameter:
+        """Return a parameter's default."""
+        return Parameter(name, value=self.declared[name][1])

@@ -27,9 +27,9 @@ from backlash_ros.ros.transport import avoid_shared_memory
 
 
 class StoppableNode(Node):
-    """A node with something to do before it goes, such as putting 0 V out.
+    """A node with something to do before it ends, such as a last command of 0 V.
 
-    ``linger``: how long it goes on after it was told to stop, s, to work off what has already arrived.
+    ``linger``: how long it goes on after it was told to stop, s, to process what has already arrived.
     """
 
     linger = 0.0
@@ -40,26 +40,26 @@ class StoppableNode(Node):
         super().__init__(name, cli_args=list(COMMAND_LINE.get()))
 
     def prepare(self) -> None:
-        """Do what takes its time; the executor knows the node by now."""
+        """Do what takes long; the executor already knows the node."""
 
     def start(self) -> None:
         """Begin."""
 
     def stop(self) -> None:
-        """Leave things safe and whole; the context is still alive."""
+        """Leave everything safe and complete; the context is still alive."""
 
 
 Runnable = ManagedNode | StoppableNode
 
 _FAREWELL = 0.5
-"""How long nodes that were shut down on request go on, s: the answer has to leave."""
+"""Time that nodes go on after a shutdown request, s, so that the answer is sent."""
 
 _LEAVING = 10.0
-"""How long the process may take to leave the graph, s. Fast DDS may lock itself up there, beside others that leave."""
+"""Longest time for leaving the graph, s. Fast DDS may deadlock there while other participants leave."""
 
 
 class Stop:
-    """Becomes true on SIGINT, SIGTERM or, unless nohup had it ignored, SIGHUP: the terminal was closed."""
+    """Becomes true on SIGINT, SIGTERM or, unless nohup ignores it, SIGHUP (the terminal was closed)."""
 
     def __init__(self) -> None:
         self._asked = False
@@ -69,7 +69,7 @@ class Stop:
             signal.signal(number, self._ask)
 
     def ignore_more(self) -> None:
-        """Let no further signal end the process before it ends well: `ros2 launch` passes on what the terminal sent."""
+        """Ignore further signals until the process has ended properly: `ros2 launch` repeats the terminal's signal."""
         for number in self._numbers:
             signal.signal(number, signal.SIG_IGN)
 
@@ -81,7 +81,7 @@ class Stop:
 
 
 class _RosLog(logging.Handler):
-    """Hands what the library says to the ROS log."""
+    """Passes the library's log records to the ROS log."""
 
     def __init__(self, name: str) -> None:
         super().__init__()
@@ -95,20 +95,20 @@ class _RosLog(logging.Handler):
 
 
 def help_of(name: str, about: str) -> argparse.ArgumentParser:
-    """Return the parser of what stands before ``--ros-args``; its help says what the node is, in ``about``, and how."""
+    """Return the parser for the arguments before ``--ros-args``; its help shows ``about``."""
     return argparse.ArgumentParser(
         prog=name,
         description=about,
-        epilog="Parameters and remaps stand behind --ros-args: -p NAME:=VALUE, --params-file FILE, -r FROM:=TO.\n"
-        "docs/parameters.md has all parameters, with units and bounds; so has a running node: ros2 param describe.",
+        epilog="Parameters and remaps follow --ros-args: -p NAME:=VALUE, --params-file FILE, -r FROM:=TO.\n"
+        "docs/parameters.md lists all parameters with units and bounds; on a running node: ros2 param describe.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
 
 
 def _axes(name: str, about: str, words: Sequence[str]) -> list[str]:
-    """Return the namespaces that ``--axes`` gives, one node each; without it one, that of the process.
+    """Return the namespaces of ``--axes``, one node each; without it only that of the process.
 
-    Help, and words that nobody knows, end it: a parameter file without ``--ros-args`` before it must not be overlooked.
+    Help and unknown words end the process: a parameter file without ``--ros-args`` before it must not be ignored.
     """
     parser = help_of(name, about)
     parser.add_argument("--axes", nargs="+", default=[""], metavar="NAMESPACE", help="one node in each")
@@ -119,12 +119,12 @@ def _axes(name: str, about: str, words: Sequence[str]) -> list[str]:
 def _made(make: Callable[[str], Runnable], axis: str) -> Runnable:
     node = make(axis)
     if axis and node.get_namespace().strip("/") != axis.strip("/"):
-        raise ValueError("with --axes the namespaces are the axes: --axes arm/elbow, not __ns:=arm")
+        raise ValueError("--axes gives the namespaces: use --axes arm/elbow without __ns:=arm")
     return node
 
 
 def _refuse(name: str, error: Exception) -> int:
-    """Say in one line, without places in the source of rcl, why nothing starts; return the exit code."""
+    """Log in one line, without rcl's source positions, why nothing starts; return the exit code."""
     reason = " ".join(re.sub(r",? at \S+:\d+", "", str(error)).split())
     get_logger(name).fatal(f"cannot start: {reason}")
     return 2
@@ -136,7 +136,7 @@ def _report(node: Node, error: Exception) -> None:
 
 
 def _stopped(node: Runnable) -> bool:
-    """Stop a node and return whether that went well; what went wrong with one must not keep the others from it."""
+    """Stop a node and return whether that went well; an error must not keep the other nodes from stopping."""
     try:
         node.stop()
     except Exception as error:
@@ -146,21 +146,23 @@ def _stopped(node: Runnable) -> bool:
 
 
 def _watch_output(node: Node) -> Timer:
-    """Return a timer that tells when lines are taken again that were not, which nobody saw."""
+    """Return a timer that warns, once the output takes lines again, that some were lost."""
     backlog = Backlog()
 
     def look() -> None:
         if held := backlog.ended():
             where = get_logging_directory()
-            node.get_logger().warning(f"no output was taken for {held:.0f} s: lines may be missing, {where} has them")
+            node.get_logger().warning(
+                f"nothing read the output for {held:.0f} s: lines may be missing here, {where} has all of them"
+            )
 
     return Timer(1.0, look)
 
 
 def _turn(executor: EventsExecutor, nodes: Sequence[Runnable], watch: Timer) -> None:
-    """Call a timer that is due and work off one event, which may come until the next timer is due.
+    """Call a timer that is due and process one event, waiting for it until the next timer is due.
 
-    Neither starves the other: timers that are overdue leave beats out.
+    Neither starves the other: overdue timers skip beats.
     """
     wait = call_due([watch, *(timer for node in nodes for timer in node.own_timers)])
     executor.spin_once(timeout_sec=min(max(wait, 0.0), 0.1))
@@ -169,11 +171,11 @@ def _turn(executor: EventsExecutor, nodes: Sequence[Runnable], watch: Timer) -> 
 def run(name: str, about: str, make: Callable[[str], Runnable], args: Sequence[str] | None) -> int:
     """Run the nodes that ``make`` builds, one per axis, until told to stop or shut down; return the exit code.
 
-    rclpy's own handlers would end the context before a last command could leave, so signals are taken here.
-    A parameter out of bounds, or one that nobody knows, ends it at once with code 2 and a line that says which. Where
-    the middleware does not let go of a node that has been stopped, the process ends with code 1 and says where it was.
+    rclpy's own handlers would end the context before a last command is sent, so signals are handled here. A parameter
+    out of bounds or a misspelled one ends the process at once with code 2 and a line that names it. If the middleware
+    does not release a stopped node, the process ends with code 1 and a traceback.
 
-    ``name`` stands in the log until there is a node; ``about`` is what the help says of it.
+    ``name`` is used in the log until there is a node; ``about`` is the description in the help.
     """
     avoid_shared_memory()
     words = sys.argv[1:] if args is None else list(args)
@@ -181,14 +183,14 @@ def run(name: str, about: str, make: Callable[[str], Runnable], args: Sequence[s
     try:
         axes = _axes(name, about, words)
         rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # arguments or a parameter file that cannot be read
+    except RuntimeError as error:  # unreadable arguments or parameter file
         return _refuse(name, error)
     COMMAND_LINE.set(parameter_rules(words))
     logging.getLogger("backlash_ros").addHandler(_RosLog(name))
     logging.getLogger("backlash_ros").setLevel(logging.INFO)
     stop = Stop()
     nodes: list[Runnable] = []
-    # The fastest executor there is; its spin() ignores signals, so it is spun event by event.
+    # The fastest executor; its spin() ignores signals, so it is spun event by event.
     executor = EventsExecutor()
     code = 0
     try:
@@ -202,7 +204,7 @@ def run(name: str, about: str, make: Callable[[str], Runnable], args: Sequence[s
             for node in nodes:
                 executor.add_node(node)
                 node.prepare()
-            # What is there by now stays: a look for garbage among it would stop the loop for many periods.
+            # These objects stay: a garbage collection over them would stop the loop for many periods.
             gc.collect()
             gc.freeze()
             for node in nodes:
@@ -213,7 +215,7 @@ def run(name: str, about: str, make: Callable[[str], Runnable], args: Sequence[s
             end = now() + (max(node.linger for node in nodes) if stop else _FAREWELL)
             while now() < end:
                 executor.spin_once(timeout_sec=0.01)
-        except Exception as error:  # whatever it is, the drive is left safe and the reason is in the log
+        except Exception as error:  # in any case the drive is left safe and the reason is logged
             _report(nodes[0], error)
             code = 1
         finally:
@@ -222,7 +224,7 @@ def run(name: str, about: str, make: Callable[[str], Runnable], args: Sequence[s
         return code
     finally:
         stop.ignore_more()
-        # It ends the process even where a call into the middleware that never returns holds Python's lock.
+        # It ends the process even if a middleware call that never returns holds Python's lock.
         faulthandler.dump_traceback_later(_LEAVING, exit=True, file=2)
         for node in nodes:
             executor.remove_node(node)

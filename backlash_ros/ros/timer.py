@@ -1,7 +1,7 @@
 """Calls at a fixed rate, made by the loop of `run` between two events.
 
-Not by timers of rclpy: its events executor passes each through a thread and a queue, where one that is overdue while
-others are added is queued again and again, and then called too early and too often (rclpy 7.1.6).
+rclpy's timers are not used: its events executor passes each through a thread and a queue, where an overdue timer is
+queued again and again while others are added, and then called too early and too often (rclpy 7.1.6).
 """
 
 import math
@@ -22,10 +22,10 @@ def in_ns(seconds: float) -> int:
 
 
 class Timer:
-    """Calls back every ``period`` s from now on; calls that were missed are left out, the phase is kept.
+    """Calls back every ``period`` s from now on; missed calls are skipped, the phase is kept.
 
-    ``phase``: the times are this much, s, after whole periods of the steady clock; without it they count from now.
-    ``due``: the next time; whoever sets it moves the beat, as a watchdog is put off.
+    ``phase``: the calls are this much, s, after whole periods of the steady clock; without it they count from now.
+    ``due``: time of the next call; setting it shifts the beat, as for a watchdog.
     """
 
     def __init__(self, period: float, callback: Callable[[], None], phase: float | None = None) -> None:
@@ -39,22 +39,22 @@ class Timer:
 
     @property
     def overdue(self) -> float:
-        """For how long the next call has been due, s; negative until then."""
+        """Time since the next call became due, s; negative before."""
         return now() - self.due
 
     def restart(self, phase: float) -> None:
-        """Be due from now on ``phase`` s after whole periods of the steady clock."""
+        """Be due, from now on, ``phase`` s after whole periods of the steady clock."""
         self.due = phase
         self._move_on()
 
     def call(self) -> None:
-        """Call back, and be due again."""
+        """Call back, and schedule the next call."""
         self._move_on()
         self._callback()
 
 
 def call_due(timers: Sequence[Timer]) -> float:
-    """Call the timer that is the most overdue, if one is; return in how many seconds the first was, or is, due."""
+    """Call the most overdue timer, if any; return the time until the first timer is (or was) due, s."""
     first = min(timers, key=attrgetter("due"))
     wait = first.due - now()
     if wait <= 0:

@@ -24,16 +24,16 @@ TOPICS: dict[str, type] = {
     "plant_simulator/transition_event": TransitionEvent,
     "/clock": Clock,
 }
-"""All topics of the interface, and each change of a parameter."""
+"""All topics of the interface, and the changes of parameters."""
 
 HEARS = "hears"
-"""What the recorder says, before a topic's name, when its first message is there: who must miss nothing may begin."""
+"""Printed by the recorder, with the topic's name, when its first message has arrived: programs can wait for it."""
 
 SEND = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=10)
-"""Of every publisher: whoever wants to miss nothing, a recorder say, can ask for reliable delivery."""
+"""QoS of every publisher: a subscriber that must miss nothing, such as a recorder, can ask for reliable delivery."""
 
 RECEIVE = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1)
-"""Of every subscription to control data: the newest sample, no resending of old ones."""
+"""QoS of every subscription to control data: the newest sample, no resending of old ones."""
 
 TRANSIENT_LOCAL = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
@@ -41,7 +41,7 @@ TRANSIENT_LOCAL = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1,
 )
-"""Of values that hold until they change: a late subscriber gets the last one."""
+"""QoS of values that hold until they change: a late subscriber gets the last one."""
 
 HISTORY = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
@@ -49,7 +49,7 @@ HISTORY = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=10,
 )
-"""The same where each value counts: the last ten, so that a recorder that lags behind two changes has both."""
+"""The same if each value counts: the last ten, so that a slow recorder misses no change."""
 
 
 def overridable() -> QoSOverridingOptions:

@@ -1,4 +1,4 @@
-"""Fast DDS by UDP: through its shared memory a node may be held up by who stops, comes or leaves (docs/faults.md)."""
+"""Fast DDS over UDP: with its shared memory, nodes that stop, join or leave may hold up others (docs/faults.md)."""
 
 import os
 from collections.abc import Mapping
@@ -10,24 +10,24 @@ LOOPBACK = Path(__file__).with_name("loopback_udp.xml")
 """Profile of Fast DDS: UDP on this machine alone."""
 
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"
-"""Where Fast DDS 2 and 3 look for a profile."""
+"""Variables with which Fast DDS 2 and 3 find a profile."""
 
 _UNNAMED = "DEFAULT_FASTRTPS_PROFILES.xml", "DEFAULT_FASTDDS_PROFILES.xml"
-"""Profiles that they take from the working folder."""
+"""Profiles that they read from the working folder."""
 
 Variables = Mapping[str, str | None]
-"""Environment variables; None is for one that must not be there."""
+"""Environment variables; None removes a variable."""
 
 ON_LOOPBACK: Variables = {
-    "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",  # LOCALHOST takes shared memory whatever a profile says
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",  # LOCALHOST uses shared memory despite a profile
     "ROS_LOCALHOST_ONLY": None,
     **dict.fromkeys(PROFILES, str(LOOPBACK)),
 }
-"""What stands in for LOCALHOST where `may_use_loopback`: the profile keeps the process on this machine."""
+"""Replacement for LOCALHOST if `may_use_loopback`: the profile keeps the process on this machine."""
 
 
 def may_use_loopback() -> bool:
-    """Return whether the RMW is Fast DDS, the profile is there and no other one would come in its way."""
+    """Return whether the RMW is Fast DDS, the profile exists and no other profile interferes."""
     named = {Path(os.environ.get(name, "")).name for name in PROFILES}
     unnamed = os.environ.get("SKIP_DEFAULT_XML_FILE") != "1" and any(Path(name).exists() for name in _UNNAMED)
     fast_dds = get_rmw_implementation_identifier().startswith("rmw_fastrtps")
@@ -35,7 +35,7 @@ def may_use_loopback() -> bool:
 
 
 def set_variables(variables: Variables) -> None:
-    """Set environment variables of this process and of what it starts."""
+    """Set environment variables of this process and its children."""
     for name, value in variables.items():
         os.environ.pop(name, None)
         if value is not None:
@@ -43,7 +43,7 @@ def set_variables(variables: Variables) -> None:
 
 
 def _is_localhost() -> bool:
-    """Return whether the user asks for this machine alone, and for no peer or server by its address."""
+    """Return whether the user restricts ROS to this machine, without peers or servers by address."""
     if os.environ.get("ROS_STATIC_PEERS") or os.environ.get("ROS_DISCOVERY_SERVER"):
         return False
     only = os.environ.get("ROS_LOCALHOST_ONLY", "").startswith("1")
@@ -51,9 +51,9 @@ def _is_localhost() -> bool:
 
 
 def avoid_shared_memory() -> None:
-    """Choose UDP for this process, before its first participant, where the user chose nothing else.
+    """Choose UDP for this process, before its first participant, unless the user chose otherwise.
 
-    A process that was asked for this machine alone stays on it.
+    A process that is restricted to this machine stays restricted.
     """
     by_udp = os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4") == "UDPv4"
     if by_udp and _is_localhost() and may_use_loopback():

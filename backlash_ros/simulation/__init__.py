@@ -1,4 +1,4 @@
-"""The closed loop offline: single runs and experiments, with the compiled functions that the nodes run."""
+"""The closed loop offline: single runs and experiments, with the same compiled functions as the nodes."""
 
 from backlash_ros.simulation.closed_loop import Run, Scenario, run
 from backlash_ros.simulation.experiment import excite, learn_backlash, run_experiment

@@ -1,4 +1,4 @@
-"""The closed loop offline: the simulated drive against the tick, the compiled functions that the nodes run."""
+"""The closed loop offline: the simulated drive and the tick, with the same compiled functions as the nodes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -60,16 +60,16 @@ _typeof: Any = numba.typeof
 
 @dataclass(frozen=True)
 class Scenario:
-    """What happens to the loop, sample by sample.
+    """The inputs of a run, sample by sample.
 
     Parameters
     ----------
     reference : rad, shape (N,): a reference at rest at each sample
-    load_torque : N m, shape (N,), or () for one that holds throughout
+    load_torque : N m, shape (N,), or () for a constant one
     initial_state : of the plant
-    sensors, delay, seed : between plant and controller, and of what is random there
-    source : planned from the first sample on, in place of the reference, whose length says how long
-    known_load_torque : feed the true load torque forward, in place of the observer's estimate, which it then is
+    sensors, delay, seed : between plant and controller; the seed of their randomness
+    source : planned from the first sample on, instead of the reference, whose length still sets the duration
+    known_load_torque : feed the true load torque forward, instead of the observer's estimate
     substeps : plant samples recorded per controller sample
     """
 
@@ -91,7 +91,7 @@ class Run:
     ``state`` (N * substeps + 1, 5) at ``time``; ``command`` (V or A), ``region`` and ``load_torque_estimate`` (N,) per
     controller sample; ``peak_force`` (N,), the largest contact force within each controller period, N;
     ``measured_load_angle`` (N,), what the load's encoder showed the controller, rad, nan without one. ``fault`` is the
-    text of what the controller latched at sample ``fault_sample``, from which on the command is 0; "" and -1 for none.
+    text of the fault latched at sample ``fault_sample``, from which on the command is 0; "" and -1 for none.
     """
 
     time: Array
@@ -170,7 +170,7 @@ def _loop(
 
 
 def _planned(source: Source, state: PlantState, limits: Limits) -> Array:
-    """Return the plan of a source from where the load is; ValueError where it goes beyond the limits."""
+    """Return the plan of a source from the load's position; ValueError if it exceeds the limits."""
     start = Setpoint(np.array([state[THETA_L], 0.0, 0.0]))
     segments = np.ascontiguousarray(source.segments(start), dtype=np.float64)
     if reason := plan_rejection(segments, limits, float(start[0])):
@@ -204,12 +204,12 @@ def run(
     *,
     watched: bool = True,
 ) -> Run:
-    """Run one closed loop: ``drive`` is what moves, ``model`` (the same by default) what the controller takes it for.
+    """Run one closed loop: ``drive`` moves, ``model`` (the same by default) is the drive as the controller knows it.
 
     Parameters
     ----------
-    limits : of the controller; those that follow from the model by default
-    watched : whether the monitor looks on; what it would latch ends nothing otherwise
+    limits : of the controller; by default those of the model
+    watched : whether the monitor is on; otherwise its faults have no effect
 
     Raises
     ------

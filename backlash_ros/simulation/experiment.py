@@ -1,4 +1,4 @@
-"""An experiment offline: the servo with its experiment against the simulated drive."""
+"""An experiment offline: the servo with its experiment and the simulated drive."""
 
 from typing import cast
 
@@ -27,16 +27,16 @@ def run_experiment(
 
     Parameters
     ----------
-    drive, model : what moves, and what the controller takes it for (the same by default)
+    drive, model : the moving drive, and the drive as the controller knows it (the same by default)
     settings, limits : as for the controller node
-    name, parameters : of the experiment; by default that of the settings, and those there, or its own defaults
-    load_torque : on the output shaft throughout, N m
-    sensors, delay, seed : between plant and controller, and of what is random there
+    name, parameters : of the experiment; by default those of the settings, or its own defaults
+    load_torque : constant, on the output shaft, N m
+    sensors, delay, seed : between plant and controller; the seed of their randomness
 
     Raises
     ------
     ValueError
-        If there is no such experiment, or its parameters are of another.
+        If there is no such experiment, or the parameters are another's.
     IntegrationError
         If the plant cannot be integrated.
     """
@@ -53,9 +53,9 @@ def excite(
     *,
     load_torque: float = 0.0,
 ) -> Outcome:
-    """Run an experiment with a servo on a simulated drive, both as they are, and return how it ended.
+    """Run an experiment with a servo on a simulated drive, both in their present state, and return how it ended.
 
-    A servo that holds nothing yet takes a sample first, which shows which encoders there are.
+    A servo that holds no position first takes a sample, which shows the encoders.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The drive driven by a motor torque, without a controller: what the paper's fig 7 shows."""
+"""The drive under a motor torque, without a controller, as in the paper's fig 7."""
 
 from dataclasses import dataclass, replace
 
@@ -35,7 +35,7 @@ class OpenLoop:
 def drive_with_torque(drive: Drive, torque: Array, load_torque: float, period: float) -> OpenLoop:
     """Apply motor torques (N m), each for ``period`` seconds, from rest in the middle of the gap.
 
-    The current is imposed, whatever the drive's command interface, and not limited.
+    The current is imposed, with any command interface, and not limited.
     """
     plant = plant_constants(replace(drive, command_interface="current"))
     advance, contact_of = integrator_for(drive), equations_of(drive).contact_of

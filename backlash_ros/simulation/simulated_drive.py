@@ -29,15 +29,15 @@ from backlash_ros.drivetrain.sensors import SensorConstants, Sensors, read_senso
 from backlash_ros.drivetrain.signals import Array, Measurement, PlantState, at_rest
 
 _IN_REAL_TIME = 10.0
-"""Times the torque at standstill that the integrator bears in real time."""
+"""Multiple of the standstill torque that can be simulated in real time."""
 
 
 def largest_load_torque(drive: Drive) -> float:
-    """Return the largest load torque that can be simulated in real time at 250 Hz, N m: ten times that at standstill.
+    """Return the largest load torque, N m, that can be simulated in real time at 250 Hz: ten times the stall torque.
 
-    The faster the shafts and the harder the impacts, the more steps. Of 320 runs of 80 random drives with every contact
-    law, each parameter within 3 times the nominal one's, 0.1 s took at most 0.005 s of one core under this torque and
-    0.008 s under ten times as much; a drive with every friction, a weight and a gap that varies takes longer.
+    Faster shafts and harder impacts take more steps. In 320 runs of 80 random drives with every contact law, each
+    parameter within a factor of 3 of the nominal one, 0.1 s took at most 0.005 s of one core under this torque and
+    0.008 s under ten times as much; a drive with every friction, a weight and a varying gap takes longer.
     """
     return float(f"{_IN_REAL_TIME * drive.standstill_torque():.3g}")
 
@@ -51,7 +51,7 @@ def take_sample(
     sample: int,
     out: Measurement,
 ) -> float:
-    """Write the sample that arrives now into ``out``; return the time since the one before was taken, s."""
+    """Write the sample that arrives now into ``out``; return the time since the previous one was taken, s."""
     elapsed = delay.period if sample == 0 else taken_at(delay, sample) - taken_at(delay, sample - 1)
     read_sensors(sensors, sensed, memory.taken[sample % LINE], sample, elapsed, out)
     return elapsed
@@ -62,10 +62,10 @@ class SimulatedDrive:
 
     Parameters
     ----------
-    drive, sensors, delay : what is simulated
+    drive, sensors, delay : parameters of the simulation
     period : of the samples, s
     seed : of noise and jitter
-    state : to start from; at rest in the middle of the gap by default
+    state : initial state; at rest in the middle of the gap by default
     tolerance : of the integrator, per step
     """
 
@@ -111,12 +111,12 @@ class SimulatedDrive:
 
     @property
     def gear_torque(self) -> float:
-        """Torque that the teeth put on the load now, N m; no sensor has it."""
+        """Present torque of the teeth on the load, N m; no sensor shows it."""
         return self.drive.gear.load_radius * float(self._equations.contact_of(self._plant, self.state)[0])
 
     @property
     def age(self) -> float:
-        """How long ago the sample that arrives now was taken, s."""
+        """Age of the sample that arrives now, s."""
         return self.time - taken_at(self._delay, self._sample)
 
     def use(self, sensors: Sensors) -> None:
@@ -124,12 +124,12 @@ class SimulatedDrive:
         self._sensors = sensor_constants(sensors, self.drive.motor.torque_constant, self._seed)
 
     def sample(self) -> Measurement:
-        """Return the sample that arrives now, which the next call overwrites; ``elapsed`` is since the one before."""
+        """Return the sample that arrives now, which the next call overwrites; ``elapsed`` is since the previous one."""
         self.elapsed = take_sample(self._sensors, self._sensed, self._delay, self._line, self._sample, self.measured)
         return self.measured
 
     def advance(self, command: float, load_torque: float = 0.0) -> None:
-        """Send a command (V or A, limited as the drive does) and go on to the next sample.
+        """Send a command (V or A, limited as the drive does) and advance to the next sample.
 
         Raises
         ------

@@ -137,8 +137,8 @@ def test_an_axis_that_is_deactivated_holds_up_neither_the_others_nor_the_clock(
     [
         (["a", "b", "a"], [], "--axes must be different from each other"),
         (["a", "/a"], [], "--axes must be different from each other"),
-        (["a", "b"], ["-r", "__ns:=/c"], "with --axes the namespaces are the axes"),
-        (["a"], ["-r", "__ns:=/c"], "with --axes the namespaces are the axes"),
+        (["a", "b"], ["-r", "__ns:=/c"], "--axes gives the namespaces"),
+        (["a"], ["-r", "__ns:=/c"], "--axes gives the namespaces"),
         (["a", "not a name"], [], "not a name"),
     ],
 )

@@ -1,4 +1,4 @@
-"""The documented parameter file says what the nodes have: every parameter, with its default."""
+"""Parameter files, ours and those of `backlash params`, have every parameter of the nodes, with its default."""
 
 import re
 from pathlib import Path
@@ -11,8 +11,11 @@ from rcl_interfaces.srv import ListParameters
 
 from backlash_ros.analysis.design.report import gain_text
 from backlash_ros.analysis.design.trial import Choice, Loop
+from backlash_ros.analysis.evaluation.drive_file import read_drive
+from backlash_ros.cli import main
 from backlash_ros.control import Gains, design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.nodes.parameter_file import parameters_of
 from backlash_ros.nodes.parameters import all_names
 
 CONFIG = Path(__file__).parents[2] / "config" / "nominal_drive.yaml"
@@ -60,6 +63,56 @@ def test_controller_has_the_documented_parameters_and_defaults(start: Any, peer:
 
 def test_nothing_is_documented_that_no_node_has() -> None:
     assert set(documented()) <= all_names(documented())
+
+
+DERIVED = ("limits.command", "faults.", "gains.")
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the file of `backlash params`."""
+    file = tmp_path_factory.mktemp("params") / "my_drive.yaml"
+    assert main(["params", "--out", str(file)]) == 0
+    return file
+
+
+@pytest.mark.parametrize("node", ["plant_simulator", "controller"])
+def test_a_node_started_with_the_written_file_has_its_defaults(
+    start: Any, peer: Peer, written: Path, node: str
+) -> None:
+    start(node, "--params-file", str(written))
+    defaults = {name: default for name, (_, default) in parameters_of(node).items()}
+    names = peer.call(ListParameters, f"/{node}/list_parameters", ListParameters.Request()).result.names
+    assert set(defaults) == {name for name in names if not name.startswith(NOT_IN_THE_FILE[:-1])}
+    assert Parameters(peer, node).get(*defaults) == list(defaults.values())
+
+
+@pytest.mark.parametrize("nodes", [["plant_simulator"], ["controller"], []])
+def test_params_writes_all_parameters_but_those_that_follow_from_others(
+    nodes: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["params", *nodes]) == 0
+    text = capsys.readouterr().out
+    given = flatten(yaml.safe_load(text)["/**"]["ros__parameters"])
+    each = [parameters_of(node) for node in nodes or ("plant_simulator", "controller")]
+    wanted = {name: default for parameters in each for name, (_, default) in parameters.items()}
+    assert given == {name: default for name, default in wanted.items() if not name.startswith(DERIVED)}
+    assert "# armature resistance R [ohm]; > 0 and <= 1e+06\n" in text
+    commented = yaml.safe_load(re.sub(r"^( +)# (?=( *\w+:|    *#))", r"\1", text, flags=re.MULTILINE))
+    assert flatten(commented["/**"]["ros__parameters"]) == wanted
+
+
+def test_params_describes_the_nominal_drive(written: Path) -> None:
+    assert read_drive(written) == NOMINAL_DRIVE
+
+
+def test_params_keeps_an_existing_file(written: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = written.read_text()
+    with pytest.raises(SystemExit, match="2"):
+        main(["params", "controller", "--out", str(written)])
+    told = capsys.readouterr().err
+    assert told == f"backlash params: argument --out: '{written}' exists; --force overwrites it\n"
+    assert written.read_text() == text
 
 
 @pytest.mark.parametrize("namespace", ["/", "/axis1"])

@@ -183,7 +183,7 @@ def test_learning_under_a_fault_is_refused_each_time(start: Start, peer: Peer) -
         drive.until(answer.done)
         assert drive.tick < 10_000
         assert not answer.result().success
-        assert answer.result().message.startswith("cannot learn while a fault is latched: load encoder moved 5 rad")
+        assert answer.result().message.startswith("cannot learn while this fault is latched: load encoder moved 5 rad")
 
 
 def test_silence_ends_learning(start: Start, peer: Peer) -> None:
@@ -206,7 +206,7 @@ def test_deactivation_ends_learning(start: Start, peer: Peer) -> None:
     assert lifecycle.change(Transition.TRANSITION_DEACTIVATE)
     peer.wait("an answer", answer.done)
     assert not answer.result().success
-    assert answer.result().message == "no gap measured: the controller is not active any more"
+    assert answer.result().message == "no gap measured: the controller is no longer active"
 
 
 def test_reference_is_not_taken_while_learning(start: Start, peer: Peer) -> None:
@@ -254,12 +254,12 @@ def test_holding_begins_where_the_load_is_when_somebody_listens_to_the_command(s
     def warned() -> bool:
         header = Header(stamp=Time(sec=next(clock)))
         states.publish(JointState(header=header, name=["motor", "load"], position=[0.0, 0.0]))
-        return bool(told) and told[-1] == "nobody listens to command"
+        return bool(told) and told[-1] == "command has no subscriber"
 
     peer.wait("a warning", warned)
     answer = ask_to_learn(peer)
     peer.wait("an answer", lambda: warned() and answer.done())
-    assert answer.result().message == "cannot learn: nobody listens to command for 5 s"
+    assert answer.result().message == "cannot learn: command has no subscriber for 5 s"
     reference = peer.node.create_publisher(Float64, "reference", 1)
     refusal = "reference 1 rad came while no position is held"
     peer.wait("a refusal", lambda: reference.publish(Float64(data=1.0)) or refusal in process.output())
@@ -655,7 +655,8 @@ def test_cancel_ends_an_experiment_and_says_so(start: Start, peer: Peer) -> None
     answer = ask_to_learn(peer)
     drive.until(lambda: "progress" in (states.heard or [(0, {})])[-1][1] and states.series("progress")[-1] >= 0.01)
     assert drive.tick < 5000
-    assert peer.call(Trigger, "controller/learn", Trigger.Request()).message == "cannot learn: already learning"
+    refusal = peer.call(Trigger, "controller/learn", Trigger.Request()).message
+    assert refusal == "cannot learn: a run is already in progress"
     cancelled = peer.call(Trigger, "controller/cancel", Trigger.Request())
     assert (cancelled.success, cancelled.message) == (True, "cancelled")
     peer.wait("an answer", answer.done)

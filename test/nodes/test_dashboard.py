@@ -73,7 +73,7 @@ def test_another_address_wants_its_token(peer: Peer, serve: Callable[..., Served
     served = serve("-p", "host:=0.0.0.0")
     token = served.address.partition("/?token=")[2]
     assert len(token) >= 20
-    warning = "whoever has this address may see the page and move the drive"
+    warning = "anyone with this address can see the page and move the drive"
     peer.wait("the warning", lambda: warning in served.process.output())
     assert served.ask("GET", "/")[0] == 403
     assert served.ask("GET", "/?token=wrong")[0] == 403
@@ -95,7 +95,7 @@ def test_it_ends_by_ctrl_c_with_pages_open(start: Start, peer: Peer, serve: Call
     [
         ("port:=70000", "port must be"),
         ("host:=no.such.host.invalid", "host must be an address of this machine, got 'no.such.host.invalid'"),
-        ("ports:=1", "there is no parameter 'ports', got 1: is 'port' meant?"),
+        ("ports:=1", "there is no parameter 'ports', got 1: did you mean 'port'?"),
         ("read_only:=3", "read_only must be true or false"),
     ],
 )

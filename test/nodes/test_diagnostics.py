@@ -71,7 +71,7 @@ def test_a_law_that_another_stands_in_for_is_said_to_wait(start: Start, peer: Pe
     diagnostics = Diagnostics(peer)
     process = start("controller", law="two_encoder", backlash_angle=0.02, **PATIENT)
     start("plant_simulator")
-    waits = "law 'two_encoder' moves slowly, with the over-damped gains, until the drive is identified: call identify"
+    waits = "law 'two_encoder' uses the over-damped gains, which are slow, until the drive is identified: call identify"
     diagnostics.wait("/controller: servo", "waiting", lambda s: s.level == OK and s.message == f"active; {waits}")
     assert process.output().count(waits) == 1
     assert Parameters(peer, "controller").set(identified=True) == (True, "")
@@ -177,7 +177,7 @@ def test_clocks_that_differ_are_told(start: Start, peer: Peer) -> None:
     diagnostics.wait(
         "/controller: timing",
         "suspicious",
-        lambda s: s.level == WARN and "clocks differ, or use_sim_time does" in s.message,
+        lambda s: s.level == WARN and "the clocks or use_sim_time differ" in s.message,
     )
     assert Parameters(peer, "controller").get("use_sim_time") == [False]
 

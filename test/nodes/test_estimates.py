@@ -88,10 +88,13 @@ def test_an_estimate_is_offered_and_applied_when_asked(start: Start, peer: Peer,
     """Under a law that does not rattle while the backlash is not known: that would be a warning of its own."""
     start("controller", learning__estimate_file=file, law="overdamped", **ASK)
     said, parameters, drive = Said(peer), Parameters(peer, "controller"), LockstepDrive(peer).matched()
-    assert apply(peer).message == "there is no estimate to apply: none was learned since the controller was configured"
+    assert (
+        apply(peer).message
+        == "there is no estimate to apply: none has been learned since the controller was configured"
+    )
     answer = learn(peer, drive)
     assert answer.success, answer.message
-    assert answer.message.endswith("; it is not in use until apply_estimate")
+    assert answer.message.endswith("; call apply_estimate to use it")
     assert parameters.get("backlash_angle") == [0.0]
     ((angle, applied),) = kept(file)
     assert angle == pytest.approx(0.02, rel=0.05)
@@ -107,7 +110,7 @@ def test_an_estimate_is_offered_and_applied_when_asked(start: Start, peer: Peer,
     peer.wait("the estimate", lambda: said.in_use == [angle])
     answer = apply(peer)
     assert not answer.success
-    assert "was applied already" in answer.message
+    assert "has already been applied" in answer.message
 
 
 def test_the_offer_outlives_a_failed_learning_and_deactivation_but_not_clean_up(start: Start, peer: Peer) -> None:
@@ -197,7 +200,7 @@ def test_without_a_file_yet_it_starts_with_the_parameter(start: Start, peer: Pee
         "controller", learning__estimate_file=file, learning__use_estimate_file=True, backlash_angle=0.015, **QUICK
     )
     assert Parameters(peer, "controller").get("backlash_angle") == [0.015]
-    assert f"{file} has no estimate that was applied: all stays" in process.output()
+    assert f"{file} has no applied estimate: the parameters stay" in process.output()
     assert kept(file) == []
 
 
@@ -214,10 +217,10 @@ def test_without_a_file_yet_it_starts_with_the_parameter(start: Start, peer: Pee
         (
             "load_joint: load",
             "load_joint: wrist",
-            "drive.load_joint must be 'load', as this controller has it, got 'wrist'",
+            "drive.load_joint must be 'load', as in this controller, got 'wrist'",
         ),
-        ("10.0", "5.0", "drive.gear_reduction must be 10.0, as this controller has it, got 5.0"),
-        ("version: 2", "version: 1", "version must be 2, the only one known here, got 1"),
+        ("10.0", "5.0", "drive.gear_reduction must be 10.0, as in this controller, got 5.0"),
+        ("version: 2", "version: 1", "version must be 2, the only known one, got 1"),
         ("  applied: true\n", "", "estimates[0] must have the key 'applied'"),
     ],
 )
@@ -247,7 +250,7 @@ def test_a_start_with_a_file_that_cannot_be_used_ends_with_a_line_that_says_why(
     assert "controller did not come up: still unconfigured" in process.output()
     process = start("controller", learning__use_estimate_file=True)
     assert process.wait() == 2
-    line = "learning.use_estimate_file must be false where learning.estimate_file is empty, got true"
+    line = "learning.use_estimate_file must be false if learning.estimate_file is empty, got true"
     assert f"cannot start: {line}" in process.output()
 
 
@@ -255,9 +258,7 @@ def test_two_axes_cannot_share_a_file(start: Start, file: Path) -> None:
     """Their joints have the same names, each in its own namespace."""
     process = start("controller", non_ros=["--axes", "a", "b"], learning__estimate_file=file)
     assert process.wait() == 1
-    assert (
-        "drive.controller must be '/b/controller', as this controller has it, got '/a/controller'" in process.output()
-    )
+    assert "drive.controller must be '/b/controller', as in this controller, got '/a/controller'" in process.output()
     assert "ready" not in process.output()
     assert kept(file, DriveIdentity("/a/controller", "motor", "load", 10.0)) == []
 
@@ -281,10 +282,10 @@ def test_a_write_that_fails_is_told_and_disturbs_nothing(start: Start, peer: Pee
     file.parent.rmdir()
     answer = learn(peer, drive)
     assert answer.success
-    assert f"it could not be kept in {file}: [Errno 2] No such file or directory" in answer.message
+    assert f"it could not be stored in {file}: [Errno 2] No such file or directory" in answer.message
     assert Parameters(peer, "controller").get("backlash_angle") == [pytest.approx(0.02, rel=0.05)]
-    said.wait(DiagnosticStatus.WARN, "it could not be kept in")
-    assert f"the last estimate: it could not be kept in {file}" in process.output()
+    said.wait(DiagnosticStatus.WARN, "it could not be stored in")
+    assert f"the last estimate: it could not be stored in {file}" in process.output()
     assert drive.follows(0.3)
 
 
@@ -321,7 +322,7 @@ def test_samples_are_answered_while_the_disk_is_slow(
     assert np.all(np.isfinite(drive.run(50)))
     assert not answer.done()
     refusal = peer.call(Trigger, "controller/learn", Trigger.Request())
-    assert refusal.message == "cannot learn: the last estimate is still being written"
+    assert refusal.message == "cannot learn: the previous estimate is still being written"
     assert kept(file) == []
     gate.touch()
     peer.wait("an answer", answer.done)
@@ -346,5 +347,5 @@ def test_the_end_of_the_process_waits_for_the_file_but_not_for_ever(
     assert process.stop() == 0
     peer.wait("an answer", answer.done)
     assert f"it is still being written to {file}" in answer.result().message
-    assert "the estimate file was not written before the end" in process.output()
+    assert "the estimate file could not be written before the node ended" in process.output()
     assert kept(file) == []

@@ -191,7 +191,7 @@ def test_command_is_not_a_number__the_drive_takes_the_voltage_off__reset_both(
     publisher = publisher_of_commands(pair)
     measure(took := intruded(pair, lambda: publisher.publish(Float64MultiArray(data=data))))
     assert took < SLACK
-    pair.faulty("plant_simulator", "command must begin with a finite number, in V")
+    pair.faulty("plant_simulator", "the first value of command must be finite, in V")
     pair.reset("plant_simulator")
     pair.reset("controller")
     pair.works()
@@ -216,7 +216,7 @@ def test_second_controller__the_drive_takes_the_voltage_off__stop_it_and_reset_b
 ) -> None:
     second = start("controller", "-r", "__node:=second", state_timeout=TIMEOUT)
     began = pair.peer.wait("a sample answered twice", pair.answered_twice)
-    pair.faulty("plant_simulator", "two controllers on command: one sample was answered twice")
+    pair.faulty("plant_simulator", "two controllers publish command: one sample was answered twice")
     measure(pair.unpowered(began))
     assert second.stop() == 0
     pair.reset("plant_simulator")

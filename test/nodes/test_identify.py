@@ -88,7 +88,7 @@ def test_with_ask_it_is_offered_and_applied_together(rig: Callable[..., Rig]) ->
     told = made.in_use()
     answer = made.call("identify")
     assert answer.success, answer.message
-    assert answer.message.endswith("; it is not in use until apply_estimate")
+    assert answer.message.endswith("; call apply_estimate to use it")
     assert made.in_use() == told
     applied = made.call("apply_estimate")
     assert applied.success, applied.message

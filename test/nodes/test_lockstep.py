@@ -209,7 +209,7 @@ def test_two_controllers_are_found_out_in_lockstep(start: Start, peer: Peer) -> 
     start("controller", state_timeout=10.0)
     start("controller", "-r", "__node:=second", state_timeout=10.0)
     simulator = start("plant_simulator", lockstep=True, real_time_factor=0.0)
-    peer.wait("the fault", lambda: "two controllers on command" in simulator.output())
+    peer.wait("the fault", lambda: "two controllers publish command" in simulator.output())
 
 
 def test_a_sample_without_an_answer_comes_again_before_a_watchdog_acts(start: Start, peer: Peer) -> None:

@@ -103,9 +103,9 @@ def test_an_experiment_that_acted_for_no_time_is_said_to_have() -> None:
 
     assert part(0, 0, 1, 1, 0) == Reading(start=0.5, end=1.0)
     assert part(0, 0, 0, 0, 0) == Reading()
-    with pytest.raises(ClientError, match="the experiment acted for no time that could be seen"):
+    with pytest.raises(ClientError, match="the recording does not show the experiment"):
         part(0, 0, 1, 0, 0)
-    with pytest.raises(ClientError, match="the recorder came late"):
+    with pytest.raises(ClientError, match="the recorder started late"):
         part(1, 1, 1, 1, 0)
 
 
@@ -113,7 +113,7 @@ def test_without_a_controller_it_says_so(domain: int, tmp_path: Path) -> None:
     program = backlash("--out", tmp_path / "measured", "--namespace", "/nobody")
     said, _ = program.communicate(timeout=120)
     assert program.returncode == 1
-    assert "no controller offers /nobody/controller/learn: waited 10 s for" in said
+    assert "no controller found at /nobody/controller/learn: waited 10 s for" in said
     assert not list(tmp_path.iterdir())
 
 

@@ -208,7 +208,7 @@ def test_whatever_is_sent_is_refused_by_name(start: Start, peer: Peer) -> None:
         "/controller/set_parameters_atomically",
         SetParametersAtomically.Request(parameters=twice),
     )
-    assert answer.result.reason == f"{HYSTERESIS} stands 2 times in one request"
+    assert answer.result.reason == f"{HYSTERESIS} is in the request 2 times"
     assert process.running
     assert atomically(peer, "controller", **good) == (True, "")
     assert in_use.version(2)[HYSTERESIS] == 0.3

@@ -245,7 +245,7 @@ def test_topic_of_the_user_is_recorded_and_told_where_nobody_published_it(
     assert publisher.wait_for_all_acked()
     assert recorder.stop() == 0
     assert read_bag(tmp_path / "bag").messages == {"/odd": 1}
-    assert "not recorded, as nobody published it: /even" in recorder.output()
+    assert "not recorded because nobody published it: /even" in recorder.output()
 
 
 def test_transitions_and_simulated_time_are_in_the_bag(start: Start, peer: Peer, tmp_path: Path) -> None:
@@ -350,14 +350,14 @@ def test_existing_folder_is_refused_and_kept(start: Start, tmp_path: Path) -> No
 def test_recording_nothing_is_refused(start: Start, tmp_path: Path) -> None:
     process = start("recorder", output=tmp_path / "bag", topics="[]")
     assert process.wait() == 2
-    assert "cannot start: topics must name at least one topic" in process.output()
+    assert "cannot start: topics must have at least one topic" in process.output()
     assert not (tmp_path / "bag").exists()
 
 
 def test_axes_are_refused_before_anything_is_written(start: Start, tmp_path: Path) -> None:
     recorder = start("recorder", non_ros=["--axes", "axis1", "axis2"], output=tmp_path / "bag")
     assert recorder.wait() == 2
-    assert "the recorder takes no --axes: record one axis with --ros-args -r __ns:=/axis1" in recorder.output()
+    assert "the recorder has no --axes: record one axis with --ros-args -r __ns:=/axis1" in recorder.output()
     assert not (tmp_path / "bag").exists()
 
 

@@ -30,21 +30,25 @@ CONFIG = Path(__file__).parents[2] / "config"
 FATAL = r"\[FATAL\] \[\d+\.\d+\] \[{node}\]: cannot start: "
 
 REFUSED = [
-    ("controller", "gear.ratio:=0.1", "there is no parameter 'gear.ratio', got 0.1: is 'gear.reduction' meant?"),
+    ("controller", "gear.ratio:=0.1", "there is no parameter 'gear.ratio', got 0.1: did you mean 'gear.reduction'?"),
     (
         "controller",
         "motor.torque_const:=0.07",
-        "there is no parameter 'motor.torque_const', got 0.07: is 'motor.torque_constant' meant?",
+        "there is no parameter 'motor.torque_const', got 0.07: did you mean 'motor.torque_constant'?",
     ),
-    ("plant_simulator", "load.inertias:=1e-3", "got 0.001: is 'load.inertia' meant?"),
-    ("controller", "limit.command:=3.0", "there is no parameter 'limit.command', got 3.0: is 'limits.command' meant?"),
-    ("controller", "lockstp:=true", "there is no parameter 'lockstp', got True: is 'lockstep' meant?"),
+    ("plant_simulator", "load.inertias:=1e-3", "got 0.001: did you mean 'load.inertia'?"),
+    (
+        "controller",
+        "limit.command:=3.0",
+        "there is no parameter 'limit.command', got 3.0: did you mean 'limits.command'?",
+    ),
+    ("controller", "lockstp:=true", "there is no parameter 'lockstp', got True: did you mean 'lockstep'?"),
     (
         "controller",
         "gain_sets.gentle.fast.q:=[500, 1]",
-        "there is no parameter 'gain_sets.gentle.fast.q', got [500, 1]: is 'gain_sets.nominal.fast.q' meant?",
+        "there is no parameter 'gain_sets.gentle.fast.q', got [500, 1]: did you mean 'gain_sets.nominal.fast.q'?",
     ),
-    ("recorder", "topic:=[command]", "there is no parameter 'topic', got ['command']: is 'topics' meant?"),
+    ("recorder", "topic:=[command]", "there is no parameter 'topic', got ['command']: did you mean 'topics'?"),
     ("controller", "motor.resistance:=0", "motor.resistance must be > 0 ohm and <= 1e+06 ohm, got 0.0"),
     ("controller", 'rate:="250"', "rate must be a number, > 0 Hz and <= 2000 Hz, got '250'"),
     ("plant_simulator", "gear.backlash_cycles:=3.5", "must be a whole number >= 1 and <= 1000, got 3.5"),
@@ -169,7 +173,7 @@ def test_all_that_a_node_has_can_be_loaded_again(start: Start, peer: Peer, node:
     result = peer.call(SetParameters, f"/{node}/set_parameters", SetParameters.Request(parameters=[rate])).results[0]
     assert (result.successful, result.reason) == (
         False,
-        "rate is read-only: it stays 250.0 as long as the node runs, got 500.0",
+        "rate is read-only: it stays 250.0 while the node runs, got 500.0",
     )
 
 
@@ -179,15 +183,13 @@ def test_controller_that_was_told_nothing_says_so_once_and_how_far_its_gains_are
     process = start("controller")
     peer.wait("the controller", lambda: "waiting for the drive" in process.output())
     lines = process.output().splitlines()
-    told = [line for line in lines if "nothing was said of the drive" in line]
+    told = [line for line in lines if "no drive parameters were given" in line]
     assert len(told) == 1
     assert all(name in told[0] for name in ("motor.torque_constant", "gear.reduction", "load.inertia"))
-    assert [
-        line for line in lines if "[INFO]" in line and "gain set 'nominal', margins of phase and delay: fast" in line
-    ]
+    assert [line for line in lines if "[INFO]" in line and "gain set 'nominal', margins: fast" in line]
     other = start("controller", "-r", "__ns:=/told", motor__inductance=1e-3, loop_delay=0.016)
     peer.wait("the other one", lambda: "waiting for the drive" in other.output())
-    assert "nothing was said" not in other.output()
+    assert "no drive parameters were given" not in other.output()
     assert re.search(r"\[WARN\].*gain set 'nominal'.*fast below 30 deg or one period, 4 ms", other.output())
 
 
@@ -234,7 +236,7 @@ class Unread:
         fcntl.fcntl(self.read, fcntl.F_SETFL, os.O_NONBLOCK)
         taken = b""
         end = time.monotonic() + 5.0
-        while time.monotonic() < end and b"no output was taken" not in taken:
+        while time.monotonic() < end and b"nothing read the output" not in taken:
             with suppress(BlockingIOError):
                 taken += os.read(self.read, 65536)
             time.sleep(0.01)
@@ -270,7 +272,7 @@ def test_output_that_nobody_reads_stops_neither_the_loop_nor_the_end(domain: int
         gaps = [after - first for first, after in pairwise(map(stamp, states[before:]))]
         assert len(gaps) > 500
         assert max(gaps) < 1.0
-        assert "no output was taken for" in unread.release()
+        assert "nothing read the output for" in unread.release()
     finally:
         process.send_signal(signal.SIGTERM)
         began = time.monotonic()

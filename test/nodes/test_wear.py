@@ -36,6 +36,6 @@ def test_a_gap_that_has_grown_is_told_and_learned_anew(start: Callable[..., Proc
 
     peer.wait("the backlash to be learned anew", learned)
     assert parameters.get("backlash_angle")[0] == pytest.approx(5 * B, rel=0.02)
-    assert any("the gap has grown: the teeth rested" in text for text in told)
+    assert any("the gap has grown: the two flanks were" in text for text in told)
     peer.wait("no more wear to be told", lambda: drive.run(25) is not None and told[-1] == "")
     assert drive.follows(0.0)

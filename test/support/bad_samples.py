@@ -110,7 +110,7 @@ def undisturbed(law: str, situation: Situation, sensors: Sensors, period: float)
 class Harm(NamedTuple):
     """How far the load was from where it would be until a fault, how far it went on, and after how many samples.
 
-    ``samples`` counts from the first bad one, that included; 0 where there was no fault. rad.
+    ``samples`` counts from the first bad one, that included; 0 where no fault was latched. rad.
     """
 
     strayed: float
@@ -192,18 +192,17 @@ def _search(tried: _Try) -> dict[tuple[str, str], Harm]:
 
 
 _TEXT = """
-One signal shows a wrong value for 1, 3 or 10 samples: the true one and from {least} to {most} in its unit, either sign,
-with each law, at 250 Hz and 1 kHz, offline (`make bad-samples`; nominal drive, b = 0.02 rad). Before the slash: how far
-the load came from where it would have been where no fault was latched within three samples. Behind it: how far it went
-on after a fault. Both in rad.
+One signal shows a wrong value for 1, 3 or 10 samples: off by {least} to {most} in its unit, with either sign, with each
+law, at 250 Hz and 1 kHz, offline (`make bad-samples`; nominal drive, b = 0.02 rad). Before the slash: the load's
+largest deviation from its undisturbed motion if no fault was latched within three samples. After it: how far the load
+went on after a fault. Both in rad.
 
-Currents are held against what the commands can drive through the winding, speeds against the way of their encoder, and
-what cannot be is not used
-(`backlash_ros/control/monitoring/plausibility.py`). An encoder that jumps by
-less than the gap that was learned, and a half, cannot be told from teeth that moved. A speed that is wrong by less than
-a drive may report it late counts as late: at full speed that is the largest figure here. A load that moves when
-the motor goes to 0 V runs on, by its speed times the mechanical time constant (0.02 s here): that is the 0.4 rad. A
-wrong unit or sign is the same thing without an end, and a fault within the first few degrees of the first move.
+Currents are compared with what the commands can drive through the winding, and speeds with the encoder's motion;
+implausible values are not used (`backlash_ros/control/monitoring/plausibility.py`). A jump of an encoder by less than
+1.5 times the learned gap looks like a motion of the teeth. A speed error no larger than the allowed delay of a drive's
+speed counts as delay: at full speed this gives the largest figure in the table. A load that moves when the motor goes
+to 0 V runs on, by its speed times the mechanical time constant (0.02 s here): these are the 0.4 rad. A wrong unit or
+sign is the same error without an end, and a fault within the first few degrees of the first move.
 
 """
 

@@ -14,14 +14,14 @@ from std_srvs.srv import Trigger
 from backlash_ros.analysis.evaluation.population import Member, told_model
 from backlash_ros.analysis.evaluation.task import first_reading, true_reading
 from backlash_ros.drivetrain.parameters import values_of
-from backlash_ros.ros.parameters import Names, declare_drive
+from backlash_ros.ros.parameters import Declarations, declare_drive
 from backlash_ros.simulation import SimulatedDrive
 
 Start = Callable[..., Process]
 FAULTS = tuple(f"faults.{name}" for name in ("velocity", "load_torque", "gap"))
 GAINS = "gain_set", "gains.fast.k", "gains.overdamped.k"
 OTHERS = "backlash_angle", "expected_load_torque", "identified", "loop_delay", *FAULTS, *GAINS
-_NODE: Any = Names()
+_NODE: Any = Declarations()
 NAMES = [*declare_drive(_NODE), *OTHERS]
 """Parameters of the drive, and what follows from them or is found beside."""
 

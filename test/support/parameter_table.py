@@ -1,114 +1,87 @@
-"""Writes docs/parameters.md: every parameter of simulator, controller and dashboard, as the nodes describe it."""
+"""Writes docs/parameters.md: every parameter of simulator, controller and dashboard, as the nodes declare it."""
 
 import argparse
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from backlash_ros.nodes.controller import Controller
-from backlash_ros.nodes.parameters import declare_dashboard
-from backlash_ros.nodes.plant_simulator import PlantSimulator
-from backlash_ros.ros.isolation import isolated
+from backlash_ros.nodes.parameter_file import parameters_of
+from backlash_ros.ros.parameters import in_parts
 
-Described = dict[str, tuple[Any, ...]]
-"""Descriptor and default by name; and in words where it may change, if that is not the descriptor's alone."""
+Described = Mapping[str, tuple[Any, ...]]
+"""Descriptor and default by name; and in words where it may change, if the descriptor alone does not say it."""
 
 FROM_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
-"""What rclpy declares by itself, not told here."""
-
-_UNIT = re.compile(r" \[([^]]+)\]$")
+"""Parameters that rclpy declares by itself, which are not listed here."""
 
 HEADER = """# Parameters
 
-Made from the code by `make docs`; a test keeps it so. The same, from a node that runs: `ros2 param describe`.
+Made from the code by `make docs`; a test checks that it is current. A running node shows the same: `ros2 param
+describe`.
 
-*read-only* parameters are given at the start. *dynamic* ones may be changed while the node runs and act from the
-next sample on; what is found of a drive once it is there is dynamic in the controller. A request is validated together
-with everything else that is set, and taken whole or not at all (`set_parameters_atomically`; `ros2 param set` and
-`load` send their parameters one by one, and each has to be valid with those before it). A refusal names the parameter,
-the value and the bound. Whole numbers stand for floats. No parameter can be deleted.
+`backlash params --out my_drive.yaml` writes all parameters of simulator and controller as a commented parameter file
+with their defaults (`backlash params controller` only those of the controller).
 
-What is in use is published on `~/parameters_in_use` (rcl_interfaces/ParameterEvent, transient local) under
-`new_parameters`: every parameter, and an integer `version` that rises by one with each request that is taken.
-`~/learn` sets `backlash_angle` in the same way, `~/identify` what it has found of the drive, and `~/apply_estimate`
-either. The recorder keeps the topic; `read_bag` gives it as `in_use`, and what the simulator says of itself as
-`simulated`.
+*read-only* parameters are set at the start. *dynamic* ones may be changed while the node runs and act from the next
+sample on; in the controller, the values that identification finds are dynamic. A request is validated together with
+all other parameters, and accepted as a whole or not at all (`set_parameters_atomically`; `ros2 param set` and `load`
+send their parameters one by one, and each must be valid with the previous ones). A refusal names the parameter, the
+value and the bound. Whole numbers are accepted for floats. No parameter can be deleted.
 
-Besides these every node has `use_sim_time` and `start_type_description_service`, which are ROS's own, and
-`qos_overrides.*` for its topics.
+The parameters in use are published on `~/parameters_in_use` (rcl_interfaces/ParameterEvent, transient local) under
+`new_parameters`: every parameter, and an integer `version` that rises by one with each accepted request. `~/learn`
+sets `backlash_angle` in the same way, `~/identify` the values that it found, and `~/apply_estimate` either. The
+recorder stores the topic; `read_bag` returns it as `in_use`, and the simulator's as `simulated`.
+
+Every node also has ROS's own `use_sim_time` and `start_type_description_service`, and `qos_overrides.*` for its
+topics.
 """
 
-BOTH = """Simulator and controller must be told the same drive, but for what the controller finds by itself.
+BOTH = """Simulator and controller must have the same drive, except for the values that the controller finds by
+itself.
 
-Where the drive changes in the controller, gains that were designed from weights are designed anew, `faults.*` that
-were the old drive's defaults become the new one's, and every gain set has to be stable.
+When the controller's drive changes, gains from weights are designed again, `faults.*` that were the old drive's
+defaults become the new one's, and every gain set must be stable.
 """
 
-GAINS = """`gains.<region>.k` is always what is in use. It comes from one of three places:
+GAINS = """`gains.<region>.k` are always the gains in use. They come from one of three places:
 
-- `gain_set` names a set from `gain_set_names`; choosing it sets both regions' gains. Sets are given in the parameter
-  file, under `gain_sets.<name>`, each region by either `k` or `q`; the `nominal` one has defaults.
+- `gain_set` names a set from `gain_set_names`; choosing it sets both regions' gains. Sets are defined in the parameter
+  file, under `gain_sets.<name>`, each region by either `k` or `q`; the `nominal` set has defaults.
 - `gains.<region>.q` are LQR weights of eq 14, from which `k` is designed.
 - `gains.<region>.k` are gains as numbers; the region's `q` becomes [0, 0].
 
-The last two make `gain_set` `custom`, which may also be set: it changes no gains. A request that contradicts itself,
+The last two make `gain_set` `custom`; setting `custom` itself changes no gains. A request that contradicts itself,
 such as a set together with other gains, is refused. So are gains with which the sampled loop would be unstable even
 without backlash.
 """
 
-LIMITS = """What is clamped or refused. The default of `command` follows from the drive; here it is that of the nominal
-one. Ends of the travel are refused where the reference in use would be outside of them. A load that is found outside is
-held where it is; the motor gets no command that pushes it further, and a reference inside brings it back. What goes
-further beyond an end than `soft_zone` is a fault.
+LIMITS = """Limits that clamp or refuse. The default of `command` follows from the drive; the table shows the nominal
+drive's. Ends of the travel are refused if the present reference would be outside of them. A load found outside is
+held where it is; the motor gets no command that pushes it further, and a reference inside brings it back. A load more
+than `soft_zone` beyond an end is a fault.
 """
 
-FAULTS = """The thresholds that latch a fault. Their defaults follow from the drive; here they are those of the nominal
-one. One that the drive is already beyond when it is set latches its fault at the next sample.
+FAULTS = """Thresholds that latch a fault. Their defaults follow from the drive; the table shows those of the nominal
+drive. If the drive already exceeds a threshold when it is set, the fault is latched at the next sample.
 
-Once `backlash_angle` is set, the shafts may come apart by no more than one and a half of it (or of
-`gear.backlash_angle`, the larger), the teeth pressed in and two counts of 12 bit, where `gap` is more. Beside these
-thresholds a sample is held against what physics lets it be: [faults.md](faults.md).
+Once `backlash_angle` is set, the shafts may move apart by at most 1.5 times the larger of it and
+`gear.backlash_angle`, plus the wind-up of the teeth and two counts of 12 bit, unless `gap` is smaller. Samples are
+also checked for physical plausibility: [faults.md](faults.md).
 """
 
-LAW_PARAMETERS = "Each law's own, of use with that law alone. A law that is added has its parameters here too.\n"
+LAW_PARAMETERS = "Each law has its own parameters, which only that law uses. So does a law that you add.\n"
 
-LEARNING = """A learning run keeps the values that it was started with; changes hold for the next one.
-`learning.apply` alone is read when the run ends. [learning.md](learning.md) says what the estimate file is.
-"""
-
-
-DASHBOARD = """What `ros2 run backlash_ros dashboard` takes: [dashboard.md](dashboard.md).
+LEARNING = """A learning run keeps the values with which it started; changes apply to the next run. Only
+`learning.apply` is read when the run ends. [learning.md](learning.md) explains the estimate file.
 """
 
 
-def _dashboard() -> Node:
-    node = Node("dashboard")
-    declare_dashboard(node)
-    return node
-
-
-def describe_nodes() -> tuple[Described, Described, Described]:
-    """Return the parameters of simulator, controller and dashboard, by name: descriptor and default."""
-    with isolated():
-        rclpy.init(args=[])
-        try:
-            return _described(PlantSimulator), _described(Controller), _described(_dashboard)
-        finally:
-            rclpy.shutdown()
-
-
-def _described(make: Callable[[], Node]) -> Described:
-    node = make()
-    names = [name for name in node.list_parameters([], 0).names if not name.startswith(FROM_ROS)]
-    described = {name: (node.describe_parameter(name), node.get_parameter(name).value) for name in names}
-    node.destroy_node()
-    return described
+DASHBOARD = """Parameters of `ros2 run backlash_ros dashboard`: [dashboard.md](dashboard.md).
+"""
 
 
 def _value(value: Any) -> str:
@@ -121,10 +94,7 @@ def _value(value: Any) -> str:
 
 def _row(name: str, described: ParameterDescriptor, default: Any, change: str = "") -> str:
     change = change or ("read-only" if described.read_only else "dynamic")
-    unit = "".join(_UNIT.findall(described.description))
-    bound = described.additional_constraints
-    if described.floating_point_range and unit:
-        bound = re.sub(rf"(?<=\d) {re.escape(unit)}(?= |$)", "", bound)
+    text, unit, bound = in_parts(described)
     cells = (
         f"`{name}`",
         Parameter.Type(described.type).name.lower().replace("_", " "),
@@ -132,7 +102,7 @@ def _row(name: str, described: ParameterDescriptor, default: Any, change: str = 
         unit,
         bound,
         change,
-        _UNIT.sub("", described.description),
+        text,
     )
     return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
 
@@ -144,7 +114,7 @@ def _section(title: str, text: str, parameters: Described) -> str:
 
 
 def _of_both(simulator: tuple[Any, ...], controller: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return what to say of a parameter of both nodes, which has to mean the same in both."""
+    """Return the row of a parameter of both nodes, which must mean the same in both."""
     (described, default), (other, other_default) = simulator, controller
     fixed = described.read_only, other.read_only
     described.read_only = other.read_only = True
@@ -154,7 +124,7 @@ def _of_both(simulator: tuple[Any, ...], controller: tuple[Any, ...]) -> tuple[A
 
 def parameter_table() -> str:
     """Return the page."""
-    simulator, controller, dashboard = describe_nodes()
+    simulator, controller, dashboard = map(parameters_of, ("plant_simulator", "controller", "dashboard"))
     plain_first = sorted(simulator, key=lambda name: "." in name)
     shared = {name: _of_both(simulator[name], controller[name]) for name in plain_first if name in controller}
     own = {name: described for name, described in controller.items() if name not in shared}

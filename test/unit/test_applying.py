@@ -15,7 +15,7 @@ from backlash_ros.control.experiment import DriveEstimate
 
 DRIVE = DriveIdentity("/controller", "motor", "load", 10.0)
 DAY = datetime(2026, 3, 29, 1, 30, 7, 123, tzinfo=timezone.utc)
-NEXT = "; it is not in use until apply_estimate"
+NEXT = "; call apply_estimate to use it"
 
 
 class Parameter:
@@ -88,7 +88,7 @@ def test_auto_puts_it_in_use_at_once(estimates: Estimates, parameter: Parameter)
     assert estimates.poll(0) is None
     assert estimates.offer == ""
     assert estimates.apply(0) == (
-        "the newest estimate was applied already: backlash_angle = 0.02 rad; set that to use it again"
+        "the newest estimate has already been applied: backlash_angle = 0.02 rad; set these parameters to use it again"
     )
 
 
@@ -102,7 +102,7 @@ def test_ask_offers_it_and_applies_it_once(estimates: Estimates, parameter: Para
     assert estimates.poll(0) == Answer("apply_estimate", True, "in use: backlash_angle = 0.02 rad")
     assert parameter.value == 0.02
     assert estimates.offer == ""
-    assert "was applied already" in estimates.apply(0)
+    assert "has already been applied" in estimates.apply(0)
 
 
 def test_the_next_one_takes_the_place_of_the_one_on_offer(estimates: Estimates, parameter: Parameter) -> None:
@@ -173,7 +173,7 @@ def test_the_answer_comes_when_the_file_is_written(estimates: Estimates, disk: S
     estimates.learned(estimate(), "found", 0, apply=False)
     assert estimates.poll(PATIENCE - 1) is None
     assert estimates.busy
-    assert estimates.apply(0) == "cannot apply: the last estimate is still being written"
+    assert estimates.apply(0) == "cannot apply: the previous estimate is still being written"
     disk.go_on()
     assert estimates.poll(0) == Answer("learn", True, f"found{NEXT}")
     assert kept(path) == [(0.02, False)]
@@ -202,7 +202,7 @@ def test_a_disk_that_hangs_holds_up_no_answer_for_long_and_no_end(estimates: Est
     assert not estimates.finish(0.0)
     estimates.learned(estimate(0.03), "found", 0, apply=True)
     assert estimates.poll(0, wait_no_more=True) == Answer("learn", True, f"found; it is still being written to {path}")
-    with pytest.raises(ValueError, match="the last estimate is still being written"):
+    with pytest.raises(ValueError, match="the previous estimate is still being written"):
         estimates.begin(str(path), DRIVE, use=True)
     disk.go_on()
     disk.go_on()
@@ -219,7 +219,7 @@ def test_a_write_that_fails_is_told_and_the_estimate_is_in_use(
     path.mkdir()
     estimates.learned(estimate(), "found", 0, apply=True)
     disk.go_on()
-    why = f"it could not be kept in {path}: it is no regular file"
+    why = f"it could not be stored in {path}: it is not a regular file"
     assert estimates.poll(0) == Answer("learn", True, f"found; {why}")
     assert estimates.trouble == why
     assert parameter.value == 0.02
@@ -238,7 +238,7 @@ def test_a_failure_after_the_answer_is_seen(estimates: Estimates, disk: Slow, pa
     path.write_text("somebody else's")
     disk.go_on()
     assert estimates.poll(PATIENCE) is None
-    assert "somebody else has changed it" in estimates.trouble
+    assert "another program has changed it" in estimates.trouble
     assert path.read_text() == "somebody else's"
 
 
@@ -273,7 +273,7 @@ def test_without_one_that_was_applied_the_parameter_stays(
     parameter.values["backlash_angle"] = 0.015
     for _ in range(2):  # no file yet, and one without estimates
         text = estimates.begin(str(path), DRIVE, use=True)
-        assert text == f"{path} has no estimate that was applied: all stays as the parameters give it"
+        assert text == f"{path} has no applied estimate: the parameters stay as given"
     assert parameter.value == 0.015
 
 

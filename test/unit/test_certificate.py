@@ -171,7 +171,7 @@ def test_a_file_that_exists_is_kept(
     with pytest.raises(SystemExit) as ended:
         main(["identify", "a.csv", "--certificate", "docs", "--force"])
     assert ended.value.code == 2
-    assert "argument --certificate: must be a place that can be written, got 'docs'" in capsys.readouterr().err
+    assert "argument --certificate: must be writable, got 'docs'" in capsys.readouterr().err
 
 
 def test_a_page_that_cannot_be_written_whole_is_not_written(
@@ -237,7 +237,7 @@ def test_a_gap_that_is_not_told_has_its_reason_in_place_of_a_number(made: Made) 
     unsure = replace(found, gap=gap, findings=rows)
     derived = lost_motion_of(about.told, unsure, about.told.standstill_torque())
     page = Parsed(certificate(replace(about, derived=derived), unsure))
-    assert "The recording does not tell the gap: the far flank was not seen" in page.text
+    assert "The recording does not show the gap: the far flank was not seen" in page.text
     assert [row.why for row in derived] == [gap.reason] * 2
     assert page.text.count("cannot be told: the far flank was not seen") == 6
     assert "The gap is not told." in page.text
@@ -269,7 +269,7 @@ def test_the_gap_around_the_turn_is_drawn_and_told(made: Made) -> None:
     assert "The gap around the turn: " not in page.text
     unsure = replace(seen, eccentricity=3e-5)
     text = Parsed(certificate(about, replace(made.found, around=Mapped(unsure, "6 of 6 places")))).text
-    assert "an eccentricity of 4e-05 rad would have been seen, and was not" in text
+    assert "no eccentricity was seen; one of 4e-05 rad would have been" in text
     assert map_findings(unsure)[-1].why in text
 
 

@@ -26,7 +26,7 @@ def test_a_sound_drive_has_figures_and_no_warning(tmp_path: Path) -> None:
     assert checked.warnings == ()
     assert checked.figures["torque at standstill"] == "6 N m at the output"
     assert checked.figures["load's inertia over the motor's"].startswith("0.25,")
-    assert checked.figures["margins of the fast gains"] == "90 degrees, 19.5 ms, at 250 Hz"
+    assert checked.figures["margins of the fast gains"] == "90 deg of phase, 19.5 ms of delay, at 250 Hz"
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,7 @@ def test_a_sound_drive_has_figures_and_no_warning(tmp_path: Path) -> None:
         ({"sensors": {"load_counts": 4096.0}}, "13 counts of the load's encoder", "finer encoder"),
         ({"sensors": {"measured": ["theta_m"]}}, "the load has no encoder", "relay"),
         ({"limits": {}}, "no ends", "limits.position_lower"),
-        ({"loop_delay": 0.014}, "fast gains bear less", "lower the weights"),
+        ({"loop_delay": 0.014}, "fast gains tolerate less", "lower the weights"),
     ],
 )
 def test_each_warning_says_what_to_do(tmp_path: Path, sections: dict[str, object], what: str, remedy: str) -> None:

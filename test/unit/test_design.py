@@ -246,7 +246,7 @@ def test_the_command_writes_files_that_agree(tmp_path: Path, capsys: pytest.Capt
     before = out.read_bytes()
     with pytest.raises(SystemExit):
         main(words)
-    assert "is there already; --force writes over it" in capsys.readouterr().err
+    assert "exists; --force overwrites it" in capsys.readouterr().err
     assert out.read_bytes() == before
 
 

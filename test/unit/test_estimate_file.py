@@ -66,11 +66,11 @@ def test_a_file_that_cannot_be_read_is_refused_and_left_as_it_is(path: Path) -> 
 
 def test_no_folder_no_file(tmp_path: Path) -> None:
     refused(tmp_path / "nosuch" / "estimates.yaml", f"there is no folder {tmp_path / 'nosuch'}")
-    refused(tmp_path, "it is no regular file")
+    refused(tmp_path, "it is not a regular file")
     (tmp_path / "file").touch()
     refused(tmp_path / "file" / "estimates.yaml", "there is no folder")
     os.mkfifo(tmp_path / "pipe")
-    refused(tmp_path / "pipe", "it is no regular file")
+    refused(tmp_path / "pipe", "it is not a regular file")
     refused(tmp_path / ("x" * 250), "it cannot be used: File name too long")
     refused(Path("/proc/backlash_estimates"), "it cannot be used")
 
@@ -120,7 +120,7 @@ def test_a_file_that_somebody_else_has_changed_is_left_as_it_is(path: Path) -> N
     first = EstimateFile(str(path), DRIVE)
     other = render(History(DriveIdentity("/axis2/controller", "motor", "load", 10.0)))
     path.write_text(other)
-    with pytest.raises(ValueError, match="somebody else has changed it since it was read; it is left as it is"):
+    with pytest.raises(ValueError, match="another program has changed it since it was read; it was left unchanged"):
         first.write(ONE)
     assert path.read_text() == other
 

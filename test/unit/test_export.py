@@ -287,7 +287,7 @@ def test_a_file_that_is_there_is_kept(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main(["export", *arguments]) == 0
     assert out.read_text() == urdf(Axis(NOMINAL_DRIVE))
     out.write_text("mine")
-    assert "is there already; --force writes over it" in refusal(capsys, *arguments)
+    assert "exists; --force overwrites it" in refusal(capsys, *arguments)
     assert out.read_text() == "mine"
     assert main(["export", *arguments, "--force"]) == 0
     assert out.read_text() == urdf(Axis(NOMINAL_DRIVE))

@@ -56,14 +56,14 @@ def test_a_gap_of_no_more_than_a_count_is_refused() -> None:
     model = told_model(member, "identified")
     learned, _ = learn(member, model, settings_for(model, member), ("gap_probe",))
     assert not learned.valid
-    assert "no more than a count of the encoders" in learned.reason
+    assert "no more than one encoder count" in learned.reason
 
 
 def test_one_encoder_is_refused(gains: GainSet) -> None:
     for measured in (("theta_m",), ("theta_l",)):
         estimate = run_experiment(NOMINAL_DRIVE, ServoSettings(gains), "gap_probe", sensors=Sensors(measured=measured))
         assert not estimate.valid
-        assert estimate.reason == "no gap measured: the gap is measured between two encoders, and one is missing"
+        assert estimate.reason == "no gap measured: measuring the gap needs two encoders, and one is missing"
 
 
 def test_auto_takes_what_the_encoders_allow(gains: GainSet) -> None:

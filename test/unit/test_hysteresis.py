@@ -269,7 +269,7 @@ def test_one_encoder_is_refused(gains: GainSet) -> None:
     for seen in (("theta_m",), ("theta_l",)):
         estimate = run_experiment(NOMINAL_DRIVE, ServoSettings(gains), "hysteresis", sensors=Sensors(measured=seen))
         assert not estimate.valid
-        assert estimate.reason == ("no lost motion measured: it is measured between two encoders, and one is missing")
+        assert estimate.reason == ("no lost motion measured: the measurement needs two encoders, and one is missing")
 
 
 # What is refused before anything moves.
@@ -289,7 +289,7 @@ def test_a_torque_that_the_monitor_takes_for_a_fault_is_refused(gains: GainSet) 
 def test_a_lost_motion_beyond_the_torque_is_refused(gains: GainSet) -> None:
     servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
     why = servo.experiment_refusal("hysteresis", HysteresisSettings(rated_torque=1000.0))
-    assert why.startswith("the lost motion is asked for at +-30 N m, and the torque goes to 2.7 N m only: raise")
+    assert why.startswith("the lost motion is wanted at +-30 N m, but the torque reaches only 2.7 N m: raise")
 
 
 def test_limits_that_are_nearer_than_the_swing_refuse_it(gains: GainSet) -> None:
@@ -384,11 +384,11 @@ def test_a_torque_by_hand_tells_gap_lost_motion_and_stiffness() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"load": lambda r: 0.3 * r.motor + 0.05 * np.sin(r.time)}, r"the load moved by 0\.\d+ rad, and an output"),
+        ({"load": lambda r: 0.3 * r.motor + 0.05 * np.sin(r.time)}, r"the load moved by 0\.\d+ rad; an output"),
         ({"command": lambda r: -r.command}, "the motor goes against its torque: check the sign of the command"),
-        ({"command": lambda r: 0.0 * r.command}, r"the command never changes, it is 0 V throughout"),
-        ({"command": lambda r: 3.0 * r.command}, r"the command reaches .* V, and the drive obeys at most 24 V"),
-        ({"time": lambda r: 0.2 * r.time}, r"the torque turned every 0\.3 s, and may turn every 0\.5 s"),
+        ({"command": lambda r: 0.0 * r.command}, r"the command never changes: it is always 0 V"),
+        ({"command": lambda r: 3.0 * r.command}, r"the command reaches .* V, but the drive obeys at most 24 V"),
+        ({"time": lambda r: 0.2 * r.time}, r"the torque turned every 0\.3 s, and must not .* than every 0\.5 s"),
         ({"time": lambda r: r.time + 5.0 * (r.time > 6.0)}, "the recording has a hole of more than 10 periods"),
         ({"motor": lambda r: 0.0 * r.motor}, "the motor"),
     ],
@@ -405,7 +405,7 @@ def test_a_recording_that_does_not_show_it_is_refused(change: dict[str, Any], me
 def test_too_few_branches_are_refused(turns: int) -> None:
     found = hysteresis_of(NOMINAL_DRIVE, slowly(STIFF, turns=turns), 0.18)
     assert not found.valid
-    assert found.reason.startswith(f"the torque turned {turns} times, and must at least 7 times")
+    assert found.reason.startswith(f"the torque turned {turns} times, and must turn at least 7 times")
 
 
 def test_a_torque_that_never_turns_is_refused() -> None:
@@ -418,7 +418,7 @@ def test_a_torque_that_never_turns_is_refused() -> None:
 def test_a_torque_that_is_too_small_for_the_lost_motion_is_refused() -> None:
     found = hysteresis_of(NOMINAL_DRIVE, slowly(STIFF), 3.0)
     assert not found.valid
-    assert found.reason.startswith("the lost motion is asked for at +-3 N m, and the torque goes to 2.")
+    assert found.reason.startswith("the lost motion is wanted at +-3 N m, but the torque reaches only 2.")
 
 
 @pytest.mark.parametrize("motion", [probed, stepped], ids=["probe", "steps"])

@@ -102,12 +102,12 @@ def test_a_recording_that_tells_nothing_ends_with_1_and_the_reason(
     out, numbers = tmp_path / "out.yaml", tmp_path / "out.json"
     assert main(["identify", str(table), "--drive-file", str(out), "--json", str(numbers)]) == 1
     assert "Nothing can be told: " in (printed := capsys.readouterr().out)
-    assert "one encoder counts against the other" in printed
+    assert "the encoders count in opposite directions" in printed
     assert "the nominal drive: give yours with --drive" in printed
     assert not out.exists()
     content = json.loads(numbers.read_text())
     assert (content["valid"], content["findings"]) == (False, [])
-    assert "one encoder counts against the other" in content["reason"]
+    assert "the encoders count in opposite directions" in content["reason"]
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def test_a_recording_that_tells_nothing_ends_with_1_and_the_reason(
         (["a.csv", "--command-index", "-1"], 2, "--command-index"),
         (["a.csv", "--json", "docs/examples/axis.csv"], 2, "'docs/examples/axis.csv' exists; --force overwrites it"),
         (["a.csv", "--drive-file", "docs"], 2, "argument --drive-file: 'docs' exists"),
-        (["a.csv", "--drive-file", "docs", "--force"], 2, "must be a place that can be written, got 'docs'"),
+        (["a.csv", "--drive-file", "docs", "--force"], 2, "must be writable, got 'docs'"),
         ([EXAMPLE[0], "--drive", "docs/examples/axis.csv"], 1, "docs/examples/axis.csv: must have ROS parameters"),
         ([], 2, "the following arguments are required: RECORDING"),
     ],

@@ -47,7 +47,7 @@ def test_a_request_waits_for_the_first_sample_and_no_longer_than_its_patience(se
 
 def test_a_second_request_is_refused_while_the_first_waits_or_runs(servo: Servo) -> None:
     requests = LearnRequests(servo, ThreadPoolExecutor(1))
-    refusal = (False, "cannot learn: already learning", None)
+    refusal = (False, "cannot learn: a run is already in progress", None)
     assert requests.ask(0) is None
     assert requests.ask(0) == refusal
     servo.update(AT_REST)
@@ -57,7 +57,7 @@ def test_a_second_request_is_refused_while_the_first_waits_or_runs(servo: Servo)
 
 def test_a_fault_refuses_when_asked_and_when_begun(servo: Servo) -> None:
     requests = LearnRequests(servo, ThreadPoolExecutor(1))
-    refusal = (False, "cannot learn while a fault is latched: silence", None)
+    refusal = (False, "cannot learn while this fault is latched: silence", None)
     assert requests.ask(0) is None
     servo.fail(Fault.NO_SAMPLES, "silence")
     assert requests.begin() == refusal
@@ -95,8 +95,8 @@ def test_an_experiment_that_ends_by_itself_is_answered_with_its_reason(servo: Se
 def test_identify_is_answered_as_that_and_runs_an_experiment_of_its_own(servo: Servo) -> None:
     requests = LearnRequests(servo, ThreadPoolExecutor(1))
     assert requests.ask(0, "identify") is None
-    assert requests.ask(0) == (False, "cannot learn: already learning", None)
-    assert requests.ask(0, "identify") == (False, "cannot identify: already learning", None)
+    assert requests.ask(0) == (False, "cannot learn: a run is already in progress", None)
+    assert requests.ask(0, "identify") == (False, "cannot identify: a run is already in progress", None)
     assert requests.waited(PATIENCE, "no joint_states") == (False, "cannot identify: no joint_states for 5 s", None)
     servo.update(AT_REST)
     assert requests.ask(0, "identify") is None
@@ -184,7 +184,7 @@ def test_what_takes_computing_is_answered_when_it_is_done(servo: Servo) -> None:
     assert requests.end() is None
     assert requests.computing
     assert not servo.experimenting
-    assert requests.ask(0) == (False, "cannot learn: already learning", None)
+    assert requests.ask(0) == (False, "cannot learn: a run is already in progress", None)
     gate.set()
     assert answer_of(requests) == (
         True,

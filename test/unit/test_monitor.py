@@ -811,7 +811,7 @@ def test_drive_with_a_higher_rate_is_a_fault_before_it_is_given_a_reference(
     for _ in range(100):
         rig.servo.update(rig.sample(), 0.004 / factor)
     assert rig.servo.fault.startswith("samples come every 0.00")
-    assert rig.servo.fault.endswith("s, and rate says every 0.004 s: it must be the drive's")
+    assert rig.servo.fault.endswith("s, but rate says every 0.004 s: set rate as the drive has it")
 
 
 @pytest.mark.parametrize("elapsed", [math.nan, 0.0, -1.0])

@@ -129,7 +129,7 @@ def test_refuses_to_state_a_gap_where_there_is_none() -> None:
     gap = judge_gap(runs, fit_servo(runs, SERVO, ("torque_per_volt", "inertia", "coulomb_friction")))
     assert not gap.valid
     assert (gap.angle, gap.uncertainty) == (0.0, 0.0)
-    assert "has to fall by 10 %" in gap.reason
+    assert "must fall by at least 10 %" in gap.reason
 
 
 def test_names_what_is_only_told_together() -> None:
@@ -322,7 +322,7 @@ def test_a_bad_recording_is_named(changes: dict[str, Any], said: str) -> None:
 @pytest.mark.parametrize(
     ("runs", "free", "said"),
     [
-        ([], ("inertia",), "runs must be >= 1 recording"),
+        ([], ("inertia",), "runs must have at least one recording"),
         ([run_of()], (), "free must name some of"),
         ([run_of()], ("inertia", "inertia"), "each once"),
         ([run_of()], ("mass",), "free must name some of"),
@@ -340,7 +340,7 @@ def test_what_cannot_be_fitted_is_named(runs: list[ServoRun], free: tuple[str, .
     [
         ([run_of()], "inertia", "runs must be >= 4 recordings to judge a gap, got 1"),
         ([run_of(load_inertia=0.0)] * 4, "inertia", r"run\.load_inertia must be > 0 kg m\^2 beyond a gap, got 0\.0"),
-        ([run_of()] * 4, "backlash_angle", r"fit\.free must have a parameter besides the gap"),
+        ([run_of()] * 4, "backlash_angle", r"fit\.free must have a parameter other than the gap"),
     ],
 )
 def test_what_cannot_tell_a_gap_is_named(runs: list[ServoRun], free: str, said: str) -> None:

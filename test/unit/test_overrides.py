@@ -41,7 +41,7 @@ def none() -> Collection[str]:
 def test_a_name_that_looks_like_ours_is_refused_with_the_nearest(name: str, meant: str) -> None:
     with pytest.raises(ValueError, match="there is no parameter") as refused:
         check_known({"rate": 250.0, name: 0.5}, ["rate"], lambda: KNOWN)
-    assert str(refused.value) == f"there is no parameter {name!r}, got 0.5: is {meant!r} meant?"
+    assert str(refused.value) == f"there is no parameter {name!r}, got 0.5: did you mean {meant!r}?"
 
 
 def test_each_wrong_name_is_told() -> None:

@@ -125,7 +125,7 @@ def test_a_law_is_added_as_a_file_and_runs_with_its_parameters(gains: GainSet, t
     assert final_angle(gains, "brake", 0.2, brake=5.0) < 0.5 * final_angle(gains, "brake", 0.2)
     with pytest.raises(ValueError, match=r"laws\.brake\.stiffness must be > 0 V/rad and <= 1000 V/rad, got 0"):
         type(LAWS["brake"].parameters)(stiffness=0)
-    with pytest.raises(ValueError, match=r"laws\.brake takes BrakeParameters as its parameters, got CascadeParam"):
+    with pytest.raises(ValueError, match=r"laws\.brake needs parameters of type BrakeParameters, got CascadeParam"):
         run(
             NOMINAL_DRIVE,
             ServoSettings(gains).with_law("brake", LAWS["cascade"].parameters),
@@ -156,7 +156,7 @@ def test_an_experiment_is_added_as_a_file_and_runs_with_its_parameters(gains: Ga
     assert 0.005 < short.way < 0.7 * long.way
     with pytest.raises(ValueError, match=r"learning\.push\.torque must be > 0 N m and <= 10 N m, got -1"):
         type(EXPERIMENTS["push"].parameters)(torque=-1)
-    with pytest.raises(ValueError, match="push takes PushParameters as its parameters, got LimitCycleSettings"):
+    with pytest.raises(ValueError, match="push needs parameters of type PushParameters, got LimitCycleSettings"):
         run_experiment(NOMINAL_DRIVE, settings, "push", EXPERIMENTS["limit_cycle"].parameters)
     servo = Servo(NOMINAL_DRIVE, settings)
     assert servo.experiment_refusal("push") == ""

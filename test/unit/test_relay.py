@@ -136,7 +136,7 @@ def test_an_encoder_that_goes_missing_ends_it(gains: GainSet) -> None:
     assert experiment.step(Measurement(measured), servo.estimate, 0.0, 0.004, 0.0).torque == 0.0
     assert experiment.outcome is not None
     assert not experiment.outcome.valid
-    assert "the encoder that it began with is missing" in experiment.outcome.reason
+    assert "the encoder that the run started with is missing" in experiment.outcome.reason
 
 
 @examples(max_examples=20, deadline=None)

@@ -159,14 +159,17 @@ def test_the_command_prints_writes_and_draws(bag: Path, tmp_path: Path, capsys: 
     with pytest.raises(SystemExit) as ended:
         main(words)
     assert ended.value.code == 2
-    assert "--force writes over it" in capsys.readouterr().err
+    assert "--force overwrites it" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("change", "text"),
     [
         ("gains.fast.q=3", "gains.fast.q must be numbers, got 3"),
-        ("gains.fasst.q=[1.0, 1.0]", "there is no parameter 'gains.fasst.q', got [1.0, 1.0]: is 'gains.fast.q' meant?"),
+        (
+            "gains.fasst.q=[1.0, 1.0]",
+            "there is no parameter 'gains.fasst.q', got [1.0, 1.0]: did you mean 'gains.fast.q'?",
+        ),
         ("motor.resistance=3.0", "motor.resistance cannot change while the controller runs: it was 2.0, got 3.0"),
         ("gains.fast.k=[-1.0, 0.0, 0.0]", "k1 (position) must be > 0 V/rad, got -1.0"),
         ("backlash_angle=5", "backlash_angle must be >= 0 rad and <= 3.2 rad, got 5.0"),

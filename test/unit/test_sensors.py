@@ -50,7 +50,7 @@ def test_signals_that_are_not_measured_are_nan(measured: tuple[str, ...]) -> Non
 
 @pytest.mark.parametrize("measured", [(), ("omega_m", "omega_l", "current"), ("theta_m", "angle")])
 def test_sensors_without_an_angle_or_of_an_unknown_name_are_refused(measured: tuple[str, ...]) -> None:
-    with pytest.raises(ValueError, match=r"sensors\.measured must be of .*, theta_m or theta_l among them, got \["):
+    with pytest.raises(ValueError, match=r"sensors\.measured must be of .*, with theta_m or theta_l, got \["):
         Sensors(measured=measured)
 
 

@@ -62,7 +62,7 @@ def test_table_and_picture_are_written(tmp_path: Path, capsys: pytest.CaptureFix
     before = table.read_bytes()
     with pytest.raises(SystemExit, match="2"):
         main(["simulate", *words])
-    assert "is there already" in capsys.readouterr().err
+    assert "exists; --force" in capsys.readouterr().err
     assert table.read_bytes() == before
 
 

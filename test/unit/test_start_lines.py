@@ -27,7 +27,8 @@ def test_margins_are_told_by_region() -> None:
     line, warn = margins_line(
         "stiff", {"fast": margins(62.4, 0.0195), "overdamped": margins(math.inf, math.inf)}, 0.004
     )
-    assert line == "gain set 'stiff', margins of phase and delay: fast 62 deg, 19.5 ms; overdamped any phase, any delay"
+    told = "fast 62 deg of phase, 19.5 ms of delay; overdamped any phase, any delay"
+    assert line == f"gain set 'stiff', margins: {told}"
     assert not warn
 
 
@@ -35,4 +36,4 @@ def test_margins_are_told_by_region() -> None:
 def test_tight_margins_are_a_warning_that_names_the_region(degrees: float, delay: float) -> None:
     line, warn = margins_line("stiff", {"fast": margins(degrees, delay), "overdamped": margins(80, 0.4)}, 0.004)
     assert warn
-    assert line.endswith("; fast below 30 deg or one period, 4 ms: lower gains bear more")
+    assert line.endswith("; fast below 30 deg or one period, 4 ms: lower the gains")

@@ -229,7 +229,7 @@ def test_another_drive_moves_all_that_is_derived_from_it() -> None:
     np.testing.assert_array_equal(servo.constants, fresh.constants)
     np.testing.assert_array_equal(servo.law_arrays[0], fresh.law_arrays[0])
     before = servo.constants.copy()
-    with pytest.raises(ValueError, match=r"laws\.elastic_lqg takes"):
+    with pytest.raises(ValueError, match=r"laws\.elastic_lqg needs"):
         servo.use(servo.settings.with_law("elastic_lqg", CascadeParameters()), drive=NOMINAL_DRIVE)
     np.testing.assert_array_equal(servo.constants, before)
     assert servo.drive == wide

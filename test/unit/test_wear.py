@@ -102,7 +102,7 @@ def test_a_grown_gap_is_told_and_nothing_moves_by_itself(gains: GainSet) -> None
     axis = Operated(ServoSettings(gains, backlash_angle=B))
     axis.wear(2.2)
     axis.run(6.0)
-    assert "the gap has grown: the teeth rested 0.0" in axis.watch.finding
+    assert "the gap has grown: the two flanks were 0.0" in axis.watch.finding
     assert "times backlash_angle = 0.02 rad: learn again" in axis.watch.finding
     assert axis.asked == 0
 
@@ -149,7 +149,7 @@ def test_a_rattle_is_answered_by_the_over_damped_gains(gains: GainSet) -> None:
     axis = Operated(ServoSettings(gains, backlash_angle=0.1 * B))
     axis.run(4.0)
     assert axis.servo.calmed
-    assert "until then the over-damped gains act" in axis.watch.finding
+    assert "the over-damped gains act until then" in axis.watch.finding
     assert np.ptp(axis.run(3.0, to_and_fro=0.0)[-250:]) <= 0.05 * B
     axis.servo.use(replace(axis.servo.settings, backlash_angle=B))
     assert not axis.servo.calmed

@@ -31,13 +31,13 @@ from backlash_ros.identification.teeth import LOST_MOTION_SHARE
 
 _UNCERTAINTY = (
     "Values of the motion come from fits to all samples that were used, those around the turn from one fit at each "
-    "place: a Kalman filter on the equations of motor, teeth and load, whose prediction errors are made least. "
-    "Uncertainties are standard uncertainties: twice the standard deviation by the encoders' noise, and a share for "
-    "the model. They hold if what was taken as given is right."
+    "place: a Kalman filter on the equations of motor, teeth and load, whose prediction errors are minimised. "
+    "Uncertainties are standard uncertainties: twice the standard deviation from the encoders' noise, plus a share "
+    "for the model. They hold if the values taken as given are right."
 )
 _CURVE_UNCERTAINTY = (
-    "The hysteresis curve is fitted with teeth and friction. Its standard uncertainties have in them how much the "
-    "residuals and the cycles scatter, other laws of the teeth that explain the curve as well, and a share for the "
+    "The hysteresis curve is fitted with teeth and friction. Its standard uncertainties include the scatter of the "
+    "residuals and the cycles, other laws of the teeth that explain the curve equally well, and a share for the "
     "model and the encoders' counts."
 )
 _SLOW = (
@@ -50,10 +50,10 @@ _NO_MAP = (
     "place to place, rests there, and takes the teeth to and fro."
 )
 _LOST = (
-    "Lost motion is the way of the output between \u2212{share:g} % and +{share:g} % of {whose} ({rated} N m at "
-    "the output), motor held, the gap in it. Lost motion and stiffness come from {source}."
+    "Lost motion is the travel of the output between \u2212{share:g} % and +{share:g} % of {whose} ({rated} N m at "
+    "the output), motor held, including the gap. Lost motion and stiffness come from {source}."
 )
-_BY_MOTION = "the teeth as fitted to the motion, not from a slow run of the torque to and fro"
+_BY_MOTION = "the teeth as fitted to the motion, not from a slow cycle of the torque"
 _BY_CURVE = "the hysteresis curve; stiffness from half of the torque on"
 
 
@@ -121,11 +121,11 @@ def _verdict(subject: Subject, found: Identified) -> str:
         small, _, large, _ = map(in_gear_units, map_findings(found.around.map))
         told.append(f"Around the turn the gap is from {small} to {large}")
     if found.reason:
-        untold.append(f"Nothing {'else ' if told else ''}can be told: {found.reason}")
+        untold.append(f"Nothing {'else ' if told else ''}can be determined: {found.reason}")
     elif found.gap is not None and not found.gap.valid:
-        untold.append(f"The recording does not tell the gap: {found.gap.reason}")
+        untold.append(f"The recording does not show the gap: {found.gap.reason}")
     if missing := sum(not row.told for row in found.findings):
-        untold.append(f"{missing} of {len(found.findings)} quantities cannot be told")
+        untold.append(f"{missing} of {len(found.findings)} quantities cannot be determined")
     return paragraph(f"{'. '.join([*told, *untold])}.", "verdict" if told else "verdict bad")
 
 
@@ -188,7 +188,7 @@ def _pictures(subject: Subject, found: Identified) -> list[str]:
     )
     width = found.of("b")
     loop = draw(loop_picture, subject, part, fit, width)
-    shaded = "Shaded: the gap where the load started. " if width.told else "The gap is not told. "
+    shaded = "Shaded: the gap where the load started. " if width.told else "The gap is unknown. "
     told = (
         f"{shaded}Dots: torque and twist at each sample as the filter has them. Line: the law of the teeth that was "
         "fitted, at rest. Dots beside the line are damping of the teeth, and noise."
@@ -214,7 +214,7 @@ def _around(found: GapMap) -> str:
     )
     caption = (
         "Dots: the gap from a fit at each place; bars: its standard uncertainty, where it is larger than the dot. "
-        "Between the places nobody looked."
+        "Between the places the gap was not measured."
     )
     return _figure(draw(around_picture, found), caption + beside)
 

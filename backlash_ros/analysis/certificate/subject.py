@@ -44,7 +44,7 @@ class Subject:
     began: datetime | None = None
     derived: tuple[Finding, ...] = ()
     rated: tuple[float, bool] = (0.0, False)
-    slow: LostMotion = field(default_factory=partial(LostMotion, valid=False, reason="nobody looked for it"))
+    slow: LostMotion = field(default_factory=partial(LostMotion, valid=False, reason="it was not looked for"))
 
 
 def version_of_package() -> str:

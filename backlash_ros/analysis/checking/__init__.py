@@ -1,4 +1,4 @@
-"""`backlash check`: what a drive file makes of the loop before anything moves, and what to do about it."""
+"""`backlash check`: checks a drive file and its loop before anything moves."""
 
 from backlash_ros.analysis.checking.check import Checked, Warned, check_drive
 

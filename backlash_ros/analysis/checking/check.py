@@ -17,7 +17,7 @@ COARSE = 20
 
 @dataclass(frozen=True)
 class Warned:
-    """What may go wrong, and what to do about it."""
+    """A possible problem and its remedy."""
 
     what: str
     remedy: str
@@ -33,7 +33,7 @@ class Checked:
 
 
 def check_drive(path: Path) -> Checked:
-    """Return what the parameter file of a drive says of the loop; nothing moves and no ROS is needed.
+    """Check the parameter file of a drive and its loop; nothing moves and no ROS is needed.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def check_drive(path: Path) -> Checked:
 
 
 def _counts_in_gap(drive: Drive, around: Surroundings) -> dict[str, float]:
-    """Return how many counts of each encoder the gap has, for those that count."""
+    """Return the gap in counts of each encoder, for those that have counts."""
     sensors, turns = around.sensors, drive.gear.backlash_angle / (2.0 * math.pi)
     found = {"load": turns * sensors.load_counts, "motor": turns * drive.gear.reduction * sensors.motor_counts}
     seen = {"load": "theta_l", "motor": "theta_m"}
@@ -74,9 +74,7 @@ def _figures(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) -
     for name, counts in _counts_in_gap(drive, around).items():
         figures[f"gap in counts of the {name}'s encoder"] = f"{counts:.3g}"
     for name, margin in margins.items():
-        phase = f"{math.degrees(margin.phase):.0f} degrees" if math.isfinite(margin.phase) else "any phase"
-        delay = f"{1e3 * margin.delay:.3g} ms" if math.isfinite(margin.delay) else "any delay"
-        figures[f"margins of the {name} gains"] = f"{phase}, {delay}, at {around.rate:g} Hz"
+        figures[f"margins of the {name} gains"] = f"{margin.in_words()}, at {around.rate:g} Hz"
     return figures
 
 
@@ -86,7 +84,7 @@ def _warnings(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) 
     tight = [name for name, margin in margins.items() if margin.tight(1.0 / around.rate)]
     if tight:
         yield Warned(
-            f"the {' and '.join(tight)} gains bear less than 30 degrees of lag, or less than one period of delay",
+            f"the {' and '.join(tight)} gains tolerate less than 30 deg of lag, or less than one more period of delay",
             "lower the weights (gain_sets.*.q), raise rate, or shorten the delay",
         )
     if load.inertia > HEAVY * drive.reflected_inertia:
@@ -99,18 +97,18 @@ def _warnings(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) 
         if counts < COARSE:
             yield Warned(
                 f"the gap has {counts:.2g} counts of the {name}'s encoder: "
-                "what is learned is coarse, and the load may swing",
+                "the learned backlash is coarse, and the load may swing",
                 "use a finer encoder, and let backlash design choose wider regions",
             )
     if "theta_l" not in around.sensors.measured:
         yield Warned(
-            "the load has no encoder: nobody sees where it is in the gap",
+            "the load has no encoder: its position in the gap is unknown",
             "expect errors of up to the backlash; learning (relay) needs motor and reduction described well",
         )
     if load.gravity_torque > 0.0:
         yield Warned(
             f"the load's weight turns it with up to {load.gravity_torque:.3g} N m, and a command of 0 does not hold it",
-            "use a mechanical brake that the drive sets when commands stop",
+            "use a mechanical brake that the drive engages when commands stop",
         )
     if load.gravity_torque + load.coulomb_friction > 0.8 * stall:
         yield Warned(
@@ -121,5 +119,5 @@ def _warnings(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) 
     if not axis.has_ends:
         yield Warned(
             "the load's travel has no ends: a wrong reference may turn it anywhere",
-            "give limits.position_lower and limits.position_upper, unless it may turn freely",
+            "set limits.position_lower and limits.position_upper, unless it may turn freely",
         )

@@ -7,7 +7,7 @@ from rich.console import Console
 
 from backlash_ros.analysis.checking.check import check_drive
 
-DESCRIPTION = "Says what a drive file makes of the loop: figures, and warnings with what to do. Nothing moves."
+DESCRIPTION = "Checks a drive file and its loop: prints figures, and warnings with remedies. Nothing moves."
 EXAMPLE = "example: backlash check config/nominal_drive.yaml"
 
 
@@ -18,7 +18,7 @@ def add_check(parser: argparse.ArgumentParser) -> None:
 
 
 def check_and_show(given: argparse.Namespace, console: Console) -> int:
-    """Print figures and warnings; return 1 where a controller would refuse the gains for that drive, else 0.
+    """Print figures and warnings; return 1 if a controller would refuse the gains for that drive, else 0.
 
     Raises
     ------

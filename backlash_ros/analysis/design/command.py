@@ -18,8 +18,8 @@ from backlash_ros.drivetrain.delay import Delay
 
 DESIGNED, REFUSED = 0, 1
 DESCRIPTION = (
-    "Over-damped gains of the two-region law, and the width of their region, with which the load comes to rest on "
-    "every drive of a range around the one described, as fast as that allows."
+    "Designs over-damped gains of the two-region law and the width of their region, so that the load comes to rest on "
+    "every drive of a range around the described drive, as fast as possible."
 )
 EXAMPLE = "example: backlash design config/nominal_drive.yaml --inertia 0.7 1.3 --out gains.yaml --plot design.png"
 WRITTEN = ("out", "json", "plot")
@@ -39,22 +39,22 @@ def add_design(parser: argparse.ArgumentParser) -> None:
     }
     for name, what in words.items():
         low, high = getattr(default, name)
-        text = f"range of {what}, as factors on what the file says; by default {low:g} {high:g}"
+        text = f"range of {what}, as factors on the file's value; by default {low:g} {high:g}"
         option = f"--{name.replace('_', '-')}"
         add(option, type=float, nargs=2, metavar=("LOWER", "UPPER"), default=(low, high), help=text)
-    text = "largest load torque either way, as a share of the motor's at standstill; by default %(default)s"
+    text = "largest load torque in either direction, as a share of the standstill torque; by default %(default)s"
     add("--load-torque", type=float, metavar="SHARE", default=default.load_torque, help=text)
-    add("--rate", type=float, metavar="HZ", help="of the samples; by default the file's")
-    add("--delay", type=float, metavar="S", help="from measuring to the command's effect; by default the file's")
+    add("--rate", type=float, metavar="HZ", help="sample rate; by default the file's")
+    add("--delay", type=float, metavar="S", help="from the measurement to the command's effect; by default the file's")
     add(
         "--out",
         type=Path,
         metavar="FILE",
-        help="parameter file of the gains and the width to write, for the controller",
+        help="parameter file for the controller, with gains and width",
     )
-    add("--json", type=Path, metavar="FILE", help="file to write all figures into")
-    add("--plot", type=Path, metavar="FILE", help="picture to draw, such as design.png or design.svg")
-    add("--force", action="store_true", help="write over files that are there")
+    add("--json", type=Path, metavar="FILE", help="file for all figures")
+    add("--plot", type=Path, metavar="FILE", help="file for a picture, such as design.png or design.svg")
+    add("--force", action="store_true", help="overwrite existing files")
 
 
 def loop_of(given: argparse.Namespace) -> Loop:

@@ -52,32 +52,37 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
     parser.description, parser.epilog = DESCRIPTION, EXAMPLE
     add = parser.add_argument
     add("recording", type=Path, metavar="RECORDING", help="folder or file of a rosbag2 (mcap, sqlite3), or a CSV table")
-    add("--drive", type=Path, metavar="FILE", help="drive file whose motor and gear are taken as they are")
-    add("--drive-file", type=Path, metavar="FILE", help="file to write the drive into that was found")
-    add("--json", type=Path, metavar="FILE", help="file to write all figures into")
-    add("--certificate", type=Path, metavar="FILE.html", help="file to write a page with results and pictures into")
+    add("--drive", type=Path, metavar="FILE", help="drive file with the motor and the gear, which are kept")
+    add("--drive-file", type=Path, metavar="FILE", help="file for the identified drive")
+    add("--json", type=Path, metavar="FILE", help="file for all figures")
+    add("--certificate", type=Path, metavar="FILE.html", help="file for a page with results and pictures")
     add(
         "--rated-torque",
         type=number_of(0.0, above=True),
         default=0.0,
         metavar="T",
-        help="N m at the output, at 3 %% of which lost motion is given; by default half of the motor's at standstill",
+        help="N m at the output; lost motion is given at 3 %% of it; by default half the standstill torque",
     )
-    add("--force", action="store_true", help="overwrite files that exist")
+    add("--force", action="store_true", help="overwrite existing files")
     add(
         "--from",
         type=number_of(0.0),
         default=0.0,
         dest="start",
         metavar="S",
-        help="use what comes after, s from the start",
+        help="use samples from this time on, s from the start",
     )
     add(
-        "--to", type=number_of(0.0, above=True), default=math.inf, dest="end", metavar="S", help="use what comes before"
+        "--to",
+        type=number_of(0.0, above=True),
+        default=math.inf,
+        dest="end",
+        metavar="S",
+        help="use samples up to here",
     )
 
     units = add_units(parser)
-    text = "what a row's command is: the answer to its angles (the default), or what acted when they were read"
+    text = "a row's command: the answer to its angles (the default), or what acted when they were read"
     units.add_argument("--command-row", choices=["answer", "acting"], default="answer", help=text)
 
     table, names = parser.add_argument_group("tables"), ColumnNames()
@@ -100,13 +105,13 @@ def add_units(parser: argparse.ArgumentParser) -> Any:
             type=number_of(0.0, above=True),
             default=0.0,
             metavar="N",
-            help="of its encoder in a turn",
+            help="counts of its encoder per turn",
         )
-        text = "units after which its angle begins again; found where that is one turn"
+        text = "units after which its angle wraps; detected if that is one turn"
         add(f"--{shaft}-wraps", type=number_of(0.0, above=True), default=0.0, metavar="X", help=text)
-    text = "the shaft that its angle is counted at; motor (the default) is before the gear"
+    text = "shaft at which the motor's angle is measured; motor (the default) is before the gear"
     add("--motor-at", choices=["motor", "output"], default="motor", help=text)
-    add("--command-unit", choices=COMMAND_UNITS, default="", help="by default what the drive takes")
+    add("--command-unit", choices=COMMAND_UNITS, default="", help="by default that of the drive")
     add("--supply", type=number_of(0.0, above=True), default=0.0, metavar="V", help="voltage of a duty cycle of 1")
     return units
 
@@ -114,12 +119,12 @@ def add_units(parser: argparse.ArgumentParser) -> Any:
 def add_topics(parser: argparse.ArgumentParser) -> Any:
     """Add where in a bag samples and commands are; return the group of these arguments."""
     bag, topics = parser.add_argument_group("bags"), Topics()
-    bag.add_argument("--joint-topic", default="", metavar="TOPIC", help="where there are several with joint states")
+    bag.add_argument("--joint-topic", default="", metavar="TOPIC", help="if several topics have joint states")
     bag.add_argument("--motor-joint", default=topics.motor_joint, metavar="NAME", help="by default motor")
     bag.add_argument("--load-joint", default=topics.load_joint, metavar="NAME", help="by default load")
-    bag.add_argument("--command-topic", default="", metavar="TOPIC", help="by default the one that ends with /command")
-    bag.add_argument("--command-index", type=_index, default=0, metavar="K", help="which of its numbers, from 0 on")
-    bag.add_argument("--stamps", choices=STAMPS, default=topics.stamps, help="whose time a sample has")
+    bag.add_argument("--command-topic", default="", metavar="TOPIC", help="by default the one ending with /command")
+    bag.add_argument("--command-index", type=_index, default=0, metavar="K", help="index of the number, from 0 on")
+    bag.add_argument("--stamps", choices=STAMPS, default=topics.stamps, help="source of a sample's time")
     return bag
 
 

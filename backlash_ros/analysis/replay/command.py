@@ -35,13 +35,13 @@ def add_replay(parser: argparse.ArgumentParser) -> None:
     """Add the arguments to a parser."""
     parser.description, parser.epilog = DESCRIPTION, EXAMPLE
     add = parser.add_argument
-    add("bag", type=Path, metavar="BAG", help="rosbag2 of the topics that the package's recorder records")
-    add("--controller", default="", metavar="NAME", help="such as /axis1/controller, where there are several")
-    text = "a parameter that may change while the controller runs: what would it have commanded? Open loop"
+    add("bag", type=Path, metavar="BAG", help="rosbag2 with the topics of the package's recorder")
+    add("--controller", default="", metavar="NAME", help="if there are several, such as /axis1/controller")
+    text = "another value of a dynamic parameter, to see the commands that it would have given, in open loop"
     add("--set", action="append", default=[], metavar="NAME=VALUE", dest="changes", help=text)
-    add("--json", type=Path, metavar="FILE", help="file to write the result into")
-    add("--plot", type=Path, metavar="FILE", help="picture of both commands to draw, such as replay.png or replay.svg")
-    add("--force", action="store_true", help="write over files that are there")
+    add("--json", type=Path, metavar="FILE", help="file for the result")
+    add("--plot", type=Path, metavar="FILE", help="file for a picture of both commands, such as replay.png")
+    add("--force", action="store_true", help="overwrite existing files")
 
 
 def _difference(replayed: Replayed, k: int) -> dict[str, float | int]:

@@ -73,7 +73,7 @@ class Changes:
         for name, value in self.given.items():
             if name not in values:
                 near = difflib.get_close_matches(name, may, 1, 0.0)
-                raise ValueError(f"there is no parameter {name!r}, got {value!r}: is {near[0]!r} meant?")
+                raise ValueError(f"there is no parameter {name!r}, got {value!r}: did you mean {near[0]!r}?")
             if name not in may:
                 raise ValueError(
                     f"{name} cannot change while the controller runs: it was {values[name]!r}, got {value!r}"

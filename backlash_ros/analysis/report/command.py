@@ -37,21 +37,21 @@ def add_report(parser: argparse.ArgumentParser) -> None:
     parser.description, parser.epilog = DESCRIPTION, EXAMPLE
     add = parser.add_argument
     add("bag", type=Path, metavar="BAG", help="folder or file of a rosbag2 (mcap, sqlite3)")
-    add("--out", type=Path, metavar="FILE.html", help="file to write the page into; by default named like the bag")
-    add("--json", type=Path, metavar="FILE", help="file to write all numbers into")
+    add("--out", type=Path, metavar="FILE.html", help="file for the page; by default named like the bag")
+    add("--json", type=Path, metavar="FILE", help="file for all numbers")
     add("--drive", type=Path, metavar="FILE", help="drive file with motor and gear; by default as in the bag")
-    text = "rad at the output, where the bag has none: the unit of the figures"
+    text = "backlash, rad at the output, if the bag has none: the unit of the figures"
     add("--backlash-angle", type=number_of(0.0, above=True), default=0.0, metavar="B", help=text)
-    add("--force", action="store_true", help="overwrite files that exist")
+    add("--force", action="store_true", help="overwrite existing files")
     units = add_units(parser)
-    text = "of speeds, by default rad/s"
+    text = "unit of speeds, by default rad/s"
     units.add_argument("--velocity-unit", choices=list(VELOCITY_UNITS), default="rad/s", help=text)
-    text = "of the motor's effort, by default Nm; A by the torque constant of --drive"
+    text = "unit of the motor's effort, by default Nm; A uses the torque constant of --drive"
     units.add_argument("--effort-unit", choices=list(EFFORT_UNITS), default="Nm", help=text)
-    text = "of the reference, by default the load's"
+    text = "unit of the reference, by default the load's"
     units.add_argument("--reference-unit", choices=[unit for unit in UNITS if unit != "counts"], help=text)
     bag = add_topics(parser)
-    bag.add_argument("--reference-topic", default="", metavar="TOPIC", help="by default what the controller followed")
+    bag.add_argument("--reference-topic", default="", metavar="TOPIC", help="by default the one that was followed")
     parser.set_defaults(motor_joint="", load_joint="")
 
 

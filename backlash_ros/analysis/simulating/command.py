@@ -49,12 +49,12 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
     add("--case", choices=list(CASES), help="a condition of the paper, without DRIVE; by default nominal")
     text = "with DRIVE, as often as needed: a parameter of drive, sensors, delay, gain sets or laws"
     add("--set", action="append", default=[], metavar="NAME=VALUE", help=text)
-    add("--reference", type=float, default=1.0, metavar="RAD", help="with DRIVE: where the load goes from 0")
+    add("--reference", type=float, default=1.0, metavar="RAD", help="with DRIVE: target of the load, which starts at 0")
     add("--seconds", type=float, default=SECONDS, metavar="S", help=f"with DRIVE; by default {SECONDS:g}")
-    add("--load-torque", type=float, default=0.0, metavar="T", help="with DRIVE: on the output throughout, N m")
-    add("--plot", type=Path, metavar="FILE", help="with DRIVE: picture to draw, such as step.png")
-    add("--csv", type=Path, metavar="FILE", help="with DRIVE: table to write, a row for each sample")
-    add("--force", action="store_true", help="write over files that are there")
+    add("--load-torque", type=float, default=0.0, metavar="T", help="with DRIVE: constant torque on the output, N m")
+    add("--plot", type=Path, metavar="FILE", help="with DRIVE: file for a picture, such as step.png")
+    add("--csv", type=Path, metavar="FILE", help="with DRIVE: file for a table with one row per sample")
+    add("--force", action="store_true", help="overwrite existing files")
 
 
 def _merged(parameters: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,6 +1,6 @@
-"""What the values of a controller's tunable parameters stand for: drive, gains, settings and limits, checked whole.
+"""Turns the values of a controller's tunable parameters into drive, gains, settings and limits, validated together.
 
-Without ROS: the node goes by it, and whoever reads the parameters that a bag says were in use.
+Without ROS: used by the node and by readers of a bag's parameters in use.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,11 +20,11 @@ Sets = dict[str, dict[str, list[float]]]
 """The values of ``gains.*`` that each named set stands for."""
 
 GivenSets = Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]
-"""What each region of each named set is given by: ``k`` or ``q``."""
+"""How each region of each named set is given: by ``k`` or ``q``."""
 
 
 class Choice(NamedTuple):
-    """All parameters that count, by name, and what they stand for."""
+    """All relevant parameters by name, and what they stand for."""
 
     values: dict[str, Any]
     drive: Drive
@@ -35,7 +35,7 @@ class Choice(NamedTuple):
 
 def delay_bound(rate: float) -> Quantity:
     """Return what ``loop_delay`` is, and its bound, at a rate of the samples, Hz."""
-    text = "delay of the drive, both ways, that gains are judged with: from measuring to when the command acts"
+    text = "delay of the drive, from the measurement to when its command acts; gains are checked with it"
     return Quantity(text, "s", 0.0, LONGEST_DELAY / rate)
 
 
@@ -53,12 +53,12 @@ def dynamic_names(drive: Drive) -> set[str]:
 
 
 def _parameters_of(registry: Mapping[str, Any], values: Mapping[str, Any]) -> tuple[tuple[str, Validated], ...]:
-    """Return the parameters of each law, or of each experiment, by its name, from all values."""
+    """Return, from all values, the parameters of each law or experiment by its name."""
     return tuple((name, take(type(registry[name].parameters), values)) for name in sorted(registry))
 
 
 class Tuning:
-    """The rules by which values become a `Choice`.
+    """The rules that turn values into a `Choice`.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Tuning:
         self._given_sets, self._rate = given_sets, rate
 
     def sets(self, drive: Drive, delay: float) -> Sets:
-        """Return the named sets for a drive; ValueError where one cannot be designed, or is unstable."""
+        """Return the named sets for a drive; ValueError if one cannot be designed or is unstable."""
         period = 1.0 / self._rate
         return {name: resolve_set(name, given, drive, period, delay) for name, given in self._given_sets.items()}
 
@@ -101,12 +101,12 @@ class Tuning:
         return Choice(values, drive, sets, settings, take(Limits, values))
 
     def completed(self, changes: Mapping[str, Any], before: Choice) -> dict[str, Any]:
-        """Return a request with what it implies: a set's gains, gains of weights, what follows from another drive.
+        """Return a request with its consequences: a set's gains, gains from weights, values that another drive changes.
 
         Raises
         ------
         ValueError, TypeError
-            Where that cannot be told, since the request cannot be taken.
+            If the request cannot be accepted, so that its consequences are unknown.
         """
         values = {**before.values, **changes}
         drive, sets, full = drive_of(values), before.sets, dict(changes)
@@ -117,7 +117,7 @@ class Tuning:
 
 
 def _for_another(drive: Drive, changes: Mapping[str, Any], before: Choice) -> dict[str, Any]:
-    """Return what stays for another drive, and thresholds that follow from it where those in use did."""
+    """Return what stays for another drive, and its default thresholds if the old drive's were in use."""
     values, old, new = before.values, FaultThresholds.of(before.drive), FaultThresholds.of(drive)
     follow = {
         f"faults.{name}": getattr(new, name)

@@ -1,9 +1,9 @@
-"""Harmonic balance: the limit cycle that state feedback keeps up in the gap, predicted without simulating it.
+"""Harmonic balance: predicts the limit cycle that state feedback keeps up in the gap, without a simulation.
 
 The teeth are the nonlinearity. For a sinusoidal gap of amplitude A and frequency w the fundamental of the contact
 force is N(A, w) times the gap (describing function; Slotine & Li, Applied Nonlinear Control, ch. 5). Everything else is
 linear: G(jw) from contact force to gap, through both shafts, the motor and the sampled feedback with its hold. A limit
-cycle has G(jw) N(A, w) = 1. It assumes that the gap is close to a sinusoid.
+cycle has G(jw) N(A, w) = 1. The method assumes a nearly sinusoidal gap.
 """
 
 import math
@@ -93,7 +93,7 @@ def _linear_part(drive: Drive, gains: Gains, period: float, delay: float, freque
     motor, gear, load = drive.motor, drive.gear, drive.load
     s = 1j * frequency
     hold = (1 - np.exp(-s * period)) / (s * period) * np.exp(-s * delay)
-    if drive.takes_current:  # the whole answer is held, and the current gain sees the one before
+    if drive.takes_current:  # the whole command is held, and the current gain sees the previous one
         back_emf, winding = hold * motor.torque_constant, motor.resistance + np.exp(-s * period) * gains.current
     else:
         back_emf, winding = motor.torque_constant, s * motor.inductance + motor.resistance + hold * gains.current
@@ -139,7 +139,8 @@ def _amplitude(drive: Drive, loop: complex, frequency: float) -> float:
 def _frequency_range(drive: Drive, gains: Gains, period: float) -> tuple[float, float]:
     """Return the frequencies between which cycles are looked for, rad/s.
 
-    Feedback slower than the loop in contact is at rest; from half the sample rate on it is not that of a hold.
+    Below the slowest pole of the loop in contact the feedback is at rest; from half the sample rate on the hold's model
+    fails.
     """
     a, b = rigid_model(drive)
     poles = np.linalg.eigvals(a - b[:, :1] @ gains.as_array()[None, :])
@@ -151,8 +152,8 @@ def predict_limit_cycle(drive: Drive, gains: Gains, period: float, delay: float 
     """Return the limit cycle of largest amplitude that harmonic balance finds, or None.
 
     At each frequency, from below the slowest pole of the loop in contact to half the sample rate, one amplitude makes
-    the magnitude of G N one. Where its phase passes 0 there is a cycle. The voltage is taken as unlimited: a loop
-    that is unstable however far the teeth are pressed, so that only the voltage limit ends its growth, has none here.
+    the magnitude of G N one. There is a cycle where its phase passes 0. The voltage is taken as unlimited: no cycle is
+    found for a loop that is unstable at any depth of contact, whose growth only the voltage limit ends.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""Gains as parameters: what a request for some of them means for all of them.
+"""Gains as parameters: how a request for some of them changes the others.
 
 ``gains.<region>.k`` is always what is in use. ``gains.<region>.q`` are the LQR weights it was designed from, [0, 0]
-where it was given as numbers. ``gain_set`` names the set that both came from, ``custom`` where they came one by one.
+if it was given as numbers. ``gain_set`` names the set that both came from, or ``custom`` if they were set one by one.
 Choosing a set sets its gains; setting gains makes the set custom; setting weights designs the gains. For another drive
-sets and weights are what stays, and gains are designed anew.
+sets and weights stay, and the gains are designed again.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,8 +31,7 @@ def resolve_set(
     Raises
     ------
     ValueError
-        Where it gives no or two kinds of gains, and gains that are out of bounds, or unstable with a loop that is so
-        late, ``delay`` in s.
+        If it gives no or two kinds of gains, or gains that are out of bounds or unstable with the loop's ``delay`` (s).
     """
     values: dict[str, list[float]] = {}
     for region in REGIONS:
@@ -48,9 +47,9 @@ def resolve_set(
 
 
 def what_stays(changes: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what of the gains in use, ``values``, holds for another drive, beside what ``changes`` say of them.
+    """Return what stays of the gains in use, ``values``, for another drive, beside the requested ``changes``.
 
-    That is the set, or of each region the weights, from which the gains follow.
+    That is the set, or the weights of each region, from which the gains follow.
     """
     if "gain_set" not in changes and not any(name.startswith("gains.") for name in changes):
         changes = {"gain_set": values["gain_set"]}
@@ -61,7 +60,7 @@ def what_stays(changes: Mapping[str, Any], values: Mapping[str, Any]) -> dict[st
 
 
 def expand(changes: Mapping[str, Any], sets: Mapping[str, Mapping[str, list[float]]], drive: Drive) -> dict[str, Any]:
-    """Return ``changes`` with what follows from them; ValueError where weights cannot be designed for."""
+    """Return ``changes`` with what follows from them; ValueError if no gains can be designed from the weights."""
     full = dict(changes)
     chosen = sets.get(full.get("gain_set", ""))
     if chosen is not None:
@@ -89,8 +88,8 @@ def gain_set_of(
     Raises
     ------
     ValueError
-        Names the parameter: unknown set, gains that are not those of the named set or not those of the weights,
-        gains out of bounds, or gains that the sampled loop, so late (``delay``, s), is unstable with.
+        Names the parameter: unknown set, gains that contradict the named set or the weights, gains out of bounds, or
+        gains with which the sampled loop, with its ``delay`` (s), is unstable.
     """
     name = values["gain_set"]
     if name != CUSTOM and name not in sets:
@@ -106,11 +105,11 @@ def gain_set_of(
             given = list(values[key])
             if name != CUSTOM and given != sets[name][key]:
                 raise ValueError(
-                    f"{key} = {given} is not that of gain_set {name!r}, {sets[name][key]}; set one of the two"
+                    f"{key} = {given} contradicts gain_set {name!r}, that has {sets[name][key]}; set only one of them"
                 )
         if not np.allclose(designed, values[k], rtol=1e-6, atol=1e-9):
             raise ValueError(
-                f"{k} = {list(values[k])} does not follow from {q} = {list(values[q])}; set one of the two"
+                f"{k} = {list(values[k])} does not follow from {q} = {list(values[q])}; set only one of them"
             )
         check_stable(k, drive, gains[region], period, delay)
     return GainSet(gains["fast"], gains["overdamped"])

@@ -73,7 +73,7 @@ class GainSet:
 def design_gains(name: str, drive: Drive, weights: Sequence[float]) -> Gains:
     """Design gains that minimize eq 14 on the rigid model (eq 9), control weight 1, with python-control's ``lqr``.
 
-    Where the drive takes a current the electrical pole is its own: the model is that of L = 0, and the current gain 0.
+    If the drive takes a current, it handles the electrical pole itself: the model has L = 0, and the current gain is 0.
 
     Parameters
     ----------
@@ -113,6 +113,6 @@ def _optimal(drive: Drive, q11: float, q22: float) -> Gains:
     b = b[:, :1]
     if drive.takes_current:
         a, b = without_inductance(a, b)
-    with np.errstate(invalid="ignore"):  # scipy casts what is not finite before it says so
+    with np.errstate(invalid="ignore"):  # scipy casts non-finite values before it reports them
         k, _, _ = control.lqr(a, b, np.diag([q11, q22, 0.0][: len(a)]), np.eye(1), method="scipy")
     return Gains(*(float(value) for value in (*np.asarray(k)[0], 0.0)[:3]))

@@ -1,4 +1,4 @@
-"""Pure computation, no clock: whether a record is a limit cycle, and how large and how long its cycles are.
+"""Pure computation, no clock: finds whether a record is a limit cycle, and its amplitude and period.
 
 Samples are joined by the cubic Hermite curve through position and speed, so that eight samples a cycle give the
 amplitude that lies between them.
@@ -19,7 +19,7 @@ _CROSSING_BAND = 0.2
 
 @dataclass(frozen=True)
 class LimitCycle:
-    """A repeating oscillation: means over its cycles, and how far the cycles differ.
+    """A repeating oscillation: means over its cycles, and the spread between cycles.
 
     ``amplitude`` is peak to peak in the unit of the record, ``period`` in s; the spreads are
     (largest - smallest)/mean over the cycles.
@@ -43,7 +43,7 @@ def refine(position: Array, speed: Array, period: float) -> Array:
 
 
 def cycle_starts(curve: Array) -> NDArray[np.intp]:
-    """Return where ``curve`` rises through its middle, once per cycle: noise within a band does not count."""
+    """Return where ``curve`` rises through its middle, once per cycle; noise within a band is ignored."""
     low, high = float(np.min(curve)), float(np.max(curve))
     middle, band = 0.5 * (low + high), _CROSSING_BAND * (high - low)
     side = np.where(curve > middle + band, 1, np.where(curve < middle - band, -1, 0))
@@ -57,13 +57,12 @@ def cycle_starts(curve: Array) -> NDArray[np.intp]:
 
 
 def find_limit_cycle(position: Array, speed: Array, period: float, travel: Array | None = None) -> LimitCycle | None:
-    """Return the limit cycle of a record, or None where fewer than two whole cycles are in it.
+    """Return the limit cycle of a record, or None if it has fewer than two whole cycles.
 
     Parameters
     ----------
     position, speed : shape (N,), the oscillating signal and its rate, sampled every ``period`` s
-    travel : a second curve as `refine` returns it, whose peak-to-peak is wanted in place of the position's, over
-        the same cycles
+    travel : a second curve from `refine`; its peak-to-peak amplitude over the same cycles replaces the position's
     """
     if position.size < 8 or float(np.ptp(position)) == 0.0:
         return None

@@ -1,9 +1,8 @@
-"""Is the sampled loop stable, and how far from unstable: linear, with the delay of the loop, for both interfaces.
+"""Stability and margins of the sampled loop: linear, with the loop's delay, for both interfaces.
 
-The delay is all that passes from the instant of a measurement to the instant at which its command acts on the motor,
-beyond the ideal 0: transport both ways, computation, a drive that waits for its own next cycle. All signals are taken
-as measured at that instant, the current as it is just before a new command acts. Speeds that come from positions lag,
-which is not counted here.
+The delay is the time from the instant of a measurement to the instant at which its command acts on the motor, ideally
+0: transport both ways, computation, a drive that waits for its own next cycle. All signals are taken as measured at
+that instant, the current just before a new command acts. The lag of speeds derived from positions is not included.
 """
 
 import math
@@ -24,20 +23,20 @@ LONGEST_DELAY = 10
 _POINTS_PER_DECADE = 100
 _STEPS_PER_PERIOD = 16
 _LONG = 100
-"""In periods: beyond it the poles of the delayed loop take long to compute, and a broken period matters little."""
+"""In periods: beyond it the poles of the delayed loop take long to compute, and fractions of a period matter little."""
 
 _LEAST_PHASE = math.radians(30)
 
 
 @dataclass(frozen=True)
 class Margins:
-    """How far a stable loop is from unstable. Infinite where no change of the kind makes it unstable.
+    """How far a stable loop is from instability. Infinite if no change of this kind makes it unstable.
 
     Parameters
     ----------
-    phase : least lag at a frequency of crossover that makes it unstable, rad
-    delay : least further delay of the loop that makes it unstable, s
-    gain : least factor above 1 on the command that makes it unstable
+    phase : smallest lag at a crossover frequency that makes it unstable, rad
+    delay : smallest additional delay of the loop that makes it unstable, s
+    gain : smallest factor above 1 on the command that makes it unstable
     crossover : frequency at which the loop's gain is 1, that of ``phase``, rad/s; infinite where it stays above 1
     """
 
@@ -47,8 +46,14 @@ class Margins:
     crossover: float
 
     def tight(self, period: float) -> bool:
-        """Return whether the loop bears less than 30 degrees of lag, or less than a ``period``, s, of further delay."""
+        """Return whether the loop tolerates less than 30 deg of lag, or less than one more ``period`` (s) of delay."""
         return self.phase < _LEAST_PHASE or self.delay < period
+
+    def in_words(self) -> str:
+        """Return the margins of phase and delay as text."""
+        phase = f"{math.degrees(self.phase):.0f} deg of phase" if math.isfinite(self.phase) else "any phase"
+        delay = f"{1e3 * self.delay:.3g} ms of delay" if math.isfinite(self.delay) else "any delay"
+        return f"{phase}, {delay}"
 
 
 def _check_delay(name: str, period: float, delay: float) -> None:
@@ -104,9 +109,9 @@ def _label(gains: Gains, period: float, delay: float) -> str:
 def check_stable(name: str, drive: Drive, gains: Gains, period: float, delay: float = 0.0) -> None:
     """Raise ValueError unless the sampled loop is stable in contact and inside the gap.
 
-    In contact the drive is the rigid model (eq 9); inside the gap the motor turns alone, and the current gain alone
-    acts on it. The loop is that of the drive's command interface: where the current is imposed, the current gain sees
-    the one before.
+    In contact the drive is the rigid model (eq 9); inside the gap the motor turns alone, and only the current gain acts
+    on it. The loop is that of the drive's command interface: if the current is imposed, the current gain sees the
+    previous one.
 
     Parameters
     ----------
@@ -144,9 +149,9 @@ def _slowest_poles(drive: Drive, gains: Gains, period: float, delay: float) -> d
 def stability_margins(drive: Drive, gains: Gains, period: float, delay: float = 0.0) -> Margins:
     """Return the margins of the sampled loop in contact (rigid model, eq 9).
 
-    The loop is broken in one place: at the drive's command, between the controller and the motor. Its transfer function
-    L(z) leads from the command that acts on the motor, held and late by ``delay``, through motor and load, the samples
-    of all states and the law, to minus the command that the law answers with; L(z) = -1 is the limit of stability.
+    The loop is opened in one place: at the drive's command, between the controller and the motor. Its transfer function
+    L(z) leads from the command on the motor, held and delayed by ``delay``, through motor and load, the samples of all
+    states and the law, to minus the law's next command; L(z) = -1 is the limit of stability.
     Under the voltage interface the winding and its back-EMF belong to the drive, and L(z) = K (zI - A)^-1 B. Under the
     current interface the controller computes the back-EMF and the winding, i = (V - K_m omega_m)/R: that part of the
     feedback is in L(z) too, so that its gain and delay are changed with the rest.
@@ -154,20 +159,20 @@ def stability_margins(drive: Drive, gains: Gains, period: float, delay: float = 
     Parameters
     ----------
     period : of the samples, s
-    delay : the one that is there already, as for `check_stable`, s
+    delay : present delay of the loop, as for `check_stable`, s
 
     Raises
     ------
     ValueError
-        Where ``delay`` is out of its bounds or the loop is unstable.
+        If ``delay`` is out of its bounds or the loop is unstable.
 
     Notes
     -----
     Crossings are those of python-control's ``stability_margins``, from the frequency response up to half the sample
-    rate. A part of a period delays not quite like exp(-jwd), since the hold is split: up to 100 periods the margin is
-    therefore found from the poles of the loop with that delay; beyond from the lag at each crossover, within 1 %
-    and more exact the longer it is. A loop that is sampled slowly may turn unstable around a whole period, which splits
-    no hold, and be stable again a little later: such a range of delays is found where it begins at a whole period or is
+    rate. A fraction of a period does not delay exactly like exp(-jwd), since the hold is split. Up to 100 periods the
+    margin is therefore found from the poles of the loop with that delay; beyond, from the lag at each crossover: within
+    1 %, and more exact the longer the delay. A slowly sampled loop may become unstable around a whole period, where no
+    hold is split, and stable again a little later: such a range of delays is found if it begins at a whole period or is
     wider than a sixteenth of one.
 
     Examples
@@ -189,7 +194,7 @@ def stability_margins(drive: Drive, gains: Gains, period: float, delay: float = 
     response = np.asarray(loop(np.exp(1j * period * omega)))
     data = (np.abs(response), np.angle(response, deg=True), omega)
     factors, phases, _, _, crossovers, _ = control.stability_margins(data, returnall=True)
-    at_half_rate = response[-1].real  # real there, and the frequency at which it crosses is the end of the range
+    at_half_rate = response[-1].real  # real there; it crosses at the end of the range
     if at_half_rate < 0:
         factors = np.append(factors, -1.0 / at_half_rate)
     lags = np.radians(np.remainder(phases, 360.0))
@@ -203,7 +208,7 @@ def stability_margins(drive: Drive, gains: Gains, period: float, delay: float = 
 
 
 def _frequencies(loop: object, poles: NDArray[np.complex128], period: float) -> Array:
-    """Return frequencies up to half the sample rate, from one at which the integrator makes the loop's gain large."""
+    """Return frequencies from one at which the integrator makes the loop's gain large up to half the sample rate."""
     assert callable(loop)
     lowest = min(1.0, *np.abs(np.log(poles[poles != 0]))) / period
     while abs(loop(np.exp(1j * period * lowest))) < 10.0:
@@ -213,7 +218,7 @@ def _frequencies(loop: object, poles: NDArray[np.complex128], period: float) -> 
 
 
 def _delay_margin(drive: Drive, gains: Gains, period: float, delay: float, estimate: float) -> float:
-    """Return the least further delay with which a pole leaves the unit circle; ``estimate`` where that is long."""
+    """Return the smallest additional delay at which a pole leaves the unit circle; ``estimate`` if that is long."""
     if math.isfinite(estimate) and estimate > _LONG * period:
         return estimate
 
@@ -227,7 +232,7 @@ def _delay_margin(drive: Drive, gains: Gains, period: float, delay: float, estim
         if excess(delay + 0.5 * estimate) < 0:
             low = delay + 0.5 * estimate
     whole = period * np.arange(math.ceil(low / period), math.floor(longest / period) + 1)
-    # From a whole period on a sample may see another current: a jump, and the worst of what follows is at its start.
+    # After a whole period a sample may see another current: a jump, and the worst case is at its start.
     for high in np.unique(np.concatenate([np.arange(low, longest + step, step), whole - 1e-6 * period, whole])):
         if high > low and not excess(high) < 0:
             return float(brentq(excess, low, high, xtol=1e-9 * period)) - delay

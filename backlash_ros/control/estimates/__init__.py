@@ -1,4 +1,4 @@
-"""What becomes of requests to learn, and of valid estimates: put in use or offered, kept for the next start."""
+"""Handles requests to learn and valid estimates: applied at once or on request, and stored for the next start."""
 
 from backlash_ros.control.estimates.applying import APPLY, Answer, Estimates
 from backlash_ros.control.estimates.file import EstimateFile

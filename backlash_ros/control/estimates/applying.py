@@ -1,6 +1,6 @@
-"""Whether an estimate is put in use or offered, and what who asked is answered once it is kept. Without ROS or a clock.
+"""Applies or offers estimates, stores them, and answers the request once they are stored. Without ROS or a clock.
 
-All times are integer nanoseconds of the caller's steady clock, but for the date of an estimate.
+All times are integer nanoseconds of the caller's steady clock, except the date of an estimate.
 """
 
 from collections.abc import Callable, Mapping
@@ -15,14 +15,14 @@ from backlash_ros.control.experiment import BacklashEstimate
 from backlash_ros.identification.gap_map import GapMap
 
 APPLY = ("auto", "ask")
-"""Whether a valid estimate is put in use at once, or when asked for."""
+"""When a valid estimate is applied: at once, or on request."""
 
 PATIENCE = 5 * 10**9
-"""Time that an answer waits for the file to be written, ns."""
+"""Longest time that an answer waits for the file to be written, ns."""
 
 
 class Answer(NamedTuple):
-    """What a request is answered; ``service`` is "learn", "identify" or "apply_estimate"."""
+    """The answer to a request; ``service`` is "learn", "identify" or "apply_estimate"."""
 
     service: str
     success: bool
@@ -30,12 +30,12 @@ class Answer(NamedTuple):
 
 
 class Estimates:
-    """The estimate on offer and the file, of one controller.
+    """The offered estimate and the estimate file of one controller.
 
     Parameters
     ----------
-    put_in_use : sets parameters, all or none, and returns why they were refused, empty where they were not
-    workers : write the file, one piece of work after the other, while the loop goes on
+    put_in_use : sets parameters, all or none, and returns why they were refused, empty if they were not
+    workers : write the file, one job after the other, while the loop goes on
     today : the date in UTC
     """
 
@@ -57,18 +57,18 @@ class Estimates:
     # From configure to clean-up.
 
     def begin(self, path: str, drive: DriveIdentity, *, use: bool) -> str:
-        """Open the file at ``path``, if any, and put in use what it says where ``use``; return what to tell of it.
+        """Open the file at ``path``, if any, and apply its estimates if ``use``; return a line for the log.
 
         Raises
         ------
         ValueError
-            If the file, or what it says, cannot be used.
+            If the file or its content cannot be used.
         """
         self.forget()
         if not path:
             return ""
         if self._writing is not None and not self._writing.done():
-            raise ValueError(f"learning.estimate_file {path}: the last estimate is still being written")
+            raise ValueError(f"learning.estimate_file {path}: the previous estimate is still being written")
         self._file = EstimateFile(path, drive)
         self._path = where = str(self._file.path)
         history = self._file.history
@@ -76,24 +76,24 @@ class Estimates:
         if not use:
             return f"estimates are kept in {where}"
         if newest is None:
-            return f"{where} has no estimate that was applied: all stays as the parameters give it"
+            return f"{where} has no applied estimate: the parameters stay as given"
         if refusal := self._put_in_use(parameters):
             raise ValueError(f"learning.estimate_file {where}: {in_words(parameters)}: {refusal}")
         return f"{in_words(parameters)}, the newest learned {newest.date} by {newest.method.value}, from {where}"
 
     def forget(self) -> None:
-        """Offer nothing any more; the file has what there was."""
+        """Withdraw the offer; the file still has the estimate."""
         self.newest, self.map, self.trouble, self._file = None, None, "", None
 
     # Requests.
 
     @property
     def busy(self) -> str:
-        """Why there can be no request now: the last one is not answered yet; empty where there can."""
-        return "the last estimate is still being written" if self._held else ""
+        """Why no request is possible now: the last one has not been answered; empty if one is possible."""
+        return "the previous estimate is still being written" if self._held else ""
 
     def learned(self, estimate: BacklashEstimate, text: str, now: int, *, apply: bool, service: str = "learn") -> None:
-        """Take a valid estimate, ``text`` in words, and put it in use where ``apply``, or offer it."""
+        """Take a valid estimate, ``text`` in words; apply it if ``apply``, else offer it."""
         refusal = ""
         try:
             date = self._today().replace(microsecond=0)
@@ -111,18 +111,18 @@ class Estimates:
         if refusal:
             text = f"{text}, but it was refused: {refusal}"
         elif not apply:
-            text = f"{text}; it is not in use until apply_estimate"
+            text = f"{text}; call apply_estimate to use it"
         self._hold(Answer(service, not refusal, text), now)
 
     def apply(self, now: int) -> str:
-        """Put the estimate on offer in use; return an empty text, or why not, which changes nothing."""
+        """Apply the offered estimate; return an empty text, or why not, in which case nothing changes."""
         if self.busy:
             return f"cannot apply: {self.busy}"
         if self.newest is None:
-            return "there is no estimate to apply: none was learned since the controller was configured"
+            return "there is no estimate to apply: none has been learned since the controller was configured"
         values = in_words(self.newest.parameters)
         if self.newest.applied:
-            return f"the newest estimate was applied already: {values}; set that to use it again"
+            return f"the newest estimate has already been applied: {values}; set these parameters to use it again"
         if refusal := self._put_in_use(self.newest.parameters):
             return f"{values} was refused: {refusal}"
         self.newest = replace(self.newest, applied=True)
@@ -139,10 +139,10 @@ class Estimates:
         self._held = answer, now + PATIENCE
 
     def poll(self, now: int, *, wait_no_more: bool = False) -> Answer | None:
-        """Return the answer that is due, once: as soon as the file is written, or could not be."""
+        """Return the answer, once, as soon as the file was written or writing failed."""
         if self._writing is not None and self._writing.done():
             error, self._writing = self._writing.exception(), None
-            self.trouble = f"it could not be kept in {self._path}: {error}" if error else ""
+            self.trouble = f"it could not be stored in {self._path}: {error}" if error else ""
         if self._held is None:
             return None
         answer, until = self._held
@@ -154,20 +154,20 @@ class Estimates:
         return answer._replace(text=f"{answer.text}; {unsure}") if unsure else answer
 
     def finish(self, seconds: float) -> bool:
-        """Wait for the file to be written; return whether it is."""
+        """Wait for the file to be written; return whether it was."""
         return self._writing is None or not wait([self._writing], seconds).not_done
 
     # Diagnostics.
 
     @property
     def offer(self) -> str:
-        """The estimate that waits to be applied, in words; empty where there is none."""
+        """The estimate that waits to be applied, in words; empty if there is none."""
         if self.newest is None or self.newest.applied:
             return ""
         return f"an estimate waits for apply_estimate: {in_words(self.newest.parameters)}"
 
     def values(self) -> dict[str, Any]:
-        """Return the newest estimate by name, with its map where it has one."""
+        """Return the newest estimate by name, with its gap map if it has one."""
         newest, names = self.newest, ("rad", "uncertainty_rad", "parameters", "method", "learned_at", "applied")
         shown: tuple[Any, ...] = ("",) * len(names)
         if newest is not None:

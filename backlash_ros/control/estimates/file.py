@@ -1,4 +1,4 @@
-"""The estimate file on the disk: read and judged at the start, replaced whole, never half."""
+"""The estimate file on the disk: read and checked at the start, always replaced as a whole."""
 
 import os
 import stat
@@ -8,22 +8,22 @@ from pathlib import Path
 from backlash_ros.control.estimates.record import DriveIdentity, History, parse, render
 
 _LARGEST = 1_000_000
-"""Bytes; a hundred estimates are 20 kB."""
+"""Bytes; a hundred estimates take 20 kB."""
 
 
 class EstimateFile:
-    """The file of one drive; one that is not there yet is made, without estimates, so that it belongs to this drive.
+    """The file of one drive; a missing file is created without estimates, so that it belongs to this drive.
 
-    ``history``: what it said when it was opened. `write` may be called from another thread.
+    ``history``: its content when it was opened. `write` may be called from another thread.
 
     Parameters
     ----------
-    path : "~" is the home folder, a relative one starts from where the process does; a link is followed
+    path : "~" is the home folder; relative paths start at the working folder; links are followed
 
     Raises
     ------
     ValueError
-        If it cannot be read or written, or is not this drive's; it is left as it is then.
+        If it cannot be read or written, or belongs to another drive; the file is left unchanged.
     """
 
     def __init__(self, path: str, drive: DriveIdentity) -> None:
@@ -45,20 +45,20 @@ class EstimateFile:
             raise ValueError(f"learning.estimate_file {self.path}: {error}") from error
 
     def _read(self) -> bytes | None:
-        """Return what is there; None where nothing is. Never waits for a pipe's other end."""
+        """Return the content; None if there is no file. Never waits for the other end of a pipe."""
         try:
             descriptor = os.open(self.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         except FileNotFoundError:
             return None
         try:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-                raise ValueError("it is no regular file")
+                raise ValueError("it is not a regular file")
             with os.fdopen(descriptor, "rb", closefd=False) as file:
                 content = file.read(_LARGEST + 1)
         finally:
             os.close(descriptor)
         if len(content) > _LARGEST:
-            raise ValueError(f"it is larger than {_LARGEST} bytes: it is no estimate file")
+            raise ValueError(f"it is larger than {_LARGEST} bytes, so it is not an estimate file")
         return content
 
     @property
@@ -69,7 +69,7 @@ class EstimateFile:
         return os.open(self._beside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
 
     def _try_to_write(self) -> None:
-        """Raise OSError where a file that is there could not be replaced."""
+        """Raise OSError if an existing file could not be replaced."""
         os.close(os.open(self.path, os.O_WRONLY | os.O_CLOEXEC))
         os.close(self._open_beside())
         self._beside.unlink()
@@ -80,13 +80,13 @@ class EstimateFile:
         Raises
         ------
         OSError
-            If that fails; the old file is still there then.
+            If that fails; the old file stays.
         ValueError
-            If somebody else has changed it since it was read or written here; it is left as it is.
+            If another program has changed it since it was last read or written here; it is left unchanged.
         """
         content = self._read()
         if content is not None and content != self._content:
-            raise ValueError("somebody else has changed it since it was read; it is left as it is")
+            raise ValueError("another program has changed it since it was read; it was left unchanged")
         self._replace(render(history).encode())
 
     def _replace(self, content: bytes) -> None:
@@ -103,7 +103,7 @@ class EstimateFile:
                 self._beside.unlink()
             raise
         self._content = content
-        with suppress(OSError):  # there are file systems that cannot do it
+        with suppress(OSError):  # some file systems do not support it
             folder = os.open(self.path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
             try:
                 os.fsync(folder)

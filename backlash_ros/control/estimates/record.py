@@ -1,6 +1,6 @@
-"""The text of an estimate file: the estimates of one drive as YAML, and read back, or refused with the reason.
+"""The text of an estimate file: writes the estimates of one drive as YAML and reads them back.
 
-The reader is strict: what it does not understand to the last key it refuses, so that no half file turns the motor.
+The reader is strict: it refuses a file unless it understands every key, so that no incomplete file moves the motor.
 """
 
 import math
@@ -19,7 +19,7 @@ from backlash_ros.drivetrain.parameters import FOUND
 
 FORMAT, VERSION = "backlash_ros/estimates", 2
 MOST = 100
-"""Estimates that a file keeps: the newest ones, and the newest of those that were applied."""
+"""Number of estimates that a file stores: the newest ones, and the newest applied ones."""
 
 
 def _bounds() -> dict[str, Quantity]:
@@ -31,7 +31,7 @@ def _bounds() -> dict[str, Quantity]:
         **{name: each for name, each in numbers.items() if name.startswith(FOUND)},
         "backlash_angle": replace(servo["backlash_angle"], open_lower=True),
         "expected_load_torque": servo["expected_load_torque"],
-        "loop_delay": Quantity("delay of the drive, both ways", "s", 0.0, 10.0),
+        "loop_delay": Quantity("delay of the drive, from the measurement to when its command acts", "s", 0.0, 10.0),
     }
 
 
@@ -39,7 +39,7 @@ _LAW = "contact.law"
 _DEVIATION = Quantity("a standard uncertainty", "", 0.0, 1e9, open_lower=True)
 _REDUCTION = quantities(Gear)["reduction"]
 _SAME_GEAR = 1e-6
-"""Relative difference of gear reductions that are the same one, written differently."""
+"""Relative difference up to which two gear reductions count as equal."""
 
 _KEYS = ("format", "version", "drive", "count", "estimates")
 _ENTRY = ("learned_at", "method", "parameters", "standard_uncertainties", "applied")
@@ -57,10 +57,10 @@ class DriveIdentity:
 
 
 def _check(where: str, parameters: Mapping[str, Any], uncertainties: Mapping[str, Any]) -> None:
-    """Raise ValueError unless parameters can be an estimate's, and have such standard uncertainties."""
+    """Raise ValueError unless these can be an estimate's parameters and standard uncertainties."""
     bounds = _bounds()
     if not parameters:
-        raise ValueError(f"{where}parameters must have a value at least, got none")
+        raise ValueError(f"{where}parameters must have at least one value, got none")
     for name, value in parameters.items():
         if name == _LAW:
             CONTACTS.choose(f"{where}parameters.{_LAW}", value)
@@ -75,7 +75,7 @@ def _check(where: str, parameters: Mapping[str, Any], uncertainties: Mapping[str
 
 
 def in_words(parameters: Mapping[str, Any]) -> str:
-    """Return values by name as a text, numbers with their units."""
+    """Return values by name as text, numbers with their units."""
     bounds = _bounds()
     return ", ".join(
         f"{name} = {value}" if name == _LAW else f"{name} = {value:.6g} {bounds[name].unit}".rstrip()
@@ -85,14 +85,14 @@ def in_words(parameters: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class KeptEstimate:
-    """A valid estimate: when it was learned (UTC, whole seconds), how, and whether it was put in use.
+    """A valid estimate: when it was learned (UTC, whole seconds), how, and whether it was applied.
 
-    ``parameters`` by name, in SI units, and their standard ``uncertainties``, as far as they are known.
+    ``parameters`` by name, in SI units, and their standard ``uncertainties`` as far as known.
 
     Raises
     ------
     ValueError
-        If a value is out of bounds, or none that is ever estimated.
+        If a value is out of bounds, or its parameter is never estimated.
     """
 
     learned_at: datetime
@@ -125,18 +125,18 @@ class History:
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """What the estimates that were applied come to: of each parameter the newest value."""
+        """The newest applied value of each parameter."""
         return {name: value for each in self.estimates if each.applied for name, value in each.parameters.items()}
 
     def with_newest(self, estimate: KeptEstimate) -> "History":
-        """Return the history with one more; where there are too many without the oldest that `parameters` spares."""
+        """Return the history with one more estimate; if full, drop the oldest that `parameters` does not need."""
         every = (*self.estimates, estimate)
         holding = {name: k for k, each in enumerate(every) if each.applied for name in each.parameters}
         oldest = next(k for k in range(len(every)) if k not in holding.values()) if len(every) > MOST else -1
         return replace(self, estimates=tuple(each for k, each in enumerate(every) if k != oldest))
 
     def with_newest_applied(self) -> "History":
-        """Return the history in which the newest was applied."""
+        """Return the history with the newest estimate marked as applied."""
         return replace(self, estimates=(*self.estimates[:-1], replace(self.estimates[-1], applied=True)))
 
 
@@ -172,7 +172,7 @@ def _rendered(estimate: KeptEstimate) -> str:
 def render(history: History) -> str:
     """Return the text of a file.
 
-    ``count`` and an entry's last key, which is no number, let no part of a file pass for the whole.
+    ``count``, and a last key per entry that is not a number, reveal a file of which a part is missing.
     """
     drive = {"drive": {each.name: getattr(history.drive, each.name) for each in fields(DriveIdentity)}}
     entries = "\n" + "".join(map(_rendered, history.estimates)) if history.estimates else " []\n"
@@ -189,13 +189,13 @@ def render(history: History) -> str:
 
 
 class _Loader(yaml.SafeLoader):
-    """Plain YAML in which no key stands twice."""
+    """Plain YAML without duplicate keys."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         keys = [key.value for key, _ in node.value]
         twice = next((key for key in keys if keys.count(key) > 1), None)
         if twice is not None:
-            raise yaml.constructor.ConstructorError(None, None, f"the key {twice!r} stands twice", node.start_mark)
+            raise yaml.constructor.ConstructorError(None, None, f"the key {twice!r} appears twice", node.start_mark)
         return super().construct_mapping(node, deep)
 
 
@@ -212,7 +212,7 @@ def _mapping(where: str, value: Any, keys: tuple[str, ...]) -> Mapping[str, Any]
         raise ValueError(f"{where} must have the keys {list(keys)}, got {shortened(value)}")
     for key in value:
         if key not in keys:
-            raise ValueError(f"{where} must have the keys {list(keys)} alone, got {shortened(key)} besides")
+            raise ValueError(f"{where} must have only the keys {list(keys)}, got also {shortened(key)}")
     for key in keys:
         if key not in value:
             raise ValueError(f"{where} must have the key {key!r}, got {shortened(list(value))}")
@@ -230,7 +230,7 @@ def _is_ours(found: Mapping[str, Any], drive: DriveIdentity) -> None:
             same = value == expected
         if not same:
             raise ValueError(
-                f"drive.{key} must be {expected!r}, as this controller has it, got {shortened(value)}: "
+                f"drive.{key} must be {expected!r}, as in this controller, got {shortened(value)}: "
                 "these are another drive's estimates"
             )
 
@@ -258,7 +258,7 @@ def _estimate(where: str, value: Any) -> KeptEstimate:
 
 
 def _as_declared(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values in the types of their parameters: 1 for 1.0 where that is no whole number."""
+    """Return values in the types of their parameters: 1 becomes 1.0 unless the parameter is a whole number."""
     bounds = _bounds()
     return {name: value if name == _LAW or bounds[name].whole else float(value) for name, value in values.items()}
 
@@ -269,25 +269,25 @@ def parse(content: bytes, drive: DriveIdentity) -> History:
     Raises
     ------
     ValueError
-        Names the key, the value, the bound and the unit where the file is no estimate file, not whole, of a version
-        that is not known, of another drive, or has a value out of bounds.
+        Names the key, the value, the bound and the unit if the file is not an estimate file, is incomplete, has an
+        unknown version, belongs to another drive, or has a value out of bounds.
     """
     try:
         loaded = _load(content.decode())
-    except Exception as error:  # what is no YAML may raise anything
-        raise ValueError(f"it is no YAML: {' '.join(str(error).split()) or type(error).__name__}") from error
+    except Exception as error:  # invalid YAML may raise anything
+        raise ValueError(f"it is not YAML: {' '.join(str(error).split()) or type(error).__name__}") from error
     if not isinstance(loaded, Mapping) or loaded.get("format") != FORMAT:
         found = loaded.get("format") if isinstance(loaded, Mapping) else loaded
-        raise ValueError(f"format must be {FORMAT!r}, got {shortened(found)}: it is no estimate file")
+        raise ValueError(f"format must be {FORMAT!r}, got {shortened(found)}: it is not an estimate file")
     version = loaded.get("version")
     if type(version) is not int or version != VERSION:
-        raise ValueError(f"version must be {VERSION}, the only one known here, got {shortened(version)}")
+        raise ValueError(f"version must be {VERSION}, the only known one, got {shortened(version)}")
     top = _mapping("the file", loaded, _KEYS)
     _is_ours(_mapping("drive", top["drive"], tuple(each.name for each in fields(DriveIdentity))), drive)
     listed, count = top["estimates"], top["count"]
     if not isinstance(listed, list) or type(count) is not int or count != len(listed):
         found = len(listed) if isinstance(listed, list) else shortened(listed)
         raise ValueError(
-            f"count must be the number of estimates, {found}, got {shortened(count)}: part of it is missing"
+            f"count must be the number of estimates, {found}, got {shortened(count)}: part of the file is missing"
         )
     return History(drive, tuple(_estimate(f"estimates[{k}]", value) for k, value in enumerate(listed)))

@@ -1,4 +1,4 @@
-"""Requests to learn or identify: when an experiment begins or is refused, and what is answered. Without ROS or a clock.
+"""Requests to learn or identify: starts or refuses experiments, and answers. Without ROS or a clock.
 
 All times are integer nanoseconds of the caller's steady clock.
 """
@@ -11,14 +11,14 @@ from backlash_ros.control.servo import Servo
 from backlash_ros.identification.recordings.findings import Finding
 
 EXPERIMENT_OF = {"learn": "", "identify": "identify"}
-"""The services, and which experiment each runs: that of the settings where there is no name."""
+"""The services and the experiment that each runs: that of the settings if there is no name."""
 
 PATIENCE = 5 * 10**9
-"""Time that a request waits for the first sample, ns: discovery may take some."""
+"""Longest time that a request waits for the first sample, ns: discovery takes a while."""
 
 
 class Reply(NamedTuple):
-    """What a request is answered: whether it succeeded, the text, and what was learned, if anything was."""
+    """The answer to a request: whether it succeeded, the text, and what was learned, if anything."""
 
     success: bool
     text: str
@@ -26,10 +26,10 @@ class Reply(NamedTuple):
 
 
 class LearnRequests:
-    """One request at a time, from the asking to the answer, for one servo.
+    """One request at a time, from asking to answer, for one servo.
 
-    What takes some computing is done by ``workers``, while the servo goes on. ``service`` is the one of `EXPERIMENT_OF`
-    that the last request which was taken came from.
+    Longer computations are done by ``workers`` while the servo goes on. ``service`` is the one of `EXPERIMENT_OF` that
+    the last accepted request came from.
     """
 
     def __init__(self, servo: Servo, workers: Executor) -> None:
@@ -44,35 +44,35 @@ class LearnRequests:
         return self._computed is not None
 
     def ask(self, now: int, service: str = "learn") -> Reply | None:
-        """Take a request; return its refusal, or None where the answer comes later."""
+        """Take a request; return its refusal, or None if the answer comes later."""
         if self._asked is not None or self._servo.experimenting or self.computing:
-            return Reply(False, f"cannot {service}: already learning")
+            return Reply(False, f"cannot {service}: a run is already in progress")
         if self._servo.latched:
-            return Reply(False, f"cannot {service} while a fault is latched: {self._servo.fault}")
+            return Reply(False, f"cannot {service} while this fault is latched: {self._servo.fault}")
         self._asked, self.service = now, service
         return None
 
     def begin(self) -> Reply | None:
-        """Begin what was asked for, before a sample is taken; return the refusal, if any."""
+        """Start the requested experiment before a sample is taken; return the refusal, if any."""
         if self._asked is None or not (self._servo.holding or self._servo.latched):
             return None
         self._asked = None
         if self._servo.latched:
-            return self._refused(f" while a fault is latched: {self._servo.fault}")
+            return self._refused(f" while this fault is latched: {self._servo.fault}")
         if why := self._servo.experiment_refusal(EXPERIMENT_OF[self.service]):
             return self._refused(f": {why}")
         self._servo.start_experiment(EXPERIMENT_OF[self.service])
         return None
 
     def waited(self, now: int, silence: str) -> Reply | None:
-        """Return the refusal of a request that has waited for too long, with ``silence`` in words for why."""
+        """Return the refusal of a request that has waited too long; ``silence`` says why."""
         if self._asked is None or now - self._asked < PATIENCE:
             return None
         self._asked = None
         return self._refused(f": {silence} for {PATIENCE / 10**9:g} s")
 
     def stop(self, why: str) -> Reply | None:
-        """Refuse a request that has not begun, or of which only the computing is left."""
+        """Refuse a request whose experiment has not begun, or has ended with only the computation left."""
         if self._asked is None and self._computed is None:
             return None
         if self._computed is not None:
@@ -81,14 +81,14 @@ class LearnRequests:
         return self._refused(f": {why}")
 
     def cancel(self) -> Reply:
-        """End the experiment that is under way, or asked for; return what to say to who asked for that."""
+        """End the running or requested experiment; return the text for the caller."""
         if self._asked is None and not self._servo.experimenting and not self.computing:
             return Reply(False, "there is no experiment to cancel")
         self._servo.cancel("cancelled on request")
         return Reply(True, "cancelled")
 
     def end(self) -> Reply | None:
-        """Return the answer where the experiment has ended, once."""
+        """Return the answer, once, when the experiment has ended."""
         outcome = self._servo.take_outcome()
         if isinstance(outcome, Deferred):
             self._computed, outcome = self._workers.submit(outcome.work), None

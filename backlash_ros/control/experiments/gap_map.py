@@ -21,44 +21,55 @@ from backlash_ros.identification.recording import Recording
 
 _TURN = 2.0 * math.pi
 _GENTLE, _RAMP, _OF_NO_LOAD = 0.02, 0.2, 0.3
-"""Of the way from place to place: the largest share of the torque for its acceleration, the shortest time to its speed,
-s, and the largest share of the speed without load."""
+"""For the moves between places: largest share of the torque for acceleration, shortest time to reach the speed, s, and
+largest share of the no-load speed."""
 _SETTLE = 0.3
 """Time for the load to come to rest, s."""
 _WAY = 0.2
-"""Share of a place's progress that is the way there."""
+"""Share of a place's progress that counts for the move to it."""
 
 
 @dataclass(frozen=True)
 class GapMapSettings(Validated):
-    """Where, how far, how hard and how long it may move the load."""
+    """Places, and limits of distance, torque and time."""
 
     section: ClassVar[str] = "learning.gap_map"
 
     places: int = quantity(
-        "at which the gap is measured, evenly spread", "", at_least=FEWEST_PLACES, at_most=64, whole=True, default=8
+        "number of places at which the gap is measured, evenly spaced",
+        "",
+        at_least=FEWEST_PLACES,
+        at_most=64,
+        whole=True,
+        default=8,
     )
     turn: float = quantity(
-        "range over which they are spread, half of it to either side of where the load is",
+        "range over which the places are spread, centred on the load's position at the start",
         "rad",
         at_least=0.1,
         at_most=6.3,
         default=_TURN,
     )
-    swing: float = quantity("farthest that the load goes from each place", "rad", above=0, at_most=3.2, default=0.3)
+    swing: float = quantity(
+        "largest distance that the load moves from each place", "rad", above=0, at_most=3.2, default=0.3
+    )
     travel: float = quantity(
-        "way of the motor at first at each place, at the output; more where the gap is wider",
+        "first travel of the motor at each place, at the output; more where the gap is wider",
         "rad",
         above=0,
         at_most=3.2,
         default=0.06,
     )
     torque: float = quantity(
-        "share that it may use of the torque at standstill under limits.command", "", above=0, at_most=1, default=0.9
+        "largest share of the standstill torque under limits.command that is used", "", above=0, at_most=1, default=0.9
     )
-    speed: float = quantity("of the load from place to place", "rad/s", above=0, at_most=100, default=1.0)
+    speed: float = quantity("speed of the load between places", "rad/s", above=0, at_most=100, default=1.0)
     time: float = quantity(
-        "after which no new place begins, and it goes back and ends", "s", at_least=1, at_most=3600, default=120.0
+        "time after which no new place begins; the load goes back and the run ends",
+        "s",
+        at_least=1,
+        at_most=3600,
+        default=120.0,
     )
 
     @property
@@ -94,7 +105,7 @@ class GapMapper:
 
     @property
     def progress(self) -> float:
-        """How far it is, from 0 to 1, as if every place took all its time."""
+        """Progress, from 0 to 1, as if every place took its full time."""
         if self.outcome is not None:
             return 1.0
         if self._probe is not None:
@@ -115,7 +126,7 @@ class GapMapper:
         """Take a sample; see `Experiment`."""
         motor, load = float(self._drive.gear.ratio * measured[THETA_M]), float(measured[THETA_L])
         if math.isnan(motor) or math.isnan(load):
-            self.cancel("the gap is measured between two encoders, and one is missing")
+            self.cancel("measuring the gap needs two encoders, and one is missing")
         if self.outcome is not None:
             return Excitation()
         if self._move is None:
@@ -132,24 +143,24 @@ class GapMapper:
 
     @property
     def _last(self) -> bool:
-        """Whether there is no place to go to any more, but back."""
+        """Whether all places are done, so that the load only has to go back."""
         return len(self._recordings) == self._settings.places or self._time >= self._settings.time
 
     def _way_from(self, motor: float) -> Move:
-        """Return the move from where the motor is, rad at the output, to the next place, or back."""
+        """Return the move from the motor's present angle, rad at the output, to the next place, or back."""
         self._begun = self._time
         self._back = self._last
         end = self._home + (0.0 if self._back else self._settings.offsets[len(self._recordings)])
         return Move.of(motor, end, self._acceleration, self._acceleration, self._speed)
 
     def _travel(self, move: Move, motor: float, load: float, elapsed: float) -> Excitation | None:
-        """Move on; at the end begin to look there, or end."""
+        """Follow the move; at its end start the probe, or end the run."""
         time, settings = self._time - self._begun, self._settings
         wanted = move.at(time + 0.5 * self._period)
         off = load - self._home_load - (wanted[0] - self._home)
         if not abs(off) <= settings.swing:
             self.cancel(
-                f"on its way the load was {abs(off):.3g} rad from where the motor should have taken it, beyond "
+                f"between two places the load was {abs(off):.3g} rad from where the motor should have moved it, beyond "
                 f"{settings.section}.swing = {settings.swing:g} rad"
             )
         elif time < move.length + _SETTLE:
@@ -173,11 +184,11 @@ class GapMapper:
         elapsed: float,
         late: float,
     ) -> Excitation | None:
-        """Let the probe have the sample; go on to the next place where it is over."""
+        """Pass the sample to the probe; when it is done, go on to the next place."""
         load, swing = float(measured[THETA_L]), self._settings.swing
         if not abs(load - self._place) <= swing:
             self.cancel(
-                f"the load went {abs(load - self._place):.3g} rad from the place at {self._place:.3g} rad, beyond "
+                f"the load moved {abs(load - self._place):.3g} rad from the place at {self._place:.3g} rad, beyond "
                 f"{self._settings.section}.swing = {swing:g} rad"
             )
             return None
@@ -197,7 +208,7 @@ class GapMapper:
 def _estimate_from(
     drive: Drive, recordings: tuple[Recording, ...], torque: float, settings: GapMapSettings
 ) -> BacklashEstimate:
-    """Return what the recordings say: the largest gap is the one to be quiet in."""
+    """Return the estimate from the recordings: the largest gap, since the loop must be quiet everywhere."""
     found = map_gaps(drive, recordings, torque, settings.places, closed=settings.closed)
     if found.map is None:
         late = f" within {settings.section}.time = {settings.time:g} s" if len(recordings) < settings.places else ""

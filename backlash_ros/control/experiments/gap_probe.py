@@ -27,7 +27,7 @@ from backlash_ros.identification.regression import Guess, guess_of
 
 _REST, _END = 0.25, 0.2
 _GENTLE, _LEVELS = 0.02, ((0.25, 0.02), (0.45, 0.07), (0.7, 0.16))
-"""Of a level: speed, as a share of what the acceleration reaches over the travel, and share of the torque."""
+"""Levels: share of the speed that the acceleration reaches over the travel, and share of the torque."""
 _LEVEL_TIME, _THROW_TIME, _SETTLE = 1.0, 2.4, 0.08
 _SHARE, _REACH, _SAMPLES = 0.65, 0.85, 2.0
 """Of the swing: how far the motor goes in a throw, and the load by what is seen. It goes farther than the motor is told
@@ -37,22 +37,26 @@ least: the loop follows nothing shorter."""
 
 @dataclass(frozen=True)
 class GapProbeSettings(Validated):
-    """How far, how hard and how long it may move the load."""
+    """Limits of distance, torque and time for moving the load."""
 
     section: ClassVar[str] = "learning.gap_probe"
 
-    swing: float = quantity("farthest that the load goes from where it is", "rad", above=0, at_most=3.2, default=0.3)
+    swing: float = quantity(
+        "largest distance that the load moves from its position at the start", "rad", above=0, at_most=3.2, default=0.3
+    )
     travel: float = quantity(
-        "way of the motor at first, at the output; more where the gap is wider",
+        "first travel of the motor, at the output; more where the gap is wider",
         "rad",
         above=0,
         at_most=3.2,
         default=0.06,
     )
     torque: float = quantity(
-        "share that it may use of the torque at standstill under limits.command", "", above=0, at_most=1, default=0.9
+        "largest share of the standstill torque under limits.command that is used", "", above=0, at_most=1, default=0.9
     )
-    time: float = quantity("after which it goes back and ends", "s", at_least=1, at_most=60, default=8.0)
+    time: float = quantity(
+        "time after which the load goes back and the run ends", "s", at_least=1, at_most=60, default=8.0
+    )
 
 
 class GapProbe:
@@ -63,7 +67,7 @@ class GapProbe:
     drive : for its motor and gear ratio
     period : of the samples, s
     limits : for the largest command
-    loop : that has moved the motor so far; a new one by default
+    loop : the loop that has moved the motor so far; a new one by default
     """
 
     def __init__(
@@ -87,7 +91,7 @@ class GapProbe:
 
     @property
     def progress(self) -> float:
-        """How far it is, from 0 to 1, as if it took all its time."""
+        """Progress, from 0 to 1, as if it took its full time."""
         return 1.0 if self.outcome is not None else min(1.0, self._time / self._settings.time)
 
     def cancel(self, reason: str) -> None:
@@ -101,7 +105,7 @@ class GapProbe:
         """Take a sample; see `Experiment`."""
         motor, load = self._drive.gear.ratio * measured[THETA_M], measured[THETA_L]
         if math.isnan(motor) or math.isnan(load):
-            self.cancel("the gap is measured between two encoders, and one is missing")
+            self.cancel("measuring the gap needs two encoders, and one is missing")
         if self.outcome is not None:
             return Excitation()
         if self._rows:
@@ -121,11 +125,11 @@ class GapProbe:
         return Excitation(torque=self._loop.torque(motor, wanted, elapsed))
 
     def work(self) -> Callable[[], Outcome]:
-        """Return what computes the outcome from what was seen."""
+        """Return the work that computes the outcome from the recording."""
         return partial(_estimate_from, self._drive, self.recording(), self._standstill)
 
     def recording(self) -> Recording:
-        """Return what was seen so far."""
+        """Return the recording so far."""
         time, motor, load, *answers = np.array(self._rows).T
         command, late = (np.append(values[1:], 0.0) for values in answers)
         return with_late_answers(time, motor, load, command, late, self._period)
@@ -139,7 +143,7 @@ class GapProbe:
         return self._to(home, gentle, gentle, 0.25 * math.sqrt(gentle * self._settings.travel))
 
     def _program(self) -> Generator[Move | Throw, None, None]:
-        """Yield the moves, each when the one before is over."""
+        """Yield the moves, each when the previous one has ended."""
         home, settings, inertia = self._target, self._settings, self._loop.side.inertia
         yield Move.rest(home, _REST)
         travel, level, way = min(settings.travel, settings.swing), 0, 1.0
@@ -163,7 +167,7 @@ class GapProbe:
         yield Move.rest(home, _END)
 
     def _dragged(self) -> Guess | None:
-        """Return what is guessed of a load that a torque drags along once it is apart; None where friction holds it."""
+        """Return a guess at how a torque drags the load once the teeth part; None if friction holds the load."""
         recording = self.recording()
         guesses = (guess_of(self._loop.side, recording, 0.5 * self._period * late) for late in range(3))
         guess = min(guesses, key=lambda guess: guess.misfit)
@@ -171,13 +175,13 @@ class GapProbe:
         return guess if left >= max(2e-3 * self._standstill, 0.05 * abs(guess.load_torque)) else None
 
     def _outrun(self, home: float, load: Guess) -> Generator[Move | Throw, None, None]:
-        """Yield throws of a load that rests on a flank, each farther and harder until the far one is met."""
+        """Yield throws of a load that rests on a flank, each farther and harder, until the far flank is met."""
         settings, inertia = self._settings, self._loop.side.inertia
         most, torque = self._most / inertia, abs(load.load_torque)
         drag = (torque - load.coulomb_l) / max(load.inertia, 0.05 * inertia)
         hard = min(1.25 * drag + 0.08 * most, most)
         both = max(0.7 * (self._most - torque) / (inertia + load.inertia), 0.07 * most)
-        # They part while the motor turns.
+        # The teeth part while the motor reverses.
         turning = math.sqrt(2.0 * settings.travel / 3.0 / max(hard - drag, 0.1 * hard))
         widest, met, most_way = 0.0, 0, _SHARE * settings.swing
         end = min(self._time + _THROW_TIME, settings.time)
@@ -193,14 +197,14 @@ class GapProbe:
             went = float(np.max(np.abs(angle - self._rows[0][2])))
             most_way = min(most_way, throw.way * _REACH * settings.swing / max(went, 1e-9))
             parted = float(np.ptp(motor - angle))
-            met = 0 if parted > 1.15 * widest else met + (parted > 0.85 * widest)  # farther, but they did not part so
+            met = 0 if parted > 1.15 * widest else met + (parted > 0.85 * widest)  # farther, but the teeth did not part
             widest = max(widest, parted)
             if met < 2:
                 hard, turning = min(1.2 * hard, most), 1.15 * turning
 
 
 def _estimate_from(drive: Drive, recording: Recording, torque: float) -> BacklashEstimate:
-    """Return what a recording says of the gap."""
+    """Return the gap that a recording shows."""
     gap = measure_gap(drive, recording, torque)
     reason = gap.reason if gap.valid else f"no gap measured: {gap.reason}"
     return BacklashEstimate(

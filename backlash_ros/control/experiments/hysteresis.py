@@ -1,4 +1,4 @@
-"""Lost motion as gearbox makers state it: the output stands, and the motor's torque goes slowly up and down.
+"""Lost motion as gearbox makers state it: the output stands still, and the motor's torque goes slowly up and down.
 
 The output is locked, braked or heavy. The torque turns back at either end of its range, so both flanks bear it, cycle
 after cycle. One loop on the motor's own encoder does it: while the motor stands, against the teeth or its friction,
@@ -26,16 +26,16 @@ from backlash_ros.identification.hysteresis import measure_lost_motion
 from backlash_ros.identification.lost_motion import Curve
 
 _GENTLE, _BEFORE, _AFTER = 0.25, 0.75, math.sqrt(0.5)
-"""Shares of the torque before the cycles, of which the first shows whether the load stands, and after them: the speed
-that a swing gives a heavy load goes by its square, so the load goes to and fro about where it is, and ends at rest."""
+"""Shares of the torque before and after the cycles; the first one shows whether the load stands still. The speed that a
+swing gives a heavy load grows with its square, so the load moves to and fro about its position and ends at rest."""
 _NEAR, _SLOWLY = 0.15, 0.3
-"""Share of the torque below which it changes slowly, and the share of its rate there: the teeth part and meet."""
+"""Share of the torque below which it changes slowly, since the teeth part and meet there; that share of its rate."""
 _HELD, _BLOCKED = 0.9, 0.9
 """Share of faults.load_torque, and of the torque at standstill, up to which a torque may be planned: see `monitor`."""
 _CAP = 1.1
 """Times the torque that it goes to, which it keeps to while the motor is braked, too."""
 _REST, _LONGEST = 0.4, 2.0
-"""For how long it holds the motor at least, and at most, before it ends for a reason, s."""
+"""Shortest and longest time for which it holds the motor before a run that went wrong ends, s."""
 _QUICK, _SLOW, _UNBRAKED = 200.0, 60.0, 0.3
 """Bandwidths of the speed that brakes the motor, and of that which tells whether it stands, rad/s; share of the speed
 through the gap up to which it is not braked: single counts would shake it against the teeth."""
@@ -47,32 +47,36 @@ class HysteresisSettings(Validated):
 
     section: ClassVar[str] = "learning.hysteresis"
 
-    swing: float = quantity("farthest that the load goes from where it is", "rad", above=0, at_most=3.2, default=0.05)
+    swing: float = quantity(
+        "largest distance that the load moves from its position at the start", "rad", above=0, at_most=3.2, default=0.05
+    )
     movement: float = quantity(
-        "way of the load beyond which it does not stand, which ends it; and that of the motor against its torque",
+        "motion of the load, or of the motor against its torque, beyond which the run ends without a result",
         "rad",
         above=0,
         at_most=0.5,
         default=0.005,
     )
     torque: float = quantity(
-        "share that it uses of the torque at standstill under limits.command", "", above=0, at_most=0.8, default=0.45
+        "share of the standstill torque under limits.command that is used", "", above=0, at_most=0.8, default=0.45
     )
     cycle: float = quantity(
-        "time in which the torque goes up and down once, without the gap", "s", at_least=1, at_most=60, default=3.0
+        "period of the torque, without the time in the gap", "s", at_least=1, at_most=60, default=3.0
     )
-    cycles: int = quantity("cycles that are measured", "", at_least=2, at_most=20, whole=True, default=3)
-    speed: float = quantity("of the motor through the gap, at the output", "rad/s", above=0, at_most=10, default=0.1)
-    time: float = quantity("after which it gives up", "s", at_least=5, at_most=600, default=60.0)
+    cycles: int = quantity("number of cycles that are measured", "", at_least=2, at_most=20, whole=True, default=3)
+    speed: float = quantity(
+        "speed of the motor through the gap, at the output", "rad/s", above=0, at_most=10, default=0.1
+    )
+    time: float = quantity("time after which the run ends without a result", "s", at_least=5, at_most=600, default=60.0)
     rated_torque: float = quantity(
-        "rated torque of the gear, at the output; 0: half the torque of the drive at standstill",
+        "rated torque of the gear, at the output; 0: half the drive's standstill torque",
         "N m",
         at_least=0,
         at_most=1e6,
         default=0.0,
     )
     lost_motion_share: float = quantity(
-        "share of the rated torque, to either side, between which the lost motion is",
+        "the lost motion is measured between plus and minus this share of the rated torque",
         "",
         above=0,
         at_most=1,
@@ -96,7 +100,7 @@ class HysteresisSettings(Validated):
 
 
 def refusal(drive: Drive, settings: HysteresisSettings, limits: Limits, thresholds: FaultThresholds) -> str:
-    """Return why the torque cannot be applied, or does not tell the lost motion; empty where it can and does."""
+    """Return why the torque cannot be applied or does not show the lost motion; empty if neither is the case."""
     applied, section = settings.applied(drive, limits), settings.section
     allowed = min(_HELD * thresholds.load_torque, _BLOCKED * _HELD * applied / settings.torque)
     if applied > allowed:
@@ -108,7 +112,7 @@ def refusal(drive: Drive, settings: HysteresisSettings, limits: Limits, threshol
     at = settings.lost_motion_share * settings.rated(drive)
     if at > 0.8 * applied:
         return (
-            f"the lost motion is asked for at +-{at:.3g} N m, and the torque goes to {applied:.3g} N m only: raise "
+            f"the lost motion is wanted at +-{at:.3g} N m, but the torque reaches only {applied:.3g} N m: raise "
             f"{section}.torque, or lower {section}.rated_torque or lost_motion_share"
         )
     return ""
@@ -166,7 +170,7 @@ class Hysteresis:
         """Take a sample; see `Experiment`."""
         motor, load = float(self._drive.gear.ratio * measured[THETA_M]), float(measured[THETA_L])
         if math.isnan(motor) or math.isnan(load):
-            self.cancel("it is measured between two encoders, and one is missing")
+            self.cancel("the measurement needs two encoders, and one is missing")
         if self.outcome is not None:
             return Excitation()
         rows = self._rows
@@ -193,13 +197,13 @@ class Hysteresis:
         return self._braked(self._torque, _UNBRAKED * self._settings.speed)
 
     def _braked(self, torque: float, free: float = 0.0) -> Excitation:
-        """Return a torque, less what brakes the motor beyond a ``free`` speed, within what it may be."""
+        """Return a torque, reduced to brake the motor beyond a ``free`` speed, and clamped."""
         cap = _CAP * self._most
         braked = self._speed - min(max(self._speed, -free), free)
         return Excitation(torque=min(max(torque - self._damping * braked, -cap), cap))
 
     def _come_to_rest(self, motor: float, elapsed: float) -> Excitation:
-        """Hold the motor where the trouble began until it rests, or for a while; then end."""
+        """Hold the motor where the trouble began until it rests or a time limit is over; then end."""
         self._rest += elapsed
         if self._rest > _LONGEST or (self._rest > _REST and abs(self._slow_speed) < 0.05 * self._settings.speed):
             self.cancel(self._trouble)
@@ -207,7 +211,7 @@ class Hysteresis:
         return self._braked(self._stiffness * (self._hold - motor))
 
     def _watch(self, motor: float, load: float) -> str:
-        """Return why it cannot go on: the load moves, the motor goes against its torque, or the time is over."""
+        """Return why the run cannot go on: the load moves, the motor moves against its torque, or the time is over."""
         settings = self._settings
         where = f"{settings.section}.movement = {settings.movement:g} rad"
         if (way := abs(load - self._rows[0][2])) > settings.movement:
@@ -224,18 +228,18 @@ class Hysteresis:
         self._farthest = motor - load if way < 0.0 else self._farthest
         if self._time > settings.time:
             return (
-                f"it was not over after {settings.section}.time = {settings.time:g} s: the gap is wider, or the gear "
-                "softer, than can be passed in that time; or the command does not act"
+                f"it had not ended after {settings.section}.time = {settings.time:g} s: the gap is wider, or the gear "
+                "softer, than this time allows, or the command has no effect"
             )
         return ""
 
     @property
     def _direction(self) -> float:
-        """Which way the torque goes, 1 or -1."""
+        """Direction in which the torque changes, 1 or -1."""
         return math.copysign(1.0, self._targets[self._branch] - self._torque)
 
     def _go_on(self, elapsed: float, motor: float, load: float) -> None:
-        """Change the torque: at its rate while the motor stands, else so that it keeps its speed."""
+        """Change the torque: at its rate while the motor stands still, otherwise so that the motor keeps its speed."""
         wanted, way, target = self._settings.speed, self._direction, self._targets[self._branch]
         stands = min(max(1.0 - 2.0 * way * self._slow_speed / wanted, 0.0), 1.0)
         press = self._rate * (_SLOWLY if abs(self._torque) < _NEAR * self._most else 1.0)

@@ -1,4 +1,4 @@
-"""Identifying the drive with both encoders: the motion of the gap's probe tells load, friction and delay, too."""
+"""Identifying the drive with both encoders: the motion of the gap probe also shows load, friction and delay."""
 
 from collections.abc import Callable
 from functools import partial
@@ -12,11 +12,11 @@ from backlash_ros.identification.recordings.identify import Identified, identify
 
 _EXPECTED = "expected_load_torque"
 _NAMES = {"delay.command": "loop_delay", _EXPECTED: _EXPECTED}
-"""What a finding is for the controller where it is no value of the drive: by its key, the controller's parameter."""
+"""Findings that are not values of the drive: the controller's parameter, by the finding's key."""
 
 
 class Identify(GapProbe):
-    """One run of the gap's probe, from which all of the drive is identified."""
+    """One run of the gap probe, from which the whole drive is identified."""
 
     def cancel(self, reason: str) -> None:
         """End without a result, for ``reason``."""
@@ -24,7 +24,7 @@ class Identify(GapProbe):
             self.outcome = _nothing(reason)
 
     def work(self) -> Callable[[], Outcome]:
-        """Return what identifies the drive from what was seen."""
+        """Return the work that identifies the drive from the recording."""
         return partial(_estimate_from, self._drive, self.recording())
 
 
@@ -33,7 +33,7 @@ def _nothing(reason: str) -> Refusal:
 
 
 def _estimate_from(drive: Drive, recording: Recording) -> Outcome:
-    """Return what a recording tells of a drive."""
+    """Return what a recording shows about a drive."""
     try:
         found = identify(drive, recording, hold_out=False)
     except ValueError as error:
@@ -56,7 +56,7 @@ def _estimate_from(drive: Drive, recording: Recording) -> Outcome:
 
 
 def _parameters_of(found: Identified) -> dict[str, float | int | str]:
-    """Return what was found by the names of parameters; the teeth count as one."""
+    """Return the values found, by parameter name; the teeth count as one."""
     wanted = tuple(f"{name}." if name == "contact" else name for name in found.replaced)
     values = {name: value for name, value in values_of(found.drive).items() if name.startswith(wanted)}
     others = {_NAMES[each.key]: each.value for each in found.findings if each.told and each.key in _NAMES}

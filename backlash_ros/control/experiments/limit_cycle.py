@@ -1,4 +1,4 @@
-"""Learning the backlash from the limit cycle: what to excite, what to wait for, when to stop, what the backlash is.
+"""Learning the backlash from the limit cycle: excitation, waiting, the end, and the backlash that follows.
 
 The fast gains keep a limit cycle in the gap (paper, fig 4). The learner starts it with a step of the reference
 there and back, since a load at rest on one flank stays quiet, and measures it over several cycles. With both encoders
@@ -19,33 +19,37 @@ from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array, Estimate, Measurement
 
 _FEWEST_SAMPLES = 8
-"""Samples that a cycle must have: with fewer its turning points are not seen."""
+"""Smallest number of samples in a cycle: with fewer, its turning points are not seen."""
 _AHEAD, _SHARE = 0.02, 0.5
-"""How far a look ahead goes, s, and the share of the swing at which it ends a run: the rest is for what goes on unseen
-where samples are late."""
+"""Time by which the load's motion is predicted, s, and share of the swing at which the prediction ends a run: the rest
+is a reserve for motion that late samples do not show."""
 _REST, _LONGEST = 0.2, 3.0
-"""For how long a load that swung too far has to stand still, and how long that is waited for, s."""
+"""Time for which a load that swung too far must stand still, and longest wait for that, s."""
 _FEWEST_STEPS = 4
-"""Steps of a load encoder that its cycle must span: teeth at rest on one flank flicker between two neighbours."""
+"""Encoder steps that the load's cycle must span: at rest on one flank, the reading flickers between two neighbours."""
 
 
 @dataclass(frozen=True)
 class LimitCycleSettings(Validated):
-    """How the learner excites and how long it waits."""
+    """Excitation and waiting times of the learner."""
 
     section: ClassVar[str] = "learning.limit_cycle"
 
-    swing: float = quantity("farthest that the load goes from where it is", "rad", above=0, at_most=3.2, default=0.3)
+    swing: float = quantity(
+        "largest distance that the load moves from its position at the start", "rad", above=0, at_most=3.2, default=0.3
+    )
     kick: float = quantity("reference step that starts the cycle", "rad", above=0, at_most=3.2, default=0.025)
-    kick_time: float = quantity("time the kick is held", "s", above=0, at_most=10, default=0.25)
+    kick_time: float = quantity("time for which the kick is held", "s", above=0, at_most=10, default=0.25)
     settle_time: float = quantity("wait after the kick, before measuring", "s", at_least=0, at_most=10, default=0.5)
     measure_time: float = quantity("longest record of one attempt", "s", above=0, at_most=20, default=2.0)
-    cycles: int = quantity("cycles that must repeat", "", at_least=3, at_most=1000, whole=True, default=10)
-    attempts: int = quantity("kicks tried, in turn to either side", "", at_least=1, at_most=100, whole=True, default=3)
-    resolution: float = quantity(
-        "smallest oscillation taken for a cycle, and smallest backlash", "rad", above=0, at_most=1, default=2e-4
+    cycles: int = quantity("number of cycles that must be alike", "", at_least=3, at_most=1000, whole=True, default=10)
+    attempts: int = quantity(
+        "number of kicks, alternately to either side", "", at_least=1, at_most=100, whole=True, default=3
     )
-    spread: float = quantity("largest (max - min)/mean over the cycles", "", above=0, at_most=1, default=0.25)
+    resolution: float = quantity(
+        "smallest oscillation that counts as a cycle, and smallest backlash", "rad", above=0, at_most=1, default=2e-4
+    )
+    spread: float = quantity("largest allowed (max - min)/mean over the cycles", "", above=0, at_most=1, default=0.25)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -77,7 +81,7 @@ class BacklashLearner:
 
     @property
     def progress(self) -> float:
-        """How far it is, from 0 to 1, as if all attempts were needed."""
+        """Progress, from 0 to 1, as if all attempts were needed."""
         if self.outcome is not None:
             return 1.0
         settings = self._settings
@@ -119,7 +123,7 @@ class BacklashLearner:
         return Excitation()
 
     def _runs_away(self, load: float, elapsed: float) -> bool:
-        """Return whether the load is, or was, about to leave the swing: a cycle grows where samples are late."""
+        """Return whether the load is, or was, about to leave the swing: late samples let a cycle grow."""
         if math.isnan(self._start):
             self._start = self._before = load
         speed, self._before = (load - self._before) / elapsed, load
@@ -134,7 +138,7 @@ class BacklashLearner:
         return bool(self._away)
 
     def _come_to_rest(self) -> Excitation:
-        """Let the over-damped law act until the load rests, or for a while; then end."""
+        """Let the over-damped law act until the load rests or a time limit is over; then end."""
         self._tick += 1
         self._calm += 1
         if abs(self._before - self._rest) > self._settings.resolution:
@@ -151,16 +155,16 @@ class BacklashLearner:
         cycle = find_limit_cycle(position, speed, self._period) if moving else None
         if cycle is None or cycle.amplitude < self._settings.resolution:
             self._last_refusal = (
-                f"the load comes to rest or moves less than {self._settings.resolution:g} rad; "
-                "a load torque or friction that keeps the teeth on one flank does this, fast gains too low to "
+                f"the load comes to rest or moves less than {self._settings.resolution:g} rad; possible causes: "
+                "a load torque or friction that keeps the teeth on one flank, fast gains too low to "
                 "rattle, or a drive without power"
             )
             return
         step = _encoder_step(position)
         if self._method is Method.LOAD_AMPLITUDE and cycle.amplitude < _FEWEST_STEPS * step:
             self._last_refusal = (
-                f"the load moves by {cycle.amplitude:.3g} rad only, less than {_FEWEST_STEPS} steps of its encoder "
-                f"({step:.3g} rad each): it may be at rest on one flank, as under a load torque or friction"
+                f"the load moves by only {cycle.amplitude:.3g} rad, less than {_FEWEST_STEPS} steps of its encoder "
+                f"({step:.3g} rad each): a load torque or friction may hold it on one flank"
             )
             return
         if self._method is Method.GAP_TRAVEL:
@@ -172,7 +176,7 @@ class BacklashLearner:
         else:
             angle, seen = cycle.amplitude / self._drive.motor_share, cycle
         self._accept_if_periodic(angle, cycle, seen)
-        # Only the latest cycles count, so that a bad start is forgotten and the work per judgement stays bounded.
+        # Only the latest cycles count: a bad start is forgotten, and the work per call stays bounded.
         del self._record[: -math.ceil((self._settings.cycles + 2) * cycle.period / self._period)]
 
     def _accept_if_periodic(self, angle: float, cycle: LimitCycle, seen: LimitCycle) -> None:
@@ -180,13 +184,13 @@ class BacklashLearner:
         if cycle.period < _FEWEST_SAMPLES * self._period:
             self._last_refusal = (
                 f"a cycle of {cycle.period:.3g} s has fewer than {_FEWEST_SAMPLES} samples, "
-                "too few to see how far it goes"
+                "too few to see its amplitude"
             )
         elif cycle.cycles < settings.cycles:
             self._last_refusal = f"only {cycle.cycles} of {settings.cycles} cycles within {settings.measure_time:g} s"
         elif not angle >= settings.resolution:
             self._last_refusal = (
-                f"the load swings but the gap moves by {angle:.3g} rad only, less than {settings.resolution:g} rad: "
+                f"the load swings but the gap changes by only {angle:.3g} rad, less than {settings.resolution:g} rad: "
                 "is the load's angle measured behind the gear?"
             )
         elif not max(cycle.period_spread, seen.amplitude_spread) <= settings.spread:
@@ -217,7 +221,7 @@ class BacklashLearner:
 
 
 def _encoder_step(position: Array) -> float:
-    """Return the smallest change between samples: an encoder's step, next to nothing where there is none."""
+    """Return the smallest change between samples: the encoder's step, or next to 0 without quantization."""
     changes = np.abs(np.diff(position))
     return float(np.min(changes[changes > 0], initial=math.inf))
 

@@ -24,39 +24,42 @@ from backlash_ros.identification.one_encoder.one_sided import measure_gap_one_si
 from backlash_ros.identification.recording import Recording, with_late_answers
 
 _CATCH, _HOLD, _END = 0.3, 0.5, 0.2
-"""s from which on it records, until which it holds the shaft to see what torque that takes, and holds it at the end."""
+"""Times, s: when recording starts; until when it holds the shaft to see what torque that takes; how long it holds it at
+the end."""
 _LEVELS, _TURNS = (0.02, 0.05, 0.13, 0.3), (1.0, 1.5, 2.5, 1.0)
 _WIDE = 1.5
-"""Of the levels: share of the torque, and the turning point over ``travel``; at least so much for the motor's encoder,
-since the motor itself has to meet both flanks."""
+"""Levels: share of the torque, and turning point as a multiple of ``travel``; with the motor's encoder that multiple is
+at least `_WIDE`, since the motor itself has to meet both flanks."""
 _LEVEL_TIME = 1.2
 _LOADED = 0.005
-"""Share of the torque at standstill from which on a load torque has to be outrun, by the last level."""
+"""Share of the standstill torque above which a load torque must be outrun, by the last level."""
 _BANDWIDTH, _DRIFT = 200.0, 1200.0
-"""Of the speed, rad/s; of the torque that brings the middle of the cycle back, 1/s^3."""
+"""Bandwidth of the speed, rad/s, and gain of the torque that centres the cycle, 1/s^3."""
 _AHEAD = 2.5
-"""Periods that pass until the motor turns."""
+"""Periods that pass until the motor reverses."""
 _STILL, _STANDS, _MORE = (0.02, 0.25), 0.02, (0.01, 0.6)
-"""A shaft that does not move by a share of ``travel`` for so many s, before and after it has turned twice, stands: the
-torque then grows by a share of what there is, or of itself."""
+"""A shaft stands still if it moves less than this share of ``travel`` within this time, s, before and after its second
+reversal; the torque then grows by this share of the available torque, or of itself."""
 
 
 @dataclass(frozen=True)
 class RelaySettings(Validated):
-    """How far and how hard it may move the load."""
+    """Limits of distance and torque for moving the load."""
 
     section: ClassVar[str] = "learning.relay"
 
-    swing: float = quantity("farthest that the load goes from where it is", "rad", above=0, at_most=3.2, default=0.3)
+    swing: float = quantity(
+        "largest distance that the load moves from its position at the start", "rad", above=0, at_most=3.2, default=0.3
+    )
     travel: float = quantity(
-        "way to either side at which the relay turns the motor at first; later up to 2.5 times as far",
+        "first distance, to either side, at which the relay reverses the motor; later up to 2.5 times as far",
         "rad",
         above=0,
         at_most=3.2,
         default=0.04,
     )
     torque: float = quantity(
-        "share that it may use of the torque at standstill under limits.command", "", above=0, at_most=1, default=0.9
+        "largest share of the standstill torque under limits.command that is used", "", above=0, at_most=1, default=0.9
     )
 
 
@@ -88,7 +91,7 @@ class Relay:
 
     @property
     def progress(self) -> float:
-        """How far it is, from 0 to 1."""
+        """Progress, from 0 to 1."""
         return 1.0 if self.outcome is not None else min(1.0, self._time / (self._end + _END))
 
     @property
@@ -108,7 +111,7 @@ class Relay:
             self._by_motor = math.isnan(measured[THETA_L])
         angle = self._drive.gear.ratio * measured[THETA_M] if self._by_motor else measured[THETA_L]
         if math.isnan(angle):
-            self.cancel("the encoder that it began with is missing")
+            self.cancel("the encoder that the run started with is missing")
         if self.outcome is not None:
             return Excitation()
         if self._rows:
@@ -129,7 +132,7 @@ class Relay:
         return Excitation(torque=min(max(torque, -self._most), self._most))
 
     def recording(self) -> Recording:
-        """Return what was seen once the shaft was caught."""
+        """Return the recording from the time when the shaft was held."""
         time, angle, *answers = np.array(self._rows).T
         command, late = (np.append(values[1:], 0.0) for values in answers)
         first = int(np.searchsorted(time, _CATCH))
@@ -158,7 +161,7 @@ class Relay:
             self._moved(angle)
         elif self._runs_unseen(force - (self._dry if self._turned > 1 else 0.0), elapsed):
             self.cancel(
-                f"nothing moved under a torque of {force:.3g} N m at the output, which may have turned the motor by "
+                f"nothing moved under a torque of {force:.3g} N m at the output, which may have moved the motor by "
                 f"{settings.section}.swing = {settings.swing:g} rad: friction or a brake holds it, or the encoder "
                 "stands still"
             )
@@ -174,9 +177,9 @@ class Relay:
         self._unseen = self._unseen_speed = 0.0
 
     def _runs_unseen(self, force: float, elapsed: float) -> bool:
-        """Return whether the motor would have gone beyond the swing by this force since something was seen to move.
+        """Return whether this torque would have moved the motor beyond the swing since the last motion was seen.
 
-        What overcame friction is counted in until the shaft has been seen to go both ways.
+        Until the shaft has moved both ways, the torque that overcame friction counts too.
         """
         side = self._loop.side
         braked = (side.braking + side.viscous) * self._unseen_speed

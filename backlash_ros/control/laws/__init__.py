@@ -12,7 +12,7 @@ LAWS: Registry[NamedLaw] = Registry(__name__, __path__, "LAWS", first="two_regio
 
 
 def lacks(settings: ServoSettings) -> str:
-    """Return what must be found before the law that is named acts, in words; empty where it does.
+    """Return what must happen before the chosen law acts, in words; empty if it acts already.
 
     Raises
     ------
@@ -33,19 +33,19 @@ def lacks(settings: ServoSettings) -> str:
 def design_law(drive: Drive, settings: ServoSettings) -> ControlLaw:
     """Design the law that ``settings`` names, with its parameters there or else their defaults.
 
-    The over-damped law stands in for one that `lacks` something: slower, and quiet whatever the load.
-    Remembered, so that what was designed to validate a request is not designed again between two samples.
+    The over-damped law replaces a law that `lacks` something: slower, and quiet with any load. Results are cached, so
+    that a law designed to validate a request is not designed again between two samples.
 
     Raises
     ------
     ValueError
-        For a name that is not in `LAWS`, parameters of another law, and where the law cannot be designed.
+        For a name that is not in `LAWS`, for another law's parameters, or if the law cannot be designed.
     """
     law = LAWS.choose("law", settings.law)
     parameters = dict(settings.law_parameters).get(settings.law, law.parameters)
     if type(parameters) is not type(law.parameters):
         raise ValueError(
-            f"laws.{settings.law} takes {type(law.parameters).__name__} as its parameters, "
+            f"laws.{settings.law} needs parameters of type {type(law.parameters).__name__}, "
             f"got {type(parameters).__name__}"
         )
     if lacks(settings):

@@ -1,8 +1,8 @@
-"""What industry uses: a P position loop on the load with a dead band, around a PI speed loop on the motor.
+"""The usual industrial cascade: a P position loop on the load with a dead band, around a PI speed loop on the motor.
 
-The dead band is the backlash: within it the position loop asks for nothing. The speed loop has the inertia of motor
-and load as its plant and cancels the back-EMF. The setpoint's speed is fed forward. The integral is remembered in
-volts: other gains make no step.
+The dead band is the backlash: within it the position loop asks for no speed. The speed loop is designed for the inertia
+of motor and load, and cancels the back-EMF. The setpoint's speed is fed forward. The integral is stored in volts, so
+that new gains cause no step.
 """
 
 from dataclasses import dataclass
@@ -29,10 +29,10 @@ class CascadeParameters(Validated):
 
     section: ClassVar[str] = "laws.cascade"
 
-    position_bandwidth: float = quantity("of the position loop", "rad/s", above=0, at_most=1e4, default=25.0)
-    speed_bandwidth: float = quantity("of the speed loop", "rad/s", above=0, at_most=1e4, default=100.0)
+    position_bandwidth: float = quantity("bandwidth of the position loop", "rad/s", above=0, at_most=1e4, default=25.0)
+    speed_bandwidth: float = quantity("bandwidth of the speed loop", "rad/s", above=0, at_most=1e4, default=100.0)
     dead_band: float = quantity(
-        "error to either side without effect, over backlash_angle", "", at_least=0, at_most=10, default=0.5
+        "error, of either sign, that is ignored, in units of backlash_angle", "", at_least=0, at_most=10, default=0.5
     )
 
 

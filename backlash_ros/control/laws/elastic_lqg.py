@@ -1,9 +1,9 @@
 """A linear output-feedback compensator for the elastic two-mass drive: a reconstruction of Mohan's (SSST 2007).
 
-Of that controller the abstract and a step response are known: it is linear, made for a position control system with
-elasticity, removes the limit cycle of the backlash, and overshoots somewhat. This one has those properties and is not
-claimed to be the original: LQG on motor and load joined by a spring, from the load's angle alone, with a lead on the
-reference that makes up for the slow pole, and more. The spring is the teeth's secant stiffness at the edge of the gap.
+Only the abstract and a step response of that controller are known: it is linear, made for a position control system
+with elasticity, removes the limit cycle of the backlash, and overshoots somewhat. This law has those properties but
+need not be the original: LQG on motor and load joined by a spring, from the load's angle alone, with a lead on the
+reference that more than compensates the slow pole. The spring is the teeth's secant stiffness at the edge of the gap.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ _STARTED, _SLOW_REFERENCE = 1 + _STATES, 2 + _STATES
 
 @dataclass(frozen=True)
 class ElasticLqgParameters(Validated):
-    """What the compensator weighs and expects; by default the nominal drive comes to rest."""
+    """Weights and noise of the compensator; with the defaults the nominal drive comes to rest."""
 
     section: ClassVar[str] = "laws.elastic_lqg"
 
@@ -37,9 +37,13 @@ class ElasticLqgParameters(Validated):
     torque_noise: float = quantity("noise on the motor torque", "N m", above=0, at_most=1e3, default=1e-3)
     angle_noise: float = quantity("noise on the load's angle", "rad", above=0, at_most=1, default=1e-3)
     lead: float = quantity(
-        "zero of the reference's lead over the slowest pole's time constant", "", at_least=0, at_most=10, default=1.1
+        "zero of the lead filter on the reference, in units of the slowest time constant",
+        "",
+        at_least=0,
+        at_most=10,
+        default=1.1,
     )
-    lag_time: float = quantity("lag of the reference's lead", "s", above=0, at_most=10, default=0.03)
+    lag_time: float = quantity("lag of the lead filter on the reference", "s", above=0, at_most=10, default=0.03)
 
 
 @compiled_as(LAW_SIGNATURE)
@@ -73,9 +77,9 @@ def elastic_lqg_step(
 
 
 def _take_over(law: Array, memory: Array, estimate: Estimate, setpoint: Setpoint, holding: float) -> None:
-    """Start where the predictor would have come to while the load was held, and the lead where it wants that voltage.
+    """Start the predictor at its steady state for the held load, and the lead so that it asks for the holding voltage.
 
-    So the voltage does not step; how far the load goes then under a load torque is the law's own.
+    So the voltage does not step; how far the load then moves under a load torque depends on the law.
     """
     angle, speed = estimate[THETA_L], estimate[OMEGA_L]
     moves = np.array([angle / law[_RATIO], speed / law[_RATIO], angle, speed, 0.0])
@@ -111,7 +115,7 @@ def elastic_lqg(drive: Drive, settings: "ServoSettings", parameters: ElasticLqgP
     Raises
     ------
     ValueError
-        Where a Riccati equation is too ill-conditioned for the drive.
+        If a Riccati equation is too ill-conditioned for the drive.
     """
     import control  # noqa: PLC0415 - takes more than a second
 
@@ -122,7 +126,7 @@ def elastic_lqg(drive: Drive, settings: "ServoSettings", parameters: ElasticLqgP
     try:
         k, _, poles = control.dlqr(a, b, weight, np.eye(1), method="scipy")
         predictor, _, _ = control.dlqe(a, torque, angle, np.eye(1) * parameters.torque_noise**2, noise, method="scipy")
-        # What it comes to for each volt under which the load does not move.
+        # Its steady state per volt with the load at rest.
         held = np.linalg.solve(np.eye(_STATES) - a + predictor @ angle, b)
     except (ValueError, control.ControlArgument) as error:
         raise ValueError(f"law = 'elastic_lqg' cannot be designed for this drive: {error}") from error

@@ -1,8 +1,8 @@
 """Two linear compensators and a switch on the error, in the manner of Boneh & Yaniv.
 
-J. Dyn. Syst. Meas. Control 121, 1999. Their aim is a smaller limit cycle, not none: near the target the same lead
-compensator acts with a lower gain. It sees position and speed of the load only, knows nothing of current and load
-torque, and switches without hysteresis.
+J. Dyn. Syst. Meas. Control 121, 1999. Their aim is a smaller limit cycle, not its removal: near the target the same
+lead compensator acts with a lower gain. It uses only position and speed of the load, not current or load torque, and
+switches without hysteresis.
 """
 
 from dataclasses import dataclass
@@ -24,11 +24,13 @@ _K1, _K2, _NEAR, _REDUCTION = range(4)
 
 @dataclass(frozen=True)
 class SwitchedLinearParameters(Validated):
-    """How much softer it is near the target."""
+    """How much softer the law is near the target."""
 
     section: ClassVar[str] = "laws.switched_linear"
 
-    reduction: float = quantity("gain near the target over gain far from it", "", above=0, at_most=1, default=0.3)
+    reduction: float = quantity(
+        "gain near the target divided by the gain far from it", "", above=0, at_most=1, default=0.3
+    )
 
 
 @compiled_as(LAW_SIGNATURE)

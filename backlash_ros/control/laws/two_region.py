@@ -1,4 +1,4 @@
-"""The paper's laws: state feedback (eq 15), fast, over-damped, and fast far from the target, over-damped near it.
+"""The paper's laws, state feedback (eq 15): fast; over-damped; two-region, fast only far from the target.
 
     V = k_tau tau_l + k1 (theta_d - theta_l) + k2 (omega_d - omega_l) - k3 i
 
@@ -37,30 +37,30 @@ _OVERDAMPED, _ENTER, _LEAVE, _DWELL = 4, 8, 9, 10
 
 @dataclass(frozen=True)
 class TwoRegionParameters(Validated):
-    """How wide the over-damped region is, and how the regions are switched."""
+    """Width of the over-damped region, and how the regions are switched."""
 
     section: ClassVar[str] = "laws.two_region"
 
     width: float = quantity(
-        "error to either side below which the over-damped gains act, over backlash_angle",
+        "error, of either sign, below which the over-damped gains act, in units of backlash_angle",
         "",
         above=0,
         at_most=10,
         default=1.0,
     )
     hysteresis: float = quantity(
-        "the over-damped region is left at (1 + hysteresis) width backlash_angle",
+        "the over-damped region ends at an error of (1 + hysteresis) width backlash_angle",
         "",
         at_least=0,
         at_most=10,
         default=0.1,
     )
-    min_dwell: float = quantity("least time in a region", "s", at_least=0, at_most=10, default=0.02)
+    min_dwell: float = quantity("shortest time in a region", "s", at_least=0, at_most=10, default=0.02)
 
 
 @compiled_as(LAW_SIGNATURE)
 def two_region_step(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, low: float, high: float) -> float:
-    """Choose the region by the error, then eq 15 with the region's gains, clamped to the range."""
+    """Choose the region by the error, apply eq 15 with its gains, and clamp to the range."""
     error = setpoint[POSITION] - estimate[THETA_L]
     region, ticks = state[REGION], state[_TICKS] + 1.0
     if ticks >= law[_DWELL]:
@@ -87,12 +87,12 @@ def _law(drive: Drive, settings: "ServoSettings", enter: float, leave: float, mi
         *_with_torque(drive, settings.gains.overdamped),
         *(enter, leave, math.ceil(min_dwell / settings.period - 1e-9)),
     ]
-    # The first region holds from the start: no dwell to wait for.
+    # The first region acts from the start: no dwell time to wait for.
     return ControlLaw(two_region_step, np.array(constants, dtype=float), np.array([float(FAST_REGION), 1e9]))
 
 
 def two_region(drive: Drive, settings: "ServoSettings", parameters: TwoRegionParameters) -> ControlLaw:
-    """Over-damped gains within the backlash, fast gains outside, with hysteresis and a least dwell (figs 6, 9)."""
+    """Over-damped gains within the backlash, fast gains outside, with hysteresis and a dwell time (figs 6, 9)."""
     enter = parameters.width * settings.backlash_angle
     return _law(drive, settings, enter, (1.0 + parameters.hysteresis) * enter, parameters.min_dwell)
 

@@ -1,1 +1,1 @@
-"""What a sample is held against before it is believed: limits, physics, and the faults that come of it."""
+"""Checks of a sample before it is believed: limits, physics, and the faults that follow."""

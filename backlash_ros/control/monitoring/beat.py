@@ -1,33 +1,33 @@
-"""The even beat of the samples: how many periods passed between two, and how late answers are.
+"""The regular beat of the samples: the number of periods between two samples, and the lateness of answers.
 
-On a busy machine stamps and answers are late, the drive's period is not. Neither clock has to agree with the other, nor
-to run exactly as fast: a stamp, or an answer, is compared with those before it.
+On a busy machine stamps and answers are late, but the drive's period is not. The two clocks need not agree, nor run at
+exactly the same rate: a stamp or an answer is compared only with earlier ones.
 """
 
 import math
 from collections import deque
 
 LATE = 0.25
-"""Share of a period, beyond the usual time from a sample to its answer, from which on an answer is late."""
+"""An answer is late beyond the usual time from a sample to its answer plus this share of a period."""
 _WINDOW = 100
-"""Samples that tell what is usual."""
+"""Number of samples that define what is usual."""
 
 
 class _Usual:
-    """Times, s, and by how much the next one is above their median."""
+    """Times, s, with the excess of the next one over their median."""
 
     def __init__(self) -> None:
         self._times: deque[float] = deque(maxlen=_WINDOW)
 
     def excess(self, time: float) -> float:
-        """Take a time, and return by how much it is above those before it; 0 for the first."""
+        """Take a time, and return its excess over the median of the earlier ones; 0 for the first."""
         usual = sorted(self._times)[len(self._times) // 2] if self._times else time
         self._times.append(time)
         return time - usual
 
 
 class Beat:
-    """Counts periods and judges answers; one whose time nobody tells is taken to be as usual.
+    """Counts periods and judges answers; an answer without a time counts as usual.
 
     Parameters
     ----------
@@ -41,20 +41,20 @@ class Beat:
         self._stamped_late = self._late = 0.0
 
     def sample(self, elapsed: float) -> tuple[int, float]:
-        """Take a sample that was stamped ``elapsed`` s after the one before; one period after it where that is nan.
+        """Take a sample that was stamped ``elapsed`` s after the previous one; nan means one period.
 
-        Returns how many periods it came after that one, and how late that one was answered, s.
+        Returns the number of periods since the previous sample, and how late that one was answered, s.
         """
         elapsed = elapsed if math.isfinite(elapsed) else self._period
         periods = max(1, round((elapsed + self._stamped_late) / self._period))
         self._count, self._stamp = self._count + periods, self._stamp + elapsed
         self._stamped_late = self._stamps.excess(self._stamp - self._count * self._period)
-        # A drive that is late itself may have heard the answer too late, whenever it was sent.
+        # A drive that is itself late may have received the answer late, whenever it was sent.
         late, self._late = max(self._late, self._beyond(self._stamped_late)), 0.0
         return periods, late
 
     def answered(self, at: float) -> None:
-        """Take down when the newest sample was answered, s of a steady clock."""
+        """Note when the newest sample was answered, s of a steady clock."""
         self._late = self._beyond(self._answers.excess(at - self._count * self._period))
 
     def _beyond(self, excess: float) -> float:

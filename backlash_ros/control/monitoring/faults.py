@@ -1,4 +1,4 @@
-"""What the faults that the tick finds say: what was seen, and beyond which bound."""
+"""The texts of the faults that the tick finds: what was seen, and which bound it exceeded."""
 
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitoring.thresholds import FaultThresholds
@@ -6,11 +6,11 @@ from backlash_ros.drivetrain.signals import Array
 from backlash_ros.gates.faults import Fault
 
 DETAILS = 3
-"""How many numbers go with a fault, for its text."""
+"""Number of values that a fault's text needs."""
 
 
 def describe_fault(fault: Fault, details: Array, limits: Limits, thresholds: FaultThresholds) -> str:
-    """Return the text of a fault: what was seen, and beyond which bound."""
+    """Return the text of a fault: what was seen, and which bound it exceeded."""
     a, b, c = details.tolist()
     side = "motor" if fault in {Fault.MOTOR_JUMP, Fault.MOTOR_OVERSPEED, Fault.MOTOR_SPEED} else "load"
     end = "lower" if fault is Fault.LOWER_END else "upper"
@@ -20,20 +20,20 @@ def describe_fault(fault: Fault, details: Array, limits: Limits, thresholds: Fau
         Fault.UNEXPLAINED_TORQUE: f"unexplained torque of {a:.3g} N m, more than {b:.3g} N m by faults.load_torque or "
         "limits.command; the motor does not follow its command, the load is blocked, or encoders stand still or count "
         "backwards",
-        Fault.RATE: f"samples come every {a:.3g} s, and rate says every {b:g} s: it must be the drive's",
-        Fault.NOT_FINITE: "no finite command follows from the joint states",
-        Fault.MOTOR_CURRENT: f"motor current of {a:.3g} A, which the command cannot make: from {b:.3g} to {c:.3g} A "
-        "follow from it; effort in the wrong unit (it is N m at the motor's shaft), of the wrong sign, or broken",
+        Fault.RATE: f"samples come every {a:.3g} s, but rate says every {b:g} s: set rate as the drive has it",
+        Fault.NOT_FINITE: "the joint states give no finite command",
+        Fault.MOTOR_CURRENT: f"motor current of {a:.3g} A, which the command cannot cause: it allows {b:.3g} to "
+        f"{c:.3g} A; the effort has the wrong unit (it is N m at the motor's shaft) or sign, or its sensor is broken",
     }
     jump = (
         f"{side} encoder moved {a:.3g} rad at the output within {b:.3g} s, faster than "
         f"faults.velocity = {thresholds.velocity:g} rad/s"
     )
     overspeed = f"{side} speed of {a:.3g} rad/s at the output, faults.velocity = {thresholds.velocity:g} rad/s"
-    apart = f"moves at {b:.3g} +- {c:.3g} rad/s" if c >= 0 else f"has come {-c:.3g} rad off it within a short while"
+    apart = f"moves at {b:.3g} +- {c:.3g} rad/s" if c >= 0 else f"drifted {-c:.3g} rad from it in a short time"
     contradiction = (
-        f"{side} speed of {a:.3g} rad/s at the output contradicts its encoder, which {apart}; velocity in the wrong "
-        "unit, of the wrong sign, or broken, an encoder that stands still, or a rate that is not the drive's"
+        f"{side} speed of {a:.3g} rad/s at the output contradicts its encoder, which {apart}; the velocity has the "
+        "wrong unit or sign or is broken, the encoder stands still, or rate is not the drive's"
     )
     beyond = (
         f"load at {a:.4g} rad, further than limits.soft_zone = {limits.soft_zone:g} rad "

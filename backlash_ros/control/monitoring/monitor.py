@@ -1,24 +1,25 @@
-"""Whether the drive does what its parameters say, sample by sample: thresholds, and the fault that is beyond them.
+"""Checks sample by sample whether the drive does what its parameters say; beyond a threshold there is a fault.
 
-Pure computation, compiled into the tick. Four things are watched, each with a threshold of its own: the speed of either
-shaft (an encoder that jumps moves faster than any motor), how far both shafts have moved apart (an encoder that stands
+Pure computation, compiled into the tick. Four things are watched, each with its own threshold: the speed of either
+shaft (an encoder that jumps moves faster than any motor), the relative travel of both shafts (an encoder that stands
 still or counts backwards), the torque that the momentum of both shafts does not explain (a motor that does not follow
-its command, a load that is blocked, encoders that both stand still), and the ends of the travel.
+its command, a blocked load, two encoders that stand still), and the ends of the travel.
 
-The unexplained torque U is that of `observer`, with what the motor should make as the drive's torque D. It is held
-against its limit only where the momentum goes the way of the load torque, (D + U) D <= 0.05 D^2. So a wrong inertia,
-resistance or torque constant, which changes by what factor the momentum follows D, is no fault at any torque.
+The unexplained torque U is that of `observer`, with the torque that the command should make as the drive's torque D. It
+is compared with its limit only while the momentum changes in the direction of the load torque, (D + U) D <= 0.05 D^2. A
+wrong inertia, resistance or torque constant only changes the factor between D and the momentum, so it causes no fault
+at any torque.
 
-What passes: whatever looks like a load torque within the limit, that is encoders that both stand still (the only one,
-where there is one), a blocked load or a dead motor while the command stays small, and a command or encoders of the
-wrong sign until it has grown; ``faults.load_torque`` lowered to what the axis has to hold finds them that much sooner.
-An encoder that stands still with its shaft. The only encoder that jumps by less than ``faults.gap`` and one sample's
-way at ``faults.velocity``. A gear that slips by less than 2 % of the travel. Angles that stand still while their
-measured speeds are right.
+Not detected is whatever looks like a load torque within the limit: encoders that all stand still, a blocked load or a
+dead motor while the command stays small, and a command or encoders of the wrong sign until the command has grown. With
+``faults.load_torque`` lowered to what the axis must hold they are found sooner. Not detected either: an encoder that
+stands still together with its shaft; an only encoder that jumps by less than ``faults.gap`` plus one sample's travel at
+``faults.velocity``; a gear that slips by less than 2 % of the travel; angles that stand still while their measured
+speeds are right.
 
-With one encoder the gap is not seen, and the momentum is that of a rigid gear: a drive that hammers from flank to
-flank (the load encoder alone under a current: nothing damps the motor in the gap) and whose load is a quarter of what
-its inertia says may look like a fault.
+With one encoder the gap is not seen, and the momentum is that of a rigid gear. A false fault is possible if the drive
+hammers from flank to flank (the load encoder alone under a current: nothing damps the motor in the gap) and the load is
+a quarter of what its inertia says.
 """
 
 import math
@@ -49,29 +50,29 @@ from backlash_ros.drivetrain.signals import (
 from backlash_ros.gates.faults import Fault
 
 _BANDWIDTHS = 5.0, 50.0
-"""Of the two low-passes of the torque that is held against its limit, rad/s, within which the drive's own one is taken:
-an impact is over before it counts, a runaway is not; counts of an encoder on a slow drive are none."""
+"""Range for the bandwidth of the two low-passes of the unexplained torque, rad/s: an impact is over before it counts, a
+runaway is not, and the encoder counts of a slow drive cause no fault."""
 
 _HELD = 0.9
-"""Share of the torque at standstill that a drive can hold against a load at all; beyond it the load is blocked."""
+"""Share of the standstill torque that a drive can hold against a load; beyond it the load is blocked."""
 
 _FOLLOWS = 0.05
-"""Share of the drive's torque by which the momentum at least changes where only its parameters are wrong."""
+"""Smallest share of the drive's torque with which the momentum changes if only the parameters are wrong."""
 
 _RATIO_ERROR = 0.02
-"""Of the gear ratio: of so much of the travel the shafts may come apart without end."""
+"""Tolerance of the gear ratio: share of the travel by which the shafts may drift apart."""
 
 
 _GROWS = 6.0
-"""Times as wide as it was learned, to which a gap may grow that is to be learned anew."""
+"""Factor by which a gap that will be learned again may have grown."""
 
 _COUNT = 2 * math.pi / 2**12
-"""Of a coarse load encoder, rad."""
+"""Count of a coarse load encoder, rad."""
 
 
 _RATE_SHARE, _WHILE, _LONGEST = 0.8, 0.1, 10.0
-"""Of the period: samples that come faster for a while, s, are those of a drive with another rate; and what counts at
-most, so that one long pause does not hide it."""
+"""Share of the period: samples that come faster than this for a while, s, are those of a drive with another rate; and
+the largest interval that counts, so that one long pause does not hide this."""
 
 
 _NONE = int(Fault.NONE)
@@ -83,7 +84,7 @@ _LOWER_END, _UPPER_END = int(Fault.LOWER_END), int(Fault.UPPER_END)
 
 
 class MonitorConstants(NamedTuple):
-    """Thresholds and ends as the compiled step reads them (rad, rad/s, N m); the found torque's filter is in rad/s."""
+    """Thresholds and ends as the compiled step reads them (rad, rad/s, N m); the torque's filter is in rad/s."""
 
     velocity: float
     held_torque: float
@@ -107,9 +108,8 @@ def monitor_constants(
 ) -> MonitorConstants:
     """Return the monitor of one drive.
 
-    A backlash that was learned (rad, > 0) narrows the gap: one and a half of the larger of that and the drive's own
-    (eccentric encoders, a gap that varies), the teeth pressed in, and two counts. One that ``may_grow`` widens it, to
-    six of them.
+    A learned backlash (rad, > 0) lowers the gap threshold to 1.5 times the larger of it and the drive's own (because of
+    eccentric encoders and a varying gap), plus the teeth's wind-up and two counts. With ``may_grow`` the factor is 6.
     """
     share = _GROWS if may_grow else 1.5
     known = share * max(backlash_angle, drive.gear.backlash_angle) + 2.0 * pressed(drive) + 2.0 * _COUNT
@@ -135,7 +135,7 @@ _SAMPLE = _OBSERVER + observing.MEMORY
 
 
 def monitor_memory() -> Array:
-    """Return a monitor that has seen nothing."""
+    """Return the initial memory."""
     memory = np.zeros(_SAMPLE + 5)
     memory[[_MOTOR, _LOAD]] = math.nan
     memory[_ELAPSED] = 1.0
@@ -144,23 +144,23 @@ def monitor_memory() -> Array:
 
 
 def forget_ends(memory: Array) -> None:
-    """Let who is outside of new ends of the travel come back in."""
+    """Let a load outside new ends of the travel come back in."""
     memory[[_LOWER, _UPPER]] = -math.inf, math.inf
 
 
 def keep_torque(observer: ObserverConstants, memory: Array) -> None:
-    """Let the torque that was found go on where the ``observer`` is another drive's."""
+    """Keep the torque estimate when the ``observer`` changes to another drive's."""
     observing.keep_estimate(observer, memory[_OBSERVER:_SAMPLE])
 
 
 def unexplained_torque(memory: Array) -> float:
-    """Return the torque on the output shaft that the drive does not explain, N m: a load torque, where all is well."""
+    """Return the unexplained torque on the output shaft, N m: the load torque, if all is well."""
     return float(memory[_UNEXPLAINED])
 
 
 @compiled
 def _too_fast(period: float, memory: Array, elapsed: float) -> bool:
-    """Whether samples have come faster than their rate for a while; slower ones may have been lost on the way."""
+    """Return whether samples have come faster than their rate for a while; if slower, some may have been lost."""
     memory[_ELAPSED] += low_pass_gain(1.0 / _WHILE, period) * (min(elapsed / period, _LONGEST) - memory[_ELAPSED])
     return bool(memory[_ELAPSED] < _RATE_SHARE)
 
@@ -169,7 +169,7 @@ def _too_fast(period: float, memory: Array, elapsed: float) -> bool:
 def _speed(
     limits: MonitorConstants, before: float, angle: float, measured: float, elapsed: float, details: Array, jump: int
 ) -> int:
-    """Return ``jump`` for an encoder that moved too far, the overspeed after it for a measured speed; at the output."""
+    """Return ``jump`` if an encoder moved too far, the next fault, overspeed, for a measured speed; at the output."""
     moved = abs(angle - before)
     # One count may be much in a short period. False for nan.
     if moved > limits.velocity * elapsed + limits.gap:
@@ -183,7 +183,7 @@ def _speed(
 
 @compiled
 def _gap_travel(memory: Array, apart: float, moved: float) -> float:
-    """Return how far the shafts have moved apart (rad), less what a gear ratio that is slightly off explains."""
+    """Return how far the shafts have moved apart (rad), less what a slightly wrong gear ratio explains."""
     if math.isnan(apart):
         return 0.0
     drift = 0.0 if math.isnan(moved) else _RATIO_ERROR * moved
@@ -202,17 +202,17 @@ def _unexplained_torque(
     elapsed: float,
     period: float,
 ) -> float:
-    """Return the torque that the drive does not explain, N m; 0 where it may be a wrong parameter."""
+    """Return the unexplained torque, N m; 0 if a wrong parameter may be the cause."""
     sample = as_measurement(memory[_SAMPLE : _SAMPLE + 5])
     sample[:] = measured
-    sample[CURRENT] = math.nan  # what the command should make, not what the drive reports
+    sample[CURRENT] = math.nan  # what the command should cause, not what the drive reports
     if math.isnan(sample[THETA_M]):  # through the rigid gear: good enough for a limit
         sample[THETA_M], sample[OMEGA_M] = sample[THETA_L] / observer.ratio, sample[OMEGA_L] / observer.ratio
     seen = memory[_OBSERVER:_SAMPLE]
     observer_step(observer, seen, sample, command, period, limits.torque_bandwidth)
     memory[_SEEN] += elapsed
     if memory[_SEEN] < limits.start_time:
-        seen[LOAD_TORQUE] = 0.0  # the first speeds have no momentum before them
+        seen[LOAD_TORQUE] = 0.0  # the first speeds have no earlier momentum
     weight = low_pass_gain(limits.torque_bandwidth, period)
     makes = observer.K_m * seen[CURRENT] / observer.ratio
     memory[_MAKES] += weight * (makes - memory[_MAKES])  # as the observer filters the torque that it finds
@@ -224,7 +224,7 @@ def _unexplained_torque(
 
 @compiled
 def _ends(limits: MonitorConstants, memory: Array, angle: float, details: Array) -> int:
-    """Return the fault of a load angle (rad) beyond an end; who starts outside may come back in, and not out again."""
+    """Return the fault of a load angle (rad) beyond an end; a load that starts outside may only come in."""
     details[0] = angle
     if memory[_LOWER] - angle > limits.soft_zone:
         return _LOWER_END
@@ -246,16 +246,16 @@ def monitor_step(
     period: float,
     details: Array,
 ) -> int:
-    """Take one sample and return the fault that it shows, a `Fault` as a number.
+    """Take one sample and return its fault, a `Fault` as a number.
 
     Parameters
     ----------
-    observer : of the drive; the monitor has one of its own, by what the command should make
+    observer : of the drive; the monitor has its own, driven by what the command should cause
     memory : from `monitor_memory`, updated in place
-    command : in force since the sample before, V or A
-    elapsed : since the sample before, s
-    period : the same, or the nominal one where no sample is missing, s
-    details : shape (3,): what the text of the fault needs
+    command : in force since the previous sample, V or A
+    elapsed : since the previous sample, s
+    period : the same, or the nominal one if no sample is missing, s
+    details : shape (3,): values for the text of the fault
     """
     if _too_fast(observer.period, memory, elapsed):
         details[0], details[1] = memory[_ELAPSED] * observer.period, observer.period

@@ -1,23 +1,24 @@
-"""What physics lets a sample be: currents and speeds that cannot be are not used, and after three samples are a fault.
+"""Plausibility: currents and speeds that physics excludes are not used, and after three samples they are a fault.
 
-Pure computation, compiled into the tick, before anything else uses the sample. Positions are what the machine is judged
-by; a current and two speeds that are measured beside them are held against what follows from positions and commands:
+Pure computation, compiled into the tick, before anything else uses the sample. Positions are taken as true. A measured
+current and measured speeds are compared with what follows from positions and commands:
 
 current  follows the armature equation (eq 7) from the commands that may act, the last three (a drive may be late), and
-         from the motor's speed. What is measured may leave that by a share of the stall current, and by shares of the
-         largest current and back-EMF lately: resistance and torque constant that are off.
-speed    has the encoder's way over a period as its mean. What is measured may leave the mean by as much as that changed
-         lately from sample to sample and from shaft to shaft (acceleration, impacts), by what the current makes of a
-         motor that turns alone, and by a count. Summed up over a while, ways and speeds must agree but for a lag and
-         for what speeds between the samples make of the way where it changes from each sample to the next (the impacts
-         of a fast limit cycle): a speed of the wrong unit or sign does not, however slow the axis moves.
+         from the motor's speed. The measured current may deviate by a share of the stall current, and by shares of the
+         largest recent current and back-EMF, since resistance and torque constant may be wrong.
+speed    has the encoder's travel over a period as its mean. The measured speed may deviate from the mean by as much as
+         the mean changed recently from sample to sample and between the shafts (acceleration, impacts), by what the
+         current does to a motor that turns alone, and by a count. Over a longer time, travel and integrated speed must
+         agree, except for a lag and for what happens between the samples if the travel changes from each sample to the
+         next (the impacts of a fast limit cycle). A speed of the wrong unit or sign does not agree, however slow the
+         axis.
 
-Such a signal counts as not measured where it is not plausible, so that the observer finds it from position or from the
-command. At the third sample in a row it is a fault, which names signal, value and bound.
+An implausible signal counts as not measured, and the observer derives it from position or from the command. The third
+implausible sample in a row is a fault, which names signal, value and bound.
 
-An angle without a measured speed beside it must not make a speed by jumping. One that leaves its way by more than the
-above explains is believed only at its third sample: then the shaft has moved, by a blow say, or the encoder has slipped
-by less than the monitor's limit on the gap, which cannot be told from it.
+An angle without a measured speed must not cause a speed by jumping. An angle that deviates by more than the above is
+believed only at its third sample: then the shaft has moved, for example by a blow, or the encoder has slipped by less
+than the monitor's limit on the gap, which looks the same.
 """
 
 import math
@@ -30,24 +31,24 @@ from backlash_ros.drivetrain import Drive, compiled
 from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array, Measurement
 
 PATIENCE = 3
-"""Samples in a row, this one included, in which a signal is not plausible until it is a fault."""
+"""Number of consecutive implausible samples that are a fault."""
 
 _STALL_SHARE = 0.02
-"""Of the stall current: how far a current may be off at rest."""
+"""Share of the stall current by which a current may be off at rest."""
 _CURRENT_SHARE = 0.35
-"""Of the largest current lately: a winding that is a quarter less than told."""
+"""Share of the largest recent current: the resistance may be a quarter less than its parameter."""
 _BACK_EMF_SHARE = 0.15
-"""Of the current that the largest back-EMF lately would drive: a torque constant that is off."""
+"""Share of the current that the largest recent back-EMF would drive: the torque constant may be wrong."""
 LATELY = 0.05
-"""Time in which what was seen lately is forgotten, s."""
+"""Time constant of forgetting, s."""
 _LAG = 0.004
-"""Time by which a drive may report its speed late, s, beside two periods."""
+"""Delay of a reported speed that is allowed beside two periods, s."""
 _COUNT = 2 * math.pi / 2**11
-"""Count that a speed may come from, rad at its shaft, until ways are seen that are all larger."""
+"""Count that a speed may come from, rad at its shaft, until all steps seen are larger."""
 
 
 class PlausibilityConstants(NamedTuple):
-    """What a current makes of a motor that turns alone, rad/s^2 per A at the output; and the current's margin, A."""
+    """Acceleration of a motor alone per current, rad/s^2 per A at the output; and the current's margin, A."""
 
     acceleration: float
     current_margin: float
@@ -64,7 +65,7 @@ def plausibility_constants(drive: Drive) -> PlausibilityConstants:
 
 @compiled
 def speed_lag(period: float) -> float:
-    """Return by how much a drive may report its speeds late, s."""
+    """Return the allowed delay of reported speeds, s."""
     return _LAG + 2.0 * period
 
 
@@ -80,7 +81,7 @@ _LEAST, _LARGEST, _PEAK, _CURRENT_FAILED, _BEFORE, _BEFORE_THAT = range(24, 30)
 
 
 def plausibility_memory() -> Array:
-    """Return the memory of one that has seen nothing."""
+    """Return the initial memory."""
     memory = np.zeros(30)
     memory[[side + part for side in (_MOTOR, _LOAD) for part in (_ANGLE, _SHOWN, _MEAN, _SPEED)]] = math.nan
     memory[[_MOTOR + _COUNTED, _LOAD + _COUNTED]] = math.inf
@@ -89,17 +90,17 @@ def plausibility_memory() -> Array:
 
 @compiled
 def _count_of(memory: Array, side: int, coarsest: float) -> float:
-    """Return the count that a speed is held against, rad at the output: the smallest way seen, or ``coarsest``."""
+    """Return the count assumed for a speed, rad at the output: the smallest step seen, or ``coarsest``."""
     seen = memory[side + _COUNTED]
     return max(coarsest, seen) if seen < math.inf else coarsest
 
 
 @compiled
 def _follow_encoder(memory: Array, side: int, angle: float, bound: float, trusted: bool, period: float) -> float:
-    """Take an angle (rad at the output); return by how much its mean speed changed since the sample before, rad/s.
+    """Take an angle (rad at the output); return the change of its mean speed since the previous sample, rad/s.
 
-    An angle that leaves the way so far by more than ``bound`` (rad/s) is not believed before its third sample, unless
-    it is ``trusted``: beside a measured speed an angle that jumps makes no speed.
+    An angle that deviates from its motion by more than ``bound`` (rad/s) is not believed before its third sample,
+    unless it is ``trusted``: with a measured speed, an angle that jumps causes no speed.
     """
     shown = (angle - memory[side + _SHOWN]) / period
     mean = (angle - memory[side + _ANGLE]) / period
@@ -126,7 +127,7 @@ def _follow_encoder(memory: Array, side: int, angle: float, bound: float, truste
 def _settle_angle(
     memory: Array, side: int, to_shaft: float, across: float, used: Measurement, observed: Array, period: float
 ) -> None:
-    """Let the observer go on where an angle is not believed, and begin anew where one is believed at last."""
+    """Let the observer extrapolate while an angle is not believed, and restart when it is believed at last."""
     angle, speed = (THETA_M, OMEGA_M) if side == _MOTOR else (THETA_L, OMEGA_L)
     if memory[side + _JUMPED] > 0.0:
         used[angle] = observed[angle] + period * observed[speed]
@@ -142,13 +143,13 @@ def _settle_angle(
 def settle_angles(
     observer: ObserverConstants, memory: Array, used: Measurement, observed: Array, period: float
 ) -> None:
-    """Put in place of an angle that is not plausible, in ``used``, where the observer expects it; see the file.
+    """Replace an implausible angle in ``used`` by the observer's expectation; see the file.
 
     Parameters
     ----------
     memory : of `plausibility_step`, which has seen the same sample
     observed : the observer's memory, updated in place
-    period : since the sample before, s
+    period : since the previous sample, s
     """
     n = observer.ratio
     _settle_angle(memory, _MOTOR, 1.0 / n, 1.0 / n, used, observed, period)
@@ -159,7 +160,7 @@ def settle_angles(
 def _speed_is_plausible(
     memory: Array, side: int, measured: float, bound: float, count: float, period: float, details: Array
 ) -> bool:
-    """Whether a measured speed agrees with the encoder's way since the sample before, and lately; at the output."""
+    """Return whether a measured speed agrees with the encoder since the last sample, and recently; at the output."""
     mean, before = memory[side + _MEAN], memory[side + _SPEED]
     memory[side + _SPEED] = measured
     if math.isnan(mean) or math.isnan(measured) or math.isnan(before):
@@ -172,12 +173,12 @@ def _speed_is_plausible(
         memory[side + _DRIFT] = drift
         fine = abs(drift) <= 2.0 * count + memory[_LAGGED] + memory[_UNEVEN]
     else:
-        memory[side + _SPEED] = mean  # one that is wrong by far says nothing of those that follow
+        memory[side + _SPEED] = mean  # a grossly wrong one says nothing about the next ones
     if fine:
         memory[side + _FAILED] = 0.0
         return True
     memory[side + _FAILED] += 1.0
-    # By a negative third number the text knows that they have come apart.
+    # A negative third value tells the text that the integrals have drifted apart.
     details[0], details[1] = measured, mean
     details[2] = bound if abs(measured - mean) > bound else -abs(memory[side + _DRIFT])
     return False
@@ -194,7 +195,7 @@ def _current_is_plausible(
     period: float,
     details: Array,
 ) -> bool:
-    """Whether a measured current can come of the last three commands at a motor speed, rad/s."""
+    """Return whether the last three commands can cause a measured current at a motor speed, rad/s."""
     least = min(command, memory[_BEFORE], memory[_BEFORE_THAT])
     largest = max(command, memory[_BEFORE], memory[_BEFORE_THAT])
     memory[_BEFORE_THAT], memory[_BEFORE] = memory[_BEFORE], command
@@ -223,16 +224,15 @@ def plausibility_step(
     period: float,
     details: Array,
 ) -> int:
-    """Put nan in place of what is not plausible in ``measured``; return the signal that is a fault by now, or -1.
+    """Replace implausible values in ``measured`` by nan; return the signal that is now a fault, or -1.
 
     Parameters
     ----------
     memory : from `plausibility_memory`, updated in place
-    command : in force since the sample before, V or A
-    period : since the sample before, s
+    command : in force since the previous sample, V or A
+    period : since the previous sample, s
     details : shape (3,): of the fault: the value; for a speed the encoder's mean and the bound around it, rad/s at the
-        output, or minus the way by which both have come apart, rad; for a current the least and the largest that is
-        plausible, A
+        output, or minus the drift between both, rad; for a current the smallest and the largest plausible value, A
     """
     n = observer.ratio
     motor_angle, load_angle = n * measured[THETA_M], measured[THETA_L]

@@ -1,4 +1,4 @@
-"""The thresholds beyond which a healthy drive does not go: beyond them a fault is latched."""
+"""The fault thresholds, which a healthy drive does not exceed."""
 
 import math
 from dataclasses import dataclass
@@ -8,23 +8,23 @@ from backlash_ros.control.limits import NO_LIMIT
 from backlash_ros.drivetrain import Drive, Validated, quantity
 
 _EXPECTED = 0.6
-"""Share of the torque at standstill that the default takes for a load: no motor bears more for long, and a runaway
-shows more."""
+"""Share of the standstill torque that the default allows for a load: no motor bears more for long, and a runaway shows
+more."""
 
 _LEAST_GAP = 0.1
-"""Of the default faults.gap, rad: gears have less backlash, and ``gear.backlash_angle`` may be a guess."""
+"""Smallest default of faults.gap, rad: gears have less backlash, and ``gear.backlash_angle`` may be a guess."""
 
 
 def mechanical_time_constant(drive: Drive) -> float:
-    """Return in what time the drive without friction gets to 63 % of its speed at a constant voltage, s."""
+    """Return the time in which the drive without friction reaches 63 % of its speed at a constant voltage, s."""
     motor = drive.motor
     return drive.effective_inertia * motor.resistance * (drive.gear.ratio / motor.torque_constant) ** 2
 
 
 def pressed(drive: Drive) -> float:
-    """Return how far beyond the gap the teeth go at most, to one side, as an angle at the output, rad.
+    """Return the largest wind-up of the teeth beyond the gap, to one side, as an angle at the output, rad.
 
-    By twice the torque at standstill, a reversal at full speed, that has worked all the way through the gap.
+    It is caused by twice the standstill torque, a reversal at full speed, that has acted across the whole gap.
     """
     gap, wound = drive.gear.backlash_angle, drive.gear.wind_up(2 * drive.standstill_torque())
     return wound + math.sqrt(wound * (wound + 2 * gap))  # torque (gap + pressed) = torque/wound pressed^2/2
@@ -32,28 +32,31 @@ def pressed(drive: Drive) -> float:
 
 @dataclass(frozen=True)
 class FaultThresholds(Validated):
-    """Beyond which speed, torque and gap the servo latches a fault; those of a drive come from `FaultThresholds.of`."""
+    """Speed, torque and gap beyond which the servo latches a fault; `FaultThresholds.of` gives those of a drive."""
 
     section: ClassVar[str] = "faults"
 
-    velocity: float = quantity("speed of the load that is a fault", "rad/s", above=0, at_most=NO_LIMIT)
+    velocity: float = quantity("load speed above which a fault is latched", "rad/s", above=0, at_most=NO_LIMIT)
     load_torque: float = quantity(
-        "unexplained torque on the output shaft that is a fault; at most 90 % of what limits.command makes there",
+        "unexplained torque on the output shaft that latches a fault; capped at 90 % of what limits.command makes",
         "N m",
         above=0,
         at_most=NO_LIMIT,
     )
     gap: float = quantity(
-        "travel of both shafts against each other, at the output, that is a fault", "rad", above=0, at_most=NO_LIMIT
+        "relative travel of the two shafts, at the output, above which a fault is latched",
+        "rad",
+        above=0,
+        at_most=NO_LIMIT,
     )
 
     @classmethod
     def of(cls, drive: Drive) -> "FaultThresholds":
         """Return thresholds that a healthy drive stays within.
 
-        Load: 60 % of the torque at standstill. Speed: a load torque as large as the drive's own doubles the speed
-        without load and pulls the load through the gap; and a quarter more. Gap: five times the backlash that
-        ``drive`` has, and the teeth `pressed` in, to either side; 0.1 rad at least.
+        Load: 60 % of the standstill torque. Speed: a load torque as large as the drive's own doubles the no-load speed
+        and accelerates the load through the gap; plus a quarter. Gap: five times the backlash of ``drive`` plus the
+        wind-up of the teeth (`pressed`) to either side; at least 0.1 rad.
         """
         motor, gear = drive.motor, drive.gear
         torque = drive.standstill_torque()

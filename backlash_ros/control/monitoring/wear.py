@@ -1,8 +1,7 @@
-"""Wear, noticed while the drive works, without an experiment: a gap that has grown, and a load that rattles while held.
+"""Notices wear while the drive works, without an experiment: a gap that has grown, or a load that rattles while held.
 
-The gap shows between both encoders where the teeth rest on one flank and later on the other one; a rattle is a motion
-to and fro that does not die out while the setpoint stands still. Plain Python beside the tick, looked at after each
-answer.
+Two encoders show the gap when the teeth rest on one flank and later on the other; a rattle is a motion to and fro that
+does not die out while the setpoint stands still. Plain Python beside the tick, run after each answer.
 """
 
 import math
@@ -14,29 +13,29 @@ from backlash_ros.control.servo import Servo
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, VELOCITY, Measurement
 
 _GROWN = 1.5
-"""Times the backlash in use from which on a gap has grown: eccentric encoders and a gap that varies show less."""
+"""A gap has grown beyond this multiple of the backlash in use: eccentric encoders and a varying gap show less."""
 _GENTLE, _STILL = 0.15, 0.05
-"""Where teeth rest on a flank: share of the largest command, and way within the gap between two samples as a share of
-the backlash."""
+"""When teeth rest on a flank: share of the largest command, and largest motion in the gap between two samples as a
+share of the backlash."""
 _SOONEST, _FEWEST, _LATEST = 0.1, 24, 60.0
-"""A gap has grown where that is seen twice: after this time (s) and so many samples at the soonest, since wrong samples
-in a row are no gap, and within this time, s."""
+"""A gap has grown if this is seen twice: no sooner than this time (s) and this many samples apart, since consecutive
+wrong samples are no gap, and within the last time, s."""
 _RATIO_ERROR = 0.02
-"""Of the gear ratio: of so much of the travel the shafts may come apart without end."""
+"""Tolerance of the gear ratio: share of the travel by which the shafts may drift apart."""
 _HELD, _REVERSALS, _SLOWEST = 0.3, 12, 2.0
-"""Time that the setpoint stands still before anything counts, s; how often a rattle turns back, each time within s."""
+"""Time for which the setpoint must stand still, s; number of reversals in a rattle; longest time for each, s."""
 _LASTS = 0.7
-"""Share of the earlier half of the swings that the later half of a rattle goes: what dies out is none."""
+"""Smallest ratio of the later to the earlier half of the swings: a motion that dies out is not a rattle."""
 _NO_STEP = 1e-9
 """Rad."""
 _SHARE, _LEAST, _COUNTS = 0.1, 2e-4, 3.0
-"""Smallest swing that counts: share of the backlash, rad, and counts."""
+"""Smallest swing that counts: as a share of the backlash, in rad, and in counts."""
 _REST, _AGAIN, _TRIES = 1.0, 60.0, 3
-"""Time that the load is held before it is learned anew, s; until the next try, s; and how many tries there are."""
+"""Time for which the load is held before it is learned again, s; time until the next try, s; number of tries."""
 
 
 class Rattle(NamedTuple):
-    """A motion to and fro while held: of the load, rad peak to peak; in Hz; for how long, s."""
+    """A motion to and fro while held: peak-to-peak swing of the load, rad; frequency, Hz; duration, s."""
 
     swing: float
     frequency: float
@@ -44,7 +43,7 @@ class Rattle(NamedTuple):
 
 
 class _Turn(NamedTuple):
-    """A reversal: when, s; how far it went since the one before; between which angles the load was meanwhile, rad."""
+    """A reversal: time, s; distance since the previous one; range of the load's angle meanwhile, rad."""
 
     time: float
     way: float
@@ -53,10 +52,10 @@ class _Turn(NamedTuple):
 
 
 class WearWatch:
-    """Looks at one servo, answers a rattle with the over-damped gains, and says when to learn anew.
+    """Observes one servo, answers a rattle with the over-damped gains, and says when to learn again.
 
-    ``grown``: whether the gap is larger than what is in use. ``rattle``: the last one that the servo has or that calmed
-    it, if any.
+    ``grown``: whether the gap is larger than the backlash in use. ``rattle``: the present rattle, or the one that made
+    the over-damped gains act, if any.
     """
 
     def __init__(self, servo: Servo) -> None:
@@ -64,7 +63,7 @@ class WearWatch:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew, as for other settings."""
+        """Start again, as for new settings."""
         self._in_use = self._servo.settings
         self.rattle: Rattle | None = None
         self._time = self._since = 0.0
@@ -78,11 +77,11 @@ class WearWatch:
         self._await_turns(math.nan, math.nan)
 
     def _begin_range(self) -> None:
-        """Forget between what the teeth have rested."""
+        """Forget where the teeth have rested."""
         self._near, self._far = math.inf, -math.inf
 
     def _await_turns(self, x: float, load: float) -> None:
-        """Forget how it turned, and a rattle that calmed nothing."""
+        """Forget the reversals, and a rattle that had no consequence."""
         if not self._servo.calmed:
             self.rattle = None
         self._turns: deque[_Turn] = deque(maxlen=_REVERSALS)
@@ -92,7 +91,7 @@ class WearWatch:
 
     @property
     def gap(self) -> float:
-        """The way between both flanks, rad at the output."""
+        """The distance between both flanks, rad at the output."""
         return max(0.0, self._far - self._near)
 
     @property
@@ -102,11 +101,11 @@ class WearWatch:
 
     @property
     def finding(self) -> str:
-        """What was noticed and what is its likely cause, in words; empty for nothing."""
+        """What was noticed and its likely cause, in words; empty for nothing."""
         told, found = self._servo.settings.backlash_angle, []
         if self.grown:
             found.append(
-                f"the gap has grown: the teeth rested {self.gap:.3g} rad apart, {self.gap / told:.1f} times "
+                f"the gap has grown: the two flanks were {self.gap:.3g} rad apart, {self.gap / told:.1f} times "
                 f"backlash_angle = {told:.3g} rad: learn again"
             )
         if self.rattle is not None:
@@ -114,7 +113,7 @@ class WearWatch:
             found.append(
                 f"the load rattled while it was held, by {swing:.3g} rad peak to peak at {frequency:.3g} Hz for "
                 f"{duration:.1f} s: {self._cause(swing)}"
-                f"{'; until then the over-damped gains act' if self._servo.calmed else ''}"
+                f"{'; the over-damped gains act until then' if self._servo.calmed else ''}"
             )
         return "; ".join(found)
 
@@ -125,16 +124,16 @@ class WearWatch:
         if settings.backlash_angle == 0.0:
             return "the backlash is not known yet: call learn"
         if swing > 2.0 * max(settings.backlash_angle, self.gap):
-            return "more than the gap: samples or commands may come late, or the gains be too high for the load"
-        return "the gap may have grown, or the load be lighter than load.inertia says: learn again"
+            return "more than the gap: samples or commands may be late, or the gains too high for the load"
+        return "the gap may have grown, or the load may be lighter than load.inertia says: learn again"
 
     def look(self, measured: Measurement, elapsed: float) -> bool:
-        """Take a sample that was answered; return whether the backlash is to be learned anew now.
+        """Take an answered sample; return whether to learn the backlash again now.
 
         Parameters
         ----------
-        measured : as it came; nan where not measured
-        elapsed : since the sample before, s
+        measured : as received; nan where not measured
+        elapsed : since the previous sample, s
         """
         servo = self._servo
         if servo.settings is not self._in_use:
@@ -162,7 +161,7 @@ class WearWatch:
         return self._due()
 
     def _look_at_the_gap(self, x: float, moved: float) -> None:
-        """Take the difference of both shafts (rad) where the teeth rest on a flank."""
+        """Take the difference of both shafts (rad) while the teeth rest on a flank."""
         servo, before = self._servo, self._apart
         self._apart = x
         if not math.isnan(moved):
@@ -175,7 +174,7 @@ class WearWatch:
             self._look_whether_it_has_grown()
 
     def _look_whether_it_has_grown(self) -> None:
-        """Believe a gap that is wider than the backlash in use once it is seen anew."""
+        """Believe a gap that is wider than the backlash in use once it is seen again."""
         settings, since = self._servo.settings, self._time - self._once
         if since < max(_SOONEST, _FEWEST * settings.period):
             self._begin_range()
@@ -185,7 +184,7 @@ class WearWatch:
                 self._begin_range()
 
     def _look_for_turns(self, x: float, load: float) -> None:
-        """Follow x (rad) up and down; it turns where it goes back by more than the smallest swing."""
+        """Follow x (rad) up and down; it reverses where it goes back by more than the smallest swing."""
         told = self._servo.settings.backlash_angle
         smallest = max(_SHARE * told, _LEAST, _COUNTS * (self._count_m + self._count_l))
         self._low, self._high = min(self._low, x), max(self._high, x)
@@ -195,7 +194,7 @@ class WearWatch:
             if self._whole:
                 self._turns.append(_Turn(self._time, self._high - self._low, self._least, self._most))
                 self._judge()
-            # The first way was seen in part.
+            # The first swing was seen only in part.
             self._whole, self._way = self._way != 0, -1 if down and self._way >= 0 else 1
             self._low = self._high = x
             self._least = self._most = load
@@ -203,7 +202,7 @@ class WearWatch:
             self._await_turns(x, load)
 
     def _judge(self) -> None:
-        """Look whether what turned is a rattle."""
+        """Check whether the reversals are a rattle."""
         turns = self._turns
         if len(turns) == _REVERSALS and self._lasts():
             half = (turns[-1].time - turns[0].time) / (_REVERSALS - 1)
@@ -212,7 +211,7 @@ class WearWatch:
             self._answer()
 
     def _lasts(self) -> bool:
-        """Return whether the later half of the turns goes as far as the earlier one."""
+        """Return whether the later half of the swings is about as large as the earlier half."""
         ways, half = [turn.way for turn in self._turns], _REVERSALS // 2
         return sum(ways[half:]) >= _LASTS * sum(ways[:half])
 
@@ -223,7 +222,7 @@ class WearWatch:
             self._servo.calm()
 
     def _due(self) -> bool:
-        """Return whether to learn anew now: at rest, where that is allowed, and not over and over again."""
+        """Return whether to learn again now: at rest, if allowed, and not over and over."""
         if not self._servo.settings.renew or not (self.grown or self._servo.calmed):
             return False
         if self._time - self._since < _REST or self._time < self._next or self._tries >= _TRIES:
@@ -234,5 +233,5 @@ class WearWatch:
 
 
 def _smaller(count: float, step: float) -> float:
-    """Return an encoder's count, rad: the smallest step that it made; 0 while it made none."""
+    """Return an encoder's count, rad: its smallest step so far; 0 while it made none."""
     return step if step > _NO_STEP and not 0.0 < count <= step else count

@@ -1,6 +1,6 @@
-"""Elastic contact: a dead zone, and beyond it a linear spring and damper that neither jumps at contact nor pulls.
+"""Elastic contact: a dead zone, then a linear spring and damper whose force neither jumps at contact nor pulls.
 
-    F = k delta + c ddelta/dt, delta = abs(gap) - d/2, the damping part never larger than the spring's
+    F = k delta + c ddelta/dt, delta = abs(gap) - d/2, with the damping part at most as large as the spring's
 
 As in Nordin, Galic & Gutman, Int. J. Adapt. Control Signal Process. 11, 1997, and in
 Modelica.Mechanics.Rotational.Components.ElastoBacklash2. The rate of delta is the gap's, where the backlash varies too.
@@ -45,7 +45,7 @@ def elastic_force(constants: Constants, half_gap: float, gap: float, gap_rate: f
 
 @compiled
 def elastic_piece(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> int:
-    """Return 0 apart; in contact by the damper: as it is, held to the spring's force, or not to pull."""
+    """Return 0 if apart, or the damper's state: unlimited, limited to the spring's force, or limited not to pull."""
     depth = abs(gap) - half_gap
     if depth <= 0.0:
         return 0
@@ -85,7 +85,7 @@ class SpringContact(Contact):
     energy: ClassVar[EnergyFunction] = staticmethod(elastic_energy)
 
     wind_up: float = quantity(
-        "twist of the output by the teeth's give, for each newton metre there",
+        "wind-up of the teeth: twist of the output per newton metre of output torque",
         "rad/(N m)",
         at_least=1e-9,
         at_most=1e3,

@@ -28,7 +28,7 @@ from backlash_ros.drivetrain.quantity import quantity
 BETA, ALPHA, EXPONENT, FREE = range(4)
 
 _NEGLIGIBLE = 1e-10
-"""Share of the force at the edge of the gap that is as good as none."""
+"""Share of the force at the edge of the gap that is negligible."""
 
 
 @compiled
@@ -82,7 +82,7 @@ def no_pull_piece(constants: Constants, half_gap: float, gap: float, gap_rate: f
 
 @compiled
 def power_linear(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> LinearPiece:  # noqa: ARG001
-    """Return no force where `power_force` is negligible."""
+    """Return the piece without force, if `power_force` is negligible."""
     free = constants[FREE] * half_gap
     return 0.0, 0.0, 0.0, free, 1.0, 0.0, free, -1.0, 0.0
 
@@ -128,7 +128,7 @@ class PowerContact(Contact):
         return as_constants(self.stiffness, self.damping, self.exponent, _NEGLIGIBLE ** (1.0 / self.exponent))
 
     def deflection(self, torque: float, half_gap: float, load_radius: float) -> float:
-        """Return how far beyond the gap the teeth carry ``torque`` (N m), rad at the output; 0 where within it."""
+        """Return how far beyond the gap the teeth carry ``torque`` (N m), rad at the output; 0 if within it."""
         s: float = (abs(torque) / load_radius / self.stiffness) ** (1.0 / self.exponent)
         return max(0.0, s - 1.0) * half_gap / load_radius
 

@@ -1,4 +1,4 @@
-"""Contact with a coefficient of restitution: a linear spring and damper that lets go when its force is zero.
+"""Contact with a coefficient of restitution: a linear spring and damper that releases when its force is zero.
 
 The damping is the one that makes two free gears part with a given share e of the speed at which they met (Schwager &
 Poeschel, Granular Matter 9, 2007), as an impact with restitution has it (Sarkar, Ellis & Moore, MSSP 11(3), 1997).
@@ -25,7 +25,7 @@ from backlash_ros.drivetrain.quantity import quantity
 
 
 def restitution_of(damping_ratio: float) -> float:
-    """Return the share of its speed that a linear spring-damper contact leaves which lets go at zero force.
+    """Return the share of the speed that is left by a linear spring-damper contact that releases at zero force.
 
     ``damping_ratio`` is c/(2 sqrt(k m)) with the reduced mass m of the two bodies, 0 <= ratio < 1.
     """

@@ -7,17 +7,17 @@ State order: `signals.PlantState`.
     J_l domega_l/dt = R2 F - B_l omega_l - tau_c - m g l sin(theta_l + offset) - dU/dh h' + tau_l
                                                               eq 1, with the dots it lost in print
 
-Where the command is the current, i is what was commanded and V what an ideal current loop applies for it: the
-energy account is that at the terminals either way.
+If the command is the current, i is the commanded current and V the voltage that an ideal current loop applies. The
+energy account is that at the terminals in both cases.
 
 Friction. A shaft with dry friction slides forward, slides backward or sticks: its *slip* is 1, -1 or 0. A sliding load
-is braked by slip tau_c. A sliding motor is braked by its own Coulomb friction and by that of the teeth, by which their
+is braked by slip tau_c. A sliding motor is braked by its own Coulomb friction and by the friction of the teeth: their
 torque at its shaft is R1 F/efficiency_forward while power flows to the load and R1 F efficiency_backward while it flows
-to the motor. A shaft that sticks does not move, whatever acts on it, up to the limits that
-`held_torque` tells. Who integrates says when the slip changes: see `integrator`.
+to the motor. A shaft that sticks does not move, as long as the torque on it is within the limits of `held_torque`. The
+integrator decides when the slip changes: see `integrator`.
 
-Backlash that varies. h(theta_l) is half the backlash and U(gap, h) the energy in the teeth. By virtual work a gap that
-narrows as the load turns brakes it, by dU/dh h'.
+Varying backlash. h(theta_l) is half the backlash and U(gap, h) the energy in the teeth. By virtual work, a gap that
+narrows as the load turns brakes the load by dU/dh h'.
 
 The functions here are templates, plain Python; `equations_of` compiles them for a contact law.
 """
@@ -45,7 +45,7 @@ _PLAIN = False
 """Whether there is no dry friction, no gravity and a gap that does not vary: `equations_with` binds it."""
 
 SLIDES = 1.0
-"""The slip of a shaft without dry friction, which it does not depend on."""
+"""The slip given for a shaft without dry friction, where it has no effect."""
 
 
 @compiled
@@ -57,7 +57,7 @@ def gap_of(plant: PlantConstants, state: Array) -> tuple[float, float]:
 
 @compiled
 def half_gap_of(plant: PlantConstants, theta_l: float) -> tuple[float, float, float]:
-    """Return half the backlash where the load stands (m) and its first two derivatives by theta_l (m/rad, m/rad^2)."""
+    """Return half the backlash at the load's angle (m) and its first two derivatives by theta_l (m/rad, m/rad^2)."""
     if plant.variation == 0.0:
         return plant.half_gap, 0.0, 0.0
     angle, swing = plant.cycles * theta_l + plant.phase, plant.half_gap * plant.variation
@@ -94,12 +94,12 @@ def contact_of(plant: PlantConstants, state: Array) -> ToothForce:
 
 
 def held_torque(plant: PlantConstants, state: Array, load_torque: float) -> tuple[float, float, float, float]:
-    """Return what friction has to hold so that the shafts stay at rest, and what it can hold at the motor.
+    """Return the torque that friction must hold to keep the shafts at rest, and the torque it can hold at the motor.
 
     Returns
     -------
-    (motor, least, most, load) : N m. What acts on the motor's shaft, teeth apart, and the least and the most of it at
-        which the shaft sticks; what acts on the load, teeth included: it sticks up to its Coulomb friction
+    (motor, least, most, load) : N m. Torque on the motor's shaft without the teeth, and its least and largest values at
+        which the shaft sticks; torque on the load with the teeth: it sticks up to its Coulomb friction
     """
     gap, gap_rate = gap_of(plant, state)
     half_gap, slope, _ = half_gap_of(plant, state[THETA_L])
@@ -136,7 +136,7 @@ def motion(
 ) -> Motion:
     """Return how the speeds and the current change, for a command, a load torque (N m) and the slip of both shafts.
 
-    The command is the voltage, V; without effect where the current is imposed.
+    The command is the voltage, V; it has no effect if the current is imposed.
     """
     slope_i = (command - plant.R * current - plant.K_m * omega_m) * plant.per_inductance
     on_motor, on_load = plant.K_m * current - plant.B_m * omega_m, load_torque - plant.B_l * omega_l
@@ -153,7 +153,7 @@ def motion(
         on_motor -= slip_m * plant.coulomb_m
         on_load -= slip_l * plant.coulomb_l
         mesh = mesh_of(plant, force, slip_m)
-    # The force comes last: it is what the next evaluation waits for.
+    # The force comes last, since the next evaluation waits for it.
     slope_m = on_motor * plant.per_inertia_m - (plant.R1 * plant.per_inertia_m * mesh) * force
     slope_l = on_load * plant.per_inertia_l + (plant.R2 * plant.per_inertia_l) * force
     if not _PLAIN:
@@ -237,7 +237,7 @@ def derivative(
 
 
 class Slopes(NamedTuple):
-    """The Jacobian of the equations of motion, in the parts that it has: see `jacobian` for how they make it.
+    """The parts of the Jacobian of the equations of motion; `jacobian` puts them together.
 
     ``force_*`` are derivatives of F, ``elastic_*`` of its elastic part and ``torque_*`` of the load's own torques, by
     theta_m, theta_l (N/rad, N m/rad) and by the gap rate (N s/m). ``per_force_*``, ``per_torque``, ``per_current`` and
@@ -317,7 +317,7 @@ def jacobian(
     slip_l: float,
     out: Array,
 ) -> None:
-    """Write the derivatives of what `derivative` answers, by the state, into ``out``, shape (7, 7)."""
+    """Write the derivatives of `derivative`, by the state, into ``out``, shape (7, 7)."""
     s = linearize(plant, state, slip_m, slip_l)
     out[:] = 0.0
     force, elastic, rate = np.zeros(7), np.zeros(7), np.zeros(7)
@@ -347,7 +347,7 @@ def jacobian(
 
 
 def stored_energy(plant: PlantConstants, state: Array) -> float:
-    """Return the kinetic, magnetic, elastic and potential energy, J; a weight that hangs straight down has none.
+    """Return the kinetic, magnetic, elastic and potential energy, J; the last is 0 for a weight straight down.
 
     The magnetic energy of an imposed current is the drive's.
     """
@@ -366,7 +366,7 @@ Linearize = Callable[[PlantConstants, Array, float, float], Slopes]
 
 
 class Equations(NamedTuple):
-    """The functions of this file, compiled for one contact law; each is described where it stands here."""
+    """The functions of this file, compiled for one contact law; each is described at its template."""
 
     contact_of: ContactOf
     motion: Callable[..., Motion]
@@ -393,7 +393,7 @@ def is_plain(drive: Drive) -> bool:
 
 @cache
 def equations_with(law: type[Contact], plain: bool = False) -> Equations:
-    """Return the equations of motion, compiled for a contact law; ``plain`` is of `is_plain`, and quicker."""
+    """Return the equations of motion, compiled for a contact law; ``plain`` (see `is_plain`) gives quicker ones."""
     force: dict[str, Any] = {"_contact_force": law.force}
     both: dict[str, Any] = {**force, "_contact_slopes": law.half_gap_slopes}
     linear, rates = specialize(linearize, **both), specialize(motion, fused=True, _PLAIN=plain, **both)

@@ -1,4 +1,4 @@
-"""One step of the explicit method: for motion that is not stiff, which is nearly all of it.
+"""One step of the explicit method, for motion that is not stiff: nearly all of it.
 
 DOP853, the explicit Runge-Kutta pair of Dormand and Prince of order 8, with its two embedded solutions of orders 5 and
 3 (Hairer, Norsett & Wanner, Solving ODEs I, sect. II.5); scipy has the coefficients. Twelve evaluations of the
@@ -28,10 +28,10 @@ from backlash_ros.drivetrain.signals import (
 
 _A = tuple(tuple(float(weight) for weight in row) for row in DOP853.A)
 _USED = (0, 5, 6, 7, 8, 9, 10, 11)
-"""Stages that the solutions are made of."""
+"""Stages used by the solutions."""
 _B, _E5 = (tuple(float(weights[j]) for j in _USED) for weights in (DOP853.B, DOP853.E5))
 _B3 = tuple(float(DOP853.B[j] - DOP853.E3[j]) for j in (0, 8, 11))
-"""The solution of order 3, which is made of three stages."""
+"""The solution of order 3, from three stages."""
 
 
 @fused
@@ -232,7 +232,7 @@ def _step(
         fifth = per_lost * _sum(_E5, t0, t5, t6, t7, t8, t9, t10, t11)
         third = per_lost * (sum_t - _third(t0, t8, t11))
         error = max(error, _judged(h, fifth**2, third**2, tolerance))
-    # The force is largest between the ends as often as at one of them; late stages are close to the solution there.
+    # The force is often largest between the ends of a step; late stages are close to the solution there.
     return error, max(abs(f0), abs(f7), abs(f8), abs(f10))
 
 

@@ -1,8 +1,8 @@
-"""Dry friction in time: where in a step a shaft stops or breaks away, and how it goes on.
+"""Dry friction in time: where in a step a shaft stops or breaks away, and how it continues.
 
-A *slip* says what a shaft does, as in `dynamics`: 1 and -1 slide, 0 sticks. An event is what changes it. The integrator
-ends a step at each event. Which slip a state has needs no memory: a shaft slides the way it turns, and one whose speed
-is exactly 0 sticks unless more acts on it than friction can hold.
+A *slip* says what a shaft does, as in `dynamics`: 1 and -1 slide, 0 sticks. An event changes the slip, and the
+integrator ends a step at each event. The slip follows from the state without memory: a shaft slides in the direction
+in which it turns, and a shaft whose speed is exactly 0 sticks unless the torque on it exceeds what friction can hold.
 
 The functions with a plant are templates, plain Python; `friction_with` compiles them for a contact law.
 """
@@ -28,7 +28,7 @@ from backlash_ros.drivetrain.signals import LOST, OMEGA_L, OMEGA_M, Array
 
 @compiled
 def first_zero(before: float, after: float, slope_before: float, slope_after: float) -> float:
-    """Return where in a step, 0 to 1, the cubic through values and slopes first goes below 0; 2 where it does not.
+    """Return where in a step, 0 to 1, the cubic through values and slopes first goes below 0; 2 if it does not.
 
     ``before`` is not below 0; slopes are changes over a whole step.
     """
@@ -54,7 +54,7 @@ def first_zero(before: float, after: float, slope_before: float, slope_after: fl
 
 @compiled
 def rest_slip(torque: float, least: float, most: float, allowance: float) -> float:
-    """Return the slip of a shaft at rest: 0 where friction can hold ``torque``, otherwise the way it breaks away."""
+    """Return the slip of a shaft at rest: 0 if friction can hold ``torque``, else the direction of breaking away."""
     if torque > most + allowance:
         return 1.0
     return -1.0 if torque < least - allowance else 0.0
@@ -62,10 +62,10 @@ def rest_slip(torque: float, least: float, most: float, allowance: float) -> flo
 
 @compiled
 def _broken_away(excess: float, beyond: float, allowance: float) -> float:
-    """Return where in a step, 0 to 1, a shaft that sticks breaks away: 1 is near enough, 2 is not at all.
+    """Return where in a step, 0 to 1, a shaft that sticks breaks away; 1 means at its end, 2 not in this step.
 
-    ``excess`` and ``beyond`` are what acts on it more than friction can hold, before and after, N m. It breaks away
-    between one allowance and two.
+    ``excess`` and ``beyond`` are the torques beyond what friction can hold, before and after the step, N m. The shaft
+    breaks away between one allowance and two.
     """
     if beyond <= allowance:
         return 2.0
@@ -76,9 +76,9 @@ def _broken_away(excess: float, beyond: float, allowance: float) -> float:
 
 @compiled
 def _stopped(before: float, after: float, slope_before: float, slope_after: float, speed: float) -> float:
-    """Return where in a step, 0 to 1, a shaft that slides comes to rest: 1 is near enough, 2 is not at all.
+    """Return where in a step, 0 to 1, a shaft that slides comes to rest; 1 means at its end, 2 not in this step.
 
-    Speeds in the direction of the slip, slopes as changes over a whole step; ``speed`` is what counts as rest.
+    Speeds are in the direction of the slip, slopes are changes over a whole step; below ``speed`` the shaft is at rest.
     """
     if abs(after) <= speed and (after < 0.0 or (slope_after < 0.0 and after < before)):
         return 1.0
@@ -92,7 +92,7 @@ _held_torque: HeldTorque = unbound
 def _allowances(
     plant: PlantConstants, held: tuple[float, float, float, float], tolerance: float
 ) -> tuple[float, float]:
-    """Return how exactly the torque at which motor and load break away is found, N m, from `dynamics.held_torque`."""
+    """Return the tolerance of the torque at which motor and load break away, N m, from `dynamics.held_torque`."""
     torque_m, least, most, torque_l = held
     stall = plant.K_m * plant.current_scale
     allowance_m = tolerance * (1e-3 * stall + max(abs(torque_m), abs(least), abs(most)))
@@ -133,9 +133,9 @@ def first_event(
 
     Returns
     -------
-    (share, motor, load) : where in the step it is, 0 to 1, or 2 where there is none; and for either shaft whether at
-        the end of the step its event has come: its speed is 0 or beyond, or friction holds it no longer. A speed or a
-        torque that is within its allowance is there, so that 1 is what steps towards an event end with.
+    (share, motor, load) : where in the step the event is, 0 to 1, or 2 if there is none; and for each shaft whether its
+        event has come by the end of the step: its speed is 0 or has changed sign, or friction no longer holds it. A
+        speed or a torque within its tolerance counts, so that steps towards an event end with 1.
     """
     allowance_m = allowance_l = excess_m = excess_l = beyond_m = beyond_l = 0.0
     if slip_m == 0.0 or slip_l == 0.0:
@@ -175,10 +175,10 @@ def switch(
     come_l: bool,
     tolerance: float,
 ) -> tuple[float, float]:
-    """Return the slips after an event of friction and stop, in ``state``, the shaft that has come to rest.
+    """Return the slips after an event of friction; stop, in ``state``, a shaft that has come to rest.
 
-    ``come_m`` and ``come_l`` tell whose event it is: a shaft that slid stops, one that stuck breaks away. What is left
-    of the speed is lost.
+    ``come_m`` and ``come_l`` say whose event it is: a sliding shaft stops, a sticking one breaks away. The rest of the
+    speed is lost.
     """
     if come_m and slip_m != 0.0:
         state[LOST] += 0.5 * plant.J_m * state[OMEGA_M] ** 2
@@ -205,7 +205,7 @@ Switch = Callable[[PlantConstants, Array, float, float, float, bool, bool, float
 
 
 class Friction(NamedTuple):
-    """The functions of this file, compiled for one contact law; each is described where it stands here."""
+    """The functions of this file, compiled for one contact law; each is described at its template."""
 
     slips: Slips
     first_event: FirstEvent

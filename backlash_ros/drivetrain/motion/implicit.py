@@ -1,4 +1,4 @@
-"""One step of the implicit method: for motion that is stiff, as teeth are that press hard.
+"""One step of the implicit method, for stiff motion: teeth that press hard.
 
 RODAS4P, a linearly implicit (Rosenbrock) method of order 4 with an embedded third-order solution, stiffly
 accurate and L-stable (Steinebach, 1995; in Hairer & Wanner, Solving ODEs II, sect. IV.7). Each step costs six
@@ -66,7 +66,7 @@ def _solve_stage(
     inverse_i = 1.0 / (g + plant.R / plant.L)
     inverse_m = 1.0 / (g + s.drag_m + s.per_current * plant.K_m * inverse_i / plant.L)
     inverse_l = 1.0 / (g + s.drag_l - s.per_torque * s.torque_l / g)
-    # Speeds without the change of the contact force, and what one newton of it takes away or adds.
+    # Speeds without the change of the contact force, and their change per newton of it.
     free_m = (residual[OMEGA_M] + s.per_current * inverse_i * residual[CURRENT]) * inverse_m
     push_m = s.per_force_m * inverse_m
     pull = s.per_torque * s.torque_m / g
@@ -93,7 +93,7 @@ def _solve_stage(
 
 @compiled
 def _error(plant: PlantConstants, after: Array, difference: Array, account: bool) -> float:
-    """Largest error over what it is measured by: see `integrator.DEFAULT_TOLERANCE`."""
+    """Largest error relative to its scale: see `integrator.DEFAULT_TOLERANCE`."""
     error = max(abs(difference[THETA_M]) * plant.per_angle_m, abs(difference[THETA_L]) * plant.per_angle_l)
     error = max(error, abs(difference[OMEGA_M]) * plant.per_speed_m, abs(difference[OMEGA_L]) * plant.per_speed_l)
     error = max(error, abs(difference[CURRENT]) * plant.per_current)

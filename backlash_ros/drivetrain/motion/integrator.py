@@ -1,12 +1,12 @@
 """Error-controlled integration of the drive: stiff in contact, smooth in the gap, any validated drive.
 
 Each step is taken by the `explicit` method, or by the `implicit` one while stiff motion holds the explicit one down
-to steps far shorter than its accuracy needs. A plain drive, whose equations are linear wherever its contact force is,
-moves there by power `series`, as good as exact.
+to steps far shorter than its accuracy needs. The equations of a plain drive are linear wherever its contact force is;
+there a power `series` gives a practically exact solution.
 
-Dry friction makes the equations change where a shaft comes to rest, reverses or breaks away. No step goes across such
-an event: `friction` tells where in the step it is, and the step is taken again, to there. A shaft that sticks has a
-speed of exactly 0.
+Dry friction changes the equations when a shaft comes to rest, reverses or breaks away. No step crosses such an event:
+`friction` finds it within the step, and the step is taken again up to there. A shaft that sticks has a speed of
+exactly 0.
 """
 
 import math
@@ -40,14 +40,14 @@ from backlash_ros.drivetrain.signals import CURRENT, STATE_NAMES, Array, PlantSt
 _types: Any = numba.types
 
 DEFAULT_TOLERANCE = 1e-9
-"""Error allowed per step, as a share: for angles of the narrowest gap, for speeds of the speed without load, for the
-current of that at standstill, for energies of their own size and the motor's kinetic energy at its speed without load.
+"""Relative error allowed per step: of angles to the narrowest gap, of speeds to the no-load speed, of the current to
+the stall current, of energies to their own size and the motor's kinetic energy at its no-load speed.
 """
 
 DONE, STEP_TOO_SMALL, TOO_MANY_STEPS = range(3)
 
 STEP_SIZE, PEAK_FORCE, _STIFF, _ACCOUNT, _TRIAL = range(5)
-"""What `advance` keeps from call to call; behind it is room for the states of a step."""
+"""What `advance` stores from call to call; room for the states of a step follows."""
 
 Advance = Callable[[PlantConstants, PlantState, Array, float, float, float, float], tuple[int, float]]
 ADVANCE_SIGNATURE: Any = _types.Tuple((_types.int64, _types.float64))(
@@ -64,19 +64,19 @@ _HAS_SERIES = False
 
 _STEPS_AT_MOST = 200_000
 _SHORTEST = 1e-13
-"""Step, as a share of the duration, below which time does not pass."""
+"""Smallest step, as a share of the duration: below it, time would not advance."""
 _TRIES = 20
-"""Steps towards one event before the shaft is taken to be there."""
+"""Steps towards one event before the event is taken as reached."""
 _NEAR = 1e-6
-"""Share of a step within which an event is not looked for any more: it was none, or the next step meets it."""
+"""Share of a step within which an event is no longer searched: there was none, or the next step meets it."""
 _BEHIND = 1e-6
 """Share of a step that may lie behind a kink."""
 _MANY = 16
-"""Explicit steps in one call before it is asked whether the motion is stiff, and then that stiffness holds down."""
+"""Explicit steps in one call before stiffness is tested, then steps held down by stiffness until the method changes."""
 _HELD_DOWN = 2.0
-"""Step times the fastest rate, from which on stiffness holds an explicit step down; beyond 5 it would not be stable."""
+"""Step times the fastest rate above which stiffness limits an explicit step; beyond 5 it would be unstable."""
 _WORTH_IT = 15.0
-"""Step times the fastest rate that an implicit step has to reach to be worth more than explicit ones."""
+"""Step times the fastest rate above which an implicit step is worth more than explicit ones."""
 
 REASONS = {STEP_TOO_SMALL: "the step size fell below rounding", TOO_MANY_STEPS: "too many steps"}
 
@@ -92,9 +92,9 @@ class IntegrationError(RuntimeError):
 
 
 def integration_memory(*, account: bool = False) -> Array:
-    """Return what `Advance` keeps from call to call, as it is at the start: STEP_SIZE (s), PEAK_FORCE (N) and more.
+    """Return the initial memory of `Advance`: STEP_SIZE (s), PEAK_FORCE (N) and more.
 
-    With ``account`` the energies are integrated, too, by an integrator made for that: see `signals.PlantState`.
+    With ``account`` the energies are integrated, too, by an integrator made for it: see `signals.PlantState`.
     """
     memory = np.zeros(_TRIAL + 7 + ROOM)
     memory[_ACCOUNT] = account
@@ -103,7 +103,7 @@ def integration_memory(*, account: bool = False) -> Array:
 
 @compiled
 def _growth(error: float, rejected: bool, explicit: bool) -> float:
-    """Return next step over this one, for its error over the allowance and whether the one before was rejected."""
+    """Return next step over this step, from the error over the tolerance and whether the last step was rejected."""
     if not math.isfinite(error):
         return 0.1
     root = math.sqrt(math.sqrt(max(error, 1e-12)))
@@ -148,7 +148,7 @@ def _advance(
     state : shape (7,); on failure the last good one
     step : of `integration_memory`: the step size to try first, s, updated, so that the next call starts well; and the
         largest magnitude of the contact force since the caller last set it to 0, N
-    command : voltage, V, or where the inductance is infinite the current, A, which it then is from the start
+    command : voltage, V; if the inductance is infinite, the current, A, which holds from the start
     tolerance : see `DEFAULT_TOLERANCE`
 
     Returns
@@ -190,7 +190,7 @@ def _advance(
                 continue
         last = h >= remaining * (1.0 - 1e-9)
         used = remaining if last else h
-        if not last and size == 0.0 and remaining < 4.0 * h:  # as many steps as it takes, but even ones
+        if not last and size == 0.0 and remaining < 4.0 * h:  # as many steps as needed, of equal length
             used = remaining * (0.5 if remaining <= 2.0 * h else 1.0 / 3.0 if remaining <= 3.0 * h else 0.25)
         if used <= _SHORTEST * duration:
             status = STEP_TOO_SMALL
@@ -239,7 +239,7 @@ def _advance(
         if looks:  # the next step begins where this one ends
             fresh = come_m or come_l
             before = after
-        # A last step that was cut short to end on time says little about the size that would do.
+        # A last step that was cut short to end on time says little about the right size.
         h = used * growth if growth < 1.0 or not last else max(h, used * growth)
         if size > 0.0:  # this step was cut short for an event
             ahead -= used
@@ -269,7 +269,7 @@ def _advance(
 def integrator_for(drive: Drive, *, account: bool = False) -> Advance:
     """Return `_advance` compiled for the contact law of ``drive``: a value that a compiled loop can take.
 
-    The quicker one of drives that are plain has no energies: with ``account`` it is not taken.
+    The quicker one for plain drives has no energy account and is not used with ``account``.
     """
     return integrator_with(type(drive.gear.contact), is_plain(drive) and not account)  # type: ignore[arg-type]
 

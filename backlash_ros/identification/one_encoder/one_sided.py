@@ -1,8 +1,8 @@
-"""The gap from a recording of one encoder: the drive's equations are fitted, the other shaft's angle is never read.
+"""The gap from a recording of one encoder: the drive's equations are fitted without the other shaft's angle.
 
-Motor and gear are known, so the time in which the motor crosses the gap under a known torque tells its width,
-whichever shaft is seen: the motor goes as if it had no load, and the load coasts. The filter carries the shaft that is
-not read along; each impact tells it where that one is.
+Motor and gear are known, so the time in which the motor crosses the gap under a known torque shows its width,
+whichever shaft is seen: the motor moves as if it had no load, and the load coasts. The filter also predicts the shaft
+without encoder; each impact shows its position.
 """
 
 import math
@@ -152,7 +152,7 @@ class _Search:
                     yield self._start(float(gap), inertia, (1.0 - share) * dry, share * dry)
 
     def begin(self, contact: Contact) -> list[Minimum]:
-        """Return the ends of the gentle part, the best first."""
+        """Return the minima of the gentle part, the best first."""
         warm, warmer = (_warmer(self.stages[0], by) for by in (math.sqrt(_HOT), _HOT))
         calm = self._problem(contact, self._calm)
         nearest: dict[float, tuple[float, int, Array]] = {}
@@ -166,12 +166,12 @@ class _Search:
         return ends
 
     def go_on(self, begun: Minimum) -> Minimum:
-        """Go down with the thinned whole."""
+        """Minimise with the whole recording, thinned out."""
         whole = replace(begun.problem, recording=self._thin)
         return whole.descend(whole.solve(begun.x, _warmer(self.stages[0], math.sqrt(_HOT)), 5, 0.5).x)
 
     def widths(self, found: Minimum) -> list[Minimum]:
-        """Return where one gets from other widths of the gap."""
+        """Return the minima reached from other widths of the gap."""
         starts = []
         for factor in _FACTORS:
             x = found.x.copy()
@@ -180,7 +180,7 @@ class _Search:
         return [self.go_on(start) for start in starts]
 
     def finish(self, found: Minimum) -> Minimum:
-        """Go on with every reading, where that finds its way: readings that come fast make it rugged."""
+        """Continue with every reading, if that converges: fast readings make the cost rugged."""
         if self._thin is self.recording:
             return found
         end = replace(found.problem, recording=self.recording).descend(found.x)
@@ -190,14 +190,14 @@ class _Search:
 def fit_one_sided(
     drive: Drive, recording: Recording, torque: float, contacts: Sequence[Contact] = ()
 ) -> tuple[Fit, float]:
-    """Return the best fit of a recording of one angle, and by how much the next best gap is worse, in cost.
+    """Return the best fit of a recording of one angle, and the additional cost of the next best gap.
 
     Parameters
     ----------
-    drive : for its motor and gear, which are taken as they are
-    recording : all of one angle is nan; the other one is read
+    drive : for its motor and gear, which are taken as given
+    recording : one angle is all nan; the other one is used
     torque : of the motor at standstill, N m at the output
-    contacts : the laws that are tried, see `contacts_of`
+    contacts : the laws to try, see `contacts_of`
     """
     search = _Search(drive, recording, torque)
     begun = [search.begin(contact) for contact in contacts or contacts_of(drive)]
@@ -236,13 +236,13 @@ def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> 
         why = f"the teeth never bore a {side} torque, so the far flank was not seen"
     elif by_motor and (share := math.exp(found.parameters[LN_INERTIA]) / drive.reflected_inertia) < _LIGHTEST:
         why = (
-            f"the load's inertia is {share:.2g} of the motor's, as seen at the output: less than {_LIGHTEST:g} of it "
-            "is hardly felt by the motor"
+            f"the load's inertia is {share:.2g} of the motor's, as seen at the output: below {_LIGHTEST:g} of it "
+            "the motor hardly feels it"
         )
     elif worse < _WORSE:
         why = "gaps of different widths explain what was seen equally well"
     elif not deviation <= _SURE * gap:
-        why = f"the gap is {gap:.3g} rad with a standard uncertainty of {uncertainty:.2g} rad, too much to be used"
+        why = f"the gap is {gap:.3g} rad with a standard uncertainty of {uncertainty:.2g} rad, too large to be used"
     if why:
         return Gap(0.0, 0.0, False, why, found)
     told = (

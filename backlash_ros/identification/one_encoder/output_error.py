@@ -1,13 +1,13 @@
-"""Fits a position servo to recordings of its output angle alone, and says what they do not tell.
+"""Fits a position servo to recordings of its output angle alone, and reports what they do not show.
 
 Output error (Ljung, System Identification, 2nd ed., ch. 7): each run is simulated freely from its first sample, and
-the difference to what was measured is made least, with a loss that grows like its magnitude beyond ``LOSS``: the mean
-absolute error is what counts, and one bad reading does not pull at the rest. All parameters but the offset are sought
-as logarithms, so that none becomes negative.
+the error against the measurement is minimised. Beyond ``LOSS`` the loss grows linearly: the mean absolute error is what
+counts, and one bad reading has little effect. All parameters except the offset are sought as logarithms, so that none
+becomes negative.
 
-Errors of one run resemble each other from sample to sample. Standard uncertainties therefore come from how the gradient
-scatters between stretches of runs, not between samples (Liang and Zeger, Biometrika 73, 1986), and are never less than
-what independent errors would give.
+Errors of one run are correlated from sample to sample. Standard uncertainties therefore come from the scatter of the
+gradient between stretches of runs, not between samples (Liang and Zeger, Biometrika 73, 1986), and are never smaller
+than independent errors would give.
 """
 
 import math
@@ -36,29 +36,29 @@ _STEPS = (1e-1, 3e-2, 1e-2, 3e-3)
 waits make the cost rugged: long steps look over small hills, then shorter ones end the search."""
 _TOLERANCE = 3e-5
 _STRETCHES = 40
-"""There are at least so many for the uncertainties, unless the runs are too short."""
+"""Smallest number of stretches for the uncertainties, unless the runs are too short."""
 _SHORTEST = 20
 """Samples in a stretch."""
 _UNSURE = 0.5
-"""Standard uncertainty of a logarithm beyond which a parameter counts as not told."""
+"""Standard uncertainty of a logarithm above which a parameter counts as unknown."""
 _TIED = 0.97
-"""Correlation beyond which two parameters may be told only together: whether they are, another fit tells."""
+"""Correlation above which two parameters may be known only together: another fit decides."""
 _LEAST_MOTION = 5e-3
 _GAP = 5e-3
 """Where the search for a gap starts, rad, unless told."""
 _REACH, _TURN = 10.0, 1.0
-"""How far a logarithm may go from where it starts, and an offset, rad."""
+"""Largest change of a logarithm, and of an offset, rad, from the start."""
 _LOST = 100.0
-"""No error counts as larger, rad."""
+"""Larger errors count as this, rad."""
 
 
 @dataclass(frozen=True)
 class ServoFit:
     """What a fit found.
 
-    ``uncertainty`` has the standard uncertainties of the free parameters, in their units; ``untold`` says of some of
-    them why the data do not tell them: their values only serve to simulate. ``errors`` are the mean absolute errors of
-    the runs, rad, and ``cost`` what was made least, rad^2.
+    ``uncertainty`` has the standard uncertainties of the free parameters, in their units; ``untold`` gives the reason
+    for parameters that the data do not show: their values serve only to simulate. ``errors`` are the mean absolute
+    errors of the runs, rad, and ``cost`` is the minimum, rad^2.
     """
 
     servo: PositionServo
@@ -132,7 +132,7 @@ class _Problem:
 
 
 def _small(name: str, first: PositionServo, runs: Sequence[ServoRun]) -> float:
-    """Return where a parameter starts that is 0 so far."""
+    """Return the starting value of a parameter that is 0 so far."""
     stall = first.torque_per_volt * float(np.median(runs[0].supply))
     starts = {
         "viscous_friction": 0.05 * first.torque_per_volt * first.back_emf,
@@ -161,10 +161,10 @@ def fit_servo(runs: Sequence[ServoRun], first: PositionServo, free: Sequence[str
     if unknown or not free or len(set(free)) < len(free):
         raise ValueError(f"free must name some of {list(PARAMETERS)}, each once, got {list(free)}")
     if not runs:
-        raise ValueError("runs must be >= 1 recording, got none")
+        raise ValueError("runs must have at least one recording, got none")
     if all(float(np.ptp(run.angle)) < _LEAST_MOTION for run in runs):
         most = max(float(np.ptp(run.angle)) for run in runs)
-        raise ValueError(f"one run at least must move by >= {_LEAST_MOTION:g} rad, the largest motion is {most:g} rad")
+        raise ValueError(f"at least one run must move by >= {_LEAST_MOTION:g} rad, the largest motion is {most:g} rad")
     if "backlash_angle" in free or first.backlash_angle > 0:
         simulate(replace(first, backlash_angle=_GAP), runs)  # refuses a load without inertia
     problem = _Problem(runs, first, free)
@@ -173,7 +173,7 @@ def fit_servo(runs: Sequence[ServoRun], first: PositionServo, free: Sequence[str
 
 
 def refit(runs: Sequence[ServoRun], near: PositionServo, free: Sequence[str]) -> tuple[PositionServo, float]:
-    """Return what a fit finds from ``near`` it, and its cost, rad^2, without a word on how sure that is."""
+    """Return the result of a fit from ``near`` it, and its cost, rad^2, without uncertainties."""
     problem = _Problem(runs, near, free)
     x, cost = _minimum(problem, _STEPS[1:])
     return problem.servo(x), cost
@@ -201,7 +201,7 @@ def _minimum(problem: _Problem, steps: Sequence[float] = _STEPS) -> tuple[Array,
 
 
 def _judged(problem: _Problem, x: Array, cost: float) -> ServoFit:
-    """Return the fit with uncertainties and what the data do not tell."""
+    """Return the fit with uncertainties and with what the data do not show."""
     servo, scatters = problem.servo(x), [_scatter(problem, x, step) for step in _STEPS[2:]]
     deviation = np.max([scatter.deviation for scatter in scatters], axis=0)  # small hills look like information
     last = scatters[-1]
@@ -211,12 +211,12 @@ def _judged(problem: _Problem, x: Array, cost: float) -> ServoFit:
         uncertainty[name] = float(deviation[j]) * (1.0 if _linear(name) else value)
         ties = [problem.free[k] for k in np.flatnonzero(np.abs(last.correlation[j]) > _TIED) if k != j]
         if ties and not _linear(name) and _rise(problem, x, j) - cost < 2.0 * last.variance * last.inflation[j]:
-            untold[name] = f"only told together with {' and '.join(ties)}"
+            untold[name] = f"can be told only together with {' and '.join(ties)}"
             uncertainty[name] = math.inf
         elif not deviation[j] <= _UNSURE:
             untold[name] = "the angles hardly depend on it"
         elif not _linear(name) and x[j] - problem.low[j] < 1.0:
-            untold[name] = "the fit is best where it is next to nothing"
+            untold[name] = "the fit is best with a value close to 0"
         elif x[j] > problem.high[j] - 1e-3:
             untold[name] = "the fit is best at its upper bound"
     return ServoFit(servo, problem.free, uncertainty, untold, mean_errors(servo, problem.runs), cost)
@@ -230,9 +230,9 @@ def _rise(problem: _Problem, x: Array, j: int) -> float:
 
 
 class _Scatter(NamedTuple):
-    """How sure parameters are: standard uncertainties and correlations.
+    """Uncertainty of the parameters: standard uncertainties and correlations.
 
-    ``inflation`` is by what factor the spread between stretches raises the variance that independent errors give;
+    ``inflation`` is the factor by which the scatter between stretches raises the variance of independent errors;
     ``variance`` is that of the errors, rad^2.
     """
 
@@ -243,7 +243,7 @@ class _Scatter(NamedTuple):
 
 
 def _scatter(problem: _Problem, x: Array, step: float) -> _Scatter:
-    """Return how sure ``x`` is, with derivatives by a step of ``step``."""
+    """Return the uncertainty of ``x``, with derivatives by a step of ``step``."""
     residuals, slopes = problem.residuals(x), problem.derivatives(x, step, central=True)
     ratio = 1.0 + (residuals / LOSS) ** 2
     pull, curvature = residuals / np.sqrt(ratio), ratio**-1.5

@@ -1,4 +1,4 @@
-"""A position servo with one encoder, at its output: recordings of it, its parameters, and how it moves by itself.
+"""A position servo with one encoder at its output: recordings, parameters, and a free simulation.
 
 Firmware. The goal acts after a delay and travels at a limited speed; the duty is gain (goal - angle), a little more to
 start with, and clipped:
@@ -29,9 +29,9 @@ from backlash_ros.drivetrain.quantity import Validated, quantity
 from backlash_ros.drivetrain.signals import Array
 
 _STEP = 1.3e-3
-"""At most, between two samples, s."""
+"""Longest step between two samples, s."""
 _FARTHEST = 8.0 * math.pi
-"""No angle is farther from 0, rad: degrees are noticed by it."""
+"""Largest magnitude of an angle, rad: reveals degrees."""
 _FEWEST = 3
 NO_LIMIT = 1e6
 """Speed limit of a goal that jumps, rad/s."""
@@ -39,29 +39,29 @@ NO_LIMIT = 1e6
 
 @dataclass(frozen=True)
 class PositionServo(Validated):
-    """What is to be identified, all seen at the output."""
+    """The parameters to identify, all as seen at the output."""
 
     section: ClassVar[str] = "servo"
 
-    torque_per_volt: float = quantity("torque at standstill for each volt", "N m/V", above=0, at_most=1e5)
-    back_emf: float = quantity("voltage that the motor makes for each rad/s", "V s/rad", above=0, at_most=1e5)
+    torque_per_volt: float = quantity("standstill torque per volt", "N m/V", above=0, at_most=1e5)
+    back_emf: float = quantity("back-EMF per rad/s", "V s/rad", above=0, at_most=1e5)
     inertia: float = quantity("inertia of motor and gear", "kg m^2", above=0, at_most=1e5)
     viscous_friction: float = quantity("viscous friction", "N m s/rad", at_least=0, at_most=1e5, default=0.0)
     coulomb_friction: float = quantity("Coulomb friction", "N m", at_least=0, at_most=1e5, default=0.0)
     stribeck_friction: float = quantity("more friction, near standstill", "N m", at_least=0, at_most=1e5, default=0.0)
-    stribeck_speed: float = quantity("speed at which 1/e of that is left", "rad/s", above=0, at_most=1e3, default=0.3)
-    motor_share: float = quantity("friction for each N m of the motor", "", at_least=0, at_most=0.95, default=0.0)
-    weight_share: float = quantity("friction for each N m of the weight", "", at_least=0, at_most=0.95, default=0.0)
+    stribeck_speed: float = quantity("speed at which 1/e of it is left", "rad/s", above=0, at_most=1e3, default=0.3)
+    motor_share: float = quantity("friction per N m of the motor", "", at_least=0, at_most=0.95, default=0.0)
+    weight_share: float = quantity("friction per N m of the weight", "", at_least=0, at_most=0.95, default=0.0)
     gravity_offset: float = quantity(
-        "angle of the load from hanging straight down where the encoder reads 0",
+        "angle between the load and straight down when the encoder reads 0",
         "rad",
         at_least=-6.3,
         at_most=6.3,
         default=0.0,
     )
-    delay: float = quantity("time from the goal to when it acts", "s", at_least=0, at_most=1, default=0.0)
+    delay: float = quantity("delay until a goal acts", "s", at_least=0, at_most=1, default=0.0)
     speed_limit: float = quantity("speed of the goal inside the servo", "rad/s", above=0, at_most=1e6, default=NO_LIMIT)
-    start_duty: float = quantity("duty in addition, whatever the error", "", at_least=0, at_most=1, default=0.0)
+    start_duty: float = quantity("additional duty, independent of the error", "", at_least=0, at_most=1, default=0.0)
     backlash_angle: float = quantity("gap between motor and load", "rad", at_least=0, at_most=3.2, default=0.0)
 
 
@@ -70,7 +70,7 @@ PARAMETERS = tuple(field.name for field in fields(PositionServo))
 
 @dataclass(frozen=True)
 class ServoRun:
-    """A recording of one run: what the servo was told, and the angle of its output.
+    """A recording of one run: the servo's commands, and the angle of its output.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class ServoRun:
     Raises
     ------
     ValueError
-        If something is not finite, not in order, or in another unit as far as that shows.
+        If a value is not finite, out of order, or recognisably in another unit.
     """
 
     time: Array
@@ -175,7 +175,7 @@ def _next_speed(speed: float, torque: float, inertia: float, viscous: float, fri
 
 @compiled
 def _goal_at(goal: Array, where: float) -> float:
-    """Return the goal so many samples after the first, which held before."""
+    """Return the goal at a number of samples after the first, which held before."""
     if where <= 0.0:
         return float(goal[0])
     k = min(int(where), goal.shape[0] - 2)
@@ -249,12 +249,12 @@ def _play(
 
 
 def simulate(servo: PositionServo, runs: Sequence[ServoRun]) -> list[Array]:
-    """Return the angles of the output, rad, one array a run: each run goes on by itself from its first sample, at rest.
+    """Return the angles of the output, rad, one array per run: each is simulated freely from its first sample, at rest.
 
     Raises
     ------
     ValueError
-        If the servo has a gap, and a run a load without inertia.
+        If the servo has a gap, and the load of a run has no inertia.
     """
     constants = _Constants(*(float(getattr(servo, name)) for name in PARAMETERS))
     angles = []

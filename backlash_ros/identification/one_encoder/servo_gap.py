@@ -1,7 +1,7 @@
-"""Is there a gap between motor and load? One encoder, behind it, rarely tells: a gap is stated only where it foretells.
+"""Tests for a gap between motor and load. One encoder behind it rarely shows it: a gap is stated only if it predicts.
 
-A fit with one more parameter is never worse on what it was fitted to. So the runs are parted, and each part is foretold
-by fits to the others, without and with a gap (cross-validation: Ljung, System Identification, 2nd ed., ch. 16).
+A fit with one more parameter is never worse on its own data. So the runs are divided, and each part is predicted by
+fits to the others, without and with a gap (cross-validation: Ljung, System Identification, 2nd ed., ch. 16).
 """
 
 import math
@@ -15,11 +15,11 @@ from backlash_ros.identification.one_encoder.position_servo import ServoRun
 
 FOLDS = 4
 LEAST_GAIN = 0.1
-"""By what share a gap has to lessen the error of runs that were not fitted, to be stated."""
+"""Share by which a gap must reduce the error of runs that were not fitted, to be stated."""
 _SURE = 0.2
-"""Share of the gap that its standard uncertainty may be."""
+"""Largest standard uncertainty, as a share of the gap."""
 _NOTHING = 1e-6
-"""An error below, rad, is that of rounding."""
+"""Smaller errors, rad, are rounding."""
 _GAPS = (2e-3, 8e-3, 3e-2)
 """Where the search for a gap starts, rad."""
 
@@ -42,10 +42,10 @@ class ServoGap:
 
 
 def judge_gap(runs: Sequence[ServoRun], fit: ServoFit) -> ServoGap:
-    """Fit a gap in addition, and state it if runs that were not fitted are the better for it.
+    """Fit a gap in addition, and state it if it improves the prediction of runs that were not fitted.
 
-    The runs are parted into `FOLDS`, every fourth in one; each is judged by fits to the others, without and with a gap.
-    The mean absolute error has to fall by `LEAST_GAIN`, and by two of its standard errors from run to run.
+    The runs are divided into `FOLDS`, every fourth in one; each is judged by fits to the others, without and with a
+    gap. The mean absolute error must fall by `LEAST_GAIN`, and by two of its standard errors between runs.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def judge_gap(runs: Sequence[ServoRun], fit: ServoFit) -> ServoGap:
             raise ValueError(f"run.load_inertia must be > 0 kg m^2 beyond a gap, got {run.load_inertia!r}")
     free = (*(name for name in fit.free if name != "backlash_angle"), "backlash_angle")
     if len(free) < 2:
-        raise ValueError(f"fit.free must have a parameter besides the gap, got {list(fit.free)}")
+        raise ValueError(f"fit.free must have a parameter other than the gap, got {list(fit.free)}")
     rigid = replace(fit.servo, backlash_angle=0.0)
     starts = [refit(runs, replace(rigid, backlash_angle=gap), free) for gap in _GAPS]
     whole = fit_servo(runs, min(starts, key=lambda found: found[1])[0], free)
@@ -82,12 +82,12 @@ def judge_gap(runs: Sequence[ServoRun], fit: ServoFit) -> ServoGap:
     )
     valid = False
     if gain < LEAST_GAIN:
-        reason += f"; to state one it has to fall by {100 * LEAST_GAIN:.0f} %"
+        reason += f"; to state a gap, it must fall by at least {100 * LEAST_GAIN:.0f} %"
     elif gain < 2.0 * doubt:
         reason += "; that may be chance"
     elif not uncertainty <= _SURE * angle:
         reason += (
-            f", but it is {angle:.2g} rad with a standard uncertainty of {uncertainty:.2g} rad: too much to be used"
+            f", but it is {angle:.2g} rad with a standard uncertainty of {uncertainty:.2g} rad: too large to be used"
         )
     else:
         valid = True

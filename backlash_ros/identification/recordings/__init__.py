@@ -1,1 +1,1 @@
-"""A drive from a recording: which part is fitted, what it tells and what not, how well that foretells the rest."""
+"""A drive from a recording: the part that is fitted, the findings, and how well these predict the rest."""

@@ -1,4 +1,4 @@
-"""What a fit tells of a drive: each quantity with its standard uncertainty, or why the recording cannot tell it."""
+"""The findings of a fit: each quantity with its standard uncertainty, or why the recording does not show it."""
 
 import math
 from dataclasses import dataclass, replace
@@ -23,26 +23,26 @@ from backlash_ros.identification.fit import Fit
 from backlash_ros.identification.gap import Gap
 
 NOISE, MODEL, LEAST, LEAST_DELAY = 2.0, 0.005, 1e-4, 0.005
-"""What an uncertainty is made of: times the standard deviation by the noise; beside it a share of the value, a share
-of the torque at standstill for each torque, and of the period for the delay."""
+"""Components of an uncertainty: a factor on the standard deviation from the noise; in addition a share of the value, a
+share of the standstill torque for torques, and of the period for the delay."""
 UNSEEN = 3.0
-"""Times the uncertainty of all else where the gap is not told: teeth that are not known bias what acts through them."""
+"""Factor on all other uncertainties if the gap is unknown: unknown teeth bias everything that acts through them."""
 SURE_INERTIA, SURE_FRICTION, SURE_RESISTANCE, SURE_TORQUE = 0.05, 0.25, 0.1, 0.1
-"""Largest standard uncertainty of what is told, as a share of its value; of all but the inertia, `SMALL` will do."""
+"""Largest standard uncertainty of a finding, as a share of its value; except for the inertia, `SMALL` also suffices."""
 SMALL = 1e-3
-"""Torque that hardly matters, as a share of the torque at standstill."""
+"""Torque that hardly matters, as a share of the standstill torque."""
 SURE_DELAY, SURE_SLOPE, SURE_TEETH, SURE_SCALE = 0.25, 0.1, 0.2, 2.5e-3
 """Largest standard uncertainty: of the delay, in periods; of what the gap changes by, in gaps for each rad; of the
 teeth's stiffness, as a share; of the share by which the load's encoder reads too much."""
 SPEEDS = 1.0, 10.0
-"""Of the load, rad/s, at which its friction is told, viscous and dry together."""
+"""Speed of the load, rad/s, at which its total friction is given, viscous and dry."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One quantity: ``value`` and standard ``uncertainty`` in ``unit``, both nan where ``why`` says why not.
+    """One quantity: ``value`` and standard ``uncertainty`` in ``unit``; both are nan if unknown, and ``why`` says why.
 
-    ``key`` is its name in a drive file; empty where it has none.
+    ``key`` is its name in a drive file; empty if it has none.
     """
 
     key: str
@@ -61,7 +61,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class _Rules:
-    """A fit, and what may be told of it."""
+    """A fit, and the bounds for its findings."""
 
     drive: Drive
     x: Array
@@ -77,7 +77,7 @@ class _Rules:
     def decide(
         self, row: Finding, value: float, deviation: float, bound: float, hint: str = "", model: float = MODEL
     ) -> Finding:
-        """Return a row with its value if its ``deviation``, and a share by the ``model``, are within a ``bound``."""
+        """Return a row with its value if its ``deviation`` plus the ``model``'s share are within a ``bound``."""
         uncertainty = math.hypot(deviation, model * value)
         if uncertainty <= bound:
             return replace(row, value=value, uncertainty=uncertainty)
@@ -103,9 +103,7 @@ class _Rules:
             )
             for speed in SPEEDS
         ]
-        hint = (
-            "; viscous and dry friction are told apart poorly, see both together" if any(r.told for r in both) else ""
-        )
+        hint = "; viscous and dry friction cannot be separated well, see their sum" if any(r.told for r in both) else ""
         return [
             self.decide(
                 Finding("load.inertia", "J_l", "the load's inertia", "kg m^2"),
@@ -131,7 +129,7 @@ class _Rules:
         ]
 
     def around(self) -> list[Finding]:
-        """Return what acts on both shafts from outside, and when."""
+        """Return the external torques on both shafts, and the delay."""
         x, ratio, small = self.x, self.drive.gear.ratio, SMALL * self.stall
         dry, torque, slope = float(x[COULOMB_M]), float(x[TORQUE]), float(x[GRAVITY])
         return [
@@ -142,19 +140,19 @@ class _Rules:
                 max(SURE_FRICTION * dry, small) * ratio,
             ),
             self.decide(
-                Finding("expected_load_torque", "tau_l", "load torque and weight where the load started", "N m"),
+                Finding("expected_load_torque", "tau_l", "load torque and weight at the load's start position", "N m"),
                 torque,
                 self.deviation(TORQUE),
                 max(SURE_TORQUE * abs(torque), 2.0 * small),
             ),
             self.decide(
-                Finding("", "dtau_l/dtheta_l", "how that torque grows with the load's angle: weight", "N m/rad"),
+                Finding("", "dtau_l/dtheta_l", "growth of that torque with the load's angle (weight)", "N m/rad"),
                 slope,
                 self.deviation(GRAVITY),
                 max(SURE_TORQUE * abs(slope), 10.0 * small),
             ),
             self.decide(
-                Finding("delay.command", "delay", "from a sample to when its command acts", "s"),
+                Finding("delay.command", "delay", "time from a sample to when its command acts", "s"),
                 float(x[DELAY]),
                 self.deviation(DELAY),
                 SURE_DELAY * self.period,
@@ -162,23 +160,23 @@ class _Rules:
         ]
 
     def encoder(self) -> Finding:
-        """Return by what share the load's encoder reads too much where it is: what eccentricity does."""
-        row = Finding("", "eccentricity", "share by which the load's encoder reads too much here", "")
+        """Return the relative scale error of the load's encoder at its position, an effect of eccentricity."""
+        row = Finding("", "eccentricity", "relative scale error of the load's encoder here", "")
         return self.decide(row, float(self.x[ECCENTRICITY]), self.deviation(ECCENTRICITY), SURE_SCALE)
 
     def teeth(self, contact: object) -> list[Finding]:
-        """Return what is known of the gap beside its width where both flanks were seen."""
+        """Return the other properties of the gap if both flanks were seen."""
         x = self.x
         rows = [
             self.decide(
-                Finding("sensors.load_offset", "offset", "what the load's encoder shows at the motor's zero", "rad"),
+                Finding("sensors.load_offset", "offset", "reading of the load's encoder at the motor's zero", "rad"),
                 -float(x[OFFSET]),
                 self.deviation(OFFSET),
                 math.inf,
                 model=0.0,
             ),
             self.decide(
-                Finding("", "(db/dtheta_l)/b", "by what share the gap widens with the load's angle", "1/rad"),
+                Finding("", "(db/dtheta_l)/b", "relative growth of the gap with the load's angle", "1/rad"),
                 float(x[GAP_SLOPE]),
                 self.deviation(GAP_SLOPE),
                 SURE_SLOPE,
@@ -186,13 +184,13 @@ class _Rules:
         ]
         if isinstance(contact, SpringContact):
             give = contact.wind_up * math.exp(-x[LN_TEETH])
-            row = Finding("contact.elastic.wind_up", "wind-up", "twist of the output by the teeth's give", "rad/(N m)")
+            row = Finding("contact.elastic.wind_up", "wind-up", "wind-up of the teeth at the output", "rad/(N m)")
             rows.append(self.decide(row, give, self.deviation(LN_TEETH) * give, SURE_TEETH * give))
         return rows
 
 
 def findings_of(drive: Drive, gap: Gap, found: Fit, period: float) -> list[Finding]:
-    """Return all that a fit tells, in a fixed order: load, what acts from outside, gap, encoders.
+    """Return all findings of a fit, in a fixed order: load, external torques, gap, encoders.
 
     Parameters
     ----------
@@ -203,7 +201,7 @@ def findings_of(drive: Drive, gap: Gap, found: Fit, period: float) -> list[Findi
     covariance = found.covariance * (1.0 if gap.valid else UNSEEN**2)
     rules = _Rules(drive, found.parameters, covariance, period, drive.standstill_torque())
     teeth = rules.teeth(found.contact)
-    width = Finding("gear.backlash_angle", "b", "the gap, where the load started", "rad")
+    width = Finding("gear.backlash_angle", "b", "the gap at the load's start position", "rad")
     if gap.valid:
         width = Finding(width.key, width.symbol, width.what, width.unit, gap.angle, gap.uncertainty)
     else:

@@ -1,4 +1,4 @@
-"""How well a drive that was found explains what it was not fitted to, and how well the drive as told does."""
+"""How well an identified drive explains data that it was not fitted to, compared with the drive as given."""
 
 import math
 from dataclasses import dataclass
@@ -22,18 +22,17 @@ from backlash_ros.identification.fit import STAGES, Fit, first_states, motor_sid
 from backlash_ros.identification.recording import Recording
 
 SHARE = 0.75
-"""Of the recording, by time, that a fit sees before it is scored on the rest."""
+"""Share of the recording's time that a fit uses before it is scored on the rest."""
 _FREE = 1.0
-"""s from one start of a free simulation to the next."""
+"""Time between the starts of free simulations, s."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """How what was fitted to the first part of a recording explains the rest, from ``start`` s on, ``length`` s long.
+    """How a fit to the first part of a recording explains the rest, from ``start`` s on, ``length`` s long.
 
-    ``rms`` of what each sample differs from its prediction by those before, in standard deviations, the worse of both
-    encoders; ``error`` of the load's angle (rms, rad) in simulations that see nothing but the command, for ``free`` s
-    each; ``told_*`` of the drive as told.
+    ``rms`` of the prediction errors, in standard deviations, the worse of both encoders; ``error`` of the load's angle
+    (rms, rad) in simulations from the commands alone, for ``free`` s each; ``told_*`` for the drive as given.
     """
 
     start: float
@@ -46,7 +45,7 @@ class Score:
 
 
 def told_parameters(drive: Drive, recording: Recording) -> Array:
-    """Return the filter's parameters of a drive as told: no load torque, no delay, the gap around where the load is."""
+    """Return the filter's parameters of a drive as given: no load torque, no delay, the gap around the load."""
     x = np.zeros(PARAMETERS)
     x[LN_HALF_GAP] = math.log(0.5 * drive.gear.backlash_angle)
     x[OFFSET] = 0.5 * float(np.min(recording.travel) + np.max(recording.travel))
@@ -80,7 +79,7 @@ def follow(
 def _rms(
     drive: Drive, contact: Contact, x: Array, recording: Recording, start: float, counts: tuple[float, float]
 ) -> float:
-    """Return the rms of `Score` from ``start`` on; infinite where the model cannot follow."""
+    """Return the rms of `Score` from ``start`` on; infinite if the model cannot follow."""
     innovations, _ = follow(drive, contact, x, recording, counts)
     rest = innovations[recording.time >= start]
     return math.sqrt(max(float(np.nanmean(np.square(rest[:, column]))) for column in (0, 1)))
@@ -119,7 +118,7 @@ def free_simulations(drive: Drive, found: Fit, recording: Recording) -> list[Rec
 
 
 def _errors(drive: Drive, found: Fit, recording: Recording, start: float) -> tuple[float, float]:
-    """Return the errors of `Score`: of what was found, and of the drive as told from the same states."""
+    """Return the errors of `Score`: of the identified drive, and of the drive as given from the same states."""
     load = recording.load
     own: list[Array] = []
     other: list[Array] = []
@@ -140,17 +139,17 @@ def _errors(drive: Drive, found: Fit, recording: Recording, start: float) -> tup
 
 
 def first_part(recording: Recording) -> Recording:
-    """Return what a fit sees before it is scored."""
+    """Return the part that a fit uses before it is scored."""
     end = recording.time[0] + SHARE * (recording.time[-1] - recording.time[0])
     return recording.part(slice(int(np.searchsorted(recording.time, end))))
 
 
 def score(drive: Drive, found: Fit, recording: Recording) -> Score:
-    """Return how a fit to the `first_part` of a recording explains the rest.
+    """Return how well a fit to the `first_part` of a recording explains the rest.
 
     Parameters
     ----------
-    drive : as told; the fit took its motor and gear as they are
+    drive : as given; the fit took its motor and gear from it
     """
     first, last = float(recording.time[0]), float(recording.time[-1])
     start = first + SHARE * (last - first)

@@ -1,4 +1,4 @@
-"""What a recording of both encoders tells of a drive, whatever made it move; or why it tells nothing."""
+"""Identifies a drive from a recording of both encoders, whatever made it move, or says why this is impossible."""
 
 from dataclasses import dataclass, field, replace
 
@@ -22,12 +22,12 @@ _TEETH = "gear.backlash_angle"
 
 @dataclass(frozen=True)
 class Identified:
-    """What was found: ``findings``, or the ``reason`` why nothing can be told.
+    """The result: ``findings``, or the ``reason`` why there are none.
 
-    ``drive`` is the drive as told with what was found in it, and ``replaced`` names that as a drive file does; what the
-    recording cannot tell is as it was told. ``stretch``: which part was fitted, empty for all of it. ``period`` of the
-    samples, s. ``recording`` is the part that was fitted, ``before`` the fit to its first three quarters. ``around``:
-    what all of the recording tells of the gap around the turn.
+    ``drive`` is the given drive updated with the findings, and ``replaced`` has their names in a drive file; what the
+    recording does not show stays as given. ``stretch``: the part that was fitted, empty for all of it. ``period`` of
+    the samples, s. ``recording`` is the fitted part, ``before`` the fit to its first three quarters. ``around``: the
+    gap around the turn, from the whole recording.
     """
 
     reason: str
@@ -41,7 +41,7 @@ class Identified:
     fit: Fit | None = field(default=None, repr=False, compare=False)
     recording: Recording | None = field(default=None, repr=False, compare=False)
     before: Fit | None = field(default=None, repr=False, compare=False)
-    around: Mapped = field(default=Mapped(None, "nobody looked for it"), repr=False, compare=False)
+    around: Mapped = field(default=Mapped(None, "it was not looked for"), repr=False, compare=False)
 
     @property
     def valid(self) -> bool:
@@ -54,18 +54,18 @@ class Identified:
 
 
 def identify(drive: Drive, recording: Recording, *, hold_out: bool = True) -> Identified:
-    """Return what a recording tells of a drive.
+    """Return the findings from a recording of a drive.
 
     Parameters
     ----------
-    drive : as told: its motor, gear ratio and command are taken as they are, its contact law is tried first
-    recording : see `Recording`; its samples need not be even
-    hold_out : whether a part is held out for the score, which takes as long again
+    drive : as given: its motor, gear ratio and command are kept, its contact law is tried first
+    recording : see `Recording`; its samples need not be evenly spaced
+    hold_out : whether a part is held out for the score, which doubles the time
 
     Notes
     -----
-    The values come from all of the stretch that is fitted; the score from a fit to its first three quarters. Where the
-    recording goes around the turn from place to place, the stretch is at one of them: elsewhere the gap is another one.
+    The values come from the whole fitted stretch; the score from a fit to its first three quarters. If the recording
+    goes around the turn from place to place, the stretch is at one of them: elsewhere the gap differs.
     """
     places = visits(recording)
     chosen, stretch = informative(recording) if len(places) < FEWEST_PLACES else liveliest(recording, places)
@@ -89,7 +89,7 @@ def identify(drive: Drive, recording: Recording, *, hold_out: bool = True) -> Id
 
 
 def _unexplained(drive: Drive, recording: Recording, gap: Gap, found: Fit) -> str:
-    """Return why nothing of a fit can be believed, not the gap alone; empty where it can."""
+    """Return why a fit as a whole, not only its gap, cannot be believed; empty if it can."""
     misfits = not max(found.rms) <= FITS
     if not misfits:
         return gap.reason if found.exhausted or abs(found.scale) > SCALE else ""
@@ -98,11 +98,11 @@ def _unexplained(drive: Drive, recording: Recording, gap: Gap, found: Fit) -> st
 
 
 def _replaced(drive: Drive, found: Fit, rows: list[Finding]) -> tuple[Drive, frozenset[str]]:
-    """Return the drive as told with what the rows tell, and the names of that."""
+    """Return the given drive updated with the findings, and their names."""
     fitted = identified_drive(drive, found)
     told = {row.key for row in rows if row.told} - {""}
     if all(row.told for row in rows if row.symbol.endswith("B_l + c_l")):
-        told |= set(FRICTION)  # together they are right, whichever of both it is
+        told |= set(FRICTION)  # their sum is right, however it is divided
     else:
         told -= set(FRICTION)
     load = {

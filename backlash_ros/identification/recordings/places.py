@@ -1,8 +1,8 @@
-"""The gap around the output's turn from one recording: the places at which it was looked at, found in the motion.
+"""The gap around the output's turn from one recording: finds in the motion the places at which it was measured.
 
-At a place both shafts rest, the teeth then go to and fro across the gap, and the motor comes back before it goes on.
-That is what the experiment `gap_map` does, and whoever moves an axis from place to place by hand. The gap at each, and
-the eccentricity apart from it, are by the code that the experiment uses: see `identification.gap_map`.
+At a place both shafts rest, then the teeth move to and fro across the gap, and the motor comes back before it moves on.
+The experiment `gap_map` does this, and so may a user who moves an axis from place to place by hand. The gaps and the
+eccentricity come from the experiment's own code: see `identification.gap_map`.
 """
 
 import math
@@ -21,14 +21,14 @@ from backlash_ros.identification.recordings.stretch import HOLE, LONGEST
 
 _TURN = 2.0 * math.pi
 _REST, _STILL, _COUNTS = 0.15, 0.05, 3.0
-"""How long both shafts rest, s; within a share of the way that they go against each other, or within so many counts."""
+"""Time for which both shafts rest, s; within this share of their relative travel, or within this many counts."""
 _KEPT = 0.25
 """Rest that is kept ahead of the motion, s."""
 _SIDE, _CROSSINGS = 0.25, 4
-"""From where on a flank counts as met, a share of that way to either side of its middle; and how often the teeth go
-from one to the other at least."""
+"""Distance from the middle beyond which a flank counts as met, as a share of that travel; and the smallest number of
+crossings."""
 _ROUND = 1.5
-"""Mean distances of neighbours, up to which the last place is the neighbour of the first, too."""
+"""Distance, in mean distances of neighbours, up to which the last place is also a neighbour of the first."""
 
 
 def _rests(recording: Recording, near: float) -> list[tuple[int, int]]:
@@ -46,16 +46,16 @@ def _rests(recording: Recording, near: float) -> list[tuple[int, int]]:
 
 
 def _crossings(between: Array, way: float) -> int:
-    """Return how often the angle between the shafts goes from one side of its middle to the other."""
+    """Return how often the angle between the shafts crosses its middle."""
     off = between - 0.5 * (np.max(between) + np.min(between))
     sides = np.sign(off[np.abs(off) > _SIDE * way])
     return int(np.count_nonzero(np.diff(sides)))
 
 
 def visits(recording: Recording) -> list[Recording]:
-    """Return the parts in which the gap was looked at from a rest on, each at another place, in the order of places.
+    """Return the parts in which the gap was measured, each from a rest on and at another place, in the order of places.
 
-    A part with a hole is none: nobody knows what happened there.
+    A part with a hole does not count: what happened there is unknown.
     """
     time, motor, load = recording.time, recording.motor, recording.load
     if time.size < 2 or not recording.travel.size:
@@ -81,14 +81,14 @@ def visits(recording: Recording) -> list[Recording]:
 
 
 def liveliest(recording: Recording, parts: Sequence[Recording]) -> tuple[Recording, str]:
-    """Return of the `visits` of a recording the one in which the shafts move most, and in words which one it is."""
+    """Return the one of a recording's `visits` in which the shafts move most, with its place in words."""
     best = max(parts, key=lambda part: float(np.sum(np.abs(np.diff(part.travel)))))
     start, end, length = (float(time - recording.time[0]) for time in (*best.time[[0, -1]], recording.time[-1]))
     return best, f"{start:.2f} to {end:.2f} s of {length:.2f} s, at one of {len(parts)} places around the turn"
 
 
 def gap_around(drive: Drive, parts: Sequence[Recording]) -> Mapped:
-    """Return the gap around the output's turn, or why a recording does not tell it.
+    """Return the gap around the output's turn, or why a recording does not show it.
 
     Parameters
     ----------
@@ -110,9 +110,9 @@ def gap_around(drive: Drive, parts: Sequence[Recording]) -> Mapped:
 
 
 def map_findings(found: GapMap) -> tuple[Finding, ...]:
-    """Return smallest, mean and largest gap, and the eccentricity apart from them.
+    """Return smallest, mean and largest gap, and the eccentricity.
 
-    The mean is as uncertain as its places are on average: most of that is common to all of them.
+    The mean is as uncertain as its places are on average, since most of the uncertainty is common to all of them.
     """
     low, high = found.smallest, found.largest
     rows = [
@@ -124,7 +124,7 @@ def map_findings(found: GapMap) -> tuple[Finding, ...]:
         )
     ]
     unsure = found.eccentricity_uncertainty
-    what = "by how much the load's encoder reads wrong once per turn"
+    what = "once-per-turn error of the load's encoder"
     if found.eccentric:
         return (*rows, Finding("", "e", what, "rad", found.eccentricity, unsure))
     return (*rows, Finding("", "e", what, "rad", why=found.eccentricity_in_words()))

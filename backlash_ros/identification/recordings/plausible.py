@@ -1,4 +1,4 @@
-"""Whether a recording can be what it is told to be: units, directions, enough motion; before and after the fit."""
+"""Checks whether a recording is what it claims to be: units, directions, enough motion; before and after the fit."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -12,9 +12,9 @@ from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.regression import guess_of
 
 SAMPLES, LENGTH, COUNTS = 100, 0.4, 10
-"""Least number of samples, s, and counts that each shaft moves."""
+"""Smallest number of samples, duration, s, and motion of each shaft in counts."""
 _LIMIT, _FAST = 1.02, 1.5
-"""Times the drive's largest command, and times its no-load speed, beyond which a unit is wrong."""
+"""Multiples of the drive's largest command and of its no-load speed beyond which a unit is wrong."""
 _FARTHER, _LOST = 1.5, 0.5
 """Times the motor's way that the load may go, and rad of the motor's way that a gap may take from it."""
 _ALIKE, _BETTER, _GOOD, _INERTIAS = 0.9, 0.3, 0.1, (0.02, 20.0)
@@ -31,7 +31,7 @@ def speed_of(time: Array, angle: Array) -> float:
 
 
 def wrong_command(drive: Drive, recording: Recording) -> str:
-    """Return why a recording has too little in it, or a command that is not the drive's; empty where it has not."""
+    """Return why a recording contains too little, or a command that cannot be the drive's; else an empty text."""
     time, command = recording.time, recording.command
     length, largest = float(time[-1] - time[0]), float(np.nanmax(np.abs(command), initial=0.0))
     if time.size < SAMPLES or length < LENGTH:
@@ -41,17 +41,17 @@ def wrong_command(drive: Drive, recording: Recording) -> str:
         )
     if largest > _LIMIT * drive.command_limit:
         return (
-            f"the command reaches {largest:.4g} {drive.command_unit}, and the drive obeys at most "
+            f"the command reaches {largest:.4g} {drive.command_unit}, but the drive obeys at most "
             f"{drive.command_limit:g} {drive.command_unit}: check the command's unit, and motor.voltage_limit or "
             "motor.current_limit of the drive"
         )
     if np.nanmax(command) == np.nanmin(command):
-        return f"the command never changes, it is {largest:g} {drive.command_unit} throughout"
+        return f"the command never changes: it is always {largest:g} {drive.command_unit}"
     return ""
 
 
 def implausible(drive: Drive, recording: Recording) -> str:
-    """Return why a recording cannot be used for a drive, in a sentence; empty where nothing speaks against it."""
+    """Return why a recording cannot be used for a drive, in a sentence; else an empty text."""
     if why := wrong_command(drive, recording):
         return why
     time, motor, load = recording.time, recording.motor, recording.load
@@ -60,7 +60,7 @@ def implausible(drive: Drive, recording: Recording) -> str:
         if way < COUNTS * count or way == 0.0:
             return (
                 f"the {name} moved by {way:.2g} rad at the output, {way / count:.0f} counts of its encoder, "
-                f"and must move by {COUNTS} at least"
+                f"and must move by at least {COUNTS}"
             )
     side = motor_side(drive)
     if side.braking > 0.0:
@@ -68,7 +68,7 @@ def implausible(drive: Drive, recording: Recording) -> str:
         for name, angle in (("motor", motor), ("load", load)):
             if (speed := speed_of(time, angle)) > fastest:
                 return (
-                    f"the {name} turned with {speed:.3g} rad/s at the output, and the motor makes at most "
+                    f"the {name} turned at {speed:.3g} rad/s at the output, but the motor reaches at most "
                     f"{fastest / _FAST:.3g} rad/s: check the unit of the angle and of the time, where the angle begins "
                     "again, and the shaft that it is counted at"
                 )
@@ -84,13 +84,13 @@ def _wrong_scale(drive: Drive, motor: Array, load: Array) -> str:
     if abs(correlation) < _ALIKE or (0.0 < scale < _FARTHER and lost < _LOST):
         return ""
     return (
-        f"the load's angle grows {scale:.3g} times as fast as the motor's at the output, and must grow as fast"
+        f"the load's angle grows {scale:.3g} times as fast as the motor's at the output; both must grow equally fast"
         f"{_explained(scale, drive.gear.ratio)}"
     )
 
 
 def _explained(scale: float, ratio: float) -> str:
-    """Return what a scale looks like."""
+    """Return the likely cause of a scale."""
     shafts = {
         ratio: "the motor's angle seems to be counted at the motor, before the gear",
         1.0 / ratio: "the motor's angle seems to be counted at the output, behind the gear",
@@ -103,7 +103,7 @@ def _explained(scale: float, ratio: float) -> str:
         2.0 * math.pi: "the motor's angle seems to be in turns",
         0.5 / math.pi: "the load's angle seems to be in turns",
     }
-    said = [] if scale > 0.0 else ["one encoder counts against the other"]
+    said = [] if scale > 0.0 else ["the encoders count in opposite directions"]
     for factor, text in {**units, **shafts}.items():
         if text and abs(math.log(abs(scale) / factor)) < 0.1:
             said.append(text)
@@ -112,7 +112,7 @@ def _explained(scale: float, ratio: float) -> str:
 
 
 def _otherwise(drive: Drive, recording: Recording) -> Iterator[tuple[str, Recording]]:
-    """Yield what could be wrong, and the recording put right."""
+    """Yield what could be wrong, with the corrected recording."""
     _, motor, load, command, _ = recording
     per_volt = drive.motor.resistance
     yield (
@@ -130,9 +130,9 @@ def _otherwise(drive: Drive, recording: Recording) -> Iterator[tuple[str, Record
 
 
 def suspicion(drive: Drive, recording: Recording, delays: Sequence[float]) -> str:
-    """Return what explains a recording much better than what it was told to be; empty where nothing does.
+    """Return a description that fits a recording much better than the given one; empty if there is none.
 
-    ``delays`` from a sample to when its command acts, s: those that are tried.
+    ``delays`` from a sample to when its command acts, s: those to try.
     """
     side = motor_side(drive)
     low, high = (share * side.inertia for share in _INERTIAS)

@@ -1,8 +1,8 @@
-"""The hysteresis curve from one recording: a torque that goes slowly up and down on an output that stands.
+"""The hysteresis curve from one recording: a torque that goes slowly up and down on an output at rest.
 
-That is what the experiment `hysteresis` records, and whoever does the same by hand. The torque comes from the command
-and the motor's speed, its branches from where it turns; what the curve says is by the code that the experiment uses:
-see `identification.hysteresis`.
+The experiment `hysteresis` records such a curve, and so may a user by hand. The torque comes from the command and the
+motor's speed, its branches from its reversals; the results come from the experiment's own code: see
+`identification.hysteresis`.
 """
 
 import math
@@ -20,26 +20,26 @@ from backlash_ros.identification.recordings.plausible import wrong_command
 from backlash_ros.identification.recordings.stretch import HOLE
 
 _MOVEMENT, _OF_WAY = 0.005, 0.25
-"""How far an output that stands may move: rad, or a share of the way of the shafts against each other."""
+"""Largest motion of an output at rest: rad, or a share of the shafts' relative travel."""
 _DIFFERENCE, _SMOOTH = 0.01, 0.04
-"""s to either side that a speed is taken over, and s that the torque is averaged over before its turns are sought."""
+"""Half the time over which a speed is taken, s, and averaging time of the torque before its reversals are sought, s."""
 _TURNS, _TURNED = 7, 0.25
-"""Turns of the torque that there must be at least, and how far it comes back after one, as a share of its range."""
+"""Smallest number of reversals of the torque, and its return after one, as a share of its range."""
 _SLOW = 0.5
-"""Time from turn to turn at least, s: median."""
+"""Shortest median time between reversals, s."""
 _MIDDLE, _MOVING = 0.25, 0.1
 """Share of the way of the shafts against each other, to either side of its middle, in which the gap is crossed; share
 of the largest speed there from which on the motor crosses it."""
 _BORNE = 0.8
-"""Share of the torque up to which the lost motion may be asked for."""
+"""Largest torque for the lost motion, as a share of the recorded torque."""
 _SEEN = 0.3
-"""Largest standard uncertainty of a stiffness that is told, as a share."""
+"""Largest relative standard uncertainty of a stiffness that is reported."""
 _FRICTION = 0.02
-"""Share of the friction that its uncertainty has beside the noise and the teeth's loss."""
+"""Part of the friction's uncertainty beside the noise and the teeth's loss, as a share of the friction."""
 
 
 def turns_of(torque: Array) -> list[int]:
-    """Return where a torque turns: the rows of its extremes from which it comes back by a share of its range."""
+    """Return the reversals of a torque: the rows of its extremes from which it comes back by a share of its range."""
     back = _TURNED * float(np.ptp(torque))
     turns: list[int] = []
     high, low, way = 0, 0, 0
@@ -56,11 +56,11 @@ def turns_of(torque: Array) -> list[int]:
 
 
 def curve_of(drive: Drive, recording: Recording) -> tuple[Curve, float]:
-    """Return the curve of a recording without holes, and the speed with which its motor crosses the gap, rad/s.
+    """Return the curve of a recording without holes, and the speed at which its motor crosses the gap, rad/s.
 
     Parameters
     ----------
-    drive : for its motor, which is taken as it is; the torque is that at the output
+    drive : for its motor; the torque is that at the output
     """
     read = np.isfinite(recording.motor + recording.load)
     time, motor, load, command, _ = recording.part(read)
@@ -83,7 +83,7 @@ def curve_of(drive: Drive, recording: Recording) -> tuple[Curve, float]:
 
 
 def hysteresis_of(drive: Drive, recording: Recording, at: float) -> LostMotion:
-    """Return gap, lost motion at +-``at`` (N m) and stiffness, or why the recording does not tell them.
+    """Return gap, lost motion at +-``at`` (N m) and stiffness, or why the recording does not show them.
 
     Parameters
     ----------
@@ -98,28 +98,31 @@ def hysteresis_of(drive: Drive, recording: Recording, at: float) -> LostMotion:
 
 
 def _no_curve(drive: Drive, recording: Recording) -> str:
-    """Return why a recording has no curve at all; empty where it may have one."""
+    """Return why a recording cannot contain a curve; empty if it can."""
     time, load = recording.time, recording.load
     if why := wrong_command(drive, recording):
         return why
     moved, way = float(np.nanmax(load) - np.nanmin(load)), float(np.ptp(recording.travel))
     if moved > (allowed := max(_MOVEMENT, _OF_WAY * way)):
-        return f"the load moved by {moved:.2g} rad, and an output that stands may by {allowed:.2g} rad"
+        return f"the load moved by {moved:.2g} rad; an output at rest may move by {allowed:.2g} rad"
     if np.max(np.diff(time)) >= HOLE * np.median(np.diff(time)):
         return f"the recording has a hole of more than {HOLE} periods"
     return ""
 
 
 def _not_slow(curve: Curve, at: float) -> str:
-    """Return why a curve does not show the lost motion at +-``at`` (N m); empty where it may."""
+    """Return why a curve does not show the lost motion at +-``at`` (N m); empty if it may."""
     turns = np.flatnonzero(np.diff(curve.branch))
     if turns.size < _TURNS:
         return (
-            f"the torque turned {turns.size} times, and must at least {_TURNS} times: two cycles, and two ways before "
-            "and after them, which do not count"
+            f"the torque turned {turns.size} times, and must turn at least {_TURNS} times: for two cycles, and for the "
+            "ways before and after them, which do not count"
         )
     if (apart := float(np.median(np.diff(curve.time[turns])))) < _SLOW:
-        return f"the torque turned every {apart:.2g} s, and may turn every {_SLOW:g} s: else inertia bears it"
+        return (
+            f"the torque turned every {apart:.2g} s, and must not turn more often than every {_SLOW:g} s: "
+            "inertia would take a part of it"
+        )
     between = curve.motor - curve.load
     if float((between - np.mean(between)) @ (curve.torque - np.mean(curve.torque))) <= 0.0:
         return (
@@ -128,12 +131,12 @@ def _not_slow(curve: Curve, at: float) -> str:
         )
     largest = float(np.max(np.abs(curve.torque)))
     if at > _BORNE * largest:
-        return f"the lost motion is asked for at +-{at:.3g} N m, and the torque goes to {largest:.3g} N m only"
+        return f"the lost motion is wanted at +-{at:.3g} N m, but the torque reaches only {largest:.3g} N m"
     return ""
 
 
 def hysteresis_findings(found: LostMotion) -> tuple[Finding, ...]:
-    """Return what a valid curve tells: gap, lost motion, stiffness of both flanks, friction."""
+    """Return the findings of a valid curve: gap, lost motion, stiffness of both flanks, friction."""
     borne = f" where they bear {found.gap_torque:.2g} N m" if found.gap_torque else ""
     rows = [
         Finding(
@@ -161,7 +164,7 @@ def hysteresis_findings(found: LostMotion) -> tuple[Finding, ...]:
             rows.append(Finding("", symbol, what, "N m/rad", stiffness, uncertainty))
         else:
             rows.append(Finding("", symbol, what, "N m/rad", why="more than the encoders' counts show"))
-    # The teeth's loss is told apart from friction poorly: what it takes at half of the torque could be either.
+    # The teeth's loss is hard to separate from friction: its part at half of the torque could be either.
     unsure = math.hypot(found.friction_uncertainty, 0.5 * found.loss * found.torque, _FRICTION * found.friction)
     friction = "friction of motor and gear, at the output"
     return (*rows, Finding("", "friction", friction, "N m", found.friction, unsure))

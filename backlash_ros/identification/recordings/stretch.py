@@ -1,25 +1,25 @@
-"""The part of a recording that tells most: without a hole, and where both shafts move most against each other."""
+"""The most informative part of a recording: without a hole, and with the largest relative motion of the shafts."""
 
 import numpy as np
 
 from backlash_ros.identification.recording import Recording
 
 LONGEST = 12.0
-"""s that are fitted at most."""
+"""Longest part that is fitted, s."""
 HOLE = 10
-"""Periods without a sample that end a stretch: nobody knows what happened in between."""
+"""Periods without a sample that end a stretch: what happened in between is unknown."""
 _STEP, _STILL = 0.5, 0.3
-"""s from one stretch that is tried to the next, and s at rest that are kept ahead of the motion."""
+"""Step between the stretches that are tried, s, and rest that is kept before the motion, s."""
 
 
 def _starts(recording: Recording, first: int) -> int:
-    """Return the first row, from ``first`` on, where both angles were read; the end where there is none."""
+    """Return the first row, from ``first`` on, with both angles; the end if there is none."""
     read = np.flatnonzero(np.isfinite(recording.motor[first:] + recording.load[first:]))
     return first + int(read[0]) if read.size else recording.time.size
 
 
 def _still(recording: Recording) -> int:
-    """Return how many rows at rest there are too many ahead of the motion."""
+    """Return the number of superfluous rows at rest before the motion."""
     time, motor, load, command, _ = recording
     moved = np.zeros(time.size, dtype=bool)
     for values in (motor, load, command):
@@ -28,10 +28,10 @@ def _still(recording: Recording) -> int:
 
 
 def informative(recording: Recording, longest: float = LONGEST) -> tuple[Recording, str]:
-    """Return the stretch that is fitted, and in words which one it is where it is not all.
+    """Return the stretch to fit, with its place in words unless it is the whole recording.
 
-    A hole of more than `HOLE` periods ends a stretch. Of one that lasts more than ``longest`` s the part counts in
-    which the angle between the shafts goes the longest way to and fro. Rest ahead of the motion is left out.
+    A hole of more than `HOLE` periods ends a stretch. If it is longer than ``longest`` s, the part in which the angle
+    between the shafts travels most is used. Rest before the motion is left out.
     """
     period = float(np.median(np.diff(recording.time)))
     holes = np.flatnonzero(np.diff(recording.time) > HOLE * period) + 1

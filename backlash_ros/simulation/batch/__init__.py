@@ -1,4 +1,4 @@
-"""Thousands of independent runs: on all cores or on a cluster, resumed where they were interrupted."""
+"""Thousands of independent runs, on all cores or on a cluster, resumed after an interruption."""
 
 from backlash_ros.simulation.batch.code import code_digest
 from backlash_ros.simulation.batch.engine import run_batch

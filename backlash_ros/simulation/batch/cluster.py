@@ -1,4 +1,4 @@
-"""The same on a Dask cluster: each of its threads keeps a process of its own, for the same limits."""
+"""Runs on a Dask cluster: each of its threads has its own process, for the same limits."""
 
 import pickle
 import threading
@@ -13,13 +13,13 @@ from backlash_ros.simulation.batch.journal import Entry
 from backlash_ros.simulation.batch.worker import CannotRunError, Job, Worker
 
 _AHEAD = 2000
-"""Runs handed out at a time: enough for a thousand threads, however long the batch."""
+"""Runs submitted at a time: enough for a thousand threads, for a batch of any length."""
 
 _here = threading.local()
 
 
 def _run(code: str, job: bytes, limit: float, number: int) -> Entry:
-    """Do one run, on a worker of the cluster, in the process that belongs to this thread."""
+    """Do one run, on a worker of the cluster, in this thread's process."""
     if code != code_digest():
         raise CannotRunError("this worker has another version of backlash_ros, or other plugins")
     if getattr(_here, "asked", None) != (job, limit):
@@ -32,19 +32,19 @@ def _run(code: str, job: bytes, limit: float, number: int) -> Entry:
 
 
 def run_on_cluster(job: Job, numbers: Iterator[int], limit: float, scheduler: str) -> Generator[Entry, None, None]:
-    """Yield runs as they end; those of a worker that is lost are done again by another.
+    """Yield runs as they end; another worker repeats those of a lost worker.
 
     Raises
     ------
     OSError
         If the scheduler cannot be reached.
     CannotRunError
-        If the cluster cannot do a run at all: its workers do not have the package, or another version of it.
+        If the cluster cannot do a run: its workers lack the package or have another version.
     """
     packed, code = pickle.dumps(job), code_digest()
     try:
         connected = Client(scheduler)
-    except ValueError as error:  # no address
+    except ValueError as error:  # not an address
         raise OSError(f"no scheduler at {scheduler!r}: {error}") from error
     with connected as client:
         number_of: dict[Any, int] = {}

@@ -1,4 +1,4 @@
-"""Which code runs: results of two versions do not belong into one table."""
+"""A digest of the code: results of two versions do not belong in one table."""
 
 import hashlib
 import os
@@ -12,7 +12,7 @@ _PACKAGE = Path(__file__).parents[2]
 
 @cache
 def code_digest() -> str:
-    """Return a digest of the sources of this package and of the files that are plugged in."""
+    """Return a digest of the sources of this package and of its plugins."""
     digest = hashlib.sha256()
     plugins = [Path(file) for file in os.environ.get(PLUGINS, "").split(os.pathsep) if file]
     for source in (*sorted(_PACKAGE.rglob("*.py")), *plugins):

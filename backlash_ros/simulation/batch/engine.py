@@ -1,6 +1,6 @@
-"""Runs that do not depend on each other, on all cores or on a Dask cluster.
+"""Independent runs, on all cores or on a Dask cluster.
 
-What a run gives depends on its number alone: not on the number of cores, nor on its place in the batch.
+The result of a run depends only on its number, not on the number of cores or its place in the batch.
 """
 
 import os
@@ -13,7 +13,7 @@ from backlash_ros.simulation.batch.journal import Entry, Journal
 from backlash_ros.simulation.batch.worker import Job, Worker
 
 LIMIT = 300.0
-"""Longest time of a run, s, unless another is given."""
+"""Default time limit of a run, s."""
 
 
 def run_batch(
@@ -26,25 +26,25 @@ def run_batch(
     scheduler: str = "",
     ended: Callable[[Entry], None] = lambda _entry: None,
 ) -> None:
-    """Do the runs that are not in the journal yet, and write down how each ended.
+    """Do the runs that are not yet in the journal, and record how each ended.
 
-    A run that raises, takes too long or kills its process is written down as a failure, and the rest goes on. Numbers
-    are taken from ``numbers`` as they are needed: memory does not grow with the batch.
+    A run that raises, takes too long or kills its process is recorded as a failure, and the others go on. Numbers are
+    taken from ``numbers`` as needed: memory does not grow with the batch.
 
     Parameters
     ----------
-    job : what is run, by its number: a function that can be imported, or a `functools.partial` of one
+    job : the run, as a function of its number that can be imported, or a `functools.partial` of one
     limit : longest time of a run, s
-    cores : processes on this machine; by default as many as there are cores to be had
-    scheduler : address of a Dask scheduler, whose workers then run it in place of this machine's cores
+    cores : processes on this machine; by default one per available core
+    scheduler : address of a Dask scheduler, whose workers then replace this machine's cores
     ended : called with each run that has ended
 
     Raises
     ------
     ImportError
-        If a scheduler is named and Dask distributed is not installed: it is an extra, ``backlash_ros[cluster]``.
+        If a scheduler is given and Dask distributed, the extra ``backlash_ros[cluster]``, is not installed.
     OSError
-        If the journal cannot be written or the scheduler not be reached.
+        If the journal cannot be written or the scheduler cannot be reached.
     CannotRunError
         If no run can be done: workers cannot import the job.
     """
@@ -62,7 +62,7 @@ def run_batch(
 
 
 def run_here(job: Job, numbers: Iterator[int], limit: float, cores: int) -> Generator[Entry, None, None]:
-    """Yield runs as they end, from processes on this machine; they are gone when the iterator is."""
+    """Yield runs as they end, from processes on this machine, which end with the iterator."""
     with ExitStack() as stack:
         busy: dict[object, Worker] = {}
         for number in islice(numbers, cores):

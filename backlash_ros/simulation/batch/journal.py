@@ -1,7 +1,7 @@
-"""What a batch has done so far: a line for each run in a file that only grows, so that a kill loses nothing written.
+"""The journal of a batch: one line per run in a file that only grows, so that a kill loses nothing written.
 
-A line that was cut short is dropped when the file is opened again. The lines stand in the order in which runs ended;
-they are read in the order of the runs' numbers.
+A truncated line is dropped when the file is opened again. The lines are in the order in which runs ended; they are read
+in the order of the runs' numbers.
 """
 
 import fcntl
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 
 class Entry(NamedTuple):
-    """How a run ended: with a value that JSON takes, or with a failure in words."""
+    """How a run ended: with a JSON value, or with a failure in words."""
 
     number: int
     value: Any = None
@@ -64,23 +64,23 @@ class Journal:
         return len(self._places)
 
     def add(self, entry: Entry) -> None:
-        """Write down how a run ended; what is in already stays as it is."""
+        """Record how a run ended; earlier lines stay."""
         if entry.number in self._places:
             return
         line = json.dumps(entry._asdict()).encode() + b"\n"
         written = os.write(self._file, line)
-        if written < len(line):  # a disk that is full takes a part
+        if written < len(line):  # a full disk takes a part
             os.ftruncate(self._file, self._end)
             raise OSError(28, "no space left", str(self.path))
         self._places[entry.number] = self._end
         self._end += len(line)
 
     def remove(self) -> None:
-        """Remove the file, once what is in it is elsewhere."""
+        """Remove the file, once its content has been saved elsewhere."""
         self.path.unlink(missing_ok=True)
 
     def entries(self) -> Iterator[Entry]:
-        """Yield what has been done, by number, one at a time in memory."""
+        """Yield the runs that have ended, by number, one at a time in memory."""
         with self.path.open("rb") as lines:
             for number in sorted(self._places):
                 lines.seek(self._places[number])
@@ -88,7 +88,7 @@ class Journal:
 
 
 def _number(line: bytes) -> int | None:
-    """Return the number of the run in a line; None for one that was cut short."""
+    """Return the number of the run in a line; None for a truncated line."""
     try:
         return int(json.loads(line)["number"]) if line.endswith(b"\n") else None
     except (ValueError, KeyError, TypeError):

@@ -1,7 +1,6 @@
-"""A process that runs one job after another for somebody who goes on whatever becomes of it.
+"""A process that runs one job after another, and whose death does not affect its parent.
 
-The time limit is an alarm of the operating system, which ends the process in compiled code too, and where nobody waits
-for it any more.
+The time limit is an alarm of the operating system, which ends the process even in compiled code or without a parent.
 """
 
 import json
@@ -19,22 +18,22 @@ from typing import Any
 from backlash_ros.simulation.batch.journal import Entry
 
 Job = Callable[[int], Any]
-"""A run by its number; returns what JSON takes. It depends on its number alone, and can be pickled."""
+"""A run by its number; returns a JSON value that depends only on the number. Must be picklable."""
 
 _CANNOT_BEGIN = 70
 """Exit code of a process that could not import its job."""
 
 
 class CannotRunError(RuntimeError):
-    """No run can be done at all: a job that workers cannot import, a cluster without the package."""
+    """No run is possible: workers cannot import the job, or a cluster lacks the package."""
 
 
 class Worker:
-    """One process for one job function; it is started again after a run that it did not survive.
+    """One process for one job function; it is restarted after a run that killed it.
 
     Parameters
     ----------
-    job : that is run
+    job : the function that is run
     limit : longest time of a run, s
     """
 
@@ -47,7 +46,7 @@ class Worker:
 
     def _start(self) -> None:
         self.connection, theirs = Pipe()
-        # Threads of the linear algebra would stand in each other's way. A session of its own hears no Ctrl-C.
+        # Threads of the linear algebra would slow each other down. A process in its own session gets no Ctrl-C.
         self._process = subprocess.Popen(
             [sys.executable, "-c", f"from {__name__} import main; main({theirs.fileno()})"],
             pass_fds=[theirs.fileno()],
@@ -59,7 +58,7 @@ class Worker:
         self.connection.send((self._job, self._limit))
 
     def begin(self, number: int) -> None:
-        """Begin a run; ``connection`` has something to read when it has ended."""
+        """Start a run; ``connection`` becomes readable when it has ended."""
         if self._process is None:
             self._start()
         self.number = number
@@ -87,7 +86,7 @@ class Worker:
         return f"its process ended with exit code {code}"
 
     def stop(self) -> None:
-        """End the process, and the run that is under way with it."""
+        """End the process and its current run."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
@@ -96,7 +95,7 @@ class Worker:
 
 
 def work(connection: "Connection[Any, Any]") -> None:
-    """Run what comes in; EOFError once nobody asks any more."""
+    """Run incoming requests; EOFError when the other end closes."""
     try:
         job, limit = connection.recv()
     except (ImportError, AttributeError):
@@ -116,7 +115,7 @@ def work(connection: "Connection[Any, Any]") -> None:
 
 
 def main(handle: int) -> None:
-    """Work for whoever is at the other end of a pipe."""
+    """Serve the other end of a pipe."""
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     with suppress(EOFError, ConnectionError):
         work(Connection(handle))

@@ -1,8 +1,8 @@
-"""A law for drives with both encoders: it plans where the teeth are, so that they neither strike nor rattle.
+"""A law for drives with both encoders: it plans the position of the teeth, so that they neither strike nor rattle.
 
-The motor is controlled on its own encoder alone, which no gap makes unstable. The load's angle only tells what to plan:
-see `plan` for moves, `step` for holding, `observers` for what is seen. While the gap is not known or the drive was not
-identified, and where an encoder is missing, the over-damped gains act: slower, and quiet whatever the load.
+The motor is controlled on its own encoder alone, so no gap makes the loop unstable. The load's angle only serves the
+plans: see `plan` for moves, `step` for holding, `observers` for the estimates. While the gap is unknown, the drive not
+identified or an encoder missing, the over-damped gains act: slower, and quiet with any load.
 """
 
 import math
@@ -59,46 +59,56 @@ if TYPE_CHECKING:
     from backlash_ros.control.settings import ServoSettings
 
 _USUAL_GAP = 0.02
-"""rad at which `TwoEncoderParameters.crossing_time` holds; a wider gap takes longer, as its root."""
+"""Gap, rad, for which `TwoEncoderParameters.crossing_time` holds; the time grows with the root of the gap."""
 _ACCELERATION, _CHANGE, _READING = 20.0, 1.2, 4.5e-5
-"""What the motor's observer does not foresee: acceleration at the output, rad/s^2, change of torque in a second, N m,
-and what a reading is off by, rad, a count of 14 bit before a 10:1 gear in it."""
+"""Noise of the motor's observer: acceleration at the output, rad/s^2, change of torque per second, N m, and error of a
+reading, rad, which includes a count of 14 bit before a 10:1 gear."""
 _INSTANT = 2e4
-"""1/s with which a current that is imposed comes about."""
+"""Rate, 1/s, with which an imposed current is reached."""
 _NO_FRICTION = 2e-4
-"""Share of the torque at standstill below which dry friction is none: a shaft coasts on, and no less is identified."""
+"""Share of the standstill torque below which dry friction counts as 0: a shaft coasts, and less is not identified."""
 _LEAST, _STEP = 2e-3, 1.8
-"""Of the table of the teeth: its first torque, N m, and the ratio of one to the next."""
+"""First torque of the table of the teeth, N m, and ratio of one torque to the next."""
 
 
 @dataclass(frozen=True)
 class TwoEncoderParameters(Validated):
-    """How brisk its moves are, and its motor's loop."""
+    """Times of its moves and bandwidths of its loops."""
 
     section: ClassVar[str] = "laws.two_encoder"
 
     crossing_time: float = quantity(
-        "in which the motor crosses a gap of 0.02 rad, longer for a wider one",
+        "time in which the motor crosses a gap of 0.02 rad; longer for a wider gap",
         "s",
         at_least=1e-3,
         at_most=10,
         default=0.022,
     )
     push_time: float = quantity(
-        "in which the load is pushed, longer where the motor is too weak", "s", at_least=1e-3, at_most=10, default=0.03
+        "time for which the load is pushed; longer if the motor is too weak",
+        "s",
+        at_least=1e-3,
+        at_most=10,
+        default=0.03,
     )
-    brake_time: float = quantity("in which the load is braked at most", "s", at_least=1e-3, at_most=10, default=0.08)
-    bandwidth: float = quantity("of the motor's own loop", "rad/s", above=0, at_most=1e4, default=56.6)
+    brake_time: float = quantity(
+        "longest time for which the load is braked", "s", at_least=1e-3, at_most=10, default=0.08
+    )
+    bandwidth: float = quantity("bandwidth of the motor's own loop", "rad/s", above=0, at_most=1e4, default=56.6)
     torque_bandwidth: float = quantity(
-        "with which torques that the plan did not foresee are compensated", "rad/s", above=0, at_most=1e4, default=40.0
+        "bandwidth of the compensation for torques that the plan did not foresee",
+        "rad/s",
+        above=0,
+        at_most=1e4,
+        default=40.0,
     )
 
 
 def _models(drive: Drive, period: float, rest: float) -> tuple[Array, Array, Array]:
-    """Return the motor over a period, over what is left of it after ``rest``, and over ``rest`` (s): shape (6, 6).
+    """Return the motor's model over a period, over the period less ``rest``, and over ``rest`` (s): shape (6, 6).
 
-    States: p (rad), w (rad/s), the torque of the current and a disturbance that is constant (N m, at the output).
-    Inputs, constant, too: the command (V or A) and the torque of the teeth, N m.
+    States: p (rad), w (rad/s), the torque of the current and a constant disturbance (N m, at the output). Inputs, also
+    constant: the command (V or A) and the torque of the teeth, N m.
     """
     motor, n = drive.motor, drive.gear.ratio
     per_ampere, inertia = motor.torque_constant / n, drive.reflected_inertia
@@ -115,7 +125,7 @@ def _models(drive: Drive, period: float, rest: float) -> tuple[Array, Array, Arr
 
 
 def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderParameters) -> ControlLaw:
-    """Design the law for ``drive`` as identified, its delay and the gap that was learned.
+    """Design the law for ``drive`` as identified, its delay and the learned gap.
 
     Raises
     ------

@@ -1,8 +1,8 @@
-"""What the law knows and what it remembers: where each number stands in its two arrays.
+"""The layout of the law's two arrays, its constants and its state.
 
-All is at the output: p = n theta_m is the motor's angle there, w its speed, g = p - theta_l less the middle of the gap.
-A torque is positive where it turns the load forward, a flank 1 where the motor's teeth drive the load forward and -1
-where they hold it back.
+All values are at the output: p = n theta_m is the motor's angle there, w its speed, g = p - theta_l minus the middle of
+the gap. A torque is positive if it turns the load forward. A flank is 1 if the motor's teeth drive the load forward and
+-1 if they hold it back.
 """
 
 # fmt: off

@@ -1,6 +1,6 @@
-"""What the law sees: the motor, by a Kalman filter on its model, and the load, by one that knows when it is by itself.
+"""The law's estimates: of the motor by a Kalman filter on its model, of the load by a filter that knows free motion.
 
-Both are at the instant of the sample; the command of the sample acts later, so the motor is predicted over the delay.
+Both are for the instant of the sample; the command of the sample acts later, so the motor is predicted over the delay.
 """
 
 import math
@@ -66,17 +66,17 @@ _MOVED, _MOVED_FOR, _LEAPT_FOR = 0.05, 3.0, 11.0
 """Share of what is missed that a shaft goes on by in a period where it was moved; readings until it, and until one that
 leapt, is believed: a sample may be wrong ten times."""
 _APART = 0.36
-"""Of the gap, to either side of its middle: there the teeth are apart whatever their law."""
+"""Share of the gap, to either side of its middle, in which the teeth are apart with any contact law."""
 _IN_FLIGHT, _TOUCHED, _ALONE = 60.0, 4.0, 0.3
 """How far the load's acceleration is from what is known of it at 250 Hz, rad/s^2."""
 _OFF, _ASTRAY = 1.5, 4.0
-"""Counts by which a load at rest is off at most, and how many readings in a row must be to one side of that."""
+"""Largest error of a load at rest, in counts, and number of consecutive readings beyond it that mean motion."""
 _RESTS, _THERE = 0.05, 0.1
-"""rad/s below which the motor rests, and share of the gap within which it is where it is to be."""
+"""Speed, rad/s, below which the motor rests, and share of the gap within which it has reached its target."""
 _LEAST_LAG = 0.1
 """Of the load's filter, so that it does not ring where its readings have no count."""
 UNSEEN = 0.05
-"""Share of the gap that a count is taken for until one is seen."""
+"""Assumed encoder count, as a share of the gap, until one is seen."""
 _SMALLEST, _NOISE, _WIDTH = 1e-6, 0.2, 1.6
 """rad; s over which noise is looked at while holding; a count that is as wide as noise, over the readings' mean second
 difference."""
@@ -87,7 +87,7 @@ _CARRIES, _TOUCHES, _LEARN, _WALL, _WRONG, _BEYOND = 0.05, 0.02, 0.012, 0.03, 0.
 """Torque, N m, and times, s, in which teeth that push, and teeth that cannot be where they seem, show where they are;
 what is too far off for that, and what g may be beyond the gap, as shares of it."""
 _TURNS, _LONG = 0.2, 0.05
-"""rad/s at least, and s, in which a flight shows the load torque."""
+"""Smallest speed, rad/s, and time, s, for which a flight shows the load torque."""
 _SLOWLY, _PATIENT, _STANDS = 0.05, 0.1, 0.02
 FREE, NONE = 4e-3, 6e-3
 """N m beyond the friction from which on a load torque holds the load; what a flight must show of one at least."""
@@ -108,13 +108,13 @@ def contact(law: Array, torque: float) -> float:
 
 @compiled
 def dry(law: Array, speed: float) -> float:
-    """Return the dry friction of a motor that turns, N m; less where it hardly does."""
+    """Return the dry friction of a motor that turns, N m; less if it hardly turns."""
     return float(law[MOTOR_COULOMB] * min(max(speed / _TURNS, -1.0), 1.0))
 
 
 @compiled
 def _pass(law: Array, model: int, motor: Array, command: float, carried: float) -> None:
-    """Let a part of a period pass for the motor: p, w, torque of the current, disturbance."""
+    """Advance the motor by a part of a period: p, w, torque of the current, disturbance."""
     position = speed = torque = 0.0
     carried += dry(law, motor[1])
     for j in range(4):
@@ -131,22 +131,22 @@ def _pass(law: Array, model: int, motor: Array, command: float, carried: float) 
 def _doubt(
     law: Array, state: Array, doubted: int, missed: float, way: float, count: float
 ) -> tuple[bool, float, float]:
-    """Judge a reading by where its shaft is expected; ``doubted`` counts those in a row that cannot be.
+    """Compare a reading with the expected angle; ``doubted`` counts consecutive implausible readings.
 
-    What the first of them missed stands behind that count.
+    The error of the first of them follows that count.
 
-    Teeth that meet change a speed by what they meet with; torques do little within a period, most of all at rest. A
-    shaft that goes away from where it is expected is believed at the third reading, an encoder that leapt much later.
+    Teeth that meet change a speed by their meeting speed; torques change it little within a period, least at rest. A
+    shaft that moves away from the expected angle is believed at the third reading, an encoder that jumped much later.
 
     Parameters
     ----------
-    missed : by how much the reading is from where the shaft is expected, rad
-    way : since the reading before, less the expected one, rad
+    missed : reading minus expected angle, rad
+    way : motion since the previous reading minus the expected motion, rad
     count : of the encoder, rad
 
     Returns
     -------
-    whether it can be; where it cannot, what angle, rad, and speed, rad/s, are to be corrected by
+    whether it is plausible; if not, the corrections of angle, rad, and speed, rad/s
     """
     share = _AT_REST if state[PHASE] == HOLD else _DRIVEN
     struck = _STRUCK * abs(state[SPEED] - state[LOAD_SPEED])
@@ -166,7 +166,7 @@ def _doubt(
 
 @compiled
 def see_motor(law: Array, state: Array, reading: float) -> None:
-    """Take the motor's angle at the output, rad, a period after the one before."""
+    """Take the motor's angle at the output, rad, one period after the previous one."""
     motor, k = state[MOTOR : MOTOR + 4], int(law[WHOLE])
     if law[DELAY] - k * law[PERIOD] > _WHOLE * law[PERIOD]:
         _pass(law, BEFORE, motor, state[COMMANDS + k + 1], state[CARRIED + k + 1])
@@ -181,7 +181,7 @@ def see_motor(law: Array, state: Array, reading: float) -> None:
             motor[i] += law[GAIN + i] * missed
     state[LAST_MOTOR] = reading
     rests = state[PHASE] == HOLD and abs(state[SPEED]) < _RESTS and abs(state[PLACE] - motor[0]) < _THERE * law[GAP]
-    if not rests or law[MOTOR_COULOMB] == 0.0:  # what dry friction takes at rest must not wind up
+    if not rests or law[MOTOR_COULOMB] == 0.0:  # the dry friction at rest must not wind up
         state[ACTING] += law[TRUST] * (state[DISTURBANCE] - state[ACTING])
 
 
@@ -207,10 +207,10 @@ def apart(law: Array, state: Array) -> bool:
 
 @compiled
 def see_load(law: Array, state: Array, reading: float) -> None:
-    """Take the load's angle, rad, a period after the one before.
+    """Take the load's angle, rad, one period after the previous one.
 
-    The gains are Kalata's (IEEE Trans. AES 20, 1984), for the count that the readings show: their least step, or noise
-    that is as wide.
+    The gains are Kalata's (IEEE Trans. AES 20, 1984), for the count that the readings show: their smallest step, or
+    noise of that width.
     """
     period = law[PERIOD]
     change = abs(reading - state[LAST_LOAD])
@@ -239,7 +239,7 @@ def see_load(law: Array, state: Array, reading: float) -> None:
         same = state[ASTRAY] * missed >= 0.0
         state[ASTRAY] = math.copysign(1.0, missed) + (state[ASTRAY] if same else 0.0) if beyond else 0.0
     if abs(state[ASTRAY]) >= _ASTRAY:
-        unknown = _IN_FLIGHT  # it moves otherwise than at rest
+        unknown = _IN_FLIGHT  # it does not move as at rest
     elif state[PHASE] == HOLD and state[HELD] == 0.0:
         state[LOAD_SPEED] *= math.exp(-law[FRICTION] / law[INERTIA] * period)
         if apart(law, state):
@@ -253,14 +253,14 @@ def see_load(law: Array, state: Array, reading: float) -> None:
 
 @compiled
 def rests_on(law: Array, state: Array, pull: float) -> None:
-    """Take the load to rest on the flank where a torque (N m) holds it, if it is one that the teeth surely carry."""
+    """Assume that the load rests on the flank where a torque (N m) holds it, if the teeth surely carry it."""
     if abs(pull) > law[MOTOR_COULOMB] + _CARRIES:
         state[MIDDLE] = state[MOTOR] - state[LOAD] + math.copysign(contact(law, pull), pull)
 
 
 @compiled
 def see_middle(law: Array, state: Array) -> None:
-    """Learn where the middle of the gap is: teeth that push, or hold, are known to be, and none are beyond the gap."""
+    """Learn the middle of the gap from teeth that push or hold, and from the fact that no teeth are beyond the gap."""
     if state[PHASE] == HOLD and state[WAITED] > _PATIENT and abs(state[LOAD_SPEED]) < _STANDS:
         rests_on(law, state, state[PULL_SLOW])
     carried = state[CARRIED + int(law[WHOLE])]
@@ -278,10 +278,9 @@ def see_middle(law: Array, state: Array) -> None:
 
 @compiled
 def see_pull(law: Array, state: Array) -> None:
-    """Learn the load torque from what both shafts' momentum gains beyond what the current gives, N m.
+    """Learn the load torque from the momentum that both shafts gain beyond what the current gives, N m.
 
-    In motion friction is known, at rest only that it is no larger than it can be. Over a whole flight a wrong inertia
-    cancels.
+    In motion the friction is known, at rest only its bound. Over a whole flight a wrong inertia cancels.
     """
     w, omega, friction, period = state[SPEED], state[LOAD_SPEED], law[COULOMB], law[PERIOD]
     momentum = law[MOTOR_INERTIA] * w + law[INERTIA] * omega
@@ -313,11 +312,11 @@ def see_pull(law: Array, state: Array) -> None:
 
 @compiled
 def landed(law: Array, state: Array) -> None:
-    """Take what the flight that is over has shown of the load torque; a load that stood bounds it by its friction."""
+    """Use the load torque that the last flight has shown; a load that stood still bounds it by its friction."""
     if state[SEEN_TIME] > _LONG:
         pull = state[SEEN] / state[SEEN_TIME]
         state[PULL] = pull if abs(pull) >= NONE else 0.0
-        if state[PHASE] == FLIGHT:  # behind a setpoint there is no plan
+        if state[PHASE] == FLIGHT:  # there is no plan while following a setpoint
             state[PULL_SLOW] = -state[REST_TORQUE]
     elif state[HELD] != 0.0:
         unknown = law[COULOMB] + law[MOTOR_COULOMB]
@@ -327,5 +326,5 @@ def landed(law: Array, state: Array) -> None:
 
 @compiled
 def holds(law: Array, pull: float) -> bool:
-    """Return whether a load torque (N m) holds the load on a flank: friction does not bear it."""
+    """Return whether a load torque (N m) holds the load on a flank, because it exceeds friction."""
     return bool(abs(pull) > law[COULOMB] + FREE)

@@ -1,10 +1,10 @@
-"""The plans: what load and motor are to do until the load rests at its target, in closed form.
+"""The plans: the motion of load and motor until the load rests at its target, in closed form.
 
-A plan is made of segments. In each the load's acceleration is a straight line and a bump besides, and the motor is in
-contact on one flank, at the depth at which the teeth carry what the load takes, or crosses to the other flank while the
-load goes on by itself. Everything is written for a move forward; a move backward is its mirror image.
+A plan consists of segments. In each, the load's acceleration is a straight line plus a bump. Either the motor is in
+contact on one flank, at the depth at which the teeth carry the load's torque, or it crosses to the other flank while
+the load coasts. Everything is written for a move forward; a move backward is its mirror image.
 
-The load takes J a + B v + c, where c = tau_c - tau_l is what brakes it at any speed. The plans:
+The load needs the torque J a + B v + c, where c = tau_c - tau_l brakes it at any speed. The plans:
 
     flight   approach the driving flank, push, cross while the load coasts, brake on the other flank; under a load
              torque that goes against the move cross back while the load comes to rest
@@ -42,11 +42,11 @@ bump's mean; g at its start and end, and whether the motor crosses; the move's d
 start, rad/s; whether the bump ends softly."""
 
 _PEAK = 1.5
-"""Peak of a bump over its mean."""
+"""Peak of a bump divided by its mean."""
 _SPEED, _EFFORT, _LEFT = 0.6, 0.75, 0.1
-"""Shares of the speed without load, and of the torque that is left at a speed, that a plan uses."""
+"""Shares of the no-load speed, and of the torque available at a speed, that a plan uses."""
 _TOUCH = 0.02
-"""N m with which teeth are touched."""
+"""Torque with which teeth are touched, N m."""
 _BRAKES, _VISCOUS = 0.8, 0.3
 """Share of what brakes the load by itself that a plan on one flank uses, so that the teeth stay in contact, and of its
 viscous friction at first in that."""
@@ -54,12 +54,12 @@ _OWN, _SHORTEST, _LEAST, _HARD = 1.33, 0.035, 0.02, 165.0
 """A brake is so short that the teeth do more than the load by itself: most of its time over that of the load's own; s
 below which one flank does it, s at least, and rad/s^2 of friction and load torque from which on one flank does it."""
 _LONGEST, _OF_WAY, _CROSSES_IN = 0.3, 0.25, 3.0
-"""s in which a load is caught at most; share of its way, and periods at least, in which the motor crosses to do so."""
+"""Longest time to catch a load, s; share of its travel and least number of periods for the motor's crossing to it."""
 _NEAR, _STOPS = 0.92, 0.3
-"""g, in half gaps, from which on a flank is reached; rad/s below which a load may be carried from rest."""
+"""g, in half gaps, above which a flank is reached; speed, rad/s, below which a load may be carried from rest."""
 _QUICKER, _SHORT = 0.9, 0.03
 _UNSURE = 0.06
-"""s that each half of a shift takes at least where friction hides the load torque, so that it is seen on the way."""
+"""Shortest time, s, for each half of a shift if friction hides the load torque, so that the shift shows it."""
 _GAP_WAYS = 2.0
 
 
@@ -91,7 +91,7 @@ def segment(
 
 @compiled
 def length_of(state: Array) -> float:
-    """Return how long the plan is, s."""
+    """Return the duration of the plan, s."""
     total = 0.0
     for k in range(int(state[SEGMENTS])):
         total += state[PLAN + k * COLUMNS + _LENGTH]
@@ -100,7 +100,7 @@ def length_of(state: Array) -> float:
 
 @compiled
 def evaluate(law: Array, state: Array, time: float) -> tuple[float, float, float]:
-    """Return the motor's p (rad) and w (rad/s), and the torque of the teeth (N m), at a time of the plan, s."""
+    """Return the motor's p (rad) and w (rad/s), and the torque of the teeth (N m), at a time in the plan, s."""
     count, k = int(state[SEGMENTS]), 0
     while k < count - 1 and time > state[PLAN + k * COLUMNS + _LENGTH]:
         time -= state[PLAN + k * COLUMNS + _LENGTH]
@@ -147,7 +147,7 @@ def evaluate(law: Array, state: Array, time: float) -> tuple[float, float, float
 
 @compiled
 def stopping_way(law: Array, speed: float) -> float:
-    """Return how far a load coasts from a speed (rad/s) against its friction, rad, with its sign."""
+    """Return the distance that a load coasts from a speed (rad/s) against its friction, rad, signed."""
     inertia, viscous, dry = law[INERTIA], law[FRICTION], law[COULOMB]
     size = abs(speed)
     if dry > 0.0 and viscous * size < 1e-6 * dry:
@@ -161,7 +161,7 @@ def stopping_way(law: Array, speed: float) -> float:
 
 @compiled
 def _push_time(law: Array, length: float, gain: float, speed: float, c: float) -> float:
-    """Return how long a push that gains a speed takes at least, s: the motor has to bear it."""
+    """Return the shortest time for a push that gains a speed, s, given the motor's torque."""
     both, steady = law[MOTOR_INERTIA] + law[INERTIA], max(c, 0.0) + law[FRICTION] * speed
     most = _EFFORT * law[STALL] * (1.0 - min(speed / law[NO_LOAD], 0.9))
     if both * _PEAK * gain / length + steady <= most:
@@ -171,7 +171,7 @@ def _push_time(law: Array, length: float, gain: float, speed: float, c: float) -
 
 @compiled
 def _approach(law: Array, g: float) -> float:
-    """Return how long the motor takes from g to the driving flank, s; 0 where it is there."""
+    """Return the time that the motor takes from g to the driving flank, s; 0 if it is there."""
     if g >= _NEAR * 0.5 * law[GAP]:
         return 0.0
     return float(_BRAKES * law[CROSSING] * max(0.3, math.sqrt(min(1.0, (0.5 * law[GAP] - g) / law[GAP]))))
@@ -240,7 +240,7 @@ def _carry(
     way: float,
     must: bool,
 ) -> bool:
-    """Plan a move on the braking flank alone where c < 0 carries the load; False and no plan where others are quicker.
+    """Plan a move on the braking flank alone if c < 0 carries the load; False, without a plan, if others are faster.
 
     Parameters
     ----------
@@ -270,10 +270,10 @@ def _carry(
 def _catch(
     law: Array, state: Array, target: float, x: float, v: float, g: float, closing: float, c: float, way: float
 ) -> None:
-    """Plan to meet a load that is fast enough in front, and to brake it."""
+    """Plan to meet a fast load on its front side, and to brake it."""
     inertia, edge = law[INERTIA], contact(law, _TOUCH)
     length = law[CROSSING] * max(0.3, math.sqrt(min(1.0, max(0.0, 0.5 * law[GAP] + g) / law[GAP])))
-    if v * length > _OF_WAY * (target - x):  # too fast to cross as softly
+    if v * length > _OF_WAY * (target - x):  # too fast for a soft crossing
         length = max(_OF_WAY * (target - x) / v, _CROSSES_IN * law[PERIOD])
     slows = min((law[FRICTION] * v + c) / inertia, v / length)
     segment(state, length, x, v, -slows, -slows, 0.0, g, -edge, way, 0.0, closing, 2)
@@ -290,7 +290,7 @@ def _catch(
 def _lands(
     law: Array, x: float, v: float, speed: float, push: float, brake: float, c: float, back: float, moves: bool
 ) -> tuple[float, float, float, float, float, float]:
-    """Follow a flight that is pushed up to a speed.
+    """Compute a flight in which the push reaches a given speed.
 
     Returns
     -------
@@ -334,7 +334,7 @@ def fly(
     state[SEGMENTS], state[REST_TORQUE] = 0.0, -pull if held else 0.0
     if c < 0.0 and abs(v) < _STOPS and _carry(law, state, target, x, v, g, closing, c, way, False):
         return -way
-    # The load by itself until it is touched: friction brakes it, and holds it where it stands.
+    # The load alone until it is touched: friction brakes it, and holds it once it stands.
     length = _approach(law, g)
     if v < 0.0:
         slows = (viscous * v - dry - (way * pull if held else 0.0)) / inertia
@@ -411,7 +411,7 @@ def fly(
 
 @compiled
 def shift(law: Array, state: Array, to: float, load: float, pull: float) -> float:
-    """Plan a move of a load that a torque (N m) holds on a flank, without leaving it; return that flank."""
+    """Plan a move of a load that a torque (N m) holds on a flank, without leaving the flank; return the flank."""
     way = 1.0 if to >= load else -1.0
     c, distance, at = law[COULOMB] - way * pull, abs(to - load), way * load
     least = _UNSURE if law[COULOMB] > 0.0 else _SHORT
@@ -425,7 +425,7 @@ def shift(law: Array, state: Array, to: float, load: float, pull: float) -> floa
 
 @compiled
 def press(law: Array, state: Array, to: float, load: float, motor: float, speed_m: float, pull: float) -> float:
-    """Plan to push a load that friction holds to where it is to be; return the flank."""
+    """Plan to push a load that friction holds to its target; return the flank."""
     way = 1.0 if to >= load else -1.0
     c = max(law[COULOMB] - way * pull, 0.3 * law[COULOMB])
     state[SEGMENTS] = state[REST_TORQUE] = 0.0

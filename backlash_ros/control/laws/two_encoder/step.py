@@ -1,12 +1,12 @@
-"""One step of the law: it flies planned moves, follows setpoints in motion, and holds by events.
+"""One step of the law: it executes planned moves, follows moving setpoints, and holds by events.
 
-In flight the motor follows its plan on its own encoder, and nothing of the load is fed back. At rest the law leaves the
-load alone while it is near enough, with the motor in the middle of the gap, or on the flank where the load torque holds
-it. Where it is not near enough, a load that
+In flight the motor follows its plan on its own encoder, without feedback from the load. At rest the law leaves the load
+alone while it is near enough, with the motor in the middle of the gap, or on the flank where the load torque holds it.
+If the load is not near enough:
 
-    is held by a load torque     is moved with the motor, without leaving the flank
-    is held by friction          is pressed to where it is to be
-    coasts freely                is led in by the flank behind it, or before it, no faster than it stops by itself
+    held by a load torque     it is moved with the motor, without leaving the flank
+    held by friction          it is pressed to its target
+    coasting freely           it is led in by the flank behind or before it, no faster than it can stop by itself
 """
 
 import math
@@ -102,53 +102,53 @@ from backlash_ros.drivetrain.signals import (
 
 _SAME = 1e-9
 _TIGHT, _WIDE = (0.04, 0.3), (0.08, 0.55)
-"""Errors at which the load is left alone, and from which on no longer: shares of the gap, or of a count, if that is
-more."""
+"""Errors below which the load is left alone, and above which it no longer is: shares of the gap, or of a count if that
+is more."""
 _NOISY = 4.0
-"""Width in which readings with noise count as one count, over their mean second difference."""
+"""Width of the noise that counts as one encoder count, divided by the readings' mean second difference."""
 _STILL, _STANDS, _SLOW = 0.02, 0.05, 0.5
-"""rad/s below which a load stands when a flight is planned, when friction has held it, when it can be shifted."""
+"""Speeds, rad/s, below which a load stands: when a flight is planned, when friction held it, when it can be shifted."""
 _DRY = 3e-3
-"""N m of friction from which on a shaft stands where it stops."""
+"""Friction, N m, above which a shaft stays where it stops."""
 _LEADS, _FASTEST, _OF_OWN = 15.0, 12.0, 0.65
-"""Rates in 1/s with which a held load is led in, and a free one at most; share of its own rate B/J."""
+"""Rates, 1/s, with which a held load is led in, and at most a free one; share of its own rate B/J."""
 _MEETS, _AWAY, _HASTE = 20.0, 0.06, 2.0
-"""Rate in 1/s with which a free load is met, share of the gap within which it is touched, and rad/s at most."""
+"""Rate, 1/s, with which a free load is met, share of the gap within which it is touched, and largest speed, rad/s."""
 _PARK, _DWELL = 0.05, 0.05
 _SETTLES, _AGAIN, _MOST_TRIES = 0.04, 0.06, 5.0
-"""s that a load is looked at before it is moved, more each time, and how often more."""
+"""Time, s, for which a load is observed before it is moved; it grows each time, up to this many times."""
 _AHEAD, _FAR = 0.3, 2.0
 _GOES = 40.0
-"""1/s with which a motor that is not where it is to be goes there, for its dry friction."""
+"""Rate, 1/s, with which a motor that dry friction keeps from its target goes there."""
 _LESS, _LEAST = 0.8, 0.3
-"""After each change of the error's sign the next move is so much shorter, down to the least share."""
+"""Factor by which each change of the error's sign shortens the next move, and the smallest share."""
 
 
 @compiled
 def _start(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint) -> None:
-    """Begin where the drive is found; the gap is taken to be as wide to either side of it."""
+    """Start at the present position, assumed to be the middle of the gap."""
     motor = law[RATIO] * estimate[THETA_M]
     state[MOTOR] = state[PLACE] = state[LAST_MOTOR] = motor
     state[LOAD] = state[LAST_LOAD] = estimate[THETA_L]
     state[MIDDLE] = motor - estimate[THETA_L]
     state[COUNT] = UNSEEN * law[GAP]
     far = abs(setpoint[POSITION] - estimate[THETA_L]) > _FAR * law[GAP]
-    state[TARGET] = estimate[THETA_L] if far else setpoint[POSITION]  # another target is flown to
+    state[TARGET] = estimate[THETA_L] if far else setpoint[POSITION]  # a new target means a flight
     state[PHASE], state[SHARE], state[STARTED] = HOLD, 1.0, 1.0
     state[PULL] = clamp(law[EXPECTED], -law[COULOMB], law[COULOMB])
 
 
 @compiled
 def _take_off(law: Array, state: Array) -> None:
-    """Begin a plan that was just made."""
+    """Start a plan that was just made."""
     state[PHASE], state[TIME] = FLIGHT, 0.0
     if law[COULOMB] + law[MOTOR_COULOMB] > 0.0 and abs(state[LOAD_SPEED]) < _STANDS:
-        state[ACTING] = state[DISTURBANCE] = 0.0  # what friction took at rest it does not take in motion
+        state[ACTING] = state[DISTURBANCE] = 0.0  # the friction at rest does not act in motion
 
 
 @compiled
 def _fly(law: Array, state: Array, motor: Array) -> None:
-    """Plan a flight to the target from where the drive will be when the command acts."""
+    """Plan a flight to the target from the drive's position at the time when the command acts."""
     speed = state[LOAD_SPEED] if abs(state[LOAD_SPEED]) > _STILL else 0.0
     load, at = state[LOAD] + law[DELAY] * speed, motor[0] - state[MIDDLE]
     state[FLANK] = fly(law, state, state[TARGET], load, speed, at, motor[1], state[PULL])
@@ -157,7 +157,7 @@ def _fly(law: Array, state: Array, motor: Array) -> None:
 
 @compiled
 def _wait(state: Array) -> None:
-    """Begin to hold, or hold otherwise than before."""
+    """Start to hold, or change the kind of holding."""
     state[PHASE] = HOLD
     state[WAITED] = state[SIDE] = state[SIDE_TIME] = 0.0
     state[PARKED] = -1.0
@@ -165,7 +165,7 @@ def _wait(state: Array) -> None:
 
 @compiled
 def _shorter(state: Array, error: float) -> float:
-    """Return an error, or less of it where its sign has changed, so that nothing hunts."""
+    """Return an error, reduced if its sign has changed, to prevent hunting."""
     if state[LAST_ERROR] * error < 0.0:
         state[SHARE] = max(_LEAST, _LESS * state[SHARE])
     state[LAST_ERROR] = error
@@ -174,20 +174,20 @@ def _shorter(state: Array, error: float) -> float:
 
 @compiled
 def _patience(state: Array) -> float:
-    """Return how long the load is looked at before it is moved, s."""
+    """Return the time for which the load is observed before it is moved, s."""
     return float(_SETTLES + _AGAIN * min(state[TRIES], _MOST_TRIES))
 
 
 @compiled
 def _band(law: Array, state: Array) -> tuple[float, float]:
-    """Return the errors at which the load is left alone, and from which on no longer, rad."""
+    """Return the errors below which the load is left alone, and above which it no longer is, rad."""
     seen = max(state[COUNT], _NOISY * state[ROUGH])
     return max(_TIGHT[0] * law[GAP], _TIGHT[1] * seen), max(_WIDE[0] * law[GAP], _WIDE[1] * seen)
 
 
 @compiled
 def _hold_held(law: Array, state: Array, error: float, motor: Array) -> tuple[float, float, float]:
-    """Hold a load that a torque holds on a flank: return the motor's place, rad, its speed and the torque, N m."""
+    """Hold a load that a torque holds on a flank: return the motor's position, rad, its speed and the torque, N m."""
     tight, wide = _band(law, state)
     state[FLANK], speed = -math.copysign(1.0, state[PULL]), 0.0
     if state[PARKED] < 0.0 and abs(error) < tight and abs(state[LOAD_SPEED]) * _AHEAD < 2.0 * tight:
@@ -201,7 +201,7 @@ def _hold_held(law: Array, state: Array, error: float, motor: Array) -> tuple[fl
                 to = state[LOAD] + _shorter(state, error)
                 state[FLANK] = shift(law, state, to, state[LOAD], state[PULL])
                 _take_off(law, state)
-        elif abs(state[PLACE] - motor[0]) < 0.5 * law[GAP] + 2e-3:  # not ahead of what the motor has reached
+        elif abs(state[PLACE] - motor[0]) < 0.5 * law[GAP] + 2e-3:  # not ahead of the motor
             speed = clamp(_LEADS * error, -_HASTE, _HASTE)
             state[PLACE] += law[PERIOD] * speed
     return state[PLACE], speed, -state[PULL]
@@ -227,14 +227,14 @@ def _lead(law: Array, state: Array, error: float, resting: float, tight: float, 
 
 @compiled
 def _hold_free(law: Array, state: Array, error: float, load: float, motor: Array) -> tuple[float, float, float]:
-    """Hold a load that no torque holds: return the motor's place, rad, its speed and the torque, N m."""
+    """Hold a load that no torque holds: return the motor's position, rad, its speed and the torque, N m."""
     tight, wide = _band(law, state)
     coasts = stopping_way(law, state[LOAD_SPEED])
     resting = error - coasts
     state[FLANK] = 0.0
     if state[PARKED] >= 0.0 and abs(error) > wide and state[WAITED] > _DWELL:
         state[PARKED], state[WAITED] = -1.0, 0.0
-        if law[COULOMB] > _DRY:  # it slid by itself
+        if law[COULOMB] > _DRY:  # it slid without a command
             state[PULL] = -math.copysign(max(abs(state[PULL]), law[COULOMB] + 2.0 * FREE), error)
     elif state[PARKED] < 0.0:
         if abs(resting) < tight and abs(error) < wide and abs(coasts) < wide:
@@ -261,9 +261,9 @@ def _hold_free(law: Array, state: Array, error: float, load: float, motor: Array
 
 @compiled
 def _follow(law: Array, state: Array, setpoint: Setpoint) -> tuple[float, float, float, float]:
-    """Follow a setpoint that moves: return the motor's place, rad, its speed, its torque and that of the teeth, N m.
+    """Follow a moving setpoint: return the motor's position, rad, its speed, its torque and that of the teeth, N m.
 
-    The flank is that of the torque which the load takes; the motor crosses to it in as long as a flight does.
+    The sign of the load's torque gives the flank; the motor crosses to it in the time of a flight's crossing.
     """
     speed, acceleration = setpoint[VELOCITY], setpoint[ACCELERATION]
     takes = law[INERTIA] * acceleration + law[FRICTION] * speed - state[PULL]
@@ -284,7 +284,7 @@ def _follow(law: Array, state: Array, setpoint: Setpoint) -> tuple[float, float,
 
 @compiled
 def _hold(law: Array, state: Array, target: float, motor: Array) -> tuple[float, float, float]:
-    """Hold the load at its target: return the motor's place, rad, its speed and the torque, N m."""
+    """Hold the load at its target: return the motor's position, rad, its speed and the torque, N m."""
     state[WAITED] += law[PERIOD]
     load = state[LOAD] + law[DELAY] * state[LOAD_SPEED]
     if state[HELD] != 0.0:
@@ -296,7 +296,7 @@ def _hold(law: Array, state: Array, target: float, motor: Array) -> tuple[float,
 def two_encoder_step(
     law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, low: float, high: float
 ) -> float:
-    """See, plan where the setpoint has leapt or the load is not where it is to be, and move the motor."""
+    """Observe, plan if the setpoint has jumped or the load is off its target, and move the motor."""
     target, period = setpoint[POSITION], law[PERIOD]
     if state[STARTED] == 0.0:
         _start(law, state, estimate, setpoint)
@@ -331,7 +331,7 @@ def two_encoder_step(
         carried = torque if held != 0.0 else 0.0
     elif state[PHASE] == FOLLOW:
         place, speed, torque, carried = _follow(law, state, setpoint)
-    if state[PHASE] == FLIGHT:  # which holding may just have begun
+    if state[PHASE] == FLIGHT:  # holding may just have started it
         time, later = state[TIME], state[TIME] + law[ELECTRICAL]
         place, speed, _ = evaluate(law, state, time)
         end, _, _ = evaluate(law, state, time + period)
@@ -359,7 +359,7 @@ def two_encoder_step(
 
 
 def begin(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, holding: float) -> None:
-    """Go on where another law has held the load with a voltage: see `law.TakeOver`."""
+    """Take over from another law that held the load with a voltage: see `law.TakeOver`."""
     state[1:] = 0.0
     _start(law, state, estimate, setpoint)
     state[SPEED], state[LOAD_SPEED] = law[RATIO] * estimate[OMEGA_M], estimate[OMEGA_L]
