@@ -53,8 +53,7 @@ live: $(READY)
 
 # What is judged in real time, recorded as fast as it can be simulated, or drawn in a browser runs alone, the rest four at
 # a time; plain pytest runs all of it, one after the other.
-ALONE := test/system/test_demo.py test/system/test_contract.py test/nodes/test_measure.py test/nodes/test_page.py \
-         test/nodes/test_transport.py
+ALONE := test/system/test_contract.py test/nodes/test_measure.py test/nodes/test_page.py test/nodes/test_transport.py
 SIDE_BY_SIDE := -n 4 --dist worksteal
 test: $(READY)
 	$(BIN)/python -m backlash_ros.simulation  # compiles once for all, on all cores

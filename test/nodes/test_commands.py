@@ -12,7 +12,7 @@ from pages import ROOT, commands
 
 from backlash_ros.cli import main
 
-READY = r"ready at 250 Hz|simulating at 250 Hz|recording|^http://|waiting to be configured"
+READY = r"ready at 250 Hz|simulating at 250 Hz|recording|^http://|waiting for the requests to configure"
 AXES = [f"axis{k}" for k in range(1, 7)]
 
 

@@ -16,16 +16,16 @@ RUN_BY = {
     r"backlash identify|backlash .*results/axis": "test/unit/test_identify_command.py",
     r"backlash measure": "test/nodes/test_measure.py",
     r"backlash report their_bag": "test/unit/test_report.py",
-    r"backlash replay": "test/unit/test_replay.py",
+    r"backlash replay": "test/system/test_demo.py",
     r"backlash (report|simulate)|(plant_simulator|controller|recorder)$": "test/system/test_readme.py",
-    r"backlash ": "test/unit/test_pages.py",
+    r"(ros2 run backlash_ros )?backlash ": "test/unit/test_pages.py",
     r"pytest --pyargs": "test/system/test_contract.py",
     r"ros2 run controller_manager": "test/nodes/test_ros2_control.py",
     r"ros2 run backlash_ros": "test/nodes/test_commands.py",
     r"ros2 param load \S+ gains.yaml": "test/nodes/test_config.py",
     r"ros2 ": "test/system/test_readme.py",
 }
-"""How a command begins, and what runs it, or what stands for it where it needs what is not at hand; the first counts."""
+"""How a command begins, and what runs it, or does the same where it needs what tests lack. The first match counts."""
 
 
 def commands_of(page: Path) -> list[str]:

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from in_browser import console_of, requests_of
+from pages import commands
 from report_page import opened, shown
 from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
@@ -143,10 +145,19 @@ def test_bag_has_every_topic_with_the_messages_that_the_run_implies(results: Pat
     assert summary["learned"]["backlash_angle"] in told
 
 
-def test_replay_gives_every_command_to_the_last_bit(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for bag in ("bag", "heavy/bag"):
-        assert main(["replay", str(results / bag)]) == 0
-        assert capsys.readouterr().out.rstrip().endswith("all equal to the last bit")
+def test_replay_gives_every_command_to_the_last_bit(
+    results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The commands of docs/replay.md, where `make demo` has left its results, and the bag of the heavy load."""
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "demo").symlink_to(results)
+    monkeypatch.chdir(tmp_path)
+    replays = [c for c in commands("test_demo.py") if c.startswith("backlash ")]
+    assert len(replays) == 2
+    for command in (*replays, "backlash replay results/demo/heavy/bag"):
+        assert main(shlex.split(command)[1:]) == 0
+        assert "all equal to the last bit" in capsys.readouterr().out
+    assert (tmp_path / "replay.png").stat().st_size > 0
 
 
 @pytest.fixture(scope="module")

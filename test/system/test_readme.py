@@ -1,4 +1,4 @@
-"""Every command of the README and of the pages for newcomers is run: here, by a test named here, or by CI."""
+"""What a newcomer does: commands of the environment that make makes, and those of ROS in the order of the guides."""
 
 import os
 import re
@@ -10,48 +10,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from pages import ROOT, commands, commands_of
 from reported import axes_bag
 
 from backlash_ros.ros.isolation import isolated
 
-ROOT = Path(__file__).parents[2]
-PAGES = ("README.md", "docs/quickstart.md", "docs/axes.md", "docs/python.md", "docs/report.md")
-
-
-def commands_of(page: str) -> list[str]:
-    blocks = re.findall(r"```sh\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)
-    return [line for block in blocks for line in block.replace("\\\n", "").splitlines() if line]
-
-
-COMMANDS = list(dict.fromkeys(command for page in PAGES for command in commands_of(page)))
-ROS_COMMANDS = list(dict.fromkeys([*commands_of("docs/quickstart.md"), *commands_of("docs/axes.md")]))
-ROS_COMMANDS = [line for line in ROS_COMMANDS if line.startswith("ros2 ")]
+COMMANDS = commands("test_readme.py")
+ENVIRONMENT = ROOT / ".venv" / "bin"
+GUIDES = [ROOT / "docs" / name for name in ("quickstart.md", "axes.md")]
+ROS_COMMANDS = list(dict.fromkeys(c for page in GUIDES for c in commands_of(page) if c.startswith("ros2 ")))
 PATIENT = {"plant_simulator": "command_timeout", "controller": "state_timeout"}
 """What lets the nodes bear a machine on which each command starts a Python of its own."""
-SAID = {
-    "simulate": '"residual_b"',
-    "evaluate": "written: results/evaluation.json",
-    "report": "written: results/report.html",
-}
+SAID = {"simulate": '"residual_b"', "report": "written: results/report.html"}
 """What each subcommand of `backlash` prints when it has done its work."""
-RUN_ELSEWHERE = {
-    "make demo": "test_demo.py runs what the target runs",
-    "make live": "test_page.py runs what the target runs",
-    "make test": ".ci/run",
-    "rosdep install --from-paths src --ignore-src -y": "keys checked in test_dependencies.py",
-    "colcon build --packages-select backlash_ros": "test_install.py",
-    ". install/setup.bash": "test_install.py",
-}
-
-
-def run_here(command: str) -> bool:
-    return command.startswith(".venv/bin/")
-
-
-def test_every_command_is_covered() -> None:
-    assert len(COMMANDS) > 15
-    unknown = [c for c in COMMANDS if not (c in ROS_COMMANDS or c in RUN_ELSEWHERE or run_here(c))]
-    assert [c.split()[:3] for c in unknown] == [["backlash", "report", "their_bag"]]  # test_report.py runs it
 
 
 def test_make_runs_what_the_tests_run() -> None:
@@ -95,25 +66,29 @@ def begin(command: str, environment: dict[str, str], folder: Path) -> subprocess
     )
 
 
-@pytest.mark.parametrize("command", [c for c in COMMANDS if c.startswith(".venv/bin/backlash")])
+@pytest.mark.parametrize("command", [c for c in COMMANDS if c.startswith("backlash ")])
 def test_command_line_works(command: str, tmp_path: Path) -> None:
-    if not (ROOT / command.split(maxsplit=1)[0]).exists():
+    if not (ENVIRONMENT / "backlash").exists():
         pytest.skip("needs the .venv that make makes")
     axes_bag([""]).write(tmp_path / "results" / "demo" / "bag")  # in the demo's place
     (tmp_path / "config").symlink_to(ROOT / "config")
-    command = re.sub(r"--drives \d+", "--drives 2", command)  # twenty take a minute
     done = subprocess.run(
-        ["bash", "-c", str(ROOT / command)], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+        ["bash", "-c", str(ENVIRONMENT / command)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     assert SAID[command.split()[1]] in done.stdout
 
 
-@pytest.mark.parametrize("command", [c for c in COMMANDS if run_here(c) and "backlash " not in c])
+@pytest.mark.parametrize("command", [c for c in COMMANDS if " " not in c])
 def test_nodes_start_from_the_environment(command: str, environment: dict[str, str], tmp_path: Path) -> None:
-    if not (ROOT / command.split(maxsplit=1)[0]).exists():
+    if not (ENVIRONMENT / command).exists():
         pytest.skip("needs the .venv that make makes")
-    process = begin(str(ROOT / command), environment, tmp_path)
+    process = begin(str(ENVIRONMENT / command), environment, tmp_path)
     printed = ""
     try:
         printed = read_until(process, r"simulating at 250 Hz|ready at 250 Hz|recording")
