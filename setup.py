@@ -2,6 +2,7 @@
 
 from glob import glob
 from importlib.util import find_spec
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
@@ -23,12 +24,23 @@ setup(
     name=NAME,
     version="0.1.0",
     description="Servo control of geared drives with backlash, on ROS 2",
+    long_description=Path("README.md").read_text(),
+    long_description_content_type="text/markdown",
     license="Apache-2.0",
     author="backlash_ros maintainers",
     maintainer="backlash_ros maintainers",
     maintainer_email="maintainers@backlash-ros.example.org",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={f"{NAME}.ros": ["*.xml"], f"{NAME}.analysis.report": ["*.js"], f"{NAME}.dashboard": ["static/*"]},
+    classifiers=[
+        "Development Status :: 4 - Beta",
+        "Intended Audience :: Manufacturing",
+        "Intended Audience :: Science/Research",
+        "Operating System :: POSIX :: Linux",
+        *(f"Programming Language :: Python :: 3.{minor}" for minor in range(10, 15)),
+        "Topic :: Scientific/Engineering",
+        "Topic :: System :: Hardware",
+    ],
     python_requires=">=3.10",
     install_requires=[
         "control>=0.10",

@@ -125,6 +125,23 @@ def read_until(process: subprocess.Popen[str], *patterns: str) -> str:
     return printed
 
 
+def ends_well(command: str, environment: dict[str, str], folder: Path) -> None:
+    done = subprocess.run(
+        ["bash", "-c", command],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    printed = done.stdout + done.stderr
+    assert done.returncode == 0, f"{command}\n{printed}"
+    assert "failed" not in printed, f"{command}\n{printed}"
+    if "/learn " in command:
+        assert "success=True" in printed, printed
+
+
 def test_ros2_commands_work_in_their_order(ros2: dict[str, str], tmp_path: Path) -> None:
     """What runs until it is stopped goes on in the background; the rest has to end well."""
     running: list[subprocess.Popen[str]] = []
@@ -145,25 +162,40 @@ def test_ros2_commands_work_in_their_order(ros2: dict[str, str], tmp_path: Path)
                 read_until(process, "average rate: [12]")
                 end(process)
                 continue
-            done = subprocess.run(
-                ["bash", "-c", command],
-                cwd=tmp_path,
-                env=ros2,
-                capture_output=True,
-                text=True,
-                timeout=120,
-                check=False,
-            )
-            printed = done.stdout + done.stderr
-            assert done.returncode == 0, f"{command}\n{printed}"
-            assert "failed" not in printed, f"{command}\n{printed}"
-            if "learn" in command:
-                assert "success=True" in printed, printed
+            ends_well(command, ros2, tmp_path)
             if command.startswith("ros2 topic pub"):
                 time.sleep(1.0)  # as a reader of the README would: the load moves
     finally:
         printed_by = [end(process) for process in running]
     assert [process.returncode for process in running] == [0] * len(running), printed_by
+
+
+def test_a_real_drive_is_tried_and_closed_step_by_step(ros2: dict[str, str], tmp_path: Path) -> None:
+    """The way of docs/real_drive.md, with the simulator for the drive, and no ros2_control before it."""
+    steps = [c for c in commands_of(ROOT / "docs" / "real_drive.md") if c.startswith("ros2 ")]
+    steps = [c.replace(" -r command:=/motor_controller/commands", "") for c in steps if "controller_manager" not in c]
+    tools = [command.split()[1] for command in steps]
+    assert tools == ["run", *(4 * ["topic"]), "lifecycle", "lifecycle", "topic", "service", "param"]
+    shutil.copy(ROOT / "config" / "nominal_drive.yaml", tmp_path / "my_drive.yaml")
+    shutil.copy(ROOT / "config" / "ros2_control.yaml", tmp_path)
+    drive = "ros2 run backlash_ros plant_simulator --ros-args -p command_timeout:=10.0"
+    running = [begin(drive, ros2, tmp_path), begin(f"{steps[0]} -p state_timeout:=10.0", ros2, tmp_path)]
+    try:
+        read_until(running[0], "simulating at")
+        read_until(running[1], "waiting for the requests to configure")
+        zeros = begin(steps[1], ros2, tmp_path)
+        try:
+            read_until(zeros, "publishing #3")
+            for command in steps[2:5]:
+                ends_well(command, ros2, tmp_path)
+        finally:
+            end(zeros)
+        for command in steps[5:]:
+            ends_well(command, ros2, tmp_path)
+        assert "backlash_angle: 0.0" in (tmp_path / "learned.yaml").read_text()
+    finally:
+        printed_by = [end(process) for process in running]
+    assert [process.returncode for process in running] == [0, 0], printed_by
 
 
 @pytest.mark.parametrize(
