@@ -222,7 +222,7 @@ def test_a_recording_that_tells_nothing_makes_a_page_that_says_why() -> None:
     recording = still()
     found = identify(NOMINAL_DRIVE, recording)
     page = Parsed(certificate(subject(recording, sheet=""), found))
-    assert f"Nothing can be told: {found.reason}." in page.text
+    assert f"Nothing can be determined: {found.reason}." in page.text
     assert "No drive file was given" in page.text
     assert page.tags["svg"] == 1
     assert "Results" not in page.text
@@ -239,8 +239,8 @@ def test_a_gap_that_is_not_told_has_its_reason_in_place_of_a_number(made: Made) 
     page = Parsed(certificate(replace(about, derived=derived), unsure))
     assert "The recording does not show the gap: the far flank was not seen" in page.text
     assert [row.why for row in derived] == [gap.reason] * 2
-    assert page.text.count("cannot be told: the far flank was not seen") == 6
-    assert "The gap is not told." in page.text
+    assert page.text.count("cannot be determined: the far flank was not seen") == 6
+    assert "The gap is unknown." in page.text
     assert page.text.count("arcmin") == 1  # an axis
     assert in_si(unsure.of("J_l")) in page.text
 
@@ -280,7 +280,7 @@ def test_a_map_is_told_where_the_part_that_was_fitted_tells_nothing() -> None:
     page = Parsed(certificate(subject(recording, derived=map_findings(seen)), found))
     assert page.tags["svg"] == 2
     assert "Around the turn the gap is from " in page.text
-    assert f"Nothing else can be told: {found.reason}." in page.text
+    assert f"Nothing else can be determined: {found.reason}." in page.text
 
 
 def test_the_hysteresis_curve_is_drawn_and_told(made: Made) -> None:
@@ -309,9 +309,9 @@ def test_the_hysteresis_curve_is_drawn_and_told(made: Made) -> None:
     page = Parsed(certificate(subject(recording, derived=rows, slow=slow), found))
     assert page.tags["svg"] == 2
     assert "Under a slow torque the gap is 68.75 \u00b1 0.34 arcmin, and the lost motion 72.54 \u00b1 0.41" in page.text
-    assert f"Nothing else can be told: {found.reason}." in page.text
+    assert f"Nothing else can be determined: {found.reason}." in page.text
     for row in rows:
-        assert (in_si(row) if row.told else f"cannot be told: {row.why}") in page.text
+        assert (in_si(row) if row.told else f"cannot be determined: {row.why}") in page.text
     assert "come from the hysteresis curve" in page.text
     assert "A hysteresis curve, with" not in page.text
 

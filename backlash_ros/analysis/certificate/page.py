@@ -140,7 +140,7 @@ def _results(rows: list[Row]) -> str:
     for row in rows:
         name = f'<th scope="row">{text_of(_words(row.what))} <span class="symbol">{text_of(row.symbol)}</span></th>'
         if row.why:
-            lines.append(f'<tr>{name}<td class="why" colspan="3">cannot be told: {text_of(row.why)}</td></tr>')
+            lines.append(f'<tr>{name}<td class="why" colspan="3">cannot be determined: {text_of(row.why)}</td></tr>')
             continue
         lines.append(
             f'<tr>{name}<td class="number">{text_of(row.value)}</td><td class="number">{text_of(row.gear)}</td>'
