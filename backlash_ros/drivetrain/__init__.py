@@ -21,7 +21,7 @@ from backlash_ros.drivetrain.parameters import (
     Motor,
 )
 from backlash_ros.drivetrain.plant import Plant
-from backlash_ros.drivetrain.quantity import Quantity, Validated, quantities, quantity
+from backlash_ros.drivetrain.quantity import Quantity, Validated, number_in, quantities, quantity
 
 __all__ = [
     "COMMAND_INTERFACES",
@@ -41,6 +41,7 @@ __all__ = [
     "discretize",
     "discretize_from_command",
     "motor_model",
+    "number_in",
     "quantities",
     "quantity",
     "rigid_model",

@@ -5,9 +5,16 @@ nodes read the same descriptions for their ROS parameters, and the documentation
 """
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, TypeVar
+
+
+def number_in(value: Any) -> Any:
+    """Return a text such as "2e-05", which YAML 1.1 takes for no number, as that number; other values unchanged."""
+    is_number = isinstance(value, str) and re.fullmatch(r"[-+]?\d+[eE][-+]?\d+", value)
+    return float(value) if is_number else value
 
 
 @dataclass(frozen=True, slots=True)

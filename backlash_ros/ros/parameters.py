@@ -15,6 +15,7 @@ from backlash_ros.drivetrain import (
     NOMINAL_DRIVE,
     Quantity,
     Validated,
+    number_in,
     quantities,
 )
 from backlash_ros.drivetrain.contact import law_name
@@ -59,13 +60,16 @@ def in_parts(descriptor: ParameterDescriptor) -> tuple[str, str, str]:
 
 
 def convert(value: Any, kind: Parameter.Type) -> Any:
-    """Return ``value`` in a parameter's type if the conversion is exact, else unchanged: 250 for 250.0, 3.0 for 3."""
+    """Return ``value`` in a parameter's type if the conversion is exact, else unchanged: 250 for 250.0, 3.0 for 3.
+
+    `ros2 param` sends small numbers as text, "2e-05".
+    """
     if kind == Parameter.Type.DOUBLE_ARRAY and isinstance(value, (list, tuple, array)):
         return [convert(item, Parameter.Type.DOUBLE) for item in value]
     if kind == Parameter.Type.STRING_ARRAY and value is None:
         return []  # rcl has no type for it
-    if kind == Parameter.Type.DOUBLE and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
+    if kind == Parameter.Type.DOUBLE:
+        return float(value) if isinstance(value, int) and not isinstance(value, bool) else number_in(value)
     if kind == Parameter.Type.INTEGER and isinstance(value, float) and value.is_integer():
         return int(value)
     return value

@@ -488,10 +488,11 @@ def test_a_drive_from_a_parameter_file(tmp_path: Path) -> None:
     assert read_drive(CONFIG) == NOMINAL_DRIVE
     own = tmp_path / "own.yaml"
     own.write_text(
-        "motor: {resistance: 3.0}\ncontact: {law: elastic, elastic: {damping: 7.0}}\ncommand_interface: current\n"
+        "motor: {resistance: 3.0, inertia: 3e-5}\ncommand_interface: current\n"
+        "contact: {law: elastic, elastic: {damping: 7.0}}\n"
     )
     drive = read_drive(own)
-    assert drive.motor == replace(NOMINAL_DRIVE.motor, resistance=3.0)
+    assert drive.motor == replace(NOMINAL_DRIVE.motor, resistance=3.0, inertia=3e-5)
     assert (type(drive.gear.contact).__name__, drive.takes_current) == ("ElasticContact", True)
 
 

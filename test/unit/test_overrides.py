@@ -84,6 +84,9 @@ def test_gain_sets_that_are_named_are_known() -> None:
         (3.0, Type.INTEGER, 3),
         ([31, 1, 0], Type.DOUBLE_ARRAY, [31.0, 1.0, 0.0]),
         (None, Type.STRING_ARRAY, []),
+        ("2e-05", Type.DOUBLE, 2e-5),
+        (["-1E+3", 2], Type.DOUBLE_ARRAY, [-1000.0, 2.0]),
+        ("2e-05", Type.STRING, "2e-05"),
     ],
 )
 def test_what_loses_nothing_is_converted(value: Any, kind: Parameter.Type, converted: Any) -> None:

@@ -10,7 +10,18 @@ import yaml
 
 from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, Gains, design_gains
 from backlash_ros.control.limits import NO_LIMIT
-from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Gear, Load, Motor, Quantity, Validated, quantities
+from backlash_ros.drivetrain import (
+    CONTACTS,
+    NOMINAL_DRIVE,
+    Drive,
+    Gear,
+    Load,
+    Motor,
+    Quantity,
+    Validated,
+    number_in,
+    quantities,
+)
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import Sensors
 
@@ -138,10 +149,19 @@ def read_parameters(path: Path) -> Mapping[str, Any]:
 
 def _read(path: Path, take: Callable[[Mapping[str, Any]], T]) -> T:
     try:
-        return take(_parameters(yaml.safe_load(path.read_text())))
+        return take(_parameters(_with_numbers(yaml.safe_load(path.read_text()))))
     except (ValueError, TypeError, yaml.YAMLError) as error:
         reason = " ".join(str(error).split())
         raise ValueError(f"{path}: {reason}") from error
+
+
+def _with_numbers(content: Any) -> Any:
+    """Return what a file contains with numbers for texts such as 2e-5, as ROS reads them."""
+    if isinstance(content, dict):
+        return {key: _with_numbers(value) for key, value in content.items()}
+    if isinstance(content, list):
+        return [_with_numbers(value) for value in content]
+    return number_in(content)
 
 
 def axis_of(parameters: Mapping[str, Any]) -> Axis:
