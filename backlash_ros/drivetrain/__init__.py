@@ -21,11 +21,12 @@ from backlash_ros.drivetrain.parameters import (
     Motor,
 )
 from backlash_ros.drivetrain.plant import Plant
-from backlash_ros.drivetrain.quantity import Quantity, Validated, number_in, quantities, quantity
+from backlash_ros.drivetrain.quantity import EXPONENTIAL, Quantity, Validated, quantities, quantity
 
 __all__ = [
     "COMMAND_INTERFACES",
     "CONTACTS",
+    "EXPONENTIAL",
     "NOMINAL_DRIVE",
     "Contact",
     "Drive",
@@ -41,7 +42,6 @@ __all__ = [
     "discretize",
     "discretize_from_command",
     "motor_model",
-    "number_in",
     "quantities",
     "quantity",
     "rigid_model",

@@ -10,11 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, TypeVar
 
-
-def number_in(value: Any) -> Any:
-    """Return a text such as "2e-05", which YAML 1.1 takes for no number, as that number; other values unchanged."""
-    is_number = isinstance(value, str) and re.fullmatch(r"[-+]?\d+[eE][-+]?\d+", value)
-    return float(value) if is_number else value
+EXPONENTIAL = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+")
+"""A number such as 2e-05, which YAML 1.1 takes for text unless it has a point and a sign in its exponent."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,6 @@
 """ROS parameters from the package's validated values: declared with description, unit and bound, read as values."""
 
+import math
 import re
 from array import array
 from collections.abc import Callable, Mapping
@@ -12,10 +13,10 @@ from rclpy.parameter import Parameter
 from backlash_ros.drivetrain import (
     COMMAND_INTERFACES,
     CONTACTS,
+    EXPONENTIAL,
     NOMINAL_DRIVE,
     Quantity,
     Validated,
-    number_in,
     quantities,
 )
 from backlash_ros.drivetrain.contact import law_name
@@ -69,7 +70,9 @@ def convert(value: Any, kind: Parameter.Type) -> Any:
     if kind == Parameter.Type.STRING_ARRAY and value is None:
         return []  # rcl has no type for it
     if kind == Parameter.Type.DOUBLE:
-        return float(value) if isinstance(value, int) and not isinstance(value, bool) else number_in(value)
+        exact = isinstance(value, int) and not isinstance(value, bool)
+        if exact or (isinstance(value, str) and EXPONENTIAL.fullmatch(value) and math.isfinite(float(value))):
+            return float(value)
     if kind == Parameter.Type.INTEGER and isinstance(value, float) and value.is_integer():
         return int(value)
     return value

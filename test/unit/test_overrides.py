@@ -86,6 +86,7 @@ def test_gain_sets_that_are_named_are_known() -> None:
         (None, Type.STRING_ARRAY, []),
         ("2e-05", Type.DOUBLE, 2e-5),
         (["-1E+3", 2], Type.DOUBLE_ARRAY, [-1000.0, 2.0]),
+        ("2.5e5", Type.DOUBLE, 2.5e5),
         ("2e-05", Type.STRING, "2e-05"),
     ],
 )
@@ -100,6 +101,7 @@ def test_what_loses_nothing_is_converted(value: Any, kind: Parameter.Type, conve
     [
         (True, Type.DOUBLE, "a number"),
         ("250", Type.DOUBLE, "a number"),
+        ("1e400", Type.DOUBLE, "a number"),
         (3.5, Type.INTEGER, "a whole number"),
         (True, Type.INTEGER, "a whole number"),
         (float("inf"), Type.INTEGER, "a whole number"),

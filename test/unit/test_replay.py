@@ -189,6 +189,11 @@ def test_a_change_is_refused_as_the_controller_refuses_it(
     assert said.count("\n") == 1
 
 
+def test_values_are_read_as_ros_reads_them() -> None:
+    given = Changes.parsed(["a=2e-5", "b=[1e3, 2.5E-4, 1.0e2]", "c='2e-5'", "d=e5"]).given
+    assert given == {"a": 2e-5, "b": [1000.0, 2.5e-4, 100.0], "c": "2e-5", "d": "e5"}
+
+
 def lacking(topic: str) -> Callable[[str, Any], bool]:
     return lambda its, _: its != topic
 

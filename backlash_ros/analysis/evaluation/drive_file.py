@@ -1,6 +1,7 @@
 """A drive from a file of ROS parameters, such as config/nominal_drive.yaml, without ROS."""
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, Gains, design_gains
 from backlash_ros.control.limits import NO_LIMIT
 from backlash_ros.drivetrain import (
     CONTACTS,
+    EXPONENTIAL,
     NOMINAL_DRIVE,
     Drive,
     Gear,
@@ -19,7 +21,6 @@ from backlash_ros.drivetrain import (
     Motor,
     Quantity,
     Validated,
-    number_in,
     quantities,
 )
 from backlash_ros.drivetrain.delay import Delay
@@ -147,21 +148,24 @@ def read_parameters(path: Path) -> Mapping[str, Any]:
     return _read(path, lambda parameters: parameters)
 
 
+class _Loader(yaml.SafeLoader):
+    """Reads numbers as ROS does: 2e-05, too."""
+
+
+_Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(f"{EXPONENTIAL.pattern}$"), list("-+.0123456789"))
+
+
+def values_in(text: str) -> Any:
+    """Return what YAML text contains, as ROS would read it; `yaml.YAMLError` if it cannot be read."""
+    return yaml.load(text, _Loader)  # noqa: S506 - a SafeLoader
+
+
 def _read(path: Path, take: Callable[[Mapping[str, Any]], T]) -> T:
     try:
-        return take(_parameters(_with_numbers(yaml.safe_load(path.read_text()))))
+        return take(_parameters(values_in(path.read_text())))
     except (ValueError, TypeError, yaml.YAMLError) as error:
         reason = " ".join(str(error).split())
         raise ValueError(f"{path}: {reason}") from error
-
-
-def _with_numbers(content: Any) -> Any:
-    """Return what a file contains with numbers for texts such as 2e-5, as ROS reads them."""
-    if isinstance(content, dict):
-        return {key: _with_numbers(value) for key, value in content.items()}
-    if isinstance(content, list):
-        return [_with_numbers(value) for value in content]
-    return number_in(content)
 
 
 def axis_of(parameters: Mapping[str, Any]) -> Axis:

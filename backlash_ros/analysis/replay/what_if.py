@@ -7,6 +7,7 @@ from typing import Any
 
 import yaml
 
+from backlash_ros.analysis.evaluation.drive_file import values_in
 from backlash_ros.control.design.choice import Choice, Tuning, dynamic_names
 from backlash_ros.control.design.gain_sets import REGIONS
 from backlash_ros.drivetrain.parameters import drive_of
@@ -59,7 +60,7 @@ class Changes:
             if name in given:
                 raise ValueError(f"{name} must be given once, got {given[name]!r} and {text}")
             try:
-                given[name] = yaml.safe_load(text)
+                given[name] = values_in(text)
             except yaml.YAMLError as error:
                 raise ValueError(f"{name} must be a value as in a parameter file, got {text!r}") from error
         return cls(given)

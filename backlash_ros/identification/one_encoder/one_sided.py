@@ -66,7 +66,7 @@ _FITS, _FINE = 1.05, 0.5
 """Largest rms of the innovations for which the model is taken for the drive's; by what it is less for a fine encoder,
 the counts of which are taken for coarser than they are."""
 _HOPELESS = 1.5
-"""Rms of the innovations, over what fits, from which on no other width and no finer reading has ever helped."""
+"""Rms of the innovations, over the largest that fits, beyond which neither other widths nor more readings are tried."""
 _FLANK = 0.02
 """Share of the torque at standstill that a flank has borne to be counted as seen."""
 _LIGHTEST = 0.12
@@ -191,6 +191,8 @@ def fit_one_sided(
     drive: Drive, recording: Recording, torque: float, contacts: Sequence[Contact] = ()
 ) -> tuple[Fit, float]:
     """Return the best fit of a recording of one angle, and the additional cost of the next best gap.
+
+    That cost is 0 if the fit is so poor that no other gap was tried.
 
     Parameters
     ----------
