@@ -138,9 +138,9 @@ def row(
     if ratio < wanted:
         each, taken, left = evaluation_time(play), PERIOD / mine, PERIOD / theirs / wanted
         limit = (
-            f"theirs takes {1e9 * PERIOD / theirs:.0f} ns and {spent:.0f} evaluations of the equations for a sample. "
-            f"The goal leaves ours {1e9 * left:.0f} ns, {left / each:.1f} evaluations at {1e9 * each:.0f} ns. "
-            f"Ours takes {1e9 * taken:.0f} ns, {taken / each:.1f}"
+            f"theirs takes {1e9 * PERIOD / theirs:.0f} ns per sample, for {spent:.0f} evaluations of the equations. To "
+            f"meet the goal, ours may take {1e9 * left:.0f} ns, the time of {left / each:.1f} evaluations at "
+            f"{1e9 * each:.0f} ns; it takes {1e9 * taken:.0f} ns, the time of {taken / each:.1f}"
         )
     spread = float(min(ratio, *ratios)), float(max(ratio, *ratios))
     return Row(what, float(mine), against, float(theirs), ratio, spread, error, goal, limit)

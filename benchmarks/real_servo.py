@@ -1,9 +1,9 @@
-"""How well is a real servo identified from its one encoder? Half of the public recordings are fitted, half foretold.
+"""How well is a real servo identified from its one encoder? Half of the public recordings are fitted, half predicted.
 
 The recordings are those of github.com/kscalelabs/sysid, commit 6b78737, folder
 data/feetech/STS_3215_12V_20250317/processed: 476 runs of a Feetech STS3215 that swings a pendulum. They have no
-licence, so that they are no part of this package. Every second run in the order of the names is fitted. Each of the
-others is simulated from its first angle with what the servo was told (goal, gain, supply, on or off), and compared.
+licence, so this package does not contain them. Every second run, in the order of their names, is fitted. Each of the
+others is simulated from its first angle and the servo's commands (goal, gain, supply, on or off), and compared.
 """
 
 import argparse
@@ -115,18 +115,18 @@ class Rung(NamedTuple):
     name: str
     fit: ServoFit
     crossed: float
-    foretold: np.ndarray
+    predicted: np.ndarray
 
 
-def climb(fitted: Sequence[ServoRun], foretold: Sequence[ServoRun]) -> list[Rung]:
+def climb(fitted: Sequence[ServoRun], predicted: Sequence[ServoRun]) -> list[Rung]:
     """Fit one model after the other, each with one more term."""
     rungs, servo, free = [], DATA_SHEET, RIGID
     folds = [k % FOLDS for k in range(len(fitted))]
     for name, more in LADDER:
         free = (*free, *more)
         fit = fit_servo(fitted, servo, free)
-        rungs.append(Rung(name, fit, float(np.mean(left_out(fitted, fit, folds))), mean_errors(fit.servo, foretold)))
-        say(f"{name}: {np.mean(rungs[-1].foretold):.4f} rad")
+        rungs.append(Rung(name, fit, float(np.mean(left_out(fitted, fit, folds))), mean_errors(fit.servo, predicted)))
+        say(f"{name}: {np.mean(rungs[-1].predicted):.4f} rad")
         servo = fit.servo
     return rungs
 
@@ -158,16 +158,16 @@ def repeats(recordings: Sequence[Recorded]) -> np.ndarray:
 def ladder_table(rungs: Sequence[Rung], gaps: Sequence[tuple[str, ServoGap, float, float]]) -> list[str]:
     """Return the mean absolute errors of all models, as Markdown."""
     lines = [
-        "| model | fitted half | its folds, each foretold by the others | other half, foretold | all runs |",
+        "| model | fitted half | fitted half, cross-validated | other half, predicted | all runs |",
         "|---|---|---|---|---|",
     ]
     for rung in rungs:
         fitted = rung.fit.errors
-        everything = np.concatenate([fitted, rung.foretold])
-        cells = (np.mean(fitted), rung.crossed, np.mean(rung.foretold), np.mean(everything))
+        everything = np.concatenate([fitted, rung.predicted])
+        cells = (np.mean(fitted), rung.crossed, np.mean(rung.predicted), np.mean(everything))
         lines.append(f"| {rung.name} | {' | '.join(f'{cell:.4f}' for cell in cells)} |")
-    for name, gap, foretold, everything in gaps:
-        cells = (float(np.mean(gap.fit.errors)), gap.beside, foretold, everything)
+    for name, gap, predicted, everything in gaps:
+        cells = (float(np.mean(gap.fit.errors)), gap.beside, predicted, everything)
         lines.append(f"| {name} | {' | '.join(f'{cell:.4f}' for cell in cells)} |")
     return lines
 
@@ -177,7 +177,7 @@ def parameter_table(fit: ServoFit) -> list[str]:
     lines = ["| parameter | value | standard uncertainty | unit | |", "|---|---|---|---|---|"]
     for name in fit.free:
         described, value = quantities(PositionServo)[name], getattr(fit.servo, name)
-        told = [f"{value:.4g}", f"{fit.uncertainty[name]:.1g}"] if name not in fit.untold else ["not told", ""]
+        told = [f"{value:.4g}", f"{fit.uncertainty[name]:.1g}"] if name not in fit.untold else ["not determined", ""]
         note = fit.untold.get(name, described.description)
         lines.append(f"| `{name}` | {' | '.join(told)} | {described.unit} | {note} |")
     return lines
@@ -195,18 +195,18 @@ def group_table(
     )
     runs = [recorded.run for recorded in recordings]
     lines = [
-        f"| runs | {first.name} | {title} | the same, fitted to all runs with another motion or length |",
+        f"| runs | {first.name} | {title} | {title}, fitted to all runs with another motion or length |",
         "|---|---|---|---|",
     ]
     for name, label, apart in labels:
         everyone, others = np.array([label(r) for r in recordings]), np.array([label(r) for r in half])
         errors = left_out(runs, best.fit, everyone.tolist()) if apart else None
         for value in sorted(set(everyone.tolist())):
-            cells = [f"{np.mean(rung.foretold[others == value]):.4f}" for rung in (first, best)]
+            cells = [f"{np.mean(rung.predicted[others == value]):.4f}" for rung in (first, best)]
             cells.append("" if errors is None else f"{np.mean(errors[everyone == value]):.4f}")
             lines.append(f"| {name} {value} | {' | '.join(cells)} |")
         if errors is not None:
-            say(f"each {name} foretold by the others: {np.mean(errors):.4f} rad")
+            say(f"each {name} predicted from the others: {np.mean(errors):.4f} rad")
             lines.append(f"| all of them |  |  | {np.mean(errors):.4f} |")
     return lines
 
@@ -219,7 +219,7 @@ def draw(path: Path, half: Sequence[Recorded], rigid: Rung, best: Rung) -> None:
     figure, axes = plt.subplots(2, 3, figsize=(12, 5.2), sharex="col", height_ratios=(3, 1.3), layout="constrained")
     for column, kind in enumerate(("brutal", "lift_and_drop", "sin_time_square")):
         places = [k for k, recorded in enumerate(half) if recorded.kind == kind]
-        place = sorted(places, key=lambda k: float(best.foretold[k]))[len(places) // 2]
+        place = sorted(places, key=lambda k: float(best.predicted[k]))[len(places) // 2]
         recorded = half[place]
         run = recorded.run
         upper, lower = axes[0, column], axes[1, column]
@@ -242,37 +242,37 @@ def draw(path: Path, half: Sequence[Recorded], rigid: Rung, best: Rung) -> None:
 
 
 def report(recordings: Sequence[Recorded], figure: Path | None) -> str:
-    """Fit, foretell, and return what came out, as Markdown."""
+    """Fit, predict, and return what came out, as Markdown."""
     half, other = recordings[::2], recordings[1::2]
-    fitted, foretold = [recorded.run for recorded in half], [recorded.run for recorded in other]
-    rungs = climb(fitted, foretold)
+    fitted, predicted = [recorded.run for recorded in half], [recorded.run for recorded in other]
+    rungs = climb(fitted, predicted)
     best = min(rungs, key=lambda rung: rung.crossed)
     gaps = []
     title = "all terms" if best is rungs[-1] else f"all terms to {best.name!r}"
     for rung, called in ((rungs[0], rungs[0].name), (best, title)):
         gap = judge_gap(fitted, rung.fit)
-        out = mean_errors(gap.fit.servo, foretold)
+        out = mean_errors(gap.fit.servo, predicted)
         everything = np.concatenate([gap.fit.errors, out])
         gaps.append((f"{called}, and a gap", gap, float(np.mean(out)), float(np.mean(everything))))
         say(f"gap beside {called}: {gap.reason}")
     if figure is not None:
         draw(figure, other, rungs[0], best)
     spread, limits = repeats(recordings), reported_limit(half)
-    error = float(np.mean(np.concatenate([best.fit.errors, best.foretold])))
-    worst = max(range(len(other)), key=lambda k: float(best.foretold[k]))
+    error = float(np.mean(np.concatenate([best.fit.errors, best.predicted])))
+    worst = max(range(len(other)), key=lambda k: float(best.predicted[k]))
     lines = [
         f"{len(recordings)} runs, {len(half)} fitted. Mean absolute error of the angle, rad, mean over runs:",
         "",
         *ladder_table(rungs, gaps),
         "",
         f"Goal over all runs: {GOAL} rad. {'Met' if error <= GOAL else 'Missed'}: {error:.4f} rad with the model that "
-        f"foretells the folds best, {title}. "
-        f"Of the runs that were not fitted, {100 * np.mean(best.foretold <= GOAL):.1f} % are within it; the largest "
-        f"error of a run is {best.foretold[worst]:.4f} rad "
+        f"predicts best in cross-validation, {title}. "
+        f"Of the runs that were not fitted, {100 * np.mean(best.predicted <= GOAL):.1f} % are within it; the largest "
+        f"error of a run is {best.predicted[worst]:.4f} rad "
         f"({other[worst].kind}, gain {other[worst].gain}, {other[worst].mass:.3f} kg at {other[worst].length:g} m).",
         "",
         f"Two runs with the same motion, gain and load differ by {np.mean(spread):.4f} rad ({spread.size} pairs), so "
-        f"that no free simulation can have a mean error below half of that, {0.5 * np.mean(spread):.4f} rad.",
+        f"no free simulation can have a mean error below half of that, {0.5 * np.mean(spread):.4f} rad.",
         "",
         *parameter_table(best.fit),
         "",
@@ -302,7 +302,7 @@ def fill(page: Path, text: str) -> None:
 
 
 def main() -> None:
-    """Fit, foretell and print."""
+    """Fit, predict and print."""
     parser = argparse.ArgumentParser(
         description=__doc__, epilog=EXAMPLE, formatter_class=argparse.RawDescriptionHelpFormatter
     )

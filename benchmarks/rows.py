@@ -11,10 +11,10 @@ PAGE = ROOT / "docs" / "performance.md"
 
 _HEAD = """# Performance
 
-`make bench` measures this and writes this page and `results/bench.json`. Each ratio is of two figures from the same
-run, so that it means something on another machine, too. The spread is the smallest and the largest ratio, of the whole
-measurement and of its parts. Figures of the plant are times real time; the unit of others stands in their name. The
-head of each file in `benchmarks` says what it plays and how it measures.
+`make bench` makes these measurements, and writes this page and `results/bench.json`. Each ratio compares two figures of
+the same run, so it means something on other machines, too. The spread gives the smallest and the largest ratio among
+the whole measurement and its parts. Figures of the plant are multiples of real time; the other rows name their unit.
+The first lines of each file in `benchmarks` say what it plays and how it measures.
 
 """
 

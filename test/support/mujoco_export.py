@@ -186,7 +186,7 @@ def main() -> None:
     for interface in ("voltage", "current"):
         for words, population, change in (
             ("`core`", "core", with_mean_gap),
-            ("`full`, its mean gap everywhere", "full", with_mean_gap),
+            ("`full`, constant gap", "full", with_mean_gap),
             ("`full`", "full", lambda drive: drive),
         ):
             random_errors: Pairs = []
@@ -207,7 +207,7 @@ def main() -> None:
                 there.append(errors(probe, play_there(found, probe)))
                 here.append(errors(probe, play_here(found, probe.command, period)))
         tell(f"probe, {interface} | `core`, as identified from it", there)
-        tell(f"probe, {interface} | the same in our simulator", here)
+        tell(f"probe, {interface} | the same drives in our simulator", here)
 
 
 if __name__ == "__main__":

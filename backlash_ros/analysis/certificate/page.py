@@ -237,7 +237,7 @@ def _held_out(score: Score) -> str:
         for what, own, told in rows
     ]
     text = (
-        f"A second fit saw the first {score.start:.2f} s alone. From one sample to the next it foretells the "
+        f"A second fit saw the first {score.start:.2f} s alone. From one sample to the next it predicts the "
         f"{score.length:.2f} s after {verdict}; from the command alone its errors add up. Beside it the drive as told."
     )
     return "\n".join([paragraph(text), "<table>", head, "<tbody>", *cells, "</tbody>", "</table>"])
