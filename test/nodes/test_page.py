@@ -35,8 +35,8 @@ class Page:
         browser.get(address)
         self.wait("samples", lambda: self.run("return window.live?.joints.length ?? 0") > 100)
 
-    def run(self, script: str) -> Any:
-        return self.browser.execute_script(script)
+    def run(self, script: str, *arguments: str) -> Any:
+        return self.browser.execute_script(script, *arguments)
 
     def wait(self, what: str, condition: Callable[[], Any]) -> Any:
         return self._peer.wait(lambda: f"{what}; the page says {self.text()}", condition)
@@ -49,12 +49,14 @@ class Page:
 
     def click(self, words: str) -> None:
         def clicked() -> bool:
-            found = self.browser.find_elements(By.TAG_NAME, "button")
+            button = self.run(
+                "return [...document.querySelectorAll('button:enabled')].find(b => b.innerText.trim() === arguments[0])",
+                words,
+            )
             with suppress(ElementClickInterceptedException, StaleElementReferenceException):  # it moves: cards fill
-                for button in found:
-                    if button.text.strip() == words and button.is_enabled():
-                        button.click()
-                        return True
+                if button is not None:
+                    button.click()
+                    return True
             return False
 
         self.wait(f"a click on the button {words!r}", clicked)

@@ -104,7 +104,7 @@ class BrokenDrive(Node):
         self._creep = 0.3 * self._one if defect == "creeps" else 0.0
         self._command = self._creep
         self._last_command = time.monotonic()
-        self._start = self.get_clock().now()
+        self._start = self._now = self.get_clock().now()
         self._periods = 0
         self._rate = 2 * RATE if defect in ("bursts", "extra_samples") else RATE
         self._spreads_nan = False
@@ -140,11 +140,11 @@ class BrokenDrive(Node):
     def _step(self) -> None:
         if self._defect != "no_watchdog" and time.monotonic() - self._last_command > COMMAND_TIMEOUT:
             self._command = 0.0
-        # Late periods are made good in the servo, not by extra samples.
-        now = self.get_clock().now()
-        due = max(1, round((now - self._start).nanoseconds * 1e-9 * self._rate) - self._periods)
+        # The servo goes by the stamps, however late the timer is; late periods bring no extra samples.
+        before, self._now = self._now, self.get_clock().now()
+        self._servo.advance(self._command, max(1, (self._now - before).nanoseconds) * 1e-9)
+        due = max(1, round((self._now - self._start).nanoseconds * 1e-9 * self._rate) - self._periods)
         self._periods += due
-        self._servo.advance(self._command, due / self._rate)
         if self._defect == "half_rate" and self._periods % 2:
             return
         if self._defect == "drops_samples" and self._periods % 5 == 0:
@@ -159,7 +159,7 @@ class BrokenDrive(Node):
             self._publisher.publish(message)
 
     def _stamp(self) -> Stamp:
-        defect, now = self._defect, self.get_clock().now()
+        defect, now = self._defect, self._now
         if defect == "frozen_stamps":
             now = self._start
         elif defect == "stamps_backward" and self._periods % 25 == 0:

@@ -228,7 +228,7 @@ import sys
 from numba.core import event
 logging.basicConfig(stream=sys.stderr, format="%(message)s", level=logging.INFO)
 with event.install_recorder("numba:compile") as recorder:
-    import backlash_ros.control
+    import backlash_ros.drivetrain
 begun = [e.data["dispatcher"].py_func for _, e in recorder.buffer if e.is_start]
 print(*sorted(f"{f.__module__}.{f.__qualname__}" for f in begun if f.__module__.startswith("backlash_ros")))
 """

@@ -258,7 +258,7 @@ class Commands(RuleBasedStateMachine):
         self.now += PERIOD
         self.send()
 
-    @rule(count=st.integers(1, 30), late=short_waits)
+    @rule(count=st.integers(1, 60), late=short_waits)
     def exchange(self, count: int, late: int) -> None:
         for _ in range(count):
             self.now += PERIOD
