@@ -48,15 +48,22 @@ class Page:
         return str(self.run(f"return document.querySelector('[data-name={name}]')?.textContent ?? ''"))
 
     def click(self, words: str) -> None:
+        """Click on a button that stays where it is: while cards fill, they move."""
+        script = """
+            const buttons = [...document.querySelectorAll('button:enabled')];
+            const found = buttons.find(button => button.innerText.trim() === arguments[0]);
+            return found ? [found, JSON.stringify(found.getBoundingClientRect())] : [null, null]"""
+        before: str | None = None
+
         def clicked() -> bool:
-            button = self.run(
-                "return [...document.querySelectorAll('button:enabled')].find(b => b.innerText.trim() === arguments[0])",
-                words,
-            )
-            with suppress(ElementClickInterceptedException, StaleElementReferenceException):  # it moves: cards fill
-                if button is not None:
-                    button.click()
-                    return True
+            nonlocal before
+            (button, place), seen = self.run(script, words), before
+            before = place
+            if button is None or place != seen:
+                return False
+            with suppress(ElementClickInterceptedException, StaleElementReferenceException):
+                button.click()
+                return True
             return False
 
         self.wait(f"a click on the button {words!r}", clicked)

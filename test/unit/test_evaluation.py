@@ -372,7 +372,7 @@ def test_the_same_command_gives_the_same_files(tmp_path: Path) -> None:
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """What a brief batch gives where nothing happens to it."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    assert main(command(folder, *BRIEF, drives=12)) == 0
+    assert main(command(folder, *BRIEF, drives=8)) == 0
     return (folder / "result.json").read_bytes()
 
 
@@ -380,7 +380,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 def test_a_batch_that_was_killed_ends_in_the_same_file(tmp_path: Path, undisturbed: bytes) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     killed = tmp_path / "killed"
-    arguments = [sys.executable, "-m", "backlash_ros.cli", *command(killed, *BRIEF, drives=12)]
+    arguments = [sys.executable, "-m", "backlash_ros.cli", *command(killed, *BRIEF, drives=8)]
     first = subprocess.Popen(arguments, env=environment, stdout=subprocess.DEVNULL)
     end = time.monotonic() + 120
     while not (journals := list(killed.glob(".result.json.*.journal"))) or journals[0].read_bytes().count(b"\n") < 2:
@@ -391,7 +391,7 @@ def test_a_batch_that_was_killed_ends_in_the_same_file(tmp_path: Path, undisturb
     first.wait()
     assert not (killed / "result.json").exists()
     resumed = subprocess.run(arguments, env=environment, capture_output=True, text=True, check=True, timeout=120)
-    assert "of 12 drives are in" in resumed.stdout
+    assert "of 8 drives are in" in resumed.stdout
     assert (killed / "result.json").read_bytes() == undisturbed
     assert [path.name for path in killed.iterdir()] == ["result.json"]
 
@@ -480,7 +480,7 @@ def test_a_cluster_writes_the_same_file(tmp_path: Path, undisturbed: bytes) -> N
         n_workers=1, threads_per_worker=2, processes=True, dashboard_address=None, env=environment
     ) as cluster:
         address = cluster.scheduler_address
-        assert main(command(tmp_path, "--scheduler", address, *BRIEF, drives=12)) == 0
+        assert main(command(tmp_path, "--scheduler", address, *BRIEF, drives=8)) == 0
     assert (tmp_path / "result.json").read_bytes() == undisturbed
 
 

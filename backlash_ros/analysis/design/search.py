@@ -148,6 +148,7 @@ class _Search:
         self.scale = min(slowest, 0.25 * braking_rate(loop.drive))  # above that it oscillates in contact
         self._length = min(LENGTH, TAIL + _CREEPS / slowest + 1.0)
         self._outcomes: dict[tuple[Choice, int], float] = {}
+        self._cycles: dict[Choice, bool] = {}
         self.found: list[tuple[float, Array, Choice]] = []
 
     def try_point(self, point: Array) -> None:
@@ -159,10 +160,16 @@ class _Search:
     def _keep(self, point: Array, choice: Choice) -> None:
         bound = self.found[-1][0] if len(self.found) >= 4 * _BEST else math.inf
         cost = self._cost(choice, bound)
-        if cost < bound and predicted_cycle(self._loop, self._trials[0].drive, choice) is None:
+        if cost < bound and not self._swings(choice):
             self.found.append((cost, point, choice))
             self.found.sort(key=lambda each: each[0])
             del self.found[4 * _BEST :]
+
+    def _swings(self, choice: Choice) -> bool:
+        """Return whether a limit cycle is predicted on the first of the trials."""
+        if choice not in self._cycles:
+            self._cycles[choice] = predicted_cycle(self._loop, self._trials[0].drive, choice) is not None
+        return self._cycles[choice]
 
     def _cost(self, choice: Choice, bound: float) -> float:
         """Return the worst cost over the trials; some that is not less than ``bound`` where it is not less."""
@@ -180,11 +187,11 @@ class _Search:
 
     def add_trial(self, case: Case) -> None:
         """Try on another drive too, all that was found; for longer, where it is one of them already."""
-        if case in self._trials:
+        if case not in self._trials:
+            self._trials.append(case)
+        elif self._length < LENGTH:
             self._length = LENGTH
             self._outcomes.clear()
-        else:
-            self._trials.append(case)
         found, self.found = self.found, []
         for _, point, choice in found:
             self._keep(point, choice)

@@ -91,7 +91,8 @@ class Live {
       if (now - this.drawn >= FRAME - 2) {
         this.drawn = now;
         this.draw();
-        this.drawn = Math.max(this.drawn, performance.now() - FRAME / 2); // a slow browser rests between pictures
+        const took = performance.now() - now;
+        this.drawn = now + Math.max(0, 2 * took - FRAME); // a slow browser rests for as long as it draws
       }
       requestAnimationFrame(draw);
     };
