@@ -1,36 +1,34 @@
-# Each target does its own set-up: it makes .venv when it is missing or older than the locks. Nothing else is touched.
+# Each target builds .venv if it is missing or older than the locks, and changes nothing else outside the project.
 #
 #   make demo    learn the backlash and judge four laws, on real ROS 2 in lockstep, recorded: results in results/demo
-#   make live    a simulated drive, its controller and a page in the browser, which prints its address
+#   make live    a simulated drive, its controller and a page for the browser; prints the address
 #   make test    all tests
-#   make faults  inject every fault and write docs/faults.md; make test-repeat does it twenty times under load
-#   make bad-samples  what wrong samples do to the load, at the end of docs/faults.md
-#   make lint    formatting, style, types, and links of the pages
-#   make paper   the paper's figures and the page that judges them, in docs
-#   make evaluation  2,000 random drives, judged, into docs/evaluation.md; on all cores
-#   make docs    docs/parameters.md, the table of all parameters, from the code; and the picture of the dashboard, in Chromium
+#   make faults  injects every fault and writes docs/faults.md; make test-repeat does it twenty times under load
+#   make bad-samples  effect of wrong samples on the load, at the end of docs/faults.md
+#   make lint    formatting, style, types, and the links of the pages
+#   make paper   the paper's figures and docs/paper.md, which judges them
+#   make evaluation  2,000 random drives for docs/evaluation.md, on all cores
+#   make docs    docs/parameters.md and docs/interface.md's table from the code; the picture of the dashboard, with Chromium
 #   make site    the documentation as a site, in results/site
-#   make bench   what a tick costs; how fast the offline loop is, beside scipy in the same run; six axes in real time; lockstep;
-#                one axis while it identifies its drive, beside itself at rest;
-#                one axis at 1 kHz, beside itself while ten pages of the dashboard read every sample;
-#                a step of the node beside a bare publish;
-#                a listener that is stopped, by shared memory and by UDP;
-#                the plant beside the same equations in C and beside scipy, and batches of runs: how many a second,
-#                two cores beside one, memory; into docs/performance.md. About ten minutes on two cores
-#   make soak    ten minutes in real time: nothing lost, no memory grown
-#   make lock    renew requirements/*.txt, the locks with hashes, from requirements/*.in
+#   make bench   about ten minutes on two cores, for docs/performance.md: the plant against the same equations in C and
+#                against scipy; batches of runs on one core and on two, and their memory; the cost of a tick; the offline
+#                loop against scipy; six axes in real time; lockstep; an axis that identifies its drive against one at
+#                rest; an axis at 1 kHz with and without ten pages of the dashboard; a step of the node against a bare
+#                publish; a stopped listener, by shared memory and by UDP
+#   make soak    ten minutes in real time: no sample lost, no growth of memory
+#   make lock    renews requirements/*.txt, the locks with hashes, from requirements/*.in
 #
-# With a sourced ROS installation (it sets ROS_DISTRO) its rclpy is used; without one ROS comes from the wheels in requirements/ros.txt.
+# A sourced ROS installation (which sets ROS_DISTRO) provides rclpy; without one, rclpy comes from the wheels in requirements/ros.txt.
 
 SHELL := /bin/bash
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
-# Of its own for each kind of ROS, so that sourcing another one makes the environment anew.
+# One for each kind of ROS, so that sourcing another one rebuilds the environment.
 READY := $(VENV)/.ready-$(or $(ROS_DISTRO),wheels)
-# Small matrices only: threads of the linear algebra stand in each other's way, and in that of the tests beside them.
+# The matrices are small: more threads of the linear algebra would only hinder each other.
 export OPENBLAS_NUM_THREADS := 1
-# Demo and tests start hundreds of processes: each would have to compile all sources anew.
+# Demo and tests start hundreds of processes; with it, each would compile all sources anew.
 unexport PYTHONDONTWRITEBYTECODE
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 LOCK := uv pip compile --quiet --upgrade --universal --python-version 3.10 --generate-hashes --no-annotate \
@@ -51,8 +49,8 @@ demo: $(READY)
 live: $(READY)
 	$(BIN)/python -m backlash_ros.dashboard.live
 
-# What is judged in real time, recorded as fast as it can be simulated, or drawn in a browser runs alone, the rest four at
-# a time; plain pytest runs all of it, one after the other.
+# Tests in real time, of recordings as fast as possible, or with a browser run alone; the others four at a time. Plain
+# pytest runs all of them one after the other.
 ALONE := test/system/test_contract.py test/nodes/test_measure.py test/nodes/test_page.py test/nodes/test_transport.py
 SIDE_BY_SIDE := -n 4 --dist worksteal
 test: $(READY)
@@ -60,12 +58,12 @@ test: $(READY)
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE) $(ALONE:%=--ignore=%)
 	$(BIN)/python -m pytest $(ALONE)
 
-# Faults injected into live processes: once for the page, and twenty times, four at once, on a machine that this loads.
+# Faults injected into live processes: once for the page; and twenty times, four at once, on a machine that this loads.
 FAULTS := test/nodes/test_faults.py test/nodes/test_parameter_storm.py test/nodes/test_recorder.py -k __
 faults: $(READY)
 	$(BIN)/python -m pytest $(FAULTS) --faults-page docs/faults.md
 
-# What one wrong sample, or ten, do to the load: a grid of values, offline, into docs/faults.md; some minutes.
+# Effect of one wrong sample, or ten, on the load: a grid of values, offline, into docs/faults.md; takes some minutes.
 bad-samples: $(READY)
 	$(BIN)/python test/support/bad_samples.py docs/faults.md
 
@@ -114,8 +112,8 @@ bench: $(READY)
 soak: $(READY)
 	$(BIN)/python benchmarks/real_time.py soak
 
-# The pure tests on the oldest supported dependencies, less those of the gates, which have none, and of the architecture,
-# which read our sources alone. numba 0.58 has wheels up to Python 3.11.
+# The pure tests on the oldest supported dependencies, without those of the gates, which depend on nothing, and of the
+# architecture, which only read our sources. numba 0.58 has wheels up to Python 3.11.
 FLOORS := .venv-floors
 NO_FLOOR := test/unit/test_gates.py test/unit/test_architecture.py
 test-floors: $(FLOORS)/.ready

@@ -150,7 +150,7 @@ def _print_or_write(parser: argparse.ArgumentParser, given: argparse.Namespace, 
 
 
 _NODES = ("plant_simulator", "controller")
-"""Nodes of which `backlash params` writes the parameters."""
+"""The nodes for `backlash params`."""
 
 
 def _add_params(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,4 @@
-"""Reading a recorded bag back as arrays."""
+"""Reads a recorded bag as arrays."""
 
 from dataclasses import dataclass, field
 from operator import itemgetter
@@ -35,9 +35,8 @@ class Recording:
     ``joint_states`` at their header's stamps with columns theta_m, omega_m, motor torque, theta_l, omega_l, gear torque
     (rad, rad/s, N m); the scalar topics by name and the changed parameters at their time of receipt; what ``~/state``
     has, at its stamps, by topic and name such as ``/controller/state/error``; ``messages`` counts every topic.
-    ``in_use``: from when on the controller used which version of its parameters, and these by name, in that order: to a
-    recorder that has just found the controller older versions may come after newer ones; ``simulated``: the same of the
-    simulator.
+    ``in_use``: time, version and parameters by name for each version that the controller used, sorted: a recorder that
+    has just found the controller may receive older versions after newer ones; ``simulated``: the same of the simulator.
     """
 
     joint_states: Series
@@ -65,7 +64,7 @@ _PARAMETER_FIELDS = (
     "double_array_value",
     "string_array_value",
 )
-"""Where a ParameterValue holds its value, by its type."""
+"""The field of a ParameterValue that holds its value, by its type."""
 
 
 def in_use_of(message: Any) -> tuple[float, int, dict[str, Any]]:
@@ -87,7 +86,7 @@ def _joint_row(message: Any, motor: str, load: str) -> list[float]:
 def read_bag(path: str | Path, *, motor_joint: str = "motor", load_joint: str = "load") -> Recording:
     """Read a rosbag2 directory.
 
-    Also one whose recorder was killed: such a bag holds everything up to about the last second.
+    A bag whose recorder was killed can be read up to about the last second before.
 
     Raises
     ------

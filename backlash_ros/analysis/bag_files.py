@@ -1,4 +1,4 @@
-"""The files of a rosbag2, finished or not: what readers of whole bags can read of it, and what is wrong with it."""
+"""The files of a rosbag2, finished or not: what of them can be read, and what is wrong with them."""
 
 import os
 import shutil
@@ -16,18 +16,18 @@ import yaml
 _MAGIC = b"\x89MCAP0\r\n"
 _HEADER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _ATTACHMENT, _METADATA = 1, 3, 4, 5, 6, 7, 9, 12
 _DATA = {_HEADER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _ATTACHMENT, _METADATA}
-"""Records that may stand before the end of the data."""
+"""Records that may precede the end of the data."""
 _IN_CHUNK = {_SCHEMA, _CHANNEL, _MESSAGE}
 _END = struct.pack("<BQL", 0x0F, 4, 0) + struct.pack("<BQQQL", 0x02, 20, 0, 0, 0) + _MAGIC  # of data, without a summary
 _VALID_FOR = 92
-"""Where the header of a database says for which of its changes the size in it holds."""
+"""Offset in a database's header of the number of the change for which its size is valid."""
 _SIDE_FILES = "-wal", "-journal"
-"""What sqlite keeps beside a database that was not closed."""
+"""Endings of the files that sqlite keeps beside a database that was not closed."""
 
 
 @dataclass(frozen=True)
 class BagFiles:
-    """What to read: the bag's folder or file, or the files in it; ``damage`` says what is wrong, in words."""
+    """What to read: the bag's folder or file, or the files in it; ``damage`` describes what is wrong."""
 
     paths: list[Path]
     damage: tuple[str, ...] = ()
@@ -55,7 +55,7 @@ def _page(head: bytes) -> int:
 
 
 def _whole_chunk(record: bytes) -> bool:
-    """Return whether a chunk is what was written; one that is compressed, or has no checksum, is taken for it."""
+    """Return whether a chunk is intact; one that is compressed or has no checksum counts as intact."""
     if len(record) < 40:
         return False
     checksum, compression = struct.unpack_from("<LL", record, 24)
@@ -63,7 +63,7 @@ def _whole_chunk(record: bytes) -> bool:
 
 
 def _begun(chunk: bytes) -> bytes:
-    """Return the whole records at the beginning of a chunk that was cut; none of one that is compressed."""
+    """Return the complete records at the beginning of a truncated chunk; none of a compressed one."""
     if len(chunk) < 40 or struct.unpack_from("<L", chunk, 28)[0] > 0:
         return b""
     end = 40
@@ -76,14 +76,14 @@ def _begun(chunk: bytes) -> bytes:
 
 
 def _is_overwritten(torn: Path) -> bool:
-    """Return whether our own recorder was killed: it writes over the summary before, whose end is still there."""
+    """Return whether our own recorder was killed: it overwrites the previous summary, whose end is still there."""
     with torn.open("rb") as stream:
         stream.seek(-len(_MAGIC) + 1, os.SEEK_END)
         return stream.read() == _MAGIC[:-1]
 
 
 def _mend_mcap(torn: Path, mended: Path, *, partly: bool) -> None:
-    """Copy an mcap file that lacks its end as far as it is whole; ``partly``: what is whole of its last chunk, too."""
+    """Copy the intact part of an mcap file without end; ``partly``: with the complete records of its last chunk."""
     overwritten = _is_overwritten(torn)
     left = torn.stat().st_size - len(_MAGIC)
     with torn.open("rb") as source, mended.open("wb") as target:
@@ -106,7 +106,7 @@ def _mend_mcap(torn: Path, mended: Path, *, partly: bool) -> None:
 
 
 def _mend_database(torn: Path, mended: Path) -> None:
-    """Copy the rows of a database that can be read, with what sqlite kept beside it."""
+    """Copy the readable rows of a database, including those in sqlite's files beside it."""
     copy = mended.with_name(f"torn_{torn.name}")
     for ending in ("", *_SIDE_FILES):
         with suppress(FileNotFoundError):
@@ -128,7 +128,7 @@ def _mend_database(torn: Path, mended: Path) -> None:
 
 
 def _listed(folder: Path) -> list[str] | None:
-    """Return the files that ``metadata.yaml`` lists; None where there is none, or it cannot be read."""
+    """Return the files that ``metadata.yaml`` lists; None if it is missing or unreadable."""
     try:
         content = yaml.safe_load((folder / "metadata.yaml").read_text())
         return [Path(name).name for name in content["rosbag2_bagfile_information"]["relative_file_paths"]]
@@ -138,10 +138,10 @@ def _listed(folder: Path) -> list[str] | None:
 
 @contextmanager
 def readable(bag: Path, *, damaged: bool = False) -> Iterator[BagFiles]:
-    """Yield what of a bag can be read: the bag, or passing copies of its files where its writer was killed.
+    """Yield what of a bag can be read: the bag, or temporary copies of its files if its writer was killed.
 
-    ``bag`` is a folder, or an mcap or sqlite3 file; where it is neither, readers say so. ``damaged``: it is known that
-    it cannot be read as it is, so all its files are copied, with every message that is whole.
+    ``bag`` is a folder, or an mcap or sqlite3 file; readers refuse anything else. ``damaged``: the bag is known to be
+    unreadable as it is, so every complete message of its files is copied.
     """
     damage: list[str] = []
     listed: list[str] | None

@@ -1,12 +1,11 @@
-"""A rosbag2 folder (mcap) that is whole after every save, not only after it was closed.
+"""A rosbag2 folder (mcap) that is complete after every save, not only after it is closed.
 
-Readers of mcap look for a summary at the end of the file. Each save therefore writes the messages since the last one
-over that summary and a new summary behind them, in a single call; then it replaces ``metadata.yaml`` by one that was
-written before. Between two saves, and after one that failed, the folder is what it would be had the recording ended
-with the last save, whatever happens to the process.
+Readers of mcap look for a summary at the end of the file. In a single call, each save overwrites this summary with the
+new messages and a new summary; then it replaces ``metadata.yaml`` by a complete new file. Between two saves, and after
+a failed one, the folder is as if the recording had ended with the last save, whatever happens to the process.
 
-A process killed within that call leaves a file without an end: ``read_bag`` and rosbag2, which then scan it, read it up
-to the save before.
+If the process is killed during that call, the file has no end; ``read_bag`` and rosbag2 then scan it, and read it up to
+the previous save.
 """
 
 import json
@@ -27,11 +26,11 @@ _MESSAGE = 0x05
 """Opcode of a message record."""
 
 _CHUNK_SIZE = 2**20
-"""Bytes from which on a chunk is closed."""
+"""Size from which on a chunk is closed, bytes."""
 
 
 class _Unsaved:
-    """Bytes that belong at ``start`` of a file and are not written yet, with the methods of a file."""
+    """Bytes for position ``start`` of a file that are not written yet, with the methods of a file."""
 
     def __init__(self, start: int) -> None:
         self.start = start
@@ -45,7 +44,7 @@ class _Unsaved:
         return len(data)
 
     def close(self) -> None:
-        """Stay open: a summary is not the end."""
+        """Stay open: more follows after a summary."""
 
 
 class _Storage(McapWriter):
@@ -60,7 +59,7 @@ class _Storage(McapWriter):
         self.bio = cast("Any", self._unsaved)
 
     def close_chunk(self) -> None:
-        """Close the chunk and give it a checksum, by which a half-written one is known."""
+        """Close the chunk with a checksum, which reveals a half-written one."""
         start = len(self._unsaved.data)
         checksum = crc32(self.chunk.bio.getbuffer())
         super().close_chunk()
@@ -69,7 +68,7 @@ class _Storage(McapWriter):
     def write(
         self, connection: Connection, timestamp: int, data: bytes | memoryview, published: int | None = None
     ) -> None:
-        """Write a message that was ``published`` before ``timestamp``; without, its time is ``timestamp`` too."""
+        """Write a message; ``published`` is its time of publication, by default ``timestamp``."""
         chunk, number = self.chunk, connection.id
         self.message_start_time = min(timestamp, self.message_start_time)
         self.message_end_time = max(timestamp, self.message_end_time)
@@ -84,7 +83,7 @@ class _Storage(McapWriter):
             self.close_chunk()
 
     def close(self, version: int, metadata: str) -> None:
-        """Make the file whole; on an error it is again what it was."""
+        """Complete the file; on an error it stays as it was."""
         if self.chunk.bio.tell():
             self.close_chunk()
         size = len(self._unsaved.data)
@@ -109,10 +108,10 @@ class _Storage(McapWriter):
 
 
 class BagWriter(Writer):
-    """Writes a new rosbag2 folder; what was written is safe after ``save`` or ``close``.
+    """Writes a new rosbag2 folder; messages are safe after ``save`` or ``close``.
 
-    ``saved``: how many messages of each topic that is. Both raise OSError if something cannot be written; the folder is
-    then as the last save left it, and the rest is kept for the next. Without a first save there is no folder.
+    ``saved``: number of safe messages by topic. Both methods raise OSError if something cannot be written; the folder
+    is then as the last save left it, and the rest is kept for the next save. The first save creates the folder.
     ``ros_distro``: the name of the ROS distribution that the messages come from.
     """
 
@@ -133,7 +132,7 @@ class BagWriter(Writer):
     def write(
         self, connection: Connection, timestamp: int, data: bytes | memoryview, published: int | None = None
     ) -> None:
-        """Write a message received at ``timestamp``, ns since the epoch, and ``published`` before, if that is known."""
+        """Write a message received at ``timestamp`` and ``published`` before, if known, ns since the epoch."""
         assert isinstance(self.storage, _Storage)
         self.storage.write(connection, timestamp, data, published)
         self.counts[connection.id] += 1
@@ -141,7 +140,7 @@ class BagWriter(Writer):
         self.max_timestamp = max(timestamp, self.max_timestamp)
 
     def save(self) -> None:
-        """Make the folder whole, and go on."""
+        """Complete the folder, and go on."""
         assert self.storage
         if self.metapath.exists() and self._written() == self.saved:
             return
@@ -156,7 +155,7 @@ class BagWriter(Writer):
             self._spare.unlink(missing_ok=True)
 
     def close(self) -> None:
-        """Make the folder whole, and end."""
+        """Complete the folder, and end."""
         self.save()
         self.storage = None
 
@@ -164,7 +163,7 @@ class BagWriter(Writer):
         return {connection.topic: self.counts[connection.id] for connection in self.connections}
 
     def _metadata(self) -> dict[str, Any]:
-        """Return what ``metadata.yaml`` holds; as JSON, which is YAML too, it is written in no time."""
+        """Return the content of ``metadata.yaml``, as JSON, which is valid YAML and fast to write."""
         start, count = self.min_timestamp, sum(self.counts.values())
         file = f"{self.path.name}.mcap"
         span = {

@@ -1,11 +1,11 @@
-"""Results as JSON takes them: it has no number for infinity and nan."""
+"""Prepares results for JSON, which has no infinity and no nan."""
 
 import math
 from typing import Any
 
 
 def jsonable(value: Any) -> Any:
-    """Return ``value``, with every infinity and nan in its dicts, lists and tuples as None."""
+    """Return ``value`` with None in place of every infinity and nan in its dicts, lists and tuples."""
     if isinstance(value, dict):
         return {key: jsonable(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

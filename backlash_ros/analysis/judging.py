@@ -1,4 +1,4 @@
-"""Pure computation: what a record of the load is judged by. Lengths are in units of the backlash b, its mean."""
+"""Pure computation: judges a record of the load. Lengths are in units of the mean backlash b."""
 
 import math
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 from backlash_ros.analysis.metrics import Array, rise_time, settling_time
 
 QUIET, PRECISE, OVERSHOOT, SETTLED = 0.05, 0.1, 0.25, 0.25
-"""Largest swing of the last second, final error, overshoot, and the band in which the load has settled, in b."""
+"""Largest swing in the last second, final error and overshoot, and the band of a settled load, in b."""
 TAIL = 1.0
 """The end of a record in which swing and final error are taken, s."""
 
@@ -17,8 +17,9 @@ TAIL = 1.0
 class Move:
     """A step response in figures.
 
-    ``swing`` peak to peak and ``error`` of the mean in the last second, and ``overshoot``, in b. ``settle``: from when
-    on the load stayed within the band, and ``rise`` from 10 to 90 %, s; the length of the record where it never did.
+    In b: ``swing`` peak to peak and ``error`` of the mean, both in the last second, and ``overshoot``. In s:
+    ``settle``, after which the load stays within the band, and ``rise`` from 10 to 90 %; if never, the length of the
+    record.
     """
 
     swing: float = math.nan
@@ -29,7 +30,7 @@ class Move:
 
 
 def threshold(share: float, b: float, count: float) -> float:
-    """Return a threshold in b: ``share``, or a count of the load's encoder (rad) where that is more."""
+    """Return a threshold in b: ``share``, or a count of the load's encoder (rad) if that is larger."""
     return max(share, count / b)
 
 
@@ -56,10 +57,10 @@ def judge_move(time: Array, position: Array, target: float, b: float, count: flo
 
 
 def recovery(time: Array, position: Array, target: float, b: float, count: float, share: float = SETTLED) -> float:
-    """Return when the load is within b/4 of its target for good, s; the length of the record where it never is.
+    """Return when the load stays within b/4 of its target, s, or the length of the record if it never does.
 
-    ``share`` is another band than 1/4. For good: for the last second at least, lest a load that swings passes for one
-    that has settled just now.
+    ``share`` replaces 1/4. The load must stay there for at least the last second, so that a swinging load does not
+    count as settled.
     """
     settled, end = settling_time(time, position, target, b * threshold(share, b, count)), float(time[-1])
     return settled if settled <= end - TAIL else end

@@ -1,4 +1,4 @@
-"""Pages of HTML that need nothing else: text as it may stand there, tables of pairs, the frame around a page."""
+"""Self-contained pages of HTML: escaped text, tables of pairs, the frame of a page."""
 
 from collections.abc import Iterable
 from html import escape
@@ -9,13 +9,13 @@ _HARD_SPACE, _NO_LETTER = "\u00a0", "\ufffd"
 
 
 def text_of(text: str) -> str:
-    """Return any text as a page may hold it: escaped, and without what is no letter, which a file's name may have."""
+    """Return a text escaped for HTML, without control characters, which a file name may have."""
     shown = "".join(letter if letter.isprintable() or letter == _HARD_SPACE else _NO_LETTER for letter in text)
     return escape(shown)
 
 
 def paragraph(text: str, kind: str = "") -> str:
-    """Return a paragraph of any text, of a class of the style."""
+    """Return a paragraph with any text and a style class."""
     return f'<p class="{kind}">{text_of(text)}</p>' if kind else f"<p>{text_of(text)}</p>"
 
 

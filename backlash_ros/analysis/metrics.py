@@ -1,4 +1,4 @@
-"""Pure computation: what a step response is judged by."""
+"""Pure computation: figures of a step response."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 CONTACT = 0.9
-"""Teeth touch where abs(gap) >= 0.9 d/2: the paper's law is soft and a sample rarely falls on the peak of a contact."""
+"""Teeth touch if abs(gap) >= 0.9 d/2: the paper's law is soft, and few samples show the peak of a contact."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class StepResponse:
 
 
 def rise_time(time: Array, position: Array, start: float, target: float) -> float:
-    """Return the 10 to 90 % rise time between interpolated crossings, s; nan where 90 % is never reached."""
+    """Return the 10 to 90 % rise time between interpolated crossings, s; nan if 90 % is never reached."""
     progress = (position - start) / (target - start)
     crossings = []
     for level in (0.1, 0.9):
@@ -43,13 +43,13 @@ def rise_time(time: Array, position: Array, start: float, target: float) -> floa
 
 
 def count_impacts(gap: Array, backlash: float) -> int:
-    """Count entries into contact, abs(gap) >= 0.9 d/2; ``gap`` and ``backlash`` in m. Contact at the start is none."""
+    """Count entries into contact, abs(gap) >= 0.9 d/2; both in m. Contact at the start does not count."""
     touching = np.abs(gap) >= CONTACT * 0.5 * backlash
     return int(np.count_nonzero(touching[1:] & ~touching[:-1]))
 
 
 def settling_time(time: Array, position: Array, target: float, band: float) -> float:
-    """Return when abs(position - target) was last above ``band``; inf where it still is at the end."""
+    """Return when abs(position - target) was last above ``band``; inf if it still is at the end."""
     outside = np.flatnonzero(np.abs(position - target) > band)
     if outside.size == 0:
         return 0.0

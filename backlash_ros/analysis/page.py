@@ -1,4 +1,4 @@
-"""The page that judges the paper: written from the computed numbers, no figure in it is typed."""
+"""The page that judges the paper: every figure in it is computed."""
 
 import math
 import re
@@ -20,9 +20,9 @@ _COLUMNS = {
 }
 
 QUIET = 0.05
-"""Residual peak to peak over the backlash below which a response counts as at rest."""
+"""Residual swing, peak to peak in backlashes, below which a response counts as at rest."""
 CLOSE = 0.15
-"""Relative difference up to which a prediction counts as one."""
+"""Largest relative error of a prediction that holds."""
 
 
 def _format(pattern: str, value: float | int | None) -> str:
@@ -48,7 +48,7 @@ def _table(rows: Mapping[str, Mapping[str, Any]], first: str) -> list[str]:
 class _Section:
     """A claim, what was computed, and the verdict: ``holds``, ``holds in part`` or ``does not hold``, with its detail.
 
-    ``title`` begins with the paper's figures, up to a colon, where it shows some; ``short`` is the claim in few words.
+    ``title`` begins with the paper's figures, if any, up to a colon; ``short`` is the claim in few words.
     """
 
     title: str

@@ -24,9 +24,9 @@ PERIOD = 0.001
 """Sample period of every loop here, s: the paper's loops are continuous."""
 SECONDS = 6.0
 NOISY = Sensors(load_noise=0.01)
-"""Noise on the measured load angle, even within 0.01 rad: 1 % of the step."""
+"""Noise on the measured load angle, uniform within ±0.01 rad: 1 % of the step."""
 ENCODERS = Sensors(measured=(*POSITIONS, "current"), motor_counts=2.0**12, load_counts=2.0**12)
-"""12-bit encoders on both shafts, speeds from them."""
+"""12-bit encoders on both shafts; speeds are their differences."""
 SEED = 2009
 """Of the noise."""
 
@@ -41,7 +41,7 @@ def gains() -> GainSet:
 class Case:
     """One condition: the drive that moves, the load torque (N m), the sensors.
 
-    The controller knows the nominal drive, and the backlash of the one that moves.
+    The controller knows the nominal drive and the backlash of the simulated one.
     """
 
     drive: Drive = NOMINAL_DRIVE
@@ -84,15 +84,15 @@ VARIATIONS: dict[str, dict[str, Case]] = {
     "where it fails": {"load inertia x4": Case(inertia(4))},
 }
 SWEEP = (0.2, 0.5, 1.0, 2.0, 5.0)
-"""Backlash, over the nominal one."""
+"""Backlash, relative to the nominal one."""
 FRICTION_TRIED = 0.2
-"""Largest Coulomb friction tried, N m."""
+"""Largest Coulomb friction that is tried, N m."""
 INERTIA_RATIOS = (0.25, 0.5, 1.0, 2.0, 4.0, 10.0, 25.0)
 """Reflected motor inertia over load inertia."""
 
 
 def respond(law: str, case: Case, seconds: float = SECONDS) -> Run:
-    """Run a step of 1 rad with the law called ``law``."""
+    """Run a step of 1 rad with a law."""
     count = round(seconds / PERIOD)
     scenario = Scenario(np.ones(count), np.array(case.load_torque), sensors=case.sensors, seed=SEED)
     gap = case.drive.gear.backlash_angle

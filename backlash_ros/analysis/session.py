@@ -21,7 +21,7 @@ LABELS = {
     "two_encoder": "two-encoder law (ours)",
 }
 _MOVED = 0.01
-"""Way from rest that tells that a load torque has come on, in b."""
+"""Distance from rest that shows that a load torque acts, in b."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ def gap(recording_rows: Array, drive: Drive) -> Array:
 
 
 def judge_step(recording: Recording, interval: Interval, drive: Drive) -> dict[str, float]:
-    """Return the metrics of the step response in ``interval``, and from when on it stayed within b/4, s.
+    """Return the metrics of the step response in ``interval``, and when it settled within b/4, s.
 
-    To the end and for the last second; inf where it never did.
+    It must stay there to the end and for at least the last second; inf if it never does.
     """
     part = recording.joint_states.between(interval.start, interval.end)
     time, angle, gear = part.time - interval.start, part.values[:, 3], drive.gear
@@ -52,17 +52,17 @@ def judge_step(recording: Recording, interval: Interval, drive: Drive) -> dict[s
 
 
 def came_on(recording: Recording, interval: Interval, drive: Drive) -> Interval:
-    """Return ``interval`` from the last sample on at which a load torque had not moved the load yet."""
+    """Return ``interval`` from the last sample before a load torque moved the load."""
     part = recording.joint_states.between(interval.start, interval.end)
     way = np.abs(part.values[:, 3] - part.values[0, 3]) / drive.gear.backlash_angle
     return replace(interval, start=float(part.time[max(int(np.argmax(way > _MOVED)) - 1, 0)]))
 
 
 def judge_load_step(recording: Recording, interval: Interval, torque: float, drive: Drive) -> dict[str, float]:
-    """Return what a load torque put on at the start of ``interval`` did.
+    """Return the effect of a load torque that begins at the start of ``interval``.
 
-    The torque and its estimate at the end, N m; the largest error, that of the mean of the last second and the swing in
-    it, peak to peak, in b.
+    The torque and its estimate at the end, N m; in b the largest error, and in the last second the mean error and the
+    swing, peak to peak.
     """
     part = recording.joint_states.between(interval.start, interval.end)
     error = (part.values[:, 3] - interval.target) / drive.gear.backlash_angle
@@ -78,10 +78,10 @@ def judge_load_step(recording: Recording, interval: Interval, torque: float, dri
 
 
 def judge_swap(recording: Recording, interval: Interval, drive: Drive) -> dict[str, Any]:
-    """Return how fast the load moved when the over-damped gains were swapped, rad/s, and whether commands mix them.
+    """Return the load's speed when the over-damped gains were swapped, rad/s, and whether commands mix the gains.
 
-    ``commands`` that the controller told, and how many of them, ``mixed``, are nearer to what eq 15 gives with the
-    gains that were not in force for their sample.
+    ``commands``: their number; ``mixed``: how many are closer to eq 15 with the gains that were not in force for their
+    sample.
     """
     names = ("parameters_version", "load_angle", "load_velocity", "current", "load_torque", "range_low", "range_high")
     told = {

@@ -1,4 +1,4 @@
-"""The picture of a recorded session: what the load does in a step under each law, the paper's and ours, and loaded."""
+"""The picture of a recorded session: steps under the paper's laws and ours, and load steps."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,7 +21,7 @@ _LINES: dict[str, Any] = {
     "two_encoder": {"color": "C2", "linewidth": 2.6},
 }
 _SHOWN, _RISE, _LOADED = (2.5, 4.0), 0.4, 1.0
-"""How much of a step is shown near its target, in each part, and whole, and after the load torque, s."""
+"""Times that are shown, s: of a step near its target, by part; of a whole step; after a load torque."""
 
 
 def plot_session(
@@ -32,8 +32,8 @@ def plot_session(
 ) -> None:
     """Draw steps and load steps; write ``path`` (PNG).
 
-    ``parts``: recordings, when the steps with each law were, and titles: the nominal drive's, in which the load steps
-    ``loads`` are, and another one's.
+    ``parts``: recordings, the intervals of the steps by law, and titles: first the nominal drive's, which has the load
+    steps ``loads``, then another one's.
     """
     figure = plt.figure(figsize=(9, 10), constrained_layout=True)
     *near, whole, loaded = figure.subplot_mosaic("nn;hh;wl", height_ratios=[1.4, 1.1, 1]).values()

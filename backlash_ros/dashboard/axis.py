@@ -1,4 +1,4 @@
-"""One axis as the page sees it: what its controller and its drive say, and what can be asked of them."""
+"""One axis for the page: the messages of its controller and its drive, and requests to them."""
 
 import asyncio
 import math
@@ -29,23 +29,23 @@ from backlash_ros.ros.aside import give_way
 from backlash_ros.ros.topics import HISTORY, SEND
 
 ANSWER = 5.0
-"""Time that a service may take to answer, s, if it does no experiment."""
+"""Time limit for the answer of a service without an experiment, s."""
 EXPERIMENT = 900.0
-"""The same for one that does, s."""
+"""Time limit for the answer of a service with an experiment, s."""
 SILENCE = 1.0
 """Time without joint states after which the drive counts as gone, s."""
 
 _ALL = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=500)
-"""Enough for 0.25 s at 2 kHz; nothing is sent again, so that a page that stands still stops nobody."""
+"""Enough for 0.25 s at 2 kHz; best effort, so that a page that hangs does not hold up the sender."""
 
 _SERVICES = ("learn", "identify", "cancel", "apply_estimate", "reset_fault")
 
 
 class Polled(CallbackGroup):
-    """Of subscriptions that no executor serves: their messages wait until they are taken, many at once."""
+    """For subscriptions without an executor: their messages wait until they are taken, many at once."""
 
     def can_execute(self, _entity: Any) -> bool:
-        """Return False: an executor leaves them alone."""
+        """Return False, so that executors ignore them."""
         return False
 
     def beginning_execution(self, _entity: Any) -> bool:
@@ -58,7 +58,7 @@ class Polled(CallbackGroup):
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """One status of ``/diagnostics``: its level, its message, its values by name, and when it came (monotonic, s)."""
+    """One status of ``/diagnostics``: level, message, values by name, and time of receipt (monotonic, s)."""
 
     level: int
     message: str
@@ -68,7 +68,7 @@ class Diagnosis:
 
 @dataclass(frozen=True)
 class Names:
-    """The names of an axis: its controller, its topics, and the node that plays the drive, empty where none does."""
+    """The names of an axis: its controller, its topics, and the simulator of its drive, empty without one."""
 
     controller: str
     joint_states: str
@@ -80,7 +80,7 @@ class Names:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a service answered, or why nothing came."""
+    """The answer of a service, or why there is none."""
 
     success: bool
     text: str
@@ -88,17 +88,17 @@ class Answer:
 
 @dataclass(frozen=True)
 class Told:
-    """What a node said is in use: its parameters with their version."""
+    """Parameters in use of a node, with their version."""
 
     version: int = 0
     values: dict[str, Any] = field(default_factory=dict)
 
 
 class Axis:
-    """What one axis says, and what can be asked of it.
+    """One axis: its messages and requests to it.
 
-    It is made, and its ROS callbacks run, in the thread of the executor; everything else belongs to the event loop
-    ``loop`` of the page.
+    The constructor and the ROS callbacks run in the thread of the executor, everything else in the event loop ``loop``
+    of the page.
     """
 
     def __init__(self, node: Node, names: Names, loop: asyncio.AbstractEventLoop) -> None:
@@ -133,7 +133,7 @@ class Axis:
         return self._node.create_subscription(kind, topic, lambda _: None, _ALL, callback_group=self._group, raw=raw)
 
     def found(self, names: Names) -> None:
-        """Take note of which topics the controller has now, and of who plays the drive."""
+        """Update the topics of the controller and the simulator of the drive."""
         self.present = True
         before, self.names = self.names, names
         if names.joint_states != before.joint_states:
@@ -166,7 +166,7 @@ class Axis:
         self.told_by_simulator = read_told(message)
 
     def on_diagnostics(self, name: str, diagnosis: Diagnosis) -> None:
-        """Keep what concerns this axis: ``name`` as in ``/controller: timing``."""
+        """Keep a status that concerns this axis; ``name`` as in ``/controller: timing``."""
         node, _, part = name.partition(": ")
         if node in {self.names.controller, self.names.simulator}:
             self.diagnoses[f"{'simulator' if node == self.names.simulator else 'controller'}: {part}"] = diagnosis
@@ -174,7 +174,7 @@ class Axis:
     # What is taken, by the page.
 
     def take(self) -> tuple[Table, Table]:
-        """Return the rows of joint states and of ``~/state`` that came since the last call."""
+        """Return the rows of joint states and of ``~/state`` since the last call."""
         values = self.told.values
         motor, load = values.get("motor_joint", "motor"), values.get("load_joint", "load")
         reduction = float(values.get("gear.reduction", math.nan))  # until the controller has told it
@@ -190,17 +190,17 @@ class Axis:
 
     @property
     def simulated(self) -> bool:
-        """Whether a simulator of this package plays the drive."""
+        """Whether a simulator of this package emulates the drive."""
         return bool(self.names.simulator)
 
     @property
     def silent(self) -> float:
-        """For how long no joint states have come, s."""
+        """Time without joint states, s."""
         return time.monotonic() - self.sample_at
 
     @property
     def lifecycle(self) -> str:
-        """The controller's state as it last said, or that it is not there."""
+        """The last known state of the controller, or that it is missing."""
         said = self.diagnoses.get("controller: servo")
         if not self.present:
             return "not there"
@@ -208,7 +208,7 @@ class Axis:
 
     @property
     def b(self) -> float:
-        """The backlash in use, rad at the output; 0 while not known."""
+        """The backlash in use, rad at the output; 0 if unknown."""
         return float(self.told.values.get("backlash_angle", 0.0))
 
     # What is asked.
@@ -226,7 +226,7 @@ class Axis:
         return await trigger(self._loop, self._services[service], seconds)
 
     async def reset(self) -> Answer:
-        """Forget a latched fault, the drive's first where it is simulated."""
+        """Reset a latched fault, first that of a simulated drive."""
         if self._simulator is not None and self.simulated:
             await trigger(self._loop, self._simulator.reset_fault, ANSWER)
         return await self.call("reset_fault")
@@ -244,7 +244,7 @@ class Axis:
         return Answer(response.success, "" if response.success else "the controller refused; its log has the reason")
 
     async def set(self, values: Mapping[str, Any], *, simulator: bool = False) -> Answer:
-        """Set parameters of the controller, or of the simulator, all or none; return why not, if not."""
+        """Set parameters of the controller, or of the simulator, all or none; return the reason if they are refused."""
         client, name = self._parameters, self.names.controller
         if simulator and self._simulator is not None:
             client, name = self._simulator.parameters, self._simulator.name
@@ -259,7 +259,7 @@ class Axis:
 
 
 class Simulator:
-    """The services of a simulated drive, and what it says is in use."""
+    """The services of a simulated drive, and its parameters in use."""
 
     def __init__(self, node: Node, name: str, on_told: Callable[[ParameterEvent], None]) -> None:
         self.name = name
@@ -269,7 +269,7 @@ class Simulator:
 
 
 def read_told(message: ParameterEvent) -> Told:
-    """Return what a message of ``~/parameters_in_use`` says."""
+    """Return the content of a message of ``~/parameters_in_use``."""
     values = {each.name: parameter_value_to_python(each.value) for each in message.new_parameters}
     return Told(values.pop("version", 0), values)
 
@@ -286,7 +286,7 @@ def taken(subscription: Subscription) -> list[Any]:
 
 
 async def answered(loop: asyncio.AbstractEventLoop, future: Future, seconds: float) -> Any:
-    """Return what a future of rclpy brings, which another thread sets; TimeoutError where nothing comes."""
+    """Return the result of a future of rclpy, which another thread sets; TimeoutError if it does not come."""
     done: asyncio.Future[Any] = loop.create_future()
 
     def pass_on(result: Any) -> None:

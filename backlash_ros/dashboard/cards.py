@@ -25,10 +25,10 @@ _BUTTON = "dense unelevated no-caps"
 _LEAST, _MOST = -2.0, 6.0
 """Range of the sliders for weights, in powers of ten; at the lower end a weight is 0."""
 _LET_GO = 0.7
-"""Time after which a slider that is not moved shows the value in use again, s."""
+"""Time without motion after which a slider shows the value in use again, s."""
 _ALL_SIGNALS = ["theta_m", "omega_m", "theta_l", "omega_l", "current"]
 _JUMP = 0.5
-"""Shift of an encoder's zero to make it jump, rad."""
+"""Shift of an encoder's zero that makes it jump, rad."""
 
 
 class Shown(Mover, Protocol):
@@ -40,7 +40,7 @@ class Shown(Mover, Protocol):
 
     @property
     def axis(self) -> Axis | None:
-        """The axis that is shown; None while there is none."""
+        """The axis that is shown, or None."""
 
 
 def _card(title: str) -> ui.element:
@@ -281,7 +281,7 @@ def experiment_card(page: Shown) -> Refresh:
 
 
 def drive_card(page: Shown) -> Refresh:
-    """Lifecycle, fault with its meaning and remedy, rate, age, who listens."""
+    """Lifecycle, fault with its meaning and remedy, rate, age, connections."""
     station, facts = page.station, {}
     names = ("controller", "drive", "fault", "what to do", "law acts", "rate", "late samples", "age", "connections")
 
@@ -339,7 +339,7 @@ def drive_card(page: Shown) -> Refresh:
 
 
 def simulator_card(page: Shown) -> Refresh:
-    """Load torque, and faults to inject: where the drive is simulated."""
+    """Load torque and faults to inject, for a simulated drive."""
     before: dict[str, dict[str, Any]] = {}
 
     def gap() -> float:

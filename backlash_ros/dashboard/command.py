@@ -26,13 +26,13 @@ from backlash_ros.ros.transport import avoid_shared_memory
 
 NEEDS = 'the dashboard needs NiceGUI: pip install "backlash_ros[page]"'
 _LAST = 5.0
-"""Time that pages have to leave when the server ends, s."""
+"""Time for pages to disconnect when the server ends, s."""
 _BACK = 30.0
-"""Time within which a page whose connection breaks comes back as it was, s; later it starts anew."""
+"""Time for which a page without connection is kept, s; later it starts anew."""
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """Return a socket that listens; ValueError names the parameter that is at fault."""
+    """Return a listening socket; ValueError names the wrong parameter."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except OSError as error:
@@ -49,7 +49,7 @@ def _listen(host: str, port: int) -> socket.socket:
 
 
 def _names(host: str, port: int) -> set[str]:
-    """Return what the browser may call the server; nothing where it serves at all addresses of the machine."""
+    """Return the accepted values of the Host header; empty if the server uses all addresses of the machine."""
     shown = f"[{host}]" if ":" in host else host
     if host in {"0.0.0.0", "::"}:  # noqa: S104 - compared, not served at
         return set()
@@ -175,7 +175,7 @@ example: ros2 run backlash_ros dashboard --ros-args -p port:=8081"""
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the dashboard; code 2 where it cannot start."""
+    """Run the dashboard; return 2 if it cannot start."""
     words = sys.argv[1:] if args is None else list(args)
     help_of("dashboard", ABOUT).parse_args(remove_ros_args(words))
     avoid_shared_memory()

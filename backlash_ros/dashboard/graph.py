@@ -1,4 +1,4 @@
-"""Finds the axes of a ROS graph, and keeps hold of them while their nodes come and go."""
+"""Finds the axes of a ROS graph, and keeps them while their nodes come and go."""
 
 import asyncio
 import time
@@ -16,7 +16,7 @@ from backlash_ros.dashboard.axis import Axis, Diagnosis, Names
 from backlash_ros.ros.topics import SEND
 
 _LOOK = 0.5
-"""Time between two looks at the graph, s."""
+"""Period of the search in the graph, s."""
 
 _JOINTS, _NUMBER, _NUMBERS = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray"
 
@@ -32,11 +32,11 @@ def _join(namespace: str, name: str) -> str:
 
 
 class Graph:
-    """The axes there are, by the name of their namespace, looked for in a thread of its own.
+    """The axes by their namespaces, found by a separate thread.
 
-    A controller is a node that offers ``~/learn`` and ``~/identify``. Its topics are those of the types that it speaks
-    and hears, whatever they were remapped to; who plays its drive is told by who publishes its joint states.
-    ``broken`` is called in ``loop`` where the thread cannot go on.
+    A controller is a node that offers ``~/learn`` and ``~/identify``. Its topics are recognized by their types, even if
+    they are remapped; the simulator of its drive is the one that publishes its joint states. If the thread fails,
+    ``broken`` is called in ``loop``.
     """
 
     def __init__(self, node: Node, loop: asyncio.AbstractEventLoop, broken: Callable[[], None]) -> None:
@@ -65,7 +65,7 @@ class Graph:
         self._thread.join(timeout=1.0)
 
     def look(self) -> None:
-        """Find axes that are new, and note which are gone."""
+        """Find new axes, and note which are gone."""
         offered = {name for name, _ in self._node.get_service_names_and_types()}
         controllers = {name.removesuffix("/learn") for name in offered if name.endswith("/learn")}
         controllers = {name for name in controllers if f"{name}/identify" in offered}
@@ -80,7 +80,7 @@ class Graph:
             known.found(names)
 
     def _names(self, controller: str, before: Names | None) -> Names:
-        """Return the names of an axis; those from ``before`` while the controller, not configured, has no topics."""
+        """Return the names of an axis; those from ``before`` if the controller is not configured and has no topics."""
         name, namespace = _split(controller)
         heard = self._topics(self._node.get_subscriber_names_and_types_by_node, name, namespace)
         spoken = self._topics(self._node.get_publisher_names_and_types_by_node, name, namespace)
@@ -99,9 +99,9 @@ class Graph:
         )
 
     def _simulator(self, joint_states: str) -> tuple[str, str]:
-        """Return the simulator that publishes joint states, and its topic for the load torque; empty where none does.
+        """Return the simulator that publishes joint states, and its topic for the load torque; empty without one.
 
-        It is one that takes a load torque, which no drive does.
+        A node that accepts a load torque is a simulator.
         """
         for publisher in self._node.get_publishers_info_by_topic(joint_states):
             heard = self._topics(
@@ -113,7 +113,7 @@ class Graph:
 
     @staticmethod
     def _topics(ask: Callable[[str, str], list[tuple[str, list[str]]]], name: str, namespace: str) -> dict[str, str]:
-        """Return a node's topics by type; none while the middleware knows a publisher, but not its node's name."""
+        """Return a node's topics by type; none as long as the middleware knows a publisher without its node's name."""
         if not namespace.startswith("/"):
             return {}
         try:
@@ -130,7 +130,7 @@ class Graph:
                 axis.on_diagnostics(status.name, Diagnosis(level, status.message, values, at))
 
     def listeners(self, axis: Axis) -> tuple[int, int]:
-        """Return how many listen to an axis' command, and how many publish its joint states."""
+        """Return the number of subscribers of an axis's command, and of publishers of its joint states."""
         return (
             self._node.count_subscribers(axis.names.command),
             self._node.count_publishers(axis.names.joint_states),

@@ -1,4 +1,4 @@
-"""Who may see the page and who may change something: judged for every request, before anything else sees it."""
+"""Access control: checks every request before anything else sees it."""
 
 import hmac
 from collections.abc import Awaitable, Callable, Collection, MutableMapping
@@ -25,16 +25,15 @@ def is_loopback(host: str) -> bool:
 
 
 class Guard:
-    """ASGI middleware that lets in only who may be.
+    """ASGI middleware that refuses requests without permission.
 
-    A request must name one of ``hosts`` as its host, so that no name that somebody points at this machine leads here.
-    One that says from which page it comes must come from one of that same host, and one that may change something,
-    which is everything but reading, must say so: browsers do, and let no page lie. Where there is a ``token``, it is
-    asked for once, as ``/?token=...``, and then kept as a cookie.
+    The Host header must be one of ``hosts``: this prevents DNS rebinding. The Origin header, if there is one, must name
+    the same host; requests that may change something, which are all but reads, must have one. Browsers send it, and no
+    page can forge it. A ``token``, if set, is required once, as ``/?token=...``, and then kept as a cookie.
 
     Parameters
     ----------
-    hosts : values of the Host header that are taken, in lower case; empty for any
+    hosts : accepted values of the Host header, in lower case; empty for any
     token : empty for none
     """
 

@@ -12,7 +12,7 @@ from backlash_ros.ros.isolation import isolated
 
 _PORT = 8080
 _IN_STEP = ["-p", "lockstep:=true"]
-"""Of the simulator: time waits for the answers, so that what is seen is the drive's doing and not the machine's."""
+"""For the simulator: time waits for the answers, so that a busy machine does not affect the motion."""
 _PATIENT = ["-p", "use_sim_time:=true", "-p", "state_timeout:=2.0"]
 
 
@@ -27,7 +27,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="backlash live", description=__doc__, epilog="example: backlash live --port 8081"
     )
-    help_port = f"of the page; {_PORT}, or any where that is taken"
+    help_port = f"of the page; by default {_PORT}, or if that is in use, any"
     parser.add_argument("--port", type=int, metavar="PORT", help=help_port)
     parser.add_argument("--out", type=Path, default=Path("results/live"), metavar="DIR", help="for recordings and logs")
     given = parser.parse_args(words)

@@ -1,4 +1,4 @@
-"""References that go on by themselves: back and forth, and a sine."""
+"""Continuous references: back and forth, and a sine."""
 
 import asyncio
 import math
@@ -11,7 +11,7 @@ _STEP = 0.02
 
 @dataclass(frozen=True)
 class Wave:
-    """To and fro about ``middle`` by ``amplitude``, rad, once in ``period``, s; a sine where ``smooth``, else steps."""
+    """A wave about ``middle`` with an ``amplitude``, rad, and a ``period``, s; a sine if ``smooth``, else steps."""
 
     middle: float
     amplitude: float

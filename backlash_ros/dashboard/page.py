@@ -1,4 +1,4 @@
-"""The page itself: what is shown of an axis, and what a person can do with it."""
+"""The page itself: shows an axis and takes a person's commands."""
 
 import json
 import math
@@ -22,11 +22,11 @@ from backlash_ros.dashboard.rows import JOINT_COLUMNS, STATE_COLUMNS
 from backlash_ros.dashboard.station import Station
 
 REFRESH = 0.25
-"""Time between two looks at what is told beside the curves, s."""
+"""Period of the updates of everything but the curves, s."""
 WINDOWS = {10: "10 s", 30: "30 s", 60: "60 s"}
 STATIC = "/static"
 _ANSWERS = 6.0
-"""Time within which a browser answers, s."""
+"""Time limit for the answer of a browser, s."""
 
 _TOOTH = """
 <svg class="drawing" viewBox="0 0 460 170" role="img" aria-labelledby="tooth-title" id="tooth">
@@ -55,7 +55,7 @@ def static_folder() -> str:
 
 
 class Page:
-    """One page that somebody has open.
+    """One open page.
 
     ``read_only`` leaves out everything that changes something.
     """
@@ -87,7 +87,7 @@ class Page:
 
     @property
     def axis(self) -> Axis | None:
-        """The axis that is shown; None while there is none."""
+        """The axis that is shown, or None."""
         return self.station.axes.get(self.title)
 
     def _bar(self) -> None:
@@ -163,7 +163,7 @@ class Page:
             return False
 
     def started(self) -> None:
-        """Begin to draw, once the browser is there."""
+        """Begin to draw, once the browser is connected."""
         options = f"joints: {list(JOINT_COLUMNS)}, state: {list(STATE_COLUMNS)}, facts: () => window.facts ?? {{}}"
         # The chart is there a moment after its element.
         self._client.run_javascript(
@@ -177,7 +177,7 @@ class Page:
             )
 
     def refresh(self) -> None:
-        """Show what the axis says now."""
+        """Show the present state of the axis."""
         titles = list(self.station.axes)
         if titles != self._choice.options:
             self._choice.set_options(titles)

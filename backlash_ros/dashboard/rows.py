@@ -13,24 +13,24 @@ from sensor_msgs.msg import JointState
 from backlash_ros.control.telemetry import TELEMETRY
 
 JOINT_COLUMNS = ("time", "motor", "load", "gear_torque")
-"""Of a joint state: s; the motor's angle through the gear and the load's, rad; N m at the output."""
+"""Columns of a joint state: s; angles of the motor at the output and of the load, rad; N m at the output."""
 
 STATE_COLUMNS = ("time", *TELEMETRY)
-"""Of a message of ``~/state``."""
+"""Columns of a message of ``~/state``."""
 
 Table = npt.NDArray[np.float64]
 _Bytes = npt.NDArray[np.uint8]
 
 _HEAD = 4
-"""Bytes before a serialized message: how it is serialized. Fields are aligned with what follows."""
+"""Size of the header of a serialized message, bytes. Fields are aligned relative to its end."""
 _PLAIN = b"\x00\x01"
-"""What these begin with: little-endian CDR."""
+"""Beginning of the header: little-endian CDR."""
 _STAMP = 8
-"""Bytes of a time: two whole numbers, s and ns."""
+"""Size of a time, bytes: two whole numbers, s and ns."""
 
 
 class _Pattern:
-    """Joint states as they are sent that are like ``sample`` but for their numbers."""
+    """Serialized joint states that differ from ``sample`` only in their numbers."""
 
     def __init__(self, sample: bytes) -> None:
         self._same = np.zeros(len(sample), bool)  # its bytes that are the same in all; what fills gaps may be anything
@@ -55,14 +55,14 @@ class _Pattern:
         return self._sample[first : self._end - 1].tobytes().decode()
 
     def _numbers(self) -> list[int]:
-        """Return where each begins."""
+        """Return where each number begins."""
         count = self._count()
         if count:
             self._end += (_HEAD - self._end) % 8 + 8 * count
         return [self._end - 8 * left for left in range(count, 0, -1)]
 
     def read(self, messages: Sequence[bytes], motor: str, load: str) -> Table:
-        """Return the rows, shape (count, 4), of the messages at the front that are like the sample."""
+        """Return the rows, shape (count, 4), of the first messages that are like the sample."""
         size = self._sample.size
         run = list(takewhile(lambda message: len(message) == size, messages))
         table: _Bytes = np.frombuffer(b"".join(run), np.uint8).reshape(-1, size)
@@ -82,16 +82,16 @@ class _Pattern:
 
 
 class JointReader:
-    """Reads joint states by the dozen, as they were received: at 1 kHz, one by one is much work beside a drive.
+    """Reads many serialized joint states at once: at 1 kHz, one by one costs too much beside a drive.
 
-    As a rule the messages of a topic differ in their numbers alone; one that differs in more is read by itself.
+    Usually the messages of a topic differ only in their numbers; others are read one by one.
     """
 
     def __init__(self) -> None:
         self._patterns: dict[int, _Pattern] = {}
 
     def rows(self, messages: Sequence[bytes], motor: str, load: str, reduction: float) -> Table:
-        """Return the rows of `JOINT_COLUMNS`, shape (messages, 4); nan for what a message does not have.
+        """Return the rows of `JOINT_COLUMNS`, shape (messages, 4); nan for missing values.
 
         Parameters
         ----------
@@ -117,7 +117,7 @@ class JointReader:
 
 
 def state_rows(messages: Sequence[DiagnosticArray]) -> Table:
-    """Return the rows of `STATE_COLUMNS`, shape (messages, columns); nan for what a message does not have."""
+    """Return the rows of `STATE_COLUMNS`, shape (messages, columns); nan for missing values."""
     rows = []
     for message in messages:
         stamp = message.header.stamp
@@ -134,5 +134,5 @@ def _number(text: str) -> float:
 
 
 def frame(samples: Table, states: Table) -> bytes:
-    """Return numbers of 8 bytes: how many bytes the samples take, these, and the states."""
+    """Return numbers of 8 bytes: the size of the samples in bytes, the samples, and the states."""
     return np.concatenate([[samples.nbytes], samples.ravel(), states.ravel()]).tobytes()

@@ -1,4 +1,4 @@
-"""What all pages share: the axes, the samples that go out to whoever watches, and what runs on behalf of a page."""
+"""Shared by all pages: the axes, their samples for the browsers, and what runs on behalf of a page."""
 
 import asyncio
 import math
@@ -26,9 +26,9 @@ from backlash_ros.ros.client import start_node, stop_node
 PICTURE = 0.05
 """Time between two frames, s."""
 _BEHIND = 40
-"""Frames that may wait for a browser; older ones are left out."""
+"""Largest number of frames that wait for a browser; older ones are dropped."""
 _LOOK = 1.0
-"""Time between two looks at whether the browser is there that a motion is for, s."""
+"""Period of the checks that the browser of a motion is still connected, s."""
 _LEFT = "the motion has ended: the page that began it was closed, or did not answer"
 
 
@@ -36,18 +36,18 @@ class Mover(Protocol):
     """The page that began a motion, which ends with it."""
 
     async def answers(self) -> bool:
-        """Return whether its browser is still there."""
+        """Return whether its browser still answers."""
 
 
 class Watcher:
-    """One browser that watches an axis: the frames that wait for it."""
+    """The frames that wait for a browser that watches an axis."""
 
     def __init__(self) -> None:
         self._waiting: deque[bytes] = deque(maxlen=_BEHIND)
         self._there = asyncio.Event()
 
     def put(self, one: bytes) -> None:
-        """Add a frame; the oldest goes where too many wait."""
+        """Add a frame; if too many wait, drop the oldest."""
         self._waiting.append(one)
         self._there.set()
 
@@ -61,7 +61,7 @@ class Watcher:
 
 @dataclass
 class Work:
-    """A process that works for a page, a recorder say, the folder or file that it leaves, and what it said."""
+    """A process on behalf of a page, such as a recorder, with the folder or file that it writes, and its output."""
 
     process: "subprocess.Popen[bytes]"
     result: Path
@@ -80,7 +80,7 @@ class Work:
         return 0
 
     def last_line(self) -> str:
-        """Return the last that it said."""
+        """Return the last line of its output."""
         with suppress(OSError):
             lines = self.log.read_text(errors="replace").split("\n")
             return next((line.strip() for line in reversed(lines) if line.strip()), "")
@@ -88,7 +88,7 @@ class Work:
 
 
 def _run(result: Path, *words: str) -> Work:
-    """Start `backlash` with these words."""
+    """Start `backlash` with these arguments."""
     log = result.with_suffix(".log")
     with log.open("wb") as output:
         command = [sys.executable, "-m", "backlash_ros.cli", *words]
@@ -109,9 +109,9 @@ class OfAxis:
 
 
 class Station:
-    """The axes, and what runs on their behalf; all of it in the event loop of the server.
+    """The axes, and what runs on their behalf, all in the event loop of the server.
 
-    ``starting`` starts what must keep up with the drive, which inherits its priority.
+    ``starting`` starts processes that must keep up with the drive: they inherit the priority of its threads.
     """
 
     def __init__(self, graph: Graph, folder: Path, starting: Executor) -> None:
@@ -120,7 +120,7 @@ class Station:
 
     @property
     def axes(self) -> dict[str, Axis]:
-        """The axes that were found, by title."""
+        """The axes by title."""
         return self.graph.axes
 
     def of(self, title: str) -> OfAxis:
@@ -128,7 +128,7 @@ class Station:
         return self._of.setdefault(title, OfAxis())
 
     async def run(self) -> None:
-        """Send what comes to whoever watches, until cancelled."""
+        """Send new samples to all browsers, until cancelled."""
         while True:
             for title, axis in list(self.axes.items()):
                 watchers = self.of(title).watchers
@@ -144,7 +144,7 @@ class Station:
     # Motion.
 
     def begin(self, title: str, what: Wave, mover: Mover) -> None:
-        """Send the references of a wave from now on, in place of another's, on behalf of the page ``mover``."""
+        """Send the references of a wave from now on, in place of any other, on behalf of the page ``mover``."""
         self.end(title)
         axis = self.of(title)
         axis.mover = mover
@@ -159,14 +159,14 @@ class Station:
                 self.left(mover)
 
     def end(self, title: str) -> None:
-        """Send no more references; the last one stays."""
+        """Stop sending references; the last one stays."""
         axis = self.of(title)
         motion, axis.motion, axis.ended = axis.motion, (), ""
         for task in motion:
             task.cancel()
 
     def left(self, mover: Mover) -> None:
-        """End what a page moves, whose browser is gone, and say so to whoever looks."""
+        """End the motions of a page whose browser is gone, and tell all pages."""
         for title, axis in self._of.items():
             if axis.motion and axis.mover is mover:
                 self.end(title)
@@ -218,7 +218,7 @@ class Station:
             running.report = _run(page, "report", str(bag), "--out", str(page), "--force")
 
     def page(self, title: str, kind: str) -> Path | None:
-        """Return the page that the last measurement or report of an axis left; None where there is none."""
+        """Return the page of the last measurement or report of an axis, or None."""
         running = self.of(title)
         work = {"certificate": running.measurement, "report": running.report}.get(kind)
         if work is None or work.running:
@@ -227,7 +227,7 @@ class Station:
         return place if place.is_file() else None
 
     async def close(self) -> None:
-        """End what runs; recordings are closed whole, motions end, experiments that a page started are cancelled."""
+        """End everything: recordings are completed, motions end, experiments that a page started are cancelled."""
         for title, running in self._of.items():
             self.end(title)
             for work in (running.measurement, running.recorder, running.report):
@@ -241,9 +241,9 @@ def megabytes(size: int) -> str:
 
 
 def finite(value: float, otherwise: float = 0.0) -> float:
-    """Return ``value`` where it is finite."""
+    """Return ``value`` if it is finite."""
     return value if math.isfinite(value) else otherwise
 
 
 Refresh = Callable[[Axis], None]
-"""Shows what an axis says now."""
+"""Shows the present state of an axis."""

@@ -1,1 +1,1 @@
-"""What `make demo` runs: the nodes as processes of their own, seen from outside, recorded and judged."""
+"""The demo of `make demo`: the nodes as processes, seen from outside, recorded and judged."""

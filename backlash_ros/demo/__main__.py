@@ -41,19 +41,19 @@ BRISK = {"fast": [1000.0, 1.0], "overdamped": [16.0, 0.0]}
 """LQR weights of the gain set that the demo swaps to: over-damped gains of twice the stiffness."""
 
 HEAVY = 4.0
-"""Load inertia over the nominal one in the second part: as heavy as the motor is through the gear."""
+"""Load inertia of the second part relative to the nominal one: equal to that of the motor at the output."""
 _TIMEOUT, _PATIENT = 0.5, 10.0
-"""Silence that both sides bear in real time, s, as a shared machine may stall for longer than the default of 0.1 s; and
-that the controller bears in lockstep."""
+"""Timeouts of both sides in real time, since a shared machine may stall for longer than the default of 0.1 s, and of
+the controller in lockstep, s."""
 
 
 def _kept(*topics: str) -> list[str]:
-    """Let a node keep what a recorder on a busy machine takes seconds to fetch: nothing is missing then."""
+    """Return parameters for queues that bridge the seconds for which a recorder on a busy machine may be late."""
     return [f"qos_overrides./{topic}.publisher.depth:={ALL.depth}" for topic in topics]
 
 
 def perform(session: Session, say: Callable[[str], None]) -> dict[str, Any]:
-    """Do what the demo shows with the nominal drive; return when each part was."""
+    """Do the parts with the nominal drive; return when each was."""
     say("learning the backlash: the motor goes to and fro across the gap")
     learned = session.ask("learn", say), session.get("backlash_angle")["backlash_angle"]
     script: dict[str, Any] = {"learned": learned, "steps": {}, "loads": {}}
@@ -118,7 +118,7 @@ def judge(script: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def keep_the_rate(session: Session, learned: float) -> dict[str, int]:
-    """Step in real time; return how many samples the drive sent meanwhile, and had answered within their period."""
+    """Step in real time; return how many samples the drive sent, and how many were answered within their period."""
     session.must_set({"backlash_angle": learned})
     session.settle_at(0.0)
     sent, answered = session.sent, session.answered
@@ -211,7 +211,7 @@ def record(folder: Path, console: Console) -> dict[str, Any]:
 
 
 def put_in_place(finished: Path, out: Path) -> None:
-    """Put the finished results in place of older ones, all at once as far as folders go."""
+    """Replace older results by the finished ones, all at once as far as folders allow."""
     older = finished.with_name(f"{finished.name}.older")
     if out.exists():
         out.rename(older)
@@ -225,9 +225,9 @@ def put_in_place(finished: Path, out: Path) -> None:
 
 
 def _is_replaceable(out: Path) -> bool:
-    """Return whether results may be put there: where nothing is, in an empty folder, or in place of an earlier demo's.
+    """Return whether results may be put there: if nothing is there, or an empty folder, or an earlier demo's results.
 
-    What is mounted cannot be replaced.
+    A mount point cannot be replaced.
     """
     if not out.exists():
         return True

@@ -1,4 +1,4 @@
-"""The running system of the demo: its processes, and what a user does with them by topics, services and parameters."""
+"""The running system of the demo: its processes, and a user's topics, services and parameters."""
 
 import math
 import subprocess
@@ -23,17 +23,17 @@ from backlash_ros.ros.client import Client, ClientError, start_node, stop_node
 from backlash_ros.ros.topics import HEARS, RECEIVE
 
 LOAD_STEP = 0.1
-"""Load torque that is put on, N m."""
+"""Load torque that is applied, N m."""
 HOLD, _LOADED = 4.0, 2.5
-"""How long a step is held, and a load torque left on, s."""
+"""Times for which a step is held and a load torque acts, s."""
 ALL = QoSProfile(depth=10_000)
-"""Reliable and deep: in lockstep nobody waits for those who listen."""
+"""Reliable and deep: lockstep does not wait for listeners."""
 
 
 class Session(Client):
-    """The running system seen from outside: what a user does with topics, services and parameters.
+    """A user of the running system: topics, services and parameters.
 
-    All times are stamps of samples, s: in lockstep they do not go by this machine's clock.
+    All times are stamps of samples, s: in lockstep they are independent of this machine's clock.
     """
 
     def __init__(self, node: Node, children: dict[str, subprocess.Popen[bytes]]) -> None:
@@ -73,19 +73,19 @@ class Session(Client):
             raise ClientError(f"the controller did not {what}")
 
     def ready(self) -> None:
-        """Wait until drive and controller hear each other."""
+        """Wait until drive and controller receive each other's messages."""
         self.wait("the drive's joint states", lambda: not math.isnan(self.angle))
         self.wait("the controller to answer them", lambda: not math.isnan(self._holds))
         self.wait("the drive to hear the answers", lambda: self.answered > 0)
         self.wait_for_controller()
 
     def run(self, seconds: float) -> None:
-        """Let the drive's time pass."""
+        """Let some time of the drive pass."""
         end = self.stamp + seconds
         self.wait("time to pass", lambda: self.stamp >= end)
 
     def move(self, target: float) -> float:
-        """Send another reference and return from which sample on it acts."""
+        """Send another reference and return the first sample on which it acts."""
         self._reference.publish(Float64(data=target))
         self.wait("the controller to take the reference", lambda: self._holds == target)
         return self._since
@@ -117,7 +117,7 @@ class Session(Client):
         return accepted, Interval(start, self.stamp, 1.0)
 
     def load_step(self) -> Interval:
-        """Put a load torque on while the load is held, and take it off."""
+        """Apply a load torque while the load is held, and remove it."""
         before, target = self.stamp, self._holds
         self._load_torque.publish(Float64(data=LOAD_STEP))
         self.run(_LOADED)
@@ -125,7 +125,7 @@ class Session(Client):
         return Interval(before, before + _LOADED, target)
 
     def ask(self, service: str, say: Callable[[str], None]) -> str:
-        """Call ``service`` and return its answer; ClientError where it has no result."""
+        """Call ``service`` and return its answer; ClientError if it has no result."""
         done, answer = self.call(service)
         say(f"  {answer}")
         if not done:

@@ -1,4 +1,4 @@
-"""What `backlash measure` does: lets a running controller measure its drive, records that, and certifies the drive."""
+"""`backlash measure`: lets a running controller measure its drive, records this, and certifies the drive."""
 
 CERTIFICATE = "certificate.html"
-"""The page that a measurement leaves in its folder."""
+"""The page in the folder of a measurement."""

@@ -1,4 +1,4 @@
-"""Measures the drive of a controller that runs: an experiment, recorded, identified and written up."""
+"""Measures the drive of a running controller: starts an experiment, records, identifies and reports."""
 
 import signal
 import subprocess
@@ -29,29 +29,29 @@ from backlash_ros.ros.client import PATIENCE, Client, ClientError, start_node, s
 from backlash_ros.ros.topics import HEARS, RECEIVE
 
 TOLD, BAG, IDENTIFIED, FIGURES = "told.yaml", "bag", "identified.yaml", "figures.json"
-"""The files that a measurement leaves beside its `CERTIFICATE`."""
+"""The files of a measurement beside its `CERTIFICATE`."""
 INTERRUPTED = 130
 _FIND = 10.0
 _LONGEST = 900.0
-"""Time in which the controller must show, and in which it must answer, s."""
+"""Time limits for finding the controller and for its answer, s."""
 _START, _HEAR = 120.0, 60.0
-"""Time in which the recorder must start, and in which it must hear each topic, s: a simulation that runs as fast as it
-can leaves it little of the processor."""
+"""Time limits for the start of the recorder and for hearing each topic, s: a simulation as fast as possible leaves it
+little of the processor."""
 _BEFORE, _AFTER = 0.5, 0.2
-"""Time for which is recorded before and after, s."""
+"""Time that is recorded before and after, s."""
 _TOPICS = "joint_states", "command", "controller/state", "controller/parameters_in_use"
-"""What is recorded: all topics are too much for the recorder beside a simulation that runs as fast as it can."""
+"""The recorded topics: all would be too much for the recorder beside a simulation as fast as possible."""
 _DRIVE = ("motor.", "gear.", "load.", "contact.", "limits.position_")
 _AXIS = ("command_interface", "motor_joint", "load_joint")
-"""Parameters that say what the drive is taken for."""
+"""Parameters that describe the drive."""
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """What is measured and where that goes.
+    """What to measure and where to write it.
 
-    ``out``: a new folder; ``namespace`` of the controller, which has the name ``controller`` there; ``experiment``, or
-    that of the controller where empty; ``rated_torque`` in N m, 0 for half of the motor's at standstill.
+    ``out``: a new folder; ``namespace`` of the controller, whose name is ``controller``; ``experiment``: empty for that
+    of the controller; ``rated_torque`` in N m, 0 for half of the motor's at standstill.
     """
 
     out: Path
@@ -61,7 +61,7 @@ class Measurement:
 
 
 def told_parameters(values: dict[str, Any]) -> str:
-    """Return the text of a parameter file with what a controller takes its drive for.
+    """Return the text of a parameter file that describes the drive as the controller knows it.
 
     Parameters
     ----------
@@ -72,9 +72,10 @@ def told_parameters(values: dict[str, Any]) -> str:
 
 
 class _Operator(Client):
-    """Lets the controller learn, shows how far it is, and cancels what was not ended.
+    """Lets the controller learn, shows the progress, and cancels an unfinished experiment.
 
-    ``interrupted``: the signals that came; one whose exception Python dropped, amid a destructor say, ends it, too.
+    ``interrupted``: the received signals; they end the measurement even if Python drops their exception, as it does in
+    a destructor.
     """
 
     def __init__(self, node: Node, children: dict[str, subprocess.Popen[bytes]], interrupted: list[int]) -> None:
@@ -90,7 +91,7 @@ class _Operator(Client):
             bar.update(task, completed=float(values["progress"]))
 
     def wait(self, what: str, condition: Callable[[], bool], seconds: float = PATIENCE) -> None:
-        """Wait as any client does; KeyboardInterrupt where a signal came that nothing has answered yet."""
+        """Wait as any client does; KeyboardInterrupt if a signal came that has had no effect yet."""
 
         def goes_on() -> bool:
             if len(self._interrupted) > self._answered:
@@ -100,7 +101,7 @@ class _Operator(Client):
         super().wait(what, goes_on, seconds)
 
     def learn(self, console: Console) -> tuple[bool, str]:
-        """Let it learn; where that is interrupted, cancel it."""
+        """Let it learn; if that is interrupted, cancel it."""
         with Progress(console=console, transient=True) as bar:
             self._bar = bar, bar.add_task("measuring", total=1.0)
             try:
@@ -130,7 +131,7 @@ class _Operator(Client):
 
 
 def _record(request: Measurement, folder: Path, console: Console, interrupted: list[int]) -> str:
-    """Let the controller learn while a bag is written into ``folder``; return why nothing was learned, if so."""
+    """Let the controller learn while a bag is written to ``folder``; return why nothing was learned, if so."""
     namespace = f"__ns:={request.namespace}"
     with ExitStack() as stack:
         context = rclpy.Context()
@@ -170,11 +171,11 @@ def _says(log: Path, words: str) -> bool:
 
 
 def _part(columns: Columns, experiment: Series) -> Reading:
-    """Return how to read a bag: the part in which the experiment acted: beside it the law may rattle.
+    """Return how to read a bag: only while the experiment acts, since the law may rattle before and after.
 
     Parameters
     ----------
-    experiment : not 0 where it acts, by the stamps of the samples
+    experiment : not 0 while it acts, by the stamps of the samples
     """
     acted = experiment.time[experiment.values != 0.0] - columns.epoch
     if not acted.size:
@@ -190,13 +191,13 @@ def _part(columns: Columns, experiment: Series) -> Reading:
 
 
 def measure(request: Measurement, command: str, console: Console) -> int:
-    """Measure, print and write; return the exit code: 0 where something was found, 1 where nothing was.
+    """Measure, print and write; return the exit code: 0 if something was found, else 1.
 
-    The folder appears once the controller has answered, with the recording; what the recording tells is added to it.
+    The folder appears with the recording, once the controller has answered; the results are added later.
 
     Parameters
     ----------
-    command : the line that asks for this
+    command : the command line
 
     Raises
     ------
@@ -249,5 +250,5 @@ def measure(request: Measurement, command: str, console: Console) -> int:
 
 
 def folder_of_now() -> Path:
-    """Return the folder that a measurement goes into by default."""
+    """Return the default folder of a measurement."""
     return Path(time.strftime("measured_%Y_%m_%d-%H_%M_%S"))

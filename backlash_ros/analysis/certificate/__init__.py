@@ -1,1 +1,1 @@
-"""The certificate of a drive: what a recording tells of it, on one page that a browser opens and a printer prints."""
+"""The certificate of a drive: the results of a recording on one page, for browser and printer."""

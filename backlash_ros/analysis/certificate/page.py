@@ -1,4 +1,4 @@
-"""A certificate as one page of HTML that needs nothing else: no script, no other file, no network."""
+"""A certificate as one self-contained page of HTML: no script, no other file, no network."""
 
 import math
 import re
@@ -62,7 +62,7 @@ def certificate(subject: Subject, found: Identified) -> str:
 
     Parameters
     ----------
-    found : what was identified in ``subject.recording``; a reason why nothing can be told makes a page, too
+    found : what was identified in ``subject.recording``; if nothing was, the page gives the reason
     """
     title = f"Drive certificate: {subject.joints[0]}, {subject.joints[1]}"
     rows = result_rows(subject, found)
@@ -102,12 +102,12 @@ _NO_SHEET = (
 
 
 def _words(text: str) -> str:
-    """Return a text of findings with the signs that print has."""
+    """Return a text of findings with typographic signs."""
     return re.sub(r"(?<![\w.])-(?=\d)", "\u2212", text.replace("+-", "\u00b1"))
 
 
 def _verdict(subject: Subject, found: Identified) -> str:
-    """Return in a few words what the recording tells."""
+    """Return a summary of the results in a few words."""
     told, untold = [], []
     if found.gap is not None and found.gap.valid and found.findings:
         width = found.of("b")
@@ -150,7 +150,7 @@ def _results(rows: list[Row]) -> str:
 
 
 def _about(subject: Subject, found: Identified) -> list[str]:
-    """Return what has to be known to read the results."""
+    """Return the notes that are needed to read the results."""
     parts = []
     if found.gap is not None and found.gap.valid:
         where = f"What is not said of the turn comes from {found.stretch}. " if found.around.map is not None else ""

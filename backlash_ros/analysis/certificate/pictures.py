@@ -1,4 +1,4 @@
-"""The pictures of a certificate as SVG that takes its colours from the page: light, dark, on paper."""
+"""The pictures of a certificate as SVG in the colours of the page: light, dark, on paper."""
 
 import math
 import re
@@ -26,11 +26,11 @@ from backlash_ros.identification.recordings.held_out import Score, free_simulati
 from backlash_ros.identification.teeth import loop_of, static_torque
 
 INK, FAINT, MOTOR, LOAD, MODEL, BAND = (f"#0a0b{k:02x}" for k in range(1, 7))
-"""Colours to draw with, that no picture has by chance, in place of the page's."""
+"""Placeholders for the page's colours, which no picture has by chance."""
 _COLOURS = {INK: "ink", FAINT: "faint", MOTOR: "motor", LOAD: "load", MODEL: "model", BAND: "band"}
-"""The page's variables that take their place."""
+"""The page's variables that replace them."""
 _MOST = 1500
-"""Points of a curve that are drawn at most."""
+"""Largest number of points of a curve."""
 _WIDTH = 5.0
 _STYLE: Any = {
     "svg.fonttype": "none",
@@ -58,7 +58,7 @@ _DOT: dict[str, Any] = {"linestyle": "none", "marker": ".", "markeredgewidth": 0
 
 
 def _svg(figure: Figure, name: str, title: str) -> str:
-    """Return a figure as an element of a page: its ids its own, its colours the page's."""
+    """Return a figure as an element of a page, with unique ids and the page's colours."""
     out = StringIO()
     figure.savefig(out, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     plt.close(figure)
@@ -80,19 +80,19 @@ def _svg(figure: Figure, name: str, title: str) -> str:
 
 
 def _thin(*columns: Array) -> list[Array]:
-    """Return columns with every so many rows of theirs left out that few enough stay."""
+    """Return columns thinned evenly to few enough rows."""
     step = max(1, math.ceil(columns[0].size / _MOST))
     return [column[::step] for column in columns]
 
 
 def _legend(figure: Figure, axes: Axes, columns: int) -> None:
-    """Put the legend above the axes, where no curve is."""
+    """Put the legend above the axes, clear of the curves."""
     axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=columns, borderaxespad=0.2, handlelength=1.4)
     figure.align_ylabels()
 
 
 def _residual(measured: Array, modelled: Array, count: float) -> tuple[Array, str]:
-    """Return measured less modelled and its unit: counts where the encoder has them."""
+    """Return the difference of measurement and model, and its unit: counts if the encoder has them."""
     miss = measured - modelled
     return (miss / count, "counts") if count > 0.0 else (1e3 * miss, "mrad")
 
@@ -100,13 +100,13 @@ def _residual(measured: Array, modelled: Array, count: float) -> tuple[Array, st
 def motion_picture(
     told: Subject, recording: Recording, before: Fit | None, score: Score | None, counts: tuple[float, float]
 ) -> str:
-    """Return what was recorded, the free simulations of what was held out, and by how much these are off.
+    """Return a picture of the recording, the free simulations of the held-out part, and their errors.
 
     Parameters
     ----------
     recording : the part that was fitted
-    before, score : the fit that did not see the last quarter, and how it did there; None where nothing was fitted
-    counts : of both encoders at the output, rad; 0 where they are not known
+    before, score : the fit without the last quarter and its score there; None if nothing was fitted
+    counts : of both encoders at the output, rad; 0 if unknown
     """
     time = recording.time - recording.time[0]
     if before is None or score is None:
@@ -157,7 +157,7 @@ def _angles(axes: Axes, time: Array, recording: Recording) -> None:
 
 
 def loop_picture(told: Subject, recording: Recording, found: Fit, width: Finding) -> str:
-    """Return the teeth's torque over their twist, with the law that was fitted and its ``width`` where it is told."""
+    """Return the teeth's torque over their twist, with the fitted law and its ``width`` if it was determined."""
     loop = loop_of(told.told, found, recording)
     factor, _ = GEAR_UNITS["rad"]
     figure, axes = plt.subplots(figsize=(_WIDTH, 4.4), constrained_layout=True)
@@ -176,7 +176,7 @@ def loop_picture(told: Subject, recording: Recording, found: Fit, width: Finding
 
 
 def around_picture(found: GapMap) -> str:
-    """Return the gap at each place around the output's turn, with its standard uncertainty, and the mean of all."""
+    """Return the gap at each place around the output's turn with its standard uncertainty, and the mean."""
     factor, unit = GEAR_UNITS["rad"]
     places, gaps = np.array(found.places), 1e3 * np.array(found.gaps)
     figure, axes = plt.subplots(figsize=(_WIDTH, 3.6), constrained_layout=True)

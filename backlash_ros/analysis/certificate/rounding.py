@@ -11,17 +11,17 @@ GEAR_UNITS = {
     "N m/rad": (1.0 / _ARCMIN, "N m/arcmin"),
     "kg m^2": (1e4, "kg cm^2"),
 }
-"""What a unit is multiplied by to have it as gear makers' catalogues do, and its name there."""
+"""Factor of a unit to that of gear makers' catalogues, and its name there."""
 _IN_CATALOGUES = {"b", "b min", "b mean", "b max", "b at rest", "lost motion", "wind-up", "J_l"}
 _IN_CATALOGUES |= {"stiffness", "stiffness -", "stiffness +"}
 _FIXED = -9, 15
-"""Powers of ten of the last digit between which a number is written without one."""
+"""Powers of ten of the last digit between which a number is written without an exponent."""
 _SUPERSCRIPT = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
 _MINUS = "\u2212"
 
 
 def _place(uncertainty: float) -> int:
-    """Return the power of ten of the second digit of an uncertainty, as rounded."""
+    """Return the power of ten of the second digit of a rounded uncertainty."""
     return int(f"{uncertainty:.1e}".split("e")[1]) - 1
 
 
@@ -33,7 +33,7 @@ def _written(value: float, place: int) -> str:
 
 
 def rounded(value: float, uncertainty: float) -> tuple[str, str, str]:
-    """Return value and uncertainty with as many digits as two of the uncertainty, and a power of ten, mostly empty.
+    """Return value and uncertainty to two digits of the uncertainty, and a power of ten, mostly empty.
 
     >>> rounded(0.0042452, 2.23e-05)
     ('0.004245', '0.000022', '')
@@ -63,17 +63,17 @@ def shown(value: float, uncertainty: float, unit: str) -> str:
 
 
 def unit_text(unit: str) -> str:
-    """Return a unit with its square raised."""
+    """Return a unit with superscript squares."""
     return unit.replace("^2", "\u00b2")
 
 
 def in_si(row: Finding) -> str:
-    """Return what a row tells, in SI."""
+    """Return the value of a row in SI units."""
     return shown(row.value, row.uncertainty, row.unit)
 
 
 def in_gear_units(row: Finding) -> str:
-    """Return what a row tells as gear makers write it; empty where their catalogues have no such thing."""
+    """Return the value of a row in gear makers' units; empty if their catalogues do not have it."""
     if row.symbol not in _IN_CATALOGUES:
         return ""
     factor, unit = GEAR_UNITS[row.unit]

@@ -1,4 +1,4 @@
-"""The rows of a certificate: each quantity in words, with the range of the motion that it comes from."""
+"""The rows of a certificate: each quantity in words, with the range of motion that it is based on."""
 
 import math
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ _BY_SPEED = {"B_l", "c_l", "c_m", "1 B_l + c_l", "10 B_l + c_l"}
 
 @dataclass(frozen=True)
 class Row:
-    """One quantity: what it is, its symbol; value in SI and in gear makers' units and method, or why there is none."""
+    """One quantity: name, symbol, value in SI and in gear makers' units, and method, or why it has no value."""
 
     what: str
     symbol: str
@@ -34,10 +34,9 @@ class Row:
 
 @dataclass(frozen=True)
 class Ranges:
-    """What the motion went through: torque of the teeth, speed and angle of the load, in words.
+    """The ranges of the motion in words: torque of the teeth, speed and angle of the load.
 
-    All but the places ``around`` the turn and what was done by a ``slow`` torque are empty where no free motion was
-    fitted.
+    If no free motion was fitted, only ``around`` (the places around the turn) and ``slow`` (the slow torque) are set.
     """
 
     around: str
@@ -48,7 +47,7 @@ class Ranges:
     delay: str = ""
 
     def of(self, symbol: str) -> str:
-        """Return what matters for a quantity."""
+        """Return the range that matters for a quantity."""
         if symbol in _AROUND:
             return self.around
         if symbol in _BY_CURVE or (self.slow and symbol == "lost motion"):
@@ -89,7 +88,7 @@ def _row(finding: Finding, method: str) -> Row:
 
 
 def result_rows(subject: Subject, found: Identified) -> list[Row]:
-    """Return all that was found and why not, the gap and what the teeth do first."""
+    """Return all results, or why there are none; those of gap and teeth first."""
     ranges = ranges_of(subject, found)
     rows = (*found.findings[:1], *subject.derived, *found.findings[1:])
     return [_row(f, f"fit; {ranges.of(f.symbol)}") for f in rows]
@@ -119,7 +118,7 @@ def recording_rows(subject: Subject, found: Identified) -> list[tuple[str, str]]
 
 
 def told_rows(subject: Subject, found: Identified) -> list[tuple[str, str]]:
-    """Return what was taken as given: the motor, the gear's ratio and the command, as told."""
+    """Return what was taken as given: motor, gear ratio and command."""
     drive = subject.told
     unused = {"coulomb_friction", "voltage_limit" if drive.takes_current else "current_limit"}
     unused |= {"resistance", "inductance"} if drive.takes_current else set()
@@ -139,11 +138,11 @@ def _quantity(part: Validated, name: str) -> tuple[str, str]:
 
 
 def counts_at_output(subject: Subject) -> tuple[float, float]:
-    """Return the counts of both encoders, rad at the output; 0 where they are not known."""
+    """Return the counts of both encoders, rad at the output; 0 if unknown."""
     motor, load = (2.0 * math.pi / turn if turn > 0.0 else 0.0 for turn in subject.counts)
     return motor * subject.told.gear.ratio, load
 
 
 def fitted_part(subject: Subject, found: Identified) -> Recording:
-    """Return the part of the recording that was fitted; all of it where none was."""
+    """Return the part of the recording that was fitted, or all of it if none was."""
     return found.recording if found.recording is not None and found.fit is not None else subject.recording

@@ -1,4 +1,4 @@
-"""What a certificate is about, beside what was found: the recording, the drive as told, and how to repeat it."""
+"""The subject of a certificate: the recording, the drive as described, and how to repeat it."""
 
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -22,15 +22,15 @@ class Subject:
     source : the recording's file
     joints : names of the motor's and of the load's
     recording : all that was read; a part of it was fitted
-    told : the drive whose motor and gear ratio were taken as they are
+    told : the described drive, whose motor and gear ratio were taken as given
     sheet : the file that it was read from; empty for the nominal drive
     command : the command line that makes the certificate again
-    counts : of both encoders in a turn of their shafts; 0 where they are not known
-    notes : what had to be done to make a recording of the file, in words
-    began : when the recording began, where its stamps are dates
+    counts : of both encoders per turn of their shafts; 0 if unknown
+    notes : how the file was turned into a recording, in words
+    began : when the recording began, if its stamps are dates
     derived : lost motion and stiffness, see `hysteresis_findings` and `lost_motion_of`, and `map_findings`
-    rated : torque that the lost motion is given for, N m at the output, and whether it was told
-    slow : what a slow torque on an output that stood says, or why there is no such thing in the recording
+    rated : torque at which the lost motion is stated, N m at the output, and whether it was given
+    slow : result of a slow torque on a resting output, or why the recording has none
     """
 
     source: str
@@ -48,7 +48,7 @@ class Subject:
 
 
 def version_of_package() -> str:
-    """Return the version of this package; ``unknown`` where it runs without being installed."""
+    """Return the version of this package; ``unknown`` if it is not installed."""
     try:
         return version(PACKAGE)
     except PackageNotFoundError:

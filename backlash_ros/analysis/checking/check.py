@@ -1,4 +1,4 @@
-"""A drive as its file describes it: what the motor can do, how near the loop is to instability, what can be learned."""
+"""Checks a described drive: what the motor can do, the margins of the loop, what can be learned."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -10,7 +10,7 @@ from backlash_ros.control import Margins, stability_margins
 from backlash_ros.drivetrain import Drive
 
 HEAVY = 0.5
-"""J_l/J_r from which on the two-region law is likelier to keep a slow limit cycle: docs/evaluation.md."""
+"""J_l/J_r above which the two-region law more often keeps a slow limit cycle: docs/evaluation.md."""
 COARSE = 20
 """Counts of the load's encoder in the gap below which the load swings more often: docs/evaluation.md."""
 
@@ -52,7 +52,7 @@ def check_drive(path: Path) -> Checked:
 
 
 def _counts_in_gap(drive: Drive, around: Surroundings) -> dict[str, float]:
-    """Return the gap in counts of each encoder, for those that have counts."""
+    """Return the gap in counts of each encoder that has counts."""
     sensors, turns = around.sensors, drive.gear.backlash_angle / (2.0 * math.pi)
     found = {"load": turns * sensors.load_counts, "motor": turns * drive.gear.reduction * sensors.motor_counts}
     seen = {"load": "theta_l", "motor": "theta_m"}

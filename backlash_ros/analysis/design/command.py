@@ -1,4 +1,4 @@
-"""`backlash design`: its arguments, and what it does with them: reads, designs, prints, writes."""
+"""`backlash design`: its arguments; reads a drive file, designs, prints and writes."""
 
 import argparse
 import json
@@ -58,12 +58,12 @@ def add_design(parser: argparse.ArgumentParser) -> None:
 
 
 def loop_of(given: argparse.Namespace) -> Loop:
-    """Return what is given of the loop, by the drive file and by options.
+    """Return the loop that drive file and options describe.
 
     Raises
     ------
     OSError, ValueError
-        If the file cannot be read, or is not what it should be, and for options out of bounds.
+        If the file cannot be read or is no drive file, or if an option is out of bounds.
     """
     drive = read_drive(given.drive)
     around = read_surroundings(given.drive, drive)
@@ -75,9 +75,9 @@ def loop_of(given: argparse.Namespace) -> Loop:
 
 
 def design_gains_for(given: argparse.Namespace, console: Console) -> int:
-    """Design, print and write; return the exit code: 0 where gains were found, 1 where none are quiet.
+    """Design, print and write; return the exit code: 0 if gains were found, 1 if none are quiet.
 
-    Nothing is written where none are quiet; files appear complete or not at all.
+    If none are quiet, nothing is written; files appear complete or not at all.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What was designed, in figures: for people as text, for programs as JSON, for the controller as a parameter file."""
+"""A design as text for people, as JSON for programs, and as a parameter file for the controller."""
 
 import math
 import re
@@ -28,7 +28,7 @@ _FIGURES = {
 
 
 def closed_loop_poles(loop: Loop, gains: Gains) -> list[complex]:
-    """Return the poles of the sampled loop in contact, log(z)/T, 1/s, slowest first; what is on its way is left out."""
+    """Return the poles of the sampled loop in contact, log(z)/T, 1/s, slowest first, without those of the delay."""
     a, b = rigid_model(loop.drive)
     b, period = b[:, :1], 1.0 / loop.rate
     from_states, from_voltage = command_from_voltage(loop.drive, a, b)
@@ -51,9 +51,9 @@ def _margins(loop: Loop, gains: Gains) -> dict[str, float]:
 
 
 def _range_of(loop: Loop, choice: Choice, outcomes: Iterable[tuple[Case, Outcome]]) -> dict[str, Any]:
-    """Return each figure for the drive as described, and the worst over the range with where that is.
+    """Return each figure for the drive as described, and the worst over the range with the drive it belongs to.
 
-    Runs that were not to their end have no figures: ``failures`` has them with their reason.
+    Runs that did not reach their end have no figures: ``failures`` lists them with their reason.
     """
     outcomes = list(outcomes)
     ended = [each for each in outcomes if not each[1].failure]
@@ -72,7 +72,7 @@ def _range_of(loop: Loop, choice: Choice, outcomes: Iterable[tuple[Case, Outcome
 
 
 def content_of(design: Design, source: str) -> dict[str, Any]:
-    """Return all of a design as JSON takes it; ``source`` is the name of the drive file. Lengths are in b."""
+    """Return the whole design, ready for JSON; ``source`` is the name of the drive file. Lengths are in b."""
     loop, b = design.loop, design.loop.drive.gear.backlash_angle
     poles = closed_loop_poles(loop, design.choice.gains)
     uncertainty = design.uncertainty
@@ -156,7 +156,7 @@ def gain_text(loop: Loop, choice: Choice, source: str) -> str:
 
     Parameters
     ----------
-    source : what it was designed for, in words
+    source : the drive that it was designed for, in words
     """
 
     def row(gains: Gains) -> str:

@@ -1,9 +1,9 @@
 """The fastest over-damped gains and width that stay quiet over a range of drives, found by simulation.
 
-Near the target a load without friction to spare is pushed by one flank and stopped by its own friction alone. So the
-gains are looked for around what that allows the load that stops worst: in contact the slow pole of the loop, at the
-output, is lambda = k1/(k2 + K_m/n + n (R + k3) B_e/K_m), and a load that is pushed at lambda stays on its flank up to
-lambda = B_l/J_l, more with dry friction.
+Near the target one flank pushes the load, and only the load's own friction stops it. In contact the slow pole of the
+loop, at the output, is lambda = k1/(k2 + K_m/n + n (R + k3) B_e/K_m). A load that is pushed this way stays on its flank
+up to lambda = B_l/J_l, and further with dry friction. The search therefore begins around what the least damped load of
+the range allows.
 """
 
 import math
@@ -22,22 +22,22 @@ from backlash_ros.control.design.describing_function import PredictedCycle, pred
 from backlash_ros.drivetrain import Drive, rigid_model
 
 _SAMPLES, _BATCHES = 64, 4
-"""Choices that are tried at first, evenly spread (Sobol), a power of 2; so many times, where none of them is quiet."""
+"""Choices in the first, evenly spread batch (Sobol, a power of 2); batches that are tried while none is quiet."""
 _BEST = 3
 """Choices that each refinement starts from."""
 _SIZES = (0.15, 0.08)
 """Steps of the refinements, over the range of each direction."""
 _ROUNDS, _MOST_ROUNDS = 6, 16
-"""In which a drive of the range on which the best choice fails is added to those that choices are tried on."""
+"""Rounds that each add the drive on which the best choice fails to those that choices are tried on."""
 _CREEPS = 4.0
-"""Time constants of the slowest load on its flank for which a step of the search is held, beside 2 s."""
+"""How long the search holds a step: time constants of the slowest load on its flank, in addition to 2 s."""
 _SLACK = 1.25
-"""By so many times the whole range may be slower than the drives that choices were tried on."""
+"""Factor by which the whole range may be slower than the drives that choices were tried on."""
 
 _ADVICE = "narrow the range, add friction to the load, or take another law (two_encoder, cascade)"
 
 _RATE = (0.15, 2.0)
-"""Of the slow pole, over what keeps the load on its flank."""
+"""The slow pole, divided by the largest that keeps the load on its flank."""
 _LEAD = (-0.3, 0.6)
 """k2 over the back-EMF's gain, K_m/n."""
 _WINDING = (0.5, 4.0)
@@ -53,7 +53,7 @@ class NothingQuietError(ValueError):
 
 @dataclass(frozen=True)
 class Design:
-    """What was chosen, and what becomes of it and of the default choice on each drive of the range."""
+    """The choice, and its outcome and that of the default choice on each drive of the range."""
 
     loop: Loop
     uncertainty: Uncertainty
@@ -64,7 +64,7 @@ class Design:
 
 
 def default_choice(drive: Drive) -> Choice:
-    """Return what a controller has that was told none."""
+    """Return the default gains and width of a controller."""
     return Choice(design_gains("overdamped", drive, DEFAULT_WEIGHTS["overdamped"]), 1.0)
 
 
@@ -79,10 +79,10 @@ def flank_rate(drive: Drive) -> float:
 
 
 def predicted_cycle(loop: Loop, drive: Drive, choice: Choice) -> PredictedCycle | None:
-    """Return the limit cycle that the over-damped gains keep up on a drive by harmonic balance, where there is one.
+    """Return the limit cycle that harmonic balance predicts for the over-damped gains, or None.
 
-    Dry friction counts as the viscous one that takes as much energy (its describing function, 4 tau_c/(pi omega)) from
-    the cycle that there would be without it.
+    Dry friction is replaced by the viscous friction that takes the same energy (its describing function,
+    4 tau_c/(pi omega)) from the cycle without dry friction.
     """
     period, delay = 1.0 / loop.rate, loop.delay.mean
     cycle = predict_limit_cycle(drive, choice.gains, period, delay)
@@ -100,7 +100,7 @@ def predicted_cycle(loop: Loop, drive: Drive, choice: Choice) -> PredictedCycle 
 
 
 def braking_rate(drive: Drive) -> float:
-    """Return the rate, 1/s, at which friction and back-EMF brake motor and load where the motor gets no voltage."""
+    """Return the rate, 1/s, at which friction and back-EMF brake motor and load at 0 V."""
     per_speed = drive.motor.torque_constant / drive.gear.ratio
     return (per_speed**2 / drive.motor.resistance + drive.effective_friction) / drive.effective_inertia
 
@@ -113,7 +113,7 @@ def slow_pole(drive: Drive, gains: Gains) -> float:
 
 
 def _choice(loop: Loop, scale: float, point: Array) -> Choice | None:
-    """Return the choice at a point of the search, shape (4,); None where it oscillates in contact, or is unstable."""
+    """Return the choice at a point of the search, shape (4,), or None if it oscillates in contact or is unstable."""
     rate, lead, winding, width = (float(value) for value in point)
     drive = loop.drive
     per_speed = drive.motor.torque_constant / drive.gear.ratio
@@ -133,14 +133,14 @@ def _choice(loop: Loop, scale: float, point: Array) -> Choice | None:
 
 
 def _point(drive: Drive, choice: Choice, scale: float) -> Array:
-    """Return where in the search a choice is, shape (4,): what `_choice` makes it of."""
+    """Return the point of the search for a choice, shape (4,): the inverse of `_choice`."""
     per_speed, gains = drive.motor.torque_constant / drive.gear.ratio, choice.gains
     winding = 1.0 if drive.takes_current else 1.0 + gains.current / drive.motor.resistance
     return np.array([slow_pole(drive, gains) / scale, gains.velocity / per_speed, winding, choice.width])
 
 
 class _Search:
-    """Points of the search, shape (4,), with what they cost on the drives that they are tried on."""
+    """Points of the search, shape (4,), with their cost on the trial drives."""
 
     def __init__(self, loop: Loop, trials: list[Case]) -> None:
         self._loop, self._trials = loop, trials
@@ -152,7 +152,7 @@ class _Search:
         self.found: list[tuple[float, Array, Choice]] = []
 
     def try_point(self, point: Array) -> None:
-        """Try a point, and keep it where it is among the best."""
+        """Try a point, and keep it if it is among the best."""
         choice = _choice(self._loop, self.scale, point)
         if choice is not None:
             self._keep(point, choice)
@@ -172,7 +172,7 @@ class _Search:
         return self._cycles[choice]
 
     def _cost(self, choice: Choice, bound: float) -> float:
-        """Return the worst cost over the trials; some that is not less than ``bound`` where it is not less."""
+        """Return the worst cost over the trials; if that is not below ``bound``, any cost that is not."""
         worst = 0.0
         for number, case in enumerate(self._trials):
             if (choice, number) not in self._outcomes:
@@ -186,7 +186,7 @@ class _Search:
         return cost_of(self._loop, case, attempt(self._loop, choice, case, self._length))
 
     def add_trial(self, case: Case) -> None:
-        """Try on another drive too, all that was found; for longer, where it is one of them already."""
+        """Add a drive to the trials, or hold the steps longer if it is one already; try all that was found again."""
         if case not in self._trials:
             self._trials.append(case)
         elif self._length < LENGTH:
@@ -197,7 +197,7 @@ class _Search:
             self._keep(point, choice)
 
     def refine(self, *sizes: float) -> None:
-        """Try what is near the best, so far away in each direction."""
+        """Try the neighbours of the best at each distance of ``sizes``."""
         for size in sizes:
             for _, point, _ in self.found[:_BEST]:
                 for neighbour in _neighbours(point, size):
@@ -212,7 +212,7 @@ def _spread(share: Array) -> Array:
 
 
 def _shares(point: Array) -> Array:
-    """Return where a point is in the ranges: what `_spread` takes."""
+    """Return the position of a point in the ranges, shares from 0 to 1: the inverse of `_spread`."""
     share: Array = (point - _LOWER) / (_UPPER - _LOWER)
     share[_GEOMETRIC] = np.log(point[_GEOMETRIC] / _LOWER[_GEOMETRIC]) / np.log((_UPPER / _LOWER)[_GEOMETRIC])
     return share
@@ -228,7 +228,7 @@ def _neighbours(point: Array, size: float) -> Iterator[Array]:
 
 
 def cost_of(loop: Loop, case: Case, outcome: Outcome) -> float:
-    """Return the time that it takes, s, and far more where it is not quiet and precise with a margin, or overshoots."""
+    """Return the settling time, s, plus large penalties for swing, error and overshoot."""
     b = case.drive.gear.backlash_angle
     return outcome.settle + 10.0 * outcome.excess(b, loop.count, AIM) + 2.0 * outcome.overrun(b, loop.count)
 
@@ -236,9 +236,8 @@ def cost_of(loop: Loop, case: Case, outcome: Outcome) -> float:
 def design(loop: Loop, uncertainty: Uncertainty, progress: Callable[[str], None] = lambda _what: None) -> Design:
     """Choose over-damped gains and width.
 
-    Choices are tried on a few drives: the one as described, the load that its own friction stops worst, and the one
-    that it stops best. The best choice is then judged on the whole range; a drive on which it fails, or takes much
-    longer, joins the few.
+    Choices are tried on a few drives: the one as described, the least damped load and the most damped one. The best
+    choice is then judged on the whole range. A drive on which it fails or takes much longer is added to the few.
 
     Parameters
     ----------
@@ -247,10 +246,9 @@ def design(loop: Loop, uncertainty: Uncertainty, progress: Callable[[str], None]
     Raises
     ------
     NothingQuietError
-        Where no choice is quiet and precise on all drives of the range. It names the worst.
+        If no choice is quiet and precise on all drives of the range. The text names the worst drive.
     ValueError
-        Where the load has no encoder, so that nobody knows whether it is near its target, and where the fast gains are
-        unstable.
+        If the load has no encoder, which the region needs, or if the fast gains are unstable.
     """
     if "theta_l" not in loop.sensors.measured:
         raise ValueError(
@@ -293,7 +291,7 @@ def design(loop: Loop, uncertainty: Uncertainty, progress: Callable[[str], None]
 
 
 def _refusal(loop: Loop, outcomes: tuple[tuple[Case, Outcome], ...]) -> str:
-    """Return on which drive of the range a choice is the worst, where it is not quiet on all of them; else nothing."""
+    """Return the worst drive in words if a choice is not quiet on the whole range, else an empty text."""
 
     def excess(each: tuple[Case, Outcome]) -> float:
         return each[1].excess(each[0].drive.gear.backlash_angle, loop.count, MARGIN)

@@ -1,4 +1,4 @@
-"""A choice of over-damped gains and width, tried on one drive by simulation, and what became of it."""
+"""Tries a choice of over-damped gains and width on one drive, by simulation, and judges it."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -17,11 +17,11 @@ from backlash_ros.simulation import Run, Scenario, run
 
 LAW = "two_region"
 STEP, SHORT_STEPS = 1.0, (5.0,)
-"""Of the reference: at first, rad, and then, in gaps."""
+"""The first step of the reference, rad, and those that follow, in gaps."""
 LENGTH = 6.0
 """How long each step is held where a choice is judged, s."""
 AIM, MARGIN = 0.4, 0.8
-"""Shares of what `judging` calls quiet and precise: that gains shall use up on any drive of the range, and may."""
+"""Shares of the bounds of `judging` for quiet and precise: what the search aims at, and what it still accepts."""
 
 _GRID = 1e-3
 
@@ -36,9 +36,9 @@ class Choice:
 
 @dataclass(frozen=True)
 class Loop:
-    """What is given: the drive as described, what surrounds it, and the fast gains.
+    """The drive as described, its surroundings, and the fast gains.
 
-    ``rate`` in Hz; ``delay`` as the drive has it, on its samples and commands.
+    ``rate`` in Hz; ``delay`` of the drive's samples and commands.
     """
 
     drive: Drive
@@ -49,11 +49,11 @@ class Loop:
 
     @property
     def count(self) -> float:
-        """A count of the load's encoder, rad; 0 where it is exact."""
+        """A count of the load's encoder, rad; 0 for an exact encoder."""
         return 2.0 * math.pi / self.sensors.load_counts if self.sensors.load_counts else 0.0
 
     def settings(self, choice: Choice) -> ServoSettings:
-        """Return what the controller has."""
+        """Return the settings of the controller."""
         chosen = GainSet(self.fast, choice.gains)
         settings = ServoSettings(chosen, period=1.0 / self.rate, loop_delay=self.delay.mean)
         settings = replace(settings, backlash_angle=self.drive.gear.backlash_angle)
@@ -62,9 +62,9 @@ class Loop:
 
 @dataclass(frozen=True)
 class Outcome:
-    """The worst of all steps: as in `judging.Move`, and when the load was within b/10 for good, s.
+    """The worst figures of all steps: those of `judging.Move`, and ``precise``, when the load stays within b/10, s.
 
-    ``failure`` says why there was no run to its end: a fault that was latched, or a plant that cannot be integrated.
+    ``failure`` says why a run did not reach its end: a latched fault, or a plant that cannot be integrated.
     """
 
     swing: float = math.inf
@@ -76,7 +76,7 @@ class Outcome:
     failure: str = ""
 
     def excess(self, b: float, count: float, margin: float) -> float:
-        """Return by how much it swings or ends off the target beyond ``margin`` of the bounds; 0 where it does not."""
+        """Return by how much swing and error exceed ``margin`` times their bounds; 0 if they do not."""
         if self.failure:
             return 100.0
         allowed = ((self.swing, QUIET), (self.error, PRECISE))
@@ -84,12 +84,12 @@ class Outcome:
         return min(100.0, sum(max(0.0, share - 1.0) for share in shares))
 
     def overrun(self, b: float, count: float) -> float:
-        """Return by how much it overshoots, over what is allowed; 0 where it does not."""
+        """Return by how much the overshoot exceeds its bound, as a share of it; 0 if it does not."""
         return min(100.0, max(0.0, self.overshoot / threshold(OVERSHOOT, b, count) - 1.0))
 
 
 def targets_of(loop: Loop) -> list[float]:
-    """Return what the reference is at each step, rad."""
+    """Return the reference at each step, rad."""
     targets = [STEP]
     for step in SHORT_STEPS:
         targets.append(targets[-1] + step * loop.drive.gear.backlash_angle)
@@ -97,7 +97,7 @@ def targets_of(loop: Loop) -> list[float]:
 
 
 def simulate(loop: Loop, choice: Choice, case: Case, length: float = LENGTH) -> Run:
-    """Run the steps on a drive of the range; the controller takes it for the drive as described.
+    """Run the steps on a drive of the range; the controller assumes the drive as described.
 
     Parameters
     ----------

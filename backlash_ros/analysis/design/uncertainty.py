@@ -12,12 +12,12 @@ from backlash_ros.drivetrain.contact import Contact, law_name
 Factors = tuple[float, float]
 
 _INSIDE = 8
-"""Drives inside the range that are tried beside its corners."""
+"""Drives inside the range that are tried in addition to its corners."""
 _LARGEST = 100.0
 
 
 class Case(NamedTuple):
-    """One drive of the range, with what turns its load, N m, and what it differs in, in words."""
+    """One drive of the range, the load torque on it, N m, and its differences in words."""
 
     drive: Drive
     load_torque: float
@@ -26,9 +26,9 @@ class Case(NamedTuple):
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Ranges, (lower, upper), as factors on what a drive is described with.
+    """Ranges, (lower, upper), as factors of the described values.
 
-    ``load_torque``: the largest that acts on the output, either way, as a share of the motor's at standstill.
+    ``load_torque``: the largest on the output, in either direction, as a share of the motor's torque at standstill.
 
     Raises
     ------
@@ -98,12 +98,12 @@ def _inside(varied: dict[str, Factors]) -> list[dict[str, float]]:
 
 
 def _other_teeth(drive: Drive) -> Contact:
-    """Return teeth that bounce where those of the drive do not, or the other way round: a drive file rarely knows."""
+    """Return teeth that bounce if those of the drive do not, and vice versa: a drive file rarely knows."""
     return CONTACTS["power" if law_name(drive.gear.contact) == "elastic" else "elastic"]()
 
 
 def _scaled(drive: Drive, factors: dict[str, float]) -> Drive:
-    """Return a drive whose load, dry friction on both sides and gap are so many times those of ``drive``."""
+    """Return a drive with the load, the dry friction of both sides and the gap of ``drive`` times these factors."""
     load, friction = drive.load, factors["tau_c"]
     return replace(
         drive,

@@ -26,7 +26,7 @@ from backlash_ros.simulation.batch import Journal, code_digest, run_batch
 
 _ANY = Gains(1.0, 0.0, 0.0)
 DEFAULT_LAW = ServoSettings(GainSet(_ANY, _ANY)).law
-"""The law that a controller has which was told none."""
+"""The default law of a controller."""
 
 
 def evaluate(
@@ -34,8 +34,8 @@ def evaluate(
 ) -> None:
     """Evaluate the first ``drives`` drives of a population and write ``target``, JSON; tables and pictures to ``out``.
 
-    A journal beside ``target`` has each run that has ended: the same command goes on from there. One that belongs to
-    other arguments or other code has another name and is left alone.
+    A journal beside ``target`` lists each finished run: the same command continues from there. A journal of other
+    arguments or other code has another name and is not touched.
 
     Parameters
     ----------
@@ -45,9 +45,9 @@ def evaluate(
     Raises
     ------
     OSError
-        If nothing can be written there, or the scheduler cannot be reached.
+        If ``target`` or ``out`` cannot be written, or the scheduler cannot be reached.
     ImportError
-        If an extra is not installed that ``out`` or ``scheduler`` needs.
+        If an extra that ``out`` or ``scheduler`` needs is not installed.
     """
     if out is not None and find_spec("pyarrow") is None:
         raise ImportError("--out needs pyarrow: pip install 'backlash_ros[tables]'")
@@ -84,7 +84,7 @@ def evaluate(
 
 
 def replay(task: Task, number: int, plot: Path | None, console: Console) -> None:
-    """Evaluate one drive of a population, print all about it as JSON, and draw its runs."""
+    """Evaluate one drive of a population, print everything about it as JSON, and draw its runs."""
     learned, verdicts, runs = perform(task, number, task.laws)
     member = task.member(number)
     content = {
@@ -102,7 +102,7 @@ def replay(task: Task, number: int, plot: Path | None, console: Console) -> None
 
 
 def _journal(task: Task, target: Path) -> Journal:
-    """Return the journal of a task, beside its result; its name says for which arguments and which code it holds."""
+    """Return the journal of a task, beside its result; its name depends on the arguments and on the code."""
     target.parent.mkdir(parents=True, exist_ok=True)
     digest = hashlib.sha256(f"{task!r} {code_digest()}".encode()).hexdigest()
     return Journal(target.with_name(f".{target.name}.{digest[:12]}.journal"))
@@ -125,7 +125,7 @@ def _run(task: Task, drives: int, journal: Journal, scheduler: str, console: Con
 def _rows(
     task: Task, drives: int, journal: Journal, collected: Collected, failures: list[dict[str, Any]]
 ) -> Iterator[dict[str, Any]]:
-    """Yield the rows of the table by drive, and give each drive to ``collected``, and failed runs to ``failures``."""
+    """Yield the rows of the table by drive; add each drive to ``collected`` and failed runs to ``failures``."""
     for entry in journal.entries():
         if entry.number >= drives:  # of a command that asked for more
             break

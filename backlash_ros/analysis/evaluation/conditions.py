@@ -1,4 +1,4 @@
-"""What a drive may have in common with others: conditions that its parameters meet or not, in words."""
+"""Conditions on the parameters of a drive, in words, by which drives are compared."""
 
 from collections.abc import Callable
 

@@ -34,7 +34,7 @@ RATE = Quantity("samples per second", "Hz", 0.0, 2000.0, True)
 
 @dataclass(frozen=True)
 class Axis:
-    """A drive, the names of its joints, and the ends of the load's travel, rad; infinite where there are none."""
+    """A drive, the names of its joints, and the ends of the load's travel, rad; infinite without ends."""
 
     drive: Drive
     motor_joint: str = "motor"
@@ -67,7 +67,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a drive file says beside the drive: rate, Hz, sensors, delay, and the gains that it starts with."""
+    """What a drive file says in addition to the drive: rate, Hz, sensors, delay, and the first gains."""
 
     rate: float
     sensors: Sensors
@@ -77,9 +77,9 @@ class Surroundings:
 
 
 def read_surroundings(path: Path, drive: Drive) -> Surroundings:
-    """Return what surrounds ``drive`` in its parameter file; what the file does not say is the nodes' default.
+    """Return the surroundings of ``drive`` from its parameter file, with the nodes' defaults.
 
-    The delay is that of the simulated drive, ``delay``, or where there is none ``loop_delay``.
+    The delay is that of the simulated drive, ``delay``, or if it has none, ``loop_delay``.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def read_surroundings(path: Path, drive: Drive) -> Surroundings:
 
 
 def surroundings_of(parameters: Mapping[str, Any], drive: Drive) -> Surroundings:
-    """Return what surrounds ``drive`` in parameters, in sections; ValueError or TypeError names what is wrong."""
+    """Return the surroundings of ``drive`` from parameters in sections; ValueError or TypeError names the fault."""
     rate = parameters.get("rate", 250.0)
     RATE.check("rate", rate)
     given = dict(_section(parameters, "sensors"))
@@ -107,14 +107,14 @@ def surroundings_of(parameters: Mapping[str, Any], drive: Drive) -> Surroundings
 
 
 def law_parameters_of(parameters: Mapping[str, Any], law: str) -> Validated:
-    """Return the parameters of a law, ``laws.<law>``, in sections; what they do not say is its default."""
+    """Return the parameters of a law, ``laws.<law>``, from sections, with its defaults."""
     default = LAWS[law].parameters
     given = _own(type(default), _section(_section(parameters, "laws"), law))
     return replace(default, **given)
 
 
 def _gains(parameters: Mapping[str, Any], drive: Drive, region: str) -> Gains:
-    """Return a region's gains in the first gain set that a file names; by default those of the default weights."""
+    """Return a region's gains in the first gain set of a file, or those of the default weights."""
     names = _list("gain_set_names", parameters.get("gain_set_names", ["nominal"]))
     where = f"gain_sets.{names[0]}.{region}"
     given = _section(_section(_section(parameters, "gain_sets"), names[0]), region)
@@ -124,21 +124,21 @@ def _gains(parameters: Mapping[str, Any], drive: Drive, region: str) -> Gains:
 
 
 def read_drive(path: Path) -> Drive:
-    """Return the drive that a parameter file describes: see `read_axis`."""
+    """Return the drive that a parameter file describes; see `read_axis`."""
     return read_axis(path).drive
 
 
 def read_axis(path: Path) -> Axis:
-    """Return the axis that a parameter file describes; what it does not say is the nominal drive's.
+    """Return the axis that a parameter file describes; missing values are those of the nominal drive.
 
-    The parameters stand under ``/**: ros__parameters:``, or at the top.
+    The parameters are under ``/**: ros__parameters:``, or at the top.
 
     Raises
     ------
     OSError
         If the file cannot be read.
     ValueError
-        Names the file and the parameter that is out of bounds, or says what is no parameter file.
+        Names the file and the parameter that is out of bounds, or says why this is no parameter file.
     """
     return _read(path, axis_of)
 
@@ -169,7 +169,7 @@ def _read(path: Path, take: Callable[[Mapping[str, Any]], T]) -> T:
 
 
 def axis_of(parameters: Mapping[str, Any]) -> Axis:
-    """Return the axis that parameters, in sections, describe; what they do not say is the nominal drive's.
+    """Return the axis that parameters in sections describe; missing values are those of the nominal drive.
 
     Raises
     ------
@@ -192,7 +192,7 @@ def axis_of(parameters: Mapping[str, Any]) -> Axis:
 
 
 def in_sections(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters that are named as in a running node, such as ``motor.inertia``, in sections as in a file."""
+    """Return parameters with the names of a running node, such as ``motor.inertia``, in sections as in a file."""
     content: dict[str, Any] = {}
     for name, value in parameters.items():
         *sections, last = name.split(".")
@@ -227,7 +227,7 @@ def _list(name: str, value: Any) -> Sequence[Any]:
 
 
 def _end(parameters: Mapping[str, Any], name: str) -> Any:
-    """Return an end of the travel, rad; infinite where it is not given, or so far away that it is none."""
+    """Return an end of the travel, rad; infinite if it is not given, or too far away to matter."""
     none = -math.inf if name == "position_lower" else math.inf
     value = _section(parameters, "limits").get(name, none)
     return none if isinstance(value, float) and abs(value) >= NO_LIMIT else value
@@ -238,7 +238,7 @@ def _values(part: Validated) -> dict[str, Any]:
 
 
 def _own(kind: type[Validated], section: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the quantities of ``kind`` in a section of the file; a name that is none of them is refused."""
+    """Return the quantities of ``kind`` in a section of the file; unknown names are refused."""
     unknown = sorted(set(section) - set(quantities(kind)))
     if unknown:
         raise ValueError(f"{kind.section}.{unknown[0]} is no parameter; there are {sorted(quantities(kind))}")

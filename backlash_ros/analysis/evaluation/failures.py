@@ -1,4 +1,4 @@
-"""What the drives on which a law or the learning fails have in common, and which are the worst."""
+"""Finds what the drives on which a law or the learning fails have in common, and the worst of them."""
 
 from typing import Any
 
@@ -13,9 +13,9 @@ _CAUSES = 4
 
 
 def _in_common(conditions: NDArray[np.int64], group: NDArray[np.bool_], names: tuple[str, ...]) -> list[dict[str, Any]]:
-    """Return the conditions that are more frequent in a group than among all, beyond chance: the most telling first.
+    """Return the conditions that are more frequent in a group than among all drives, the clearest first.
 
-    Beyond chance: the 95 % interval of the share in the group does not reach down to the share of all.
+    The 95 % interval of the share in the group must lie above the share of all.
     """
     found = []
     for bit, name in enumerate(names):
@@ -66,7 +66,7 @@ def group_failures(collected: Collected, law: str) -> list[dict[str, Any]]:
 
 
 def _combinations(law: str, kinds: dict[str, NDArray[np.bool_]]) -> dict[str, NDArray[np.bool_]]:
-    """Return the groups of drives that fail in exactly the same of several ways."""
+    """Return the groups of drives that fail in exactly the same ways."""
     ways = list(kinds)
     code = np.sum([kinds[way].astype(np.int64) << bit for bit, way in enumerate(ways)], axis=0)
     return {
@@ -78,7 +78,7 @@ def _combinations(law: str, kinds: dict[str, NDArray[np.bool_]]) -> dict[str, ND
 def worst_drives(collected: Collected, law: str, most: int = 10) -> list[dict[str, Any]]:
     """Return the drives on which ``law`` fails most: their ``number`` and ``times`` beyond the threshold.
 
-    ``times`` is infinite for a faulted or failed run; drives on which nothing fails are none of them.
+    ``times`` is infinite for a faulted or failed run; drives on which nothing fails are left out.
     """
     number, beyond = collected.drives("number"), collected.law(law, "severity")
     order = np.lexsort((number, -beyond))[:most]

@@ -1,4 +1,4 @@
-"""The pictures of an evaluation: shares over what makes drives hard, settling times, and one drive's runs."""
+"""The pictures of an evaluation: shares over inertia and friction, settling times, and the runs of one drive."""
 
 from pathlib import Path
 from typing import Any
@@ -65,7 +65,7 @@ def draw_shares(collected: Collected, path: Path) -> None:
 
 
 def draw_settling(collected: Collected, path: Path) -> None:
-    """Draw which share of the drives has settled by when, for each law."""
+    """Draw the share of drives that have settled over time, for each law."""
     figure, axes = plt.subplots(figsize=(7, 4.2), constrained_layout=True)
     for law in collected.laws:
         settle = np.sort(collected.law(law, "settle"))

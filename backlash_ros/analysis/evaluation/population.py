@@ -1,8 +1,8 @@
 """The population: a random drive, with sensors, delay, rate and load torque, as a function of a seed and a number.
 
-Drive k of a seed is the same however many drives are asked for. `core` and `full` share their draws: drive k of `core`
-is drive k of `full` without motor friction, eccentricity, a varying gap and gravity, and with the motor and the
-reduction of the drive that the population is drawn around. The ranges are in `draw_member`, and in docs/evaluation.md.
+Drive k of a seed does not depend on the number of drives. `core` and `full` share their draws: drive k of `core` is
+drive k of `full` without motor friction, eccentricity, varying gap and gravity, and with motor and reduction of the
+drive that the population is drawn around. The ranges are in `draw_member`, and in docs/evaluation.md.
 """
 
 import math
@@ -18,20 +18,20 @@ from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 
 POPULATIONS = ("full", "core")
 ENCODERS = {"both": POSITIONS, "load": ("theta_l",), "motor": ("theta_m",)}
-"""Which angles are measured, by the name that ``--encoders`` takes."""
+"""The measured angles for each value of ``--encoders``."""
 MODELS = ("nominal", "true", "identified")
 
 _DRAWS = 64
-"""Numbers drawn for each drive: more than are used, so that a new quantity changes none of the others."""
+"""Numbers drawn for each drive: more than are used, so that a new quantity does not change the others."""
 _TURN = 2.0 * math.pi
 
 
 @dataclass(frozen=True)
 class Member:
-    """One drive of a population, with what surrounds it.
+    """One drive of a population, with its surroundings.
 
-    ``rate`` in Hz. ``load_torque`` acts on the output shaft throughout, and ``torque_change`` beside it from the middle
-    of the hold on, N m. ``delay`` acts on the command.
+    ``rate`` in Hz. ``load_torque``, N m, always acts on the output shaft; ``torque_change``, N m, is added from the
+    middle of the hold on. ``delay`` acts on the command.
     """
 
     number: int
@@ -44,7 +44,7 @@ class Member:
 
     @property
     def load_count(self) -> float:
-        """One count of the encoder that shows the load, rad at the output: the motor's where there is no other."""
+        """One count of the load's encoder, rad at the output; of the motor's if the load has none."""
         sensors = self.sensors
         if "theta_l" in sensors.measured:
             return _TURN / sensors.load_counts
@@ -52,7 +52,7 @@ class Member:
 
     @property
     def standing_torque(self) -> float:
-        """What turns the load where it stands at an angle of 0, N m: the load torque and its weight."""
+        """The torque on the load at an angle of 0, N m: load torque and weight."""
         load = self.drive.load
         return self.load_torque - load.gravity_torque * math.sin(load.gravity_offset)
 
@@ -60,7 +60,7 @@ class Member:
     def can_outrun(self) -> bool:
         """Whether the motor can outrun the load, so that the teeth part: 1.2 J_r a + 0.5 N m within the stall torque.
 
-        a is the acceleration that the `standing_torque` gives the load alone, without its friction.
+        a is the acceleration of the load alone under the `standing_torque`, without friction.
         """
         drive = self.drive
         needed = 1.2 * drive.reflected_inertia * abs(self.standing_torque) / drive.load.inertia + 0.5
@@ -68,7 +68,7 @@ class Member:
 
     @property
     def free(self) -> bool:
-        """Whether nothing but viscous friction acts on the load: no load torque, no weight, no dry friction."""
+        """Whether only viscous friction acts on the load: no load torque, no weight, no dry friction."""
         load, motor = self.drive.load, self.drive.motor
         return not (self.load_torque or load.gravity_torque or load.coulomb_friction or motor.coulomb_friction)
 
@@ -103,8 +103,8 @@ def draw_member(
     seed, number : whole numbers >= 0
     population : one of `POPULATIONS`
     encoders : one of `ENCODERS`
-    around : the drive at the centre; the nominal one by default. Its motor, reduction and contact are kept where it is
-        given, and torques grow with its stall torque
+    around : the drive at the centre; the nominal one by default. If it is given, all drives have its motor, reduction
+        and contact, and torques scale with its stall torque
 
     Examples
     --------
@@ -193,10 +193,10 @@ def draw_member(
 
 
 def told_model(member: Member, model: str, around: Drive | None = None) -> Drive:
-    """Return what the controller takes the drive for: one of `MODELS`.
+    """Return the drive that the controller assumes: one of `MODELS`.
 
-    The data sheet is always told: motor and reduction. ``nominal`` takes gap, contact and load of the population's
-    centre besides, and no dry friction, and so does ``identified`` at first; ``true`` is the drive itself.
+    It always knows the data sheet: motor and reduction. ``nominal``, and ``identified`` at first, have gap, contact and
+    load of the population's centre and no dry friction; ``true`` is the drive itself.
     """
     if model == "true":
         return member.drive

@@ -1,4 +1,4 @@
-"""Pure computation: the shares and percentiles of an evaluation, from what became of each drive."""
+"""Pure computation: the shares and percentiles of an evaluation, from the results of each drive."""
 
 import math
 from array import array
@@ -16,7 +16,7 @@ from backlash_ros.analysis.judging import OVERSHOOT, PRECISE, QUIET, threshold
 from backlash_ros.analysis.metrics import Array
 
 CLOSE, WRONG = 0.05, 0.2
-"""A learned gap is good within the first, wrong beyond the second, of the gap where it was learned."""
+"""Relative errors of a learned gap: good up to the first, wrong beyond the second."""
 WRONG_COUNTS = 2.0
 SHARES = ("quiet", "precise", "overshoot_ok", "faulted")
 _Z = 1.959963984540054
@@ -30,9 +30,9 @@ _LAW = (*SHARES, "settle", "rise", "force", "recover", "severity")
 
 
 class Collected:
-    """What became of each drive under ``laws``, and under the fast law beside them.
+    """The results of each drive under ``laws`` and the fast law.
 
-    It is a few numbers for each, so that a million drives fit in memory.
+    Only a few numbers are kept per drive, so that a million drives fit in memory.
     """
 
     def __init__(self, laws: Sequence[str]) -> None:
@@ -41,7 +41,7 @@ class Collected:
         self._laws = {law: {name: array("d") for name in _LAW} for law in ("fast", *laws)}
 
     def add(self, member: Member, value: dict[str, Any]) -> None:
-        """Take what `task.evaluate_drive` returned for a drive."""
+        """Add the result of `task.evaluate_drive` for a drive."""
         learned, drive = value["learned"], member.drive
         gap = learned["gap"]
         error = abs(learned["angle"] - gap)
@@ -90,14 +90,14 @@ def failed(laws: Sequence[str], reason: str) -> dict[str, Any]:
 
 
 def friction_share(member: Member) -> float:
-    """Return the dry friction of both sides, at the output, over the stall torque."""
+    """Return the dry friction of both sides, at the output, divided by the stall torque."""
     drive = member.drive
     friction = drive.load.coulomb_friction + drive.motor.coulomb_friction / drive.gear.ratio
     return friction / drive.standstill_torque()
 
 
 def severity(member: Member, verdict: dict[str, Any]) -> float:
-    """Return how far the worst of swing, error and overshoot is beyond its threshold; infinite for a failed run."""
+    """Return the largest of swing, error and overshoot, each divided by its threshold; infinite for a failed run."""
     if verdict["faulted"]:
         return math.inf
     b, count = member.drive.gear.backlash_angle, member.load_count
@@ -109,7 +109,7 @@ def severity(member: Member, verdict: dict[str, Any]) -> float:
 
 
 def wilson(count: int, of: int) -> list[float] | None:
-    """Return the 95 % interval of a share (Wilson, J. Am. Stat. Assoc. 22, 1927); None of nothing.
+    """Return the 95 % interval of a share (Wilson, J. Am. Stat. Assoc. 22, 1927), or None without any trials.
 
     Examples
     --------
@@ -135,7 +135,7 @@ def _percentile(values: Array, percent: float) -> float | None:
 
 
 def summarize(collected: Collected, default_law: str, *, identified: bool = False) -> dict[str, Any]:
-    """Return the summary as docs/evaluation.md describes it; None for what there is not."""
+    """Return the summary as docs/evaluation.md describes it, with None for missing figures."""
     learned, can_outrun = collected.drives("learned") > 0, collected.drives("can_outrun") > 0
     free = collected.drives("free") > 0
     summary: dict[str, Any] = {
@@ -166,6 +166,6 @@ def summarize(collected: Collected, default_law: str, *, identified: bool = Fals
 
 
 def _ratio(collected: Collected, law: str, name: str) -> Array:
-    """Return a figure over that of the fast law, on the drives on which neither failed."""
+    """Return a figure divided by that of the fast law, for the drives on which neither failed."""
     fine: NDArray[np.bool_] = (collected.law(law, "faulted") == 0) & (collected.law("fast", "faulted") == 0)
     return collected.law(law, name)[fine] / collected.law("fast", name)[fine]

@@ -1,7 +1,7 @@
 """The runs of an evaluation as a parquet file: one row for each law on each drive, with everything that was drawn.
 
-Parquet, because pandas, polars and DuckDB all ask it without reading all of it; by pyarrow, which writes it piece by
-piece.
+Parquet, because pandas, polars and DuckDB can query it without reading the whole file; written piece by piece with
+pyarrow.
 """
 
 from collections.abc import Iterable, Iterator
@@ -12,7 +12,7 @@ from typing import Any
 Row = dict[str, Any]
 
 _PIECE = 1000
-"""Rows that are held at a time."""
+"""Rows in memory at a time."""
 
 
 def rows_of(parameters: Row, value: Row) -> Iterator[Row]:

@@ -40,26 +40,26 @@ from backlash_ros.identification.fit import Fit
 from backlash_ros.simulation import Run, Scenario, SimulatedDrive, excite, run
 
 STAND, STEP, SHORT, HOLD = 1.0, 6.0, 6.0, 10.0
-"""How long the load is held where it stands, the step of 1 rad lasts, the one of 5 b, and the hold that follows, s."""
+"""Lengths of the parts, s: the load is held where it stands, steps by 1 rad, steps by 5 b, and is held there."""
 CHANGE = STAND + STEP + SHORT + 0.5 * HOLD
 """When the load torque changes, s."""
 LENGTH = STAND + STEP + SHORT + HOLD
 SHORT_STEP = 5.0
 """In mean backlashes."""
 INERTIA_NEAR, GAP_NEAR, EFFORT_NEAR, DELAY_NEAR = 0.05, 0.03, 0.1, 0.25
-"""What counts as identified: shares of inertia, gap and friction, and of a period; of the gap a count, too."""
+"""Largest errors that count as identified: shares of inertia, gap and friction, and of a period; or one count."""
 DESIGNED = "designed"
-"""The two-region law with gains and width by `backlash design`; a name that stands beside those of the laws."""
+"""The two-region law with gains and width by `backlash design`; accepted like the name of a law."""
 SPEEDS = 1.0, 10.0
-"""Of the load, rad/s, at which its friction is judged, viscous and dry together."""
+"""Speeds of the load, rad/s, at which its viscous and dry friction together are judged."""
 
 _GRID = 1e-3
-"""Time between the states that are judged, s, at most."""
+"""Largest time between the states that are judged, s."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """Everything that an evaluation of one drive depends on, beside the drive's number."""
+    """Everything that the evaluation of one drive depends on, except the drive's number."""
 
     seed: int
     population: str = "full"
@@ -71,7 +71,7 @@ class Task:
 
     @property
     def played(self) -> tuple[str, ...]:
-        """The laws that are run: the fast one always, since ratios refer to it."""
+        """The laws to run; always with the fast one, since ratios refer to it."""
         return tuple(dict.fromkeys(("fast", *self.laws)))
 
     def member(self, number: int) -> Member:
@@ -81,11 +81,12 @@ class Task:
 
 @dataclass(frozen=True)
 class Learned:
-    """What became of learning.
+    """The result of learning.
 
-    ``angle`` that was learned with its standard ``uncertainty``, and ``gap`` where it was, rad; ``experiment`` that
-    made it, or the last that was tried; ``time`` that all took, s; ``swing``: farthest that the load was from where it
-    was at first, rad. Where the drive was identified, too: what was found, and whether all of it is near the truth.
+    ``angle``: the learned gap with its standard ``uncertainty``; ``gap``: the true one at that place, rad;
+    ``experiment``: the one that found it, or the last that was tried; ``time``: of all experiments, s; ``swing``:
+    largest distance of the load from its start, rad. If the drive was identified, also what was found, and whether all
+    of it is close to the truth.
     """
 
     valid: bool = False
@@ -107,10 +108,10 @@ class Learned:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of one law on one drive; by default that of a run which failed.
+    """The verdict on one law on one drive; by default that of a failed run.
 
-    ``failure`` says why there was no run. ``peak_force`` between the teeth in the step of 1 rad, N; ``recover``: from
-    the change of the load torque on, s.
+    ``failure`` says why there was no run. ``peak_force``: largest between the teeth in the step of 1 rad, N;
+    ``recover``: time from the change of the load torque until the load stays near its target, s.
     """
 
     quiet: bool = False
@@ -127,14 +128,14 @@ class Verdict:
 
 
 def settings_for(model: Drive, member: Member, delay: float | None = None) -> ServoSettings:
-    """Return what a controller node has that was told a drive, its rate and its delay, and nothing else.
+    """Return the settings of a controller node that knows only a drive, its rate and its delay.
 
     ``delay`` in s; the true one by default.
 
     Raises
     ------
     ValueError
-        If it would refuse its gains, as the node does where they are unstable at the rate.
+        If the gains are unstable at that rate, so that the node would refuse them.
     """
     period, delay = 1.0 / member.rate, member.delay.mean if delay is None else delay
     gains = {region: design_gains(region, model, weights) for region, weights in DEFAULT_WEIGHTS.items()}
@@ -144,9 +145,9 @@ def settings_for(model: Drive, member: Member, delay: float | None = None) -> Se
 
 
 def designed_settings(model: Drive, member: Member, settings: ServoSettings) -> ServoSettings:
-    """Return ``settings`` with what `backlash design` chooses for the drive that the controller takes it for.
+    """Return ``settings`` with what `backlash design` chooses for the drive that the controller assumes.
 
-    Of the drive itself the data sheet is known: rate and counts. Where nothing quiet is found the default stays.
+    Rate and counts are known from the data sheet. If no quiet gains are found, the default gains stay.
     """
     sensors = replace(member.sensors, load_eccentricity=0.0, motor_eccentricity=0.0)
     loop = Loop(model, settings.gains.fast, member.rate, sensors, Delay(command=settings.loop_delay))
@@ -158,15 +159,15 @@ def designed_settings(model: Drive, member: Member, settings: ServoSettings) -> 
 
 
 def first_reading(member: Member) -> float:
-    """Return where the controller finds the load at first, rad: by the motor's encoder where there is no other."""
+    """Return the first reading of the load's angle, rad; from the motor's encoder if the load has none."""
     shown = SimulatedDrive(member.drive, 1.0 / member.rate, sensors=member.sensors).sample()
     return float(shown[THETA_M] * member.drive.gear.ratio if math.isnan(shown[THETA_L]) else shown[THETA_L])
 
 
 def true_reading(member: Member, theta_l: Array) -> Array:
-    """Return what a perfect load encoder with the same zero and eccentricity reads at load angles, rad.
+    """Return the readings of a perfect load encoder with the same zero and eccentricity at load angles, rad.
 
-    Where the load has no encoder the zero is the motor's, seen at the output.
+    If the load has no encoder, the zero is that of the motor's encoder, at the output.
     """
     if "theta_l" in member.sensors.measured:
         return member.sensors.load_zero(theta_l)
@@ -174,7 +175,7 @@ def true_reading(member: Member, theta_l: Array) -> Array:
 
 
 class _Watched(SimulatedDrive):
-    """A simulated drive that keeps how far its load goes."""
+    """A simulated drive that remembers how far its load went."""
 
     swing = 0.0
 
@@ -189,7 +190,7 @@ def learn(
 ) -> tuple[Learned, Fit | None]:
     """Let a controller learn the gap: the experiments one after the other, until one is valid.
 
-    Returns what became of it and, where it was valid, what was found besides.
+    Returns the result and, if it is valid, what was identified in addition.
     """
     result, spent, swing = Learned(), 0.0, 0.0
     for name in experiments:
@@ -217,7 +218,7 @@ def learn(
 
 
 def _judge_identified(member: Member, result: Learned, found: Drive, delay: float) -> Learned:
-    """Return what was found beside the gap, and whether all of it is near the truth."""
+    """Return what was identified in addition to the gap, and whether all of it is close to the truth."""
     load, truth = found.load, member.drive.load
     viscous, dry = load.viscous_friction, load.coulomb_friction
     near = [
@@ -274,7 +275,7 @@ def judge_run(member: Member, scenario: Scenario, done: Run) -> Verdict:
 
 
 def perform(task: Task, number: int, laws: tuple[str, ...]) -> tuple[Learned, dict[str, Verdict], dict[str, Run]]:
-    """Evaluate one drive: what was learned, and of each law its verdict and, where there was one, its run."""
+    """Evaluate one drive: return the result of learning, and the verdict and the run of each law, if it ran."""
     member = task.member(number)
     identify = task.model == "identified"
     model, delay = told_model(member, task.model, task.around), 0.0 if identify else member.delay.mean
@@ -311,6 +312,6 @@ def perform(task: Task, number: int, laws: tuple[str, ...]) -> tuple[Learned, di
 
 
 def evaluate_drive(task: Task, number: int) -> dict[str, Any]:
-    """Return what became of one drive as the journal keeps it: ``learned`` and, by law, ``laws``."""
+    """Return the results of one drive as the journal keeps them: ``learned``, and ``laws`` by name."""
     learned, verdicts, _ = perform(task, number, task.played)
     return {"learned": asdict(learned), "laws": {law: asdict(verdict) for law, verdict in verdicts.items()}}

@@ -13,13 +13,13 @@ from backlash_ros.drivetrain import Drive
 LONGEST_STEP = 1e-3
 """s"""
 STEPS = 30
-"""Least number of steps in the time in which the stiffest teeth let both shafts swing once."""
+"""Least number of steps in a period of the swing on the stiffest teeth."""
 LEAST_IMPEDANCE, LARGEST_IMPEDANCE = 1e-4, 0.9999
 """MuJoCo's own bounds."""
 RISING_IMPEDANCE = 0.02
-"""Of the rising limit at its full width: the share by which it makes the shafts seem heavier than they are."""
+"""Share by which the rising limit, at its full width, makes the shafts seem heavier."""
 WIDEST = 4.0
-"""Times the torque of the fit up to which a rising limit rises; beyond, it is a straight spring."""
+"""Multiple of the torque of the fit up to which a rising limit rises; beyond it, it is a linear spring."""
 
 
 def mjcf(axis: Axis, torque: float | None = None) -> str:
@@ -28,7 +28,7 @@ def mjcf(axis: Axis, torque: float | None = None) -> str:
     Parameters
     ----------
     axis : the drive and the names of its joints
-    torque : where the limit is fitted to the teeth, N m at the output; see `fit_limit`
+    torque : at which the limit is fitted to the teeth, N m at the output; see `fit_limit`
 
     Raises
     ------
@@ -106,7 +106,7 @@ def time_step(drive: Drive, limit: Limit) -> float:
 
 
 def _side(world: ET.Element, name: str, joint: str, body: Body, place: float, step: float) -> None:
-    """Add one side as a body on a hinge; dry friction stops it, and holds it, as firmly as MuJoCo lets it."""
+    """Add one side as a body on a hinge; dry friction holds it as firmly as MuJoCo allows."""
     made = element(world, "body", name=name, pos=number(0, place, 0))
     hinge = element(made, "joint", name=joint, type="hinge", axis="0 1 0", damping=body.viscous)
     if body.coulomb:

@@ -1,4 +1,4 @@
-"""What a file for a simulator cannot say about a drive, in words."""
+"""Notes on what a file for a simulator leaves out of a drive."""
 
 from backlash_ros.drivetrain import Drive
 
@@ -7,7 +7,7 @@ JOINTS = "damping: N m s/rad. friction: N m. effort: torque at standstill, N m. 
 
 
 def unsaid(drive: Drive) -> tuple[str, ...]:
-    """Return what no format has a word for, a line each: what this drive has of it, and what no drive file has."""
+    """Return what no format can express, a line each: properties of this drive, and those that no drive file has."""
     gear, lines = drive.gear, []
     if gear.backlash_variation:
         lines.append(
@@ -27,7 +27,7 @@ def unsaid(drive: Drive) -> tuple[str, ...]:
 
 
 def rigid(drive: Drive) -> tuple[str, ...]:
-    """Return what formats of rigid joints have no word for, a line each."""
+    """Return what formats of rigid joints cannot express, a line each."""
     gear, motor = drive.gear, drive.motor
     friction = drive.load.coulomb_friction + motor.coulomb_friction / gear.ratio
     lines = (

@@ -9,7 +9,7 @@ from backlash_ros.analysis.export.teeth import Limit, fit_limit
 from backlash_ros.analysis.export.xml_text import comment, document, element, number, text_element
 
 VERSION = "1.11"
-"""Of the format: Gazebo Harmonic's, which goes with ROS 2 Jazzy, and the first with ``mimic``."""
+"""Version of the format: that of Gazebo Harmonic, which belongs to ROS 2 Jazzy, and the first with ``mimic``."""
 STEP = 1e-3
 """Gazebo's step by default, s."""
 
@@ -20,7 +20,7 @@ def sdf(axis: Axis, torque: float | None = None) -> str:
     Parameters
     ----------
     axis : the drive, the names of its joints and the ends of its travel
-    torque : where the give of the teeth is fitted, N m at the output: only the ends of travel have it; see `fit_limit`
+    torque : at which the teeth are fitted, N m at the output, for the stiffness of the ends of travel; see `fit_limit`
 
     Raises
     ------
@@ -90,7 +90,7 @@ def _joint(model: ET.Element, name: str, child: str, body: Body, effort: float, 
 
 
 def _ends(joint: ET.Element, turn: ET.Element, axis: Axis, teeth: Limit) -> None:
-    """Let the travel end in stops that give as the teeth do: no stop is harder than what the motor meets it through."""
+    """Add stops at the ends of travel that are as soft as the teeth through which the motor meets them."""
     joint.set("type", "revolute")
     limit = turn.find("limit")
     assert limit is not None

@@ -1,4 +1,4 @@
-"""Both sides of a drive as every simulator has them: bodies, their friction, and what the motor gives at most."""
+"""Both sides of a drive as simulators describe them: bodies, friction, and the limits of the motor."""
 
 import math
 from dataclasses import dataclass
@@ -27,13 +27,13 @@ class Body:
 
 
 def rotor_of(drive: Drive) -> Body:
-    """Return the motor's side at its own speed, before the gear; its mass stands for nothing."""
+    """Return the motor's side at its own speed, before the gear; its mass is arbitrary."""
     motor = drive.motor
     return Body(1.0, (0.0, 0.0, 0.0), motor.inertia, motor.viscous_friction, motor.coulomb_friction)
 
 
 def output_of(drive: Drive) -> Body:
-    """Return the load's side; where it has a weight, at most half of the inertia is the weight's on its arm."""
+    """Return the load's side; of its inertia at most half belongs to the weight on its arm."""
     load = drive.load
     if not load.gravity_torque:
         return Body(1.0, (0.0, 0.0, 0.0), load.inertia, load.viscous_friction, load.coulomb_friction)
@@ -44,13 +44,13 @@ def output_of(drive: Drive) -> Body:
 
 
 def torque_limits(drive: Drive) -> tuple[float, float]:
-    """Return the largest torque that the motor gives at standstill, N m: at its own shaft and at the output."""
+    """Return the torque of the motor at standstill, N m: at its own shaft and at the output."""
     torque = drive.standstill_torque()
     return torque * drive.gear.ratio, torque
 
 
 def speed_limits(drive: Drive) -> tuple[float, float]:
-    """Return the speed that the motor reaches without a load, rad/s: at its own shaft and at the output."""
+    """Return the no-load speed of the motor, rad/s: at its own shaft and at the output."""
     motor = drive.motor
     constant = motor.torque_constant
     speed = constant * motor.voltage_limit / (constant**2 + motor.resistance * motor.viscous_friction)

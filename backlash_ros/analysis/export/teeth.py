@@ -1,12 +1,12 @@
-"""The teeth as one limit of a simulator: range, spring and damper that come nearest to the drive's contact law.
+"""The teeth as one limit of a simulator: the range, spring and damper closest to the drive's contact law.
 
-Angles and torques are those at the output. A limit carries, at a depth r beyond its edge, which goes in at a speed v,
+Angles and torques are those at the output. At a depth r beyond its edge, which grows at a speed v, a limit carries
 
     T = max(0, k r (r/D)^(2 p) + c v (r/D)^p)
 
 where D is the depth at the torque of the fit: p = 0 is a spring and damper, p = 3 a spring that rises with the seventh
-power. Edge and k are such that torque and stiffness are those of the contact law at that torque; c leaves what the law
-leaves of the speed of an impact that presses the law's spring to the same torque.
+power. Edge and k give torque and stiffness of the contact law at that torque. After an impact that presses the law's
+spring to the same torque, c leaves the same speed as the law.
 """
 
 import math
@@ -20,22 +20,22 @@ from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.contact import gap_at_rest
 
 Torque = Callable[[float, float], float]
-"""What the teeth carry (N m) at an angle between motor and load (rad) and its rate (rad/s), at the output."""
+"""Torque of the teeth (N m) by the angle between motor and load (rad) and its rate (rad/s), at the output."""
 
 SHARE = 0.5
-"""Of the torque at standstill: where the limit is fitted by default."""
+"""Default torque at which the limit is fitted, as a share of that at standstill."""
 LARGEST_POWER = 3
-"""p of the steepest limit: a higher one follows a steep law further down, but its stiffest part needs shorter steps."""
+"""p of the steepest limit: a larger one follows a steep law better, but needs shorter time steps."""
 _STRAIGHT = 0.01
-"""Largest share by which the stiffness of a law that is taken for a straight line is another at half the torque."""
+"""Largest relative change of stiffness at half the torque for which a law counts as linear."""
 _NO_GAP = 1e-6
-"""Least share of the angle at the torque of the fit at which a limit begins: a range has two ends."""
+"""Least edge of a limit, as a share of the angle at the torque of the fit: a range needs two ends."""
 _TOUCH = 1e-9
-"""Share of the torque of the fit at which an impact begins."""
+"""Torque at which an impact begins, as a share of that of the fit."""
 _STEPS = 50
-"""Least number of steps in the time in which the spring swings once."""
+"""Least number of steps in a period of the swing on the spring."""
 _LARGEST_RATIO = 1.0
-"""Damping ratio of the deadest limit: critical damping."""
+"""Largest damping ratio of a limit: critical damping."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class Limit:
     stiffness : k, N m/rad; the secant at D
     damping : c, N m s/rad
     speed : of the impact by which c was fitted, rad/s
-    restitution : what the contact law leaves of that speed
-    restitution_left : what the limit leaves of it
+    restitution : share of that speed after the impact, by the contact law
+    restitution_left : the same, by the limit
     """
 
     torque: float
@@ -66,7 +66,7 @@ class Limit:
     restitution_left: float
 
     def torque_at(self, angle: float, rate: float) -> float:
-        """Return what the limit carries (N m) at an angle (rad) and its rate (rad/s)."""
+        """Return the torque of the limit (N m) at an angle (rad) and its rate (rad/s)."""
         side = 1.0 if angle > 0.0 else -1.0
         depth = side * angle - self.edge
         if depth <= 0.0:
@@ -76,7 +76,7 @@ class Limit:
 
 
 def give(drive: Drive) -> float:
-    """Return the acceleration of the gap for each newton metre that the teeth carry, 1/J_r + 1/J_l, rad/(s^2 N m)."""
+    """Return the acceleration of the gap per torque of the teeth, 1/J_r + 1/J_l, rad/(s^2 N m)."""
     return 1.0 / drive.reflected_inertia + 1.0 / drive.load.inertia
 
 
@@ -93,14 +93,14 @@ def teeth_of(drive: Drive) -> Torque:
 
 
 def restitution(teeth: Torque, per_torque: float, start: float, speed: float, stiffness: float) -> float:
-    """Return the share of the speed with which the shafts part again that met at ``speed``.
+    """Return the speed at which shafts that met at ``speed`` part again, as a share of it.
 
     Parameters
     ----------
     per_torque : see `give`
     start : angle at which the impact begins and ends, rad
     speed : rad/s
-    stiffness : the largest that the impact meets, nearly, N m/rad: what a step in time has to resolve
+    stiffness : about the largest during the impact, N m/rad: the time steps have to resolve it
     """
 
     def motion(_: float, state: list[float]) -> tuple[float, float]:
@@ -125,16 +125,16 @@ def restitution(teeth: Torque, per_torque: float, start: float, speed: float, st
 
 
 def fit_limit(drive: Drive, torque: float | None = None) -> Limit:
-    """Return the limit that is nearest to the teeth of a drive.
+    """Return the limit that is closest to the teeth of a drive.
 
     Parameters
     ----------
-    torque : on the output shaft, at which they are alike, N m; by default `SHARE` of that at standstill
+    torque : at which both agree, N m at the output; by default `SHARE` of that at standstill
 
     Raises
     ------
     ValueError
-        If the torque is none, or the teeth cannot carry it.
+        If the torque is not positive, or the teeth cannot carry it.
     """
     if torque is None:
         torque = SHARE * drive.standstill_torque()
@@ -177,7 +177,7 @@ def fit_limit(drive: Drive, torque: float | None = None) -> Limit:
 
 
 def _where(drive: Drive, torque: float) -> float:
-    """Return the angle at which the teeth carry a torque at rest, rad."""
+    """Return the angle of the teeth under a static torque, rad."""
     gear = drive.gear
     constants = gear.contact.constants(gear.load_radius, drive.contact_mass)
     try:

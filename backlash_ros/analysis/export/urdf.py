@@ -63,7 +63,7 @@ def _joint(root: ET.Element, name: str, child: str, body: Body, effort: float, v
 
 
 def _control(root: ET.Element, axis: Axis) -> None:
-    """Add what docs/real_drive.md asks of the hardware: each position at its own shaft, so without a transmission."""
+    """Add the hardware as in docs/real_drive.md: each position at its own shaft, so without a transmission."""
     drive: Drive = axis.drive
     comment(
         root,

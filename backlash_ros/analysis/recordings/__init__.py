@@ -1,1 +1,1 @@
-"""Recordings of any drive, from bags and tables, as what identification takes."""
+"""Reads recordings of any drive, from bags and tables, for identification."""

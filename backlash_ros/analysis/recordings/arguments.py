@@ -26,7 +26,7 @@ DESCRIPTION = (
 
 
 def number_of(least: float, *, above: bool = False) -> Callable[[str], float]:
-    """Return what reads an argument that is a finite number, not less than, or ``above``, the least."""
+    """Return a parser of a finite number that is at least, or if ``above`` more than, the least."""
 
     def parse(text: str) -> float:
         try:
@@ -95,7 +95,7 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
 
 
 def add_units(parser: argparse.ArgumentParser) -> Any:
-    """Add how angles and commands are given; return the group of these arguments."""
+    """Add the arguments for units of angles and commands; return their group."""
     units = parser.add_argument_group("angles and command")
     add = units.add_argument
     for shaft in ("motor", "load"):
@@ -117,7 +117,7 @@ def add_units(parser: argparse.ArgumentParser) -> Any:
 
 
 def add_topics(parser: argparse.ArgumentParser) -> Any:
-    """Add where in a bag samples and commands are; return the group of these arguments."""
+    """Add the arguments for the topics of a bag; return their group."""
     bag, topics = parser.add_argument_group("bags"), Topics()
     bag.add_argument("--joint-topic", default="", metavar="TOPIC", help="if several topics have joint states")
     bag.add_argument("--motor-joint", default=topics.motor_joint, metavar="NAME", help="by default motor")
@@ -129,7 +129,7 @@ def add_topics(parser: argparse.ArgumentParser) -> Any:
 
 
 def reading_of(given: argparse.Namespace, **more: Any) -> Reading:
-    """Return how angles and commands are given; ValueError for arguments that do not go together."""
+    """Return the units of angles and commands; ValueError for contradicting arguments."""
     encoders = []
     for shaft in ("motor", "load"):
         unit, counts, wraps = (getattr(given, f"{shaft}_{name}") for name in ("unit", "counts", "wraps"))
@@ -148,7 +148,7 @@ def reading_of(given: argparse.Namespace, **more: Any) -> Reading:
 
 
 def topics_of(given: argparse.Namespace) -> Topics:
-    """Return where in a bag samples and commands are."""
+    """Return the topics of samples and commands in a bag."""
     return Topics(
         given.joint_topic,
         given.command_topic,
@@ -160,7 +160,7 @@ def topics_of(given: argparse.Namespace) -> Topics:
 
 
 def request_of(given: argparse.Namespace) -> Request:
-    """Return what was asked for; ValueError for arguments that do not go together."""
+    """Return the request; ValueError for contradicting arguments."""
     answer = given.command_row == "answer"
     reading = reading_of(given, time_unit=given.time_unit, answer=answer, start=given.start, end=given.end)
     return Request(
@@ -179,6 +179,6 @@ def request_of(given: argparse.Namespace) -> Request:
 
 
 def in_the_way(request: Request) -> Sequence[tuple[str, Path]]:
-    """Return the arguments that name files which exist and must not be overwritten."""
+    """Return the arguments that name existing files, which must not be overwritten."""
     places = (("json", request.json), ("drive-file", request.drive_file), ("certificate", request.certificate))
     return [(name, place) for name, place in places if place is not None and place.exists() and not request.force]

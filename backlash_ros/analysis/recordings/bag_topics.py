@@ -1,4 +1,4 @@
-"""Reading the samples and commands of one drive from a rosbag2: which answered which, and when they were taken."""
+"""Reads samples and commands of one drive from a rosbag2, and pairs them."""
 
 import math
 import sqlite3
@@ -19,14 +19,14 @@ from backlash_ros.drivetrain.messages import answered_sample, stamp_ns
 STAMPS = ("header", "log")
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 _FASTER = 1.2
-"""Commands for each sample beyond which there are more than answers."""
+"""Commands per sample above which not all of them are answers."""
 
 
 @dataclass(frozen=True)
 class Topics:
-    """What is read: topics (found where there is but one), joints, which of the command's numbers, and which time.
+    """What to read: topics (by default the only one), joints, the index in the command, and the kind of time.
 
-    ``stamps``: the time of a sample is its header's, or that at which it was recorded.
+    ``stamps``: whether the time of a sample is its header's, or that of its recording.
     """
 
     joint_states: str = ""
@@ -39,9 +39,9 @@ class Topics:
 
 @dataclass
 class Messages:
-    """Of samples: times of both clocks, ns, and both positions; of commands: time recorded, sample named, value.
+    """Of samples: both times, ns, and both positions; of commands: time of recording, stamp of the sample, value.
 
-    ``joints``: all that were named.
+    ``joints``: all joint names.
     """
 
     stamps: list[int]
@@ -52,7 +52,7 @@ class Messages:
 
 
 def _one_of(given: str, found: Sequence[str], what: str, option: str, path: Path) -> str:
-    """Return the topic that was asked for, or the only one."""
+    """Return the requested topic, or the only one."""
     if given:
         wanted = given if given.startswith("/") else f"/{given}"
         if wanted not in found:
@@ -111,10 +111,10 @@ def _messages(path: Path, topics: Topics) -> tuple[Messages, str, str]:
 
 
 def _pair(found: Messages, *, by_header: bool) -> tuple[list[int], list[int], list[tuple[float, float]], list[float]]:
-    """Return stamps, times recorded, positions and commands by sample.
+    """Return stamps, times of recording, positions and commands by sample.
 
-    An answer that names its sample is that sample's, also where the sample itself is missing. Where answers name none,
-    a sample's is the last that was recorded before the next sample, and without one the command before holds.
+    A command that names its sample belongs to it, even if the sample itself is missing. If commands name none, a sample
+    gets the last one recorded before the next sample; without one, the previous command holds.
     """
     named = {stamp: (value, received) for received, stamp, value in found.commands if stamp is not None}
     if len(named) > 0.5 * len(found.commands):

@@ -1,4 +1,4 @@
-"""What `backlash identify` does: reads, identifies, prints, writes."""
+"""The work of `backlash identify`: reads, identifies, prints, writes."""
 
 import json
 import math
@@ -24,17 +24,16 @@ from backlash_ros.identification.teeth import LOST_MOTION_SHARE, lost_motion_of
 
 FOUND, REFUSED = 0, 1
 _WHOLE = 0.01
-"""Counts in a turn by which their number may be off from a whole one to be taken for it."""
+"""Largest deviation of the counts per turn from a whole number that is rounded away."""
 TABLES = {".csv", ".tsv", ".txt"}
-"""Endings of files that are tables; everything else is a bag."""
+"""Endings of tables; everything else is a bag."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """What is identified, how it is read, and what is written; ``drive`` None is the nominal one.
+    """What to read and how, and what to write; ``drive`` None is the nominal one.
 
-    ``rated_torque`` in N m at the output, 0 for half of the motor's at standstill; ``command`` is the line that asks
-    for this.
+    ``rated_torque`` in N m at the output, 0 for half of the motor's at standstill; ``command`` is the command line.
     """
 
     recording: Path
@@ -64,21 +63,21 @@ def _is_table(path: Path) -> bool:
 
 
 def _joints(request: Request, axis: Axis) -> tuple[str, str]:
-    """Return the names of the motor's and the load's joint: as read, in a table as in the drive file."""
+    """Return the names of both joints: from the bag, or for a table from the drive file."""
     if _is_table(request.recording):
         return axis.motor_joint, axis.load_joint
     return request.topics.motor_joint, request.topics.load_joint
 
 
 def _write(place: Path, text: str) -> None:
-    """Write a file, all of it or nothing."""
+    """Write a whole file or nothing."""
     with staging(place) as folder:
         (folder / place.name).write_text(text, encoding="utf-8")
         (folder / place.name).replace(place)
 
 
 def counts_of(found: Identified, reading: Reading, drive: Drive) -> tuple[float, float]:
-    """Return the counts of both encoders in a turn of their shafts: as told, else as seen; 0 where there are none."""
+    """Return the counts of both encoders per turn of their shafts: as given, else as seen; 0 without counts."""
     seen = found.fit.counts if found.fit is not None else (0.0, 0.0)
     result = []
     for encoder, count in ((reading.motor, seen[0] / drive.gear.ratio), (reading.load, seen[1])):
@@ -88,12 +87,12 @@ def counts_of(found: Identified, reading: Reading, drive: Drive) -> tuple[float,
 
 
 def identify_recording(request: Request, console: Console) -> int:
-    """Identify, print and write; return the exit code: 0 where something was found, 1 where nothing was.
+    """Identify, print and write; return the exit code: 0 if something was found, else 1.
 
     Raises
     ------
     OSError, ValueError
-        If a file cannot be read or written, or is not what it was told to be.
+        If a file cannot be read or written, or does not fit the arguments.
     """
     axis = read_axis(request.drive) if request.drive else Axis(NOMINAL_DRIVE)
     drive = drive_for(axis.drive, request.reading)

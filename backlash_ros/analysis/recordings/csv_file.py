@@ -1,4 +1,4 @@
-"""Reading a table of samples: text with a header, one sample a row."""
+"""Reads a table of samples: text with a header and one sample per row."""
 
 import csv
 import math
@@ -10,12 +10,12 @@ import numpy as np
 from backlash_ros.analysis.recordings.samples import Columns
 
 NOTHING = {"", "nan", "none", "null", "na", "n/a"}
-"""What stands for no number, in any case."""
+"""Texts for a missing number, in upper or lower case."""
 
 
 @dataclass(frozen=True)
 class ColumnNames:
-    """The columns that are read."""
+    """Names of the columns to read."""
 
     time: str = "time"
     motor: str = "motor"

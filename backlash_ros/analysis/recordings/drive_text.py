@@ -1,4 +1,4 @@
-"""A drive as the text of a drive file, with what was found and what was not beside each value."""
+"""Writes a drive file with a comment at each value: identified or not."""
 
 import re
 from dataclasses import fields
@@ -10,7 +10,7 @@ from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.identify import Identified
 
 LONGEST_DELAY = 10
-"""Periods of delay that a controller takes at most."""
+"""Largest delay of a controller, in periods."""
 
 
 def _number(value: float | int) -> str:
@@ -25,14 +25,14 @@ def _number(value: float | int) -> str:
 
 
 def _rounded(value: float, finding: Finding | None) -> float:
-    """Return a value that was found with six digits, and 0 where it is next to nothing beside its uncertainty."""
+    """Return an identified value with six digits, or 0 if it is negligible beside its uncertainty."""
     if finding is not None and finding.told and abs(value) < 1e-3 * finding.uncertainty:
         return 0.0
     return float(f"{value:.6g}")
 
 
 def _remark(finding: Finding | None, found: bool, unit: str) -> str:
-    """Return what stands beside a value."""
+    """Return the comment at a value."""
     if finding is not None and finding.told:
         remark = f"found, +- {finding.uncertainty:.2g}"
     elif found:
@@ -45,7 +45,7 @@ def _remark(finding: Finding | None, found: bool, unit: str) -> str:
 
 
 def _section(part: Validated, name: str, found: Identified, indent: int, *, whole: bool = False) -> list[str]:
-    """Return the lines of one section; a ``whole`` one was found or told as one."""
+    """Return the lines of one section; a ``whole`` one was identified or given as one."""
     keys = {finding.key: finding for finding in found.findings if finding.key}
     lines = [f"{' ' * indent}{name}:"]
     for field in fields(part):
@@ -62,11 +62,11 @@ def _section(part: Validated, name: str, found: Identified, indent: int, *, whol
 
 
 def drive_text(found: Identified, counts: tuple[float, float], source: str) -> str:
-    """Return a drive file: the drive with all that was found in it, for the nodes, the simulator and ``evaluate``.
+    """Return a drive file with the identified values, for the nodes, the simulator and ``evaluate``.
 
     Parameters
     ----------
-    counts : of both encoders in a turn of their shafts; 0 where they are not known
+    counts : of both encoders per turn of their shafts; 0 if unknown
     source : what was identified, in words
     """
     drive, contact = found.drive, found.drive.gear.contact

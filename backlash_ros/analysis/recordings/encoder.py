@@ -1,4 +1,4 @@
-"""What an encoder's column holds, as an angle in rad: units, counts, and readings that begin again after a turn."""
+"""Converts an encoder's column to an angle in rad: units, counts, and readings that wrap around."""
 
 import math
 from collections.abc import Callable
@@ -9,20 +9,20 @@ import numpy as np
 from backlash_ros.drivetrain.signals import Array
 
 UNITS = {"rad": 2.0 * math.pi, "deg": 360.0, "turns": 1.0, "counts": math.nan}
-"""The units of an angle, and how many of them a turn has."""
+"""Units of an angle, and their number per turn."""
 _JUMP = 0.6
-"""Share of a turn from one reading to the next that no shaft makes, so that the reading has begun again."""
+"""Share of a turn between two readings that no shaft can travel, so that the reading has wrapped around."""
 _AMBIGUOUS = 0.4
-"""Share of the range by which a reading may be off from where the shaft would be at the speed before."""
+"""Share of the range by which a reading may differ from its extrapolation at constant speed."""
 _WHOLE = 0.1
-"""Counts by which readings may be off from whole ones that were rounded on the way."""
+"""Counts by which readings may differ from whole ones because they were rounded."""
 
 
 @dataclass(frozen=True)
 class Encoder:
-    """How an angle is given: its ``unit``, ``counts`` of the encoder for each turn (0: not known), and its range.
+    """Format of an angle: its ``unit``, ``counts`` of the encoder per turn (0: unknown), and its range.
 
-    ``wraps``: the readings begin again after so many units; 0: found out, where that is one turn.
+    ``wraps``: units after which readings wrap around; 0: detected, if that is one turn.
     """
 
     unit: str = "rad"
@@ -40,22 +40,22 @@ class Encoder:
 
     @property
     def turn(self) -> float:
-        """How many units a turn has."""
+        """Units per turn."""
         return self.counts if self.unit == "counts" else UNITS[self.unit]
 
     def radians(self, time: Array, values: Array, name: str, place: Callable[[int], str]) -> tuple[Array, str]:
-        """Return readings as angles of the encoder's shaft, rad, and in words what was done to them.
+        """Return readings as angles of the encoder's shaft, rad, and how they were converted, in words.
 
         Parameters
         ----------
         time : of the readings, s, rising
-        values : nan where there is none
-        name, place : how an error calls the column, and one of its rows
+        values : nan for missing readings
+        name, place : of the column and of one of its rows, for errors
 
         Raises
         ------
         ValueError
-            If readings that begin again do not tell how far the shaft went in between.
+            If the travel between readings that wrap around is ambiguous.
         """
         read = np.flatnonzero(np.isfinite(values))
         steps = np.abs(np.diff(values[read]))

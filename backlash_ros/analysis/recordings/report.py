@@ -1,4 +1,4 @@
-"""What was identified, for people in a table and for programs as JSON."""
+"""The results of an identification, as a table for people and as JSON for programs."""
 
 import math
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from backlash_ros.identification.recordings.identify import Identified
 
 
 def _figures(finding: Finding) -> tuple[str, str]:
-    """Return value and uncertainty with as many digits as the uncertainty is worth."""
+    """Return value and uncertainty with as many digits as the uncertainty justifies."""
     if abs(finding.value) < 1e-3 * finding.uncertainty:
         return "0", f"{finding.uncertainty:.2g}"
     digits = max(0, math.floor(math.log10(max(abs(finding.value), finding.uncertainty))) - _place(finding) + 2)
@@ -44,7 +44,7 @@ def _told_by(subject: Subject) -> str:
 
 
 def show(subject: Subject, found: Identified, console: Console) -> None:
-    """Print what was found, or why nothing was."""
+    """Print the results, or why there are none."""
 
     def say(text: str) -> None:
         console.print(text, highlight=False, markup=False, soft_wrap=True)
@@ -87,7 +87,7 @@ def _show_findings(found: Identified, console: Console, say: Callable[[str], Non
 
 
 def content_of(subject: Subject, found: Identified) -> dict[str, Any]:
-    """Return all of it, and what was derived from it, as JSON takes it; where there is a reason is no value."""
+    """Return all results and what is derived from them, ready for JSON; what has a reason has no value."""
     content = {
         "recording": subject.source,
         "drive": _told_by(subject),

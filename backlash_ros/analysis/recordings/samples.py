@@ -1,4 +1,4 @@
-"""From columns of numbers to a recording that can be fitted: order, clocks, lost samples, units; or why not."""
+"""Turns columns of numbers into a recording that can be fitted: order, clocks, lost samples, units."""
 
 import math
 from collections.abc import Callable
@@ -17,21 +17,21 @@ from backlash_ros.identification.recordings.stretch import HOLE
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 COMMAND_UNITS = ("V", "A", "duty")
 _PERIODS = 2e-5, 0.05
-"""Least and largest time between two samples, s: beyond it there is a wrong unit, or nothing to be fitted."""
+"""Least and largest time between two samples, s: anything else is a wrong unit or cannot be fitted."""
 _MISSING = 0.2
 """Largest share of the rows without a number."""
 _EVEN, _REGULAR = 0.2, 0.9
-"""Share of the period by which times may be off in a recording that is sampled evenly, and of how many samples."""
+"""For evenly sampled recordings: largest deviation of a time, as a share of the period, and of how many samples."""
 DATES = 946684800.0, 4102444800.0
-"""s from 1970 to 2000 and to 2100: a clock between them shows a date, others count from a start of their own."""
+"""Seconds from 1970 to 2000 and to 2100: clocks in between show a date, others have their own start."""
 
 
 @dataclass(frozen=True)
 class Columns:
-    """What a file holds, as it stands there, shapes (N,): nan where there is no number.
+    """The columns of a file, unchanged, shapes (N,): nan for missing numbers.
 
-    ``names`` of time, motor, load and command in errors; ``place`` says where a row is. ``epoch``: what the time is
-    counted from, in the clock's own count, s.
+    ``names``: of time, motor, load and command, for errors; ``place`` describes a row. ``epoch``: origin of the time,
+    in the clock's own count, s.
     """
 
     time: Array
@@ -45,11 +45,11 @@ class Columns:
 
 @dataclass(frozen=True)
 class Reading:
-    """How to read them: units, where the motor's angle is counted, and what a row's command is.
+    """How to read them: units, the shaft of the motor's angle, and the meaning of a row's command.
 
-    ``motor_at``: ``motor`` or ``output``. ``command_unit``: of `COMMAND_UNITS`, the drive's own where empty; a duty
-    cycle is from -1 to 1 of a ``supply`` (V). ``answer``: a row's command answers the row's angles; else it is the one
-    that acted while they were read. ``start``, ``end``: the part that is used, s after the first row.
+    ``motor_at``: ``motor`` or ``output``. ``command_unit``: one of `COMMAND_UNITS`, by default the drive's; a duty
+    cycle is -1 to 1 of a ``supply`` (V). ``answer``: a row's command answers the row's angles; otherwise it acted while
+    they were read. ``start``, ``end``: the part to use, s after the first row.
     """
 
     time_unit: str = "s"
@@ -84,7 +84,7 @@ def _times(columns: Columns, reading: Reading) -> Array:
 
 
 def _without_repeats(columns: Columns, time: Array, notes: list[str]) -> NDArray[np.bool_]:
-    """Return which rows are no repeats of the one before."""
+    """Return which rows do not repeat the previous one."""
     repeated = np.flatnonzero(np.diff(time) == 0.0) + 1
     for k in repeated:
         for values, name in zip((columns.motor, columns.load), columns.names[1:3], strict=True):
@@ -113,7 +113,7 @@ def _check_numbers(columns: Columns, notes: list[str]) -> None:
 
 
 def _with_lost(time: Array, values: tuple[Array, ...], notes: list[str]) -> Recording:
-    """Return a recording with a row, of nothing but its time, for each sample that an even clock has and it has not."""
+    """Return a recording with a row for each sample that is missing in an even clock; it has only its time."""
     whole, steps = Recording.of(time, *values), np.diff(time)
     period = float(np.median(steps))
     if np.mean(np.abs(steps / period - 1.0) < _EVEN) < _REGULAR:
@@ -135,7 +135,7 @@ def _with_lost(time: Array, values: tuple[Array, ...], notes: list[str]) -> Reco
 
 
 def began(columns: Columns, reading: Reading) -> datetime | None:
-    """Return when the part that is used began, in UTC, where its clock counts from 1970; None where it does not."""
+    """Return when the used part began, UTC; None if its clock does not count from 1970."""
     first = columns.time[0] * TIME_UNITS[reading.time_unit] + columns.epoch + reading.start
     return datetime.fromtimestamp(first, timezone.utc) if DATES[0] <= first <= DATES[1] else None
 
@@ -152,7 +152,7 @@ def command_of(columns: Columns, reading: Reading) -> Array:
 
 
 def drive_for(drive: Drive, reading: Reading) -> Drive:
-    """Return ``drive`` with the command that the recording has: a voltage or a current."""
+    """Return ``drive`` with the kind of command of the recording: voltage or current."""
     if not reading.command_unit:
         return drive
     interface = "current" if reading.command_unit == "A" else "voltage"
@@ -160,12 +160,12 @@ def drive_for(drive: Drive, reading: Reading) -> Drive:
 
 
 def recording_of(columns: Columns, reading: Reading, drive: Drive) -> tuple[Recording, list[str]]:
-    """Return a recording, and in words what had to be done to make it one.
+    """Return a recording, and how it was made from the file, in words.
 
     Raises
     ------
     ValueError
-        If that cannot be done; names column, value, bound, unit and row.
+        If that is impossible; names column, value, bound, unit and row.
     """
     notes: list[str] = []
     if columns.time.size < 2:

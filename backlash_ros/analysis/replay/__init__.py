@@ -1,1 +1,1 @@
-"""Recorded samples through the tick again: whether the same commands follow, and which other gains would have given."""
+"""Repeats the tick on recorded samples, to compare the commands, and to try other gains."""

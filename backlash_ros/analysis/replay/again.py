@@ -1,7 +1,7 @@
-"""The replay: the samples that recorded commands name through the servo again, with all that acted on them.
+"""The replay: passes the samples that recorded commands name through the servo again, with the same inputs.
 
-What acted on a sample (parameters, reference, experiment, reset) is what ``~/state`` tells with that sample. The end of
-an experiment, the faults of the tick and what wear does follow by themselves.
+``~/state`` tells the other inputs at each sample: parameters, reference, experiment, reset. The end of an experiment,
+the faults of the tick and the effects of wear follow from them.
 """
 
 import math
@@ -24,17 +24,17 @@ from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Array, Measurement
 from backlash_ros.gates.faults import Fault
 
 _OF_GATE = {Fault.NO_SAMPLES, Fault.SECOND_DRIVE}
-"""Faults after which the gate passes no sample on."""
+"""Faults after which the gate passes no more samples."""
 _ACTS = ("parameters_version", "fault", "experiment", "reference")
-"""What of ``~/state`` may be another one on a sample than on the one before, without following from that."""
+"""Values of ``~/state`` that may change between two samples without following from them."""
 
 
 @dataclass(frozen=True)
 class Replayed:
-    """Commands of one activation, in their order, V or A, with the stamps of their samples, ns; shapes (N,).
+    """Commands of one activation, in order, V or A, with the stamps of their samples, ns; shapes (N,).
 
-    ``replayed`` is nan where the sample is not in the bag, ``lost`` such in number; ``unanswered``: samples that were
-    taken but whose command is not in the bag. ``unit`` of the commands; ``notes`` say what could not be placed exactly.
+    ``replayed`` is nan for the ``lost`` samples, which the bag lacks; ``unanswered``: number of samples whose command
+    the bag lacks. ``unit`` of the commands; ``notes`` say what could not be placed exactly.
     """
 
     stamps: Sequence[int]
@@ -47,17 +47,17 @@ class Replayed:
 
     @cached_property
     def differing(self) -> NDArray[np.intp]:
-        """Places of the commands that are not equal to the last bit."""
+        """Indices of the commands that are not equal to the last bit."""
         return np.flatnonzero(self.recorded.view(np.int64) != self.replayed.view(np.int64))
 
     @property
     def equal(self) -> bool:
-        """Whether every command was replayed, and is equal to the last bit."""
+        """Whether every command was replayed and is equal to the last bit."""
         return not (self.differing.size or self.lost or self.unanswered)
 
     @property
     def time(self) -> Array:
-        """Of the samples, s after the first one."""
+        """Times of the samples, s after the first one."""
         return 1e-9 * np.array([stamp - self.stamps[0] for stamp in self.stamps])
 
 
@@ -96,7 +96,7 @@ class _Run:
             self.notes.append(text)
 
     def _use(self, version: int, answered: Answered) -> None:
-        """Use each version up to one, as the controller did."""
+        """Use each version of the parameters up to a given one, as the controller did."""
         for number in range(self._version + 1, version):
             if number not in self._all.in_use:
                 self._note(f"version {number} of the parameters in use is not in the bag")
@@ -113,7 +113,7 @@ class _Run:
         self._servo.use(choice.settings, choice.limits, choice.drive)
 
     def _act(self, told: Mapping[str, float], answered: Answered) -> None:
-        """Do what was done before a sample, as far as it does not follow from the samples."""
+        """Apply the inputs before a sample that do not follow from the samples."""
         servo = self._servo
         if servo.experimenting and not told["experiment"]:
             servo.cancel("cancelled on request")
@@ -140,7 +140,7 @@ class _Run:
     # A sample.
 
     def _read(self, message: Any) -> bool:
-        """Read a sample; return whether the gate passes it on."""
+        """Read a sample; return whether the gate passes it."""
         constant = self._servo.drive.motor.torque_constant
         try:
             read_joint_state(message, *self._joint_names, constant, out=self._measured)
@@ -153,7 +153,7 @@ class _Run:
         return True
 
     def _elapsed(self, answered: Answered, told: Mapping[str, float] | None) -> float:
-        """Return the time since the sample before, s, as the gate tells it."""
+        """Return the time since the previous sample, s, as determined by the gate."""
         if told is not None:
             return told["elapsed"]
         if self._before is None:
@@ -165,7 +165,7 @@ class _Run:
         return 1e-9 * max(arrived, 0)
 
     def _answer(self, answered: Answered, told: Mapping[str, float] | None) -> float:
-        """Return the command that answers a sample; nan where the sample is not in the bag."""
+        """Return the command that answers a sample; nan if the bag lacks the sample."""
         if self._before is not None and answered.stamp == self._before.stamp and not self._gated:
             return self._in_force  # it was sent again
         message = nearest(self._all.samples, answered.stamp, answered.received)
@@ -202,11 +202,11 @@ class _Run:
         return made
 
     def _count(self, told: Mapping[str, float]) -> None:
-        """Compare how many samples were taken with how many there are."""
+        """Compare the number of samples taken with the number in the bag."""
         self._unanswered = max(self._unanswered, int(told["samples"] - self._missed) - self._taken - self._lost)
 
     def result(self) -> Replayed:
-        """Run and return what came of it."""
+        """Run and return the result."""
         made, answers = self.commands(), self._activation.answers
         return Replayed(
             [each.stamp for each in answers],
@@ -224,9 +224,9 @@ def _seconds(stamp: int) -> str:
 
 
 def _told_earlier(replayed: Replayed, activation: Activation, told: Found) -> tuple[Found, str] | None:
-    """Return what was told with something that acted told where commands first differ, and that in words.
+    """Return ``~/state`` with an input added where commands first differ, and that in words.
 
-    What ``~/state`` told with the sample itself may be missing in the bag; what follows tells it too.
+    The bag may lack the ``~/state`` of the sample itself; the next one tells the same.
     """
     if not replayed.differing.size:
         return None
@@ -248,15 +248,15 @@ def _told_earlier(replayed: Replayed, activation: Activation, told: Found) -> tu
 
 
 def replay(recorded: Recorded, activation: Activation, changes: Changes) -> tuple[Replayed, Replayed | None]:
-    """Replay an activation as it was recorded and, where there are ``changes``, with them.
+    """Replay an activation as it was recorded and, if there are ``changes``, with them.
 
-    With changes each command is what they would have given for the recorded samples, after the recorded commands: the
-    drive would have moved otherwise.
+    With changes, each command is the answer to the recorded samples and to the recorded commands before: the drive
+    itself would have moved differently.
 
     Raises
     ------
     ValueError
-        Where parameters are missing, or are refused.
+        If parameters are missing or are refused.
     """
     told, notes = activation.told, list[str]()
     done = _Run(recorded, activation, told, Changes({})).result()

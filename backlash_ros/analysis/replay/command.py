@@ -1,4 +1,4 @@
-"""`backlash replay`: its arguments, and what it does with them: reads, replays, prints, writes."""
+"""`backlash replay`: its arguments; reads a bag, replays, prints and writes."""
 
 import argparse
 import json
@@ -54,13 +54,13 @@ def _difference(replayed: Replayed, k: int) -> dict[str, float | int]:
 
 
 def _largest(replayed: Replayed) -> int | None:
-    """Return the place of the largest difference; None where there is none."""
+    """Return the index of the largest difference, or None."""
     sizes = np.abs(replayed.replayed - replayed.recorded)
     return int(np.nanargmax(sizes)) if replayed.differing.size and not np.all(np.isnan(sizes)) else None
 
 
 def content_of(replayed: Replayed) -> dict[str, Any]:
-    """Return the result of one replay as plain values; times in s after the first sample, commands in ``unit``."""
+    """Return the result of one replay as plain values; times in s from the first sample, commands in ``unit``."""
     largest, differing = _largest(replayed), replayed.differing
     return {
         "commands": len(replayed.stamps),
@@ -108,7 +108,7 @@ def replay_bag(given: argparse.Namespace, console: Console) -> int:
     Raises
     ------
     OSError, ValueError
-        As `read_recorded` and `replay`, and for changes that are refused.
+        As `read_recorded` and `replay`, and if changes are refused.
     """
     changes = Changes.parsed(given.changes)
     recorded = read_recorded(given.bag, given.controller)

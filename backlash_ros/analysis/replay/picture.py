@@ -12,7 +12,7 @@ from backlash_ros.analysis.replay.again import Replayed
 
 
 def draw(pairs: Sequence[tuple[Replayed, Replayed | None]], path: Path) -> None:
-    """Draw both curves, with what was set where anything was, and below what the second has more than the first."""
+    """Draw both curves with the changes of parameters, and below the second minus the first."""
     figure, panels = plt.subplots(
         2, len(pairs), figsize=(max(9, 5 * len(pairs)), 6), sharex="col", squeeze=False, constrained_layout=True
     )

@@ -1,4 +1,4 @@
-"""What a bag has of one controller: samples, commands by the sample that they answer, parameters, what it told."""
+"""Reads one controller from a bag: samples, commands by the sample that they answer, parameters, state."""
 
 import math
 import sqlite3
@@ -16,21 +16,21 @@ from backlash_ros.analysis.bag_files import readable
 from backlash_ros.drivetrain.messages import answered_sample, stamp_ns
 
 _LINGERS = 10**8
-"""Time after a controller has said that it is not active any more within which its last answers are recorded, ns."""
+"""Time for which the last answers of a controller that is no longer active are still recorded, ns."""
 _JOINT_STATES, _COMMANDS = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64MultiArray"
 
 Found = Mapping[int, Sequence[tuple[int, Any]]]
-"""Messages, each with its time of receipt (ns), by a number that may come twice: a stamp begins anew with a simulator,
-a version with a controller."""
+"""Messages with their times of receipt (ns), by a number that may repeat: stamps begin anew with a simulator, versions
+with a controller."""
 
 
 def nearest(found: Found, number: int, received: int) -> Any:
-    """Return the message of that number that was received nearest to a time, ns; None where there is none."""
+    """Return the message with that number that was received closest to a time, ns, or None."""
     return min(found.get(number, [(0, None)]), key=lambda each: abs(each[0] - received))[1]
 
 
 class Answered(NamedTuple):
-    """A command: when it was received and the stamp of the sample that it answers, ns, and its value, V or A."""
+    """A command: its time of receipt and the stamp of its sample, ns, and its value, V or A."""
 
     received: int
     stamp: int
@@ -39,9 +39,9 @@ class Answered(NamedTuple):
 
 @dataclass(frozen=True)
 class Activation:
-    """What was recorded from an activation of the controller on, until the next one.
+    """The recording from one activation of the controller until the next.
 
-    ``received``: when it was told, ns; ``told``: the values of ``~/state`` by the stamp of their sample.
+    ``received``: time of the activation, ns; ``told``: the values of ``~/state`` by the stamp of their sample.
     """
 
     received: int
@@ -51,9 +51,9 @@ class Activation:
 
 @dataclass(frozen=True)
 class Recorded:
-    """What a bag has of one controller; joint states by their stamps (ns), parameters in use by their version.
+    """One controller in a bag; joint states by their stamps (ns), parameters in use by their version.
 
-    ``damage``: what is wrong with its files, in words.
+    ``damage`` describes what is wrong with the files.
     """
 
     controller: str
@@ -68,7 +68,7 @@ def _telling(message: Any) -> dict[str, float]:
 
 
 def _topic_of(kind: str, name: str, controller: str, topics: Mapping[str, str], path: Path) -> str:
-    """Return the topic of a type beside a controller, under its usual name, or the only one."""
+    """Return the topic of a type that belongs to a controller: the one with the usual name, or the only one."""
     usual = str(PurePosixPath(controller).parent / name)
     found = sorted(topic for topic, its in topics.items() if its == kind)
     if usual in found:
@@ -79,7 +79,7 @@ def _topic_of(kind: str, name: str, controller: str, topics: Mapping[str, str], 
 
 
 def _controller_of(wanted: str, topics: Mapping[str, str], path: Path) -> str:
-    """Return the controller that is asked for, or the only one: who tells both its state and its parameters."""
+    """Return the requested controller, or the only one: it publishes both its state and its parameters."""
     ending = "/parameters_in_use"
     names = [topic.removesuffix(ending) for topic in topics if topic.endswith(ending)]
     there = sorted(name for name in names if f"{name}/state" in topics)
@@ -98,7 +98,7 @@ def _controller_of(wanted: str, topics: Mapping[str, str], path: Path) -> str:
 def _activations(
     told: Sequence[tuple[int, int, dict[str, float]]], answers: Sequence[Answered], path: Path
 ) -> list[Activation]:
-    """Return what follows each activation that was told: by the first sample on which the controller held."""
+    """Return the recording after each activation, found by the first sample on which the controller held."""
     begun: list[int] = []
     before: dict[str, float] = {"active": 0.0, "samples": 0.0}
     for k, (_, _, values) in enumerate(told):
@@ -135,14 +135,14 @@ def _activations(
 
 
 def read_recorded(path: Path, controller: str = "") -> Recorded:
-    """Read a rosbag2, also one whose recorder was killed.
+    """Read a rosbag2, even one whose recorder was killed.
 
     Raises
     ------
     OSError
         If it cannot be read.
     ValueError
-        Names what is not in it and is needed.
+        Names what it lacks.
     """
     samples: dict[int, list[tuple[int, Any]]] = defaultdict(list)
     in_use: dict[int, list[tuple[int, Any]]] = defaultdict(list)

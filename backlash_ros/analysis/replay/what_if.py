@@ -1,4 +1,4 @@
-"""Other values for recorded parameters: read from words, checked as the controller checks a request, all or none."""
+"""Other values for recorded parameters: read from text, and checked like a request to the controller, all or none."""
 
 import difflib
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ from backlash_ros.drivetrain.parameters import drive_of
 
 
 def tuning_of(values: Mapping[str, Any]) -> Tuning:
-    """Return the rules of a controller whose parameters, all of them, have these values."""
+    """Return the rules of a controller with these values of all its parameters."""
     sets = {
         name: {region: {kind: values[f"gain_sets.{name}.{region}.{kind}"] for kind in ("k", "q")} for region in REGIONS}
         for name in values["gain_set_names"]
@@ -31,7 +31,7 @@ def _kind(value: Any) -> str:
 
 
 def _converted(name: str, value: Any, like: Any) -> Any:
-    """Return a value in the type of the recorded one, where nothing is lost."""
+    """Return a value in the type of the recorded one, if that loses nothing."""
     if isinstance(like, list) and isinstance(value, list):
         return [_converted(name, each, 0.0) for each in value]
     if type(like) is float and type(value) is int:
@@ -45,13 +45,13 @@ def _converted(name: str, value: Any, like: Any) -> Any:
 
 @dataclass(frozen=True)
 class Changes:
-    """Values that are asked for, by the names of parameters; none where the replay is as it was recorded."""
+    """Requested values by the names of parameters; empty for a replay as recorded."""
 
     given: Mapping[str, Any]
 
     @classmethod
     def parsed(cls, words: Sequence[str]) -> "Changes":
-        """Read ``name=value`` each; values as in a parameter file. ValueError where one cannot be read."""
+        """Read texts ``name=value``, with values as in a parameter file; ValueError if one cannot be read."""
         given: dict[str, Any] = {}
         for word in words:
             name, equals, text = word.partition("=")
@@ -66,7 +66,7 @@ class Changes:
         return cls(given)
 
     def applied_to(self, tuning: Tuning, values: Mapping[str, Any]) -> Choice:
-        """Return what recorded parameters stand for with these changes; ValueError names the one that is refused."""
+        """Return the tuning that recorded parameters and these changes describe; ValueError names a refused one."""
         before = tuning.choice(dict(values))
         if not self.given:
             return before

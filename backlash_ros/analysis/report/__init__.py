@@ -1,1 +1,1 @@
-"""The report of a recording: one page with what happened in a bag, step by step, and how well it went."""
+"""The report of a recording: one page that shows what happened in a bag, step by step, and judges it."""

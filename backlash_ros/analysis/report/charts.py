@@ -1,4 +1,4 @@
-"""The charts of a report as data for the script that draws them, thinned where there is too much to send."""
+"""The charts of a report as data for the script that draws them, thinned if there is too much."""
 
 import base64
 import gzip
@@ -19,10 +19,10 @@ from backlash_ros.analysis.style import DARK, LIGHT, PRINT
 from backlash_ros.drivetrain.signals import Array
 
 MOST, FEW, BUDGET = 4000, 1000, 500_000
-"""Points of a curve that are sent at most: of more, the least and the largest of every few; points of a curve where a
-page has so many already, lest it becomes too large to be sent."""
+"""Largest number of points of a curve, which keeps the least and the largest of every few; the same on a page that
+already has the third number of points, so that it stays small enough to be sent."""
 _HOLE = 10.0
-"""Median periods without a point beyond which a curve is interrupted."""
+"""Time without a point, in median periods, that interrupts a curve."""
 _DIGITS = 6
 _BUTTONS = {
     "in": ("+", "zoom in"),
@@ -50,7 +50,7 @@ html:not([data-charts]) .tools { display: none; }
 
 @dataclass(frozen=True)
 class Line:
-    """One curve: its name, times (s) and values, and the colour of the style that it is drawn in."""
+    """One curve: its name, times (s) and values, and its colour in the style."""
 
     name: str
     time: Array
@@ -62,7 +62,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Panel:
-    """Curves over one axis, with bands and lines at values of theirs; ``low`` and ``high`` cut what is beyond."""
+    """Curves over one axis, with bands and lines at values; ``low`` and ``high`` limit the axis."""
 
     label: str
     lines: Sequence[Line]
@@ -74,7 +74,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Chart:
-    """Panels over one time, with marks and spans on it; ``told`` says in words what there is to see."""
+    """Panels over one time axis, with marks and spans; ``told`` describes the chart in words."""
 
     title: str
     told: str
@@ -85,18 +85,18 @@ class Chart:
 
 
 def identity_of(place: str) -> str:
-    """Return the id of a chart's place in the page; empty where there is none."""
+    """Return the id of a chart's place in the page; empty if it has none."""
     return place.partition(' id="')[2].partition('"')[0]
 
 
 def held(series: Series, time: Array) -> Array:
-    """Return the values that a series of changes had at other times, nan before the first."""
+    """Return the values of a series of changes at other times, nan before the first."""
     at = np.searchsorted(series.time, time + 1e-9, side="right") - 1
     return np.where(at >= 0, series.values[np.maximum(at, 0)], math.nan) if series.time.size else time * math.nan
 
 
 def thinned(time: Array, values: Array, most: int = MOST) -> tuple[Array, Array]:
-    """Return a curve of ``most`` points at most that has the least and the largest value of every few."""
+    """Return a curve of at most ``most`` points, with the least and the largest value of every few."""
     if time.size <= most:
         return time, values
     parts = np.array_split(np.arange(time.size), most // 2)
@@ -109,7 +109,7 @@ def thinned(time: Array, values: Array, most: int = MOST) -> tuple[Array, Array]
 
 
 def _interrupted(time: Array, values: Array) -> tuple[Array, Array]:
-    """Return a curve with a point without a value where there was none for long."""
+    """Return a curve with a point without a value in each long interruption."""
     steps = np.diff(time)
     if not steps.size:
         return time, values
@@ -119,13 +119,13 @@ def _interrupted(time: Array, values: Array) -> tuple[Array, Array]:
 
 @dataclass
 class ChartBook:
-    """All charts of a page: adds them one by one, gives their HTML, and packs their data."""
+    """All charts of a page: collects them one by one, gives their HTML, and packs their data."""
 
     _charts: list[dict[str, Any]] = field(default_factory=list)
     _points: int = 0
 
     def add(self, chart: Chart) -> str:
-        """Take up a chart; return its place in the page."""
+        """Add a chart; return its place in the page."""
         number, full, sent = len(self._charts) + 1, 0, 0
         times: list[list[float]] = []
         known: dict[bytes, int] = {}
@@ -212,6 +212,6 @@ class ChartBook:
 
 
 def _packed(identity: str, text: str) -> str:
-    """Return a text as an element that runs nothing, compressed and in letters that no page takes for its own."""
+    """Return a text as an inert element, compressed and in characters without meaning in HTML."""
     packed = base64.b64encode(gzip.compress(text.encode("utf-8"), 9, mtime=0)).decode("ascii")
     return f'<script type="application/gzip" id="{identity}">{packed}</script>'

@@ -1,4 +1,4 @@
-"""What `backlash report` takes and does: reads a bag, prints a line for each axis, writes the page and the numbers."""
+"""`backlash report`: its arguments; reads a bag, prints a line for each axis, writes page and numbers."""
 
 import argparse
 import json
@@ -56,7 +56,7 @@ def add_report(parser: argparse.ArgumentParser) -> None:
 
 
 def options_of(given: argparse.Namespace) -> Options:
-    """Return how the bag is read; ValueError for arguments that do not go together."""
+    """Return how to read the bag; ValueError for contradicting arguments."""
     reading = reading_of(given)
     reference = replace(reading.load, unit=given.reference_unit) if given.reference_unit else reading.load
     return Options(
@@ -72,13 +72,13 @@ def options_of(given: argparse.Namespace) -> Options:
 
 
 def places_of(given: argparse.Namespace) -> Sequence[tuple[str, Path]]:
-    """Return the arguments that name files to write, and these."""
+    """Return the arguments that name files to write, with the files."""
     out = given.out or Path(f"{given.bag.resolve().stem}.html")
     return [("out", out), *([("json", given.json)] if given.json is not None else [])]
 
 
 def _line(report: AxisReport) -> str:
-    """Return in a line what there is of an axis."""
+    """Return a summary of an axis in one line."""
     said = [f"{len(report.steps)} steps", f"{len(report.events.runs)} learning runs"]
     said.append(f"{len(report.events.faults)} faults")
     if report.b > 0.0:
@@ -96,7 +96,7 @@ def write_report(given: argparse.Namespace, console: Console) -> int:
     Raises
     ------
     NoLibraryError
-        If the library of the charts is not there.
+        If the library of the charts is not installed.
     OSError, ValueError
         If the bag cannot be read, a file cannot be written, or an option does not fit the bag.
     """

@@ -1,4 +1,4 @@
-"""What happened to an axis: steps of its reference, learning runs, changes of parameters, faults and warnings."""
+"""The events of an axis: steps of its reference, learning runs, changes of parameters, faults and warnings."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,9 +14,9 @@ from backlash_ros.analysis.report.reading.contents import Told
 from backlash_ros.gates.faults import FAULTS, Fault
 
 PATH_STEP = 0.1
-"""Time between two changes of the reference below which they belong to a path, s."""
+"""Largest time between two changes of the reference that belong to one path, s."""
 _SMALLEST = 1e-6
-"""Change of the reference that is none, rad."""
+"""Change of the reference that is ignored, rad."""
 _GAINS = (
     "law",
     "laws.",
@@ -29,11 +29,11 @@ _GAINS = (
     "motor.",
     "loop_delay",
 )
-"""How the names of parameters begin that change how the loop moves."""
+"""Beginnings of the names of parameters that change the motion of the loop."""
 
 
 class Move(NamedTuple):
-    """A change of the reference: from where to where, rad, when, s; a ``path`` if it went on in many small changes."""
+    """A change of the reference: from where to where, rad, and when, s; a ``path`` consists of many small changes."""
 
     start: float
     end: float
@@ -50,17 +50,17 @@ class Change(NamedTuple):
 
     @property
     def names(self) -> str:
-        """What changed, in a few words: a gain set stands for its gains."""
+        """The changes in a few words: a gain set stands for its gains."""
         return ", ".join(name for name in self.values if "gain_set" not in self.values or "gains." not in name)
 
     @property
     def moves(self) -> bool:
-        """Whether any of them changes how the loop moves."""
+        """Whether any of them changes the motion of the loop."""
         return any(name.startswith(_GAINS) for name in self.values)
 
 
 class LearningRun(NamedTuple):
-    """An experiment: from when to when, s, and what backlash was in use after it, rad, where that changed."""
+    """An experiment: start and end, s, and the backlash in use after it, rad, if that changed."""
 
     start: float
     end: float
@@ -69,7 +69,7 @@ class LearningRun(NamedTuple):
 
 
 class FaultSeen(NamedTuple):
-    """A fault that was latched: from when until when, s, infinite where the bag ends before; name and meaning."""
+    """A latched fault: start and end, s (infinite if the bag ends before), name and meaning."""
 
     start: float
     end: float
@@ -79,7 +79,7 @@ class FaultSeen(NamedTuple):
 
 @dataclass(frozen=True)
 class Events:
-    """All that happened, in the order of time."""
+    """All events in the order of time."""
 
     moves: Sequence[Move]
     runs: Sequence[LearningRun]
@@ -88,7 +88,7 @@ class Events:
     torques: Sequence[tuple[float, float]]
 
     def in_the_way(self, start: float, end: float) -> list[tuple[float, str]]:
-        """Return what ended the rest after a move that starts at ``start``, s: when, and in words."""
+        """Return when the rest after a move that starts at ``start`` ended, s, and by what, in words."""
         found = [(run.start, "an experiment") for run in self.runs]
         found += [(time, f"a load torque of {torque:g} N m") for time, torque in self.torques]
         found += [(fault.start, f"the fault {fault.name}") for fault in self.faults]
@@ -96,7 +96,7 @@ class Events:
 
 
 def _runs_of(series: Series | None) -> list[tuple[float, float, bool]]:
-    """Return from when to when a flag is set, and whether it was seen to end."""
+    """Return when a flag is set, from and to, and whether the end was seen."""
     if series is None or not series.time.size:
         return []
     on = np.concatenate([[0], (series.values > 0.0).astype(int), [0]])
@@ -106,7 +106,7 @@ def _runs_of(series: Series | None) -> list[tuple[float, float, bool]]:
 
 
 def _learning_runs(axis: Axis) -> list[LearningRun]:
-    """Return the experiments; what was learned may come a while after the end, since it has to be computed."""
+    """Return the experiments; a result may come a while after the end, since it has to be computed."""
     found, in_use = _runs_of(axis.state.get("experiment")), axis.state.get("backlash_angle")
     runs = []
     for k, (start, end, ended) in enumerate(found):
@@ -147,7 +147,7 @@ def _end_of(axis: Axis) -> float:
 
 
 def _first_start(axis: Axis) -> list[Move]:
-    """Return the move to the first reference of a topic that says only where to go: from where the load was."""
+    """Return the move to the first reference of a topic, which starts from the position of the load."""
     series = axis.reference
     if series is None or axis.reference_source == "~/state" or not series.time.size or not axis.time.size:
         return []
@@ -191,7 +191,7 @@ def _faults(axis: Axis, told: Sequence[Told]) -> list[FaultSeen]:
 
 
 def events_of(axis: Axis, told: Sequence[Told]) -> Events:
-    """Return what happened to an axis; ``told`` is what diagnostics said in the bag."""
+    """Return the events of an axis; ``told``: what diagnostics said in the bag."""
     torques: list[tuple[float, float]] = []
     if axis.load_torque is not None:
         torques = [(float(t), float(v)) for t, v in zip(axis.load_torque.time, axis.load_torque.values, strict=True)]
@@ -200,6 +200,6 @@ def events_of(axis: Axis, told: Sequence[Told]) -> Events:
 
 
 def in_use_at(axis: Axis, time: float) -> Mapping[str, Any]:
-    """Return the parameters that were in use at a time; none where the bag does not say."""
+    """Return the parameters in use at a time; empty if the bag does not say."""
     known = [values for at, _, values in axis.versions if at <= time + 1e-6]
     return known[-1] if known else {}

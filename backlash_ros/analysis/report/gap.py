@@ -1,4 +1,4 @@
-"""The backlash as this recording alone tells it, with its uncertainty: by a fit to a learning run, or to all of it."""
+"""The backlash from this recording alone, with its uncertainty: by a fit to a learning run, or to all of it."""
 
 import math
 from collections.abc import Sequence
@@ -21,14 +21,14 @@ from backlash_ros.identification.recording import Recording, with_late_answers
 from backlash_ros.identification.recordings.identify import identify
 
 _BEFORE = 1.0
-"""Time before a learning run that shows when answers usually come, s."""
+"""Time before a learning run that shows the usual delay of answers, s."""
 _FEWEST = 10
 """Samples of a learning run."""
 
 
 @dataclass(frozen=True)
 class GapFound:
-    """The backlash at the output, rad, its standard uncertainty, and the part that tells it; else why there is none."""
+    """The backlash at the output, rad, its standard uncertainty and the part that it is from; or why there is none."""
 
     angle: float = math.nan
     uncertainty: float = math.nan
@@ -46,7 +46,7 @@ def _ns(seconds: float) -> int:
 
 
 def _columns(path: Path, axis: Axis, contents: Contents, options: Options) -> Columns:
-    """Return the axis's samples and commands as identification takes them."""
+    """Return the axis's samples and commands for identification."""
     samples, joints = contents.samples[axis.joint_topic], (axis.motor_joint, axis.load_joint)
     motor, load = (joint_columns(samples, joint)[:, 0].tolist() for joint in joints)
     index = options.topics.index
@@ -67,7 +67,7 @@ def _columns(path: Path, axis: Axis, contents: Contents, options: Options) -> Co
 
 
 def _run_of(axis: Axis, run: LearningRun) -> Recording | None:
-    """Return the samples of a learning run, with what is known of late answers; None where it has none."""
+    """Return the samples of a learning run, with what is known of late answers; None without samples."""
     place = {stamp: k for k, stamp in enumerate(axis.stamps)}
     answers = (
         {
@@ -104,7 +104,7 @@ def _found_in(drive: Drive, recording: Recording, part: str) -> GapFound:
 
 
 def gap_found(path: Path, axis: Axis, contents: Contents, options: Options, runs: Sequence[LearningRun]) -> GapFound:
-    """Return what the recording of an axis tells of its backlash: a learning run that tells it, else all of it."""
+    """Return the backlash of an axis: from the first learning run that shows it, else from the whole recording."""
     if axis.drive is None:
         return GapFound(why="motor and gear are not known: give them with --drive")
     for joint, shaft in ((axis.motor_joint, "motor"), (axis.load_joint, "load")):

@@ -1,22 +1,22 @@
-"""The library that draws the charts of a page: Apache ECharts, as the package NiceGUI has it; that is not imported."""
+"""Finds the library that draws the charts: Apache ECharts, a file of NiceGUI, which is not imported."""
 
 import re
 from importlib.util import find_spec
 from pathlib import Path
 
 FOLDER = Path("elements", "echart", "dist")
-"""Where in the package the library is; its ``index.js`` names the file and what that calls ``echarts``."""
+"""Folder of the library in the package; its ``index.js`` names the file and its export ``echarts``."""
 _IMPORT = re.compile(r'import\{(.+?)\}from"\./([\w.-]+\.js)"')
 _EXPORT = re.compile(r"export\{(.+?)\}")
 _MAP = re.compile(r"^//# sourceMappingURL=.*$", re.MULTILINE)
 
 
 class NoLibraryError(Exception):
-    """The library is not there, or not where it was; the text says what to do."""
+    """The library is missing or has moved; the text says what to do."""
 
 
 def _renamed(names: str) -> dict[str, str]:
-    """Return the names after ``as`` with those before, of an import or export in braces."""
+    """Return the names before ``as`` by those after it, of an import or export in braces."""
     both = (name.split(" as ") for name in names.split(","))
     return {pair[-1].strip(): pair[0].strip() for pair in both}
 

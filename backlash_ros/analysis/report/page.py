@@ -16,7 +16,7 @@ from backlash_ros.analysis.report.timing import SETTLING, TAIL, Timing
 from backlash_ros.control.tick import MISSING
 
 MOST_CHARTS = 60
-"""Steps, learning runs and faults of an axis that have a chart of their own at most, the first ones of each."""
+"""Largest number of steps, of learning runs and of faults of an axis with a chart of their own, the first ones."""
 _STYLE = """
 h3 { font-size: 1rem; margin: 1.4rem 0 .4rem; break-after: avoid; }
 section > h2 { border-top: 2px solid var(--line); padding-top: 1rem; }
@@ -33,7 +33,7 @@ _NONE = "\u2013"
 
 
 def _number(value: float, digits: int = 3, never: str = "never") -> str:
-    """Return a number; a dash where the recording does not tell it."""
+    """Return a number; a dash if the recording does not show it."""
     if math.isnan(value):
         return _NONE
     return never if math.isinf(value) else brief(value, digits)
@@ -54,7 +54,7 @@ def _value(value: Any) -> str:
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "figures") -> str:
-    """Return a table; its cells are HTML already, the first one of a row names it."""
+    """Return a table of cells that are HTML; the first cell of a row is its heading."""
     head = "".join(f'<th scope="col">{text_of(name)}</th>' for name in heads)
     lines = []
     for first, *rest in rows:
@@ -69,7 +69,7 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "fig
 
 
 def _in_b(report: AxisReport, angle: float) -> str:
-    """Return an angle in b, or in mrad where the backlash is not known."""
+    """Return an angle in b, or in mrad if the backlash is unknown."""
     return _NONE if math.isnan(angle) else f"{angle / report.b if report.b > 0.0 else 1e3 * angle:.3f}"
 
 
@@ -101,7 +101,7 @@ def _step_row(report: AxisReport, number: int, step: Step, link: str) -> list[st
 
 
 def _remarks(step: Step) -> list[str]:
-    """Return what has to be known to read the figures of a step."""
+    """Return the notes that are needed to read the figures of a step."""
     remarks = list(step.remarks)
     if step.late_rising:
         remarks.append(f"samples that were late or answered late while it rose, and make it slower: {step.late_rising}")
@@ -247,7 +247,7 @@ def _timing(report: AxisReport, timing: Timing, book: ChartBook) -> list[str]:
 
 
 def _about(report: AxisReport) -> str:
-    """Return what an axis is, and in which backlash its figures are."""
+    """Return a description of an axis, with the backlash that is the unit of its figures."""
     axis, gap = report.axis, report.gap
     rows = [
         ("joint states", axis.joint_topic or "not in this recording"),
@@ -288,7 +288,7 @@ def _axis(report: AxisReport, number: int, book: ChartBook) -> list[str]:
 
 
 def _index(report: Report) -> list[str]:
-    """Return a table of the axes with links to them, where there are several."""
+    """Return a table of the axes with links to them, if there are several."""
     if len(report.axes) < 2:
         return []
     rows = []
@@ -333,7 +333,7 @@ def page_of(report: Report) -> str:
     Raises
     ------
     NoLibraryError
-        If the library of the charts is not there.
+        If the library of the charts is not installed.
     """
     book, contents = ChartBook(), report.contents
     began = f"{report.began:%Y-%m-%d %H:%M:%S} UTC" if report.began else "a clock that shows no date"

@@ -12,9 +12,9 @@ from backlash_ros.analysis.report.steps import Mask, Step
 from backlash_ros.drivetrain.signals import Array
 
 _AROUND = 0.05
-"""Time before a step that is shown too, s."""
+"""Time before a step that its chart shows, too, s."""
 _ROOM = 1.3
-"""Of what is shown near the target, times the largest of what matters there."""
+"""Range that is shown near the target, as a multiple of the largest relevant value there."""
 
 
 def _known(values: Array) -> bool:
@@ -36,7 +36,7 @@ def _angles(report: AxisReport, part: Mask) -> Panel:
 
 
 def _effort(report: AxisReport, part: Mask) -> list[Panel]:
-    """Return the command, and the motor's torque where it was recorded."""
+    """Return the command, and the motor's torque if it was recorded."""
     axis, panels = report.axis, []
     time = axis.time[part]
     if not time.size:
@@ -87,7 +87,7 @@ def overview(report: AxisReport) -> Chart:
 
 
 def _near(report: AxisReport, step: Step, part: Mask) -> list[Panel]:
-    """Return where the load is near the target, in b, or in mrad where the backlash is not known."""
+    """Return the load near the target, in b, or in mrad if the backlash is unknown."""
     axis = report.axis
     unit, scale = ("b", report.b) if report.b > 0.0 else ("mrad", 1e-3)
     largest = [abs(step.target - step.origin) * 0.02, 4.0 * step.band, step.overshoot, step.residual + abs(step.error)]

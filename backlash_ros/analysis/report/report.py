@@ -1,4 +1,4 @@
-"""What a report says, before it is a page or JSON: every axis of a bag with its events, steps, timing and gap."""
+"""The content of a report, for page and JSON: every axis of a bag with its events, steps, timing and gap."""
 
 import math
 import re
@@ -24,7 +24,7 @@ _NUMBER = re.compile(r"\d+(\.\d+)?")
 
 @dataclass(frozen=True)
 class AxisReport:
-    """An axis and its figures; ``b`` is the backlash that they are in, rad, 0 where none is known, from ``b_source``.
+    """An axis and its figures; their unit is the backlash ``b``, rad, from ``b_source``, 0 if unknown.
 
     ``centre``: middle between both flanks, rad, see `gap_centre`.
     """
@@ -41,7 +41,7 @@ class AxisReport:
 
 @dataclass(frozen=True)
 class Warned:
-    """What diagnostics said again and again: first and last time, s from the start, who, how bad, what, how often."""
+    """A repeated message of diagnostics: first and last time, s from the start, sender, level, text, number."""
 
     first: float
     last: float
@@ -53,7 +53,7 @@ class Warned:
 
 @dataclass(frozen=True)
 class Report:
-    """All that a report says of a bag; ``source`` is its path, ``command`` the line that makes the report again."""
+    """The report of a bag; ``source`` is its path, ``command`` the command line that makes the report."""
 
     source: str
     command: str
@@ -63,13 +63,13 @@ class Report:
 
     @property
     def began(self) -> datetime | None:
-        """When the first message was recorded, UTC; None where the recorder's clock shows no date."""
+        """When the first message was recorded, UTC; None if the recorder's clock shows no date."""
         start = self.contents.start
         return datetime.fromtimestamp(start, timezone.utc) if DATES[0] <= start <= DATES[1] else None
 
     @property
     def length(self) -> float:
-        """From the first to the last message, s; 0 where there is none."""
+        """Time from the first to the last message, s; 0 without messages."""
         length = self.contents.end - self.contents.start
         return 0.0 if math.isnan(length) else length
 
@@ -88,7 +88,7 @@ def _axis_report(path: Path, axis: Axis, contents: Contents, options: Options) -
 
 
 def _warnings(told: Sequence[Told], start: float) -> list[Warned]:
-    """Return what diagnostics warned of, texts that differ in their numbers alone as one."""
+    """Return the warnings of diagnostics; texts that differ only in their numbers count as one."""
     found: dict[tuple[str, int, str], Warned] = {}
     for said in told:
         if said.level == 0:
@@ -106,7 +106,7 @@ def report_of(path: Path, options: Options, command: str) -> Report:
     Raises
     ------
     OSError, ValueError
-        If there is no bag, or an option does not fit it; names it.
+        If there is no bag, or an option does not fit it, which is named.
     """
     contents = read_contents(path)
     axes = [_axis_report(path, axis, contents, options) for axis in axes_of(contents, options)]
@@ -148,7 +148,7 @@ def _axis_content(report: AxisReport) -> dict[str, Any]:
 
 
 def content_of(report: Report) -> dict[str, Any]:
-    """Return all numbers of a report as JSON takes them: angles in rad at the output, times in s, torque in N m."""
+    """Return all numbers of a report, ready for JSON: angles in rad at the output, times in s, torque in N m."""
     content = {
         "bag": report.source,
         "began": None if report.began is None else report.began.isoformat(),

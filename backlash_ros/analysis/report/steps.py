@@ -1,4 +1,4 @@
-"""Figures of a step: how fast, how far beyond, how still in the end, what it cost. Pure computation."""
+"""Figures of a step: speed, overshoot, rest, effort. Pure computation."""
 
 import math
 from collections.abc import Sequence
@@ -17,38 +17,38 @@ from backlash_ros.drivetrain.signals import Array
 Mask = NDArray[np.bool_]
 
 NEAR = 0.02
-"""Band in which a step has settled where the backlash is not known, as a share of the step."""
+"""Band of a settled step if the backlash is unknown, as a share of the step."""
 _LEAST_CYCLE = 1e-3
-"""Smallest limit cycle where the backlash is not known, as a share of the step."""
+"""Smallest limit cycle if the backlash is unknown, as a share of the step."""
 _FEWEST_CYCLES, _EVEN, _MOST = 3, 0.25, 0.75
-"""How often a limit cycle is seen at least; by which share of their median its periods may be off; and share of them
-that is not off by more: a late answer makes one longer."""
+"""Least number of periods of a limit cycle; largest relative deviation of a period from their median; and least share
+of periods within that, since a late answer makes one longer."""
 _CYCLE_TIME = 5.0
-"""Longest end of a step in which its frequency is taken, s."""
+"""Longest part at the end of a step from which the frequency is taken, s."""
 _HOLE = 0.5
-"""Time without a sample at which a step ends, s."""
+"""Time without a sample that ends a step, s."""
 _SHORTEST = 5
-"""Samples that a step has at least to be judged."""
+"""Least number of samples of a step that is judged."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """A step response; angles in rad at the output, times in s, nan where the recording does not tell.
+    """A step response; angles in rad at the output, times in s, nan if the recording does not show them.
 
     Attributes
     ----------
-    start, end, origin, target : of the reference, and where its rest was ended
-    ended_by : what ended it, in words; empty for the next change of the reference or the end
-    law, gain_set : in use at the start, empty where the bag does not say
+    start, end, origin, target : of the reference, and of its rest
+    ended_by : what ended the rest, in words; empty for the next change of the reference or the end of the bag
+    law, gain_set : in use at the start, empty if unknown
     rise : 10 to 90 %
-    settling : from when on it stayed within ``band`` of the target, to the end and for the last second; inf where never
-    overshoot : beyond the target, 0 at least
+    settling : after which it stays within ``band`` of the target, for at least the last second; inf if never
+    overshoot : beyond the target, at least 0
     residual, error : peak to peak, and of the mean, in the last second
     amplitude, frequency : of the limit cycle in the rest, peak to peak and in Hz; nan where there is none
-    impacts : how often the teeth met after the load first came within the backlash of the target; -1 not known
+    impacts : of the teeth, after the load first came within the backlash of the target; -1 if unknown
     peak_torque, peak_speed : largest of the motor, N m before the gear, and of the load, rad/s, as recorded
-    late_rising, late_rest : whether samples were late or not answered in time while it rose, and in all of its rest
-    remarks : what else has to be known to read the figures
+    late_rising, late_rest : whether samples or answers were late during the rise, and all through the rest
+    remarks : further notes that are needed to read the figures
     """
 
     start: float
@@ -75,7 +75,7 @@ class Step:
 
 
 def limit_cycle(time: Array, position: Array, least: float) -> tuple[float, float]:
-    """Return peak to peak and frequency (Hz) of what swings evenly by more than ``least``; nan where nothing does.
+    """Return swing, peak to peak, and frequency (Hz) of an even oscillation above ``least``; nan if there is none.
 
     Counted between upward passages of the middle, each after the signal was a quarter of its swing below it.
     """
@@ -98,7 +98,7 @@ def limit_cycle(time: Array, position: Array, least: float) -> tuple[float, floa
 
 
 def gap_centre(twist: Array, b: float) -> float:
-    """Return the middle between both flanks, rad at the output; nan where the teeth were not seen on both."""
+    """Return the middle between both flanks, rad at the output; nan if the teeth were not seen on both."""
     known = twist[np.isfinite(twist)]
     if not known.size or not b > 0.0:
         return math.nan
@@ -124,7 +124,7 @@ def judge(axis: Axis, events: Events, move: Move, b: float, centre: float) -> St
 
     Parameters
     ----------
-    b : backlash at the output, rad; 0 where it is not known
+    b : backlash at the output, rad; 0 if unknown
     centre : of the gap, see `gap_centre`
     """
     height, told = abs(move.target - move.origin), in_use_at(axis, move.start)
@@ -155,7 +155,7 @@ def _with(step: Step, **values: object) -> Step:
 
 
 def _peak(values: Array) -> float:
-    """Return the largest size of values, nan where there is none."""
+    """Return the largest magnitude of values, nan without values."""
     known = np.abs(values[np.isfinite(values)])
     return float(np.max(known)) if known.size else math.nan
 

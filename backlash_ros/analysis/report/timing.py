@@ -1,4 +1,4 @@
-"""How steadily samples came, how old they were when recorded, what is missing, and how soon they were answered."""
+"""The timing of samples: regularity, age when recorded, losses, and delay of the answers."""
 
 import math
 from dataclasses import dataclass
@@ -11,15 +11,15 @@ from backlash_ros.control.tick import MISSING
 from backlash_ros.drivetrain.signals import Array
 
 _SPAN = 4
-"""Samples over which a period is taken."""
+"""Number of periods over which the period is averaged."""
 
 
 TAIL, SETTLING = 1.0, 0.3
-"""Time over which a residual is taken, and after a disturbance until it may be, s."""
+"""Time over which a residual is taken, and waiting time after a disturbance, s."""
 
 
 def late_answers(samples: Array, answers: Array) -> Array:
-    """Return the times of the samples, in s, that had no answer before the next one, or whose next one came late."""
+    """Return the times of samples, s, that had no answer before the next sample, or whose next sample was late."""
     passed = np.diff(samples)
     unanswered = np.diff(np.searchsorted(answers, samples)) == 0
     late: Array = samples[:-1][unanswered | (passed > MISSING * np.median(passed))]
@@ -27,7 +27,7 @@ def late_answers(samples: Array, answers: Array) -> Array:
 
 
 def last_quiet(samples: Array, answers: Array, middle: float) -> float | None:
-    """Return the end of the last stretch after ``middle`` without a late answer that is long enough, s, or None."""
+    """Return the end of the last long enough stretch after ``middle`` without a late answer, s, or None."""
     late = late_answers(samples, answers)
     edges = np.array([middle, *late[late > middle], samples[-1]])
     long_enough = np.flatnonzero(np.diff(edges) >= TAIL + SETTLING)
@@ -36,21 +36,21 @@ def last_quiet(samples: Array, answers: Array, middle: float) -> float | None:
 
 @dataclass(frozen=True)
 class Timing:
-    """Times in s, nan where they are not known.
+    """Times in s, nan if unknown.
 
     Attributes
     ----------
-    samples, repeated : how many were used, and left out since their stamps do not rise
-    length : from the first to the last one
-    period, rate : median of the time from one to the next, over four at a time, and one by it, Hz
-    jitter, jitter_99 : of that time where none is missing: standard deviation from the period, and the deviation that
-        99 % stay below
-    longest : time from one to the next
-    lost : samples that a drive of that period has between the first and the last, and the bag has not
-    holes : how often that time was longer than `MISSING` periods
-    age, age_99, age_most : from stamp to recording, mean, 99 % and largest
-    answers, unanswered : commands, and samples without one before the next sample, or with a late next one
-    answered, answered_99 : from the recording of a sample to that of the command that names it, median and 99 %
+    samples, repeated : number used, and number left out because their stamps do not increase
+    length : from the first to the last sample
+    period, rate : median time between samples, averaged over four, and its inverse, Hz
+    jitter, jitter_99 : of the time between samples without losses: standard deviation, and 99th percentile of the
+        deviation from the period
+    longest : time between two samples
+    lost : samples of that period that the bag lacks between the first and the last
+    holes : number of times between samples above `MISSING` periods
+    age, age_99, age_most : from stamp to recording: mean, 99th percentile and largest
+    answers, unanswered : commands, and samples without one before the next sample, or with a late next sample
+    answered, answered_99 : from the recording of a sample to that of its command: median and 99th percentile
     """
 
     samples: int
@@ -73,13 +73,13 @@ class Timing:
 
 
 def period_of(time: Array) -> float:
-    """Return the period of samples, s: late ones, lost ones and every second one early do not matter."""
+    """Return the period of samples, s, in spite of late, lost and alternately early ones."""
     size = min(_SPAN, time.size - 1)
     return float(np.median(time[size:] - time[:-size])) / size
 
 
 def _answer_times(axis: Axis) -> Array:
-    """Return from a sample to its answer, both as recorded, s."""
+    """Return the times from the recording of samples to that of their answers, s."""
     if axis.command is None or not np.any(np.isfinite(axis.answered)):
         return np.empty(0)
     place = {stamp: k for k, stamp in enumerate(axis.stamps)}
@@ -91,7 +91,7 @@ def _answer_times(axis: Axis) -> Array:
 
 
 def timing_of(axis: Axis) -> Timing | None:
-    """Return the timing of an axis's samples; None where there are fewer than three."""
+    """Return the timing of an axis's samples; None for fewer than three."""
     if axis.time.size < 3:
         return None
     steps = np.diff(axis.time)

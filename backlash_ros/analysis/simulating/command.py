@@ -1,4 +1,4 @@
-"""`backlash simulate`: its arguments, and what it does with them: simulates a step, judges, prints, draws, writes."""
+"""`backlash simulate`: its arguments; simulates a step, judges, prints, draws and writes."""
 
 import argparse
 import csv
@@ -36,7 +36,7 @@ WRITTEN = ("plot", "csv")
 """Options that name files to write."""
 _LONGEST = 600.0
 _OURS = ("motor", "gear", "load", "contact", "sensors", "delay", "gain_sets", "rate", "loop_delay", "command_interface")
-"""What of a parameter file a simulation goes by, beside the parameters of its law."""
+"""Parameters of a file that a simulation uses, in addition to those of its law."""
 _COLUMNS = ("time", "reference", "load_angle", "load_velocity", "motor_angle", "motor_velocity", "command", "region")
 
 
@@ -58,7 +58,7 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
 
 
 def _merged(parameters: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters in sections with others, named as in a running node, in their place."""
+    """Return parameters in sections after replacing some, which are named as in a running node."""
     merged = dict(parameters)
     for name, value in changes.items():
         section, _, rest = name.partition(".")
@@ -84,7 +84,7 @@ def _check(name: str, value: float, least: float, most: float, unit: str) -> Non
 
 
 def _simulated(given: argparse.Namespace) -> tuple[Run, Drive]:
-    """Return the run that is asked for, and its drive; ValueError names what is wrong."""
+    """Return the requested run and its drive; ValueError names what is wrong."""
     _check("--seconds", given.seconds, 0.1, _LONGEST, "s")
     _check("--reference", abs(given.reference), 1e-6, 1e3, "rad, either way")
     if not math.isfinite(given.load_torque):
@@ -148,7 +148,7 @@ def _write_table(result: Run, reference: float, place: Path) -> None:
 
 
 def simulate(given: argparse.Namespace, console: Console) -> int:
-    """Simulate and print; return 1 where the controller latched a fault, else 0. Files appear complete or not at all.
+    """Simulate and print; return 1 if the controller latched a fault, else 0. Files appear complete or not at all.
 
     Raises
     ------

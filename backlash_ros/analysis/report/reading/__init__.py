@@ -1,1 +1,1 @@
-"""A bag read for a report: all that it holds by topic, and its axes in SI units on one clock."""
+"""Reads a bag for a report: its content by topic, and its axes in SI units on one clock."""

@@ -1,4 +1,4 @@
-"""The axes in a bag: the samples of each in SI units and rad, with what its controller said, on one clock."""
+"""The axes in a bag: the samples of each in SI units, and the messages of its controller, on one clock."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,13 +16,13 @@ from backlash_ros.analysis.report.reading.options import EFFORT_UNITS, VELOCITY_
 from backlash_ros.drivetrain.signals import Array
 
 CLOCKS_DIFFER = 10.0
-"""Age of samples that says more of the clocks than of the samples, s."""
+"""Age of samples above which it shows the clocks and not the samples, s."""
 _STRAY = 0.01
-"""Share of stamps that may stand still or go back before the recorder's times are taken instead."""
+"""Share of stamps that may repeat or decrease before the recorder's times are used instead."""
 
 
 def joint_columns(samples: Sequence[Sample], joint: str) -> Array:
-    """Return position, velocity and effort of a joint, shape (N, 3), nan where it has none."""
+    """Return position, velocity and effort of a joint, shape (N, 3), nan if missing."""
     rows = np.full((len(samples), 3), math.nan)
     places: dict[tuple[str, ...], int] = {}
     for k, sample in enumerate(samples):
@@ -36,12 +36,12 @@ def joint_columns(samples: Sequence[Sample], joint: str) -> Array:
 
 
 def _rising(times: Array) -> Any:
-    """Return which times are later than all before."""
+    """Return which times are later than all previous ones."""
     return np.concatenate([[True], times[1:] > np.maximum.accumulate(times)[:-1]])
 
 
 def _clock(samples: Sequence[Sample], options: Options) -> tuple[Array, str]:
-    """Return the times of samples, s, and why they are not their stamps, empty where that was asked for."""
+    """Return the times of samples, s, and why these are not the stamps; empty if they are, or on request."""
     stamps, received = (np.array(times) for times in zip(*(sample[:2] for sample in samples), strict=True))
     if options.topics.stamps == "log":
         return received, ""
@@ -52,7 +52,7 @@ def _clock(samples: Sequence[Sample], options: Options) -> tuple[Array, str]:
 
 
 def _namespace(topic: str, parts: int) -> str:
-    """Return the namespace of a topic, which has so many names of its own at its end."""
+    """Return the namespace of a topic, without so many names at its end."""
     return "/".join(topic.split("/")[:-parts]) or "/"
 
 
@@ -63,7 +63,7 @@ def _numbers(found: Sequence[Numbers], index: int) -> Series:
 
 
 def _only(names: Sequence[str], what: str, option: str, notes: list[str]) -> str:
-    """Return the only name; where there are several, none, and a note that says which option chooses."""
+    """Return the only name; of several, none, with a note on the option that chooses."""
     if len(names) > 1:
         notes.append(f"{what}: {option} must say which of {', '.join(sorted(names))}")
     return names[0] if len(names) == 1 else ""
@@ -78,13 +78,13 @@ class _Builder:
         self.missing: list[str] = []
 
     def _of_axis(self, topics: Iterable[str], parts: int) -> list[str]:
-        """Return the topics of this axis; all, where it is the only one."""
+        """Return the topics of this axis; all if it is the only one."""
         topics = list(topics)
         own = [topic for topic in topics if _namespace(topic, parts) == self._namespace]
         return own or (topics if self._alone else [])
 
     def build(self, joint_topic: str) -> Axis:
-        """Return the axis whose samples are on ``joint_topic``, empty where there are none."""
+        """Return the axis with samples on ``joint_topic``, which is empty without samples."""
         contents = self._contents
         states = self._of_axis(contents.states, 2)
         if len(states) > 1:
@@ -110,7 +110,7 @@ class _Builder:
         return replace(axis, notes=tuple(self.notes), missing=tuple(self.missing))
 
     def _named(self, name: str, parts: int = 1) -> list[str]:
-        """Return the topics of numbers of this axis that end with a name."""
+        """Return the numeric topics of this axis that end with a name."""
         named = [topic for topic in self._contents.numbers if topic.split("/")[-1] == name]
         return self._of_axis(named, parts)
 
@@ -122,7 +122,7 @@ class _Builder:
         return [(stamp, version, values) for stamp, version, values in self._contents.in_use[own[0]]]
 
     def _in_lockstep(self) -> bool:
-        """Whether the drive is a simulated one that waited for the answer to each sample."""
+        """Whether the drive was simulated in lockstep."""
         own = [topic for topic in self._of_axis(self._contents.in_use, 2) if "/plant_simulator/" in topic]
         return any(values.get("lockstep") for topic in own for _, _, values in self._contents.in_use[topic])
 
@@ -142,7 +142,7 @@ class _Builder:
         return axis
 
     def _joints(self, axis: Axis, samples: Sequence[Sample]) -> tuple[str, str]:
-        """Return the joints of motor and load as asked for, as in use, or by the names that the interface has."""
+        """Return the joints of motor and load: as requested, as in use, or with the interface's names."""
         told = axis.versions[-1][2] if axis.versions else {}
         topics, names = self._options.topics, {name for sample in samples for name in sample.names}
         result = []
@@ -206,7 +206,7 @@ class _Builder:
         )
 
     def _radians(self, times: Array, angle: Array, joint: str, encoder: Encoder) -> Array:
-        """Return the angles of a joint in rad; as they stand there, where they begin again at nobody knows what."""
+        """Return the angles of a joint in rad; unchanged if they wrap around at an unknown value."""
         try:
             result, note = encoder.radians(
                 times, angle, f"joint '{joint}'", lambda k: f"at {times[k] - times[0]:.3f} s"
@@ -217,7 +217,7 @@ class _Builder:
         return result
 
     def _clock_of(self, axis: Axis) -> tuple[float, str]:
-        """Return the time that is 0 in the page, s, and what the axis's clock is where it is not the recorder's."""
+        """Return the time that is 0 in the page, s, and the name of the axis's clock if it is not the recorder's."""
         start = self._contents.start
         first = axis.time[0] if axis.time.size else math.nan
         if math.isnan(first):
@@ -229,7 +229,7 @@ class _Builder:
         return float(first), "a clock of its own, counted from its first sample"
 
     def _on_clock(self, axis: Axis, zero: float) -> Any:
-        """Return what brings a series with the recorder's times onto the axis's clock."""
+        """Return a function from the recorder's times to the axis's clock."""
 
         def shifted(series: Series) -> Series:
             if not axis.clock:
@@ -239,7 +239,7 @@ class _Builder:
         return shifted if axis.time.size or not axis.clock else lambda series: series
 
     def _hint(self, option: str) -> str:
-        """Return where the numbers are that an option can name."""
+        """Return the topics that an option can name."""
         has = ", ".join(sorted(self._of_axis(self._contents.numbers, 1)))
         return f"; numbers are on {has}: {option} names the one" if has else ""
 
@@ -298,7 +298,7 @@ def _series_by_name(states: Sequence[tuple[float, Mapping[str, float]]]) -> dict
 def axes_of(contents: Contents, options: Options) -> list[Axis]:
     """Return the axes in a bag in the order of their names: one for each topic of joint states.
 
-    Without joint states there is one for each controller that said its state.
+    Without joint states: one for each controller that published its state.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""One axis of a bag: its samples in SI units, what its controller said, and what drive it is, on one clock."""
+"""One axis of a bag: its samples in SI units, its controller's messages and its drive, on one clock."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -20,22 +20,22 @@ class Axis:
 
     Attributes
     ----------
-    name : namespace of its topics, ``/`` where there is none
-    joint_topic, motor_joint, load_joint : where its samples come from, empty where they are not in the bag
-    time, received, stamps : of the samples that are used, shape (N,): on the axis's clock; when recorded and stamped,
-        s since the epoch
-    motor, load : angles, rad, the motor's before the gear; all nan where there are none
+    name : namespace of its topics, ``/`` without one
+    joint_topic, motor_joint, load_joint : source of its samples, empty if the bag has none
+    time, received, stamps : of the used samples, shape (N,): on the axis's clock; of recording and stamp, s since the
+        epoch
+    motor, load : angles, rad, the motor's before the gear; all nan if there are none
     load_speed : rad/s
     torque : of the motor, N m before the gear
-    repeated : samples whose stamp does not rise, left out
+    repeated : number of samples without a later stamp, which are left out
     reference, load_torque, estimates, command : as the bag has them, rad, N m, rad, and V, A or what the topic has
-    answered, commands_received : the stamps of the samples that the commands name, nan where none, and when these were
-        recorded, s since the epoch
-    state : what ``~/state`` has by name
+    answered, commands_received : the stamps of the samples that the commands name, nan if none, and when the commands
+        were recorded, s since the epoch
+    state : the values of ``~/state`` by name
     versions : parameters in use by their time
-    drive : motor, gear and load, as ``drive_source`` says; None where nobody tells
-    notes : what was done to the samples, in words
-    missing : what is not in the recording, in words
+    drive : motor, gear and load from ``drive_source``; None if unknown
+    notes : how the samples were treated, in words
+    missing : what the recording lacks, in words
     """
 
     name: str
@@ -69,7 +69,7 @@ class Axis:
 
     @property
     def ratio(self) -> float:
-        """Output angle for each rad of the motor; nan where no drive tells it."""
+        """Output angle per rad of the motor; nan if unknown."""
         return self.drive.gear.ratio if self.drive is not None else math.nan
 
     @property
@@ -84,7 +84,7 @@ class Axis:
 
 
 def backlash_in_use(axis: Axis) -> tuple[float, str]:
-    """Return the last backlash that the controller used, rad, and where that is said; 0 where nowhere."""
+    """Return the last backlash that the controller used, rad, and its source; 0 if unknown."""
     if axis.versions and (angle := float(axis.versions[-1][2].get("backlash_angle", 0.0))) > 0.0:
         return angle, "the parameters in use at the end"
     if (series := axis.state.get("backlash_angle")) is not None:

@@ -1,4 +1,4 @@
-"""All that a report needs from a bag, read in one pass, by topic; and what is wrong with the bag."""
+"""Everything that a report needs from a bag, by topic, read in one pass; and what is wrong with the bag."""
 
 import re
 from collections.abc import Iterator
@@ -40,7 +40,7 @@ class Numbers(NamedTuple):
 
 
 class Told(NamedTuple):
-    """What one status of ``/diagnostics`` said: when, s; its name, level (0 good, 1 warning, 2 error) and text."""
+    """One status of ``/diagnostics``: time, s, name, level (0 good, 1 warning, 2 error) and text."""
 
     received: float
     name: str
@@ -52,10 +52,10 @@ class Told(NamedTuple):
 class Contents:
     """A bag by topic.
 
-    ``topics`` has the type and the number of messages of each; ``states`` the stamps (s) and values of ``~/state``;
-    ``in_use`` and ``simulated`` what ``~/parameters_in_use`` said: stamp, version, parameters. ``start`` and ``end``:
-    when the first and the last message was recorded, s since the epoch, nan where there is none. ``damage`` says what
-    is wrong with the bag, in words.
+    ``topics``: type and number of messages of each; ``states``: stamps (s) and values of ``~/state``; ``in_use`` and
+    ``simulated``: stamp, version and parameters of each message of ``~/parameters_in_use``. ``start`` and ``end``: when
+    the first and the last message were recorded, s since the epoch, nan without messages. ``damage`` describes what is
+    wrong with the bag.
     """
 
     topics: dict[str, tuple[str, int]] = field(default_factory=dict)
@@ -70,7 +70,7 @@ class Contents:
 
 
 def _answered(message: Any) -> float:
-    """Return the stamp of the sample that a command names in its label, s; nan where it names none."""
+    """Return the stamp of the sample that a command names in its label, s; nan if it names none."""
     layout = getattr(message, "layout", None)
     named = _STAMP.fullmatch(layout.dim[0].label) if layout is not None and layout.dim else None
     return float("nan") if named is None else int(named[1]) + 1e-9 * int(named[2])
@@ -106,7 +106,7 @@ def _wanted(kind: str) -> bool:
 
 
 def _messages(reader: AnyReader, contents: Contents) -> Iterator[tuple[str, str, int, Any]]:
-    """Yield topic, type, time (ns) and content of every message that can be read, content None where nobody asks."""
+    """Yield topic, type, time (ns) and content of every readable message; the content of unused topics is None."""
     messages, broken = reader.messages(), 0
     while True:
         try:
@@ -151,7 +151,7 @@ def _read(path: Path, *, damaged: bool) -> Contents:
 
 
 def read_contents(path: Path) -> Contents:
-    """Return what a bag holds, as far as it can be read.
+    """Return the content of a bag, as far as it can be read.
 
     Raises
     ------

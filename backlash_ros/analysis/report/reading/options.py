@@ -1,4 +1,4 @@
-"""What a report is told of the bag: topics, joints, units, and what the drive is."""
+"""Options for reading a bag: topics, joints, units, and the drive."""
 
 import math
 from dataclasses import dataclass, field
@@ -10,14 +10,14 @@ from backlash_ros.analysis.recordings.samples import Reading
 
 VELOCITY_UNITS = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0}
 EFFORT_UNITS = {"Nm": 1.0, "mNm": 1e-3, "A": math.nan}
-"""Units of velocity and effort in rad/s and N m; an ampere is worth what the motor's torque constant says."""
+"""Units of velocity and effort in rad/s and N m; an ampere is multiplied by the motor's torque constant."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """How a bag is read; what is empty is found out, or said to be missing.
+    """How a bag is read; empty options are determined from the bag, if possible.
 
-    ``backlash_angle``: rad at the output, 0 where it is not given. ``drive``: the file of motor and gear.
+    ``backlash_angle``: rad at the output, 0 if not given. ``drive``: the file of motor and gear.
     """
 
     reading: Reading = field(default_factory=Reading)
