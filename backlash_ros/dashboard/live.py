@@ -9,6 +9,7 @@ from pathlib import Path
 from backlash_ros.dashboard.command import main as dashboard
 from backlash_ros.ros.client import start_node, stop_node
 from backlash_ros.ros.isolation import isolated
+from backlash_ros.simulation.__main__ import compile_all
 
 _PORT = 8080
 _IN_STEP = ["-p", "lockstep:=true"]
@@ -33,6 +34,8 @@ def main(words: Sequence[str] | None = None) -> int:
     given = parser.parse_args(words)
     port = given.port if given.port is not None else _PORT if _free(_PORT) else 0
     given.out.mkdir(parents=True, exist_ok=True)
+    print("compiling what this version has not compiled yet: once, a minute or two", flush=True)
+    compile_all()
     with isolated(), ExitStack() as running:
         for name, arguments in (("plant_simulator", _IN_STEP), ("controller", _PATIENT)):
             running.callback(stop_node, start_node(name, given.out / f"{name}.log", *arguments))

@@ -34,8 +34,9 @@ from backlash_ros.analysis.session_picture import plot_session
 from backlash_ros.analysis.staging import staging
 from backlash_ros.demo.session import ALL, HOLD, LOAD_STEP, Session, running
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.ros.client import ClientError
+from backlash_ros.ros.client import ClientError, TimedOutError
 from backlash_ros.ros.isolation import isolated
+from backlash_ros.simulation.__main__ import compile_all
 
 BRISK = {"fast": [1000.0, 1.0], "overdamped": [16.0, 0.0]}
 """LQR weights of the gain set that the demo swaps to: over-damped gains of twice the stiffness."""
@@ -196,6 +197,8 @@ def record(folder: Path, console: Console) -> dict[str, Any]:
     heavy, real_time = folder / "heavy", folder / "real_time"
     for place in (heavy, real_time):
         place.mkdir()
+    say("compiling what this version has not compiled yet: once, a minute or two")
+    compile_all()
     with isolated() as domain:
         say(f"starting simulator, controller and recorder on ROS domain {domain}, this machine only, in lockstep")
         with running(folder, in_lockstep(folder)) as session:
@@ -274,6 +277,8 @@ def main(args: Sequence[str] | None = None) -> int:
             if not isinstance(error, (ClientError, OSError)):
                 raise
             console.print(f"failed: {error}", markup=False)
+            if isinstance(error, TimedOutError):
+                console.print("the machine may be too busy: close other programs and run it again")
             for log in sorted(folder.rglob("*.log")):
                 console.print(f"--- {log.stem}\n{log.read_text()[-2000:]}", markup=False, highlight=False)
             return 1

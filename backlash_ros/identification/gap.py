@@ -67,7 +67,8 @@ def measure_gap(drive: Drive, recording: Recording, torque: float, contacts: Seq
         why = (
             f"no model of teeth, friction and load explains what was seen: its errors are {max(found.rms):.2g} times "
             f"as large as the encoders' counts allow, the limit is {FITS:g} times; check that both encoders count in "
-            "the direction of the gear and with its ratio, that couplings hold, and that nothing else moves the load"
+            "the direction of the gear and with its ratio, that couplings hold, and that nothing else moves the load; "
+            "a gear that loses a quarter of the torque or more is not modelled"
         )
         if found.exhausted:
             why += f"; the search stopped after {PASSES} passes of the filter"

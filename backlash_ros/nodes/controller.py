@@ -8,6 +8,7 @@ services of learning.
 import math
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -96,13 +97,14 @@ class Controller(ManagedNode):
     def configure(self) -> None:
         """Read the estimate file; compile every law, also the one of experiments that act alone.
 
-        So a change of the law never stalls the loop.
+        So a change of the law never stalls the loop. A law that needs an identified drive is compiled for one.
         """
         self._learning.configure()
         self._tell_margins()
         ActingLaw(IDLE)
         at_rest = Measurement(np.zeros(5))
-        settings = self._tunables.in_use.settings
+        gap = NOMINAL_DRIVE.gear.backlash_angle
+        settings = replace(self._tunables.in_use.settings, identified=True, backlash_angle=gap)
         for law in LAWS:
             # A law that cannot be designed for this drive may be possible once the drive is identified.
             for drive in (self._servo.drive, NOMINAL_DRIVE):

@@ -18,14 +18,18 @@ from std_srvs.srv import Trigger
 
 SERVICES = ("learn", "identify", "cancel")
 """Of the controller, that are called here."""
-PATIENCE = 30.0
-"""Default waiting time, s."""
+PATIENCE = 120.0
+"""Default waiting time, s: generous, since a busy machine may take long to start a node or to fit a recording."""
 _END = 60.0
 """Time that a node may take to end, s: a recorder first writes what has arrived, and the processor may be busy."""
 
 
 class ClientError(RuntimeError):
     """A wait timed out or a request was refused; the text says which."""
+
+
+class TimedOutError(ClientError):
+    """A wait timed out."""
 
 
 def start_node(name: str, log: Path, *ros_arguments: str) -> subprocess.Popen[bytes]:
@@ -77,7 +81,7 @@ class Client:
                 if child.poll() is not None:
                     raise ClientError(f"{name} ended with code {child.returncode}")
             if time.monotonic() > end:
-                raise ClientError(f"waited {seconds:g} s for {what}")
+                raise TimedOutError(f"waited {seconds:g} s for {what}")
             self._executor.spin_once(timeout_sec=0.05)
 
     def pause(self, seconds: float) -> None:
@@ -109,7 +113,7 @@ class Client:
             if future.done():
                 return future.result()
             future.cancel()
-        raise ClientError(f"waited {PATIENCE:g} s for {what}")
+        raise TimedOutError(f"waited {PATIENCE:g} s for {what}")
 
     def get(self, *names: str) -> dict[str, Any]:
         """Return parameters of the controller by name, all of them if none is named."""

@@ -18,7 +18,9 @@ from backlash_ros.simulation import Scenario, run
 def parts() -> list[Callable[[], None]]:
     """Return what compiles all of it, part by part; neighbours have little in common."""
     gains = {region: design_gains(region, NOMINAL_DRIVE, weights) for region, weights in DEFAULT_WEIGHTS.items()}
-    settings, scenario = ServoSettings(GainSet(**gains)), Scenario(np.ones(2))
+    gap = NOMINAL_DRIVE.gear.backlash_angle
+    settings = ServoSettings(GainSet(**gains), identified=True, backlash_angle=gap)  # what a law needs to act itself
+    scenario = Scenario(np.ones(2))
 
     def follow(law: str) -> None:
         with suppress(ValueError):  # one from outside that is not made for this drive
@@ -47,8 +49,12 @@ def _compile(part: int) -> None:
     parts()[part]()
 
 
-if __name__ == "__main__":
-    # The library is compiled already: importing it did so.
+def compile_all() -> None:
+    """Compile on all cores what is not compiled yet; the laws themselves are, since they were imported."""
     with ProcessPoolExecutor(mp_context=get_context("fork")) as pool:
         for _ in pool.map(_compile, range(len(parts()))):
             pass
+
+
+if __name__ == "__main__":
+    compile_all()

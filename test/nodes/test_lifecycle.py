@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -16,7 +17,14 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
+from backlash_ros.control import LAWS
+from backlash_ros.control.acting import IDLE
+from backlash_ros.control.law import LawStep
+from backlash_ros.control.laws import design_law
+from backlash_ros.control.tick import Tick, tick_with
+from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.messages import stamp_ns
+from backlash_ros.nodes.controller import Controller
 from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.run import _stopped
 
@@ -284,3 +292,24 @@ def test_middleware_that_locks_itself_up_does_not_keep_the_process_that_has_stop
     assert ended.returncode == 1
     assert ended.stdout == "stopped\n"
     assert "destroy_node" in ended.stderr
+
+
+def test_configuring_compiles_what_any_change_of_the_law_needs(
+    in_process: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also a law that does not act before the drive is identified: compiling amid motion would be a fault."""
+    made: list[LawStep] = []
+
+    def noted(step: LawStep) -> Tick:
+        made.append(step)
+        return tick_with(step)
+
+    monkeypatch.setattr("backlash_ros.control.acting.tick_with", noted)
+    controller = Controller()
+    try:
+        controller.trigger_configure()
+        settings = replace(controller._tunables.in_use.settings, identified=True, backlash_angle=0.02)
+        steps = {design_law(NOMINAL_DRIVE, settings.with_law(law)).step for law in LAWS}
+        assert steps | {IDLE.step} <= set(made)
+    finally:
+        controller.destroy_node()

@@ -311,3 +311,20 @@ def test_stop_puts_zero_out_though_nobody_reads_the_output(domain: int, peer: Pe
     commands.clear()
     peer.wait("0 V", lambda: commands and commands[-1] == 0.0, 10.0)
     assert process.wait(10.0) == 0
+
+
+def test_the_script_of_the_quick_start_learns_and_steps(start: Start, peer: Peer) -> None:
+    commands: list[Float64MultiArray] = []
+    samples: list[JointState] = []
+    peer.node.create_subscription(Float64MultiArray, "command", commands.append, 10)
+    peer.node.create_subscription(JointState, "joint_states", samples.append, 10)
+    start("plant_simulator", lockstep=True, command_timeout=10.0)
+    start("controller", use_sim_time=True, state_timeout=10.0)
+    peer.wait("the first answers", lambda: commands)
+    script = CONFIG.parent / "docs" / "examples" / "learn_and_step.py"
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=240, check=False)
+    said = done.stdout + done.stderr
+    assert done.returncode == 0, said
+    assert "learn: backlash 0.0" in said
+    assert "sent: 1 rad" in said
+    peer.wait("the load at its target", lambda: abs(samples[-1].position[samples[-1].name.index("load")] - 1.0) < 0.02)

@@ -12,6 +12,7 @@ RUN_BY = {
     r"rosdep |pip install ": "test/unit/test_dependencies.py",
     r"colcon |\. install": "test/system/test_install.py",
     r"python benchmarks/": "Makefile",
+    r"python docs/examples/learn_and_step": "test/nodes/test_start.py",
     r"dask |backlash .*--scheduler": "test/unit/test_evaluation.py",
     r"backlash identify|backlash .*results/axis": "test/unit/test_identify_command.py",
     r"backlash measure": "test/nodes/test_measure.py",
