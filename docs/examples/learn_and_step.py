@@ -1,12 +1,12 @@
 """Learns the backlash and steps to 1 rad, by the topics and services of a running controller, with rclpy alone."""
 
 import rclpy
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 rclpy.init()
 node = rclpy.create_node("learn_and_step")
+reference = node.create_publisher(Float64, "/reference", 10)  # early: nodes take a moment to find each other
 
 
 def call(service: str) -> None:
@@ -21,10 +21,6 @@ def call(service: str) -> None:
 
 call("reset_fault")  # a controller that waited for its drive may have latched a fault
 call("learn")  # takes some seconds; the motor moves
-latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-reference = node.create_publisher(Float64, "/reference", latched)
-while not reference.get_subscription_count():
-    rclpy.spin_once(node, timeout_sec=0.1)
 reference.publish(Float64(data=1.0))  # rad
 reference.wait_for_all_acked()
 node.get_logger().info("sent: 1 rad")

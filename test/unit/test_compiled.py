@@ -226,9 +226,11 @@ COUNTING = """
 import logging
 import sys
 from numba.core import event
+from backlash_ros.drivetrain import delay
 logging.basicConfig(stream=sys.stderr, format="%(message)s", level=logging.INFO)
+constants = delay.delay_constants(delay.Delay(), 0.004)
 with event.install_recorder("numba:compile") as recorder:
-    import backlash_ros.drivetrain
+    delay.taken_at(constants, 1), delay.acts_at(constants, 1)
 begun = [e.data["dispatcher"].py_func for _, e in recorder.buffer if e.is_start]
 print(*sorted(f"{f.__module__}.{f.__qualname__}" for f in begun if f.__module__.startswith("backlash_ros")))
 """
@@ -243,9 +245,10 @@ def test_processes_that_start_together_compile_each_function_once(tmp_path: Path
         for _ in range(2)
     ]
     ended = [process.communicate(timeout=120) for process in started]
+    assert [process.returncode for process in started] == [0, 0]
     compiled_by = [printed.split() for printed, _ in ended]
-    assert any(compiled_by)
-    assert not set(compiled_by[0]) & set(compiled_by[1])
+    once = ["delay.acts_at", "delay.taken_at", "sensors.uniform", "sensors.uniform"]  # one `uniform` for each caller
+    assert sorted(compiled_by[0] + compiled_by[1]) == [f"backlash_ros.drivetrain.{name}" for name in once]
     assert all(said.count("compiling, once") == bool(own) for (_, said), own in zip(ended, compiled_by, strict=True))
     again = subprocess.run(
         [sys.executable, "-c", COUNTING], env=environment, capture_output=True, text=True, timeout=120, check=True
