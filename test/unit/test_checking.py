@@ -32,7 +32,13 @@ def test_a_sound_drive_has_figures_and_no_warning(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("sections", "what", "remedy"),
     [
-        ({"load": {"inertia": 2e-3}}, "1 of the motor's inertia", "backlash design"),
+        ({"load": {"inertia": 2e-3}}, "1 times the motor's inertia", "backlash design"),
+        (
+            {"load": {"inertia": 0.5}},
+            "2.5e+02 times the motor's inertia, seen from the output: few",
+            "1 g cm^2 is 1e-7",
+        ),
+        ({"motor": {"inertia": 2.0}}, "2.5e-06 times the motor's inertia", "gear.reduction"),
         ({"load": {"gravity_torque": 0.1}}, "a command of 0 does not hold it", "brake"),
         ({"load": {"gravity_torque": 5.5}}, "5.5 N m of 6 N m at standstill", "stronger motor"),
         ({"sensors": {"load_counts": 4096.0}}, "13 counts of the load's encoder", "finer encoder"),
@@ -74,6 +80,16 @@ def test_a_file_that_is_wrong_is_refused_in_one_line(
     error = capsys.readouterr().err
     assert says in error
     assert error.count("\n") == 1
+
+
+def test_the_gains_of_a_design_are_checked_with_its_drive(tmp_path: Path) -> None:
+    """A later file overrides an earlier one, as for a node."""
+    drive, gains = file_of(tmp_path), tmp_path / "gains.yaml"
+    gains.write_text("/**: {ros__parameters: {law: two_region, gains: {fast: {k: [10.0, 0.4, 0.1]}}}}")
+    margins = "margins of the fast gains"
+    assert check_drive(drive, gains).figures[margins] != check_drive(drive).figures[margins]
+    with pytest.raises(ValueError, match=r"gains.yaml: must have ROS parameters of motor, gear or load"):
+        check_drive(gains)
 
 
 @pytest.mark.parametrize("place", ["config/nominal_drive.yaml", "docs/examples/axis.yaml"])

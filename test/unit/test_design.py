@@ -212,7 +212,7 @@ def test_surroundings_are_the_files(tmp_path: Path) -> None:
         "gear: {}\nrate: 500\nsensors: {measured: [theta_l], load_counts: 4096.0}\nloop_delay: 0.002\n"
         "gain_set_names: [own]\ngain_sets: {own: {fast: {k: [20.0, 0.6, 0.1]}}}\n"
     )
-    around = read_surroundings(file, NOMINAL_DRIVE)
+    around = read_surroundings(NOMINAL_DRIVE, file)
     assert (around.rate, around.delay, around.fast) == (500, Delay(command=0.002), Gains(20.0, 0.6, 0.1))
     assert around.sensors == Sensors(measured=("theta_l",), load_counts=4096.0)
 

@@ -41,6 +41,24 @@ def test_parameters_are_set_by_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert len({figures["peak_force_N"] for figures in (quiet, heavy, pushed)}) == 3
 
 
+def test_law_and_gains_of_files_are_those_of_a_controller(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """``gains`` before a set's, ``gain_set`` before the first set, zeros for none; later files before earlier ones."""
+    gentle, slow, cascade = (tmp_path / f"{name}.yaml" for name in ("gentle", "slow", "cascade"))
+    gentle.write_text("gain_set: gentle")
+    slow.write_text("/**: {ros__parameters: {gains: {fast: {q: [0.0, 0.0], k: [8.0, 0.4, 0.1]}}}}")
+    cascade.write_text("law: cascade")
+    rise = {
+        names: figures_of(capsys, DRIVE, *map(str, names))["rise_time_s"]
+        for names in ((), (gentle,), (slow,), (gentle, slow))
+    }
+    assert rise[()] < 0.7 * min(rise[gentle,], rise[slow,])
+    assert rise[slow,] == rise[gentle, slow] != rise[gentle,]
+    assert figures_of(capsys, DRIVE, str(cascade))["law"] == "cascade"
+    assert figures_of(capsys, DRIVE, str(cascade), "--law", "fast")["law"] == "fast"
+    same = figures_of(capsys, DRIVE, "--set", "gains.fast.k=[8.0, 0.4, 0.1]")
+    assert same["rise_time_s"] == rise[slow,]
+
+
 def test_table_and_picture_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table, picture = tmp_path / "step.csv", tmp_path / "step.png"
     words = (DRIVE, "--seconds", "1", "--csv", str(table), "--plot", str(picture))
@@ -86,6 +104,8 @@ def test_table_and_picture_are_written(tmp_path: Path, capsys: pytest.CaptureFix
             [DRIVE, "--set", "gain_sets.nominal.fast.q=3"],
             "gain_sets.nominal.fast.q must be a list with something in it, got 3",
         ),
+        ([DRIVE, "--set", "gain_set=swift"], "gain_set must be one of ['nominal', 'gentle', 'custom'], got 'swift'"),
+        ([DRIVE, "--set", "gains.fast.k=3"], "gains.fast.k must be a list with something in it, got 3"),
         ([DRIVE, "--set", "load"], "must be name=value, got 'load'"),
         ([DRIVE, "--set", "rate=0"], "rate must be > 0 Hz"),
         ([DRIVE, "--seconds", "nan"], "--seconds must be >= 0.1 and <= 600 s, got nan"),

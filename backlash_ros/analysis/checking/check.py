@@ -9,6 +9,10 @@ from backlash_ros.analysis.evaluation.drive_file import Axis, Surroundings, read
 from backlash_ros.control import Margins, stability_margins
 from backlash_ros.drivetrain import Drive
 
+LOWER = "lower the weights (gain_sets.*.q; the first is the square of k1), raise rate, or shorten the delay"
+"""Remedy for gains that are too fast."""
+IMPLAUSIBLE = 100.0
+"""J_l/J_r, or its inverse, that is more likely a mistake than a drive."""
 HEAVY = 0.5
 """J_l/J_r above which the two-region law more often keeps a slow limit cycle: docs/evaluation.md."""
 COARSE = 20
@@ -32,16 +36,16 @@ class Checked:
     fails: str = ""
 
 
-def check_drive(path: Path) -> Checked:
-    """Check the parameter file of a drive and its loop; nothing moves and no ROS is needed.
+def check_drive(*paths: Path) -> Checked:
+    """Check the parameter files of a drive, later ones overriding earlier ones, and its loop; nothing moves.
 
     Raises
     ------
     OSError, ValueError
         If the file cannot be read, or a parameter is out of bounds: the text names it, the value and the bound.
     """
-    axis = read_axis(path)
-    around = read_surroundings(path, axis.drive)
+    axis = read_axis(*paths)
+    around = read_surroundings(axis.drive, *paths)
     margins, fails = {}, ""
     try:
         for name, gains in {"fast": around.fast, "overdamped": around.overdamped}.items():
@@ -85,20 +89,26 @@ def _warnings(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) 
     if tight:
         yield Warned(
             f"the {' and '.join(tight)} gains tolerate less than 30 deg of lag, or less than one more period of delay",
-            "lower the weights (gain_sets.*.q), raise rate, or shorten the delay",
+            LOWER,
         )
-    if load.inertia > HEAVY * drive.reflected_inertia:
+    ratio = load.inertia / drive.reflected_inertia
+    if not 1.0 / IMPLAUSIBLE <= ratio <= IMPLAUSIBLE:
         yield Warned(
-            f"the load has {load.inertia / drive.reflected_inertia:.2g} of the motor's inertia, seen from the output: "
+            f"the load has {ratio:.2g} times the motor's inertia, seen from the output: few drives do",
+            "check load.inertia and motor.inertia, both in kg m^2 (1 g cm^2 is 1e-7 kg m^2), and gear.reduction",
+        )
+    if ratio > HEAVY:
+        yield Warned(
+            f"the load has {ratio:.2g} times the motor's inertia, seen from the output: "
             "the two-region law may keep a slow limit cycle",
-            "let backlash design choose gains for this drive, or use law two_encoder with two encoders",
+            "choose gains for this drive (backlash design DRIVE --out gains.yaml; backlash check DRIVE gains.yaml); or, with two encoders, use law two_encoder",
         )
     for name, counts in _counts_in_gap(drive, around).items():
         if counts < COARSE:
             yield Warned(
                 f"the gap has {counts:.2g} counts of the {name}'s encoder: "
                 "the learned backlash is coarse, and the load may swing",
-                "use a finer encoder, and let backlash design choose wider regions",
+                "use a finer encoder, or choose wider regions: backlash design DRIVE --out gains.yaml",
             )
     if "theta_l" not in around.sensors.measured:
         yield Warned(

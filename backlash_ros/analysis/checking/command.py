@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from backlash_ros.analysis.checking.check import check_drive
+from backlash_ros.analysis.checking.check import LOWER, check_drive
 
 DESCRIPTION = "Checks a drive file and its loop: prints figures, and warnings with remedies. Nothing moves."
 EXAMPLE = "example: backlash check config/nominal_drive.yaml"
@@ -14,7 +14,8 @@ EXAMPLE = "example: backlash check config/nominal_drive.yaml"
 def add_check(parser: argparse.ArgumentParser) -> None:
     """Add the arguments to a parser."""
     parser.description, parser.epilog = DESCRIPTION, EXAMPLE
-    parser.add_argument("drive", type=Path, metavar="DRIVE", help="ROS parameter file of the drive")
+    text = "ROS parameter files of the drive and its gains; later ones override earlier ones"
+    parser.add_argument("drive", type=Path, nargs="+", metavar="DRIVE", help=text)
 
 
 def check_and_show(given: argparse.Namespace, console: Console) -> int:
@@ -25,7 +26,7 @@ def check_and_show(given: argparse.Namespace, console: Console) -> int:
     OSError, ValueError
         As `check_drive`.
     """
-    found = check_drive(given.drive)
+    found = check_drive(*given.drive)
 
     def say(text: str) -> None:
         console.print(text, highlight=False, markup=False, soft_wrap=True)
@@ -36,8 +37,8 @@ def check_and_show(given: argparse.Namespace, console: Console) -> int:
     for warning in found.warnings:
         say(f"warning: {warning.what}\n  -> {warning.remedy}")
     if found.fails:
-        say(f"fails: {found.fails}\n  -> lower the weights (gain_sets.*.q), raise rate, or shorten the delay")
+        say(f"fails: {found.fails}\n  -> {LOWER}")
         return 1
     many = {0: "no warnings", 1: "1 warning"}.get(len(found.warnings), f"{len(found.warnings)} warnings")
-    say(f"{given.drive}: the loop is stable, {many}")
+    say(f"{' with '.join(map(str, given.drive))}: the loop is stable, {many}")
     return 0

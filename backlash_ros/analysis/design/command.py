@@ -66,7 +66,7 @@ def loop_of(given: argparse.Namespace) -> Loop:
         If the file cannot be read or is no drive file, or if an option is out of bounds.
     """
     drive = read_drive(given.drive)
-    around = read_surroundings(given.drive, drive)
+    around = read_surroundings(drive, given.drive)
     rate = around.rate if given.rate is None else given.rate
     RATE.check("--rate", rate)
     delay = around.delay if given.delay is None else Delay(command=given.delay)
@@ -90,7 +90,7 @@ def design_gains_for(given: argparse.Namespace, console: Console) -> int:
         places = [place for name in WRITTEN if (place := getattr(given, name)) is not None]
         staged = {place: stack.enter_context(staging(place)) / place.name for place in places}
         try:
-            with console.status("designing"):
+            with console.status("designing, which takes a minute or a few"):
                 found = design(loop, uncertainty)
         except NothingQuietError as error:
             console.print(str(error), highlight=False, markup=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""A drive from a file of ROS parameters, such as config/nominal_drive.yaml, without ROS."""
+"""A drive from files of ROS parameters, such as config/nominal_drive.yaml, without ROS."""
 
 import math
 import re
@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import yaml
 
 from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, Gains, design_gains
+from backlash_ros.control.design.gain_sets import CUSTOM
 from backlash_ros.control.limits import NO_LIMIT
 from backlash_ros.drivetrain import (
     CONTACTS,
@@ -76,8 +77,8 @@ class Surroundings:
     overdamped: Gains
 
 
-def read_surroundings(path: Path, drive: Drive) -> Surroundings:
-    """Return the surroundings of ``drive`` from its parameter file, with the nodes' defaults.
+def read_surroundings(drive: Drive, *paths: Path) -> Surroundings:
+    """Return the surroundings of ``drive`` from its parameter files, with the nodes' defaults.
 
     The delay is that of the simulated drive, ``delay``, or if it has none, ``loop_delay``.
 
@@ -86,7 +87,7 @@ def read_surroundings(path: Path, drive: Drive) -> Surroundings:
     OSError, ValueError
         As `read_axis`.
     """
-    return _read(path, lambda parameters: surroundings_of(parameters, drive))
+    return _read(paths, lambda parameters: surroundings_of(parameters, drive))
 
 
 def surroundings_of(parameters: Mapping[str, Any], drive: Drive) -> Surroundings:
@@ -114,24 +115,30 @@ def law_parameters_of(parameters: Mapping[str, Any], law: str) -> Validated:
 
 
 def _gains(parameters: Mapping[str, Any], drive: Drive, region: str) -> Gains:
-    """Return a region's gains in the first gain set of a file, or those of the default weights."""
+    """Return the gains a controller starts with: ``gains``, or those of its gain set, or of the default weights."""
     names = _list("gain_set_names", parameters.get("gain_set_names", ["nominal"]))
-    where = f"gain_sets.{names[0]}.{region}"
-    given = _section(_section(_section(parameters, "gain_sets"), names[0]), region)
-    if "k" in given:
-        return Gains.from_sequence(f"{where}.k", _list(f"{where}.k", given["k"]))
-    return design_gains(f"{where}.q", drive, _list(f"{where}.q", given.get("q", DEFAULT_WEIGHTS[region])))
+    chosen = parameters.get("gain_set", names[0])
+    if chosen not in (*names, CUSTOM):
+        raise ValueError(f"gain_set must be one of {[*names, CUSTOM]}, got {chosen!r}")
+    of_set = _section(_section(parameters, "gain_sets"), chosen if chosen in names else names[0])
+    for section, place in (("gains", _section(parameters, "gains")), (f"gain_sets.{chosen}", of_set)):
+        given = _section(place, region)
+        for kind in ("k", "q"):
+            where = f"{section}.{region}.{kind}"
+            if kind in given and any(values := _list(where, given[kind])):  # zeros: not given
+                return Gains.from_sequence(where, values) if kind == "k" else design_gains(where, drive, values)
+    return design_gains(f"gain_sets.{chosen}.{region}.q", drive, DEFAULT_WEIGHTS[region])
 
 
-def read_drive(path: Path) -> Drive:
-    """Return the drive that a parameter file describes; see `read_axis`."""
-    return read_axis(path).drive
+def read_drive(*paths: Path) -> Drive:
+    """Return the drive that parameter files describe; see `read_axis`."""
+    return read_axis(*paths).drive
 
 
-def read_axis(path: Path) -> Axis:
-    """Return the axis that a parameter file describes; missing values are those of the nominal drive.
+def read_axis(*paths: Path) -> Axis:
+    """Return the axis that parameter files describe; missing values are those of the nominal drive.
 
-    The parameters are under ``/**: ros__parameters:``, or at the top.
+    The parameters are under ``/**: ros__parameters:``, or at the top; later files override earlier ones, as in ROS.
 
     Raises
     ------
@@ -140,12 +147,21 @@ def read_axis(path: Path) -> Axis:
     ValueError
         Names the file and the parameter that is out of bounds, or says why this is no parameter file.
     """
-    return _read(path, axis_of)
+    return _read(paths, axis_of)
 
 
-def read_parameters(path: Path) -> Mapping[str, Any]:
-    """Return the parameters of a file, in sections; OSError and ValueError as `read_axis`."""
-    return _read(path, lambda parameters: parameters)
+def read_parameters(*paths: Path) -> Mapping[str, Any]:
+    """Return the parameters of files, in sections; OSError and ValueError as `read_axis`."""
+    return _read(paths, lambda parameters: parameters)
+
+
+def merged(parameters: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters in sections with those of ``changes``, also in sections, in place of theirs."""
+    result = dict(parameters)
+    for name, value in changes.items():
+        below = result.get(name)
+        result[name] = merged(below, value) if isinstance(below, Mapping) and isinstance(value, Mapping) else value
+    return result
 
 
 class _Loader(yaml.SafeLoader):
@@ -160,12 +176,19 @@ def values_in(text: str) -> Any:
     return yaml.load(text, _Loader)  # noqa: S506 - a SafeLoader
 
 
-def _read(path: Path, take: Callable[[Mapping[str, Any]], T]) -> T:
+def _read(paths: Sequence[Path], take: Callable[[Mapping[str, Any]], T]) -> T:
+    parameters: Mapping[str, Any] = {}
+    at: Any = ""
     try:
-        return take(_parameters(values_in(path.read_text())))
+        for at in paths:
+            parameters = merged(parameters, _parameters(values_in(at.read_text())))
+        at = " with ".join(map(str, paths))
+        if not set(parameters) & {"motor", "gear", "load"}:
+            raise ValueError("must have ROS parameters of motor, gear or load")
+        return take(parameters)
     except (ValueError, TypeError, yaml.YAMLError) as error:
         reason = " ".join(str(error).split())
-        raise ValueError(f"{path}: {reason}") from error
+        raise ValueError(f"{at}: {reason}") from error
 
 
 def axis_of(parameters: Mapping[str, Any]) -> Axis:
@@ -208,7 +231,7 @@ def _parameters(content: Any) -> Mapping[str, Any]:
     for key in ("/**", "ros__parameters"):
         if isinstance(content, Mapping) and key in content:
             content = content[key]
-    if not isinstance(content, Mapping) or not set(content) & {"motor", "gear", "load"}:
+    if not isinstance(content, Mapping):
         raise ValueError("must have ROS parameters of motor, gear or load")
     return content
 

@@ -4,7 +4,7 @@ import argparse
 import csv
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,14 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from backlash_ros.analysis.evaluation.drive_file import axis_of, law_parameters_of, read_parameters, surroundings_of
+from backlash_ros.analysis.evaluation.drive_file import (
+    axis_of,
+    in_sections,
+    law_parameters_of,
+    merged,
+    read_parameters,
+    surroundings_of,
+)
 from backlash_ros.analysis.jsonable import jsonable
 from backlash_ros.analysis.metrics import settling_time, step_response
 from backlash_ros.analysis.paper import CASES, SECONDS, judge, respond
@@ -25,17 +32,21 @@ from backlash_ros.simulation import Run, Scenario, run
 
 DESCRIPTION = (
     "Simulates one step of the reference and prints its figures as JSON: of the nominal drive under one of the paper's "
-    "conditions, or of the drive in a parameter file, with its rate, sensors, delay and gains. The controller knows "
-    "the drive and its backlash."
+    "conditions, or of the drive in parameter files, with their rate, sensors, delay, law and gains. The controller "
+    "knows the drive and its backlash."
 )
 EXAMPLE = (
     "examples: backlash simulate --law cascade --case 'load inertia x4'; backlash simulate config/nominal_drive.yaml "
-    "--set load.inertia=0.002 --reference 0.5 --plot step.png --csv step.csv"
+    "--set load.inertia=0.002 --reference 0.5 --plot step.png --csv step.csv; backlash simulate axis.yaml gains.yaml"
 )
 WRITTEN = ("plot", "csv")
 """Options that name files to write."""
 _LONGEST = 600.0
-_OURS = ("motor", "gear", "load", "contact", "sensors", "delay", "gain_sets", "rate", "loop_delay", "command_interface")
+_LAW = "two_region"
+_OURS = (
+    *("motor", "gear", "load", "contact", "sensors", "delay", "rate", "loop_delay", "command_interface"),
+    *("gains", "gain_set", "gain_set_names", "gain_sets"),
+)
 """Parameters of a file that a simulation uses, in addition to those of its law."""
 _COLUMNS = ("time", "reference", "load_angle", "load_velocity", "motor_angle", "motor_velocity", "command", "region")
 
@@ -44,8 +55,9 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
     """Add the arguments to a parser."""
     parser.description, parser.epilog = DESCRIPTION, EXAMPLE
     add = parser.add_argument
-    add("drive", type=Path, nargs="?", metavar="DRIVE", help="ROS parameter file, such as config/nominal_drive.yaml")
-    add("--law", choices=sorted(LAWS), default="two_region")
+    text = "ROS parameter files, such as config/nominal_drive.yaml; later ones override earlier ones"
+    add("drive", type=Path, nargs="*", metavar="DRIVE", help=text)
+    add("--law", choices=sorted(LAWS), help=f"by default that of DRIVE, or {_LAW}")
     add("--case", choices=list(CASES), help="a condition of the paper, without DRIVE; by default nominal")
     text = "with DRIVE, as often as needed: a parameter of drive, sensors, delay, gain sets or laws"
     add("--set", action="append", default=[], metavar="NAME=VALUE", help=text)
@@ -57,25 +69,13 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
     add("--force", action="store_true", help="overwrite existing files")
 
 
-def _merged(parameters: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters in sections after replacing some, which are named as in a running node."""
-    merged = dict(parameters)
+def _changes(given: Sequence[str], law: str) -> Mapping[str, Any]:
+    changes = Changes.parsed(given).given
     for name, value in changes.items():
-        section, _, rest = name.partition(".")
-        if rest:
-            below = merged.get(section, {})
-            value = _merged(below if isinstance(below, Mapping) else {}, {rest: value})  # noqa: PLW2901
-        merged[section] = value
-    return merged
-
-
-def _changes(given: argparse.Namespace) -> Mapping[str, Any]:
-    changes = Changes.parsed(given.set).given
-    for name, value in changes.items():
-        if name.partition(".")[0] not in _OURS and not name.startswith(f"laws.{given.law}."):
-            known = ", ".join([*_OURS, f"laws.{given.law}.*"])
+        if name.partition(".")[0] not in _OURS and not name.startswith(f"laws.{law}."):
+            known = ", ".join([*_OURS, f"laws.{law}.*"])
             raise ValueError(f"--set must be a parameter that a simulation goes by ({known}), got {name}={value!r}")
-    return changes
+    return in_sections(changes)
 
 
 def _check(name: str, value: float, least: float, most: float, unit: str) -> None:
@@ -83,17 +83,20 @@ def _check(name: str, value: float, least: float, most: float, unit: str) -> Non
         raise ValueError(f"{name} must be >= {least:g} and <= {most:g} {unit}, got {value!r}")
 
 
-def _simulated(given: argparse.Namespace) -> tuple[Run, Drive]:
-    """Return the requested run and its drive; ValueError names what is wrong."""
+def _simulated(given: argparse.Namespace) -> tuple[Run, Drive, str]:
+    """Return the requested run, its drive and its law; ValueError names what is wrong."""
     _check("--seconds", given.seconds, 0.1, _LONGEST, "s")
     _check("--reference", abs(given.reference), 1e-6, 1e3, "rad, either way")
     if not math.isfinite(given.load_torque):
         raise ValueError(f"--load-torque must be finite, in N m, got {given.load_torque!r}")
     try:
-        parameters = _merged(read_parameters(given.drive), _changes(given))
+        parameters = read_parameters(*given.drive)
+        law = given.law or str(parameters.get("law", _LAW))
+        LAWS.choose("law", law)
+        parameters = merged(parameters, _changes(given.set, law))
         axis = axis_of(parameters)
         around = surroundings_of(parameters, axis.drive)
-        law = law_parameters_of(parameters, given.law)
+        values = law_parameters_of(parameters, law)
     except TypeError as error:
         raise ValueError(str(error)) from error
     settings = ServoSettings(
@@ -102,10 +105,10 @@ def _simulated(given: argparse.Namespace) -> tuple[Run, Drive]:
         loop_delay=around.delay.mean,
         identified=True,
         backlash_angle=axis.drive.gear.backlash_angle,
-    ).with_law(given.law, law)
+    ).with_law(law, values)
     reference = np.full(max(1, round(given.seconds * around.rate)), given.reference)
     scenario = Scenario(reference, np.array(given.load_torque), sensors=around.sensors, delay=around.delay)
-    return run(axis.drive, settings, scenario), axis.drive
+    return run(axis.drive, settings, scenario), axis.drive, law
 
 
 def _figures(result: Run, drive: Drive, reference: float) -> dict[str, Any]:
@@ -155,18 +158,20 @@ def simulate(given: argparse.Namespace, console: Console) -> int:
     OSError, ValueError
         If the file cannot be read, a parameter or an option is out of bounds, or options contradict each other.
     """
-    if given.drive is None:
+    if not given.drive:
         for name, value in (("--set", given.set), ("--plot", given.plot), ("--csv", given.csv)):
             if value:
                 raise ValueError(f"{name} needs DRIVE, a parameter file")
         case = given.case or "nominal"
         condition = CASES[case]
-        figures = judge(respond(given.law, condition), condition)
-        console.print_json(json.dumps(jsonable({"law": given.law, "case": case, **figures})))
+        law = given.law or _LAW
+        figures = judge(respond(law, condition), condition)
+        console.print_json(json.dumps(jsonable({"law": law, "case": case, **figures})))
         return 0
+    named = " with ".join(map(str, given.drive))
     if given.case is not None:
-        raise ValueError(f"--case is of the nominal drive: leave it or {given.drive} out")
-    result, drive = _simulated(given)
+        raise ValueError(f"--case is of the nominal drive: leave it or {named} out")
+    result, drive, law = _simulated(given)
     with ExitStack() as stack:
         places = {name: place for name in WRITTEN if (place := getattr(given, name)) is not None}
         staged = {name: stack.enter_context(staging(place)) / place.name for name, place in places.items()}
@@ -175,12 +180,12 @@ def simulate(given: argparse.Namespace, console: Console) -> int:
         if "plot" in staged:
             from backlash_ros.analysis.simulating.picture import draw  # noqa: PLC0415 - matplotlib takes a second
 
-            draw(result, drive, given.reference, f"{given.drive.name}, law {given.law}", staged["plot"])
+            draw(result, drive, given.reference, f"{named}, law {law}", staged["plot"])
         for name, place in places.items():
             staged[name].replace(place)
     content = {
-        "law": given.law,
-        "drive": str(given.drive),
+        "law": law,
+        "drive": named,
         "set": given.set,
         **_figures(result, drive, given.reference),
     }
