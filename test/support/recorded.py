@@ -1,7 +1,7 @@
 """Recordings of simulated drives, in memory and as the files that other people's machines leave."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -137,6 +137,23 @@ def write_csv(
     return path
 
 
+_EVENT = "rcl_interfaces/msg/ParameterEvent"
+
+
+def _parameter(types: dict[str, Any], name: str, value: float) -> Any:
+    empty = {f"{kind}_array_value": np.empty(0) for kind in ("bool", "integer", "double")}
+    of_type = {"type": 2 if isinstance(value, int) else 3}
+    number = {"integer_value": value if isinstance(value, int) else 0, "double_value": float(value)}
+    rest = {
+        "bool_value": False,
+        "string_value": "",
+        "byte_array_value": np.empty(0, np.uint8),
+        "string_array_value": [],
+    }
+    content = types["rcl_interfaces/msg/ParameterValue"](**of_type, **number, **rest, **empty)
+    return types["rcl_interfaces/msg/Parameter"](name=name, value=content)
+
+
 def write_bag(
     path: Path,
     member: Member,
@@ -148,8 +165,12 @@ def write_bag(
     topics: tuple[str, str] = ("/joint_states", "/command"),
     unseen: frozenset[int] = frozenset(),
     command_type: str = "std_msgs/msg/Float64MultiArray",
+    in_use: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Path:
-    """Write a recording as a rosbag2; of the ``unseen`` samples there is the answer alone."""
+    """Write a recording as a rosbag2; of the ``unseen`` samples there is the answer alone.
+
+    ``in_use``: parameters of numbers of each node, which publishes them in two versions, the older one of zeros.
+    """
     store = get_typestore(Stores.ROS2_JAZZY)
     types: dict[str, Any] = store.types
     plugin = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}[storage]
@@ -158,6 +179,21 @@ def write_bag(
     with Writer(path, version=9, storage_plugin=plugin) as writer:
         states = writer.add_connection(topics[0], "sensor_msgs/msg/JointState", typestore=store)
         commands = writer.add_connection(topics[1], command_type, typestore=store)
+        for node, numbers in (in_use or {}).items():
+            told = writer.add_connection(f"{node}/parameters_in_use", _EVENT, typestore=store)
+            for version in (2, 1):  # a recorder may hear the newer one first
+                values = {name: value if version == 2 else 0.0 for name, value in numbers.items()}
+                message = types[_EVENT](
+                    stamp=types["builtin_interfaces/msg/Time"](sec=start // 10**9 + version, nanosec=0),
+                    node=node,
+                    new_parameters=[
+                        _parameter(types, "version", version),
+                        *(_parameter(types, *v) for v in values.items()),
+                    ],
+                    changed_parameters=[],
+                    deleted_parameters=[],
+                )
+                writer.write(told, start, store.serialize_cdr(message, told.msgtype))
         for k, (time, motor, load, command) in enumerate(zip(*recording[:4], strict=True)):
             seconds, nanoseconds = divmod(start + round(1e9 * time), 10**9)
             received = start + 5_000_000_000 + round(1e9 * time)

@@ -110,6 +110,37 @@ def test_a_recording_that_tells_nothing_ends_with_1_and_the_reason(
     assert "the encoders count in opposite directions" in content["reason"]
 
 
+def test_the_drive_is_that_of_the_controller_in_the_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """And not that of another node, of an older version, nor what --drive overrides."""
+    member, recording = stepped(2, "core")
+    parts = {part.section: part for part in (member.drive.motor, member.drive.gear, member.drive.load)}
+    told = {
+        f"{name}.{key}": getattr(p, key)
+        for name, p in parts.items()
+        for key in ("inertia", "torque_constant", "reduction")
+        if hasattr(p, key)
+    }
+    others = {
+        f"{node}": {"motor.inertia": 1.0, "gear.reduction": 2.0} for node in ("/plant_simulator", "/b/controller")
+    }
+    path = write_bag(tmp_path / "bag", member, recording, in_use={"/controller": told, **others})
+    assert main(["identify", str(path), "--json", str(tmp_path / "a.json")]) == 0
+    assert f"motor and gear ratio as told by the controller in {path}" in capsys.readouterr().out
+    sheet = write_drive(tmp_path / "a.yaml", member)
+    assert main(["identify", str(path), "--drive", str(sheet), "--json", str(tmp_path / "b.json")]) == 0
+    assert f"motor and gear ratio as told by {sheet}" in capsys.readouterr().out
+    inertia = {
+        row["value"]
+        for name in "ab"
+        for row in json.loads((tmp_path / f"{name}.json").read_text())["findings"]
+        if row["symbol"] == "J_l"
+    }
+    assert all(value == pytest.approx(member.drive.load.inertia, rel=0.05) for value in inertia)
+    wrong = write_bag(tmp_path / "wrong", member, recording, in_use={"/controller": {"motor.inertia": -1.0}})
+    assert main(["identify", str(wrong)]) == 1
+    assert "the parameters in use describe no drive (motor.inertia must be" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [

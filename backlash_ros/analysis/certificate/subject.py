@@ -23,7 +23,7 @@ class Subject:
     joints : names of the motor's and of the load's
     recording : all that was read; a part of it was fitted
     told : the described drive, whose motor and gear ratio were taken as given
-    sheet : the file that it was read from; empty for the nominal drive
+    sheet : what described it: a file, or the bag's controller; empty for the nominal drive
     command : the command line that makes the certificate again
     counts : of both encoders per turn of their shafts; 0 if unknown
     notes : how the file was turned into a recording, in words

@@ -3,8 +3,9 @@
 import math
 import sqlite3
 from bisect import bisect_right
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import Stores, get_typestore
 
+from backlash_ros.analysis.bag import in_use_of
 from backlash_ros.analysis.bag_files import readable
 from backlash_ros.analysis.recordings.samples import Columns
 from backlash_ros.drivetrain.messages import answered_sample, stamp_ns
@@ -41,7 +43,7 @@ class Topics:
 class Messages:
     """Of samples: both times, ns, and both positions; of commands: time of recording, stamp of the sample, value.
 
-    ``joints``: all joint names.
+    ``joints``: all joint names. ``in_use``: stamp, version and parameters of the controller, in any order.
     """
 
     stamps: list[int]
@@ -49,6 +51,7 @@ class Messages:
     positions: list[tuple[float, float]]
     commands: list[tuple[int, int | None, float]]
     joints: set[str]
+    in_use: list[tuple[float, int, Mapping[str, Any]]] = field(default_factory=list)
 
 
 def _one_of(given: str, found: Sequence[str], what: str, option: str, path: Path) -> str:
@@ -61,6 +64,14 @@ def _one_of(given: str, found: Sequence[str], what: str, option: str, path: Path
     if len(found) != 1:
         raise ValueError(f"{path}: {option} must be given: {what} are on {sorted(found)}")
     return found[0]
+
+
+def _in_use(topics: Sequence[str], command: str) -> str:
+    """Return the topic of the parameters of the controller that publishes ``command``; empty if none is known."""
+    found = {t for t in topics if t.endswith("/parameters_in_use") and "/plant_simulator/" not in t}
+    namespace = command.rpartition("/")[0]
+    own = {topic for topic in found if topic.rsplit("/", 2)[0] == namespace} or found
+    return own.pop() if len(own) == 1 else ""
 
 
 def _positions(message: Any, topics: Topics) -> tuple[float, float]:
@@ -94,7 +105,8 @@ def _messages(path: Path, topics: Topics) -> tuple[Messages, str, str]:
             likely = [topic for topic in others if topic.split("/")[-1] == "command"]
             likely = likely if len(likely) == 1 and not topics.command else others
             target = _one_of(topics.command, likely, "commands (std_msgs)", "--command-topic", path)
-            chosen = [c for c in reader.connections if c.topic in {source, target}]
+            in_use = _in_use([c.topic for c in reader.connections], target)
+            chosen = [c for c in reader.connections if c.topic in {source, target, in_use}]
             for connection, received, raw in reader.messages(chosen):
                 message: Any = reader.deserialize(raw, connection.msgtype)
                 if connection.topic == source:
@@ -102,6 +114,8 @@ def _messages(path: Path, topics: Topics) -> tuple[Messages, str, str]:
                     found.received.append(received)
                     found.positions.append(_positions(message, topics))
                     found.joints |= set(message.name)
+                elif connection.topic == in_use:
+                    found.in_use.append(in_use_of(message))
                 else:
                     value = _value(message, target, topics.index, path)
                     found.commands.append((received, answered_sample(message), value))
@@ -189,4 +203,6 @@ def columns_of(found: Messages, source: str, target: str, topics: Topics, path: 
     )
     command = np.array(commands)
     command[~np.isfinite(command)] = math.nan
-    return Columns(time, motor.copy(), load.copy(), command, names, lambda k: f"in sample {k + 1}", 1e-9 * clock[0])
+    told = max(found.in_use, key=itemgetter(0, 1))[2] if found.in_use else {}
+    zero = 1e-9 * clock[0]
+    return Columns(time, motor.copy(), load.copy(), command, names, lambda k: f"in sample {k + 1}", zero, told)

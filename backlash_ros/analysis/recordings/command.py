@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from backlash_ros.analysis.certificate.subject import Subject
-from backlash_ros.analysis.evaluation.drive_file import Axis, read_axis
+from backlash_ros.analysis.evaluation.drive_file import Axis, axis_of, in_sections, read_axis
 from backlash_ros.analysis.recordings.bag_topics import Topics, read_topics
 from backlash_ros.analysis.recordings.csv_file import ColumnNames, read_csv
 from backlash_ros.analysis.recordings.drive_text import drive_text
@@ -31,7 +31,7 @@ TABLES = {".csv", ".tsv", ".txt"}
 
 @dataclass(frozen=True)
 class Request:
-    """What to read and how, and what to write; ``drive`` None is the nominal one.
+    """What to read and how, and what to write; ``drive`` None is the bag's, or else the nominal one.
 
     ``rated_torque`` in N m at the output, 0 for half of the motor's at standstill; ``command`` is the command line.
     """
@@ -60,6 +60,20 @@ def _read(request: Request) -> Columns:
 
 def _is_table(path: Path) -> bool:
     return path.suffix.lower() in TABLES and path.is_file()
+
+
+def _axis(request: Request, columns: Columns) -> tuple[Axis, str]:
+    """Return the axis as told, and by what: a file, the controller in the bag, or nothing but the nominal drive."""
+    if request.drive:
+        return read_axis(request.drive), str(request.drive)
+    if columns.in_use:
+        try:
+            return axis_of(in_sections(columns.in_use)), f"the controller in {request.recording}"
+        except (ValueError, TypeError) as error:
+            raise ValueError(
+                f"{request.recording}: the parameters in use describe no drive ({error}); give one with --drive"
+            ) from error
+    return Axis(NOMINAL_DRIVE), ""
 
 
 def _joints(request: Request, axis: Axis) -> tuple[str, str]:
@@ -94,9 +108,9 @@ def identify_recording(request: Request, console: Console) -> int:
     OSError, ValueError
         If a file cannot be read or written, or does not fit the arguments.
     """
-    axis = read_axis(request.drive) if request.drive else Axis(NOMINAL_DRIVE)
-    drive = drive_for(axis.drive, request.reading)
     columns = _read(request)
+    axis, sheet = _axis(request, columns)
+    drive = drive_for(axis.drive, request.reading)
     recording, notes = recording_of(columns, request.reading, drive)
     found = identify(drive, recording)
     rated = request.rated_torque or HysteresisSettings().rated(drive)
@@ -108,7 +122,7 @@ def identify_recording(request: Request, console: Console) -> int:
         _joints(request, axis),
         recording,
         drive,
-        str(request.drive or ""),
+        sheet,
         request.command,
         counts,
         tuple(notes),

@@ -1,9 +1,10 @@
 """Turns columns of numbers into a recording that can be fitted: order, clocks, lost samples, units."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,7 @@ class Columns:
     """The columns of a file, unchanged, shapes (N,): nan for missing numbers.
 
     ``names``: of time, motor, load and command, for errors; ``place`` describes a row. ``epoch``: origin of the time,
-    in the clock's own count, s.
+    in the clock's own count, s. ``in_use``: the parameters of the drive's controller, by name, if it published them.
     """
 
     time: Array
@@ -41,6 +42,7 @@ class Columns:
     names: tuple[str, str, str, str]
     place: Callable[[int], str]
     epoch: float = 0.0
+    in_use: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
