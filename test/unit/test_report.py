@@ -192,6 +192,24 @@ def test_the_page_says_what_the_numbers_say(foreign: Made) -> None:
     )
 
 
+def test_each_axis_begins_with_how_it_went(foreign: Made, six: Made) -> None:
+    """And with what puts it in doubt."""
+
+    def verdicts(made: Made) -> list[str]:
+        return [unescape(said) for said in re.findall(r'<p class="(verdict[^<]*)', made.html)]
+
+    assert verdicts(foreign) == [
+        'verdict bad">2 steps: 1 settled, 1 ended in a limit cycle.',
+        'verdict bad">of 1750 samples 10 are missing and 10 were not answered within their period: what the load does '
+        "here may be due to the machine's timing.",
+    ]
+    assert verdicts(six)[1:4] == [
+        'verdict bad">1 step: 0 settled, 0 ended in a limit cycle.',
+        'verdict bad">1 fault: LOAD_JUMP.',
+        'verdict">1 step: 1 settled, 0 ended in a limit cycle.',
+    ]
+
+
 def test_the_page_is_whole_and_loads_nothing(foreign: Made, six: Made) -> None:
     for made in (foreign, six):
         assert not re.search(r"""(src|href)\s*=\s*["']?\s*(https?:)?//""", made.html)
@@ -538,7 +556,10 @@ def test_a_motion_that_dies_out_or_is_uneven_is_no_limit_cycle() -> None:
     time = np.arange(0.0, 2.0, 0.004)
     swing, frequency = limit_cycle(time, 0.5 + 0.1 * np.sin(2.0 * math.pi * 7.3 * time), 0.01)
     assert (swing, frequency) == (pytest.approx(0.2, rel=1e-2), pytest.approx(7.3, rel=1e-3))
-    assert math.isnan(limit_cycle(time, 0.1 * np.exp(-8.0 * time) * np.sin(40.0 * time), 0.01)[1])
+    assert math.isnan(limit_cycle(time, 0.1 * np.exp(-8.0 * time) * np.sin(40.0 * time), 0.01)[0])
+    swing, frequency = limit_cycle(time, 0.1 * np.sin(20.0 * np.square(time)), 0.01)
+    assert swing == pytest.approx(0.2, rel=1e-2)
+    assert math.isnan(frequency)  # it swings, but has no even period
     assert math.isnan(limit_cycle(time, np.random.default_rng(1).normal(size=time.size).cumsum(), 0.01)[1])
     assert math.isnan(limit_cycle(time, 0.001 * np.sin(40.0 * time), 0.01)[1])
 

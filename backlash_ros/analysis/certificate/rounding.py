@@ -80,6 +80,15 @@ def in_gear_units(row: Finding) -> str:
     return shown(factor * row.value, factor * row.uncertainty, unit)
 
 
+def counted(number: int, noun: str) -> str:
+    """Return a number of things.
+
+    >>> counted(1, "step"), counted(2, "step")
+    ('1 step', '2 steps')
+    """
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def brief(value: float, digits: int = 3) -> str:
     """Return a number with a few digits."""
     return f"{value:.{digits}g}".replace("-", _MINUS) if math.isfinite(value) else "none"

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from backlash_ros.analysis.certificate.rounding import counted
 from backlash_ros.analysis.recordings.arguments import add_topics, add_units, number_of, reading_of, topics_of
 from backlash_ros.analysis.recordings.encoder import UNITS
 from backlash_ros.analysis.report.library import chart_library
@@ -79,14 +80,14 @@ def places_of(given: argparse.Namespace) -> Sequence[tuple[str, Path]]:
 
 def _line(report: AxisReport) -> str:
     """Return a summary of an axis in one line."""
-    said = [f"{len(report.steps)} steps", f"{len(report.events.runs)} learning runs"]
-    said.append(f"{len(report.events.faults)} faults")
+    said = [counted(len(report.steps), "step"), counted(len(report.events.runs), "learning run")]
+    said.append(counted(len(report.events.faults), "fault"))
     if report.b > 0.0:
         said.append(f"b = {report.b:.5g} rad from {report.b_source}")
     if report.gap.told:
         said.append(f"b from this recording {report.gap.angle:.5g} +- {report.gap.uncertainty:.2g} rad")
     if report.timing is not None and math.isfinite(report.timing.rate):
-        said.append(f"{report.timing.rate:.4g} Hz, {report.timing.lost} samples lost")
+        said.append(f"{report.timing.rate:.4g} Hz, {counted(report.timing.lost, 'sample')} missing")
     return f"{report.axis.name}: {'; '.join(said)}"
 
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from backlash_ros.analysis.certificate.rounding import brief, shown
+from backlash_ros.analysis.certificate.rounding import brief, counted, shown
 from backlash_ros.analysis.certificate.subject import PACKAGE, version_of_package
 from backlash_ros.analysis.judging import SETTLED
 from backlash_ros.analysis.markup import document, pairs, paragraph, text_of
@@ -15,6 +15,8 @@ from backlash_ros.analysis.report.steps import NEAR, Step
 from backlash_ros.analysis.report.timing import SETTLING, TAIL, Timing
 from backlash_ros.control.tick import MISSING
 
+DOUBTFUL = 0.01
+"""Share of samples missing or late above which the page warns."""
 MOST_CHARTS = 60
 """Largest number of steps, of learning runs and of faults of an axis with a chart of their own, the first ones."""
 _STYLE = """
@@ -78,7 +80,8 @@ def _cycle(report: AxisReport, step: Step) -> str:
         return _NONE
     if math.isnan(step.amplitude):
         return "none"
-    return f"{_in_b(report, step.amplitude)} at {brief(step.frequency)}\u00a0Hz"
+    often = "uneven" if math.isnan(step.frequency) else f"at {brief(step.frequency)}\u00a0Hz"
+    return f"{_in_b(report, step.amplitude)} {often}"
 
 
 def _step_row(report: AxisReport, number: int, step: Step, link: str) -> list[str]:
@@ -104,10 +107,10 @@ def _remarks(step: Step) -> list[str]:
     """Return the notes that are needed to read the figures of a step."""
     remarks = list(step.remarks)
     if step.late_rising:
-        remarks.append(f"samples that were late or answered late while it rose, and make it slower: {step.late_rising}")
+        remarks.append(f"{counted(step.late_rising, 'sample')} late, or answered late, while it rose: this slows it")
     if step.late_rest:
         quiet = f"{TAIL + SETTLING:g} s without a late sample"
-        remarks.append(f"its rest has no {quiet}, and late ones widen what is left of the motion")
+        remarks.append(f"its rest has no {quiet}: late ones widen the residual")
     if step.ended_by:
         remarks.append(f"judged until {step.ended_by}, {step.end - step.start:.2f} s after the start")
     return remarks
@@ -160,7 +163,7 @@ def _steps(report: AxisReport, book: ChartBook) -> list[str]:
         parts.append(paragraph(f"The first {MOST_CHARTS} of {len(drawn)} steps have a chart; all are in the table."))
     if paths := sum(move.path for move in report.events.moves):
         parts.append(
-            paragraph(f"Besides, the reference went {paths} times along a path, which is judged by no figure.")
+            paragraph(f"In addition, the reference followed {counted(paths, 'path')}; no figure judges a path.")
         )
     return parts
 
@@ -214,12 +217,11 @@ def _timing(report: AxisReport, timing: Timing, book: ChartBook) -> list[str]:
     rows = [
         ("samples", f"{timing.samples} in {timing.length:.2f} s"),
         ("rate", f"{brief(timing.rate, 4)} Hz (period {brief(1e3 * timing.period, 4)} ms)"),
+        ("jitter: standard deviation", f"{_ms(timing.jitter)} ms"),
+        ("jitter: 99 % are within", f"{_ms(timing.jitter_99)} ms"),
+        ("longest time between two samples", f"{_ms(timing.longest)} ms"),
         (
-            "jitter: standard deviation, 99 % below; longest time between two",
-            f"{_ms(timing.jitter, timing.jitter_99, timing.longest)} ms",
-        ),
-        (
-            "samples lost: those that a drive of this rate has, and the bag has not",
+            "missing samples: expected at this rate, not in the bag",
             f"{timing.lost} of {timing.samples + timing.lost}; {timing.holes} holes of more than {MISSING:g} periods"
             if timing.lost
             else "none",
@@ -235,7 +237,9 @@ def _timing(report: AxisReport, timing: Timing, book: ChartBook) -> list[str]:
         rows.append(("age when recorded", "not known: stamps and recorder have different clocks"))
     if timing.answers:
         rows.append(("commands", str(timing.answers)))
-        rows.append(("samples not answered before the next, or with a late next one", str(timing.unanswered)))
+        rows.append(
+            ("samples without an answer within their period, or followed by a late one", str(timing.unanswered))
+        )
     if math.isfinite(timing.answered):
         rows.append(
             (
@@ -271,10 +275,32 @@ def _about(report: AxisReport) -> str:
     return pairs(rows + [("note", note) for note in axis.notes])
 
 
+def _summary(report: AxisReport) -> list[str]:
+    """Return in a line how the steps went, and in another what makes the recording doubtful."""
+    steps, timing, lines = report.steps, report.timing, []
+    if steps:
+        settled = sum(math.isfinite(step.settling) for step in steps)
+        swinging = sum(math.isfinite(step.amplitude) for step in steps)
+        said = f"{counted(len(steps), 'step')}: {settled} settled, {swinging} ended in a limit cycle"
+        lines.append((settled == len(steps) and not swinging, said))
+    if report.events.faults:
+        names = ", ".join(dict.fromkeys(fault.name for fault in report.events.faults))
+        lines.append((False, f"{counted(len(report.events.faults), 'fault')}: {names}"))
+    if timing and timing.lost + timing.unanswered > DOUBTFUL * timing.samples:
+        lines.append(
+            (
+                False,
+                f"of {timing.samples + timing.lost} samples {timing.lost} are missing and {timing.unanswered} were not "
+                "answered within their period: what the load does here may be due to the machine's timing",
+            )
+        )
+    return [paragraph(f"{said}.", "verdict" if good else "verdict bad") for good, said in lines]
+
+
 def _axis(report: AxisReport, number: int, book: ChartBook) -> list[str]:
     axis = report.axis
     name = "Axis" if axis.name == "/" else f"Axis {axis.name}"
-    parts = [f'<section id="axis-{number}">', f"<h2>{text_of(name)}</h2>", _about(report)]
+    parts = [f'<section id="axis-{number}">', f"<h2>{text_of(name)}</h2>", *_summary(report), _about(report)]
     if report.timing:
         parts.append(book.add(pictures.overview(report)))
     parts += [*_steps(report, book), *_learning(report, book), *_changes(report), *_faults(report, book)]
@@ -323,7 +349,8 @@ def _diagnostics(report: Report) -> list[str]:
         ]
         for warned in report.warnings
     ]
-    heads = ("status", "level", "text, as first said", "times", "first, s", "last, s")
+    clock = ", recorder's clock" if any(axis.axis.clock for axis in report.axes) else ""
+    heads = ("status", "level", "text, as first said", "times", f"first, s{clock}", f"last, s{clock}")
     return ["<h2>Warnings and errors of diagnostics</h2>", _table(heads, rows)]
 
 
@@ -342,7 +369,8 @@ def page_of(report: Report) -> str:
     parts = [
         f"<h1>{text_of(title)}</h1>",
         paragraph(
-            f"Begun {began}, {report.length:.2f} s long, {messages} messages. Times count from the start.", "under"
+            f"Begun {began}, {report.length:.2f} s long, {counted(messages, 'message')}. Times count from the start.",
+            "under",
         ),
         *(paragraph(f"The bag is not whole: {what}.", "verdict bad") for what in contents.damage),
     ]

@@ -44,7 +44,8 @@ class Step:
     settling : after which it stays within ``band`` of the target, for at least the last second; inf if never
     overshoot : beyond the target, at least 0
     residual, error : peak to peak, and of the mean, in the last second
-    amplitude, frequency : of the limit cycle in the rest, peak to peak and in Hz; nan where there is none
+    amplitude, frequency : of the limit cycle in the rest, peak to peak and in Hz; nan where there is none; the
+        frequency alone is nan where the load swings unevenly
     impacts : of the teeth, after the load first came within the backlash of the target; -1 if unknown
     peak_torque, peak_speed : largest of the motor, N m before the gear, and of the load, rad/s, as recorded
     late_rising, late_rest : whether samples or answers were late during the rise, and all through the rest
@@ -75,9 +76,10 @@ class Step:
 
 
 def limit_cycle(time: Array, position: Array, least: float) -> tuple[float, float]:
-    """Return swing, peak to peak, and frequency (Hz) of an even oscillation above ``least``; nan if there is none.
+    """Return swing, peak to peak, and frequency (Hz) of an oscillation above ``least``; nan if there is none.
 
-    Counted between upward passages of the middle, each after the signal was a quarter of its swing below it.
+    Counted between upward passages of the middle, each after the signal was a quarter of its swing below it. An uneven
+    oscillation has no frequency: nan.
     """
     low, high = float(np.min(position)), float(np.max(position))
     swing, middle = high - low, 0.5 * (high + low)
@@ -92,8 +94,10 @@ def limit_cycle(time: Array, position: Array, least: float) -> tuple[float, floa
             armed = False
     periods = np.diff(passages)
     even = periods[np.abs(periods - np.median(periods)) <= _EVEN * np.median(periods)] if periods.size else periods
-    if even.size < max(_FEWEST_CYCLES, _MOST * periods.size):
+    if periods.size < _FEWEST_CYCLES:
         return math.nan, math.nan
+    if even.size < max(_FEWEST_CYCLES, _MOST * periods.size):
+        return swing, math.nan
     return swing, float(1.0 / np.mean(even))
 
 
@@ -186,8 +190,8 @@ def _judged(
         cycling = (time >= max(float(time[arrived[0]]), rest_end - _CYCLE_TIME, 0.5 * rest_end)) & (time <= rest_end)
         least = QUIET * b if b > 0.0 else _LEAST_CYCLE * abs(step.target - step.origin)
         if np.sum(cycling) >= _SHORTEST and float(np.ptp(position[tail])) > least:
-            _, frequency = limit_cycle(time[cycling], position[cycling], least)
-            amplitude = math.nan if math.isnan(frequency) else float(np.ptp(position[tail]))
+            swing, frequency = limit_cycle(time[cycling], position[cycling], least)
+            amplitude = math.nan if math.isnan(swing) else float(np.ptp(position[tail]))
     impacts = -1
     if b > 0.0 and math.isfinite(centre):
         twist = axis.twist[chosen][arrived[0] if arrived.size else time.size :]
