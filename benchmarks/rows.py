@@ -11,10 +11,12 @@ PAGE = ROOT / "docs" / "performance.md"
 
 _HEAD = """# Performance
 
-`make bench` makes these measurements, and writes this page and `results/bench.json`. Each ratio compares two figures of
-the same run, so it means something on other machines, too. The spread gives the smallest and the largest ratio among
-the whole measurement and its parts. Figures of the plant are multiples of real time; the other rows name their unit.
-The first lines of each file in `benchmarks` say what it plays and how it measures.
+This page is about the speed of the simulator and of the nodes; how well the laws control is in
+[evaluation.md](evaluation.md). `make bench` makes these measurements, and writes this page and `results/bench.json`.
+Each ratio compares two figures of the same run, so it means something on other machines, too. More is better where the
+goal is `>=`, less where it is `<=`. The spread gives the smallest and the largest ratio among the whole measurement and
+its parts. Figures of the plant are multiples of real time, and their error is that of the angles, rad; the other rows
+name their unit. The first lines of each file in `benchmarks` say what it plays and how it measures.
 
 """
 

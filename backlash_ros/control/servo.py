@@ -229,7 +229,7 @@ class Servo:
         segments = np.ascontiguousarray(source.segments(Setpoint(self.memory.setpoint.copy())), dtype=np.float64)
         _, end, least, largest = extent(segments)
         for hindered, why in (
-            (bool(self.latched), "while a fault is latched"),
+            (bool(self.latched), f"while {self.latched.name} is latched: call reset_fault"),
             (self.experimenting, "while learning"),
             (not self.holding, "while no position is held"),
         ):

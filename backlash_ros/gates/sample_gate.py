@@ -171,13 +171,18 @@ class SampleGate:
 
     def _repeated(self, now: int, content: bytes | None) -> Judged:
         """Answer again: the drive missed the answer, or stands still; other content may come from another drive."""
-        if content is not None and self._content is not None and content != self._content:
+        again = "joint_states repeated with the newest sample's stamp"
+        differs = content is not None and self._content is not None and content != self._content
+        if differs:
             self._suspect(
                 now, "joint_states with other values but the newest sample's stamp, or with a stamp that stands still"
             )
         if self.fault:
             return Judged(Action.REFUSE)
-        return self._drop(Action.REPEAT, "joint_states repeated with the newest sample's stamp")
+        if differs:
+            return self._drop(Action.REPEAT, again)
+        self._refused = again  # nothing is lost: a drive in lockstep repeats a sample that was answered late
+        return Judged(Action.REPEAT)
 
     def _set_back(self, stamp: int, behind: int) -> bool:
         """Whether the drive's clock was set back: by the timeout or more, or two consecutive samples confirm it."""

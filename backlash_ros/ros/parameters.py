@@ -29,8 +29,8 @@ KINDS = {
     Parameter.Type.INTEGER: "a whole number",
     Parameter.Type.DOUBLE: "a number",
     Parameter.Type.STRING: "a text",
-    Parameter.Type.DOUBLE_ARRAY: "numbers",
-    Parameter.Type.STRING_ARRAY: "texts",
+    Parameter.Type.DOUBLE_ARRAY: "a list of numbers",
+    Parameter.Type.STRING_ARRAY: "a list of texts",
 }
 """The types of parameters in words."""
 

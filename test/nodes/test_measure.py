@@ -87,7 +87,7 @@ def test_it_is_stopped_at_rest_and_leaves_nothing(start: Start, peer: Peer, tmp_
         os.killpg(program.pid, signal.SIGINT)
     else:
         program.send_signal(signal.SIGTERM)
-    said, _ = program.communicate(timeout=120)
+    said, _ = program.communicate(timeout=600)
     assert program.returncode == 130, said
     assert "stopped: the experiment was cancelled, and nothing was written" in said
     assert not list(tmp_path.glob("*measured*"))
@@ -111,7 +111,7 @@ def test_an_experiment_that_acted_for_no_time_is_said_to_have() -> None:
 
 def test_without_a_controller_it_says_so(domain: int, tmp_path: Path) -> None:
     program = backlash("--out", tmp_path / "measured", "--namespace", "/nobody")
-    said, _ = program.communicate(timeout=120)
+    said, _ = program.communicate(timeout=600)
     assert program.returncode == 1
     assert "no controller found at /nobody/controller/learn: waited 10 s for" in said
     assert not list(tmp_path.iterdir())

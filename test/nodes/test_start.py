@@ -322,7 +322,7 @@ def test_the_script_of_the_quick_start_learns_and_steps(start: Start, peer: Peer
     start("controller", use_sim_time=True, state_timeout=10.0)
     peer.wait("the first samples and answers", lambda: samples and commands)
     script = CONFIG.parent / "docs" / "examples" / "learn_and_step.py"
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=240, check=False)
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=600, check=False)
     said = done.stdout + done.stderr
     assert done.returncode == 0, said
     assert "learn: backlash 0.0" in said

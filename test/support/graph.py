@@ -23,7 +23,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.signals import SignalHandlerOptions
 
-PATIENCE = 60.0
+PATIENCE = 120.0
 """Seconds after which a condition counts as never met: far more than discovery on a loaded machine takes."""
 
 

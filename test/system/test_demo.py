@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -26,6 +27,9 @@ from backlash_ros.simulation import Scenario, run
 
 ROOT = Path(__file__).parents[2]
 DEMO = [sys.executable, "-m", "backlash_ros.demo"]
+PATIENCE = 900
+"""Time for the demo, s: it takes one minute alone, and several beside other tests on two cores."""
+pytestmark = pytest.mark.timeout(PATIENCE + 300)
 
 
 def offline_rises() -> dict[str, float]:
@@ -42,11 +46,15 @@ def offline_rises() -> dict[str, float]:
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("demo") / "results"
-    done = subprocess.run(
-        [*DEMO, "--out", str(out)], cwd=ROOT, capture_output=True, text=True, timeout=280, check=False
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "two-region law" in done.stdout
+    command = [*DEMO, "--out", str(out)]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as demo:
+        try:
+            said, _ = demo.communicate(timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
+            demo.send_signal(signal.SIGINT)  # so that it ends its nodes
+            pytest.fail(f"not ready after {PATIENCE} s: {demo.communicate()[0]}")
+    assert demo.returncode == 0, said
+    assert "two-region law" in said
     return out
 
 

@@ -11,7 +11,7 @@ LOADED = "import sys; print('control' in sys.modules)"
 def loaded_by(code: str) -> bool:
     """Whether ``code`` loads python-control in a fresh interpreter."""
     done = subprocess.run(
-        [sys.executable, "-c", f"{code}\n{LOADED}"], cwd=ROOT, capture_output=True, text=True, timeout=120, check=True
+        [sys.executable, "-c", f"{code}\n{LOADED}"], cwd=ROOT, capture_output=True, text=True, timeout=600, check=True
     )
     return done.stdout.strip() == "True"
 

@@ -227,7 +227,7 @@ def test_plugins_are_there_for_every_process_and_may_import_all_of_the_package(t
     file.write_text(f"{CUBIC}\n\nfrom backlash_ros.control import ServoSettings\n")
     command = [sys.executable, "-c", "from backlash_ros.drivetrain import CONTACTS; print(*CONTACTS)"]
     environment = {**os.environ, "BACKLASH_ROS_PLUGINS": str(file)}
-    output = subprocess.run(command, env=environment, check=True, capture_output=True, text=True, timeout=120).stdout
+    output = subprocess.run(command, env=environment, check=True, capture_output=True, text=True, timeout=600).stdout
     assert output.split() == LAWS
 
 

@@ -390,7 +390,7 @@ def test_a_batch_that_was_killed_ends_in_the_same_file(tmp_path: Path, undisturb
     first.send_signal(signal.SIGKILL)
     first.wait()
     assert not (killed / "result.json").exists()
-    resumed = subprocess.run(arguments, env=environment, capture_output=True, text=True, check=True, timeout=120)
+    resumed = subprocess.run(arguments, env=environment, capture_output=True, text=True, check=True, timeout=600)
     assert "of 8 drives are in" in resumed.stdout
     assert (killed / "result.json").read_bytes() == undisturbed
     assert [path.name for path in killed.iterdir()] == ["result.json"]

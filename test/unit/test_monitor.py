@@ -253,7 +253,7 @@ def test_reference_is_refused_where_nobody_would_follow_it(limited: Servo) -> No
     assert limited.set_reference(0.1) == "reference 0.1 rad came while learning"
     assert limited.reference == 0.0
     limited.fail(Fault.NO_SAMPLES, "test")
-    assert limited.set_reference(0.1) == "reference 0.1 rad came while a fault is latched"
+    assert limited.set_reference(0.1) == "reference 0.1 rad came while NO_SAMPLES is latched: call reset_fault"
     assert not limited.holding
 
 

@@ -108,8 +108,8 @@ def test_what_loses_nothing_is_converted(value: Any, kind: Parameter.Type, conve
         (1, Type.BOOL, "true or false"),
         (1, Type.STRING, "a text"),
         (True, Type.STRING, "a text"),
-        (["1", "2"], Type.DOUBLE_ARRAY, "numbers"),
-        ([1, 2], Type.STRING_ARRAY, "texts"),
+        (["1", "2"], Type.DOUBLE_ARRAY, "a list of numbers"),
+        ([1, 2], Type.STRING_ARRAY, "a list of texts"),
         (None, Type.DOUBLE, "a number"),
     ],
 )

@@ -165,7 +165,7 @@ def test_the_command_prints_writes_and_draws(bag: Path, tmp_path: Path, capsys: 
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ("gains.fast.q=3", "gains.fast.q must be numbers, got 3"),
+        ("gains.fast.q=3", "gains.fast.q must be a list of numbers, got 3"),
         (
             "gains.fasst.q=[1.0, 1.0]",
             "there is no parameter 'gains.fasst.q', got [1.0, 1.0]: did you mean 'gains.fast.q'?",
@@ -241,7 +241,10 @@ def test_a_torn_bag_is_replayed_as_far_as_it_is_whole(bag: Path, tmp_path: Path)
     (done,) = replayed(torn)
     assert done.equal
     assert 400 < len(done.stamps) < 920
+    (tmp_path / "empty").mkdir()
     with pytest.raises(ValueError, match="is no rosbag2 that can be read"):
+        read_recorded(tmp_path / "empty")
+    with pytest.raises(FileNotFoundError, match=r"there is no bag '.*nothing'"):
         read_recorded(tmp_path / "nothing")
 
 

@@ -144,6 +144,8 @@ def read_recorded(path: Path, controller: str = "") -> Recorded:
     ValueError
         Names what it lacks.
     """
+    if not path.exists():
+        raise FileNotFoundError(f"there is no bag '{path}'")
     samples: dict[int, list[tuple[int, Any]]] = defaultdict(list)
     in_use: dict[int, list[tuple[int, Any]]] = defaultdict(list)
     told: list[tuple[int, int, dict[str, float]]] = []

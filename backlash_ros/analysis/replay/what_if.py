@@ -26,7 +26,7 @@ def _kind(value: Any) -> str:
     if isinstance(value, bool):
         return "true or false"
     if isinstance(value, list):
-        return "numbers"
+        return "a list of numbers"
     return {str: "a text", int: "a whole number"}.get(type(value), "a number")
 
 

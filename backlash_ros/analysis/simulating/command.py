@@ -124,7 +124,7 @@ def _figures(result: Run, drive: Drive, reference: float) -> dict[str, Any]:
     return {
         "rise_time_s": judged.rise_time,
         "settling_time_s": settling_time(result.time, result.load_angle, reference, 0.25 * b),
-        "overshoot_b": judged.overshoot,
+        "overshoot_b": max(0.0, judged.overshoot),
         "residual_b": judged.residual,
         "impacts_after_switch": judged.impacts,
         "final_error_b": float(result.load_angle[-1] - reference) / b,
