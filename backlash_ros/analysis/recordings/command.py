@@ -62,18 +62,16 @@ def _is_table(path: Path) -> bool:
     return path.suffix.lower() in TABLES and path.is_file()
 
 
-def _axis(request: Request, columns: Columns) -> tuple[Axis, str]:
-    """Return the axis as told, and by what: a file, the controller in the bag, or nothing but the nominal drive."""
-    if request.drive:
-        return read_axis(request.drive), str(request.drive)
-    if columns.in_use:
-        try:
-            return axis_of(in_sections(columns.in_use)), f"the controller in {request.recording}"
-        except (ValueError, TypeError) as error:
-            raise ValueError(
-                f"{request.recording}: the parameters in use describe no drive ({error}); give one with --drive"
-            ) from error
-    return Axis(NOMINAL_DRIVE), ""
+def _axis_in(recording: Path, columns: Columns) -> tuple[Axis, str]:
+    """Return the axis as the bag's controller was told, and who says so; the nominal drive and nobody without it."""
+    if not columns.in_use:
+        return Axis(NOMINAL_DRIVE), ""
+    try:
+        return axis_of(in_sections(columns.in_use)), f"the controller in {recording}"
+    except (ValueError, TypeError) as error:
+        raise ValueError(
+            f"{recording}: the parameters in use describe no drive ({error}); give one with --drive"
+        ) from error
 
 
 def _joints(request: Request, axis: Axis) -> tuple[str, str]:
@@ -108,8 +106,9 @@ def identify_recording(request: Request, console: Console) -> int:
     OSError, ValueError
         If a file cannot be read or written, or does not fit the arguments.
     """
+    told = (read_axis(request.drive), str(request.drive)) if request.drive else None
     columns = _read(request)
-    axis, sheet = _axis(request, columns)
+    axis, sheet = told or _axis_in(request.recording, columns)
     drive = drive_for(axis.drive, request.reading)
     recording, notes = recording_of(columns, request.reading, drive)
     found = identify(drive, recording)
