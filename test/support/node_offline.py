@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from plain_bag import EVENT, in_use_event
 from rosbags.typesys import Stores, get_typestore
 
 from backlash_ros.analysis.bag_writer import BagWriter
@@ -193,20 +194,7 @@ class NodeOffline:
 
     def _parameters(self, content: tuple[int, Mapping[str, Any]]) -> Any:
         version, values = content
-        empty = np.empty(0)
-        listed = []
-        for name, value in {"version": version, **values}.items():
-            kinds = {bool: 1, int: 2, float: 3, str: 4}
-            kind = kinds.get(type(value)) or (9 if isinstance(value[0], str) else 8)
-            fields: list[Any] = [kind, False, 0, 0.0, "", empty.astype(np.uint8), empty.astype(bool)]
-            fields += [empty.astype(np.int64), empty, []]
-            fields[kind] = np.array(value) if kind == 8 else value
-            listed.append(
-                self._types["rcl_interfaces/msg/Parameter"](
-                    name, self._types["rcl_interfaces/msg/ParameterValue"](*fields)
-                )
-            )
-        return self._types["rcl_interfaces/msg/ParameterEvent"](self._time(_BEGIN), "/controller", listed, [], [])
+        return in_use_event(self._time(_BEGIN), version, values, "/controller")
 
     def write(self, path: Path, keep: Callable[[str, Any], bool] = lambda _topic, _content: True) -> Path:
         """Write the bag, of the messages that ``keep`` keeps."""
@@ -215,7 +203,7 @@ class NodeOffline:
             "/joint_states": ("sensor_msgs/msg/JointState", self._joint_states),
             "/command": ("std_msgs/msg/Float64MultiArray", self._commands),
             "/controller/state": ("diagnostic_msgs/msg/DiagnosticArray", self._state),
-            "/controller/parameters_in_use": ("rcl_interfaces/msg/ParameterEvent", self._parameters),
+            "/controller/parameters_in_use": (EVENT, self._parameters),
         }
         writer = BagWriter(path, "jazzy")
         made = {topic: writer.add_connection(topic, kind, typestore=store) for topic, (kind, _) in topics.items()}

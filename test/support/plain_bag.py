@@ -12,6 +12,7 @@ STORE = get_typestore(Stores.ROS2_JAZZY)
 TYPES: dict[str, Any] = STORE.types
 START = 1_700_000_000.0
 """When the bags begin, s since the epoch: 2023-11-14 22:13:20 UTC."""
+EVENT = "rcl_interfaces/msg/ParameterEvent"
 _NOTHING = {
     "bool_value": False,
     "integer_value": 0,
@@ -32,10 +33,19 @@ def _stamp(seconds: float) -> Any:
 
 
 def _parameter(name: str, value: Any) -> Any:
-    kind, place = (8, "double_array_value") if isinstance(value, list) else _KINDS[type(value)]
+    if isinstance(value, list):
+        kind, place = (9, "string_array_value") if isinstance(value[0], str) else (8, "double_array_value")
+    else:
+        kind, place = _KINDS[type(value)]
     filled = np.array(value, dtype=float) if kind == 8 else value
     given = TYPES["rcl_interfaces/msg/ParameterValue"](type=kind, **{**_NOTHING, place: filled})
     return TYPES["rcl_interfaces/msg/Parameter"](name, given)
+
+
+def in_use_event(stamp: Any, version: int, values: Mapping[str, object], node: str = "") -> Any:
+    """Return the message of ``~/parameters_in_use``; ``stamp``: a message, too."""
+    told = [_parameter(name, value) for name, value in {"version": version, **values}.items()]
+    return TYPES[EVENT](stamp, node, told, [], [])
 
 
 class PlainBag:
@@ -96,9 +106,7 @@ class PlainBag:
 
     def in_use(self, topic: str, time: float, version: int, values: Mapping[str, object]) -> None:
         """Add the parameters in use."""
-        told = [_parameter(name, value) for name, value in {"version": version, **values}.items()]
-        fields = {"node": "", "new_parameters": told, "changed_parameters": [], "deleted_parameters": []}
-        self._add(time, topic, "rcl_interfaces/msg/ParameterEvent", stamp=_stamp(time), **fields)
+        self._messages.append((time, topic, EVENT, in_use_event(_stamp(time), version, values)))
 
     def write(self, path: Path, storage: StoragePlugin = StoragePlugin.MCAP) -> Path:
         """Write the bag, and make what leads to it."""

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from plain_bag import EVENT, in_use_event
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -137,23 +138,6 @@ def write_csv(
     return path
 
 
-_EVENT = "rcl_interfaces/msg/ParameterEvent"
-
-
-def _parameter(types: dict[str, Any], name: str, value: float) -> Any:
-    empty = {f"{kind}_array_value": np.empty(0) for kind in ("bool", "integer", "double")}
-    of_type = {"type": 2 if isinstance(value, int) else 3}
-    number = {"integer_value": value if isinstance(value, int) else 0, "double_value": float(value)}
-    rest = {
-        "bool_value": False,
-        "string_value": "",
-        "byte_array_value": np.empty(0, np.uint8),
-        "string_array_value": [],
-    }
-    content = types["rcl_interfaces/msg/ParameterValue"](**of_type, **number, **rest, **empty)
-    return types["rcl_interfaces/msg/Parameter"](name=name, value=content)
-
-
 def write_bag(
     path: Path,
     member: Member,
@@ -180,20 +164,11 @@ def write_bag(
         states = writer.add_connection(topics[0], "sensor_msgs/msg/JointState", typestore=store)
         commands = writer.add_connection(topics[1], command_type, typestore=store)
         for node, numbers in (in_use or {}).items():
-            told = writer.add_connection(f"{node}/parameters_in_use", _EVENT, typestore=store)
+            told = writer.add_connection(f"{node}/parameters_in_use", EVENT, typestore=store)
             for version in (2, 1):  # a recorder may hear the newer one first
                 values = {name: value if version == 2 else 0.0 for name, value in numbers.items()}
-                message = types[_EVENT](
-                    stamp=types["builtin_interfaces/msg/Time"](sec=start // 10**9 + version, nanosec=0),
-                    node=node,
-                    new_parameters=[
-                        _parameter(types, "version", version),
-                        *(_parameter(types, *v) for v in values.items()),
-                    ],
-                    changed_parameters=[],
-                    deleted_parameters=[],
-                )
-                writer.write(told, start, store.serialize_cdr(message, told.msgtype))
+                at = types["builtin_interfaces/msg/Time"](sec=start // 10**9 + version, nanosec=0)
+                writer.write(told, start, store.serialize_cdr(in_use_event(at, version, values, node), EVENT))
         for k, (time, motor, load, command) in enumerate(zip(*recording[:4], strict=True)):
             seconds, nanoseconds = divmod(start + round(1e9 * time), 10**9)
             received = start + 5_000_000_000 + round(1e9 * time)

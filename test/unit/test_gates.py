@@ -141,8 +141,11 @@ class Samples(RuleBasedStateMachine):
     @rule(wait=short_waits)
     def repeat(self, wait: int) -> None:
         self.now += wait
+        before = self.gate.dropped
         judged = self.put(self.taken_stamp, joints=self.joints)
         assert judged.action in (Action.REPEAT, Action.REFUSE) or self.gate.stamp is None
+        if judged.action is Action.REPEAT:  # nothing is lost, and nobody is warned
+            assert (judged.reason, self.gate.dropped) == ("", before)
 
     @rule(why=st.sampled_from(["unusable", "joints"]))
     def bad_sample(self, why: str) -> None:
@@ -171,7 +174,11 @@ class Samples(RuleBasedStateMachine):
     def same_stamp_other_values(self) -> None:
         self.strangers += 1
         self.gate.sample(self.stamp + 1, self.now, joints=self.joints, content=b"a")
+        before = self.gate.dropped
         judged = self.gate.sample(self.stamp + 1, self.now, joints=self.joints, content=b"b")
+        if judged.action is Action.REPEAT:
+            assert judged.reason
+            assert self.gate.dropped == before + 1
         assert judged.action in (Action.REPEAT, Action.REFUSE) or self.gate.waiting
         self.stamp += 1
         if self.gate.stamp == self.stamp:

@@ -199,6 +199,19 @@ def test_a_search_ends_after_so_many_passes_and_says_so(monkeypatch: pytest.Monk
     assert ("passes of the filter" in found.reason) == (most < PASSES)
 
 
+@pytest.mark.parametrize("late", [0, 3])
+def test_a_refusal_says_that_commands_were_late(monkeypatch: pytest.MonkeyPatch, late: int) -> None:
+    member, whole, _ = probed(DRIVES[0])
+    recording = slipping(whole.part(slice(whole.time.size // 2)))
+    doubt = np.zeros(recording.time.size)
+    doubt[10 : 10 + late] = 1e-3
+    monkeypatch.setattr(fit_module, "PASSES", 5)
+    found = measure_gap(told_model(member, "nominal"), recording._replace(doubt=doubt), STALL)
+    assert not found.valid
+    assert "no model of teeth, friction and load explains" in found.reason
+    assert (f"{late} of {recording.time.size} commands were late" in found.reason) == (late > 0)
+
+
 def test_what_was_found_before_the_search_had_ended_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Even if it explains all that was seen, on the way to the bottom."""
     member, recording, _ = probed(DRIVES[0])

@@ -5,7 +5,9 @@ from pathlib import Path
 
 from rich.console import Console
 
+from backlash_ros.analysis.certificate.rounding import counted
 from backlash_ros.analysis.checking.check import LOWER, check_drive
+from backlash_ros.analysis.evaluation.drive_file import named
 
 DESCRIPTION = "Checks a drive file and its loop: prints figures, and warnings with remedies. Nothing moves."
 EXAMPLE = "example: backlash check config/nominal_drive.yaml"
@@ -39,6 +41,6 @@ def check_and_show(given: argparse.Namespace, console: Console) -> int:
     if found.fails:
         say(f"fails: {found.fails}\n  -> {LOWER}")
         return 1
-    many = {0: "no warnings", 1: "1 warning"}.get(len(found.warnings), f"{len(found.warnings)} warnings")
-    say(f"{' with '.join(map(str, given.drive))}: the loop is stable, {many}")
+    many = counted(len(found.warnings), "warning") if found.warnings else "no warnings"
+    say(f"{named(given.drive)}: the loop is stable, {many}")
     return 0

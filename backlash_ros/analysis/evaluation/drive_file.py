@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -120,14 +120,15 @@ def _gains(parameters: Mapping[str, Any], drive: Drive, region: str) -> Gains:
     chosen = parameters.get("gain_set", names[0])
     if chosen not in (*names, CUSTOM):
         raise ValueError(f"gain_set must be one of {[*names, CUSTOM]}, got {chosen!r}")
-    of_set = _section(_section(parameters, "gain_sets"), chosen if chosen in names else names[0])
-    for section, place in (("gains", _section(parameters, "gains")), (f"gain_sets.{chosen}", of_set)):
+    start = chosen if chosen in names else names[0]
+    of_set = _section(_section(parameters, "gain_sets"), start)
+    for section, place in (("gains", _section(parameters, "gains")), (f"gain_sets.{start}", of_set)):
         given = _section(place, region)
         for kind in ("k", "q"):
             where = f"{section}.{region}.{kind}"
             if kind in given and any(values := _list(where, given[kind])):  # zeros: not given
                 return Gains.from_sequence(where, values) if kind == "k" else design_gains(where, drive, values)
-    return design_gains(f"gain_sets.{chosen}.{region}.q", drive, DEFAULT_WEIGHTS[region])
+    return design_gains(f"gain_sets.{start}.{region}.q", drive, DEFAULT_WEIGHTS[region])
 
 
 def read_drive(*paths: Path) -> Drive:
@@ -153,6 +154,11 @@ def read_axis(*paths: Path) -> Axis:
 def read_parameters(*paths: Path) -> Mapping[str, Any]:
     """Return the parameters of files, in sections; OSError and ValueError as `read_axis`."""
     return _read(paths, lambda parameters: parameters)
+
+
+def named(paths: Iterable[Path]) -> str:
+    """Return the names of files that are read together."""
+    return " with ".join(map(str, paths))
 
 
 def merged(parameters: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -182,7 +188,7 @@ def _read(paths: Sequence[Path], take: Callable[[Mapping[str, Any]], T]) -> T:
     try:
         for at in paths:
             parameters = merged(parameters, _parameters(values_in(at.read_text())))
-        at = " with ".join(map(str, paths))
+        at = named(paths)
         if not set(parameters) & {"motor", "gear", "load"}:
             raise ValueError("must have ROS parameters of motor, gear or load")
         return take(parameters)

@@ -17,6 +17,7 @@ from backlash_ros.analysis.evaluation.drive_file import (
     in_sections,
     law_parameters_of,
     merged,
+    named,
     read_parameters,
     surroundings_of,
 )
@@ -168,9 +169,9 @@ def simulate(given: argparse.Namespace, console: Console) -> int:
         figures = judge(respond(law, condition), condition)
         console.print_json(json.dumps(jsonable({"law": law, "case": case, **figures})))
         return 0
-    named = " with ".join(map(str, given.drive))
+    files = named(given.drive)
     if given.case is not None:
-        raise ValueError(f"--case is of the nominal drive: leave it or {named} out")
+        raise ValueError(f"--case is of the nominal drive: leave it or {files} out")
     result, drive, law = _simulated(given)
     with ExitStack() as stack:
         places = {name: place for name in WRITTEN if (place := getattr(given, name)) is not None}
@@ -180,12 +181,12 @@ def simulate(given: argparse.Namespace, console: Console) -> int:
         if "plot" in staged:
             from backlash_ros.analysis.simulating.picture import draw  # noqa: PLC0415 - matplotlib takes a second
 
-            draw(result, drive, given.reference, f"{named}, law {law}", staged["plot"])
+            draw(result, drive, given.reference, f"{files}, law {law}", staged["plot"])
         for name, place in places.items():
             staged[name].replace(place)
     content = {
         "law": law,
-        "drive": named,
+        "drive": files,
         "set": given.set,
         **_figures(result, drive, given.reference),
     }
