@@ -133,12 +133,13 @@ def counts(log: Path, pattern: str) -> list[int]:
 def test_bag_has_every_topic_with_the_messages_that_the_run_implies(results: Path, summary: dict) -> None:
     recording = read_bag(results / summary["bag"])
     assert recording.messages == summary["messages"]
-    stamps = np.unique(recording.joint_states.time)  # one may be sent again until it is answered
+    stamps = np.unique(recording.joint_states.time)
+    repeats = recording.joint_states.time.size - stamps.size  # sent again where the answer was late, and answered again
     np.testing.assert_allclose(np.diff(stamps), 0.004)
-    # Each sample that was answered has one command, and every fifth has telemetry; there is 0 V at the end besides.
+    # Each sample has a command, and every fifth has telemetry; there is 0 V at the end besides.
     (answered,) = counts(results / "controller.log", r"stopped after (\d+) samples")
     assert answered <= stamps.size <= answered + 1
-    assert answered <= recording.messages["/command"] <= answered + 1
+    assert answered <= recording.messages["/command"] <= answered + repeats + 1
     telemetry = recording.messages["/controller/state"]
     # References, laws, gain sets, and what was learned and identified are said at once.
     changes = recording.messages["/reference"] + recording.messages["/controller/parameters_in_use"] + 10
