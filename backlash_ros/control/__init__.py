@@ -13,8 +13,8 @@ from backlash_ros.control.law import FAST_REGION, OVERDAMPED_REGION, ControlLaw
 from backlash_ros.control.laws import LAWS, design_law
 from backlash_ros.control.limits import NO_LIMIT, Limits
 from backlash_ros.control.monitoring.thresholds import FaultThresholds
+from backlash_ros.control.motion.setpoint import AtRest, Polynomials, Source
 from backlash_ros.control.servo import Servo
-from backlash_ros.control.setpoint import AtRest, Polynomials, Source
 from backlash_ros.control.settings import AUTO, ServoSettings
 from backlash_ros.gates.faults import Fault
 

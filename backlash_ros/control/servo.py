@@ -14,8 +14,8 @@ from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitoring.faults import describe_fault
 from backlash_ros.control.monitoring.monitor import forget_ends, keep_torque, monitor_constants, unexplained_torque
 from backlash_ros.control.monitoring.plausibility import plausibility_constants
+from backlash_ros.control.motion.setpoint import DURATION, AtRest, Source, extent, plan_rejection
 from backlash_ros.control.observer import estimate_of, keep_estimate
-from backlash_ros.control.setpoint import DURATION, AtRest, Source, extent, plan_rejection
 from backlash_ros.control.settings import AUTO, ServoSettings
 from backlash_ros.control.tick import (
     COMMAND,

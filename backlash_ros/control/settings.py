@@ -48,6 +48,20 @@ class ServoSettings(Validated):
         at_most=1e5,
         default=0.0,
     )
+    expected_load_torque_angle: float = quantity(
+        "reading of the load's angle at which expected_load_torque was found",
+        "rad",
+        at_least=-1e9,
+        at_most=1e9,
+        default=0.0,
+    )
+    expected_load_torque_slope: float = quantity(
+        "growth of the load torque with the load's angle there, by a weight: law two_encoder plans with it",
+        "N m/rad",
+        at_least=-1e5,
+        at_most=1e5,
+        default=0.0,
+    )
     velocity_bandwidth: float = quantity(
         "bandwidth of the low-pass filter for speeds derived from positions",
         "rad/s",

@@ -28,8 +28,8 @@ from backlash_ros.control.monitoring.plausibility import (
     plausibility_step,
     settle_angles,
 )
+from backlash_ros.control.motion.setpoint import evaluate
 from backlash_ros.control.observer import ObserverConstants, observer_memory, observer_step
-from backlash_ros.control.setpoint import evaluate
 from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.signals import (
     CURRENT,

@@ -8,7 +8,7 @@ less.
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -56,6 +56,8 @@ FITS = 1.15
 _CALM, _KEPT, _WIDTHS, _DEEPEST = 0.4, 4, 25, 3
 _RIVAL = 200.0
 """Cost by which a contact law may be worse at the beginning and still be tried on the whole recording."""
+_STANDS_OUT = 4.0
+"""Smallest slope of the load torque, in its standard deviations by the noise, that counts as one."""
 _KNEE = 2.0
 """Standard deviations above which an innovation counts by its magnitude, not its square."""
 _SMALL = 1e-12
@@ -234,8 +236,8 @@ class Fit:
     """The result: with one contact law the ``parameters`` of the filter, and their ``covariance``.
 
     ``rms`` of the innovations of both angles by the loss, 1 if the noise is as assumed; ``counts`` of both encoders,
-    rad; ``torques``: smallest and largest torque of the teeth in a few samples, N m; ``exhausted``: whether the search
-    ended after `PASSES` before it converged.
+    rad; ``torques``: smallest and largest torque of the teeth in a few samples, N m; ``start``: the first reading of
+    the load, rad; ``exhausted``: whether the search ended after `PASSES` before it converged.
     """
 
     contact: Contact
@@ -244,6 +246,7 @@ class Fit:
     rms: tuple[float, float]
     counts: tuple[float, float]
     torques: tuple[float, float]
+    start: float = 0.0
     exhausted: bool = False
 
     @property
@@ -260,6 +263,19 @@ class Fit:
     def scale(self) -> float:
         """Relative scale error of the load's encoder."""
         return float(self.parameters[ECCENTRICITY])
+
+    @property
+    def load_torque(self) -> dict[str, Any]:
+        """The load torque as `ServoSettings` expect it, by name: at the start, N m, there, rad, and its slope, N m/rad.
+
+        A slope that does not stand out is 0: most loads have none.
+        """
+        slope, deviation = float(self.parameters[GRAVITY]), math.sqrt(max(self.covariance[GRAVITY, GRAVITY], 0.0))
+        return {
+            "expected_load_torque": float(self.parameters[TORQUE]),
+            "expected_load_torque_angle": self.start,
+            "expected_load_torque_slope": slope if abs(slope) > _STANDS_OUT * deviation else 0.0,
+        }
 
     @property
     def gap_deviation(self) -> float:
@@ -402,6 +418,7 @@ def fit_of(end: Minimum) -> Fit:
         rms=end.sizes,
         counts=end.problem.counts,
         torques=(float(least[2]), float(largest[-3])),
+        start=float(end.problem.recording.load[0]),
     )
 
 

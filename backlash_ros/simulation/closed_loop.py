@@ -10,7 +10,7 @@ import numpy as np
 
 from backlash_ros.control import LAWS, Limits, Servo, ServoSettings
 from backlash_ros.control.law import REGION
-from backlash_ros.control.setpoint import Source, plan_rejection
+from backlash_ros.control.motion.setpoint import Source, plan_rejection
 from backlash_ros.control.tick import (
     ELAPSED,
     FAULT,

@@ -20,7 +20,8 @@ from backlash_ros.simulation import SimulatedDrive
 Start = Callable[..., Process]
 FAULTS = tuple(f"faults.{name}" for name in ("velocity", "load_torque", "gap"))
 GAINS = "gain_set", "gains.fast.k", "gains.overdamped.k"
-OTHERS = "backlash_angle", "expected_load_torque", "identified", "loop_delay", *FAULTS, *GAINS
+EXPECTED = tuple(f"expected_load_torque{part}" for part in ("", "_angle", "_slope"))
+OTHERS = "backlash_angle", *EXPECTED, "identified", "loop_delay", *FAULTS, *GAINS
 _NODE: Any = Declarations()
 NAMES = [*declare_drive(_NODE), *OTHERS]
 """Parameters of the drive, and what follows from them or is found beside."""

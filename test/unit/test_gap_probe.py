@@ -14,7 +14,7 @@ from backlash_ros.analysis.evaluation.population import draw_member, told_model
 from backlash_ros.analysis.evaluation.task import learn, settings_for
 from backlash_ros.control import GainSet, GapProbeSettings, Limits, Method, Servo, ServoSettings
 from backlash_ros.control.experiment import Deferred
-from backlash_ros.control.motor_moves import MotorLoop, Move, Throw
+from backlash_ros.control.motion.motor_moves import MotorLoop, Move, Throw
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.drivetrain.signals import OMEGA_L, THETA_L, THETA_M, Measurement

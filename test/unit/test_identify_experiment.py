@@ -6,7 +6,7 @@ from collections.abc import Callable
 import pytest
 
 from backlash_ros.analysis.evaluation.population import Member, draw_member, told_model
-from backlash_ros.analysis.evaluation.task import settings_for
+from backlash_ros.analysis.evaluation.task import first_reading, settings_for
 from backlash_ros.control import Servo
 from backlash_ros.control.estimates.requests import describe_outcome
 from backlash_ros.control.experiment import Deferred, DriveEstimate, Outcome
@@ -17,6 +17,7 @@ from backlash_ros.simulation import SimulatedDrive
 pytestmark = pytest.mark.population
 
 SEED = 20261122
+EXPECTED = tuple(f"expected_load_torque{part}" for part in ("", "_angle", "_slope"))
 
 
 def identified(member: Member, spoil: Callable[[Measurement], None] = lambda _: None) -> Outcome:
@@ -39,13 +40,26 @@ def test_what_cannot_be_told_is_not_set_and_the_answer_says_why() -> None:
     found = identified(member)
     assert isinstance(found, DriveEstimate)
     assert found.valid
-    assert {"load.inertia", "loop_delay"} <= set(found.parameters) == set(found.uncertainties)
+    assert {"load.inertia", "loop_delay"} <= set(found.uncertainties) <= set(found.parameters)
+    assert EXPECTED[1] in found.parameters.keys() - found.uncertainties.keys() <= {*EXPECTED[1:]}
     assert not [name for name in found.parameters if name.startswith(("backlash", "contact", "gear"))]
     assert found.parameters["load.inertia"] == pytest.approx(member.drive.load.inertia, rel=0.05)
     assert found.parameters["loop_delay"] == pytest.approx(member.delay.command, abs=0.25 / member.rate)
     text = describe_outcome(found)
     assert "; not told: b: the teeth never bore a positive torque" in text
     assert text.startswith("J_l = ")
+
+
+@pytest.mark.parametrize(("population", "number"), [("full", 18), ("core", 4)])
+def test_a_weight_shows_as_the_slope_of_the_load_torque_where_the_load_was(population: str, number: int) -> None:
+    member = draw_member(SEED, number, population)
+    found, load = identified(member), member.drive.load
+    assert isinstance(found, DriveEstimate)
+    torque, angle, slope = (found.parameters[name] for name in EXPECTED)
+    assert torque == pytest.approx(member.standing_torque, abs=5e-3)
+    assert angle == pytest.approx(first_reading(member), abs=member.load_count)
+    assert slope == pytest.approx(-load.gravity_torque * math.cos(load.gravity_offset), abs=0.02)
+    assert (slope == 0.0) == (load.gravity_torque == 0.0)
 
 
 def test_all_that_is_told_has_its_uncertainty_and_teeth_come_as_a_whole() -> None:
@@ -55,9 +69,9 @@ def test_all_that_is_told_has_its_uncertainty_and_teeth_come_as_a_whole() -> Non
     assert max(found.fit.rms) <= FITS
     teeth = {"contact.law", "contact.elastic.wind_up", "contact.elastic.damping", "gear.backlash_angle"}
     load = {"load.inertia", "load.viscous_friction", "load.coulomb_friction", "motor.coulomb_friction"}
-    assert set(found.parameters) == {*teeth, *load, "backlash_angle", "loop_delay", "expected_load_torque"}
+    assert set(found.parameters) == {*teeth, *load, "backlash_angle", "loop_delay", *EXPECTED}
     assert found.parameters["backlash_angle"] == found.parameters["gear.backlash_angle"] == found.angle
-    assert set(found.uncertainties) == {*found.parameters} - {"contact.law", "contact.elastic.damping"}
+    assert set(found.uncertainties) == {*found.parameters} - {"contact.law", "contact.elastic.damping", EXPECTED[1]}
     assert all(0.0 < value < math.inf for value in found.uncertainties.values())
 
 

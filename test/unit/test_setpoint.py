@@ -11,7 +11,7 @@ from numpy.polynomial import Polynomial
 from samples import sample_of
 
 from backlash_ros.control import AtRest, GainSet, Limits, Polynomials, Servo, ServoSettings
-from backlash_ros.control.setpoint import DURATION, ORDER, evaluate, extent
+from backlash_ros.control.motion.setpoint import DURATION, ORDER, evaluate, extent
 from backlash_ros.control.tick import PLAN_TIME
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
 from backlash_ros.drivetrain.signals import ACCELERATION, POSITION, VELOCITY, PlantState, Setpoint, at_rest

@@ -12,9 +12,21 @@ from backlash_ros.analysis.evaluation.task import Verdict, judge_run, scenario_o
 from backlash_ros.control import GainSet, Servo, ServoSettings, design_law
 from backlash_ros.control.laws import lacks
 from backlash_ros.control.laws.two_encoder import TwoEncoderParameters
-from backlash_ros.control.laws.two_encoder.layout import COULOMB, GAP, INERTIA, LOAD, LOAD_SPEED, MIDDLE, PHASE
+from backlash_ros.control.laws.two_encoder.layout import (
+    COULOMB,
+    EXPECTED_COSINE,
+    EXPECTED_SINE,
+    GAP,
+    INERTIA,
+    LOAD,
+    LOAD_SPEED,
+    MIDDLE,
+    PHASE,
+    WEIGHS,
+)
+from backlash_ros.control.laws.two_encoder.observers import pull_at, pulls
 from backlash_ros.control.laws.two_encoder.plan import evaluate, fly, length_of
-from backlash_ros.control.setpoint import Polynomials
+from backlash_ros.control.motion.setpoint import Polynomials
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
@@ -46,12 +58,15 @@ def test_a_plan_goes_without_a_leap_from_where_the_drive_is_to_rest_at_the_targe
     constants, state = law.constants.copy(), law.state.copy()
     constants[INERTIA] *= random.uniform(0.25, 4.0)
     constants[COULOMB] = random.choice([0.0, random.uniform(0.006, 0.3)])
+    constants[[EXPECTED_SINE, EXPECTED_COSINE]] = random.choice([0.0, 0.3]) * random.uniform(-1.0, 1.0, 2)
     pull = random.choice([0.0, random.uniform(-0.5, 0.5)])
     held = abs(pull) > constants[COULOMB] + 0.004
     state[MIDDLE] = random.uniform(-1.0, 1.0)
     load, to = 0.3, 0.3 + random.choice([-1.0, 1.0]) * random.choice([0.05, 0.1, 1.0, 3.0])
     motor = load - np.copysign(0.5 * B, pull) if held else load + random.uniform(-0.5, 0.5) * B
-    flank = fly(constants, state, to, load, 0.0, motor, 0.0, pull)
+    state[WEIGHS] = 1.0
+    pulls(constants, state, pull, load)
+    flank = fly(constants, state, to, load, 0.0, motor, 0.0)
     length, step = length_of(state), 2e-4
     assert 0.03 < length < 3.0
     place, speed, torque = np.array([evaluate(constants, state, t) for t in np.arange(0.0, length + 0.1, step)]).T
@@ -60,19 +75,23 @@ def test_a_plan_goes_without_a_leap_from_where_the_drive_is_to_rest_at_the_targe
     assert place[-1] == pytest.approx(to + flank * 0.5 * B + state[MIDDLE], abs=tolerance)
     assert speed[-1] == pytest.approx(0.0, abs=1e-9)
     assert np.max(np.abs(np.diff(place))) <= step * np.max(np.abs(speed)) + tolerance
-    if held:
-        assert torque[-1] == pytest.approx(-pull)
+    rests = pull_at(constants, state, to)
+    if abs(rests) > constants[COULOMB] + 0.004:
+        assert torque[-1] == pytest.approx(-rests)
     most = NOMINAL_DRIVE.standstill_torque()
     assert np.max(np.abs(torque)) <= most
 
 
 def test_a_mirrored_plan_is_the_mirror_image(gains: GainSet) -> None:
     law = design_law(NOMINAL_DRIVE, settings_of(gains))
-    there, back = law.state.copy(), law.state.copy()
-    fly(law.constants, there, 1.0, 0.0, 0.2, 0.004, 0.1, -0.2)
-    fly(law.constants, back, -1.0, 0.0, -0.2, -0.004, -0.1, 0.2)
+    constants, there, back = law.constants.copy(), law.state.copy(), law.state.copy()
+    constants[EXPECTED_SINE], there[WEIGHS], back[WEIGHS] = -0.1, 1.0, 1.0
+    pulls(constants, there, -0.2, 0.0)
+    pulls(constants, back, 0.2, 0.0)
+    fly(constants, there, 1.0, 0.0, 0.2, 0.004, 0.1)
+    fly(constants, back, -1.0, 0.0, -0.2, -0.004, -0.1)
     for time in np.linspace(0.0, 0.3, 61):
-        assert evaluate(law.constants, there, time) == tuple(-x for x in evaluate(law.constants, back, time))
+        assert evaluate(constants, there, time) == tuple(-x for x in evaluate(constants, back, time))
 
 
 # What it does.
@@ -186,7 +205,7 @@ def test_parameters_are_the_design(gains: GainSet) -> None:
         law = design_law(NOMINAL_DRIVE, choice)
         state = law.state.copy()
         assert law.constants[GAP] == B
-        fly(law.constants, state, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        fly(law.constants, state, 1.0, 0.0, 0.0, 0.0, 0.0)
         lengths.append(length_of(state))
     assert lengths[1] > lengths[0] + 0.1
 
@@ -208,6 +227,39 @@ def test_a_load_torque_that_friction_hides_is_expected_as_it_was_found(gains: Ga
     drive = rough(coulomb_friction=0.2)
     assert overshoot(gains, drive, pull, expected_load_torque=pull) <= 0.1
     assert overshoot(gains, drive, pull) >= 0.5
+
+
+@pytest.mark.parametrize("offset", [3.1416, -2.5, -1.0, 0.4, 2.0])
+def test_a_move_is_planned_with_the_weight_where_it_goes(gains: GainSet, offset: float) -> None:
+    """A step of 1 rad changes the torque of this weight by up to 0.17 N m.
+
+    Value and slope at the start give all of it if the torque is 0 there, and part of it otherwise.
+    """
+    drive = rough(gravity_torque=0.18, gravity_offset=offset)
+    planned = overshoot(gains, drive, 0.0, expected_load_torque_slope=-0.18 * math.cos(offset))
+    assert planned <= (0.1 if abs(math.sin(offset)) < 0.01 else 1.0)
+    assert planned <= 0.9 * overshoot(gains, drive, 0.0)
+
+
+@pytest.mark.parametrize("angle", [0.0, -2.0, 1e9])
+@pytest.mark.parametrize("slope", [-0.2, 0.2, 1.2, -1.2])
+def test_a_wrong_slope_of_the_load_torque_moves_nothing_at_rest_and_lasts_one_move(
+    gains: GainSet, slope: float, angle: float
+) -> None:
+    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
+    scenario = Scenario(np.r_[np.zeros(250), np.ones(1000), np.full(500, 0.5)], sensors=sensors)
+    changes = {"expected_load_torque_slope": slope, "expected_load_torque_angle": angle}
+    done = run(NOMINAL_DRIVE, settings_of(gains, **changes), scenario, model=NOMINAL_DRIVE)
+    assert not done.fault
+    assert np.max(np.abs(done.load_angle[:250])) <= 0.05 * B
+    assert np.max(done.load_angle) <= 1.5
+    assert np.max(done.load_angle[1250:]) <= 1.0 + B
+    assert np.max(np.abs(done.load_angle[1500:] - 0.5)) <= 0.15 * B
+
+
+def test_a_slope_of_the_load_torque_beyond_the_motor_is_refused(gains: GainSet) -> None:
+    with pytest.raises(ValueError, match=r"expected_load_torque_slope must be within 1.2 N m/rad .* got -1.3$"):
+        design_law(NOMINAL_DRIVE, settings_of(gains, expected_load_torque_slope=-1.3))
 
 
 @pytest.mark.parametrize("expected", [-0.15, 0.15, 5.0, -5.0])

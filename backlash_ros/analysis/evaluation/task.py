@@ -35,7 +35,6 @@ from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M
 from backlash_ros.identification.drive import identified_drive
-from backlash_ros.identification.filter import TORQUE
 from backlash_ros.identification.fit import Fit
 from backlash_ros.simulation import Run, Scenario, SimulatedDrive, excite, run
 
@@ -292,7 +291,7 @@ def perform(task: Task, number: int, laws: tuple[str, ...]) -> tuple[Learned, di
             model, delay = identified_drive(model, found), found.delay
             learned = _judge_identified(member, learned, model, delay)
             settings = settings_for(model, member, min(delay, LONGEST_DELAY / member.rate))
-            settings = replace(settings, identified=True, expected_load_torque=float(found.parameters[TORQUE]))
+            settings = replace(settings, identified=True, **found.load_torque)
         except ValueError as error:
             return learned, dict.fromkeys(laws, Verdict(failure=str(error))), runs
     if learned.valid:

@@ -98,7 +98,12 @@ def drive_text(found: Identified, counts: tuple[float, float], source: str) -> s
         lines.append("    identified: true")
     torque = found.of("tau_l")
     if torque.told:
-        lines.append(f"    expected_load_torque: {_number(_rounded(torque.value, torque))}")
+        assert found.fit is not None
+        rounding = {torque.key: torque, (slope := found.of("dtau_l/dtheta_l")).key: slope}
+        lines += [
+            f"    {name}: {_number(_rounded(value, rounding.get(name)))}"
+            for name, value in found.fit.load_torque.items()
+        ]
     if found.gap is not None and found.gap.valid:
         lines.append(f"    backlash_angle: {_number(_rounded(drive.gear.backlash_angle, None))}")
     return "\n".join(lines) + "\n"

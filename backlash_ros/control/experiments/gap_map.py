@@ -13,7 +13,7 @@ from typing import ClassVar
 from backlash_ros.control.experiment import BacklashEstimate, Deferred, Excitation, Method, NamedExperiment, Outcome
 from backlash_ros.control.experiments.gap_probe import GapProbe, GapProbeSettings
 from backlash_ros.control.limits import Limits
-from backlash_ros.control.motor_moves import MotorLoop, Move
+from backlash_ros.control.motion.motor_moves import MotorLoop, Move
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Estimate, Measurement
 from backlash_ros.identification.gap_map import FEWEST_PLACES, map_gaps

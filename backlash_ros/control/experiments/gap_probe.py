@@ -18,7 +18,7 @@ import numpy as np
 
 from backlash_ros.control.experiment import BacklashEstimate, Deferred, Excitation, Method, NamedExperiment, Outcome
 from backlash_ros.control.limits import Limits
-from backlash_ros.control.motor_moves import MotorLoop, Move, Throw
+from backlash_ros.control.motion.motor_moves import MotorLoop, Move, Throw
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Estimate, Measurement
 from backlash_ros.identification.gap import measure_gap

@@ -11,7 +11,7 @@ from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.identify import Identified, identify
 
 _EXPECTED = "expected_load_torque"
-_NAMES = {"delay.command": "loop_delay", _EXPECTED: _EXPECTED}
+_NAMES = {"delay.command": "loop_delay", **{name: name for name in (_EXPECTED, f"{_EXPECTED}_slope")}}
 """Findings that are not values of the drive: the controller's parameter, by the finding's key."""
 
 
@@ -60,6 +60,8 @@ def _parameters_of(found: Identified) -> dict[str, float | int | str]:
     wanted = tuple(f"{name}." if name == "contact" else name for name in found.replaced)
     values = {name: value for name, value in values_of(found.drive).items() if name.startswith(wanted)}
     others = {_NAMES[each.key]: each.value for each in found.findings if each.told and each.key in _NAMES}
+    if _EXPECTED in others and found.fit is not None:
+        others |= found.fit.load_torque
     return {**values, **others}
 
 

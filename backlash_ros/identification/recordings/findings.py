@@ -146,7 +146,12 @@ class _Rules:
                 max(SURE_TORQUE * abs(torque), 2.0 * small),
             ),
             self.decide(
-                Finding("", "dtau_l/dtheta_l", "growth of that torque with the load's angle (weight)", "N m/rad"),
+                Finding(
+                    "expected_load_torque_slope",
+                    "dtau_l/dtheta_l",
+                    "growth of that torque with the load's angle (weight)",
+                    "N m/rad",
+                ),
                 slope,
                 self.deviation(GRAVITY),
                 max(SURE_TORQUE * abs(slope), 10.0 * small),

@@ -25,6 +25,8 @@ from backlash_ros.control.laws.two_encoder.layout import (
     DELAY,
     ELECTRICAL,
     EXPECTED,
+    EXPECTED_COSINE,
+    EXPECTED_SINE,
     FLANK,
     FRICTION,
     GAIN,
@@ -67,6 +69,8 @@ _INSTANT = 2e4
 """Rate, 1/s, with which an imposed current is reached."""
 _NO_FRICTION = 2e-4
 """Share of the standstill torque below which dry friction counts as 0: a shaft coasts, and less is not identified."""
+_STEEPEST = 0.2
+"""Largest growth of the load torque with the load's angle, as a share of the standstill torque, 1/rad."""
 _LEAST, _STEP = 2e-3, 1.8
 """First torque of the table of the teeth, N m, and ratio of one torque to the next."""
 
@@ -130,7 +134,7 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
     Raises
     ------
     ValueError
-        If the motor's observer cannot be designed.
+        If the motor's observer cannot be designed, or the expected load torque is too steep.
     """
     import control  # noqa: PLC0415 - takes more than a second
 
@@ -145,6 +149,12 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
         _, spread, _ = control.dlqe(full[:4, :4], np.eye(4), angle, unforeseen, np.array([[off]]), method="scipy")
     except (ValueError, control.ControlArgument) as error:
         raise ValueError(f"law = 'two_encoder' cannot be designed for this drive: {error}") from error
+    slope, at = settings.expected_load_torque_slope, settings.expected_load_torque_angle
+    if abs(slope) > _STEEPEST * drive.standstill_torque():
+        raise ValueError(
+            f"expected_load_torque_slope must be within {_STEEPEST * drive.standstill_torque():.3g} N m/rad for "
+            f"law = 'two_encoder', a fifth of the standstill torque per rad, got {slope!r}"
+        )
     law = np.zeros(CONSTANTS)
     law[GAIN : GAIN + 4] = spread[:, 0] / (spread[0, 0] + off)
     law[AFTER : AFTER + 24], law[BEFORE : BEFORE + 24] = after[:4].ravel(), before[:4].ravel()
@@ -176,6 +186,8 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
         PUSH: parameters.push_time,
         BRAKE: parameters.brake_time,
         EXPECTED: settings.expected_load_torque,
+        EXPECTED_SINE: slope * math.cos(at),
+        EXPECTED_COSINE: -slope * math.sin(at),
     }
     law[list(values)] = list(values.values())
     constants, half_gap = gear.contact.constants(gear.load_radius, drive.contact_mass), 0.5 * b * gear.load_radius

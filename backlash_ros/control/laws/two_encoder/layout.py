@@ -19,15 +19,15 @@ the gap. A torque is positive if it turns the load forward. A flank is 1 if the 
     STIFFNESS, DAMPING,  # of the motor's loop, N m/rad and N m s/rad
     TRUST,  # how far the disturbance that acts follows the one that is seen, each period
     CROSSING, PUSH, BRAKE,  # s
-    EXPECTED,  # load torque where nothing is seen of it, N m
-) = range(25)
+    EXPECTED, EXPECTED_SINE, EXPECTED_COSINE,  # the load torque as expected: constant, and with the load's angle, N m
+) = range(27)
 
-GAIN = 25
+GAIN = 27
 """Four gains of the motor's observer."""
-AFTER, BEFORE = 29, 53
+AFTER, BEFORE = 31, 55
 """Two models of the motor, 4 x 6, over the part of a period after a command begins to act, and over the part before:
 p, w, torque of the current and disturbance, from these, the command and the torque of the teeth."""
-TEETH, POINTS = 77, 16
+TEETH, POINTS = 79, 16
 """Torques that the teeth carry, N m, then where they do, as g, rad."""
 CONSTANTS = TEETH + 2 * POINTS
 
@@ -39,7 +39,9 @@ CONSTANTS = TEETH + 2 * POINTS
     ACTING,  # disturbance that is compensated, N m
     LOAD, LOAD_SPEED, LAST_LOAD, LAST_WAY,  # as observed; its last reading and that less the one before
     STEP, ROUGH, COUNT,  # least step of the readings, their mean second difference, the count that both come to, rad
-    PULL, PULL_SLOW, SEEN, SEEN_TIME,  # load torque, N m; a slow look at it; its integral, N m s, over a time, s
+    PULL, PULL_SLOW,  # load torque, N m; a slow look at it
+    CONSTANT, WEIGHS,  # part of it that does not depend on the load's angle, N m, and whether the other part counts
+    SEEN, WEIGHED, SEEN_TIME,  # of what a flight shows beyond that, and of the other part, N m s; the time, s
     TIME, SEGMENTS, REST_TORQUE,  # of the plan: s, how many, N m
     WAITED, TRIES, SIDE, SIDE_TIME, SHARE, LAST_ERROR, HELD,  # of holding
     PLACE, FROM, PARKED,  # where the motor is to be, and where and for how long it goes to the middle
@@ -48,11 +50,11 @@ CONSTANTS = TEETH + 2 * POINTS
     DOUBTED, _, LOAD_DOUBTED, _,  # how many readings in a row cannot be, and what the first of them missed, rad
     MOMENTUM,  # of both shafts, N m s
     ASTRAY,  # how many readings in a row the load was beyond where it is at rest, with the sign of the side
-) = range(43)
+) = range(46)
 
-COMMANDS, CARRIED, KEPT = 43, 55, 12
+COMMANDS, CARRIED, KEPT = 46, 58, 12
 """Commands, the newest first, and what the teeth were to carry meanwhile, N m."""
-PLAN, ROWS, COLUMNS = 67, 6, 13
+PLAN, ROWS, COLUMNS = 70, 6, 12
 """Segments of the plan: see `plan`."""
 MEMORY = PLAN + ROWS * COLUMNS
 

@@ -12,12 +12,15 @@ from backlash_ros.control.laws.two_encoder.layout import (
     BEFORE,
     CARRIED,
     COMMANDS,
+    CONSTANT,
     COULOMB,
     COUNT,
     CURRENT_TORQUE,
     DELAY,
     DISTURBANCE,
     DOUBTED,
+    EXPECTED_COSINE,
+    EXPECTED_SINE,
     FLIGHT,
     FRICTION,
     GAIN,
@@ -50,9 +53,12 @@ from backlash_ros.control.laws.two_encoder.layout import (
     SPEED,
     STALL,
     STEP,
+    TARGET,
     TEETH,
     TRUST,
     WAITED,
+    WEIGHED,
+    WEIGHS,
     WHOLE,
 )
 from backlash_ros.drivetrain.compiled import compiled
@@ -86,8 +92,9 @@ load for each rad/s of its speed."""
 _CARRIES, _TOUCHES, _LEARN, _WALL, _WRONG, _BEYOND = 0.05, 0.02, 0.012, 0.03, 0.6, 0.02
 """Torque, N m, and times, s, in which teeth that push, and teeth that cannot be where they seem, show where they are;
 what is too far off for that, and what g may be beyond the gap, as shares of it."""
-_TURNS, _LONG = 0.2, 0.05
-"""Smallest speed, rad/s, and time, s, for which a flight shows the load torque."""
+_TURNS, _LONG, _DISPROVED = 0.2, 0.05, 2.0
+"""Smallest speed, rad/s, and time, s, for which a flight shows the load torque; and how many times as far off it shows
+the load torque with the expected slope as without, if the slope is wrong."""
 _SLOWLY, _PATIENT, _STANDS = 0.05, 0.1, 0.02
 FREE, NONE = 4e-3, 6e-3
 """N m beyond the friction from which on a load torque holds the load; what a flight must show of one at least."""
@@ -104,6 +111,20 @@ def contact(law: Array, torque: float) -> float:
             share = (size - law[k]) / (law[k + 1] - law[k])
             return float(law[k + POINTS] + share * (law[k + POINTS + 1] - law[k + POINTS]))
     return float(law[TEETH + 2 * POINTS - 1])
+
+
+@compiled
+def pull_at(law: Array, state: Array, load: float) -> float:
+    """Return the load torque at an angle of the load (rad), N m."""
+    varies = law[EXPECTED_SINE] * math.sin(load) + law[EXPECTED_COSINE] * math.cos(load)
+    return float(state[CONSTANT] + state[WEIGHS] * varies)
+
+
+@compiled
+def pulls(law: Array, state: Array, pull: float, load: float) -> None:
+    """Take ``pull`` (N m) for the load torque at an angle of the load, rad, and with it what it is elsewhere."""
+    state[PULL] = pull
+    state[CONSTANT] += pull - pull_at(law, state, load)
 
 
 @compiled
@@ -292,6 +313,9 @@ def see_pull(law: Array, state: Array) -> None:
             state[SEEN] += period * math.copysign(friction, omega)
         if turns or friction == 0.0:
             state[SEEN_TIME] += period
+            pull = pull_at(law, state, state[LOAD])
+            state[SEEN] -= period * pull
+            state[WEIGHED] += period * (pull - state[PULL])
         if turns or friction == 0.0 or state[HELD] == 0.0:
             state[SEEN] += gained + period * dry(law, w)
         if not turns:
@@ -303,25 +327,31 @@ def see_pull(law: Array, state: Array) -> None:
         if apart(law, state):
             unknown += _UNSURE
             if abs(omega) < _STANDS:
-                state[PULL] = min(max(state[PULL], -friction), friction)
+                pulls(law, state, min(max(state[PULL], -friction), friction), state[LOAD])
                 return
         can_be = min(max(state[PULL], state[PULL_SLOW] - unknown), state[PULL_SLOW] + unknown)
         share = 1.0 if friction > 0.0 else min(period / _SLOWLY, 1.0)
-        state[PULL] += share * (can_be - state[PULL])
+        pulls(law, state, state[PULL] + share * (can_be - state[PULL]), state[LOAD])
 
 
 @compiled
 def landed(law: Array, state: Array) -> None:
     """Use the load torque that the last flight has shown; a load that stood still bounds it by its friction."""
+    at = state[TARGET] if state[PHASE] == FLIGHT else state[LOAD]
+    pull = pull_at(law, state, at)
     if state[SEEN_TIME] > _LONG:
-        pull = state[SEEN] / state[SEEN_TIME]
-        state[PULL] = pull if abs(pull) >= NONE else 0.0
+        beyond, without = state[SEEN] / state[SEEN_TIME], (state[SEEN] + state[WEIGHED]) / state[SEEN_TIME]
+        if abs(beyond) > _DISPROVED * abs(without) + 2.0 * NONE:
+            state[WEIGHS], pull, beyond = 0.0, state[PULL], without
+        pull += beyond
+        pull = pull if abs(pull) >= NONE else 0.0
         if state[PHASE] == FLIGHT:  # there is no plan while following a setpoint
             state[PULL_SLOW] = -state[REST_TORQUE]
     elif state[HELD] != 0.0:
         unknown = law[COULOMB] + law[MOTOR_COULOMB]
-        state[PULL] = min(max(state[PULL], state[PULL_SLOW] - unknown), state[PULL_SLOW] + unknown)
-    state[SEEN] = state[SEEN_TIME] = 0.0
+        pull = min(max(pull, state[PULL_SLOW] - unknown), state[PULL_SLOW] + unknown)
+    pulls(law, state, pull, at)
+    state[SEEN] = state[WEIGHED] = state[SEEN_TIME] = 0.0
 
 
 @compiled

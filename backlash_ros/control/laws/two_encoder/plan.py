@@ -32,13 +32,13 @@ from backlash_ros.control.laws.two_encoder.layout import (
     SEGMENTS,
     STALL,
 )
-from backlash_ros.control.laws.two_encoder.observers import contact, holds
+from backlash_ros.control.laws.two_encoder.observers import contact, holds, pull_at, pulls
 from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.signals import Array
 
-_LENGTH, _AT, _V, _STARTS, _ENDS, _BUMP, _FROM, _TO, _CROSSES, _WAY, _LEVEL, _CLOSING, _SOFT = range(COLUMNS)
+_LENGTH, _AT, _V, _STARTS, _ENDS, _BUMP, _FROM, _TO, _CROSSES, _WAY, _CLOSING, _SOFT = range(COLUMNS)
 """Of a segment: s; position and speed of the load at its start; acceleration of the straight line at either end; the
-bump's mean; g at its start and end, and whether the motor crosses; the move's direction; c; how fast g changes at the
+bump's mean; g at its start and end, and whether the motor crosses; the move's direction; how fast g changes at the
 start, rad/s; whether the bump ends softly."""
 
 _PEAK = 1.5
@@ -61,6 +61,10 @@ _QUICKER, _SHORT = 0.9, 0.03
 _UNSURE = 0.06
 """Shortest time, s, for each half of a shift if friction hides the load torque, so that the shift shows it."""
 _GAP_WAYS = 2.0
+_ABOUT, _ROUNDS = 0.35, 5
+"""Share of a move at which the motor crosses, at first, and times that a flight is computed anew."""
+_HIDDEN = 0.3
+"""Share of its friction that resists a load at least, however large the torque that it hides."""
 
 
 @compiled
@@ -75,7 +79,6 @@ def segment(
     from_: float,
     to: float,
     way: float,
-    level: float,
     closing: float,
     kind: int,
 ) -> None:
@@ -84,9 +87,15 @@ def segment(
     state[row + _LENGTH], state[row + _AT], state[row + _V] = length, at, speed
     state[row + _STARTS], state[row + _ENDS], state[row + _BUMP] = starts, ends, bump
     state[row + _FROM], state[row + _TO], state[row + _CLOSING] = from_, to, closing
-    state[row + _WAY], state[row + _LEVEL] = way, level
+    state[row + _WAY] = way
     state[row + _CROSSES], state[row + _SOFT] = 1.0 if kind == 2 else 0.0, 1.0 if kind == 1 else 0.0
     state[SEGMENTS] += 1.0
+
+
+@compiled
+def resists(law: Array, state: Array, way: float, x: float) -> float:
+    """Return c where the load is at x in the move's own direction, N m."""
+    return float(law[COULOMB] - way * pull_at(law, state, way * x))
 
 
 @compiled
@@ -132,7 +141,7 @@ def evaluate(law: Array, state: Array, time: float) -> tuple[float, float, float
     else:
         flank = math.copysign(1.0, row[_TO])
         if not at_rest:
-            torque = law[INERTIA] * a + law[FRICTION] * v + row[_LEVEL]
+            torque = law[INERTIA] * a + law[FRICTION] * v + resists(law, state, way, x)
         if torque * flank < 0.0:
             torque = 0.0
         g, closing = flank * contact(law, torque), 0.0
@@ -197,7 +206,7 @@ def _press(
     length = _approach(law, g)
     edge = contact(law, _TOUCH)
     if length > 0.0:
-        segment(state, length, x, v, -slows, -slows, 0.0, g, edge, way, 0.0, closing, 2)
+        segment(state, length, x, v, -slows, -slows, 0.0, g, edge, way, closing, 2)
         x, v = x + v * length - 0.5 * slows * length * length, v - slows * length
     left, push, top = target - x, law[PUSH], _SPEED * law[NO_LOAD]
     speed = cruise = 0.0
@@ -219,12 +228,12 @@ def _press(
     if brake < law[PUSH]:
         brake, cruise = law[PUSH], 0.0
         speed = max((left - 0.5 * v * push) / (0.5 * push + 0.4 * brake), 0.0)
-    segment(state, push, x, v, 0.0, 0.0, (speed - v) / push, edge, edge, way, c, 0.0, 0)
+    segment(state, push, x, v, 0.0, 0.0, (speed - v) / push, edge, edge, way, 0.0, 0)
     x += 0.5 * (v + speed) * push
     if cruise > 0.0:
-        segment(state, cruise, x, speed, 0.0, 0.0, 0.0, edge, edge, way, c, 0.0, 0)
+        segment(state, cruise, x, speed, 0.0, 0.0, 0.0, edge, edge, way, 0.0, 0)
         x += cruise * speed
-    segment(state, brake, x, speed, 0.0, 0.0, -speed / brake, edge, edge, way, c, 0.0, 1)
+    segment(state, brake, x, speed, 0.0, 0.0, -speed / brake, edge, edge, way, 0.0, 1)
 
 
 @compiled
@@ -258,64 +267,128 @@ def _carry(
         speed = _SPEED * law[NO_LOAD]
         cruise = left / speed - 0.5 * (run + brake)
     if g > -0.9 * 0.5 * law[GAP]:
-        segment(state, law[CROSSING], x, v, 0.0, 0.0, 0.0, g, -edge, way, 0.0, closing, 2)
-    segment(state, run, x, 0.0, 0.0, 0.0, speed / run, -edge, -edge, way, c, 0.0, 0)
+        segment(state, law[CROSSING], x, v, 0.0, 0.0, 0.0, g, -edge, way, closing, 2)
+    segment(state, run, x, 0.0, 0.0, 0.0, speed / run, -edge, -edge, way, 0.0, 0)
     if cruise > 0.0:
-        segment(state, cruise, x + 0.5 * speed * run, speed, 0.0, 0.0, 0.0, -edge, -edge, way, c, 0.0, 0)
-    segment(state, brake, target - 0.5 * speed * brake, speed, 0.0, 0.0, -speed / brake, -edge, -edge, way, c, 0.0, 0)
+        segment(state, cruise, x + 0.5 * speed * run, speed, 0.0, 0.0, 0.0, -edge, -edge, way, 0.0, 0)
+    segment(state, brake, target - 0.5 * speed * brake, speed, 0.0, 0.0, -speed / brake, -edge, -edge, way, 0.0, 0)
     return True
 
 
 @compiled
-def _catch(
-    law: Array, state: Array, target: float, x: float, v: float, g: float, closing: float, c: float, way: float
-) -> None:
+def _catch(law: Array, state: Array, target: float, x: float, v: float, g: float, closing: float, way: float) -> None:
     """Plan to meet a fast load on its front side, and to brake it."""
     inertia, edge = law[INERTIA], contact(law, _TOUCH)
     length = law[CROSSING] * max(0.3, math.sqrt(min(1.0, max(0.0, 0.5 * law[GAP] + g) / law[GAP])))
     if v * length > _OF_WAY * (target - x):  # too fast for a soft crossing
         length = max(_OF_WAY * (target - x) / v, _CROSSES_IN * law[PERIOD])
-    slows = min((law[FRICTION] * v + c) / inertia, v / length)
-    segment(state, length, x, v, -slows, -slows, 0.0, g, -edge, way, 0.0, closing, 2)
+    slows = min((law[FRICTION] * v + resists(law, state, way, x)) / inertia, v / length)
+    segment(state, length, x, v, -slows, -slows, 0.0, g, -edge, way, closing, 2)
     x, v = x + v * length - 0.5 * slows * length * length, v - slows * length
+    met, last = resists(law, state, way, x), resists(law, state, way, target)
     brake = _LONGEST
     if v > 0.0:
-        brake = min(max(2.0 * (target - x) / v, _push_time(law, _LEAST, v, v, -c)), _LONGEST)
-    starts, ends = -(law[FRICTION] * v + c) / inertia, -max(c, 0.0) / inertia
+        brake = min(max(2.0 * (target - x) / v, _push_time(law, _LEAST, v, v, -last)), _LONGEST)
+    starts, ends = -(law[FRICTION] * v + met) / inertia, -max(last, 0.0) / inertia
     bump = min(-v / brake - 0.5 * (starts + ends), 0.0)
-    segment(state, brake, x, v, starts, ends, bump, -edge, -edge, way, c, 0.0, 0)
+    segment(state, brake, x, v, starts, ends, bump, -edge, -edge, way, 0.0, 0)
 
 
 @compiled
 def _lands(
-    law: Array, x: float, v: float, speed: float, push: float, brake: float, c: float, back: float, moves: bool
-) -> tuple[float, float, float, float, float, float]:
+    law: Array,
+    x: float,
+    v: float,
+    speed: float,
+    push: float,
+    brake: float,
+    c: tuple[float, float, float],
+    back: float,
+    moves: bool,
+) -> tuple[float, float, float, float, float, float, float]:
     """Compute a flight in which the push reaches a given speed.
+
+    ``c`` is taken where the push starts, where the motor crosses, and at the end, N m.
 
     Returns
     -------
-    where it ends (rad); the acceleration with which the push starts and its bump; the load's deceleration while the
-    motor crosses; the bump of the brake, and the speed that is left after it for ``back`` seconds, rad/s (^2).
+    where it ends, and the push, rad; the acceleration with which the push starts and its bump; the load's deceleration
+    while the motor crosses; the bump of the brake, and the speed left after it for ``back`` seconds, rad/s (^2).
     """
     inertia, viscous, crossing = law[INERTIA], law[FRICTION], law[CROSSING]
-    starts = -(viscous * v + c) / inertia if moves else 0.0
-    ends = -(viscous * speed + c) / inertia
+    starts = -(viscous * v + c[0]) / inertia if moves else 0.0
+    ends = -(viscous * speed + c[1]) / inertia
     bump = (speed - v) / push - 0.5 * (starts + ends)
     x += v * push + push * push * (starts / 3.0 + ends / 6.0 + 0.5 * bump)
-    slows = (viscous * speed + c) / (inertia + 0.5 * viscous * crossing)
+    pushed = x
+    slows = (viscous * speed + c[1]) / (inertia + 0.5 * viscous * crossing)
     met = speed - slows * crossing
     x += speed * crossing - 0.5 * slows * crossing * crossing
-    left = c / inertia * back
-    first, last = -(viscous * met + c) / inertia, -(viscous * left + max(c, 0.0)) / inertia
+    left = c[2] / inertia * back
+    first, last = -(viscous * met + c[1]) / inertia, -(viscous * left + max(c[2], 0.0)) / inertia
     brakes = (left - met) / brake - 0.5 * (first + last)
     x += met * brake + brake * brake * (first / 3.0 + last / 6.0 + 0.6 * brakes)
-    return x + 0.5 * left * back, starts, bump, slows, brakes, left
+    return x + 0.5 * left * back, pushed, starts, bump, slows, brakes, left
 
 
 @compiled
-def fly(
-    law: Array, state: Array, to: float, load: float, speed_l: float, motor: float, speed_m: float, pull: float
-) -> float:
+def _throw(
+    law: Array,
+    state: Array,
+    way: float,
+    target: float,
+    x: float,
+    v: float,
+    c: tuple[float, float, float],
+    back: float,
+    moves: bool,
+    follows: bool,
+) -> tuple[float, float, float, float, tuple[float, float, float], bool]:
+    """Compute how a load that is touched at x with speed v is to be pushed so that it lands at its target.
+
+    Parameters
+    ----------
+    c : see `_lands`
+    follows : whether c while the motor crosses follows the place where it does
+
+    Returns
+    -------
+    the speed, rad/s; the times for which it is kept, of the push and of the brake, s; c; and whether the load is better
+    pressed, on one flank
+    """
+    inertia, viscous, crossing = law[INERTIA], law[FRICTION], law[CROSSING]
+    push, brake, top = law[PUSH], law[BRAKE], _SPEED * law[NO_LOAD]
+    first, between, last = c
+    speed = cruise = 0.0
+    for k in range(_ROUNDS + 1):
+        c = first, between, last
+        least, most = min(between, last), max(between, last)
+        if k == 0 and least > 0.0 and least / inertia >= _HARD:
+            return speed, cruise, push, brake, c, True
+        without = _lands(law, x, v, 0.0, push, brake, c, back, moves)[0]
+        per_speed = _lands(law, x, v, 1.0, push, brake, c, back, moves)[0] - without
+        speed, cruise = (target - without) / per_speed, 0.0
+        if speed > top:
+            speed, cruise = top, (speed / top - 1.0) * per_speed
+        if k == _ROUNDS:
+            break
+        push = _push_time(law, push, speed - v, speed, max(first, between))
+        _, at, _, _, slowed, _, _ = _lands(law, x, v, speed, push, brake, c, back, moves)
+        if least >= 0.0:
+            met = speed - slowed * crossing
+            if met <= 0.0:
+                return speed, cruise, push, brake, c, least > 0.0
+            longest = _OWN * met * inertia / (viscous * met + 2.0 * most)
+            if least > 0.0 and longest < _SHORTEST:
+                return speed, cruise, push, brake, c, True
+            brake = max(min(law[BRAKE], longest), _LEAST)
+        if follows:
+            between = resists(law, state, way, min(max(at + speed * (cruise + 0.5 * crossing), x), target))
+    return speed, cruise, push, brake, c, False
+
+
+@compiled
+def fly(law: Array, state: Array, to: float, load: float, speed_l: float, motor: float, speed_m: float) -> float:
     """Plan a move of the load from where it is to rest at ``to``; return the flank on which it ends.
 
     Parameters
@@ -323,111 +396,90 @@ def fly(
     to, load : rad
     speed_l, speed_m : of the load, and of the motor at the output, rad/s
     motor : at the output, from the middle of the gap, rad
-    pull : load torque, N m
     """
     inertia, viscous, dry = law[INERTIA], law[FRICTION], law[COULOMB]
+    pull, rests = pull_at(law, state, load), pull_at(law, state, to)
     held, stops = holds(law, pull), stopping_way(law, speed_l)
     far = abs(to - load) > _GAP_WAYS * law[GAP] + abs(stops)
     way = 1.0 if to - load - (0.0 if held or far else stops) >= 0.0 else -1.0
     x, v, target, g = way * load, way * speed_l, way * to, way * (motor - load)
-    closing, c, edge = way * (speed_m - speed_l), dry - way * pull, contact(law, _TOUCH)
-    state[SEGMENTS], state[REST_TORQUE] = 0.0, -pull if held else 0.0
-    if c < 0.0 and abs(v) < _STOPS and _carry(law, state, target, x, v, g, closing, c, way, False):
+    closing, edge = way * (speed_m - speed_l), contact(law, _TOUCH)
+    first, last = dry - way * pull, dry - way * rests
+    between = resists(law, state, way, x + _ABOUT * (target - x))
+    state[SEGMENTS], state[REST_TORQUE] = 0.0, -rests if holds(law, rests) else 0.0
+    most = max(first, between, last)
+    if most < 0.0 and abs(v) < _STOPS and _carry(law, state, target, x, v, g, closing, most, way, False):
         return -way
     # The load alone until it is touched: friction brakes it, and holds it once it stands.
     length = _approach(law, g)
     if v < 0.0:
         slows = (viscous * v - dry - (way * pull if held else 0.0)) / inertia
     else:
-        slows = (viscous * v + (c if v > 0.0 else min(c, 0.0))) / inertia
+        slows = (viscous * v + (first if v > 0.0 else min(first, 0.0))) / inertia
     if v > 0.0 and slows * length > v:
         slows = v / length
     touched, v_touched = x + v * length - 0.5 * slows * length * length, v - slows * length
-    moves = abs(v) > 1e-3 or (held and c < 0.0)
-    push, brake, back = law[PUSH], law[BRAKE], law[CROSSING] if held and c > 0.0 else 0.0
-    one_flank = c > 0.0 and c / inertia >= _HARD
-    speed = cruise = 0.0
-    for _ in range(5):
-        without = _lands(law, touched, v_touched, 0.0, push, brake, c, back, moves)[0]
-        per_speed = _lands(law, touched, v_touched, 1.0, push, brake, c, back, moves)[0] - without
-        speed, cruise = (target - without) / per_speed, 0.0
-        if speed > _SPEED * law[NO_LOAD]:
-            cruise = (speed / (_SPEED * law[NO_LOAD]) - 1.0) * per_speed
-            speed = _SPEED * law[NO_LOAD]
-        push = _push_time(law, push, speed - v_touched, speed, c)
-        if c >= 0.0:
-            slowed = _lands(law, touched, v_touched, speed, push, brake, c, back, moves)[3]
-            met = speed - slowed * law[CROSSING]
-            if met <= 0.0:
-                one_flank = c > 0.0
-                break
-            longest = _OWN * met * inertia / (viscous * met + 2.0 * c)
-            if c > 0.0 and longest < _SHORTEST:
-                one_flank = True
-                break
-            brake = max(min(law[BRAKE], longest), _LEAST)
+    moves = abs(v) > 1e-3 or (held and first < 0.0)
+    returns = holds(law, rests) and last > 0.0
+    back = law[CROSSING] if returns else 0.0
+    c = first, between, last
+    speed, cruise, push, brake, c, one_flank = _throw(law, state, way, target, touched, v_touched, c, back, moves, True)
+    if speed <= v_touched and not one_flank:  # it cannot be thrown where the torque changes so much
+        c = first, last, last
+        speed, cruise, push, brake, c, one_flank = _throw(
+            law, state, way, target, touched, v_touched, c, back, moves, False
+        )
+    _, between, _ = c
     if one_flank:
-        _press(law, state, target, x, v, slows, g, closing, c, way)
+        _press(law, state, target, x, v, slows, g, closing, min(between, last), way)
         return way
-    _, starts, bump, slowed, brakes, left = _lands(law, touched, v_touched, speed, push, brake, c, back, moves)
-    ends = -(viscous * speed + c) / inertia
+    _, at, starts, bump, slowed, brakes, left = _lands(law, touched, v_touched, speed, push, brake, c, back, moves)
+    ends = -(viscous * speed + between) / inertia
     if v_touched > 0.0 and bump < 0.0:
-        if c < 0.0 and abs(v) < _STOPS:
-            _carry(law, state, target, x, v, g, closing, c, way, True)
+        most = max(first, between, last)
+        if most < 0.0 and abs(v) < _STOPS:
+            _carry(law, state, target, x, v, g, closing, most, way, True)
         else:
-            _catch(law, state, target, x, v, g, closing, c, way)
+            _catch(law, state, target, x, v, g, closing, way)
         return -way
     if length > 0.0:
-        segment(state, length, x, v, -slows, -slows, 0.0, g, edge, way, 0.0, closing, 2)
-    segment(state, push, touched, v_touched, starts, ends, bump, edge, edge, way, c, 0.0, 0)
-    at = touched + v_touched * push + push * push * (starts / 3.0 + ends / 6.0 + 0.5 * bump)
+        segment(state, length, x, v, -slows, -slows, 0.0, g, edge, way, closing, 2)
+    segment(state, push, touched, v_touched, starts, ends, bump, edge, edge, way, 0.0, 0)
     if cruise > 0.0:
-        segment(state, cruise, at, speed, 0.0, 0.0, 0.0, edge, edge, way, c, 0.0, 0)
+        segment(state, cruise, at, speed, 0.0, 0.0, 0.0, edge, edge, way, 0.0, 0)
         at += speed * cruise
     crossing = law[CROSSING]
-    segment(state, crossing, at, speed, -slowed, -slowed, 0.0, edge, -edge, way, 0.0, 0.0, 2)
+    segment(state, crossing, at, speed, -slowed, -slowed, 0.0, edge, -edge, way, 0.0, 2)
     at, met = at + speed * crossing - 0.5 * slowed * crossing * crossing, speed - slowed * crossing
-    first, last = -(viscous * met + c) / inertia, -(viscous * left + max(c, 0.0)) / inertia
-    segment(state, brake, at, met, first, last, brakes, -edge, -edge, way, c, 0.0, 1)
+    starts, ends = -(viscous * met + between) / inertia, -(viscous * left + max(last, 0.0)) / inertia
+    segment(state, brake, at, met, starts, ends, brakes, -edge, -edge, way, 0.0, 1)
     if back > 0.0:
-        segment(
-            state,
-            back,
-            target - 0.5 * left * back,
-            left,
-            -left / back,
-            -left / back,
-            0.0,
-            -edge,
-            edge,
-            way,
-            0.0,
-            0.0,
-            2,
-        )
+        at, slows = target - 0.5 * left * back, left / back
+        segment(state, back, at, left, -slows, -slows, 0.0, -edge, edge, way, 0.0, 2)
         return way
     return -way
 
 
 @compiled
-def shift(law: Array, state: Array, to: float, load: float, pull: float) -> float:
-    """Plan a move of a load that a torque (N m) holds on a flank, without leaving the flank; return the flank."""
+def shift(law: Array, state: Array, to: float, load: float) -> float:
+    """Plan a move of a load that a torque holds on a flank, without leaving the flank; return the flank."""
     way = 1.0 if to >= load else -1.0
-    c, distance, at = law[COULOMB] - way * pull, abs(to - load), way * load
+    c, distance, at = resists(law, state, way, way * load), abs(to - load), way * load
     least = _UNSURE if law[COULOMB] > 0.0 else _SHORT
     length = max(least, math.sqrt(_PEAK * distance * law[INERTIA] / (_BRAKES * max(abs(c), 1e-4))))
     flank, speed = math.copysign(1.0, c), distance / length
-    state[SEGMENTS], state[REST_TORQUE] = 0.0, -pull
-    segment(state, length, at, 0.0, 0.0, 0.0, speed / length, flank, flank, way, c, 0.0, 0)
-    segment(state, length, at + 0.5 * distance, speed, 0.0, 0.0, -speed / length, flank, flank, way, c, 0.0, 0)
+    state[SEGMENTS], state[REST_TORQUE] = 0.0, -pull_at(law, state, to)
+    segment(state, length, at, 0.0, 0.0, 0.0, speed / length, flank, flank, way, 0.0, 0)
+    segment(state, length, at + 0.5 * distance, speed, 0.0, 0.0, -speed / length, flank, flank, way, 0.0, 0)
     return way * flank
 
 
 @compiled
-def press(law: Array, state: Array, to: float, load: float, motor: float, speed_m: float, pull: float) -> float:
+def press(law: Array, state: Array, to: float, load: float, motor: float, speed_m: float) -> float:
     """Plan to push a load that friction holds to its target; return the flank."""
     way = 1.0 if to >= load else -1.0
-    c = max(law[COULOMB] - way * pull, 0.3 * law[COULOMB])
+    c = max(resists(law, state, way, way * load), _HIDDEN * law[COULOMB])
+    pulls(law, state, way * (law[COULOMB] - c), load)
     state[SEGMENTS] = state[REST_TORQUE] = 0.0
     _press(law, state, way * to, way * load, 0.0, 0.0, way * (motor - load), way * speed_m, c, way)
     return way

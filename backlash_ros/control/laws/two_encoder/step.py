@@ -27,6 +27,8 @@ from backlash_ros.control.laws.two_encoder.layout import (
     DISTURBANCE,
     ELECTRICAL,
     EXPECTED,
+    EXPECTED_COSINE,
+    EXPECTED_SINE,
     FLANK,
     FLIGHT,
     FOLLOW,
@@ -70,6 +72,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     VOLTS_PER_SPEED,
     VOLTS_PER_TORQUE,
     WAITED,
+    WEIGHS,
 )
 from backlash_ros.control.laws.two_encoder.observers import (
     FREE,
@@ -79,6 +82,8 @@ from backlash_ros.control.laws.two_encoder.observers import (
     holds,
     landed,
     predict_motor,
+    pull_at,
+    pulls,
     rests_on,
     see_load,
     see_middle,
@@ -134,8 +139,10 @@ def _start(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint) -> 
     state[COUNT] = UNSEEN * law[GAP]
     far = abs(setpoint[POSITION] - estimate[THETA_L]) > _FAR * law[GAP]
     state[TARGET] = estimate[THETA_L] if far else setpoint[POSITION]  # a new target means a flight
-    state[PHASE], state[SHARE], state[STARTED] = HOLD, 1.0, 1.0
-    state[PULL] = clamp(law[EXPECTED], -law[COULOMB], law[COULOMB])
+    state[PHASE], state[SHARE], state[STARTED], state[WEIGHS] = HOLD, 1.0, 1.0, 1.0
+    load = estimate[THETA_L]
+    hidden = law[EXPECTED] + law[EXPECTED_SINE] * math.sin(load) + law[EXPECTED_COSINE] * math.cos(load)
+    pulls(law, state, clamp(hidden, -law[COULOMB], law[COULOMB]), load)
 
 
 @compiled
@@ -151,7 +158,7 @@ def _fly(law: Array, state: Array, motor: Array) -> None:
     """Plan a flight to the target from the drive's position at the time when the command acts."""
     speed = state[LOAD_SPEED] if abs(state[LOAD_SPEED]) > _STILL else 0.0
     load, at = state[LOAD] + law[DELAY] * speed, motor[0] - state[MIDDLE]
-    state[FLANK] = fly(law, state, state[TARGET], load, speed, at, motor[1], state[PULL])
+    state[FLANK] = fly(law, state, state[TARGET], load, speed, at, motor[1])
     _take_off(law, state)
 
 
@@ -199,7 +206,7 @@ def _hold_held(law: Array, state: Array, error: float, motor: Array) -> tuple[fl
             if state[WAITED] > _patience(state) and abs(state[LOAD_SPEED]) < _SLOW:
                 state[TRIES] += 1.0
                 to = state[LOAD] + _shorter(state, error)
-                state[FLANK] = shift(law, state, to, state[LOAD], state[PULL])
+                state[FLANK] = shift(law, state, to, state[LOAD])
                 _take_off(law, state)
         elif abs(state[PLACE] - motor[0]) < 0.5 * law[GAP] + 2e-3:  # not ahead of the motor
             speed = clamp(_LEADS * error, -_HASTE, _HASTE)
@@ -235,7 +242,7 @@ def _hold_free(law: Array, state: Array, error: float, load: float, motor: Array
     if state[PARKED] >= 0.0 and abs(error) > wide and state[WAITED] > _DWELL:
         state[PARKED], state[WAITED] = -1.0, 0.0
         if law[COULOMB] > _DRY:  # it slid without a command
-            state[PULL] = -math.copysign(max(abs(state[PULL]), law[COULOMB] + 2.0 * FREE), error)
+            pulls(law, state, -math.copysign(max(abs(state[PULL]), law[COULOMB] + 2.0 * FREE), error), load)
     elif state[PARKED] < 0.0:
         if abs(resting) < tight and abs(error) < wide and abs(coasts) < wide:
             state[PARKED], state[FROM] = 0.0, motor[0]
@@ -248,7 +255,7 @@ def _hold_free(law: Array, state: Array, error: float, load: float, motor: Array
         elif state[WAITED] > _patience(state):
             state[TRIES] += 1.0
             to = load + coasts + _shorter(state, resting)
-            state[FLANK] = press(law, state, to, load, motor[0] - state[MIDDLE], motor[1], state[PULL])
+            state[FLANK] = press(law, state, to, load, motor[0] - state[MIDDLE], motor[1])
             _take_off(law, state)
     if state[PARKED] < 0.0:
         return state[PLACE], 0.0, 0.0
@@ -266,7 +273,7 @@ def _follow(law: Array, state: Array, setpoint: Setpoint) -> tuple[float, float,
     The sign of the load's torque gives the flank; the motor crosses to it in the time of a flight's crossing.
     """
     speed, acceleration = setpoint[VELOCITY], setpoint[ACCELERATION]
-    takes = law[INERTIA] * acceleration + law[FRICTION] * speed - state[PULL]
+    takes = law[INERTIA] * acceleration + law[FRICTION] * speed - pull_at(law, state, setpoint[POSITION])
     if speed != 0.0:
         takes += math.copysign(law[COULOMB], speed)
     flank = math.copysign(1.0, takes) if abs(takes) > _DRY else state[FLANK]
@@ -365,9 +372,10 @@ def begin(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, hold
     state[SPEED], state[LOAD_SPEED] = law[RATIO] * estimate[OMEGA_M], estimate[OMEGA_L]
     state[MOMENTUM] = law[MOTOR_INERTIA] * state[SPEED] + law[INERTIA] * state[LOAD_SPEED]
     seen, hidden = -holding / law[VOLTS_PER_TORQUE], law[COULOMB] + law[MOTOR_COULOMB]
-    state[PULL] = state[PULL_SLOW] = seen
+    state[PULL_SLOW], pull = seen, seen
     if not holds(law, seen):
-        state[PULL] = clamp(clamp(law[EXPECTED], seen - hidden, seen + hidden), -law[COULOMB], law[COULOMB])
+        pull = clamp(clamp(state[PULL], seen - hidden, seen + hidden), -law[COULOMB], law[COULOMB])
+    pulls(law, state, pull, estimate[THETA_L])
     state[HELD] = 1.0 if holds(law, state[PULL]) else 0.0
     state[PARKED] = -1.0
     rests_on(law, state, state[PULL])
