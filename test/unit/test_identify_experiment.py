@@ -57,7 +57,7 @@ def test_a_weight_shows_as_the_slope_of_the_load_torque_where_the_load_was(popul
     assert isinstance(found, DriveEstimate)
     torque, angle, slope = (found.parameters[name] for name in EXPECTED)
     assert torque == pytest.approx(member.standing_torque, abs=5e-3)
-    assert angle == pytest.approx(first_reading(member), abs=member.load_count)
+    assert angle == pytest.approx(first_reading(member), abs=member.drive.gear.backlash_angle)
     assert slope == pytest.approx(-load.gravity_torque * math.cos(load.gravity_offset), abs=0.02)
     assert (slope == 0.0) == (load.gravity_torque == 0.0)
 
