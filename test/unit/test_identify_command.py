@@ -12,6 +12,7 @@ import yaml
 from recorded import probed, stepped, write_bag, write_csv, write_drive
 
 from backlash_ros.analysis.evaluation.drive_file import read_drive
+from backlash_ros.analysis.recordings.bag_topics import controller_of
 from backlash_ros.analysis.recordings.drive_text import drive_text
 from backlash_ros.cli import main
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE
@@ -125,7 +126,7 @@ def test_the_drive_is_that_of_the_controller_in_the_bag(tmp_path: Path, capsys: 
     }
     path = write_bag(tmp_path / "bag", member, recording, in_use={"/controller": told, **others})
     assert main(["identify", str(path), "--json", str(tmp_path / "a.json")]) == 0
-    assert f"motor and gear ratio as told by the controller in {path}" in capsys.readouterr().out
+    assert f"motor and gear ratio as told by /controller in {path}" in capsys.readouterr().out
     sheet = write_drive(tmp_path / "a.yaml", member)
     assert main(["identify", str(path), "--drive", str(sheet), "--json", str(tmp_path / "b.json")]) == 0
     assert f"motor and gear ratio as told by {sheet}" in capsys.readouterr().out
@@ -136,9 +137,34 @@ def test_the_drive_is_that_of_the_controller_in_the_bag(tmp_path: Path, capsys: 
         if row["symbol"] == "J_l"
     }
     assert all(value == pytest.approx(member.drive.load.inertia, rel=0.05) for value in inertia)
+    renamed = write_bag(tmp_path / "renamed", member, recording, in_use={"/a/controller": told})
+    assert main(["identify", str(renamed)]) == 0
+    assert f"motor and gear ratio as told by /a/controller in {renamed}" in capsys.readouterr().out
     wrong = write_bag(tmp_path / "wrong", member, recording, in_use={"/controller": {"motor.inertia": -1.0}})
     assert main(["identify", str(wrong)]) == 1
     assert "the parameters in use describe no drive (motor.inertia must be" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("controllers", "command", "axes", "found"),
+    [
+        (["/a", "/b"], "/a/command", 2, "/a/controller"),
+        ([""], "/command", 1, "/controller"),
+        (["/a"], "/forward/commands", 1, "/a/controller"),
+        (["/a"], "/b/command", 2, ""),
+        (["/a", "/b"], "/forward/commands", 1, ""),
+        ([], "/command", 1, ""),
+    ],
+)
+def test_a_controller_of_another_axis_tells_nothing(
+    controllers: list[str], command: str, axes: int, found: str
+) -> None:
+    topics = [
+        command,
+        "/a/plant_simulator/parameters_in_use",
+        *(f"{c}/controller/parameters_in_use" for c in controllers),
+    ]
+    assert controller_of(topics, command, axes) == found
 
 
 @pytest.mark.parametrize(

@@ -13,16 +13,15 @@ from backlash_ros.control import GainSet, Servo, ServoSettings, design_law
 from backlash_ros.control.laws import lacks
 from backlash_ros.control.laws.two_encoder import TwoEncoderParameters
 from backlash_ros.control.laws.two_encoder.layout import (
+    COSINE,
     COULOMB,
-    EXPECTED_COSINE,
-    EXPECTED_SINE,
     GAP,
     INERTIA,
     LOAD,
     LOAD_SPEED,
     MIDDLE,
     PHASE,
-    WEIGHS,
+    SINE,
 )
 from backlash_ros.control.laws.two_encoder.observers import pull_at, pulls
 from backlash_ros.control.laws.two_encoder.plan import evaluate, fly, length_of
@@ -58,14 +57,13 @@ def test_a_plan_goes_without_a_leap_from_where_the_drive_is_to_rest_at_the_targe
     constants, state = law.constants.copy(), law.state.copy()
     constants[INERTIA] *= random.uniform(0.25, 4.0)
     constants[COULOMB] = random.choice([0.0, random.uniform(0.006, 0.3)])
-    constants[[EXPECTED_SINE, EXPECTED_COSINE]] = random.choice([0.0, 0.3]) * random.uniform(-1.0, 1.0, 2)
+    state[[SINE, COSINE]] = random.choice([0.0, 0.3]) * random.uniform(-1.0, 1.0, 2)
     pull = random.choice([0.0, random.uniform(-0.5, 0.5)])
     held = abs(pull) > constants[COULOMB] + 0.004
     state[MIDDLE] = random.uniform(-1.0, 1.0)
     load, to = 0.3, 0.3 + random.choice([-1.0, 1.0]) * random.choice([0.05, 0.1, 1.0, 3.0])
     motor = load - np.copysign(0.5 * B, pull) if held else load + random.uniform(-0.5, 0.5) * B
-    state[WEIGHS] = 1.0
-    pulls(constants, state, pull, load)
+    pulls(state, pull, load)
     flank = fly(constants, state, to, load, 0.0, motor, 0.0)
     length, step = length_of(state), 2e-4
     assert 0.03 < length < 3.0
@@ -75,7 +73,7 @@ def test_a_plan_goes_without_a_leap_from_where_the_drive_is_to_rest_at_the_targe
     assert place[-1] == pytest.approx(to + flank * 0.5 * B + state[MIDDLE], abs=tolerance)
     assert speed[-1] == pytest.approx(0.0, abs=1e-9)
     assert np.max(np.abs(np.diff(place))) <= step * np.max(np.abs(speed)) + tolerance
-    rests = pull_at(constants, state, to)
+    rests = pull_at(state, to)
     if abs(rests) > constants[COULOMB] + 0.004:
         assert torque[-1] == pytest.approx(-rests)
     most = NOMINAL_DRIVE.standstill_torque()
@@ -84,14 +82,14 @@ def test_a_plan_goes_without_a_leap_from_where_the_drive_is_to_rest_at_the_targe
 
 def test_a_mirrored_plan_is_the_mirror_image(gains: GainSet) -> None:
     law = design_law(NOMINAL_DRIVE, settings_of(gains))
-    constants, there, back = law.constants.copy(), law.state.copy(), law.state.copy()
-    constants[EXPECTED_SINE], there[WEIGHS], back[WEIGHS] = -0.1, 1.0, 1.0
-    pulls(constants, there, -0.2, 0.0)
-    pulls(constants, back, 0.2, 0.0)
-    fly(constants, there, 1.0, 0.0, 0.2, 0.004, 0.1)
-    fly(constants, back, -1.0, 0.0, -0.2, -0.004, -0.1)
+    there, back = law.state.copy(), law.state.copy()
+    there[SINE] = back[SINE] = -0.1
+    pulls(there, -0.2, 0.0)
+    pulls(back, 0.2, 0.0)
+    fly(law.constants, there, 1.0, 0.0, 0.2, 0.004, 0.1)
+    fly(law.constants, back, -1.0, 0.0, -0.2, -0.004, -0.1)
     for time in np.linspace(0.0, 0.3, 61):
-        assert evaluate(constants, there, time) == tuple(-x for x in evaluate(constants, back, time))
+        assert evaluate(law.constants, there, time) == tuple(-x for x in evaluate(law.constants, back, time))
 
 
 # What it does.
@@ -255,6 +253,34 @@ def test_a_wrong_slope_of_the_load_torque_moves_nothing_at_rest_and_lasts_one_mo
     assert np.max(done.load_angle) <= 1.5
     assert np.max(done.load_angle[1250:]) <= 1.0 + B
     assert np.max(np.abs(done.load_angle[1500:] - 0.5)) <= 0.15 * B
+
+
+def test_a_slope_set_in_flight_counts_from_the_next_move_on_even_after_one_was_disproved(gains: GainSet) -> None:
+    drive = rough(gravity_torque=0.2)
+    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
+
+    def commands(*slopes: float) -> tuple[list[float], list[float]]:
+        """Return the commands of two moves, and how far they go beyond; each slope is set in flight to the next."""
+        servo = Servo(drive, settings_of(gains, expected_load_torque_slope=slopes[0]))
+        plant = SimulatedDrive(drive, 0.004, sensors=sensors)
+        sent, beyond = [], []
+        for k in range(1000):
+            shown = plant.sample()
+            if k in {125, 625}:
+                assert servo.set_reference(-1.0 if k == 125 else 1.0) == ""
+            if k == 130:
+                servo.use(settings_of(gains, expected_load_torque_slope=slopes[1]))
+            sent.append(servo.update(shown, plant.elapsed))
+            plant.advance(sent[-1])
+            beyond.append(float(plant.state[THETA_L]))
+        return sent, beyond
+
+    wrong, right = commands(1.0, 1.0), commands(1.0, -0.2)
+    assert wrong[0][:150] == right[0][:150]
+    known, none = commands(-0.2, -0.2), commands(0.0, 0.0)
+    assert max(right[1][625:]) == pytest.approx(max(known[1][625:]), abs=0.02 * B)
+    assert max(wrong[1][625:]) == pytest.approx(max(none[1][625:]), abs=0.02 * B)  # dropped
+    assert max(known[1][625:]) <= max(none[1][625:]) - 0.1 * B
 
 
 def test_a_slope_of_the_load_torque_beyond_the_motor_is_refused(gains: GainSet) -> None:

@@ -43,7 +43,7 @@ class Topics:
 class Messages:
     """Of samples: both times, ns, and both positions; of commands: time of recording, stamp of the sample, value.
 
-    ``joints``: all joint names. ``in_use``: stamp, version and parameters of the controller, in any order.
+    ``joints``: all joint names. ``in_use``: stamp, version and parameters of the ``controller``, in any order.
     """
 
     stamps: list[int]
@@ -52,6 +52,7 @@ class Messages:
     commands: list[tuple[int, int | None, float]]
     joints: set[str]
     in_use: list[tuple[float, int, Mapping[str, Any]]] = field(default_factory=list)
+    controller: str = ""
 
 
 def _one_of(given: str, found: Sequence[str], what: str, option: str, path: Path) -> str:
@@ -66,11 +67,15 @@ def _one_of(given: str, found: Sequence[str], what: str, option: str, path: Path
     return found[0]
 
 
-def _in_use(topics: Sequence[str], command: str) -> str:
-    """Return the topic of the parameters of the controller that publishes ``command``; empty if none is known."""
-    found = {t for t in topics if t.endswith("/parameters_in_use") and "/plant_simulator/" not in t}
-    namespace = command.rpartition("/")[0]
-    own = {topic for topic in found if topic.rsplit("/", 2)[0] == namespace} or found
+def controller_of(topics: Sequence[str], command: str, axes: int) -> str:
+    """Return the controller that publishes ``command``, in its namespace; empty if none is known.
+
+    In a bag of a single axis it may be in another one: the topic of commands is often renamed.
+    """
+    found = {t.rpartition("/")[0] for t in topics if t.endswith("/parameters_in_use") and "/plant_simulator/" not in t}
+    own = {node for node in found if node.rpartition("/")[0] == command.rpartition("/")[0]}
+    if not own and axes == 1:
+        own = found
     return own.pop() if len(own) == 1 else ""
 
 
@@ -105,7 +110,8 @@ def _messages(path: Path, topics: Topics) -> tuple[Messages, str, str]:
             likely = [topic for topic in others if topic.split("/")[-1] == "command"]
             likely = likely if len(likely) == 1 and not topics.command else others
             target = _one_of(topics.command, likely, "commands (std_msgs)", "--command-topic", path)
-            in_use = _in_use([c.topic for c in reader.connections], target)
+            found.controller = controller_of([c.topic for c in reader.connections], target, len(states))
+            in_use = f"{found.controller}/parameters_in_use" if found.controller else ""
             chosen = [c for c in reader.connections if c.topic in {source, target, in_use}]
             for connection, received, raw in reader.messages(chosen):
                 message: Any = reader.deserialize(raw, connection.msgtype)
@@ -204,5 +210,5 @@ def columns_of(found: Messages, source: str, target: str, topics: Topics, path: 
     command = np.array(commands)
     command[~np.isfinite(command)] = math.nan
     told = max(found.in_use, key=itemgetter(0, 1))[2] if found.in_use else {}
-    zero = 1e-9 * clock[0]
-    return Columns(time, motor.copy(), load.copy(), command, names, lambda k: f"in sample {k + 1}", zero, told)
+    zero, place = 1e-9 * clock[0], lambda k: f"in sample {k + 1}"
+    return Columns(time, motor.copy(), load.copy(), command, names, place, zero, told, found.controller)

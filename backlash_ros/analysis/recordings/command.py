@@ -63,11 +63,11 @@ def _is_table(path: Path) -> bool:
 
 
 def _axis_in(recording: Path, columns: Columns) -> tuple[Axis, str]:
-    """Return the axis as the bag's controller was told, and who says so; the nominal drive and nobody without it."""
+    """Return the axis as the bag's controller was told, and who says so; the nominal drive and nobody without one."""
     if not columns.in_use:
         return Axis(NOMINAL_DRIVE), ""
     try:
-        return axis_of(in_sections(columns.in_use)), f"the controller in {recording}"
+        return axis_of(in_sections(columns.in_use)), f"{columns.controller} in {recording}"
     except (ValueError, TypeError) as error:
         raise ValueError(
             f"{recording}: the parameters in use describe no drive ({error}); give one with --drive"

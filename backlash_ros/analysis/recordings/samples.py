@@ -32,7 +32,7 @@ class Columns:
     """The columns of a file, unchanged, shapes (N,): nan for missing numbers.
 
     ``names``: of time, motor, load and command, for errors; ``place`` describes a row. ``epoch``: origin of the time,
-    in the clock's own count, s. ``in_use``: the parameters of the drive's controller, by name, if it published them.
+    in the clock's own count, s. ``in_use``: the parameters of the drive's ``controller`` by name, if published.
     """
 
     time: Array
@@ -43,6 +43,7 @@ class Columns:
     place: Callable[[int], str]
     epoch: float = 0.0
     in_use: Mapping[str, Any] = field(default_factory=dict)
+    controller: str = ""
 
 
 @dataclass(frozen=True)

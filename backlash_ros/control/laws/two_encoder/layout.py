@@ -40,7 +40,8 @@ CONSTANTS = TEETH + 2 * POINTS
     LOAD, LOAD_SPEED, LAST_LOAD, LAST_WAY,  # as observed; its last reading and that less the one before
     STEP, ROUGH, COUNT,  # least step of the readings, their mean second difference, the count that both come to, rad
     PULL, PULL_SLOW,  # load torque, N m; a slow look at it
-    CONSTANT, WEIGHS,  # part of it that does not depend on the load's angle, N m, and whether the other part counts
+    CONSTANT, SINE, COSINE,  # it in plans: constant, and with the load's angle, N m
+    TOLD_SINE, TOLD_COSINE,  # what was expected when these were taken, N m
     SEEN, WEIGHED, SEEN_TIME,  # of what a flight shows beyond that, and of the other part, N m s; the time, s
     TIME, SEGMENTS, REST_TORQUE,  # of the plan: s, how many, N m
     WAITED, TRIES, SIDE, SIDE_TIME, SHARE, LAST_ERROR, HELD,  # of holding
@@ -50,11 +51,11 @@ CONSTANTS = TEETH + 2 * POINTS
     DOUBTED, _, LOAD_DOUBTED, _,  # how many readings in a row cannot be, and what the first of them missed, rad
     MOMENTUM,  # of both shafts, N m s
     ASTRAY,  # how many readings in a row the load was beyond where it is at rest, with the sign of the side
-) = range(46)
+) = range(49)
 
-COMMANDS, CARRIED, KEPT = 46, 58, 12
+COMMANDS, CARRIED, KEPT = 49, 61, 12
 """Commands, the newest first, and what the teeth were to carry meanwhile, N m."""
-PLAN, ROWS, COLUMNS = 70, 6, 12
+PLAN, ROWS, COLUMNS = 73, 6, 12
 """Segments of the plan: see `plan`."""
 MEMORY = PLAN + ROWS * COLUMNS
 

@@ -13,6 +13,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     CARRIED,
     COMMANDS,
     CONSTANT,
+    COSINE,
     COULOMB,
     COUNT,
     CURRENT_TORQUE,
@@ -50,15 +51,17 @@ from backlash_ros.control.laws.two_encoder.layout import (
     ROUGH,
     SEEN,
     SEEN_TIME,
+    SINE,
     SPEED,
     STALL,
     STEP,
     TARGET,
     TEETH,
+    TOLD_COSINE,
+    TOLD_SINE,
     TRUST,
     WAITED,
     WEIGHED,
-    WEIGHS,
     WHOLE,
 )
 from backlash_ros.drivetrain.compiled import compiled
@@ -114,17 +117,25 @@ def contact(law: Array, torque: float) -> float:
 
 
 @compiled
-def pull_at(law: Array, state: Array, load: float) -> float:
+def pull_at(state: Array, load: float) -> float:
     """Return the load torque at an angle of the load (rad), N m."""
-    varies = law[EXPECTED_SINE] * math.sin(load) + law[EXPECTED_COSINE] * math.cos(load)
-    return float(state[CONSTANT] + state[WEIGHS] * varies)
+    return float(state[CONSTANT] + state[SINE] * math.sin(load) + state[COSINE] * math.cos(load))
 
 
 @compiled
-def pulls(law: Array, state: Array, pull: float, load: float) -> None:
+def pulls(state: Array, pull: float, load: float) -> None:
     """Take ``pull`` (N m) for the load torque at an angle of the load, rad, and with it what it is elsewhere."""
     state[PULL] = pull
-    state[CONSTANT] += pull - pull_at(law, state, load)
+    state[CONSTANT] += pull - pull_at(state, load)
+
+
+@compiled
+def expect(law: Array, state: Array) -> None:
+    """Take how the load torque is expected to grow with the load's angle, if that is new; for a load at rest."""
+    if law[EXPECTED_SINE] != state[TOLD_SINE] or law[EXPECTED_COSINE] != state[TOLD_COSINE]:
+        state[SINE] = state[TOLD_SINE] = law[EXPECTED_SINE]
+        state[COSINE] = state[TOLD_COSINE] = law[EXPECTED_COSINE]
+        pulls(state, state[PULL], state[LOAD])
 
 
 @compiled
@@ -313,7 +324,7 @@ def see_pull(law: Array, state: Array) -> None:
             state[SEEN] += period * math.copysign(friction, omega)
         if turns or friction == 0.0:
             state[SEEN_TIME] += period
-            pull = pull_at(law, state, state[LOAD])
+            pull = pull_at(state, state[LOAD])
             state[SEEN] -= period * pull
             state[WEIGHED] += period * (pull - state[PULL])
         if turns or friction == 0.0 or state[HELD] == 0.0:
@@ -327,22 +338,23 @@ def see_pull(law: Array, state: Array) -> None:
         if apart(law, state):
             unknown += _UNSURE
             if abs(omega) < _STANDS:
-                pulls(law, state, min(max(state[PULL], -friction), friction), state[LOAD])
+                pulls(state, min(max(state[PULL], -friction), friction), state[LOAD])
                 return
         can_be = min(max(state[PULL], state[PULL_SLOW] - unknown), state[PULL_SLOW] + unknown)
         share = 1.0 if friction > 0.0 else min(period / _SLOWLY, 1.0)
-        pulls(law, state, state[PULL] + share * (can_be - state[PULL]), state[LOAD])
+        pulls(state, state[PULL] + share * (can_be - state[PULL]), state[LOAD])
 
 
 @compiled
 def landed(law: Array, state: Array) -> None:
     """Use the load torque that the last flight has shown; a load that stood still bounds it by its friction."""
     at = state[TARGET] if state[PHASE] == FLIGHT else state[LOAD]
-    pull = pull_at(law, state, at)
+    pull = pull_at(state, at)
     if state[SEEN_TIME] > _LONG:
         beyond, without = state[SEEN] / state[SEEN_TIME], (state[SEEN] + state[WEIGHED]) / state[SEEN_TIME]
         if abs(beyond) > _DISPROVED * abs(without) + 2.0 * NONE:
-            state[WEIGHS], pull, beyond = 0.0, state[PULL], without
+            state[SINE] = state[COSINE] = 0.0
+            pull, beyond = state[PULL], without
         pull += beyond
         pull = pull if abs(pull) >= NONE else 0.0
         if state[PHASE] == FLIGHT:  # there is no plan while following a setpoint
@@ -350,7 +362,7 @@ def landed(law: Array, state: Array) -> None:
     elif state[HELD] != 0.0:
         unknown = law[COULOMB] + law[MOTOR_COULOMB]
         pull = min(max(pull, state[PULL_SLOW] - unknown), state[PULL_SLOW] + unknown)
-    pulls(law, state, pull, at)
+    pulls(state, pull, at)
     state[SEEN] = state[WEIGHED] = state[SEEN_TIME] = 0.0
 
 

@@ -95,7 +95,7 @@ def segment(
 @compiled
 def resists(law: Array, state: Array, way: float, x: float) -> float:
     """Return c where the load is at x in the move's own direction, N m."""
-    return float(law[COULOMB] - way * pull_at(law, state, way * x))
+    return float(law[COULOMB] - way * pull_at(state, way * x))
 
 
 @compiled
@@ -398,7 +398,7 @@ def fly(law: Array, state: Array, to: float, load: float, speed_l: float, motor:
     motor : at the output, from the middle of the gap, rad
     """
     inertia, viscous, dry = law[INERTIA], law[FRICTION], law[COULOMB]
-    pull, rests = pull_at(law, state, load), pull_at(law, state, to)
+    pull, rests = pull_at(state, load), pull_at(state, to)
     held, stops = holds(law, pull), stopping_way(law, speed_l)
     far = abs(to - load) > _GAP_WAYS * law[GAP] + abs(stops)
     way = 1.0 if to - load - (0.0 if held or far else stops) >= 0.0 else -1.0
@@ -468,7 +468,7 @@ def shift(law: Array, state: Array, to: float, load: float) -> float:
     least = _UNSURE if law[COULOMB] > 0.0 else _SHORT
     length = max(least, math.sqrt(_PEAK * distance * law[INERTIA] / (_BRAKES * max(abs(c), 1e-4))))
     flank, speed = math.copysign(1.0, c), distance / length
-    state[SEGMENTS], state[REST_TORQUE] = 0.0, -pull_at(law, state, to)
+    state[SEGMENTS], state[REST_TORQUE] = 0.0, -pull_at(state, to)
     segment(state, length, at, 0.0, 0.0, 0.0, speed / length, flank, flank, way, 0.0, 0)
     segment(state, length, at + 0.5 * distance, speed, 0.0, 0.0, -speed / length, flank, flank, way, 0.0, 0)
     return way * flank
@@ -479,7 +479,7 @@ def press(law: Array, state: Array, to: float, load: float, motor: float, speed_
     """Plan to push a load that friction holds to its target; return the flank."""
     way = 1.0 if to >= load else -1.0
     c = max(resists(law, state, way, way * load), _HIDDEN * law[COULOMB])
-    pulls(law, state, way * (law[COULOMB] - c), load)
+    pulls(state, way * (law[COULOMB] - c), load)
     state[SEGMENTS] = state[REST_TORQUE] = 0.0
     _press(law, state, way * to, way * load, 0.0, 0.0, way * (motor - load), way * speed_m, c, way)
     return way

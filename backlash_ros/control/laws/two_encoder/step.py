@@ -18,6 +18,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     BACK_EMF,
     CARRIED,
     COMMANDS,
+    CONSTANT,
     COULOMB,
     COUNT,
     CROSSING,
@@ -27,8 +28,6 @@ from backlash_ros.control.laws.two_encoder.layout import (
     DISTURBANCE,
     ELECTRICAL,
     EXPECTED,
-    EXPECTED_COSINE,
-    EXPECTED_SINE,
     FLANK,
     FLIGHT,
     FOLLOW,
@@ -72,13 +71,13 @@ from backlash_ros.control.laws.two_encoder.layout import (
     VOLTS_PER_SPEED,
     VOLTS_PER_TORQUE,
     WAITED,
-    WEIGHS,
 )
 from backlash_ros.control.laws.two_encoder.observers import (
     FREE,
     UNSEEN,
     contact,
     dry,
+    expect,
     holds,
     landed,
     predict_motor,
@@ -139,10 +138,10 @@ def _start(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint) -> 
     state[COUNT] = UNSEEN * law[GAP]
     far = abs(setpoint[POSITION] - estimate[THETA_L]) > _FAR * law[GAP]
     state[TARGET] = estimate[THETA_L] if far else setpoint[POSITION]  # a new target means a flight
-    state[PHASE], state[SHARE], state[STARTED], state[WEIGHS] = HOLD, 1.0, 1.0, 1.0
-    load = estimate[THETA_L]
-    hidden = law[EXPECTED] + law[EXPECTED_SINE] * math.sin(load) + law[EXPECTED_COSINE] * math.cos(load)
-    pulls(law, state, clamp(hidden, -law[COULOMB], law[COULOMB]), load)
+    state[PHASE], state[SHARE], state[STARTED] = HOLD, 1.0, 1.0
+    expect(law, state)
+    state[CONSTANT] = law[EXPECTED]
+    pulls(state, clamp(pull_at(state, state[LOAD]), -law[COULOMB], law[COULOMB]), state[LOAD])
 
 
 @compiled
@@ -242,7 +241,7 @@ def _hold_free(law: Array, state: Array, error: float, load: float, motor: Array
     if state[PARKED] >= 0.0 and abs(error) > wide and state[WAITED] > _DWELL:
         state[PARKED], state[WAITED] = -1.0, 0.0
         if law[COULOMB] > _DRY:  # it slid without a command
-            pulls(law, state, -math.copysign(max(abs(state[PULL]), law[COULOMB] + 2.0 * FREE), error), load)
+            pulls(state, -math.copysign(max(abs(state[PULL]), law[COULOMB] + 2.0 * FREE), error), load)
     elif state[PARKED] < 0.0:
         if abs(resting) < tight and abs(error) < wide and abs(coasts) < wide:
             state[PARKED], state[FROM] = 0.0, motor[0]
@@ -273,7 +272,7 @@ def _follow(law: Array, state: Array, setpoint: Setpoint) -> tuple[float, float,
     The sign of the load's torque gives the flank; the motor crosses to it in the time of a flight's crossing.
     """
     speed, acceleration = setpoint[VELOCITY], setpoint[ACCELERATION]
-    takes = law[INERTIA] * acceleration + law[FRICTION] * speed - pull_at(law, state, setpoint[POSITION])
+    takes = law[INERTIA] * acceleration + law[FRICTION] * speed - pull_at(state, setpoint[POSITION])
     if speed != 0.0:
         takes += math.copysign(law[COULOMB], speed)
     flank = math.copysign(1.0, takes) if abs(takes) > _DRY else state[FLANK]
@@ -312,6 +311,8 @@ def two_encoder_step(
         see_load(law, state, estimate[THETA_L])
     see_middle(law, state)
     see_pull(law, state)
+    if state[PHASE] == HOLD:
+        expect(law, state)
     motor = predict_motor(law, state)
     if setpoint[VELOCITY] != 0.0 or setpoint[ACCELERATION] != 0.0:
         if state[PHASE] != FOLLOW:
@@ -375,7 +376,7 @@ def begin(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, hold
     state[PULL_SLOW], pull = seen, seen
     if not holds(law, seen):
         pull = clamp(clamp(state[PULL], seen - hidden, seen + hidden), -law[COULOMB], law[COULOMB])
-    pulls(law, state, pull, estimate[THETA_L])
+    pulls(state, pull, estimate[THETA_L])
     state[HELD] = 1.0 if holds(law, state[PULL]) else 0.0
     state[PARKED] = -1.0
     rests_on(law, state, state[PULL])
