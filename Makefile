@@ -125,14 +125,16 @@ $(FLOORS)/.ready: requirements/floors.txt
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info < (3, 12) else "test-floors needs Python 3.10 or 3.11: make test-floors PYTHON=python3.11")'
 	rm -rf $(FLOORS)
 	$(PYTHON) -m venv $(FLOORS)
-	$(FLOORS)/bin/python -m pip --disable-pip-version-check install --quiet --require-hashes -r requirements/floors.txt
+	$(FLOORS)/bin/python -m pip --disable-pip-version-check install --quiet --no-deps --require-hashes -r requirements/floors.txt
 	touch $@
 
+# A lock names every package: without --no-deps, the pip of Python 3.11 takes for `coverage[toml]` a newer coverage than
+# the lock's, and refuses it as not locked (pip's issue 12345).
 $(READY): $(LOCKS)
 	@echo "== $(VENV): Python environment from $(LOCKS), once; about a minute"
 	rm -rf $(VENV)
 	$(PYTHON) -m venv $(VENV_OPTIONS) $(VENV)
-	$(PIP) install --quiet --require-hashes $(LOCKS:%=-r %)
+	$(PIP) install --quiet --no-deps --require-hashes $(LOCKS:%=-r %)
 	$(PIP) install --quiet --no-deps --no-build-isolation --editable .
 	touch $@
 
