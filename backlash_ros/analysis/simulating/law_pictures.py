@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from backlash_ros.analysis.paper import PERIOD, gains
 from backlash_ros.analysis.staging import staging
@@ -112,9 +112,26 @@ def _near(axes: Axes, time: Array, done: Trace) -> None:
     axes.legend(loc="lower right", fontsize="small")
 
 
-def _when(done: Trace, condition: NDArray[np.bool_], after: float) -> float:
-    """Return the first time after ``after``, s, at which a condition holds."""
-    return float(done.time[condition & (done.time > after)][0])
+def _named(row: Array, *, flanks: bool) -> str:
+    """Return what the law does in a state, in the page's words; ``flanks``: with the flank that leads a free load."""
+    if row[PHASE] == FLIGHT:
+        return "flight"
+    if row[HELD] != 0.0:
+        return "held: parked" if row[PARKED] >= 0.0 else "held: led in"
+    if row[PARKED] >= 0.0:
+        return "parked"
+    if not flanks:
+        return "free: led in"
+    return f"led in by flank {row[FLANK]:g}" if row[FLANK] != 0.0 else "wait"
+
+
+def _spans(done: Trace, start: float, end: float, zero: float, *, flanks: bool) -> list[Span]:
+    """Return what the law does from ``start`` to ``end``, s; the times in the result count from ``zero``."""
+    shown = np.flatnonzero((done.time >= start) & (done.time <= end))
+    groups = groupby(shown.tolist(), lambda k: _named(done.state[k], flanks=flanks))
+    first = [(float(done.time[next(samples)]) - zero, name) for name, samples in groups]
+    ends = [*(moment for moment, _ in first[1:]), end - zero]
+    return [(moment, until, name) for (moment, name), until in zip(first, ends, strict=True)]
 
 
 def flight(done: Trace) -> Figure:
@@ -146,19 +163,13 @@ def landing(done: Trace) -> Figure:
     """Draw the end of the move: the motor in the gap near the target, and the torque of the teeth."""
     figure, panels = _panels((3.2, 1.5), "Landing: what is left is taken up with one flank at a time")
     gap, teeth = panels
-    time, state, most = done.time - _MOVES, done.state, 0.75
-    holds = _when(done, state[:, PHASE] != FLIGHT, _MOVES + PERIOD)
-    pushes = _when(done, state[:, FLANK] == 1.0, holds)
-    stops = _when(done, state[:, FLANK] == -1.0, pushes)
-    parks = _when(done, state[:, PARKED] >= 0.0, stops)
-    moments = [0.065, *(moment - _MOVES for moment in (holds, pushes, stops, parks)), most]
-    names = ("brake", "wait", "lead, flank 1", "lead, flank -1", "parked")
-    _shade(panels, [*zip(moments[:-1], moments[1:], names, strict=True)])
+    time, least, most = done.time - _MOVES, 0.065, 0.75
+    _shade(panels, _spans(done, _MOVES + least, _MOVES + most, _MOVES, flanks=True))
     _near(gap, time, done)
     gap.set(ylim=(-1.1, 0.9))
     teeth.plot(time, 1e3 * done.teeth, label="torque of the teeth", **_TEETH)
     teeth.set(ylabel="on the load, mN m", ylim=(-5.0, 5.0))
-    teeth.set(xlabel="time after the step, s", xlim=(moments[0], most))
+    teeth.set(xlabel="time after the step, s", xlim=(least, most))
     teeth.legend(loc="upper right", fontsize="small")
     return figure
 
@@ -167,22 +178,17 @@ def hold(done: Trace) -> Figure:
     """Draw a load torque that comes on while the load is parked: the motor in the gap, and the torques."""
     figure, panels = _panels((3.2, 1.9), f"Hold: a load torque of {_TORQUE:g} N m comes on while the load is parked")
     gap, torque = panels
-    time, state, most = done.time - _SETTLED, done.state, 0.6
-    leaves = _when(done, state[:, PARKED] < 0.0, _SETTLED)
-    held = _when(done, state[:, HELD] != 0.0, _SETTLED)
-    parks = _when(done, state[:, PARKED] >= 0.0, held)
-    moments = [-0.08, *(moment - _SETTLED for moment in (leaves, held, parks)), most]
-    names = ("parked", "lead", "held: led in", "held: parked")
-    _shade(panels, [*zip(moments[:-1], moments[1:], names, strict=True)])
+    time, least, most = done.time - _SETTLED, -0.08, 0.6
+    _shade(panels, _spans(done, _SETTLED + least, _SETTLED + most, _SETTLED, flanks=False))
     _near(gap, time, done)
     gap.set(ylim=(-2.2, 1.1))
     torque.plot(time, done.teeth, label="torque of the teeth", **_TEETH)
     words = f"where the teeth meet: up to {np.max(done.teeth[time > 0.0]):.1f} N m"
     torque.text(0.013, 0.7, words, fontsize="small", va="center")
     torque.plot(time, done.load_torque, color="C3", linewidth=1.4, label="load torque")
-    torque.plot(time, state[:, PULL], label="load torque as observed", **_PLANNED)
+    torque.plot(time, done.state[:, PULL], label="load torque as observed", **_PLANNED)
     torque.set(ylabel="on the load, N m", ylim=(-0.3, 0.8))
-    torque.set(xlabel="time after the load torque, s", xlim=(moments[0], most))
+    torque.set(xlabel="time after the load torque, s", xlim=(least, most))
     torque.legend(loc="upper right", fontsize="small")
     return figure
 
