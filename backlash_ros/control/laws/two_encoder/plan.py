@@ -6,7 +6,7 @@ the load coasts. Everything is written for a move forward; a move backward is it
 
 The load needs the torque J a + B v + c, where c = tau_c - tau_l brakes it at any speed. The plans:
 
-    flight   approach the driving flank, push, cross while the load coasts, brake on the other flank; under a load
+    throw    approach the driving flank, push, cross while the load coasts, brake on the other flank; under a load
              torque that goes against the move cross back while the load comes to rest
     press    all on the driving flank: friction, or the load torque, brakes hard enough
     carry    all on the braking flank: the load torque carries the load
