@@ -117,7 +117,9 @@ def test_pip_install_in_a_fresh_environment_gives_executables_that_talk(
     not_ours = shutil.ignore_patterns("*backlash_ros*", "bin", "lib64", "pyvenv.cfg")
     shutil.copytree(sys.prefix, fresh, copy_function=os.symlink, ignore=not_ours, dirs_exist_ok=True)
     pip = [fresh / "bin" / "python", "-m", "pip", "install", "--quiet", "--no-index", "--no-build-isolation"]
-    installed = subprocess.run([*pip, ".[contract]"], cwd=source, env=clean, capture_output=True, text=True, check=False)
+    installed = subprocess.run(
+        [*pip, ".[contract]"], cwd=source, env=clean, capture_output=True, text=True, check=False
+    )
     assert installed.returncode == 0, installed.stdout + installed.stderr
     assert (fresh / "share/backlash_ros/config/nominal_drive.yaml").is_file()
     profile = subprocess.run(

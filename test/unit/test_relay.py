@@ -30,6 +30,7 @@ def sensors_of(encoder: str) -> Sensors:
     return Sensors(measured=ENCODERS[encoder], motor_counts=4096.0, load_counts=16384.0)
 
 
+@pytest.mark.population
 @pytest.mark.parametrize("encoder", ["load", "motor"])
 @pytest.mark.parametrize(
     ("drive", "torque"),
