@@ -62,7 +62,7 @@ _STARTS, _KEPT = 6, 3
 _FACTORS = (0.5, 0.65, 0.8, 1.25, 1.6)
 """Of a gap that was found: other widths that are tried."""
 _SOFTER = (0.9, 1.1)
-"""Of a gap that was found with one contact law: widths from which the other laws, whose teeth yield otherwise, start."""
+"""Of a gap that was found with one contact law: widths from which the other laws start."""
 _DRY = 2e-3
 """Share of the torque at standstill that dry friction has to have to be tried on either side."""
 _FITS, _FINE = 1.05, 0.5
@@ -183,7 +183,10 @@ class _Search:
         return [self.go_on(start) for start in starts]
 
     def other_laws(self, found: Minimum, contacts: Sequence[Contact]) -> list[Minimum]:
-        """Return the minima of the other contact laws, reached from what was found; by themselves they may miss them."""
+        """Return the minima of the other contact laws, reached from what was found.
+
+        By themselves they may miss the right one.
+        """
         ends = []
         for contact in contacts:
             if type(contact) is not type(found.problem.contact):
