@@ -227,9 +227,9 @@ def fit_one_sided(
         ends = sorted([*ends, *(search.go_on(found[k]) for found in begun)], key=cost_of)
         if max(ends[0].sizes) <= _FITS:
             break
+    ends = sorted([*ends, *search.other_laws(ends[0], laws)], key=cost_of)
     if max(ends[0].sizes) > _HOPELESS * _FITS:
         return fit_of(ends[0]), 0.0
-    ends = sorted([*ends, *search.other_laws(ends[0], laws)], key=cost_of)
     ends = sorted([*ends, *search.widths(ends[0])], key=cost_of)
     best = ends[0]
     others = [end.cost - best.cost for end in ends if abs(end.x[LN_HALF_GAP] - best.x[LN_HALF_GAP]) > _APART]
