@@ -288,8 +288,9 @@ def _catch(law: Array, state: Array, target: float, x: float, v: float, g: float
     met, last = resists(law, state, way, x), resists(law, state, way, target)
     brake = _LONGEST
     if v > 0.0:
-        brake = min(max(2.0 * (target - x) / v, _push_time(law, _LEAST, v, v, -last)), _LONGEST)
-    starts, ends = -(law[FRICTION] * v + met) / inertia, -max(last, 0.0) / inertia
+        brake = min(max(2.0 * (target - x) / v, _push_time(law, _LEAST, v, 0.0, -last)), _LONGEST)
+    # A torque that helps is held by the flank from the first moment on: the load must not fall ahead.
+    starts, ends = -(law[FRICTION] * v + max(met, 0.0)) / inertia, -max(last, 0.0) / inertia
     bump = min(-v / brake - 0.5 * (starts + ends), 0.0)
     segment(state, brake, x, v, starts, ends, bump, -edge, -edge, way, 0.0, 0)
 
