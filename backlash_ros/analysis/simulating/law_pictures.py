@@ -1,4 +1,4 @@
-"""The pictures of docs/concepts.md that explain law two_encoder: a flight, its landing, and a load torque at rest."""
+"""The pictures of docs/concepts.md that explain law two_encoder: a flight, its landing, and a load torque in hold."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,6 +18,7 @@ from backlash_ros.analysis.paper import PERIOD, gains
 from backlash_ros.analysis.staging import staging
 from backlash_ros.control import Servo, ServoSettings
 from backlash_ros.control.laws.two_encoder.layout import (
+    ACTING,
     CARRIED,
     COLUMNS,
     FLANK,
@@ -40,10 +41,13 @@ _STEP, _TORQUE = 1.0, -0.2
 """Step of the reference, rad, and load torque while holding, N m."""
 _MOVES, _SETTLED, _ENDS = 0.05, 1.0, 1.65
 """Times of the step, the load torque and the end, s."""
+_TOUCHED = 1e-4
+"""Torque of the teeth, N m, beyond which a flank is drawn as touching the load."""
 _MOTOR: dict[str, Any] = {"color": "C0", "linewidth": 1.8}
 _LOAD: dict[str, Any] = {"color": "black", "linewidth": 1.8}
 _TEETH: dict[str, Any] = {"color": "black", "linewidth": 1.4}
 _PLANNED: dict[str, Any] = {"color": "C1", "linewidth": 1.6, "linestyle": "--"}
+_COMPENSATED: dict[str, Any] = {"color": "C0", "linewidth": 1.6, "linestyle": "-."}
 
 Span = tuple[float, float, str]
 """From, to, s, and what the law does meanwhile."""
@@ -82,13 +86,13 @@ def trace() -> Trace:
     return Trace(time, motor, load, teeth, load_torque, np.array(states))
 
 
-def _panels(ratios: Sequence[float], title: str) -> tuple[Figure, list[Axes]]:
-    """Return a figure with panels below each other, with room for the names of the spans above them."""
+def _panels(ratios: Sequence[float], title: str, *, lines: int = 1) -> tuple[Figure, list[Axes]]:
+    """Return a figure with panels below each other, with room above for spans named in so many ``lines``."""
     size = (8.0, 1.3 + sum(ratios))
     figure, panels = plt.subplots(
         len(ratios), 1, figsize=size, sharex=True, constrained_layout=True, height_ratios=ratios
     )
-    panels[0].set_title(title, loc="left", pad=24)
+    panels[0].set_title(title, loc="left", pad=10 + 14 * lines)
     return figure, list(panels)
 
 
@@ -112,8 +116,11 @@ def _near(axes: Axes, time: Array, done: Trace) -> None:
     axes.legend(loc="lower right", fontsize="small")
 
 
-def _named(row: Array, *, flanks: bool) -> str:
-    """Return what the law does in a state, in the page's words; ``flanks``: with the flank that leads a free load."""
+def _named(row: Array, teeth: float, *, flanks: bool) -> str:
+    """Return what the law does in a state, in the page's words; ``teeth``: their torque, N m.
+
+    ``flanks``: with the flank that leads a free load, and whether the motor is still on its way to it.
+    """
     if row[PHASE] == FLIGHT:
         return "flight"
     if row[HELD] != 0.0:
@@ -122,13 +129,16 @@ def _named(row: Array, *, flanks: bool) -> str:
         return "parked"
     if not flanks:
         return "free: led in"
-    return f"led in by flank {row[FLANK]:g}" if row[FLANK] != 0.0 else "wait"
+    if row[FLANK] == 0.0:
+        return "wait"
+    leads = "pushes" if row[FLANK] > 0.0 else "slows"
+    return f"flank {row[FLANK]:g}\n{leads}" if teeth * row[FLANK] > _TOUCHED else f"motor to\nflank {row[FLANK]:g}"
 
 
 def _spans(done: Trace, start: float, end: float, zero: float, *, flanks: bool) -> list[Span]:
     """Return what the law does from ``start`` to ``end``, s; the times in the result count from ``zero``."""
     shown = np.flatnonzero((done.time >= start) & (done.time <= end))
-    groups = groupby(shown.tolist(), lambda k: _named(done.state[k], flanks=flanks))
+    groups = groupby(shown.tolist(), lambda k: _named(done.state[k], float(done.teeth[k]), flanks=flanks))
     first = [(float(done.time[next(samples)]) - zero, name) for name, samples in groups]
     ends = [*(moment for moment, _ in first[1:]), end - zero]
     return [(moment, until, name) for (moment, name), until in zip(first, ends, strict=True)]
@@ -136,7 +146,7 @@ def _spans(done: Trace, start: float, end: float, zero: float, *, flanks: bool) 
 
 def flight(done: Trace) -> Figure:
     """Draw a move: the load, the motor in the gap, and the torque of the teeth."""
-    figure, panels = _panels((1.3, 1.7, 1.7), "Flight: the load is thrown, and caught at its target")
+    figure, panels = _panels((1.3, 1.7, 1.7), "Flight: the load is thrown, and braked at its target")
     whole, gap, teeth = panels
     time, most = done.time - _MOVES, 0.2
     planned = done.state[np.flatnonzero(done.state[:, PHASE] == FLIGHT)[0]]
@@ -150,7 +160,7 @@ def flight(done: Trace) -> Figure:
     for flank, words in ((1, "flank 1 drives the load forward"), (-1, "flank -1 holds it back")):
         gap.axhspan(0.5 * flank, 0.75 * flank, color="0.85", zorder=1, linewidth=0)
         gap.text(0.98 * most, 0.62 * flank, words, ha="right", va="center", fontsize="small")
-    gap.set(ylabel="motor - load, b", ylim=(-0.75, 0.75), yticks=(-0.5, 0.0, 0.5))
+    gap.set(ylabel="g / b", ylim=(-0.75, 0.75), yticks=(-0.5, 0.0, 0.5))
     teeth.plot(time, done.teeth, label="torque of the teeth", **_TEETH)
     teeth.plot(time, done.state[:, CARRIED], label="as planned", **_PLANNED)
     teeth.set(ylabel="on the load, N m", ylim=(-0.25, 0.65))
@@ -161,7 +171,7 @@ def flight(done: Trace) -> Figure:
 
 def landing(done: Trace) -> Figure:
     """Draw the end of the move: the motor in the gap near the target, and the torque of the teeth."""
-    figure, panels = _panels((3.2, 1.5), "Landing: what is left is taken up with one flank at a time")
+    figure, panels = _panels((3.2, 1.5), "Landing: what is left is taken up with one flank at a time", lines=2)
     gap, teeth = panels
     time, least, most = done.time - _MOVES, 0.065, 0.75
     _shade(panels, _spans(done, _MOVES + least, _MOVES + most, _MOVES, flanks=True))
@@ -186,8 +196,9 @@ def hold(done: Trace) -> Figure:
     words = f"where the teeth meet: up to {np.max(done.teeth[time > 0.0]):.1f} N m"
     torque.text(0.013, 0.7, words, fontsize="small", va="center")
     torque.plot(time, done.load_torque, color="C3", linewidth=1.4, label="load torque")
-    torque.plot(time, done.state[:, PULL], label="load torque as observed", **_PLANNED)
-    torque.set(ylabel="on the load, N m", ylim=(-0.3, 0.8))
+    torque.plot(time, done.state[:, PULL], label="load torque as observed: PULL", **_PLANNED)
+    torque.plot(time, done.state[:, ACTING], label="unforeseen torque, compensated: ACTING", **_COMPENSATED)
+    torque.set(ylabel="N m", ylim=(-0.3, 0.9))
     torque.set(xlabel="time after the load torque, s", xlim=(least, most))
     torque.legend(loc="upper right", fontsize="small")
     return figure

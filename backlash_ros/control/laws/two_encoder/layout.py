@@ -60,6 +60,6 @@ PLAN, ROWS, COLUMNS = 73, 6, 12
 MEMORY = PLAN + ROWS * COLUMNS
 
 FLIGHT, HOLD, FOLLOW = 1.0, 2.0, 3.0
-"""Phases: a planned move; at rest, or nearly; behind a setpoint that moves."""
+"""Phases: a planned move; near the target; behind a setpoint that moves."""
 PHASES = {1: "flight", 2: "hold", 3: "follow"}
 # fmt: on

@@ -10,6 +10,8 @@ The load needs the torque J a + B v + c, where c = tau_c - tau_l brakes it at an
              torque that goes against the move cross back while the load comes to rest
     press    all on the driving flank: friction, or the load torque, brakes hard enough
     carry    all on the braking flank: the load torque carries the load
+    catch    cross to the braking flank and brake: the load is already too fast
+    shift    all on the flank on which a load torque holds the load
 """
 
 import math
@@ -477,7 +479,7 @@ def shift(law: Array, state: Array, to: float, load: float) -> float:
 
 @compiled
 def press(law: Array, state: Array, to: float, load: float, motor: float, speed_m: float) -> float:
-    """Plan to push a load that friction holds to its target; return the flank."""
+    """Plan to push a load that dry friction holds, a stuck one, to its target; return the flank."""
     way = 1.0 if to >= load else -1.0
     c = max(resists(law, state, way, way * load), _HIDDEN * law[COULOMB])
     pulls(state, way * (law[COULOMB] - c), load)

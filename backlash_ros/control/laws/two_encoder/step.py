@@ -1,12 +1,12 @@
 """One step of the law: it executes planned moves, follows moving setpoints, and holds by events.
 
-In flight the motor follows its plan on its own encoder, without feedback from the load. At rest the law leaves the load
+In flight the motor follows its plan on its own encoder, without feedback from the load. In hold the law leaves the load
 alone while it is near enough, with the motor in the middle of the gap, or on the flank where the load torque holds it.
 If the load is not near enough:
 
-    held by a load torque     it is moved with the motor, without leaving the flank
-    held by friction          it is pressed to its target
-    coasting freely           it is led in by the flank behind or before it, no faster than it can stop by itself
+    held by a load torque     it is moved with the motor, without leaving the flank: led in, or by a shift
+    stuck by dry friction     it is pressed to its target
+    free                      it is led in by the flank behind or before it, no faster than it can stop by itself
 """
 
 import math
@@ -111,7 +111,7 @@ is more."""
 _NOISY = 4.0
 """Width of the noise that counts as one encoder count, divided by the readings' mean second difference."""
 _STILL, _STANDS, _SLOW = 0.02, 0.05, 0.5
-"""Speeds, rad/s, below which a load stands: when a flight is planned, when friction held it, when it can be shifted."""
+"""Speeds, rad/s, below which a load stands: when a flight is planned, when it was stuck, when it can be shifted."""
 _DRY = 3e-3
 """Friction, N m, above which a shaft stays where it stops."""
 _LEADS, _FASTEST, _OF_OWN = 15.0, 12.0, 0.65
