@@ -196,6 +196,21 @@ def test_it_has_no_part_of_the_memory_that_is_not_finite_after_any_sample(gains:
     assert state[PHASE] in (1.0, 2.0, 3.0)
 
 
+def test_a_load_that_a_weight_carries_only_at_first_is_planned_to_stop_at_the_target(gains: GainSet) -> None:
+    """The weight pulls with 0.29 N m at the start, and against the move, hardly, at its end."""
+    law = design_law(NOMINAL_DRIVE, settings_of(gains))
+    constants, state = law.constants.copy(), law.state.copy()
+    constants[INERTIA] = 9.3e-4
+    state[[SINE, COSINE]] = -0.185, 0.32
+    pulls(state, 0.294, 0.0)
+    assert -0.02 < pull_at(state, 1.0) < 0.0
+    fly(constants, state, 1.0, 0.0, 0.0, -0.5 * B, 0.0)
+    places = [evaluate(constants, state, t)[0] for t in np.arange(0.0, length_of(state) + 0.1, 1e-3)]
+    assert min(places) > -B
+    assert max(places) <= 1.0 + B
+    assert abs(places[-1] - 1.0) <= B
+
+
 def test_parameters_are_the_design(gains: GainSet) -> None:
     slow = settings_of(gains).with_law("two_encoder", TwoEncoderParameters(push_time=0.1, brake_time=0.3))
     lengths = []

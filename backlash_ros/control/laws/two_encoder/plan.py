@@ -65,6 +65,8 @@ _UNSURE = 0.06
 _GAP_WAYS = 2.0
 _ABOUT, _ROUNDS = 0.35, 5
 """Share of a move at which the motor crosses, at first, and times that a flight is computed anew."""
+_AT_FIRST = 0.3
+"""Share of a load torque that carries the load at first, but not all the way, that a plan uses."""
 _HIDDEN = 0.3
 """Share of its friction that resists a load at least, however large the torque that it hides."""
 
@@ -440,8 +442,9 @@ def fly(law: Array, state: Array, to: float, load: float, speed_l: float, motor:
     ends = -(viscous * speed + between) / inertia
     if v_touched > 0.0 and bump < 0.0:
         most = max(first, between, last)
-        if most < 0.0 and abs(v) < _STOPS:
-            _carry(law, state, target, x, v, g, closing, most, way, True)
+        if first < 0.0 and abs(v) < _STOPS:
+            # the load torque may carry it only at first, as a weight's does on the way down
+            _carry(law, state, target, x, v, g, closing, most if most < 0.0 else _AT_FIRST * first, way, True)
         else:
             _catch(law, state, target, x, v, g, closing, way)
         return -way
