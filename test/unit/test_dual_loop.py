@@ -25,8 +25,8 @@ def settings_of(gains: GainSet, **changes: Any) -> ServoSettings:
 
 
 def step_of(gains: GainSet, size: float, load_torque: float = 0.0) -> Run:
-    """Return a step at 0.5 s, watched until 3 s."""
-    reference = np.r_[np.zeros(125), np.full(625, size)]
+    """Return a step at 0.5 s, watched until 6 s."""
+    reference = np.r_[np.zeros(125), np.full(1375, size)]
     return run(NOMINAL_DRIVE, settings_of(gains), Scenario(reference, np.array(load_torque), sensors=COUNTED))
 
 
@@ -72,11 +72,13 @@ def test_mirrored_reference_and_load_torque_give_the_mirrored_run(gains: GainSet
 @pytest.mark.parametrize("load_torque", [0.0, 0.1, -0.3])
 @pytest.mark.parametrize("size", [1.0, -0.1])
 def test_comes_to_rest_at_the_target(gains: GainSet, size: float, load_torque: float) -> None:
+    """A free load stops somewhat short of it first, until the load loop has crossed the gap."""
     done = step_of(gains, size, load_torque)
     off = (done.load_angle - size) / B
     assert done.fault == ""
-    assert np.max(np.abs(off[done.time >= 1.5])) <= 0.1
-    assert np.ptp(off[done.time >= 2.5]) <= 0.05
+    assert np.max(np.abs(off[done.time >= 1.5])) <= (0.05 if load_torque else 0.25)
+    assert np.max(np.abs(off[done.time >= 5.0])) <= 0.1
+    assert np.ptp(off[done.time >= 5.0]) <= 0.05
     assert np.max(math.copysign(1.0, size) * off) <= 0.25
 
 
