@@ -8,7 +8,8 @@
 #   make lint    formatting, style, types, and the links of the pages
 #   make paper   the paper's figures and docs/paper.md, which judges them
 #   make evaluation  2,000 random drives for docs/evaluation.md, on all cores
-#   make docs    docs/parameters.md and docs/interface.md's table from the code; the picture of the dashboard, with Chromium
+#   make docs    docs/parameters.md and docs/interface.md's table from the code; the pictures of docs/concepts.md; the
+#                picture of the dashboard, with Chromium
 #   make site    the documentation as a site, in results/site
 #   make bench   about ten minutes on two cores, for docs/performance.md: the plant against the same equations in C and
 #                against scipy; batches of runs on one core and on two, and their memory; the cost of a tick; the offline
@@ -90,6 +91,7 @@ evaluation: $(READY)
 docs: $(READY)
 	$(BIN)/python test/support/parameter_table.py
 	$(BIN)/python test/support/telemetry_table.py
+	$(BIN)/backlash figures two_encoder --out docs/images
 	$(BIN)/python test/support/dashboard_picture.py
 
 site: $(READY)

@@ -72,6 +72,17 @@ def figures(out: Path, page: Path | None, console: Console) -> None:
         console.print(f"{page}", highlight=False)
 
 
+def _figures(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> None:
+    if given.of == "paper":
+        figures(given.out, given.page, console)
+        return
+    if given.page is not None:
+        parser.error("argument --page: is about the paper's figures")
+    from backlash_ros.analysis.simulating.law_pictures import draw  # noqa: PLC0415 - matplotlib takes a second
+
+    console.print(f"{', '.join(draw(given.out))} in {given.out}", highlight=False)
+
+
 class _Parser(argparse.ArgumentParser):
     """A parser with one-line error messages."""
 
@@ -324,12 +335,13 @@ def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
         commands.add_parser(name, help=text)
     drawing = commands.add_parser(
         "figures",
-        help="compute and draw the paper's figures",
-        epilog="example: backlash figures --out results/figures",
+        help="compute and draw the paper's figures, or those that explain law two_encoder",
+        epilog="examples: backlash figures --out results/figures; backlash figures two_encoder --out results/figures",
     )
+    drawing.add_argument("of", nargs="?", choices=("paper", "two_encoder"), default="paper", help="by default paper")
     drawing.add_argument("--out", type=Path, required=True, help="folder for the figures")
-    drawing.add_argument("--page", type=Path, help="also write the page that discusses them")
-    drawing.set_defaults(run=lambda a, console: figures(a.out, a.page, console))
+    drawing.add_argument("--page", type=Path, help="also write the page that discusses the paper's")
+    drawing.set_defaults(run=lambda a, console: _figures(drawing, a, console))
     single = commands.add_parser("simulate", help="simulate one step: figures as JSON, a picture, a table")
     simulating.add_simulate(single)
     single.set_defaults(run=lambda a, console: _work(single, a, console, simulating.simulate, simulating.WRITTEN))

@@ -25,8 +25,9 @@ name their unit. The first lines of each file in `benchmarks` say what it plays 
 class Row:
     """One figure: ours, what it is measured against, and their ratio with its spread.
 
-    ``goal`` is text, ``>= X`` or ``<= X``, for ``ratio``; ``limit`` says in words why it is out of reach or was not
-    measured. ``error`` is that of ours, in the unit that ``what`` names. Figures that could not be had are None.
+    ``goal`` is text, ``>= X`` or ``<= X``, for ``ratio``, or empty; ``limit`` says in words why it is out of reach or
+    was not measured. ``error`` is that of ours, in the unit that ``what`` names. Figures that could not be had are
+    None.
     """
 
     what: str
@@ -44,6 +45,8 @@ class Row:
         """Return whether the goal is met."""
         if self.ratio is None:
             return "not measured"
+        if not self.goal:
+            return ""
         sense, wanted = self.goal.split()
         met = self.ratio >= float(wanted) if sense == ">=" else self.ratio <= float(wanted)
         return "met" if met else "missed"

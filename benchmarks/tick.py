@@ -2,20 +2,31 @@
 
 Run with `make bench`. The tick is all that lies between a sample and its command: plausibility, limits, observer,
 setpoint, range and law. The function beside it shows what numba asks for any call with these arguments.
+
+The law for two encoders plans: its tick at rest and in flight, and a new reference with the tick that plans for it, are
+rows of docs/performance.md, beside the tick of the two-region law in the same run, each in a loop with a simulated
+drive that steps to and fro. A figure is the smallest of its repeats' medians: what else a machine does only adds to it.
 """
 
 import time
 from collections.abc import Callable
 
 import numpy as np
+import rows
 
 from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, Servo, ServoSettings, design_gains
+from backlash_ros.control.laws.two_encoder.layout import PHASES
 from backlash_ros.control.tick import TICK_SIGNATURE
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.compiled import compiled_as
 from backlash_ros.drivetrain.signals import Measurement
+from backlash_ros.simulation import SimulatedDrive
 
 CALLS, REPEATS = 20_000, 15
+PERIOD, STEPS, BETWEEN = 0.004, 40, 125
+"""s; references of a loop, and samples from one to the next."""
+LONGEST_TICK, LONGEST_PLAN = 25.0, 5000.0
+"""us"""
 SAMPLE = Measurement(np.array([1.0, 0.0, 0.1, 0.0, 0.0]))
 GAINS = GainSet(**{region: design_gains(region, NOMINAL_DRIVE, weights) for region, weights in DEFAULT_WEIGHTS.items()})
 
@@ -23,6 +34,13 @@ GAINS = GainSet(**{region: design_gains(region, NOMINAL_DRIVE, weights) for regi
 @compiled_as(TICK_SIGNATURE)
 def nothing(_packed, _memory, _law, _state, _segments, _measured, _inputs):  # type: ignore[no-untyped-def]  # noqa: D103
     return 0.0
+
+
+def servo_of(law: str) -> Servo:
+    """Return a servo that holds a load at rest, of a drive that it knows."""
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(GAINS, law=law, backlash_angle=0.02, identified=True))
+    servo.update(SAMPLE, PERIOD)
+    return servo
 
 
 def microseconds(call: Callable[[], object]) -> float:
@@ -33,20 +51,55 @@ def microseconds(call: Callable[[], object]) -> float:
     return 1e6 * (time.perf_counter() - start) / CALLS
 
 
+def in_a_loop(law: str) -> dict[str, float]:
+    """Return the medians of ticks, us, while a simulated drive steps to and fro: "hold", "flight" and "plan"."""
+    servo, plant = servo_of(law), SimulatedDrive(NOMINAL_DRIVE, PERIOD)
+    servo.release("begins")
+    taken: dict[str, list[float]] = {name: [] for name in ("hold", "flight", "plan")}
+    for k in range(STEPS * BETWEEN):
+        sample, comes = plant.sample(), k % BETWEEN == 1
+        start = time.perf_counter()
+        if comes:
+            servo.set_reference(1.0 - k // BETWEEN % 2)
+        command = servo.update(sample, PERIOD)
+        took = 1e6 * (time.perf_counter() - start)
+        taken["plan" if comes else PHASES.get(servo.shown("phase"), "hold")].append(took)
+        plant.advance(command)
+    assert servo.fault == ""
+    return {name: float(np.median(each)) for name, each in taken.items() if each}
+
+
+def planned() -> list[rows.Row]:
+    """Measure the law that plans, in turns with the two-region law, which never flies."""
+    turns = [(in_a_loop("two_region"), in_a_loop("two_encoder")) for _ in range(REPEATS)]
+    usual, made = min(plain["hold"] for plain, _ in turns), list[rows.Row]()
+    for name, what, longest in (
+        ("hold", "tick of two_encoder at rest, us", LONGEST_TICK),
+        ("flight", "tick of two_encoder in flight, us", LONGEST_TICK),
+        ("plan", "reference and the tick that plans for it, us", LONGEST_PLAN),
+    ):
+        value = min(flown[name] for _, flown in turns)
+        ratios = [value / usual, *(flown[name] / plain["hold"] for plain, flown in turns)]
+        made += [
+            rows.Row(what, value, "tick of two_region", usual, value / usual, (min(ratios), max(ratios)), None, ""),
+            rows.Row(what, value, "longest allowed", longest, value / longest, None, None, "<= 1"),
+        ]
+    return made
+
+
 def main() -> None:
     """Measure in turns and print."""
     print(f"one tick from Python, {REPEATS} times {CALLS} calls each in turn, median (smallest)")
     for law in LAWS:
-        servo = Servo(NOMINAL_DRIVE, ServoSettings(GAINS, law=law, backlash_angle=0.02))
+        servo = servo_of(law)
         row = (servo.constants, servo.memory.row.copy(), *servo.law_arrays, servo.segments.copy(), SAMPLE, np.zeros(4))
 
         def tick(servo: Servo = servo) -> None:
-            servo.update(SAMPLE, 0.004)
+            servo.update(SAMPLE, PERIOD)
 
         def bare(row: tuple[np.ndarray, ...] = row) -> None:
             nothing(*row)
 
-        tick()
         ours, reference = zip(*((microseconds(tick), microseconds(bare)) for _ in range(REPEATS)), strict=True)
         ratio = np.median(np.divide(ours, reference))
         print(
@@ -54,6 +107,7 @@ def main() -> None:
             f"({min(reference):.2f}) us   ratio {ratio:.1f}"
         )
         assert servo.fault == ""
+    rows.record(planned())
 
 
 if __name__ == "__main__":

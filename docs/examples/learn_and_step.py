@@ -1,12 +1,26 @@
 """Learns the backlash and steps to 1 rad, by the topics and services of a running controller, with rclpy alone."""
 
+import time
+
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
+TARGET = 1.0  # rad
+
 rclpy.init()
 node = rclpy.create_node("learn_and_step")
-reference = node.create_publisher(Float64, "/reference", 10)  # early: nodes take a moment to find each other
+reference = node.create_publisher(Float64, "/reference", 10)
+state: dict[str, float] = {}
+
+
+def hear(message: DiagnosticArray) -> None:
+    """Keep what the controller says of itself."""
+    state.update((entry.key, float(entry.value)) for entry in message.status[0].values)
+
+
+node.create_subscription(DiagnosticArray, "/controller/state", hear, 1)
 
 
 def call(service: str) -> None:
@@ -21,8 +35,11 @@ def call(service: str) -> None:
 
 call("reset_fault")  # a controller that waited for its drive may have latched a fault
 call("learn")  # takes some seconds; the motor moves
-reference.publish(Float64(data=1.0))  # rad
-reference.wait_for_all_acked()
-node.get_logger().info("sent: 1 rad")
+while state.get("reference") != TARGET:  # a message may be lost: send it again until the controller follows it
+    reference.publish(Float64(data=TARGET))
+    again = time.monotonic() + 1.0
+    while state.get("reference") != TARGET and time.monotonic() < again:
+        rclpy.spin_once(node, timeout_sec=0.1)
+node.get_logger().info(f"the controller follows {TARGET:g} rad")
 node.destroy_node()
 rclpy.shutdown()

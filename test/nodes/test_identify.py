@@ -16,6 +16,7 @@ from backlash_ros.analysis.evaluation.task import DELAY_NEAR, EFFORT_NEAR, GAP_N
 from backlash_ros.analysis.judging import OVERSHOOT, PRECISE, QUIET, judge_move, threshold
 from backlash_ros.control import DEFAULT_WEIGHTS, FaultThresholds, design_gains
 from backlash_ros.control.estimates import DriveIdentity, parse
+from backlash_ros.control.laws.two_encoder.layout import PHASES
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.parameters import FOUND, drive_of
 
@@ -81,6 +82,29 @@ def test_a_random_drive_is_found_and_quiet_from_then_on_and_at_the_next_start(
     assert made.process.stop() == 0
     again = rig(member, learning__estimate_file=file, learning__use_estimate_file=True)
     assert again.in_use() == found
+
+
+def test_from_unknown_to_quiet_with_the_law_for_two_encoders(rig: Callable[..., Rig], peer: Peer) -> None:
+    """Learned and identified by services, the law by parameter: it plans its move, lands and rests."""
+    member = draw_member(SEED, 2, "core")
+    made = rig(member)
+    for service in ("learn", "identify"):
+        answer = made.call(service)
+        assert answer.success, answer.message
+    assert made.parameters.set(law="two_encoder") == (True, "")
+    phases = list[str]()
+
+    def hear(message: DiagnosticArray) -> None:
+        phases.extend(PHASES.get(int(float(v.value)), "") for v in message.status[0].values if v.key == "phase")
+
+    peer.node.create_subscription(DiagnosticArray, "controller/state", hear, 1000)
+    time, position = made.step(1.0, 3.0)
+    b, count = member.drive.gear.backlash_angle, member.load_count
+    move = judge_move(time, position, made.start + 1.0, b, count)
+    assert move.swing <= threshold(QUIET, b, count)
+    assert move.error <= threshold(PRECISE, b, count)
+    assert "flight" in phases
+    assert phases[-1] == "hold"
 
 
 def test_with_ask_it_is_offered_and_applied_together(rig: Callable[..., Rig]) -> None:

@@ -326,5 +326,5 @@ def test_the_script_of_the_quick_start_learns_and_steps(start: Start, peer: Peer
     said = done.stdout + done.stderr
     assert done.returncode == 0, said
     assert "learn: backlash 0.0" in said
-    assert "sent: 1 rad" in said
+    assert "the controller follows 1 rad" in said
     peer.wait("the load at its target", lambda: abs(samples[-1].position[samples[-1].name.index("load")] - 1.0) < 0.02)

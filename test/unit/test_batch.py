@@ -116,6 +116,7 @@ def children_of(pid: int) -> set[int]:
     return found
 
 
+@pytest.mark.population
 def test_a_kill_loses_the_runs_in_flight_alone(tmp_path: Path) -> None:
     """The second time only what is missing is done, and the workers of the first have ended by themselves."""
     path = tmp_path / "journal"
@@ -143,6 +144,7 @@ def test_a_kill_loses_the_runs_in_flight_alone(tmp_path: Path) -> None:
     assert sum(times) <= 40 + 2  # at most the two in flight were done again
 
 
+@pytest.mark.population
 def test_a_cluster_that_loses_a_worker_loses_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A real scheduler and two workers as processes; one of them is killed in the middle."""
     distributed = pytest.importorskip("distributed")

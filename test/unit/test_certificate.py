@@ -245,6 +245,7 @@ def test_a_gap_that_is_not_told_has_its_reason_in_place_of_a_number(made: Made) 
     assert in_si(unsure.of("J_l")) in page.text
 
 
+@pytest.mark.population
 def test_the_gap_around_the_turn_is_drawn_and_told(made: Made) -> None:
     assert "The gap around the turn: the teeth went to and fro across the gap, after a rest, at 1 place" in unescape(
         made.html

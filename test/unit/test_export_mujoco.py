@@ -72,6 +72,7 @@ def test_steps_are_followed(interface: str) -> None:
     assert np.median(missed) < 0.5 * WITHIN
 
 
+@pytest.mark.population
 @pytest.mark.parametrize("interface", INTERFACES)
 @pytest.mark.parametrize("population", ["core", "full"])
 @pytest.mark.parametrize("number", range(10))
@@ -82,6 +83,7 @@ def test_random_commands_are_followed(number: int, population: str, interface: s
     assert max(errors(here, play_there(drive, here))) < 0.01
 
 
+@pytest.mark.population
 @pytest.mark.skipif(not HAS_DC_MOTOR, reason="needs MuJoCo 3.7: dcmotor")
 @pytest.mark.parametrize("friction", [0.02, 0.05, 0.1, 0.2])
 def test_the_drive_that_was_identified_from_a_recording_follows_it(friction: float) -> None:

@@ -26,6 +26,7 @@ def loaded(friction: float = 0.0, inertia: float = 5e-4, backlash: float = 0.02)
     return replace(NOMINAL_DRIVE, load=load, gear=replace(NOMINAL_DRIVE.gear, backlash_angle=backlash))
 
 
+@pytest.mark.population
 @pytest.mark.parametrize(
     ("drive", "torque"),
     [
@@ -50,6 +51,7 @@ def test_the_gap_is_measured_whatever_acts_on_the_load(gains: GainSet, drive: Dr
     assert 0.0 < estimate.uncertainty < 0.02 * estimate.angle
 
 
+@pytest.mark.population
 @pytest.mark.parametrize(("forward", "backward", "valid"), [(0.9, 0.9, True), (0.75, 0.6, False)])
 def test_a_gear_with_losses_is_measured_or_refused_with_a_hint(
     gains: GainSet, forward: float, backward: float, valid: bool

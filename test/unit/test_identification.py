@@ -212,6 +212,7 @@ def test_a_refusal_says_that_commands_were_late(monkeypatch: pytest.MonkeyPatch,
     assert (f"{late} of {recording.time.size} commands were late" in found.reason) == (late > 0)
 
 
+@pytest.mark.population
 def test_what_was_found_before_the_search_had_ended_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Even if it explains all that was seen, on the way to the bottom."""
     member, recording, _ = probed(DRIVES[0])

@@ -63,6 +63,7 @@ CASES = [
 ]
 
 
+@pytest.mark.population
 @pytest.mark.parametrize("case", CASES, ids=lambda case: "-".join(map(str, case)))
 def test_what_is_told_is_right(case: tuple[int, str, str, float]) -> None:
     member, found = identified(*case)
@@ -145,6 +146,7 @@ BROKEN: dict[str, tuple[Callable[[Recording], Recording], str]] = {
 }
 
 
+@pytest.mark.population
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_broken_recording_is_refused_with_the_reason(name: str) -> None:
     member, recording = stepped(3, "core")

@@ -111,6 +111,7 @@ def test_a_recording_that_tells_nothing_ends_with_1_and_the_reason(
     assert "the encoders count in opposite directions" in content["reason"]
 
 
+@pytest.mark.population
 def test_the_drive_is_that_of_the_controller_in_the_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """And not that of another node, of an older version, nor what --drive overrides."""
     member, recording = stepped(2, "core")

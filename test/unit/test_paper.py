@@ -48,6 +48,7 @@ def flat(value: Any, path: str = "") -> dict[str, Any]:
     return {path: value}
 
 
+@pytest.mark.population
 def test_committed_numbers_are_what_the_command_computes(fresh: Path) -> None:
     """Beyond numeric noise: limit cycles amplify rounding, so that sums over thousands of impacts differ a little."""
     committed = flat(json.loads((DOCS / "figures" / "figures.json").read_text()))

@@ -192,6 +192,7 @@ def test_the_page_says_what_the_numbers_say(foreign: Made) -> None:
     )
 
 
+@pytest.mark.population
 def test_each_axis_begins_with_how_it_went(foreign: Made, six: Made) -> None:
     """And with what puts it in doubt."""
 

@@ -165,6 +165,7 @@ def test_delay_margin_is_where_the_loop_turns_unstable(loop: tuple[Drive, Gains,
         assert stable(drive, gains, period, delay + factor * margins.delay) == (factor < 1)
 
 
+@pytest.mark.population
 @pytest.mark.parametrize("interface", COMMAND_INTERFACES)
 def test_a_tenth_beyond_the_delay_margin_designed_gains_are_unstable(interface: str) -> None:
     """Sampled a few times in the delay margin: some loops sampled as slowly as they can bear are stable again later."""

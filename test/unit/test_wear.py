@@ -78,6 +78,7 @@ class Operated:
         return np.array(angles)
 
 
+@pytest.mark.population
 @pytest.mark.parametrize(("gradual", "load_torque"), [(True, 0.0), (False, 0.0), (False, 0.1)])
 def test_a_gap_that_grows_five_times_is_learned_anew_and_quiet_again(
     gains: GainSet, gradual: bool, load_torque: float

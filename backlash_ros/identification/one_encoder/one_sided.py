@@ -21,6 +21,7 @@ from backlash_ros.identification.filter import (
     ECCENTRICITY,
     LN_HALF_GAP,
     LN_INERTIA,
+    LN_TEETH,
     LN_VISCOUS,
     OFFSET,
     PARAMETERS,
@@ -60,6 +61,8 @@ _VISCOUS = 2.5e-3
 _STARTS, _KEPT = 6, 3
 _FACTORS = (0.5, 0.65, 0.8, 1.25, 1.6)
 """Of a gap that was found: other widths that are tried."""
+_SOFTER = (0.9, 1.1)
+"""Of a gap that was found with one contact law: widths from which the other laws start."""
 _DRY = 2e-3
 """Share of the torque at standstill that dry friction has to have to be tried on either side."""
 _FITS, _FINE = 1.05, 0.5
@@ -179,6 +182,22 @@ class _Search:
             starts.append(found._replace(x=x))
         return [self.go_on(start) for start in starts]
 
+    def other_laws(self, found: Minimum, contacts: Sequence[Contact]) -> list[Minimum]:
+        """Return the minima of the other contact laws, reached from what was found.
+
+        By themselves they may miss the right one.
+        """
+        ends = []
+        for contact in contacts:
+            if type(contact) is not type(found.problem.contact):
+                problem = self._problem(contact, self.recording)
+                for factor in _SOFTER:
+                    x = found.x.copy()
+                    x[LN_HALF_GAP] += math.log(factor)
+                    x[LN_TEETH] = 0.0
+                    ends.append(self.go_on(found._replace(x=x, problem=problem)))
+        return ends
+
     def finish(self, found: Minimum) -> Minimum:
         """Continue with every reading, if that converges: fast readings make the cost rugged."""
         if self._thin is self.recording:
@@ -201,13 +220,14 @@ def fit_one_sided(
     torque : of the motor at standstill, N m at the output
     contacts : the laws to try, see `contacts_of`
     """
-    search = _Search(drive, recording, torque)
-    begun = [search.begin(contact) for contact in contacts or contacts_of(drive)]
+    search, laws = _Search(drive, recording, torque), contacts or contacts_of(drive)
+    begun = [search.begin(contact) for contact in laws]
     ends: list[Minimum] = []
     for k in range(_KEPT):
         ends = sorted([*ends, *(search.go_on(found[k]) for found in begun)], key=cost_of)
         if max(ends[0].sizes) <= _FITS:
             break
+    ends = sorted([*ends, *search.other_laws(ends[0], laws)], key=cost_of)
     if max(ends[0].sizes) > _HOPELESS * _FITS:
         return fit_of(ends[0]), 0.0
     ends = sorted([*ends, *search.widths(ends[0])], key=cost_of)

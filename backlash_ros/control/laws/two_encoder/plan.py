@@ -6,7 +6,7 @@ the load coasts. Everything is written for a move forward; a move backward is it
 
 The load needs the torque J a + B v + c, where c = tau_c - tau_l brakes it at any speed. The plans:
 
-    flight   approach the driving flank, push, cross while the load coasts, brake on the other flank; under a load
+    throw    approach the driving flank, push, cross while the load coasts, brake on the other flank; under a load
              torque that goes against the move cross back while the load comes to rest
     press    all on the driving flank: friction, or the load torque, brakes hard enough
     carry    all on the braking flank: the load torque carries the load
@@ -288,8 +288,9 @@ def _catch(law: Array, state: Array, target: float, x: float, v: float, g: float
     met, last = resists(law, state, way, x), resists(law, state, way, target)
     brake = _LONGEST
     if v > 0.0:
-        brake = min(max(2.0 * (target - x) / v, _push_time(law, _LEAST, v, v, -last)), _LONGEST)
-    starts, ends = -(law[FRICTION] * v + met) / inertia, -max(last, 0.0) / inertia
+        brake = min(max(2.0 * (target - x) / v, _push_time(law, _LEAST, v, 0.0, -last)), _LONGEST)
+    # A torque that helps is held by the flank from the first moment on: the load must not fall ahead.
+    starts, ends = -(law[FRICTION] * v + max(met, 0.0)) / inertia, -max(last, 0.0) / inertia
     bump = min(-v / brake - 0.5 * (starts + ends), 0.0)
     segment(state, brake, x, v, starts, ends, bump, -edge, -edge, way, 0.0, 0)
 
