@@ -77,7 +77,7 @@ class DualLoopParameters(Validated):
         "rad/s",
         at_least=0,
         at_most=1e4,
-        default=2.0,
+        default=1.5,
     )
     least_torque: float = quantity(
         "load torque beyond the dry friction, as a share of the standstill torque, from which on it decides the flank",
