@@ -295,7 +295,7 @@ def write_page(numbers: Mapping[str, Any]) -> str:
         "",
         "Settling: into ±b/2 for good. Impacts: entries into contact after the load first comes within b of the target. Control",
         "energy: the integral of the squared voltage over the run of 6 s. Every law was designed for the nominal drive; the",
-        "one planned for two encoders acts where the drive is that one, whatever its gap, elsewhere the over-damped gains.",
+        "two that need both encoders act where the drive is that one, whatever its gap, elsewhere the over-damped gains.",
         "",
     ]
     for case in next(iter(table.values())):

@@ -82,7 +82,8 @@ def _declare_beside_gains(node: Node, drive: Drive, rate: float) -> dict[str, An
     )
     values["learning.experiment"] = declare(node, "learning.experiment", AUTO, text)
     text = describe(
-        "whether load and friction were identified on this drive; until then law two_encoder uses the over-damped gains"
+        "whether load and friction were identified on this drive; "
+        "until then laws two_encoder and dual_loop use the over-damped gains"
     )
     values["identified"] = declare(node, "identified", False, text)
     text = describe(

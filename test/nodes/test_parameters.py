@@ -87,7 +87,7 @@ def test_every_parameter_is_described_and_every_number_bounded(start: Start, pee
         "laws.two_region.width",
         "laws.cascade.dead_band",
     }
-    without_unit |= {"laws.switched_linear.reduction", "laws.elastic_lqg.lead"}
+    without_unit |= {"laws.switched_linear.reduction", "laws.elastic_lqg.lead", "laws.dual_loop.least_torque"}
     without_unit |= {"sensors.motor_counts", "sensors.load_counts", "seed"}
     for name, descriptor in described.items():
         assert descriptor.description, name
