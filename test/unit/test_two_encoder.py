@@ -303,6 +303,13 @@ def test_a_slope_of_the_load_torque_beyond_the_motor_is_refused(gains: GainSet) 
         design_law(NOMINAL_DRIVE, settings_of(gains, expected_load_torque_slope=-1.3))
 
 
+def test_a_delay_longer_than_the_commands_that_it_remembers_is_refused(gains: GainSet) -> None:
+    settings = ServoSettings(gains, period=0.001, backlash_angle=0.02, identified=True).with_law("two_encoder")
+    assert Servo(NOMINAL_DRIVE, replace(settings, loop_delay=0.010))
+    with pytest.raises(ValueError, match=r"loop_delay must be at most 10 periods, 0.01 s, for law = "):
+        Servo(NOMINAL_DRIVE, replace(settings, loop_delay=0.0105))
+
+
 @pytest.mark.parametrize("expected", [-0.15, 0.15, 5.0, -5.0])
 @pytest.mark.parametrize("friction", [0.0, 0.1])
 def test_a_wrong_expectation_moves_nothing_at_rest_and_lasts_one_move(

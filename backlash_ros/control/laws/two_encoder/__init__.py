@@ -32,6 +32,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     GAIN,
     GAP,
     INERTIA,
+    KEPT,
     MEMORY,
     MOTOR_COULOMB,
     MOTOR_FRICTION,
@@ -134,12 +135,17 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
     Raises
     ------
     ValueError
-        If the motor's observer cannot be designed, or the expected load torque is too steep.
+        If the motor's observer cannot be designed, the expected load torque is too steep, or the delay too long.
     """
     import control  # noqa: PLC0415 - takes more than a second
 
     motor, gear, load, n = drive.motor, drive.gear, drive.load, drive.gear.ratio
     period, delay, inertia, b = settings.period, settings.loop_delay, drive.reflected_inertia, settings.backlash_angle
+    if delay > (KEPT - 2) * period * (1.0 + 1e-9):
+        raise ValueError(
+            f"loop_delay must be at most {KEPT - 2} periods, {(KEPT - 2) * period:g} s, for law = 'two_encoder', "
+            f"got {delay!r}"
+        )
     whole = int(delay / period + 1e-9)
     rest = delay - whole * period
     full, after, before = _models(drive, period, rest if rest > 1e-9 * period else 0.0)
