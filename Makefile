@@ -12,10 +12,10 @@
 #                picture of the dashboard, with Chromium
 #   make site    the documentation as a site, in results/site
 #   make bench   about ten minutes on two cores, for docs/performance.md: the plant against the same equations in C and
-#                against scipy; batches of runs on one core and on two, and their memory; the cost of a tick; the offline
-#                loop against scipy; six axes in real time; lockstep; an axis that identifies its drive against one at
-#                rest; an axis at 1 kHz with and without ten pages of the dashboard; a step of the node against a bare
-#                publish; a stopped listener, by shared memory and by UDP
+#                against scipy; batches of runs on one core and on two, and their memory; the cost of a tick; references
+#                that move again in flight; the offline loop against scipy; six axes in real time; lockstep; an axis that
+#                identifies its drive against one at rest; an axis at 1 kHz with and without ten pages of the dashboard;
+#                a step of the node against a bare publish; a stopped listener, by shared memory and by UDP
 #   make soak    ten minutes in real time: no sample lost, no growth of memory
 #   make lock    renews requirements/*.txt, the locks with hashes, from requirements/*.in
 #
@@ -103,6 +103,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/plant.py
 	$(BIN)/python benchmarks/batch.py
 	$(BIN)/python benchmarks/tick.py
+	$(BIN)/python benchmarks/moved_in_flight.py --drives 200
 	$(BIN)/python benchmarks/closed_loop.py
 	$(BIN)/python benchmarks/real_time.py axes --seconds 20
 	$(BIN)/python benchmarks/real_time.py lockstep --seconds 20
