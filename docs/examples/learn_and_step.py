@@ -8,6 +8,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 TARGET = 1.0  # rad
+TRIES = 10  # no more: a controller that refuses it must not be moved by it later
 
 rclpy.init()
 node = rclpy.create_node("learn_and_step")
@@ -23,6 +24,11 @@ def hear(message: DiagnosticArray) -> None:
 node.create_subscription(DiagnosticArray, "/controller/state", hear, 1)
 
 
+def followed() -> bool:
+    """Return whether the controller has taken the reference."""
+    return state.get("reference") == TARGET
+
+
 def call(service: str) -> None:
     """Call a service of the controller and show its answer."""
     client = node.create_client(Trigger, f"/controller/{service}")
@@ -35,11 +41,15 @@ def call(service: str) -> None:
 
 call("reset_fault")  # a controller that waited for its drive may have latched a fault
 call("learn")  # takes some seconds; the motor moves
-while state.get("reference") != TARGET:  # a message may be lost: send it again until the controller follows it
+for _ in range(TRIES):  # a message may be lost
     reference.publish(Float64(data=TARGET))
     again = time.monotonic() + 1.0
-    while state.get("reference") != TARGET and time.monotonic() < again:
+    while not followed() and time.monotonic() < again:
         rclpy.spin_once(node, timeout_sec=0.1)
-node.get_logger().info(f"the controller follows {TARGET:g} rad")
+    if followed():
+        break
+end = f"the controller follows {TARGET:g} rad" if followed() else "not followed: see the log of the controller"
+node.get_logger().info(end)
 node.destroy_node()
 rclpy.shutdown()
+raise SystemExit(0 if followed() else 1)

@@ -22,6 +22,7 @@ from rcl_interfaces.msg import Parameter, ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
+from std_srvs.srv import Trigger
 
 from backlash_ros.nodes.parameters import all_names
 
@@ -328,3 +329,26 @@ def test_the_script_of_the_quick_start_learns_and_steps(start: Start, peer: Peer
     assert "learn: backlash 0.0" in said
     assert "the controller follows 1 rad" in said
     peer.wait("the load at its target", lambda: abs(samples[-1].position[samples[-1].name.index("load")] - 1.0) < 0.02)
+
+
+def test_the_script_of_the_quick_start_gives_up_on_a_reference_that_is_not_followed(peer: Peer) -> None:
+    """It must not go on sending what would move the motor whenever the controller takes references again."""
+    references: list[Float64] = []
+    peer.node.create_subscription(Float64, "reference", references.append, 100)
+
+    def answer(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = True
+        return response
+
+    for service in ("reset_fault", "learn"):
+        peer.node.create_service(Trigger, f"controller/{service}", answer)
+    script = CONFIG.parent / "docs" / "examples" / "learn_and_step.py"
+    process = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        peer.wait("the end of the script", lambda: process.poll() is not None)
+    finally:
+        process.kill()
+        said, _ = process.communicate()
+    assert process.returncode == 1, said
+    assert "not followed: see the log of the controller" in said
+    assert 1 <= len(references) <= 10
