@@ -2,8 +2,10 @@
 
 import math
 import subprocess
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 
 import rclpy
@@ -11,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
@@ -38,7 +41,7 @@ class Session(Client):
 
     def __init__(self, node: Node, children: dict[str, subprocess.Popen[bytes]]) -> None:
         super().__init__(node, children)
-        self.stamp = self.angle = self.speed = math.nan
+        self.stamp = self.angle = self.speed = self.felt = math.nan
         self.sent = self.answered = 0
         self._reference = node.create_publisher(Float64, "reference", ALL)
         self._load_torque = node.create_publisher(Float64, "load_torque", ALL)
@@ -53,7 +56,8 @@ class Session(Client):
         self.stamp, self.angle, self.speed = seconds_of(message.header.stamp), message.position[k], message.velocity[k]
 
     def _on_state(self, message: DiagnosticArray) -> None:
-        reference = next(float(entry.value) for entry in message.status[0].values if entry.key == "reference")
+        told = {entry.key: entry.value for entry in message.status[0].values}
+        reference, self.felt = float(told["reference"]), float(told["load_torque"])
         if reference != self._holds:
             self._holds, self._since = reference, seconds_of(message.header.stamp)
 
@@ -84,11 +88,32 @@ class Session(Client):
         end = self.stamp + seconds
         self.wait("time to pass", lambda: self.stamp >= end)
 
+    def _send(self, publisher: Publisher, value: float, what: str, taken: Callable[[], bool]) -> None:
+        """Publish ``value`` until it is taken, once a second: the nodes' subscriptions are best effort."""
+        sent = -math.inf
+
+        def done() -> bool:
+            nonlocal sent
+            if not taken() and time.monotonic() - sent > 1.0:
+                publisher.publish(Float64(data=value))
+                sent = time.monotonic()
+            return taken()
+
+        self.wait(what, done)
+
     def move(self, target: float) -> float:
         """Send another reference and return the first sample on which it acts."""
-        self._reference.publish(Float64(data=target))
-        self.wait("the controller to take the reference", lambda: self._holds == target)
+        self._send(self._reference, target, "the controller to take the reference", lambda: self._holds == target)
         return self._since
+
+    def load(self, torque: float) -> None:
+        """Apply a load torque, N m, and wait until the controller estimates it."""
+        self._send(
+            self._load_torque,
+            torque,
+            f"the controller to feel {torque:g} N m",
+            lambda: abs(self.felt - torque) < 0.5 * LOAD_STEP,
+        )
 
     def settle_at(self, target: float) -> None:
         """Go to ``target`` with the two-region law and wait for rest."""
@@ -119,10 +144,11 @@ class Session(Client):
     def load_step(self) -> Interval:
         """Apply a load torque while the load is held, and remove it."""
         before, target = self.stamp, self._holds
-        self._load_torque.publish(Float64(data=LOAD_STEP))
+        self.load(LOAD_STEP)
         self.run(_LOADED)
-        self._load_torque.publish(Float64(data=0.0))
-        return Interval(before, before + _LOADED, target)
+        loaded = Interval(before, self.stamp, target)
+        self.load(0.0)
+        return loaded
 
     def ask(self, service: str, say: Callable[[str], None]) -> str:
         """Call ``service`` and return its answer; ClientError if it has no result."""
@@ -133,11 +159,16 @@ class Session(Client):
         return answer
 
 
+def _says(log: Path, topic: str) -> bool:
+    return f"{HEARS} {topic}\n" in log.read_text()
+
+
 @contextmanager
 def running(folder: Path, nodes: Mapping[str, Sequence[str]]) -> Iterator[Session]:
     """Run nodes with their parameters, as processes with logs in ``folder``; the last one ends first.
 
-    The controller begins once a recorder, if there is one, hears the drive: in lockstep no time passes before.
+    The controller begins once a recorder, if there is one, hears both nodes: in lockstep no time passes before. What
+    the controller says once it is configured comes over the last of its publishers to be found.
     """
     with ExitStack() as stack:
         children: dict[str, subprocess.Popen[bytes]] = {}
@@ -153,8 +184,8 @@ def running(folder: Path, nodes: Mapping[str, Sequence[str]]) -> Iterator[Sessio
         session = Session(node, children)
         session.bring("configure", Transition.TRANSITION_CONFIGURE)
         if "recorder" in nodes:
-            log = folder / "recorder.log"
-            session.wait("the recorder to hear the drive", lambda: f"{HEARS} /joint_states\n" in log.read_text())
+            for topic in ("/joint_states", "/controller/parameters_in_use"):
+                session.wait(f"the recorder to hear {topic}", partial(_says, folder / "recorder.log", topic))
         session.bring("activate", Transition.TRANSITION_ACTIVATE)
         session.ready()
         yield session

@@ -146,7 +146,7 @@ def test_bag_has_every_topic_with_the_messages_that_the_run_implies(results: Pat
     assert answered // 5 <= telemetry <= answered // 5 + changes
     assert recording.messages["/controller/backlash_estimate"] == 2
     assert recording.messages["/reference"] >= 7
-    assert recording.messages["/load_torque"] == 4
+    assert recording.messages["/load_torque"] >= 4  # more where the drive did not hear one at once
     assert recording.scalars["/command"].values[-1] == 0.0
     changed = [name for _, name, _ in recording.parameters]
     assert {"law", "gain_set", "gains.overdamped.k", "identified"} <= set(changed)
