@@ -29,6 +29,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     HELD,
     HOLD,
     INERTIA,
+    KEPT,
     LAST_LOAD,
     LAST_MOTOR,
     LAST_WAY,
@@ -229,6 +230,16 @@ def predict_motor(law: Array, state: Array) -> Array:
         if split:
             _pass(law, BEFORE, motor, state[COMMANDS + k], state[CARRIED + k])
     return motor
+
+
+@compiled
+def attribute(state: Array, carried: float) -> None:
+    """Take another torque (N m) for that of the teeth, at rest: the disturbance is less by it, and the command stays."""
+    change = carried - state[CARRIED]
+    state[DISTURBANCE] -= change
+    state[ACTING] -= change
+    for k in range(KEPT):
+        state[CARRIED + k] += change
 
 
 @compiled

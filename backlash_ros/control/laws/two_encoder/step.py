@@ -75,6 +75,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
 from backlash_ros.control.laws.two_encoder.observers import (
     FREE,
     UNSEEN,
+    attribute,
     contact,
     dry,
     expect,
@@ -337,6 +338,8 @@ def two_encoder_step(
     if state[PHASE] == HOLD:
         place, speed, torque = _hold(law, state, target, motor)
         carried = torque if held != 0.0 else 0.0
+        if state[PHASE] == HOLD:
+            attribute(state, carried)
     elif state[PHASE] == FOLLOW:
         place, speed, torque, carried = _follow(law, state, setpoint)
     if state[PHASE] == FLIGHT:  # holding may just have started it
