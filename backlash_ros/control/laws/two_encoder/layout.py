@@ -51,11 +51,12 @@ CONSTANTS = TEETH + 2 * POINTS
     DOUBTED, _, LOAD_DOUBTED, _,  # how many readings in a row cannot be, and what the first of them missed, rad
     MOMENTUM,  # of both shafts, N m s
     ASTRAY,  # how many readings in a row the load was beyond where it is at rest, with the sign of the side
-) = range(49)
+    LANDED,  # time in hold, s
+) = range(50)
 
-COMMANDS, CARRIED, KEPT = 49, 61, 12
+COMMANDS, CARRIED, KEPT = 50, 62, 12
 """Commands, the newest first, and what the teeth were to carry meanwhile, N m."""
-PLAN, ROWS, COLUMNS = 73, 6, 12
+PLAN, ROWS, COLUMNS = 74, 6, 12
 """Segments of the plan: see `plan`."""
 MEMORY = PLAN + ROWS * COLUMNS
 

@@ -30,6 +30,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     HOLD,
     INERTIA,
     KEPT,
+    LANDED,
     LAST_LOAD,
     LAST_MOTOR,
     LAST_WAY,
@@ -344,7 +345,7 @@ def see_pull(law: Array, state: Array) -> None:
             state[PULL_SLOW] += min(1.0 / _SLOWLY, 1.0 / period) * (gained - period * state[PULL_SLOW])
         return
     state[PULL_SLOW] += min(1.0 / _SLOWLY, 1.0 / period) * (gained - period * state[PULL_SLOW])
-    if state[WAITED] > _PATIENT:
+    if state[LANDED] > _PATIENT:
         unknown = friction + law[MOTOR_COULOMB] + _LAGS * law[INERTIA] * abs(omega)
         if apart(law, state):
             unknown += _UNSURE

@@ -38,6 +38,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     HOLD,
     INERTIA,
     KEPT,
+    LANDED,
     LAST_ERROR,
     LAST_LOAD,
     LAST_MOTOR,
@@ -148,7 +149,7 @@ def _start(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint) -> 
 @compiled
 def _take_off(law: Array, state: Array) -> None:
     """Start a plan that was just made."""
-    state[PHASE], state[TIME] = FLIGHT, 0.0
+    state[PHASE], state[TIME], state[LANDED] = FLIGHT, 0.0, 0.0
     if law[COULOMB] + law[MOTOR_COULOMB] > 0.0 and abs(state[LOAD_SPEED]) < _STANDS:
         state[ACTING] = state[DISTURBANCE] = 0.0  # the friction at rest does not act in motion
 
@@ -293,6 +294,7 @@ def _follow(law: Array, state: Array, setpoint: Setpoint) -> tuple[float, float,
 def _hold(law: Array, state: Array, target: float, motor: Array) -> tuple[float, float, float]:
     """Hold the load at its target: return the motor's position, rad, its speed and the torque, N m."""
     state[WAITED] += law[PERIOD]
+    state[LANDED] += law[PERIOD]
     load = state[LOAD] + law[DELAY] * state[LOAD_SPEED]
     if state[HELD] != 0.0:
         return _hold_held(law, state, target - load, motor)
@@ -318,6 +320,7 @@ def two_encoder_step(
     if setpoint[VELOCITY] != 0.0 or setpoint[ACCELERATION] != 0.0:
         if state[PHASE] != FOLLOW:
             state[PHASE], state[STEPPED] = FOLLOW, motor[0] - state[LOAD] - state[MIDDLE]
+            state[LANDED] = 0.0
     elif state[PHASE] == FOLLOW:
         landed(law, state)
         _wait(state)
