@@ -66,6 +66,8 @@ _USUAL_GAP = 0.02
 _ACCELERATION, _CHANGE, _READING = 20.0, 1.2, 4.5e-5
 """Noise of the motor's observer: acceleration at the output, rad/s^2, change of torque per second, N m, and error of a
 reading, rad, which includes a count of 14 bit before a 10:1 gear."""
+_PROMPT, _FASTER = 6e-3, 2.0
+"""Delay of a loop, s, its sampling's included, up to which the bandwidths grow as it is shorter, up to this factor."""
 _INSTANT = 2e4
 """Rate, 1/s, with which an imposed current is reached."""
 _NO_FRICTION = 2e-4
@@ -99,9 +101,15 @@ class TwoEncoderParameters(Validated):
     brake_time: float = quantity(
         "longest time for which the load is braked", "s", at_least=1e-3, at_most=10, default=0.08
     )
-    bandwidth: float = quantity("bandwidth of the motor's own loop", "rad/s", above=0, at_most=1e4, default=56.6)
+    bandwidth: float = quantity(
+        "bandwidth of the motor's own loop; up to twice as much where sampling and delay allow it",
+        "rad/s",
+        above=0,
+        at_most=1e4,
+        default=56.6,
+    )
     torque_bandwidth: float = quantity(
-        "bandwidth of the compensation for torques that the plan did not foresee",
+        "bandwidth of the compensation for torques that the plan did not foresee; up to twice as much as the other",
         "rad/s",
         above=0,
         at_most=1e4,
@@ -161,6 +169,7 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
             f"expected_load_torque_slope must be within {_STEEPEST * drive.standstill_torque():.3g} N m/rad for "
             f"law = 'two_encoder', a fifth of the standstill torque per rad, got {slope!r}"
         )
+    faster = min(max(_PROMPT / (1.5 * period + delay), 1.0), _FASTER)
     law = np.zeros(CONSTANTS)
     law[GAIN : GAIN + 4] = spread[:, 0] / (spread[0, 0] + off)
     law[AFTER : AFTER + 24], law[BEFORE : BEFORE + 24] = after[:4].ravel(), before[:4].ravel()
@@ -185,9 +194,9 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
         BACK_EMF: motor.torque_constant if drive.takes_current else 0.0,
         RESISTANCE: motor.resistance if drive.takes_current else 1.0,
         ELECTRICAL: 0.0 if drive.takes_current else motor.inductance / motor.resistance,
-        STIFFNESS: inertia * parameters.bandwidth**2,
-        DAMPING: inertia * math.sqrt(2.0) * parameters.bandwidth,
-        TRUST: -math.expm1(-parameters.torque_bandwidth * period),
+        STIFFNESS: inertia * (faster * parameters.bandwidth)**2,
+        DAMPING: inertia * math.sqrt(2.0) * faster * parameters.bandwidth,
+        TRUST: -math.expm1(-faster * parameters.torque_bandwidth * period),
         CROSSING: parameters.crossing_time * max(1.0, math.sqrt(b / _USUAL_GAP)),
         PUSH: parameters.push_time,
         BRAKE: parameters.brake_time,
