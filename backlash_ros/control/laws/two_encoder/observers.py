@@ -371,7 +371,7 @@ def landed(law: Array, state: Array) -> None:
         pull = pull if abs(pull) >= NONE else 0.0
         if state[PHASE] == FLIGHT:  # there is no plan while following a setpoint
             state[PULL_SLOW] = -state[REST_TORQUE]
-    elif state[HELD] != 0.0:
+    else:
         unknown = law[COULOMB] + law[MOTOR_COULOMB]
         pull = min(max(pull, state[PULL_SLOW] - unknown), state[PULL_SLOW] + unknown)
     pulls(state, pull, at)

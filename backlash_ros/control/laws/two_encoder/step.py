@@ -123,6 +123,7 @@ _MEETS, _AWAY, _HASTE = 20.0, 0.06, 2.0
 _PARK, _DWELL = 0.05, 0.05
 _SETTLES, _AGAIN, _MOST_TRIES = 0.04, 0.06, 5.0
 """Time, s, for which a load is observed before it is moved; it grows each time, up to this many times."""
+_RESTED = 1.0
 _AHEAD, _FAR = 0.3, 2.0
 _GOES = 40.0
 """Rate, 1/s, with which a motor that dry friction keeps from its target goes there."""
@@ -187,6 +188,13 @@ def _patience(state: Array) -> float:
 
 
 @compiled
+def _afresh(state: Array) -> None:
+    """Forget earlier tries if the load was at rest for long: something else has moved it."""
+    if state[WAITED] > _RESTED:
+        state[TRIES], state[SHARE], state[LAST_ERROR] = 0.0, 1.0, 0.0
+
+
+@compiled
 def _band(law: Array, state: Array) -> tuple[float, float]:
     """Return the errors below which the load is left alone, and above which it no longer is, rad."""
     seen = max(state[COUNT], _NOISY * state[ROUGH])
@@ -202,6 +210,7 @@ def _hold_held(law: Array, state: Array, error: float, motor: Array) -> tuple[fl
         state[PARKED] = 0.0
     elif state[PARKED] >= 0.0 and abs(error) > wide:
         state[PARKED] = -1.0
+        _afresh(state)
     if state[PARKED] < 0.0:
         if law[COULOMB] + law[MOTOR_COULOMB] > _DRY or abs(error) > law[GAP]:
             if state[WAITED] > _patience(state) and abs(state[LOAD_SPEED]) < _SLOW:
@@ -241,6 +250,7 @@ def _hold_free(law: Array, state: Array, error: float, load: float, motor: Array
     resting = error - coasts
     state[FLANK] = 0.0
     if state[PARKED] >= 0.0 and abs(error) > wide and state[WAITED] > _DWELL:
+        _afresh(state)
         state[PARKED], state[WAITED] = -1.0, 0.0
         if law[COULOMB] > _DRY:  # it slid without a command
             pulls(state, -math.copysign(max(abs(state[PULL]), law[COULOMB] + 2.0 * FREE), error), load)
