@@ -439,6 +439,9 @@ def fly(law: Array, state: Array, to: float, load: float, speed_l: float, motor:
         _press(law, state, target, x, v, slows, g, closing, min(between, last), way)
         return way
     _, at, starts, bump, slowed, brakes, left = _lands(law, touched, v_touched, speed, push, brake, c, back, moves)
+    if brakes > 0.0 and last > 0.0 and speed > v_touched:  # at its end the load torque brakes more than is needed
+        _press(law, state, target, x, v, slows, g, closing, last, way)
+        return way
     ends = -(viscous * speed + between) / inertia
     if v_touched > 0.0 and bump < 0.0:
         most = max(first, between, last)
