@@ -101,8 +101,9 @@ _TURNS, _LONG, _DISPROVED = 0.2, 0.05, 2.0
 """Smallest speed, rad/s, and time, s, for which a flight shows the load torque; and how many times as far off it shows
 the load torque with the expected slope as without, if the slope is wrong."""
 _SLOWLY, _PATIENT, _STANDS = 0.05, 0.1, 0.02
-FREE, NONE = 4e-3, 6e-3
-"""N m beyond the friction from which on a load torque holds the load; what a flight must show of one at least."""
+FREE, NONE, _MOTOR_OFF = 4e-3, 6e-3, 0.1
+"""N m beyond the friction from which on a load torque holds the load; what a flight must show of one at least; share of
+the motor's dry friction that is added to this, since the friction is not known better."""
 
 
 @compiled
@@ -368,7 +369,7 @@ def landed(law: Array, state: Array) -> None:
             state[SINE] = state[COSINE] = 0.0
             pull, beyond = state[PULL], without
         pull += beyond
-        pull = pull if abs(pull) >= NONE else 0.0
+        pull = pull if abs(pull) >= NONE + _MOTOR_OFF * law[MOTOR_COULOMB] else 0.0
         if state[PHASE] == FLIGHT:  # there is no plan while following a setpoint
             state[PULL_SLOW] = -state[REST_TORQUE]
     else:
