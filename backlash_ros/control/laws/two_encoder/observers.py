@@ -283,8 +283,12 @@ def see_load(law: Array, state: Array, reading: float) -> None:
         beyond = abs(missed) > _OFF * state[COUNT]
         same = state[ASTRAY] * missed >= 0.0
         state[ASTRAY] = math.copysign(1.0, missed) + (state[ASTRAY] if same else 0.0) if beyond else 0.0
-    if abs(state[ASTRAY]) >= _ASTRAY:
-        unknown = _IN_FLIGHT  # it does not move as at rest
+    if abs(state[ASTRAY]) == _ASTRAY:  # it does not move as at rest: what is missed has grown since the first of these
+        state[LOAD] = reading
+        state[LOAD_SPEED] += missed / (_ASTRAY * period)
+        return
+    if abs(state[ASTRAY]) > _ASTRAY:
+        unknown = _IN_FLIGHT
     elif state[PHASE] == HOLD and state[HELD] == 0.0:
         state[LOAD_SPEED] *= math.exp(-law[FRICTION] / law[INERTIA] * period)
         if apart(law, state):
