@@ -80,8 +80,9 @@ _APART = 0.36
 """Share of the gap, to either side of its middle, in which the teeth are apart with any contact law."""
 _IN_FLIGHT, _TOUCHED, _ALONE = 60.0, 4.0, 0.3
 """How far the load's acceleration is from what is known of it at 250 Hz, rad/s^2."""
-_OFF, _ASTRAY = 1.5, 4.0
-"""Largest error of a load at rest, in counts, and number of consecutive readings beyond it that mean motion."""
+_OFF, _ASTRAY, _SURE = 1.5, 4.0, 0.5
+"""Largest error of a load at rest, in counts; number of consecutive readings beyond it that mean motion; share of the
+speed that they show which is believed, as they are noisy."""
 _RESTS, _THERE = 0.05, 0.1
 """Speed, rad/s, below which the motor rests, and share of the gap within which it has reached its target."""
 _LEAST_LAG = 0.1
@@ -285,7 +286,7 @@ def see_load(law: Array, state: Array, reading: float) -> None:
         state[ASTRAY] = math.copysign(1.0, missed) + (state[ASTRAY] if same else 0.0) if beyond else 0.0
     if abs(state[ASTRAY]) == _ASTRAY:  # it does not move as at rest: what is missed has grown since the first of these
         state[LOAD] = reading
-        state[LOAD_SPEED] += missed / (_ASTRAY * period)
+        state[LOAD_SPEED] += _SURE * missed / (_ASTRAY * period)
         return
     if abs(state[ASTRAY]) > _ASTRAY:
         unknown = _IN_FLIGHT
