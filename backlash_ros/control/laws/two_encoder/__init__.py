@@ -109,7 +109,7 @@ class TwoEncoderParameters(Validated):
         default=56.6,
     )
     torque_bandwidth: float = quantity(
-        "bandwidth of the compensation for torques that the plan did not foresee; up to twice as much as the other",
+        "bandwidth of the compensation for torques that the plan did not foresee; grows with bandwidth",
         "rad/s",
         above=0,
         at_most=1e4,
@@ -194,7 +194,7 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
         BACK_EMF: motor.torque_constant if drive.takes_current else 0.0,
         RESISTANCE: motor.resistance if drive.takes_current else 1.0,
         ELECTRICAL: 0.0 if drive.takes_current else motor.inductance / motor.resistance,
-        STIFFNESS: inertia * (faster * parameters.bandwidth)**2,
+        STIFFNESS: inertia * (faster * parameters.bandwidth) ** 2,
         DAMPING: inertia * math.sqrt(2.0) * faster * parameters.bandwidth,
         TRUST: -math.expm1(-faster * parameters.torque_bandwidth * period),
         CROSSING: parameters.crossing_time * max(1.0, math.sqrt(b / _USUAL_GAP)),

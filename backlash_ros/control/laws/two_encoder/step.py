@@ -124,6 +124,7 @@ _PARK, _DWELL = 0.05, 0.05
 _SETTLES, _AGAIN, _MOST_TRIES = 0.04, 0.06, 5.0
 """Time, s, for which a load is observed before it is moved; it grows each time, up to this many times."""
 _RESTED = 1.0
+"""Time at rest, s, after which earlier tries to move the load say nothing any more."""
 _AHEAD, _FAR = 0.3, 2.0
 _GOES = 40.0
 """Rate, 1/s, with which a motor that dry friction keeps from its target goes there."""
