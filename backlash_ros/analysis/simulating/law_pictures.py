@@ -43,6 +43,8 @@ _MOVES, _SETTLED, _ENDS = 0.05, 1.0, 1.65
 """Times of the step, the load torque and the end, s."""
 _TOUCHED = 1e-4
 """Torque of the teeth, N m, beyond which a flank is drawn as touching the load."""
+_NAMED = 0.04
+"""Least share of a picture's width for a span to be named."""
 _MOTOR: dict[str, Any] = {"color": "C0", "linewidth": 1.8}
 _LOAD: dict[str, Any] = {"color": "black", "linewidth": 1.8}
 _TEETH: dict[str, Any] = {"color": "black", "linewidth": 1.4}
@@ -97,12 +99,14 @@ def _panels(ratios: Sequence[float], title: str, *, lines: int = 1) -> tuple[Fig
 
 
 def _shade(panels: Sequence[Axes], spans: Sequence[Span]) -> None:
-    """Shade every other span in all panels, and name the spans above the first one."""
+    """Shade every other span in all panels, and name the spans above the first one that are wide enough for it."""
+    least = _NAMED * (spans[-1][1] - spans[0][0])
     for k, (start, end, name) in enumerate(spans):
         for axes in panels:
             axes.axvspan(start, end, color="C2" if k % 2 == 0 else "white", alpha=0.12, zorder=0, linewidth=0)
         at = panels[0].get_xaxis_transform()
-        panels[0].text(0.5 * (start + end), 1.02, name, transform=at, ha="center", va="bottom")
+        if end - start >= least:
+            panels[0].text(0.5 * (start + end), 1.02, name, transform=at, ha="center", va="bottom")
 
 
 def _near(axes: Axes, time: Array, done: Trace) -> None:
@@ -191,7 +195,7 @@ def hold(done: Trace) -> Figure:
     time, least, most = done.time - _SETTLED, -0.08, 0.6
     _shade(panels, _spans(done, _SETTLED + least, _SETTLED + most, _SETTLED, flanks=False))
     _near(gap, time, done)
-    gap.set(ylim=(-2.2, 1.1))
+    gap.set(ylim=(-1.3, 0.8))
     torque.plot(time, done.teeth, label="torque of the teeth", **_TEETH)
     words = f"where the teeth meet: up to {np.max(done.teeth[time > 0.0]):.1f} N m"
     torque.text(0.013, 0.7, words, fontsize="small", va="center")
