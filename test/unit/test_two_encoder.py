@@ -356,7 +356,7 @@ def test_a_load_torque_that_comes_is_found_by_what_the_load_stands(
     assert np.max(away[1500:]) <= 0.15  # half a second later; by as little as was seen at first it takes longer
 
 
-@pytest.mark.parametrize("rate, within", [(250.0, 0.2), (1000.0, 0.12)])
+@pytest.mark.parametrize(("rate", "within"), [(250.0, 0.2), (1000.0, 0.12)])
 @pytest.mark.parametrize("inertia", [1.0, 3.6])
 def test_a_load_torque_that_comes_is_held_at_once_and_without_a_jerk(
     gains: GainSet, rate: float, within: float, inertia: float
@@ -410,7 +410,7 @@ def test_what_the_teeth_are_thought_to_carry_changes_no_command(gains: GainSet) 
     assert (state[ACTING], state[DISTURBANCE]) == pytest.approx((0.28, 0.29))
 
 
-@pytest.mark.parametrize("shows, pull", [(0.012, 0.0), (0.05, 0.05)])
+@pytest.mark.parametrize(("shows", "pull"), [(0.012, 0.0), (0.05, 0.05)])
 def test_a_flight_shows_no_load_torque_that_is_less_than_what_is_not_known_of_the_motors_friction(
     gains: GainSet, shows: float, pull: float
 ) -> None:

@@ -237,7 +237,7 @@ def predict_motor(law: Array, state: Array) -> Array:
 
 @compiled
 def attribute(state: Array, carried: float) -> None:
-    """Take another torque (N m) for that of the teeth, at rest: the disturbance is less by it, and the command stays."""
+    """Take another torque (N m) for that of the teeth at rest; the disturbance is less by it, so the command stays."""
     change = carried - state[CARRIED]
     state[DISTURBANCE] -= change
     state[ACTING] -= change
