@@ -5,7 +5,6 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from functools import partial
 from pathlib import Path
 
 import rclpy
@@ -23,7 +22,7 @@ from backlash_ros.analysis.bag import seconds_of
 from backlash_ros.analysis.session import Interval
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.ros.client import Client, ClientError, start_node, stop_node
-from backlash_ros.ros.topics import HEARS, RECEIVE
+from backlash_ros.ros.topics import RECEIVE
 
 LOAD_STEP = 0.1
 """Load torque that is applied, N m."""
@@ -159,10 +158,6 @@ class Session(Client):
         return answer
 
 
-def _says(log: Path, topic: str) -> bool:
-    return f"{HEARS} {topic}\n" in log.read_text()
-
-
 @contextmanager
 def running(folder: Path, nodes: Mapping[str, Sequence[str]]) -> Iterator[Session]:
     """Run nodes with their parameters, as processes with logs in ``folder``; the last one ends first.
@@ -185,7 +180,7 @@ def running(folder: Path, nodes: Mapping[str, Sequence[str]]) -> Iterator[Sessio
         session.bring("configure", Transition.TRANSITION_CONFIGURE)
         if "recorder" in nodes:
             for topic in ("/joint_states", "/controller/parameters_in_use"):
-                session.wait(f"the recorder to hear {topic}", partial(_says, folder / "recorder.log", topic))
+                session.wait_for_recorder(folder / "recorder.log", topic)
         session.bring("activate", Transition.TRANSITION_ACTIVATE)
         session.ready()
         yield session

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,7 @@ from backlash_ros.analysis.recordings.samples import Columns, Reading
 from backlash_ros.analysis.staging import staging
 from backlash_ros.measure import CERTIFICATE
 from backlash_ros.ros.client import PATIENCE, Client, ClientError, start_node, stop_node
-from backlash_ros.ros.topics import HEARS, RECEIVE
+from backlash_ros.ros.topics import RECEIVE
 
 TOLD, BAG, IDENTIFIED, FIGURES = "told.yaml", "bag", "identified.yaml", "figures.json"
 """The files of a measurement beside its `CERTIFICATE`."""
@@ -152,9 +151,9 @@ def _record(request: Measurement, folder: Path, console: Console, interrupted: l
         recorder = start_node("recorder", log, "-r", namespace, *chosen)
         children["recorder"] = recorder
         stack.callback(stop_node, recorder)
-        operator.wait("the recorder to start", partial(_says, log, "recording"), _START)
+        operator.wait("the recorder to start", lambda: "recording" in log.read_text(), _START)
         for topic in map(node.resolve_topic_name, _TOPICS):
-            operator.wait(f"the recorder to hear {topic}", partial(_says, log, f"{HEARS} {topic}\n"), _HEAR)
+            operator.wait_for_recorder(log, topic, _HEAR)
         operator.pause(_BEFORE)
         with operator.using(request.experiment):
             valid, answer = operator.learn(console)
@@ -164,10 +163,6 @@ def _record(request: Measurement, folder: Path, console: Console, interrupted: l
             raise ClientError(f"the recorder ended with code {code}: {log.read_text()[-500:]}")
     log.unlink()
     return "" if valid else answer
-
-
-def _says(log: Path, words: str) -> bool:
-    return words in log.read_text()
 
 
 def _part(columns: Columns, experiment: Series) -> Reading:

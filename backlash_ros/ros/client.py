@@ -16,6 +16,8 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from backlash_ros.ros.topics import HEARS
+
 SERVICES = ("learn", "identify", "cancel")
 """Of the controller, that are called here."""
 PATIENCE = 120.0
@@ -94,6 +96,10 @@ class Client:
         for name, service in self.services.items():
             self.wait(f"the controller's service {name}", service.service_is_ready, seconds)
         self.wait("the controller's parameters", self.parameters.services_are_ready, seconds)
+
+    def wait_for_recorder(self, log: Path, topic: str, seconds: float = PATIENCE) -> None:
+        """Wait until the recorder that writes ``log`` has heard a topic."""
+        self.wait(f"the recorder to hear {topic}", lambda: f"{HEARS} {topic}\n" in log.read_text(), seconds)
 
     def call(self, service: str, seconds: float = PATIENCE) -> tuple[bool, str]:
         """Call a service once and return its answer: whether it succeeded, and the text."""

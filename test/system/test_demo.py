@@ -147,6 +147,8 @@ def test_bag_has_every_topic_with_the_messages_that_the_run_implies(results: Pat
     assert recording.messages["/controller/backlash_estimate"] == 2
     assert recording.messages["/reference"] >= 7
     assert recording.messages["/load_torque"] >= 4  # more where the drive did not hear one at once
+    torques = recording.scalars["/load_torque"].values
+    assert torques[np.diff(torques, prepend=0.0) != 0.0].tolist() == [0.1, 0.0, 0.1, 0.0]
     assert recording.scalars["/command"].values[-1] == 0.0
     changed = [name for _, name, _ in recording.parameters]
     assert {"law", "gain_set", "gains.overdamped.k", "identified"} <= set(changed)
