@@ -56,6 +56,9 @@ FITS = 1.15
 _CALM, _KEPT, _WIDTHS, _DEEPEST = 0.4, 4, 25, 3
 _RIVAL = 200.0
 """Cost by which a contact law may be worse at the beginning and still be tried on the whole recording."""
+_WIDER, _ELSE, _AS_GOOD = 1.5, 0.1, 100.0
+"""Factor by which the gap that was found is widened, to either side, to look for another one; by which share another
+gap differs; and the cost by which it may be worse and still explain the recording as well."""
 _STANDS_OUT = 4.0
 """Smallest slope of the load torque, in its standard deviations by the noise, that counts as one."""
 _KNEE = 2.0
@@ -237,7 +240,8 @@ class Fit:
 
     ``rms`` of the innovations of both angles by the loss, 1 if the noise is as assumed; ``counts`` of both encoders,
     rad; ``torques``: smallest and largest torque of the teeth in a few samples, N m; ``start``: the first reading of
-    the load, rad; ``exhausted``: whether the search ended after `PASSES` before it converged.
+    the load, rad; ``exhausted``: whether the search ended after `PASSES` before it converged; ``rival``: another gap
+    that explains the recording as well, rad, 0 if there is none.
     """
 
     contact: Contact
@@ -248,6 +252,7 @@ class Fit:
     torques: tuple[float, float]
     start: float = 0.0
     exhausted: bool = False
+    rival: float = 0.0
 
     @property
     def gap(self) -> float:
@@ -283,16 +288,21 @@ class Fit:
         return self.gap * math.sqrt(self.covariance[LN_HALF_GAP, LN_HALF_GAP])
 
 
+def _half_gap(x: Array) -> float:
+    return math.exp(x[LN_HALF_GAP])
+
+
+def _resized(x: Array, side: float, half: float) -> Array:
+    """Return ``x`` with half a gap of ``half``, rad, and the wall at ``side`` where it was."""
+    other = x.copy()
+    other[LN_HALF_GAP], other[OFFSET] = math.log(half), x[OFFSET] + side * (_half_gap(x) - half)
+    return other
+
+
 def _widths(x: Array, travel: float) -> list[Array]:
     """Return gaps of any width within a travel (rad), with one wall at its end and the other one anywhere."""
-    result = [x]
-    half_gap = math.exp(x[LN_HALF_GAP])
-    for side in (1.0, -1.0):
-        for half in np.geomspace(0.05 * travel, 0.6 * travel, _WIDTHS):
-            other = x.copy()
-            other[LN_HALF_GAP], other[OFFSET] = math.log(half), x[OFFSET] + side * (half_gap - half)
-            result.append(other)
-    return result
+    halves = np.geomspace(0.05 * travel, 0.6 * travel, _WIDTHS)
+    return [x, *(_resized(x, side, float(half)) for side in (1.0, -1.0) for half in halves)]
 
 
 def _start(recording: Recording, guess: Guess, delay: float, inertia: float, share: float) -> Array:
@@ -346,7 +356,7 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
 
     Notes
     -----
-    The search takes at most `PASSES` of the filter, and up to 200 more to end: some seconds.
+    The search takes at most `PASSES` of the filter, and some hundred more to look for a wider gap and to end: seconds.
     """
     time, motor, load = recording[:3]
     effort = Effort(PASSES * time.size)
@@ -400,7 +410,24 @@ def fit(drive: Drive, recording: Recording, contacts: Sequence[Contact], delays:
                 x[DELAY] = delay
                 best = min(best, other.problem.descend(x), key=cost_of)
     exhausted, effort.left = effort.spent, math.inf
-    return replace(fit_of(best), exhausted=exhausted)
+    if exhausted or max(best.sizes) > FITS:
+        return replace(fit_of(best), exhausted=exhausted)
+    ends = [best, *(best.problem.descend(_resized(best.x, side, _WIDER * _half_gap(best.x))) for side in (1.0, -1.0))]
+    best = min(ends, key=cost_of)
+    return replace(fit_of(best), rival=_rival(best, ends))
+
+
+def _rival(best: Minimum, ends: list[Minimum]) -> float:
+    """Return another gap that explains the recording as well as the best one, rad; 0 if there is none.
+
+    If the load met one flank only, the fit puts the far one somewhere within the travel, and nowhere better than
+    elsewhere.
+    """
+    gap = _half_gap(best.x)
+    for end in ends:
+        if end.cost < best.cost + _AS_GOOD and abs(_half_gap(end.x) / gap - 1.0) > _ELSE:
+            return 2.0 * _half_gap(end.x)
+    return 0.0
 
 
 def fit_of(end: Minimum) -> Fit:
