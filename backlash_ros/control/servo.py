@@ -81,6 +81,7 @@ class Servo:
         self._inputs[KNOWN_LOAD_TORQUE] = math.nan
         self._watched = watched
         self._experiment: ActingExperiment | None = None
+        self._outcome: Outcome | Deferred | None = None
         self._calming: ActingLaw | None = None
         self._hold()
         self.use(settings, limits or Limits.of(drive))
@@ -326,16 +327,16 @@ class Servo:
     @property
     def experimenting(self) -> bool:
         """Whether an experiment is running, or its outcome has not been taken."""
-        return self._experiment is not None
+        return self._experiment is not None or self._outcome is not None
 
     @property
     def experiment(self) -> str:
-        """The name of that experiment; empty if there is none."""
+        """The name of the experiment that is running; empty if none is."""
         return "" if self._experiment is None else self._experiment.name
 
     @property
     def progress(self) -> float:
-        """Progress of the experiment, from 0 to 1; 0 if there is none."""
+        """Its progress, from 0 to 1; 0 if none is running."""
         return 0.0 if self._experiment is None else self._experiment.progress
 
     @property
@@ -379,7 +380,7 @@ class Servo:
         ValueError
             If there is none of that name, the parameters are another's, or its law cannot be designed.
         """
-        if self._experiment is not None:
+        if self.experimenting:
             raise RuntimeError("already learning")
         name, chosen = self._named(name)
         parameters = parameters or self._parameters_of(name)
@@ -401,15 +402,21 @@ class Servo:
 
     def take_outcome(self) -> Outcome | Deferred | None:
         """Return, once, how an experiment ended or the work that will tell; None before."""
-        outcome = None if self._experiment is None else self._experiment.outcome
-        if self._experiment is not None and outcome is not None:
-            self.memory.setpoint[POSITION] -= self._inputs[OFFSET]
-            self._inputs[OFFSET] = self._inputs[TORQUE] = 0.0
-            if self.holding and self._experiment.left_away:
-                self._hold_at(self.load_angle)
-            self._experiment = None
-            self._begin(self._acting)  # it has not seen what the experiment did
+        self._conclude()
+        outcome, self._outcome = self._outcome, None
         return outcome
+
+    def _conclude(self) -> None:
+        """If the experiment has ended, let the law hold the load from this sample on."""
+        if self._experiment is None or self._experiment.outcome is None:
+            return
+        self._outcome = self._experiment.outcome
+        self.memory.setpoint[POSITION] -= self._inputs[OFFSET]
+        self._inputs[OFFSET] = self._inputs[TORQUE] = 0.0
+        if self.holding and self._experiment.left_away:
+            self._hold_at(self.load_angle)
+        self._experiment = None
+        self._begin(self._acting)  # it has not seen what the experiment did
 
     # The loop.
 
@@ -425,16 +432,18 @@ class Servo:
             return 0.0
         if LAWS[self.settings.law].both_encoders and math.isnan(measured[THETA_M] + measured[THETA_L]):
             self.calm()
-        inputs, acting = self._inputs, self._acting
+        inputs = self._inputs
         inputs[ELAPSED] = elapsed or self.settings.period
         if self._experiment is not None:
             before, excitation = self._experiment.acting, Excitation()
             if self.holding:
                 excitation = self._experiment.excite(measured, self.estimate, self.command, inputs[ELAPSED])
-            inputs[OFFSET], inputs[TORQUE], _ = excitation
-            acting = self._experiment.acting
-            if acting is not before:
-                self._begin(acting)
+            self._conclude()
+            if self._experiment is not None:
+                inputs[OFFSET], inputs[TORQUE], _ = excitation
+                if self._experiment.acting is not before:
+                    self._begin(self._experiment.acting)
+        acting = self._stepped
         command = acting.tick(
             self.constants, self.memory.row, acting.law.constants, acting.state, self.segments, measured, inputs
         )

@@ -87,16 +87,16 @@ def measure_gap(drive: Drive, recording: Recording, torque: float, contacts: Seq
             f"the teeth never bore a {side} torque, so the far flank was not seen: the load torque is larger than "
             "the motor can outrun within the swing"
         )
+    elif gap <= (count := max(count_m, count_l)):
+        why = (
+            f"the gap is {gap:.2g} rad, no more than one encoder count, {count:.2g} rad: it may be wind-up "
+            "alone, or the teeth never left a flank under the load torque"
+        )
     elif found.rival > 0.0:
         why = (
             f"a gap of {found.rival:.3g} rad explains the motion as well as one of {gap:.3g} rad, so the far flank was "
             "hardly met, or not at all: the load torque may be more than the motor can outrun within the swing; allow "
             "more swing and torque"
-        )
-    elif gap <= (count := max(count_m, count_l)):
-        why = (
-            f"the gap is {gap:.2g} rad, no more than one encoder count, {count:.2g} rad: it may be wind-up "
-            "alone, or the teeth never left a flank under the load torque"
         )
     elif not deviation <= max(_SURE * gap, _HALF_COUNT * count_l):
         why = f"the gap is {gap:.3g} rad with a standard uncertainty of {uncertainty:.2g} rad, too large to be used"

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from broken_measurements import play as learn_with
 from experiments import Broken, frozen, play, reversed_, swapped
 from hypothesis import given
 from hypothesis import settings as examples
@@ -163,6 +164,19 @@ def test_a_broken_encoder_ends_it_within_the_swing_and_gives_no_gap(
     if isinstance(outcome, Deferred):
         outcome = outcome.work()
     assert servo.latched or (outcome is not None and not outcome.valid)
+
+
+@pytest.mark.population
+@pytest.mark.parametrize("number", [71, 104])
+def test_a_far_flank_that_was_not_met_gives_no_gap(number: int) -> None:
+    """A load torque that the motor just outruns, and late samples: any gap explains the motion."""
+    assert not learn_with("samples 3 periods late", number, 20261125, "full").valid
+
+
+@pytest.mark.population
+def test_two_lost_samples_in_a_throw_take_the_load_no_farther_than_b_beyond_the_swing() -> None:
+    """The servo brakes with the very sample that shows the load beyond the swing."""
+    assert 0.0 < learn_with("5 % of the samples lost", 11, 20261125, "full").beyond < 1.0
 
 
 @pytest.mark.parametrize("lost", [1, 3, 20])

@@ -7,12 +7,21 @@ import numpy as np
 import pytest
 from samples import sample_of
 
-from backlash_ros.control import FAST_REGION, LAWS, OVERDAMPED_REGION, GainSet, Limits, Servo, ServoSettings
+from backlash_ros.control import (
+    FAST_REGION,
+    LAWS,
+    OVERDAMPED_REGION,
+    BacklashEstimate,
+    GainSet,
+    Limits,
+    Servo,
+    ServoSettings,
+)
 from backlash_ros.control.laws.two_region import TwoRegionParameters
 from backlash_ros.control.observer import observer_memory, observer_step
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
 from backlash_ros.drivetrain.sensors import POSITIONS
-from backlash_ros.drivetrain.signals import LOAD_TORQUE, OMEGA_L
+from backlash_ros.drivetrain.signals import LOAD_TORQUE, OMEGA_L, Measurement
 
 AT_REST = np.zeros(5)
 INSIDE_THE_HYSTERESIS = np.array([0.3, 0.0, 0.03, 0.0, 0.0])
@@ -96,10 +105,27 @@ def test_law_starts_anew_after_learning(gains: GainSet) -> None:
     servo.update(AT_REST)
     assert servo.region == OVERDAMPED_REGION
     servo.start_experiment("limit_cycle")
-    servo.update(np.array([0.0, 0.0, math.nan, math.nan, 0.0]))
-    assert servo.take_outcome() is not None
+    servo.update(AT_REST)
+    servo.cancel("test")
     servo.update(INSIDE_THE_HYSTERESIS)
     assert servo.region == FAST_REGION
+
+
+def test_the_law_answers_the_sample_with_which_an_experiment_ends(gains: GainSet) -> None:
+    """A load that leaves the swing fast is braked at once, and not one sample later."""
+    drive, period = NOMINAL_DRIVE, ServoSettings(gains).period
+    servo = Servo(drive, ServoSettings(gains).with_law("overdamped"))
+    for k in range(3):
+        servo.update(Measurement(np.zeros(5)))
+        if not k:
+            servo.start_experiment("gap_probe")
+    position, speed = 0.31, 5.0
+    sample = np.array([position / drive.gear.ratio, speed / drive.gear.ratio, position, speed, 0.0])
+    command = servo.update(Measurement(sample), period)
+    outcome = servo.take_outcome()
+    assert isinstance(outcome, BacklashEstimate)
+    assert "beyond learning.gap_probe.swing" in outcome.reason
+    assert command < -1.0
 
 
 @pytest.mark.parametrize("law", sorted(LAWS))
