@@ -15,11 +15,11 @@ _FLANK = 0.04
 """Share of the standstill torque that a flank must have borne to count as seen."""
 SCALE = 0.015
 """Largest relative scale error of the load's encoder, such as an eccentric disk causes."""
-_SURE, _HALF_COUNT = 0.05, 0.5
-"""Largest standard uncertainty: share of the gap, or counts."""
-_NOISE, _MODEL, _CURVED, _COUNT = 1.25, 0.002, 0.05, 0.03
-"""Components of the uncertainty: a factor on the standard deviation from the noise, a share of the gap, another share
-per square radian of the load's travel, since a gap varies, and a share of a count."""
+_SURE, _OF_COUNT = 0.04, 0.4
+"""Largest standard deviation by the noise: share of the gap, or counts."""
+_MODEL, _CURVED, _COUNT = 0.001, 0.1, 0.01
+"""Components of the uncertainty beside the noise: a share of the gap, another share per square radian of the load's
+travel, since a gap varies, and a share of a count."""
 _HALF_PERIODS = 5
 """Number of starting values for the delay, half a period apart."""
 
@@ -59,7 +59,7 @@ def measure_gap(drive: Drive, recording: Recording, torque: float, contacts: Seq
     period = float(np.median(np.diff(recording.time)))
     found = fit(drive, recording, contacts or contacts_of(drive), delays_of(period), torque)
     gap, (count_m, count_l) = found.gap, found.counts
-    deviation = _NOISE * found.gap_deviation
+    deviation = found.gap_deviation
     way = float(np.nanmax(recording.load) - np.nanmin(recording.load))
     uncertainty = math.hypot(deviation, _MODEL * gap, _CURVED * way**2 * gap, _COUNT * math.hypot(count_m, count_l))
     why = ""
@@ -98,7 +98,7 @@ def measure_gap(drive: Drive, recording: Recording, torque: float, contacts: Seq
             "hardly met, or not at all: the load torque may be more than the motor can outrun within the swing; allow "
             "more swing and torque"
         )
-    elif not deviation <= max(_SURE * gap, _HALF_COUNT * count_l):
+    elif not deviation <= max(_SURE * gap, _OF_COUNT * count_l):
         why = f"the gap is {gap:.3g} rad with a standard uncertainty of {uncertainty:.2g} rad, too large to be used"
     if why:
         return Gap(0.0, 0.0, False, why, found)
