@@ -18,8 +18,8 @@ from backlash_ros.drivetrain.signals import THETA_L
 from backlash_ros.simulation import SimulatedDrive
 
 _CLOCK_START = 1_000_000_000
-_LONGEST = 50_000
-"""Periods after which nothing is waited for any more: an experiment, and those that pass while it is computed."""
+_LONGEST, _PATIENCE = 50_000, 600.0
+"""Periods and time, s, after which nothing is waited for any more: an experiment, and the processes that compute it."""
 
 
 class LockstepDrive:
@@ -145,9 +145,10 @@ class LockstepDrive:
 
     def until(self, condition: Callable[[], bool]) -> None:
         """Make periods until ``condition`` holds, such as that of a request which is answered."""
-        last = self.tick + _LONGEST
+        last, end = self.tick + _LONGEST, time.monotonic() + _PATIENCE
         while not condition():
-            assert self.tick < last, f"waited {_LONGEST} periods"
+            late = self.tick > last and time.monotonic() > end
+            assert not late, f"waited {_LONGEST} periods and {_PATIENCE:g} s"
             self.step()
 
     def run(self, count: int) -> np.ndarray:

@@ -60,7 +60,8 @@ class Reader:
     def __init__(self, served: Served) -> None:
         self._open = ExitStack()
         host = served.host
-        rest = {"max_size": None, "close_timeout": 1, "ping_interval": None}  # one that stands still asks nobody
+        rest = {"max_size": None, "open_timeout": 60, "close_timeout": 1}
+        rest["ping_interval"] = None  # one that stands still asks nobody
         page = connect(f"ws://{host}/samples?axis=/", origin=f"http://{host}", **rest)
         self._connection = self._open.enter_context(page)
         self.samples: list[tuple[float, ...]] = []
