@@ -115,13 +115,13 @@ bench: $(READY)
 soak: $(READY)
 	$(BIN)/python benchmarks/real_time.py soak
 
-# The pure tests on the oldest supported dependencies, without those of the gates, which depend on nothing, and of the
-# architecture, which only read our sources. numba 0.58 has wheels up to Python 3.11.
+# The pure tests on the oldest supported dependencies, each with its first parameters, without those of the gates, which
+# depend on nothing, and of the architecture, which only read our sources. numba 0.58 has wheels up to Python 3.11.
 FLOORS := .venv-floors
 NO_FLOOR := test/unit/test_gates.py test/unit/test_architecture.py
 test-floors: $(FLOORS)/.ready
 	$(FLOORS)/bin/python -m backlash_ros.simulation
-	$(FLOORS)/bin/python -m pytest $(SIDE_BY_SIDE) -m "not population" backlash_ros test/unit $(NO_FLOOR:%=--ignore=%)
+	$(FLOORS)/bin/python -m pytest $(SIDE_BY_SIDE) --first-parameters -m "not population" backlash_ros test/unit $(NO_FLOOR:%=--ignore=%)
 
 $(FLOORS)/.ready: requirements/floors.txt
 	@echo "== $(FLOORS): Python environment with the oldest supported dependencies"

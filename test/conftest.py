@@ -1,9 +1,26 @@
-"""What the tests of pages share: one browser for all of them."""
+"""What all tests share: an option to run each with its first parameters only, and one browser for those of pages."""
 
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--first-parameters", action="store_true", help="run each test with its first parameters only")
+
+
+@pytest.hookimpl(trylast=True)  # after those that a marker deselects
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Keep one item of each function, where this is asked for."""
+    if not config.getoption("--first-parameters"):
+        return
+    first: dict[str, pytest.Item] = {}
+    for item in items:
+        first.setdefault(item.nodeid.split("[")[0], item)
+    kept = list(first.values())
+    config.hook.pytest_deselected(items=[item for item in items if first[item.nodeid.split("[")[0]] is not item])
+    items[:] = kept
 
 
 @pytest.fixture(scope="session")
