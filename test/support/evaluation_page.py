@@ -21,9 +21,9 @@ def _row(cells: Sequence[str]) -> str:
 def filled(content: dict[str, Any]) -> str:
     """Return the part of the page that an evaluation fills."""
     head, *rows = table_of(content["summary"])
-    text = f"`backlash evaluate --seed {content['seed']} --drives {content['drives']}`, population "
-    text += f"`{content['population']}`, model `{content['model']}`, encoders `{content['encoders']}`. 95 % intervals "
-    text += "in brackets.\n\n"
+    text = f"`backlash evaluate --seed {content['seed']} --drives {content['drives']} "
+    text += f"--population {content['population']} --model {content['model']} --encoders {content['encoders']} "
+    text += f"--laws {' '.join(content['laws'])} --json evaluation.json`. 95 % intervals in brackets.\n\n"
     text += "".join(f"- {line}\n" for line in learning_of(content["summary"])) + "\n"
     text += _row(["", *(f"`{law}`" for law in head[1:])]) + _row(["---"] * len(head))
     text += "".join(map(_row, rows)) + "\n"

@@ -325,7 +325,8 @@ def test_the_page_describes_every_key() -> None:
 def test_the_page_is_filled_from_a_report(tmp_path: Path) -> None:
     collected = collected_from([value_of(), value_of(replace(GOOD, quiet=False))])
     text = filled(report_of(Task(1, laws=("fast", "two_region")), 2, collected, [], ""))
-    assert "`backlash evaluate --seed 1 --drives 2`" in text
+    assert "`backlash evaluate --seed 1 --drives 2 --population full " in text
+    assert " --laws fast two_region --json evaluation.json`." in text
     assert "| quiet, % | 100.0 (34.2 to 100.0) | 50.0 (9.5 to 90.5) |" in text
     assert "| 1 | two\\_region: swings |" in text
     assert PAGE.read_text().count("<!-- filled: ") == 2
