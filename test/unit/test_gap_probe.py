@@ -174,6 +174,15 @@ def test_a_far_flank_that_was_not_met_gives_no_gap(number: int) -> None:
 
 
 @pytest.mark.population
+@pytest.mark.parametrize("number", [3, 135])
+def test_a_load_is_not_thrown_by_a_motor_that_does_not_stand(number: int) -> None:
+    """Samples that are 3 periods late make its loop unstable."""
+    found = learn_with("samples 3 periods late", number, 20261126, "full")
+    assert not found.valid
+    assert found.beyond == 0.0
+
+
+@pytest.mark.population
 def test_two_lost_samples_in_a_throw_take_the_load_no_farther_than_b_beyond_the_swing() -> None:
     """The servo brakes with the very sample that shows the load beyond the swing."""
     assert 0.0 < learn_with("5 % of the samples lost", 11, 20261125, "full").beyond < 1.0

@@ -29,6 +29,8 @@ _REST, _END = 0.25, 0.2
 _GENTLE, _LEVELS = 0.02, ((0.25, 0.02), (0.45, 0.07), (0.7, 0.16))
 """Levels: share of the speed that the acceleration reaches over the travel, and share of the torque."""
 _LEVEL_TIME, _THROW_TIME, _SETTLE = 1.0, 2.4, 0.08
+_STANDS = 0.3
+"""Share of the swing by which the motor swings at most before a throw, when it should stand."""
 _SHARE, _REACH, _SAMPLES = 0.65, 0.85, 2.0
 """Of the swing: how far the motor goes in a throw, and the load by what is seen. It goes farther than the motor is told
 to, by the gap, and where both together turn late. And samples in which a throw runs up, and in which it turns, at
@@ -187,6 +189,13 @@ class GapProbe:
         end = min(self._time + _THROW_TIME, settings.time)
         yield self._back(home)
         while self._time < end:
+            swings = float(np.ptp([row[1] for row in self._rows[-math.ceil(0.5 * _SETTLE / self._period) :]]))
+            if swings > _STANDS * settings.swing:
+                self.cancel(
+                    f"the motor swings by {swings:.2g} rad at the output where it should stand: its loop is not "
+                    "stable; samples or commands may be later than loop_delay says, or the motor's values wrong"
+                )
+                return
             hard = min(hard, most_way / (_SAMPLES * self._period) ** 2)
             soft = min(both, hard)
             speed = min(0.5 * hard * turning, Throw.fastest(most_way, soft, hard))
