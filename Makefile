@@ -86,7 +86,7 @@ paper: $(READY)
 DRIVES ?= 200
 EVALUATION := --population full --model identified --laws two_region two_encoder
 evaluation: $(READY)
-	$(BIN)/backlash evaluate --seed 950331 --drives $(DRIVES) $(EVALUATION) --json results/evaluation/evaluation.json --out results/evaluation
+	$(BIN)/backlash evaluate --seed 960719 --drives $(DRIVES) $(EVALUATION) --json results/evaluation/evaluation.json --out results/evaluation
 	$(BIN)/python test/support/evaluation_page.py results/evaluation
 
 docs: $(READY)

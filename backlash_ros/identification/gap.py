@@ -8,6 +8,7 @@ import numpy as np
 
 from backlash_ros.drivetrain import CONTACTS, Drive
 from backlash_ros.drivetrain.contact import Contact, law_name
+from backlash_ros.identification.filter import GAP_SLOPE
 from backlash_ros.identification.fit import FITS, PASSES, Fit, fit
 from backlash_ros.identification.recording import Recording
 
@@ -17,9 +18,10 @@ SCALE = 0.015
 """Largest relative scale error of the load's encoder, such as an eccentric disk causes."""
 _SURE, _OF_COUNT = 0.04, 0.4
 """Largest standard deviation by the noise: share of the gap, or counts."""
-_MODEL, _CURVED, _COUNT = 0.001, 0.1, 0.01
-"""Components of the uncertainty beside the noise: a share of the gap, another share per square radian of the load's
-travel, since a gap varies, and a share of a count."""
+_MODEL, _CHANGES, _CURVED = 5e-4, 0.1, 0.05
+"""Components of the uncertainty beside the noise: a share of the gap; a share of its change over the load's travel as
+fitted, which need not be a straight line; and another share of the gap per square radian of this travel, for a change
+that is too curved to be fitted."""
 _HALF_PERIODS = 5
 """Number of starting values for the delay, half a period apart."""
 
@@ -61,7 +63,8 @@ def measure_gap(drive: Drive, recording: Recording, torque: float, contacts: Seq
     gap, (count_m, count_l) = found.gap, found.counts
     deviation = found.gap_deviation
     way = float(np.nanmax(recording.load) - np.nanmin(recording.load))
-    uncertainty = math.hypot(deviation, _MODEL * gap, _CURVED * way**2 * gap, _COUNT * math.hypot(count_m, count_l))
+    change = gap * float(found.parameters[GAP_SLOPE]) * way
+    uncertainty = math.hypot(deviation, _MODEL * gap, _CHANGES * change, _CURVED * way**2 * gap)
     why = ""
     if not max(found.rms) <= FITS:
         why = (

@@ -1,13 +1,13 @@
 """Learning where the measurement is broken, or the load not free: never valid and wrong; the table in docs/learning.md.
 
 `python test/support/broken_measurements.py --drives 8` runs each kind on as many random drives and fills in the page;
-with `--encoders load` or `motor` it prints those that one encoder can have, under the relay.
+with `--encoders load` or `motor` those that one encoder can have, under the relay; with `--kinds` the named rows alone.
 """
 
 import argparse
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -26,7 +26,7 @@ from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, 
 from backlash_ros.simulation import SimulatedDrive
 
 PAGE = Path(__file__).parents[2] / "docs" / "learning.md"
-_FILLED = re.compile(r"(<!-- broken: begin -->\n).*(<!-- broken: end -->)", re.DOTALL)
+_FILLED = r"(<!-- broken {encoders}: begin -->\n)(.*)(<!-- broken {encoders}: end -->)"
 WRONG, COUNTS = {"both": 0.2, "load": 0.3, "motor": 0.3}, 2.0
 """By how much of the gap, by the encoders, and by how many counts of the load's encoder, an estimate is wrong."""
 
@@ -226,37 +226,50 @@ def play(kind: str, number: int, seed: int, population: str, encoders: str = "bo
     return Found(kind, valid=True, wrong=wrong, beyond=beyond)
 
 
-def rows(found: Iterator[Found], drives: int, kinds: tuple[str, ...]) -> str:
-    """Return the table."""
-    text = "| what is wrong | runs | valid | valid and wrong | farthest beyond the swing |\n|---|---|---|---|---|\n"
-    runs = list(found)
+def rows(found: Iterator[Found], drives: int, kinds: Sequence[str]) -> dict[str, str]:
+    """Return the table's rows, by kind."""
+    runs, text = list(found), {}
     for kind in kinds:
         own = [each for each in runs if each.kind == kind]
         counts = f"{sum(each.valid for each in own)} | {sum(each.wrong for each in own)}"
-        text += f"| {kind} | {drives} | {counts} | {max(each.beyond for each in own):.2f} b |\n"
+        text[kind] = f"| {kind} | {drives} | {counts} | {max(each.beyond for each in own):.2f} b |"
     return text
 
 
+def filled(page: str, encoders: str, renewed: Mapping[str, str]) -> str:
+    """Return the page with these rows of the encoders' table renewed; the others stay.
+
+    Raises
+    ------
+    ValueError
+        if the page has no such table
+    """
+    pattern = re.compile(_FILLED.format(encoders=encoders), re.DOTALL)
+    if not (found := pattern.search(page)):
+        raise ValueError(f"the page has no part for encoders {encoders}")
+    head = "| what is wrong | runs | valid | valid and wrong | farthest beyond the swing |\n|---|---|---|---|---|\n"
+    present = {line.split("|")[1].strip(): line for line in found[2].splitlines() if line.startswith("| ")} | renewed
+    table = head + "".join(f"{present[kind]}\n" for kind in kinds_for(encoders) if kind in present)
+    return pattern.sub(lambda m: f"{m[1]}\n{table}\n{m[3]}", page)
+
+
 def main() -> None:
-    """Run all, and fill in the page."""
+    """Run all, or the rows that are asked for, and fill in the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--drives", type=int, default=16, metavar="N")
     parser.add_argument("--seed", type=int, default=20261124, metavar="S")
     parser.add_argument("--population", default="full")
     parser.add_argument("--encoders", default="both", choices=list(WRONG))
+    parser.add_argument("--kinds", nargs="+", default=[], metavar="KIND")
     parser.add_argument("--page", type=Path, default=PAGE, metavar="FILE")
     given = parser.parse_args()
+    kinds = given.kinds or kinds_for(given.encoders)
+    if unknown := set(kinds) - set(kinds_for(given.encoders)):
+        parser.error(f"--kinds: unknown {', '.join(sorted(unknown))}; known: {', '.join(kinds_for(given.encoders))}")
     run = partial(_play, seed=given.seed, population=given.population, encoders=given.encoders)
-    kinds = kinds_for(given.encoders)
     with ProcessPoolExecutor() as pool:
-        table = rows(pool.map(run, product(kinds, range(given.drives)), chunksize=4), given.drives, kinds)
-    if given.encoders != "both":
-        print(table)
-        return
-    text, count = _FILLED.subn(lambda m: f"{m[1]}\n{table}\n{m[2]}", given.page.read_text())
-    if count != 1:
-        raise SystemExit(f"{given.page} must have one part to fill, and has {count}")
-    given.page.write_text(text)
+        renewed = rows(pool.map(run, product(kinds, range(given.drives)), chunksize=4), given.drives, kinds)
+    given.page.write_text(filled(given.page.read_text(), given.encoders, renewed))
 
 
 def _play(job: tuple[str, int], seed: int, population: str, encoders: str) -> Found:
