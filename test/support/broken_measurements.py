@@ -1,7 +1,8 @@
 """Learning where the measurement is broken, or the load not free: never valid and wrong; the table in docs/learning.md.
 
 `python test/support/broken_measurements.py --drives 8` runs each kind on as many random drives and fills in the page;
-with `--encoders load` or `motor` those that one encoder can have, under the relay; with `--kinds` the named rows alone.
+with `--kinds` the named rows alone; with `--encoders load` or `motor` it prints those that one encoder can have, under
+the relay.
 """
 
 import argparse
@@ -26,7 +27,7 @@ from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, 
 from backlash_ros.simulation import SimulatedDrive
 
 PAGE = Path(__file__).parents[2] / "docs" / "learning.md"
-_FILLED = r"(<!-- broken {encoders}: begin -->\n)(.*)(<!-- broken {encoders}: end -->)"
+_FILLED = re.compile(r"(<!-- broken: begin -->\n)(.*)(<!-- broken: end -->)", re.DOTALL)
 WRONG, COUNTS = {"both": 0.2, "load": 0.3, "motor": 0.3}, 2.0
 """By how much of the gap, by the encoders, and by how many counts of the load's encoder, an estimate is wrong."""
 
@@ -236,25 +237,29 @@ def rows(found: Iterator[Found], drives: int, kinds: Sequence[str]) -> dict[str,
     return text
 
 
-def filled(page: str, encoders: str, renewed: Mapping[str, str]) -> str:
-    """Return the page with these rows of the encoders' table renewed; the others stay.
+def table_of(text: Mapping[str, str]) -> str:
+    """Return the table of these rows."""
+    head = "| what is wrong | runs | valid | valid and wrong | farthest beyond the swing |\n|---|---|---|---|---|\n"
+    return head + "".join(f"{row}\n" for row in text.values())
+
+
+def filled(page: str, renewed: Mapping[str, str]) -> str:
+    """Return the page with these rows of its table renewed; the others stay.
 
     Raises
     ------
     ValueError
         if the page has no such table
     """
-    pattern = re.compile(_FILLED.format(encoders=encoders), re.DOTALL)
-    if not (found := pattern.search(page)):
-        raise ValueError(f"the page has no part for encoders {encoders}")
-    head = "| what is wrong | runs | valid | valid and wrong | farthest beyond the swing |\n|---|---|---|---|---|\n"
+    if not (found := _FILLED.search(page)):
+        raise ValueError("the page has no part for broken measurements")
     present = {line.split("|")[1].strip(): line for line in found[2].splitlines() if line.startswith("| ")} | renewed
-    table = head + "".join(f"{present[kind]}\n" for kind in kinds_for(encoders) if kind in present)
-    return pattern.sub(lambda m: f"{m[1]}\n{table}\n{m[3]}", page)
+    table = table_of({kind: present[kind] for kind in KINDS if kind in present})
+    return _FILLED.sub(lambda m: f"{m[1]}\n{table}\n{m[3]}", page)
 
 
 def main() -> None:
-    """Run all, or the rows that are asked for, and fill in the page."""
+    """Run all, or the rows that are asked for; fill in the page, or print them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--drives", type=int, default=16, metavar="N")
     parser.add_argument("--seed", type=int, default=20261124, metavar="S")
@@ -266,10 +271,15 @@ def main() -> None:
     kinds = given.kinds or kinds_for(given.encoders)
     if unknown := set(kinds) - set(kinds_for(given.encoders)):
         parser.error(f"--kinds: unknown {', '.join(sorted(unknown))}; known: {', '.join(kinds_for(given.encoders))}")
+    if given.encoders == "both":
+        filled(given.page.read_text(), {})  # before an hour of work, not after it
     run = partial(_play, seed=given.seed, population=given.population, encoders=given.encoders)
     with ProcessPoolExecutor() as pool:
         renewed = rows(pool.map(run, product(kinds, range(given.drives)), chunksize=4), given.drives, kinds)
-    given.page.write_text(filled(given.page.read_text(), given.encoders, renewed))
+    if given.encoders == "both":
+        given.page.write_text(filled(given.page.read_text(), renewed))
+    else:
+        print(table_of(renewed))
 
 
 def _play(job: tuple[str, int], seed: int, population: str, encoders: str) -> Found:
