@@ -101,6 +101,8 @@ what is too far off for that, and what g may be beyond the gap, as shares of it.
 _TURNS, _LONG, _DISPROVED = 0.2, 0.05, 2.0
 """Smallest speed, rad/s, and time, s, for which a flight shows the load torque; and how many times as far off it shows
 the load torque with the expected slope as without, if the slope is wrong."""
+_SLIDES = 0.05
+"""Speed of the motor, rad/s, above which its dry friction is all there."""
 _SLOWLY, _PATIENT, _STANDS = 0.05, 0.1, 0.02
 FREE, NONE, _MOTOR_OFF = 4e-3, 6e-3, 0.1
 """N m beyond the friction from which on a load torque holds the load; what a flight must show of one at least; share of
@@ -338,15 +340,16 @@ def see_pull(law: Array, state: Array) -> None:
     gained -= period * (state[CURRENT_TORQUE] - law[MOTOR_FRICTION] * w - law[FRICTION] * omega)
     if state[PHASE] != HOLD:
         turns = abs(omega) > _TURNS
-        if turns:
+        slides = law[MOTOR_COULOMB] == 0.0 or abs(w) > _SLIDES
+        if turns and slides:
             state[SEEN] += period * math.copysign(friction, omega)
-        if turns or friction == 0.0:
+        if (turns or friction == 0.0) and slides:
             state[SEEN_TIME] += period
             pull = pull_at(state, state[LOAD])
             state[SEEN] -= period * pull
             state[WEIGHED] += period * (pull - state[PULL])
-        if turns or friction == 0.0 or state[HELD] == 0.0:
-            state[SEEN] += gained + period * dry(law, w)
+        if (turns or friction == 0.0 or state[HELD] == 0.0) and slides:
+            state[SEEN] += gained + period * math.copysign(law[MOTOR_COULOMB], w)
         if not turns:
             state[PULL_SLOW] += min(1.0 / _SLOWLY, 1.0 / period) * (gained - period * state[PULL_SLOW])
         return
