@@ -119,7 +119,7 @@ def _add_evaluation(parser: argparse.ArgumentParser) -> None:
     add("--drives", type=_whole(1), metavar="N", help="number of drives to judge, from the first on")
     add("--json", type=Path, metavar="FILE", help="file for the summary")
     add("--experiments", nargs="+", type=_entry_of(EXPERIMENTS, AUTO), default=default.experiments, metavar="NAME")
-    add("--laws", nargs="+", type=_entry_of(LAWS, DESIGNED), default=default.laws, metavar="NAME")
+    add("--laws", nargs="+", type=_entry_of(LAWS, DESIGNED, AUTO), default=default.laws, metavar="NAME")
     add("--model", choices=MODELS, default=default.model, help="the drive as the controller knows it")
     add("--population", choices=POPULATIONS, default=default.population)
     add("--encoders", choices=list(ENCODERS), default=default.encoders)

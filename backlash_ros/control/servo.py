@@ -9,7 +9,7 @@ from backlash_ros.control.command_range import range_constants
 from backlash_ros.control.experiment import Deferred, Excitation, NamedExperiment, Outcome
 from backlash_ros.control.experiments import EXPERIMENTS
 from backlash_ros.control.law import REGION, ControlLaw
-from backlash_ros.control.laws import LAWS, design_law
+from backlash_ros.control.laws import LAWS, design_law, law_of
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitoring.faults import describe_fault
 from backlash_ros.control.monitoring.monitor import forget_ends, keep_torque, monitor_constants, unexplained_torque
@@ -56,7 +56,8 @@ class Servo:
     """The servo of one axis: the tick with a plan of the setpoint, and an experiment beside it.
 
     After construction and after every `release` it holds the position of the first sample. A fault, found by the tick
-    or reported by `fail`, is ``latched``, with its text in ``fault``: 0 V until `reset`.
+    or reported by `fail`, is ``latched``, with its text in ``fault``: 0 V until `reset`. ``law`` is the name of the law
+    in use, also where the settings leave the choice to `AUTO`.
 
     Parameters
     ----------
@@ -67,6 +68,7 @@ class Servo:
 
     settings: ServoSettings
     limits: Limits
+    law: str
     constants: Array
     _chosen: ActingLaw
 
@@ -134,6 +136,7 @@ class Servo:
             keep_torque(observer, self.memory.monitor)
             self.drive = drive
         named = hasattr(self, "settings") and self.settings.law == settings.law
+        self.law = law_of(drive, settings)
         if named and self._chosen.law.step is law.step:  # another law may have replaced it
             self._chosen.redesign(law)
             if self.calmed:
@@ -430,7 +433,7 @@ class Servo:
         """
         if self.latched:
             return 0.0
-        if LAWS[self.settings.law].both_encoders and math.isnan(measured[THETA_M] + measured[THETA_L]):
+        if LAWS[self.law].both_encoders and math.isnan(measured[THETA_M] + measured[THETA_L]):
             self.calm()
         inputs = self._inputs
         inputs[ELAPSED] = elapsed or self.settings.period

@@ -9,7 +9,8 @@ from backlash_ros.control.observer import ObserverConstants, observer_constants
 from backlash_ros.drivetrain import Drive, Validated, quantity
 
 AUTO = "auto"
-"""The experiment that the encoders allow: `gap_probe` with both encoders, else `relay`."""
+"""The experiment that the encoders allow: `gap_probe` with both, else `relay`. Also the best law for what is known of
+the drive: see `laws.law_of`."""
 
 
 @dataclass(frozen=True)
@@ -18,14 +19,15 @@ class ServoSettings(Validated):
 
     ``backlash_angle`` is b as learned; while it is 0, unknown, the fast gains act alone. ``period`` is the time between
     samples, s; ``loop_delay`` is the time from the measurement to when its command acts, s, used by `margins`. ``law``
-    names one of `laws.LAWS`; ``experiment`` is one of `experiments.EXPERIMENTS` or `AUTO`. ``law_parameters`` and
-    ``experiment_parameters`` are pairs of name and parameters, where these are not the defaults; ``thresholds`` are by
-    default the drive's. ``renew``: whether wear is answered by learning again; a gap up to six times as wide as learned
-    is then no fault. ``identified``: whether load and friction were found on this drive, so that a law may use them.
+    names one of `laws.LAWS`, and ``experiment`` one of `experiments.EXPERIMENTS`, or they are `AUTO`.
+    ``law_parameters`` and ``experiment_parameters`` are pairs of name and parameters, where these are not the defaults;
+    ``thresholds`` are by default the drive's. ``renew``: whether wear is answered by learning again; a gap up to six
+    times as wide as learned is then no fault. ``identified``: whether load and friction were found on this drive, so
+    that a law may use them.
     """
 
     gains: GainSet
-    law: str = "two_region"
+    law: str = AUTO
     period: float = 0.004
     loop_delay: float = 0.0
     law_parameters: tuple[tuple[str, Validated], ...] = ()

@@ -141,7 +141,7 @@ def law_card(page: Shown) -> Refresh:
     shown: dict[str, int] = {}
     with _card("Law"):
         with _line():
-            law = ui.select(sorted(LAWS), label="law").props(f"{_FIELD} options-dense data-name=law")
+            law = ui.select(sorted([AUTO, *LAWS]), label="law").props(f"{_FIELD} options-dense data-name=law")
             gain_set = ui.select([], label="gain set").props(f"{_FIELD} options-dense data-name=gain-set")
         said = ui.label("").classes("answer").props('aria-live="polite"')
 

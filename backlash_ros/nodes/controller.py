@@ -17,7 +17,7 @@ from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
-from backlash_ros.control import LAWS, Servo
+from backlash_ros.control import AUTO, LAWS, Servo
 from backlash_ros.control.acting import IDLE, ActingLaw
 from backlash_ros.control.telemetry import telemetry
 from backlash_ros.control.tick import MISSING
@@ -122,7 +122,7 @@ class Controller(ManagedNode):
         self._watchdog.due = now() + 0.5 * self._state_timeout
         gain_set = self._tunables.values["gain_set"]
         self.get_logger().info(f"ready at {self._rate:g} Hz with gain set {gain_set!r}: waiting for the drive")
-        if text := stands_in(self._servo.settings):
+        if text := stands_in(self._servo.drive, self._servo.settings):
             self.get_logger().info(text)
 
     def deactivate(self) -> None:
@@ -152,7 +152,7 @@ class Controller(ManagedNode):
             self._publish_in_use()
         if self.configured and "backlash_angle" in names:
             self._publish_estimate()
-        if _LAW & names and (text := stands_in(settings)):
+        if _LAW & names and (text := stands_in(drive, settings)):
             self.get_logger().info(text)
 
     def _publish_in_use(self) -> None:
@@ -311,10 +311,16 @@ class Controller(ManagedNode):
         commanders = self.count_publishers(self._command.publisher.topic_name) if self.configured else 0
         heard = self.configured and self._heard
         remarks, learned = [*self._learning.remarks()], self._learning.values()
-        if text := stands_in(self._servo.settings):
+        chosen = self._servo.settings
+        if chosen.law != AUTO and (text := stands_in(self._servo.drive, chosen)):
             remarks.append((OK, text))
         facts = NodeFacts(self.get_fully_qualified_name(), self.state, self.mismatches, commanders, heard, remarks)
-        shown = {"parameters_version": self._tunables.version, **{key: values[key] for key in _SHOWN}, **learned}
+        shown = {
+            "parameters_version": self._tunables.version,
+            "law_in_use": self._servo.law,
+            **{key: values[key] for key in _SHOWN},
+            **learned,
+        }
         return self._report.statuses(facts, self._joints, self._servo, self._gate, shown)
 
 

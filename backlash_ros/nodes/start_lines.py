@@ -2,8 +2,9 @@
 
 from collections.abc import Iterable, Mapping
 
-from backlash_ros.control import Margins, ServoSettings
-from backlash_ros.control.laws import lacks
+from backlash_ros.control import AUTO, Margins, ServoSettings
+from backlash_ros.control.laws import BEST, UNTIL_THEN, best_refusal, lacks
+from backlash_ros.drivetrain import Drive
 
 _DRIVE = ("motor.", "gear.", "load.")
 
@@ -18,9 +19,14 @@ def untold_drive(given: Iterable[str]) -> str:
     )
 
 
-def stands_in(settings: ServoSettings) -> str:
-    """Return a line if the over-damped law replaces the chosen one for now; else an empty text."""
+def stands_in(drive: Drive, settings: ServoSettings) -> str:
+    """Return a line if another law replaces the chosen one, or the best one, for now; else an empty text."""
     lacking = lacks(settings)
+    if settings.law == AUTO:
+        if lacking:
+            return f"law 'auto' is {UNTIL_THEN!r} until {lacking}, and {BEST!r} from then on: call identify"
+        refusal = best_refusal(drive, settings)
+        return refusal and f"law 'auto' stays {UNTIL_THEN!r}: {refusal}"
     if not lacking:
         return ""
     return f"law {settings.law!r} uses the over-damped gains, which are slow, until {lacking}: call identify"

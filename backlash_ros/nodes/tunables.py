@@ -73,8 +73,11 @@ def _declare_parameters_of(node: Node, registry: Mapping[str, Any]) -> dict[str,
 def _declare_beside_gains(node: Node, drive: Drive, rate: float) -> dict[str, Any]:
     """Declare the dynamic parameters other than the gains and the drive, and return what the user set."""
     values: dict[str, Any] = {"loop_delay": declare_number(node, "loop_delay", 0.0, delay_bound(rate), read_only=False)}
-    text = describe("control law", constraint=f"one of {sorted(LAWS)}")
-    values["law"] = declare(node, "law", "two_region", text)
+    text = describe(
+        "control law; auto: two_encoder once backlash and drive are identified, until then two_region",
+        constraint=f"one of {sorted([AUTO, *LAWS])}",
+    )
+    values["law"] = declare(node, "law", AUTO, text)
     values |= _declare_parameters_of(node, LAWS)
     text = describe(
         "experiment that ~/learn runs; auto: chosen by the encoders that are present",

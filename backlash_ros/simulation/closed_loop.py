@@ -10,6 +10,7 @@ import numpy as np
 
 from backlash_ros.control import LAWS, Limits, Servo, ServoSettings
 from backlash_ros.control.law import REGION
+from backlash_ros.control.laws import law_of
 from backlash_ros.control.motion.setpoint import Source, plan_rejection
 from backlash_ros.control.tick import (
     ELAPSED,
@@ -226,8 +227,9 @@ def run(
             f"command_interface of the model must be the drive's, {drive.command_interface!r}, "
             f"got {model.command_interface!r}"
         )
-    if LAWS.choose("law", settings.law).both_encoders and not {"theta_m", "theta_l"} <= {*scenario.sensors.measured}:
-        raise ValueError(f"law = {settings.law!r} needs both encoders, got measured = {scenario.sensors.measured}")
+    law = law_of(model, settings)
+    if LAWS[law].both_encoders and not {"theta_m", "theta_l"} <= {*scenario.sensors.measured}:
+        raise ValueError(f"law = {law!r} needs both encoders, got measured = {scenario.sensors.measured}")
     servo = Servo(model, settings, limits, watched=watched)
     state = PlantState(np.zeros(7))
     state[: scenario.initial_state.size] = scenario.initial_state

@@ -45,7 +45,8 @@ def test_healthy_pair_is_ok_and_says_how_it_runs(start: Start, peer: Peer) -> No
     assert waiting["state"] in {"active", "inactive"}
     values = diagnostics.wait("/controller: servo", "active and ok", lambda s: s.level == OK and s.message == "active")
     assert values["fault"] == ""
-    assert (values["law"], values["gain_set"], values["backlash_angle"]) == ("two_region", "nominal", "0.02")
+    assert (values["law"], values["law_in_use"]) == ("auto", "two_region")
+    assert (values["gain_set"], values["backlash_angle"]) == ("nominal", "0.02")
     assert values["gains.fast.k"].startswith("[31.6")
     timing = diagnostics.wait(
         "/controller: timing", "in time", lambda s: s.level == OK and "nominal 50 Hz" in s.message
@@ -78,6 +79,17 @@ def test_a_law_that_another_stands_in_for_is_said_to_wait(start: Start, peer: Pe
     diagnostics.wait("/controller: servo", "as asked for", lambda s: s.level == OK and s.message == "active")
     assert Parameters(peer, "controller").set(identified=False) == (True, "")
     peer.wait("the line in the log", lambda: process.output().count(waits) == 2)
+
+
+def test_auto_takes_the_law_for_two_encoders_once_the_drive_is_identified(start: Start, peer: Peer) -> None:
+    diagnostics = Diagnostics(peer)
+    process = start("controller", backlash_angle=0.02, **PATIENT)
+    start("plant_simulator")
+    until = "law 'auto' is 'two_region' until the drive is identified, and 'two_encoder' from then on: call identify"
+    peer.wait("the line in the log", lambda: until in process.output())
+    assert Parameters(peer, "controller").set(identified=True) == (True, "")
+    values = diagnostics.wait("/controller: servo", "the other law", lambda s: "two_encoder" in str(s.values))
+    assert (values["law"], values["law_in_use"]) == ("auto", "two_encoder")
 
 
 @pytest.mark.parametrize(("rate", "level"), [(225.0, WARN), (125.0, ERROR)])

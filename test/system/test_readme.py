@@ -140,7 +140,7 @@ def ends_well(command: str, environment: dict[str, str], folder: Path) -> None:
     printed = done.stdout + done.stderr
     assert done.returncode == 0, f"{command}\n{printed}"
     assert "failed" not in printed, f"{command}\n{printed}"
-    if "/learn " in command:
+    if "/learn " in command or "/identify " in command:
         assert "success=True" in printed, printed
 
 

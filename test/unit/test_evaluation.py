@@ -218,6 +218,19 @@ KEYS = {
 }
 
 
+@pytest.mark.parametrize(
+    ("changes", "law"),
+    [
+        ({}, "two_region"),
+        ({"model": "identified"}, "two_encoder"),
+        ({"model": "true"}, "two_encoder"),
+        ({"model": "identified", "encoders": "load"}, "two_region"),
+    ],
+)
+def test_the_default_law_is_what_auto_stands_for(changes: dict[str, Any], law: str) -> None:
+    assert Task(1, **changes).default_law == law
+
+
 def test_the_summary_has_every_key() -> None:
     summary = summarize(collected_from([value_of()]), "two_region")
     assert set(summary) == {
@@ -415,7 +428,7 @@ def test_one_drive_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
         (["--seed", "1", "--drives", "3"], "argument --json: must be given without --only"),
         (["--seed", "1", "--drives", "3", "--json", "x", "--plot", "p"], "argument --plot: needs --only"),
         (["--seed", "1", "--only", "1", "--model", "best"], "argument --model: invalid choice: 'best'"),
-        (["--seed", "1", "--only", "1", "--laws", "best"], "argument --laws: must be one of ['cascade', "),
+        (["--seed", "1", "--only", "1", "--laws", "best"], "argument --laws: must be one of ['auto', 'cascade', "),
         (
             ["--seed", "1", "--only", "1", "--experiments", "best"],
             "argument --experiments: must be one of ['auto', 'gap_map', ",

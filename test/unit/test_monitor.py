@@ -41,7 +41,8 @@ def gains_of(drive: Drive) -> GainSet:
 
 
 def settings_of(drive: Drive, period: float = 0.004, **changes: float | str) -> ServoSettings:
-    return replace(ServoSettings(gains_of(drive), period=period, backlash_angle=0.02, identified=True), **changes)
+    known = ServoSettings(gains_of(drive), "two_region", period, backlash_angle=0.02, identified=True)
+    return replace(known, **changes)
 
 
 def with_load(drive: Drive, **changes: float) -> Drive:

@@ -31,10 +31,11 @@ def test_every_law_takes_the_load_of_a_file_to_its_target(law: str, capsys: pyte
 
 
 def test_parameters_are_set_by_name(capsys: pytest.CaptureFixture[str]) -> None:
-    quiet = figures_of(capsys, DRIVE, "--set", "rate=1000")
-    heavy = figures_of(capsys, DRIVE, "--set", "rate=1000", "--set", "load.inertia=0.002")
-    wide = figures_of(capsys, DRIVE, "--set", "rate=1000", "--set", "laws.two_region.width=10")
-    pushed = figures_of(capsys, DRIVE, "--set", "rate=1000", "--load-torque", "0.1")
+    words = DRIVE, "--law", "two_region", "--set", "rate=1000"
+    quiet = figures_of(capsys, *words)
+    heavy = figures_of(capsys, *words, "--set", "load.inertia=0.002")
+    wide = figures_of(capsys, *words, "--set", "laws.two_region.width=10")
+    pushed = figures_of(capsys, *words, "--load-torque", "0.1")
     assert quiet["residual_b"] < 0.01
     assert heavy["residual_b"] > 0.3
     assert wide["rise_time_s"] > 1.1 * quiet["rise_time_s"]  # its end is over-damped
@@ -48,20 +49,35 @@ def test_law_and_gains_of_files_are_those_of_a_controller(tmp_path: Path, capsys
     slow.write_text("/**: {ros__parameters: {gains: {fast: {q: [0.0, 0.0], k: [8.0, 0.4, 0.1]}}}}")
     cascade.write_text("law: cascade")
     rise = {
-        names: figures_of(capsys, DRIVE, *map(str, names))["rise_time_s"]
+        names: figures_of(capsys, DRIVE, *map(str, names), "--law", "two_region")["rise_time_s"]
         for names in ((), (gentle,), (slow,), (gentle, slow))
     }
     assert rise[()] < 0.7 * min(rise[gentle,], rise[slow,])
     assert rise[slow,] == rise[gentle, slow] != rise[gentle,]
     assert figures_of(capsys, DRIVE, str(cascade))["law"] == "cascade"
     assert figures_of(capsys, DRIVE, str(cascade), "--law", "fast")["law"] == "fast"
-    same = figures_of(capsys, DRIVE, "--set", "gains.fast.k=[8.0, 0.4, 0.1]")
+    same = figures_of(capsys, DRIVE, "--law", "two_region", "--set", "gains.fast.k=[8.0, 0.4, 0.1]")
     assert same["rise_time_s"] == rise[slow,]
+
+
+@pytest.mark.parametrize(
+    ("words", "law"),
+    [
+        ((), "two_encoder"),
+        (("--law", "auto", "--set", "laws.two_encoder.push_time=0.05"), "two_encoder"),
+        (("--set", "sensors.measured=[theta_m]"), "two_region"),
+    ],
+)
+def test_the_law_is_by_default_what_auto_stands_for_on_the_drive(
+    capsys: pytest.CaptureFixture[str], words: tuple[str, ...], law: str
+) -> None:
+    assert figures_of(capsys, DRIVE, *words)["law"] == law
+    assert figures_of(capsys, "--law", "auto")["law"] == "two_region"  # the paper's conditions are of its law
 
 
 def test_table_and_picture_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table, picture = tmp_path / "step.csv", tmp_path / "step.png"
-    words = (DRIVE, "--seconds", "1", "--csv", str(table), "--plot", str(picture))
+    words = (DRIVE, "--law", "two_region", "--seconds", "1", "--csv", str(table), "--plot", str(picture))
     figures_of(capsys, *words)
     assert picture.read_bytes().startswith(b"\x89PNG")
     with table.open() as file:

@@ -1,11 +1,13 @@
 """What the controller says when it starts."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
-from backlash_ros.control import Margins
-from backlash_ros.nodes.start_lines import margins_line, untold_drive
+from backlash_ros.control import GainSet, Margins, ServoSettings
+from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.nodes.start_lines import margins_line, stands_in, untold_drive
 
 
 def margins(degrees: float, delay: float) -> Margins:
@@ -37,3 +39,12 @@ def test_tight_margins_are_a_warning_that_names_the_region(degrees: float, delay
     line, warn = margins_line("stiff", {"fast": margins(degrees, delay), "overdamped": margins(80, 0.4)}, 0.004)
     assert warn
     assert line.endswith("; fast below 30 deg or one period, 4 ms: lower the gains")
+
+
+def test_auto_says_what_it_stands_for_and_why(gains: GainSet) -> None:
+    known = ServoSettings(gains, backlash_angle=0.02, identified=True)
+    until = "law 'auto' is 'two_region' until the drive is identified, and 'two_encoder' from then on: call identify"
+    assert stands_in(NOMINAL_DRIVE, known) == ""
+    assert stands_in(NOMINAL_DRIVE, replace(known, identified=False)) == until
+    steep = stands_in(NOMINAL_DRIVE, replace(known, expected_load_torque_slope=100.0))
+    assert steep.startswith("law 'auto' stays 'two_region': expected_load_torque_slope must be within")

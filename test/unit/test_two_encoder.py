@@ -10,7 +10,7 @@ import pytest
 from backlash_ros.analysis.evaluation.population import draw_member, told_model
 from backlash_ros.analysis.evaluation.task import Verdict, judge_run, scenario_of, settings_for
 from backlash_ros.control import GainSet, Servo, ServoSettings, design_law
-from backlash_ros.control.laws import lacks
+from backlash_ros.control.laws import lacks, law_of
 from backlash_ros.control.laws.two_encoder import TwoEncoderParameters
 from backlash_ros.control.laws.two_encoder.layout import (
     ACTING,
@@ -124,6 +124,23 @@ def test_a_load_torque_leaves_no_error(gains: GainSet, load_torque: float) -> No
     assert abs(np.mean(end) - 1.0) <= 0.1 * B
 
 
+@pytest.mark.parametrize("load_torque", [0.3, -0.1])
+@pytest.mark.parametrize("heavier", [4.0, 8.0])
+def test_a_load_heavier_than_the_motor_is_held_without_swinging(
+    gains: GainSet, heavier: float, load_torque: float
+) -> None:
+    """The motor's own loop, designed for the motor alone, would swing with it, by many gaps."""
+    load = replace(NOMINAL_DRIVE.load, inertia=heavier * NOMINAL_DRIVE.reflected_inertia)
+    drive = replace(NOMINAL_DRIVE, load=load)
+    reference = np.where(np.arange(2000) < 1000, 0.0, 1.0)
+    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
+    done = run(drive, settings_of(gains), Scenario(reference, np.array(load_torque), sensors=sensors))
+    for target, since, until in ((0.0, 3.0, 4.0), (1.0, 7.0, 8.0)):
+        end = done.load_angle[(done.time >= since) & (done.time < until)]
+        assert np.ptp(end) <= 0.05 * B
+        assert np.max(np.abs(end - target)) <= 0.25 * B
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_a_reference_that_moves_again_in_flight_is_flown_to(gains: GainSet, seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -169,6 +186,54 @@ def test_the_overdamped_gains_act_until_gap_and_drive_are_found(
     law, instead = design_law(NOMINAL_DRIVE, choice), design_law(NOMINAL_DRIVE, choice.with_law("overdamped"))
     assert law.step is instead.step
     assert np.array_equal(law.constants, instead.constants)
+
+
+def test_auto_is_the_paper_s_law_until_gap_and_drive_are_found(gains: GainSet) -> None:
+    auto = settings_of(gains, "auto")
+    assert ServoSettings(gains).law == "auto"
+    for choice, law in (
+        (auto, "two_encoder"),
+        (replace(auto, identified=False), "two_region"),
+        (replace(auto, backlash_angle=0.0), "two_region"),
+        (replace(auto, expected_load_torque_slope=100.0), "two_region"),  # that two_encoder cannot plan with
+        (replace(settings_of(gains), identified=False), "overdamped"),
+    ):
+        assert law_of(NOMINAL_DRIVE, choice) == law
+        designed, own = design_law(NOMINAL_DRIVE, choice), design_law(NOMINAL_DRIVE, choice.with_law(law))
+        assert designed.step is own.step
+        assert np.array_equal(designed.constants, own.constants)
+
+
+@pytest.mark.parametrize("at", [200, 300, 330])  # at rest, in the step, as it lands
+def test_auto_changes_the_law_when_the_drive_is_identified_without_a_jump_of_the_load(gains: GainSet, at: int) -> None:
+    auto = settings_of(gains, "auto", identified=False)
+    servo, plant = Servo(NOMINAL_DRIVE, auto), SimulatedDrive(NOMINAL_DRIVE, 0.004)
+    way = []
+    for k in range(1250):
+        if k == at:
+            servo.use(replace(auto, identified=True))
+        if k == 290:
+            assert servo.set_reference(1.0) == ""
+        plant.advance(servo.update(plant.sample(), plant.elapsed))
+        assert servo.law == ("two_encoder" if k >= at else "two_region")
+        way.append(plant.state[THETA_L])
+    assert servo.fault == ""
+    assert max(way) <= 1.0 + 2.0 * B
+    assert np.ptp(way[-250:]) <= 0.05 * B
+    assert abs(way[-1] - 1.0) <= 0.25 * B
+
+
+@pytest.mark.parametrize("missing", [THETA_M, THETA_L])
+def test_auto_lets_the_overdamped_gains_act_if_an_encoder_fails_under_the_law_for_two(
+    gains: GainSet, missing: int
+) -> None:
+    servo, plant = Servo(NOMINAL_DRIVE, settings_of(gains, "auto")), SimulatedDrive(NOMINAL_DRIVE, 0.004)
+    for k in range(200):
+        measured = plant.sample()
+        if k >= 100:
+            measured[missing] = np.nan
+        plant.advance(servo.update(measured, plant.elapsed))
+        assert servo.calmed == (k >= 100)
 
 
 @pytest.mark.parametrize("missing", [THETA_M, THETA_L])

@@ -21,12 +21,7 @@ from backlash_ros.analysis.evaluation.table import rows_of, write_table
 from backlash_ros.analysis.evaluation.task import Task, evaluate_drive, perform
 from backlash_ros.analysis.jsonable import jsonable
 from backlash_ros.analysis.staging import staging
-from backlash_ros.control import Gains, GainSet, ServoSettings
 from backlash_ros.simulation.batch import Journal, code_digest, run_batch
-
-_ANY = Gains(1.0, 0.0, 0.0)
-DEFAULT_LAW = ServoSettings(GainSet(_ANY, _ANY)).law
-"""The default law of a controller."""
 
 
 def evaluate(
@@ -142,7 +137,7 @@ def report_of(
     task: Task, drives: int, collected: Collected, failures: list[dict[str, Any]], drive: str
 ) -> dict[str, Any]:
     """Return the content of the report: the arguments, the summary, the worst drives, and what failed and why."""
-    judged = DEFAULT_LAW if DEFAULT_LAW in task.laws else task.laws[-1]
+    judged = task.laws[-1]
     worst = worst_drives(collected, judged)
     for each in worst:
         each["command"] = _replay_command(task, each["number"], drive)
@@ -152,7 +147,7 @@ def report_of(
         "drive": drive or None,
         "experiments": list(task.experiments),
         "laws": list(task.laws),
-        "summary": summarize(collected, DEFAULT_LAW, identified=task.model == "identified"),
+        "summary": summarize(collected, task.default_law, identified=task.model == "identified"),
         "judged_law": judged,
         "worst": worst,
         "failures": group_failures(collected, judged),

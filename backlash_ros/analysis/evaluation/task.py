@@ -31,6 +31,7 @@ from backlash_ros.control import (
     design_gains,
 )
 from backlash_ros.control.design.stability import LONGEST_DELAY
+from backlash_ros.control.laws import BEST, UNTIL_THEN
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M
@@ -67,6 +68,11 @@ class Task:
     experiments: tuple[str, ...] = (AUTO,)
     laws: tuple[str, ...] = ("fast", "overdamped", "two_region")
     around: Drive | None = None
+
+    @property
+    def default_law(self) -> str:
+        """The law that a controller has in use by default, once it has learned the drive."""
+        return UNTIL_THEN if self.model == "nominal" or self.encoders != "both" else BEST
 
     @property
     def played(self) -> tuple[str, ...]:

@@ -26,8 +26,10 @@ from backlash_ros.analysis.metrics import settling_time, step_response
 from backlash_ros.analysis.paper import CASES, SECONDS, judge, respond
 from backlash_ros.analysis.replay.what_if import Changes
 from backlash_ros.analysis.staging import staging
-from backlash_ros.control import LAWS, GainSet, ServoSettings
+from backlash_ros.control import AUTO, LAWS, GainSet, ServoSettings
+from backlash_ros.control.laws import BEST, UNTIL_THEN, law_of
 from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain.sensors import POSITIONS
 from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M
 from backlash_ros.simulation import Run, Scenario, run
 
@@ -43,7 +45,7 @@ EXAMPLE = (
 WRITTEN = ("plot", "csv")
 """Options that name files to write."""
 _LONGEST = 600.0
-_LAW = "two_region"
+_PAPER = "two_region"
 _OURS = (
     *("motor", "gear", "load", "contact", "sensors", "delay", "rate", "loop_delay", "command_interface"),
     *("gains", "gain_set", "gain_set_names", "gain_sets"),
@@ -58,7 +60,7 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     text = "ROS parameter files, such as config/nominal_drive.yaml; later ones override earlier ones"
     add("drive", type=Path, nargs="*", metavar="DRIVE", help=text)
-    add("--law", choices=sorted(LAWS), help=f"by default that of DRIVE, or {_LAW}")
+    add("--law", choices=sorted([AUTO, *LAWS]), help=f"by default that of DRIVE, or {AUTO}; {_PAPER} without DRIVE")
     add("--case", choices=list(CASES), help="a condition of the paper, without DRIVE; by default nominal")
     text = "with DRIVE, as often as needed: a parameter of drive, sensors, delay, gain sets or laws"
     add("--set", action="append", default=[], metavar="NAME=VALUE", help=text)
@@ -71,10 +73,11 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
 
 
 def _changes(given: Sequence[str], law: str) -> Mapping[str, Any]:
+    laws = [f"laws.{name}." for name in ((BEST, UNTIL_THEN) if law == AUTO else (law,))]
     changes = Changes.parsed(given).given
     for name, value in changes.items():
-        if name.partition(".")[0] not in _OURS and not name.startswith(f"laws.{law}."):
-            known = ", ".join([*_OURS, f"laws.{law}.*"])
+        if name.partition(".")[0] not in _OURS and not name.startswith(tuple(laws)):
+            known = ", ".join([*_OURS, *(f"{law}*" for law in laws)])
             raise ValueError(f"--set must be a parameter that a simulation goes by ({known}), got {name}={value!r}")
     return in_sections(changes)
 
@@ -92,21 +95,24 @@ def _simulated(given: argparse.Namespace) -> tuple[Run, Drive, str]:
         raise ValueError(f"--load-torque must be finite, in N m, got {given.load_torque!r}")
     try:
         parameters = read_parameters(*given.drive)
-        law = given.law or str(parameters.get("law", _LAW))
-        LAWS.choose("law", law)
+        law = given.law or str(parameters.get("law", AUTO))
+        if law != AUTO:
+            LAWS.choose("law", law, AUTO)
         parameters = merged(parameters, _changes(given.set, law))
         axis = axis_of(parameters)
         around = surroundings_of(parameters, axis.drive)
-        values = law_parameters_of(parameters, law)
+        settings = ServoSettings(
+            GainSet(around.fast, around.overdamped),
+            law=law,
+            period=1.0 / around.rate,
+            loop_delay=around.delay.mean,
+            identified=set(POSITIONS) <= set(around.sensors.measured),
+            backlash_angle=axis.drive.gear.backlash_angle,
+        )
+        law = law_of(axis.drive, settings)
+        settings = settings.with_law(law, law_parameters_of(parameters, law))
     except TypeError as error:
         raise ValueError(str(error)) from error
-    settings = ServoSettings(
-        GainSet(around.fast, around.overdamped),
-        period=1.0 / around.rate,
-        loop_delay=around.delay.mean,
-        identified=True,
-        backlash_angle=axis.drive.gear.backlash_angle,
-    ).with_law(law, values)
     reference = np.full(max(1, round(given.seconds * around.rate)), given.reference)
     scenario = Scenario(reference, np.array(given.load_torque), sensors=around.sensors, delay=around.delay)
     return run(axis.drive, settings, scenario), axis.drive, law
@@ -165,7 +171,7 @@ def simulate(given: argparse.Namespace, console: Console) -> int:
                 raise ValueError(f"{name} needs DRIVE, a parameter file")
         case = given.case or "nominal"
         condition = CASES[case]
-        law = given.law or _LAW
+        law = _PAPER if given.law in (None, AUTO) else given.law
         figures = judge(respond(law, condition), condition)
         console.print_json(json.dumps(jsonable({"law": law, "case": case, **figures})))
         return 0

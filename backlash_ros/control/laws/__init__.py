@@ -3,23 +3,27 @@
 from functools import lru_cache
 
 from backlash_ros.control.law import ControlLaw, NamedLaw
-from backlash_ros.control.settings import ServoSettings
+from backlash_ros.control.settings import AUTO, ServoSettings
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.registry import Registry
 
 LAWS: Registry[NamedLaw] = Registry(__name__, __path__, "LAWS", first="two_region")
-"""Every law by the name that the parameter ``law`` takes; the paper's laws lead every table."""
+"""Every law by the name that the parameter ``law`` takes, besides `AUTO`; the paper's laws lead every table."""
+BEST, UNTIL_THEN = "two_encoder", "two_region"
+"""What `AUTO` stands for: the first if it lacks nothing and can be designed, else the second."""
+_QUIET = "overdamped"
+"""The law that acts while another one lacks something: slower, and quiet with any load."""
 
 
 def lacks(settings: ServoSettings) -> str:
-    """Return what must happen before the chosen law acts, in words; empty if it acts already.
+    """Return what must happen before the chosen law acts, `BEST` for `AUTO`, in words; empty if it acts already.
 
     Raises
     ------
     ValueError
-        For a name that is not in `LAWS`.
+        For a name that is neither in `LAWS` nor `AUTO`.
     """
-    if not LAWS.choose("law", settings.law).identified:
+    if settings.law != AUTO and not LAWS.choose("law", settings.law, AUTO).identified:
         return ""
     lacking = []
     if settings.backlash_angle == 0.0:
@@ -29,25 +33,45 @@ def lacks(settings: ServoSettings) -> str:
     return " and ".join(lacking)
 
 
-@lru_cache(maxsize=16)
-def design_law(drive: Drive, settings: ServoSettings) -> ControlLaw:
-    """Design the law that ``settings`` names, with its parameters there or else their defaults.
+def best_refusal(drive: Drive, settings: ServoSettings) -> str:
+    """Return why `BEST` cannot be designed, though it lacks nothing; else an empty text."""
+    if not lacks(best := settings.with_law(BEST)):
+        try:
+            design_law(drive, best)
+        except ValueError as error:
+            return str(error)
+    return ""
 
-    The over-damped law replaces a law that `lacks` something: slower, and quiet with any load. Results are cached, so
-    that a law designed to validate a request is not designed again between two samples.
+
+def law_of(drive: Drive, settings: ServoSettings) -> str:
+    """Return the name of the law that acts: the chosen one, or what stands in for it, or what `AUTO` stands for.
 
     Raises
     ------
     ValueError
-        For a name that is not in `LAWS`, for another law's parameters, or if the law cannot be designed.
+        For a name that is neither in `LAWS` nor `AUTO`.
     """
-    law = LAWS.choose("law", settings.law)
-    parameters = dict(settings.law_parameters).get(settings.law, law.parameters)
-    if type(parameters) is not type(law.parameters):
-        raise ValueError(
-            f"laws.{settings.law} needs parameters of type {type(law.parameters).__name__}, "
-            f"got {type(parameters).__name__}"
-        )
-    if lacks(settings):
-        law, parameters = LAWS["overdamped"], LAWS["overdamped"].parameters
-    return law.design(drive, settings, parameters)
+    if settings.law == AUTO:
+        return UNTIL_THEN if lacks(settings) or best_refusal(drive, settings) else BEST
+    return _QUIET if lacks(settings) else settings.law
+
+
+@lru_cache(maxsize=16)
+def design_law(drive: Drive, settings: ServoSettings) -> ControlLaw:
+    """Design the law that acts by `law_of`, with its parameters in ``settings`` or else their defaults.
+
+    Results are cached, so that a law designed to validate a request is not designed again between two samples.
+
+    Raises
+    ------
+    ValueError
+        For a name that is neither in `LAWS` nor `AUTO`, for another law's parameters, or if the law cannot be designed.
+    """
+    own = dict(settings.law_parameters)
+    for name, parameters in own.items():
+        right = type(LAWS.choose("law", name, AUTO).parameters)
+        if type(parameters) is not right:
+            raise ValueError(f"laws.{name} needs parameters of type {right.__name__}, got {type(parameters).__name__}")
+    name = law_of(drive, settings)
+    law = LAWS[name]
+    return law.design(drive, settings, own.get(name, law.parameters))

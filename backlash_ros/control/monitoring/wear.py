@@ -118,9 +118,9 @@ class WearWatch:
         return "; ".join(found)
 
     def _cause(self, swing: float) -> str:
-        settings = self._servo.settings
-        if not LAWS[settings.law].adapts:
-            return f"law {settings.law!r} does not adapt to the backlash"
+        settings, law = self._servo.settings, self._servo.law
+        if not LAWS[law].adapts:
+            return f"law {law!r} does not adapt to the backlash"
         if settings.backlash_angle == 0.0:
             return "the backlash is not known yet: call learn"
         if swing > 2.0 * max(settings.backlash_angle, self.gap):
@@ -217,8 +217,7 @@ class WearWatch:
 
     def _answer(self) -> None:
         """Answer a rattle that the law in use should not have."""
-        settings = self._servo.settings
-        if LAWS[settings.law].adapts and settings.backlash_angle > 0.0:
+        if LAWS[self._servo.law].adapts and self._servo.settings.backlash_angle > 0.0:
             self._servo.calm()
 
     def _due(self) -> bool:

@@ -203,6 +203,17 @@ def _doubt(
 
 
 @compiled
+def slower(law: Array, state: Array) -> float:
+    """Return by which factor the loops are slower while a load torque holds the load on a flank.
+
+    They are designed for the motor alone. With a load on it that has four times its inertia or more, they would swing.
+    """
+    if state[PHASE] == HOLD and state[HELD] != 0.0:
+        return float(max(law[INERTIA] / law[MOTOR_INERTIA], 1.0))
+    return 1.0
+
+
+@compiled
 def see_motor(law: Array, state: Array, reading: float) -> None:
     """Take the motor's angle at the output, rad, one period after the previous one."""
     motor, k = state[MOTOR : MOTOR + 4], int(law[WHOLE])
@@ -220,7 +231,7 @@ def see_motor(law: Array, state: Array, reading: float) -> None:
     state[LAST_MOTOR] = reading
     rests = state[PHASE] == HOLD and abs(state[SPEED]) < _RESTS and abs(state[PLACE] - motor[0]) < _THERE * law[GAP]
     if not rests or law[MOTOR_COULOMB] == 0.0:  # the dry friction at rest must not wind up
-        state[ACTING] += law[TRUST] * (state[DISTURBANCE] - state[ACTING])
+        state[ACTING] += law[TRUST] / slower(law, state) * (state[DISTURBANCE] - state[ACTING])
 
 
 @compiled

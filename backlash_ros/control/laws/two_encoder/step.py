@@ -90,6 +90,7 @@ from backlash_ros.control.laws.two_encoder.observers import (
     see_middle,
     see_motor,
     see_pull,
+    slower,
 )
 from backlash_ros.control.laws.two_encoder.plan import evaluate, fly, length_of, press, shift, stopping_way
 from backlash_ros.drivetrain.compiled import compiled, compiled_as
@@ -216,11 +217,14 @@ def _hold_held(law: Array, state: Array, error: float, motor: Array) -> tuple[fl
         if law[COULOMB] + law[MOTOR_COULOMB] > _DRY or abs(error) > law[GAP]:
             if state[WAITED] > _patience(state) and abs(state[LOAD_SPEED]) < _SLOW:
                 state[TRIES] += 1.0
-                to = state[LOAD] + _shorter(state, error)
-                state[FLANK] = shift(law, state, to, state[LOAD])
-                _take_off(law, state)
+                if slower(law, state) > 1.0 and abs(error) > law[GAP]:
+                    _fly(law, state, motor)
+                else:
+                    to = state[LOAD] + _shorter(state, error)
+                    state[FLANK] = shift(law, state, to, state[LOAD])
+                    _take_off(law, state)
         elif abs(state[PLACE] - motor[0]) < 0.5 * law[GAP] + 2e-3:  # not ahead of the motor
-            speed = clamp(_LEADS * error, -_HASTE, _HASTE)
+            speed = clamp(_LEADS / slower(law, state) * error, -_HASTE, _HASTE)
             state[PLACE] += law[PERIOD] * speed
     return state[PLACE], speed, -state[PULL]
 
@@ -372,7 +376,7 @@ def two_encoder_step(
     torque += (
         dry(law, speed + _GOES * (place - motor[0]))
         + state[ACTING]
-        + law[STIFFNESS] * (place - motor[0])
+        + law[STIFFNESS] / slower(law, state) * (place - motor[0])
         + law[DAMPING] * (speed - motor[1])
     )
     voltage = clamp(law[VOLTS_PER_TORQUE] * torque + law[VOLTS_PER_SPEED] * mean_speed, low, high)
