@@ -24,11 +24,11 @@ Start = Callable[..., Process]
 CONFIG = Path(__file__).parents[2] / "config" / "six_axes.yaml"
 # What the file says of each: backlash, m; load inertia, kg m^2; law; gain set; weights or gains of the fast region.
 SIX = {
-    "axis1": (0.02, 5.0e-4, "two_region", "nominal", [1000.0, 1.0]),
-    "axis2": (0.024, 5.0e-4, "two_region", "stiff", [1500.0, 1.0]),
-    "axis3": (0.03, 8.0e-4, "two_region", "gentle", [20.0, 0.5, 0.1]),
-    "axis4": (0.04, 8.0e-4, "two_region", "custom", [500.0, 1.0]),
-    "axis5": (0.02, 8.0e-4, "two_region", "nominal", [1000.0, 1.0]),
+    "axis1": (0.02, 5.0e-4, "auto", "nominal", [1000.0, 1.0]),
+    "axis2": (0.024, 5.0e-4, "auto", "stiff", [1500.0, 1.0]),
+    "axis3": (0.03, 8.0e-4, "auto", "gentle", [20.0, 0.5, 0.1]),
+    "axis4": (0.04, 8.0e-4, "auto", "custom", [500.0, 1.0]),
+    "axis5": (0.02, 8.0e-4, "auto", "nominal", [1000.0, 1.0]),
     "axis6": (0.012, 5.0e-4, "cascade", "nominal", [1000.0, 1.0]),
 }
 

@@ -102,7 +102,7 @@ def test_all_parameters_are_published_as_in_use_the_fixed_ones_too(start: Start,
     start("controller", gear__reduction=12.0)
     in_use = InUse(peer).version(1)
     assert set(descriptors(peer, "controller")) <= set(in_use)
-    assert (in_use["gear.reduction"], in_use["rate"], in_use["law"]) == (12.0, 250.0, "two_region")
+    assert (in_use["gear.reduction"], in_use["rate"], in_use["law"]) == (12.0, 250.0, "auto")
 
 
 def test_in_use_has_a_new_version_for_each_request_that_is_taken(start: Start, peer: Peer) -> None:
