@@ -17,6 +17,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     CARRIED,
     COSINE,
     COULOMB,
+    CURRENT_TORQUE,
     DISTURBANCE,
     FLIGHT,
     GAP,
@@ -26,16 +27,21 @@ from backlash_ros.control.laws.two_encoder.layout import (
     LOAD,
     LOAD_SPEED,
     MIDDLE,
+    MOMENTUM,
     MOTOR,
     MOTOR_COULOMB,
+    MOTOR_FRICTION,
+    MOTOR_INERTIA,
+    PERIOD,
     PHASE,
     PULL,
     SEEN,
     SEEN_TIME,
     SINE,
+    SPEED,
     STEP,
 )
-from backlash_ros.control.laws.two_encoder.observers import attribute, landed, pull_at, pulls, see_load
+from backlash_ros.control.laws.two_encoder.observers import attribute, landed, pull_at, pulls, see_load, see_pull
 from backlash_ros.control.laws.two_encoder.plan import evaluate, fly, length_of
 from backlash_ros.control.motion.setpoint import Polynomials
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
@@ -486,6 +492,26 @@ def test_a_flight_shows_no_load_torque_that_is_less_than_what_is_not_known_of_th
     state[SEEN] = shows * state[SEEN_TIME]
     landed(constants, state)
     assert state[PULL] == pytest.approx(pull)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize("speed", [0.0, 0.04, 0.06, 3.0])
+def test_in_flight_a_motor_with_dry_friction_shows_the_load_torque_only_while_it_turns(
+    gains: GainSet, speed: float, way: float
+) -> None:
+    """At rest its friction is unknown; as soon as it turns all of it acts, also where it is fed forward in part."""
+    law, friction, pull = design_law(NOMINAL_DRIVE, settings_of(gains)), 0.2, 0.05
+    constants, state = law.constants.copy(), law.state.copy()
+    constants[MOTOR_COULOMB] = friction
+    state[PHASE], state[SPEED] = FLIGHT, way * speed
+    state[MOMENTUM] = constants[MOTOR_INERTIA] * state[SPEED]
+    # The current balances the friction of a motor that turns, less what the load torque does; nothing accelerates.
+    state[CURRENT_TORQUE] = way * friction + constants[MOTOR_FRICTION] * state[SPEED] - pull
+    for _ in range(50):
+        see_pull(constants, state)
+    turns = speed > 0.05
+    assert state[SEEN_TIME] == pytest.approx(50 * constants[PERIOD] if turns else 0.0)
+    assert state[SEEN] == pytest.approx(pull * state[SEEN_TIME])
 
 
 def test_friction_that_is_next_to_none_is_none(gains: GainSet) -> None:
