@@ -39,7 +39,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_every_command_of_the_page_works(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert len(COMMANDS) == 5
     (here / "results").mkdir()
-    write_bag(here / "results" / "bag", *probed(1, "full"))
+    write_bag(here / "my_run", *probed(1, "full"))
     for command in COMMANDS:
         words = shlex.split(command)
         assert words[0] == ".venv/bin/backlash"

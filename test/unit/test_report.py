@@ -481,6 +481,20 @@ def test_stamps_that_stand_still_leave_the_recorders_times(tmp_path: Path) -> No
     assert any("so the recorder's times are used" in note for note in made.axis["notes"])
 
 
+def test_samples_sent_again_until_they_are_answered_are_counted_and_left_out(tmp_path: Path) -> None:
+    """In lockstep one may come many times; the stamps stay the clock, which differs from the recorder's."""
+    bag = PlainBag()
+    for k in range(300):
+        for again in range(1 + 9 * (k % 10 == 5)):
+            received = 0.001 * k + 1e-5 * again
+            bag.sample("/joint_states", 0.004 * k - START, ("motor", "load"), (0.0, 0.01 * k), received=received)
+    made = report(bag.write(tmp_path / "bag"), tmp_path)
+    timing = made.axis["timing"]
+    assert timing["period"] == pytest.approx(0.004, rel=1e-5)
+    assert (timing["samples"], timing["repeated"], timing["lost"]) == (300, 270, 0)
+    assert made.axis["notes"] == []
+
+
 def test_a_clock_of_its_own_is_said_and_its_age_is_not_told(tmp_path: Path) -> None:
     bag = PlainBag()
     for k in range(500):

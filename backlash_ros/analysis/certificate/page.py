@@ -32,8 +32,8 @@ from backlash_ros.identification.teeth import LOST_MOTION_SHARE
 _UNCERTAINTY = (
     "Values of the motion come from fits to all samples that were used, those around the turn from one fit at each "
     "place: a Kalman filter on the equations of motor, teeth and load, whose prediction errors are minimised. "
-    "Uncertainties are standard uncertainties: twice the standard deviation from the encoders' noise, plus a share "
-    "for the model. They hold if the values taken as given are right."
+    "Uncertainties are standard uncertainties: the true value is within two of them in 95 of 100 cases. They combine "
+    "the encoders' noise, counted twice, with a share for the model, and hold if what was given is right."
 )
 _CURVE_UNCERTAINTY = (
     "The hysteresis curve is fitted with teeth and friction. Its standard uncertainties include the scatter of the "

@@ -102,7 +102,7 @@ def _warnings(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) 
             f"the load has {ratio:.2g} times the motor's inertia, seen from the output: "
             "the two-region law may keep a slow limit cycle",
             "choose gains for this drive (backlash design DRIVE --out gains.yaml; backlash check DRIVE gains.yaml); "
-            "or, with two encoders, use law two_encoder",
+            "or, with two encoders, keep law auto and call identify: then law two_encoder acts",
         )
     for name, counts in _counts_in_gap(drive, around).items():
         if counts < COARSE:

@@ -36,7 +36,9 @@ from backlash_ros.simulation import Run, Scenario, run
 DESCRIPTION = (
     "Simulates one step of the reference and prints its figures as JSON: of the nominal drive under one of the paper's "
     "conditions, or of the drive in parameter files, with their rate, sensors, delay, law and gains. The controller "
-    "knows the drive and its backlash."
+    "knows the drive and its backlash, as after `identify`: with both encoders, law auto is two_encoder. "
+    "Before, it is two_region (--law two_region). A load that does not stay within a quarter of the backlash for the last "
+    "second has not settled: null."
 )
 EXAMPLE = (
     "examples: backlash simulate --law cascade --case 'load inertia x4'; backlash simulate config/nominal_drive.yaml "
@@ -44,7 +46,8 @@ EXAMPLE = (
 )
 WRITTEN = ("plot", "csv")
 """Options that name files to write."""
-_LONGEST = 600.0
+_LONGEST, _LAST = 600.0, 1.0
+"""Longest simulation, and its end within which a load must be near its target to count as settled, s."""
 _PAPER = "two_region"
 _OURS = (
     *("motor", "gear", "load", "contact", "sensors", "delay", "rate", "loop_delay", "command_interface"),
@@ -120,6 +123,7 @@ def _simulated(given: argparse.Namespace) -> tuple[Run, Drive, str]:
 
 def _figures(result: Run, drive: Drive, reference: float) -> dict[str, Any]:
     b = drive.gear.backlash_angle
+    settled = settling_time(result.time, result.load_angle, reference, 0.25 * b)
     judged = step_response(
         result.time,
         result.load_angle,
@@ -130,7 +134,7 @@ def _figures(result: Run, drive: Drive, reference: float) -> dict[str, Any]:
     )
     return {
         "rise_time_s": judged.rise_time,
-        "settling_time_s": settling_time(result.time, result.load_angle, reference, 0.25 * b),
+        "settling_time_s": settled if settled <= result.time[-1] - _LAST else math.inf,
         "overshoot_b": max(0.0, judged.overshoot),
         "residual_b": judged.residual,
         "impacts_after_switch": judged.impacts,

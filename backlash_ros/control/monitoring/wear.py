@@ -125,7 +125,10 @@ class WearWatch:
             return "the backlash is not known yet: call learn"
         if swing > 2.0 * max(settings.backlash_angle, self.gap):
             return "more than the gap: samples or commands may be late, or the gains too high for the load"
-        return "the gap may have grown, or the load may be lighter than load.inertia says: learn again"
+        return (
+            "the gap may have grown, or the load may be lighter than load.inertia says: learn again; "
+            "a load heavier than half the motor, seen from the output, also rattles: call identify, for law two_encoder"
+        )
 
     def look(self, measured: Measurement, elapsed: float) -> bool:
         """Take an answered sample; return whether to learn the backlash again now.
