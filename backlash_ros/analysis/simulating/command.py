@@ -37,8 +37,8 @@ DESCRIPTION = (
     "Simulates one step of the reference and prints its figures as JSON: of the nominal drive under one of the paper's "
     "conditions, or of the drive in parameter files, with their rate, sensors, delay, law and gains. The controller "
     "knows the drive and its backlash, as after `identify`: with both encoders, law auto is two_encoder. "
-    "Before, it is two_region (--law two_region). A load that does not stay within a quarter of the backlash for the last "
-    "second has not settled: null."
+    "Before, it is two_region (--law two_region). A load that does not stay within a quarter of the backlash for the "
+    "last second has not settled: null."
 )
 EXAMPLE = (
     "examples: backlash simulate --law cascade --case 'load inertia x4'; backlash simulate config/nominal_drive.yaml "

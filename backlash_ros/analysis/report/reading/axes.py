@@ -53,7 +53,7 @@ def _clock(samples: Sequence[Sample], options: Options) -> tuple[Array, str]:
     if options.topics.stamps == "log":
         return received, ""
     rising = _rising(stamps)
-    again = sum(_sent_again(samples[k - 1], samples[k]) for k in np.flatnonzero(~rising))
+    again = sum(_sent_again(samples[k - 1], samples[k]) for k in np.flatnonzero(~rising).tolist())
     stray = int(np.sum(~rising)) - again
     if stray > _STRAY * stamps.size or np.sum(rising) < min(_FEW, stamps.size):
         return received, f"{stray} of {stamps.size} stamps stand still or go back, so the recorder's times are used"
