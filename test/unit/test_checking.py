@@ -38,6 +38,8 @@ def test_a_sound_drive_has_figures_and_no_warning(tmp_path: Path) -> None:
             "2.5e+02 times the motor's inertia, seen from the output: few",
             "1 g cm^2 is 1e-7",
         ),
+        ({"load": {"inertia": 1e-2}}, "load.inertia / load.viscous_friction = 2 s", "load.coulomb_friction"),
+        ({"load": {"viscous_friction": 0.0}}, "load.viscous_friction = inf s", "load.coulomb_friction"),
         ({"motor": {"inertia": 2.0}}, "2.5e-06 times the motor's inertia", "gear.reduction"),
         ({"load": {"gravity_torque": 0.1}}, "a command of 0 does not hold it", "brake"),
         ({"load": {"gravity_torque": 5.5}}, "5.5 N m of 6 N m at standstill", "stronger motor"),
@@ -51,6 +53,11 @@ def test_each_warning_says_what_to_do(tmp_path: Path, sections: dict[str, object
     warnings = check_drive(file_of(tmp_path, **sections)).warnings
     (found,) = [warning for warning in warnings if what in warning.what]
     assert remedy in found.remedy
+
+
+def test_a_load_that_dry_friction_stops_does_not_drift(tmp_path: Path) -> None:
+    path = file_of(tmp_path, load={"inertia": 1e-2, "coulomb_friction": 0.02})
+    assert not any("viscous" in warning.what for warning in check_drive(path).warnings)
 
 
 def test_gains_that_would_be_refused_fail(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,6 +15,8 @@ IMPLAUSIBLE = 100.0
 """J_l/J_r, or its inverse, that is more likely a mistake than a drive."""
 HEAVY = 0.5
 """J_l/J_r above which the two-region law more often keeps a slow limit cycle: docs/evaluation.md."""
+COASTS = 1.0
+"""J_l/B_l, s, above which a load without dry friction drifts in the gap for long: docs/evaluation.md."""
 COARSE = 20
 """Counts of the load's encoder in the gap below which the load swings more often: docs/evaluation.md."""
 
@@ -103,6 +105,13 @@ def _warnings(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) 
             "the two-region law may keep a slow limit cycle",
             "choose gains for this drive (backlash design DRIVE --out gains.yaml; backlash check DRIVE gains.yaml); "
             "or, with two encoders, keep law auto and call identify: then law two_encoder acts",
+        )
+    coasts = load.inertia / load.viscous_friction if load.viscous_friction else math.inf
+    if load.coulomb_friction == 0.0 and coasts > COASTS:
+        yield Warned(
+            "nothing but viscous friction stops the load, which takes load.inertia / load.viscous_friction = "
+            f"{coasts:.2g} s: it may drift in the gap for as long, with any law",
+            "state its load.coulomb_friction (identify finds it), or let a seal or a brake add some",
         )
     for name, counts in _counts_in_gap(drive, around).items():
         if counts < COARSE:
