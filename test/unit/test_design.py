@@ -95,6 +95,15 @@ def test_what_the_drive_has_not_is_not_varied() -> None:
 # What gains do
 
 
+def test_other_teeth_are_as_stiff_as_the_motor_is_strong() -> None:
+    """A strong motor with a small gap must not wind them up by many gaps: no gear is built so."""
+    gear = replace(NOMINAL_DRIVE.gear, reduction=100.0, backlash_angle=2e-3)
+    drive = replace(NOMINAL_DRIVE, gear=gear)
+    other = [case.drive.gear for case in Uncertainty().cases(drive) if "other teeth" in case.label]
+    assert other
+    assert all(gear.wind_up(drive.standstill_torque()) == pytest.approx(0.3 * 2e-3) for gear in other)
+
+
 def test_a_load_is_stopped_by_its_own_friction() -> None:
     """DESIGN: 10 1/s for the nominal drive, a quarter of it with four times the inertia."""
     assert flank_rate(NOMINAL_DRIVE) == pytest.approx(10.0)

@@ -446,6 +446,8 @@ def test_what_is_no_bag_is_refused_in_one_line(
     for name in ("noise.mcap", "noise.db3"):
         assert "is no rosbag2 that can be read" in refused(capsys, name), name
     assert "folder" in refused(capsys, "folder")
+    (tmp_path / "table.csv").write_text("time,motor\n0.0,0.0\n")
+    assert "there is backlash identify, with --certificate" in refused(capsys, "table.csv")
     foreign = str(bags / "foreign")
     assert "--reference-topic: there are no numbers on '/x'" in refused(capsys, foreign, "--reference-topic", "x")
     assert "--joint-topic: there are no joint states on '/x'" in refused(capsys, foreign, "--joint-topic", "x")

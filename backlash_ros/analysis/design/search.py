@@ -299,6 +299,10 @@ def _refusal(loop: Loop, outcomes: tuple[tuple[Case, Outcome], ...]) -> str:
     case, outcome = max(outcomes, key=excess)
     if not excess((case, outcome)):
         return ""
-    what = outcome.failure or f"swings by {outcome.swing:.2f} b and ends {outcome.error:.2f} b off its target"
-    bounds = f"where {MARGIN * QUIET:.2g} b and {MARGIN * PRECISE:.2g} b were allowed"
-    return f"no gains are quiet on every drive of the range: with {case.label} the load {what}, {bounds}; {_ADVICE}"
+    what = (
+        f"the run ends with a fault ({outcome.failure})"
+        if outcome.failure
+        else f"the load swings by {outcome.swing:.2f} b and ends {outcome.error:.2f} b off its target, "
+        f"where {MARGIN * QUIET:.2g} b and {MARGIN * PRECISE:.2g} b were allowed"
+    )
+    return f"no gains are quiet on every drive of the range: with {case.label} {what}; {_ADVICE}"

@@ -8,12 +8,15 @@ import numpy as np
 
 from backlash_ros.drivetrain import CONTACTS, Drive
 from backlash_ros.drivetrain.contact import Contact, law_name
+from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 
 Factors = tuple[float, float]
 
 _INSIDE = 8
 """Drives inside the range that are tried in addition to its corners."""
 _LARGEST = 100.0
+_WIND_UP = 0.3
+"""Largest wind-up of other teeth under the motor's torque at standstill, as a share of the gap."""
 
 
 class Case(NamedTuple):
@@ -98,8 +101,15 @@ def _inside(varied: dict[str, Factors]) -> list[dict[str, float]]:
 
 
 def _other_teeth(drive: Drive) -> Contact:
-    """Return teeth that bounce if those of the drive do not, and vice versa: a drive file rarely knows."""
-    return CONTACTS["power" if law_name(drive.gear.contact) == "elastic" else "elastic"]()
+    """Return teeth that bounce if those of the drive do not, and vice versa: a drive file rarely knows.
+
+    The torque of the motor winds elastic ones up by a share of the gap at most, as in the nominal drive.
+    """
+    if law_name(drive.gear.contact) == "elastic":
+        return CONTACTS["power"]()
+    elastic = ElasticContact()
+    wind_up = _WIND_UP * drive.gear.backlash_angle / drive.standstill_torque()
+    return replace(elastic, wind_up=min(elastic.wind_up, wind_up))
 
 
 def _scaled(drive: Drive, factors: dict[str, float]) -> Drive:

@@ -71,7 +71,7 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
     add("--seconds", type=float, default=SECONDS, metavar="S", help=f"with DRIVE; by default {SECONDS:g}")
     add("--load-torque", type=float, default=0.0, metavar="T", help="with DRIVE: constant torque on the output, N m")
     add("--plot", type=Path, metavar="FILE", help="with DRIVE: file for a picture, such as step.png")
-    add("--csv", type=Path, metavar="FILE", help="with DRIVE: file for a table with one row per sample")
+    add("--csv", type=Path, metavar="FILE", help="with DRIVE: file for a table with one row per sample, exact values")
     add("--force", action="store_true", help="overwrite existing files")
 
 

@@ -173,5 +173,7 @@ def read_contents(path: Path) -> Contents:
         if found and not found[0].damage:
             break
     if not found:
+        if path.suffix == ".csv":
+            why = "for a CSV file there is backlash identify, with --certificate for a page"
         raise ValueError(f"{path}: is no rosbag2 that can be read: {why}")
     return max(found, key=lambda contents: sum(count for _, count in contents.topics.values()))
