@@ -42,9 +42,12 @@ def console_of(driver: Chrome) -> list[str]:
 
 
 def requests_of(driver: Chrome) -> list[str]:
-    """Return the addresses that pages have asked for since the last call."""
+    """Return the addresses that pages have asked for since the last call, without the browser's own pages."""
     events: list[dict[str, Any]] = [json.loads(entry["message"])["message"] for entry in driver.get_log("performance")]
-    return [e["params"]["request"]["url"] for e in events if e["method"] == "Network.requestWillBeSent"]
+    asked = [e["params"] for e in events if e["method"] == "Network.requestWillBeSent"]
+    return [
+        each["request"]["url"] for each in asked if not each["documentURL"].startswith(("chrome:", "chrome-untrusted:"))
+    ]
 
 
 def emulate(driver: Chrome, *, scheme: str = "", media: str = "") -> None:
