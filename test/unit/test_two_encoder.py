@@ -167,6 +167,23 @@ def test_a_setpoint_in_motion_is_followed_and_ends_at_rest(gains: GainSet) -> No
     assert np.max(np.abs(done.load_angle[done.time >= 2.5] - 1.0)) <= 0.1 * B
 
 
+@pytest.mark.parametrize("load_torque", [0.3, -0.1])
+@pytest.mark.parametrize("heavier", [4.0, 8.0])
+def test_a_load_heavier_than_the_motor_follows_without_swinging(
+    gains: GainSet, heavier: float, load_torque: float
+) -> None:
+    load = replace(NOMINAL_DRIVE.load, inertia=heavier * NOMINAL_DRIVE.reflected_inertia)
+    coefficients = [0.0, 0.0, 0.0, 10.0 / 4.0**3, -15.0 / 4.0**4, 6.0 / 4.0**5, 4.0]  # 1 rad in 4 s, from rest to rest
+    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
+    scenario = Scenario(
+        np.zeros(1000), np.array(load_torque), sensors=sensors, source=Polynomials(np.array([coefficients]))
+    )
+    done = run(replace(NOMINAL_DRIVE, load=load), settings_of(gains), scenario)
+    u = done.time / 4.0
+    error = done.load_angle - u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+    assert np.ptp(error[done.time >= 1.0]) <= 5.0 * B  # the motor alone's loop: 10 to 80
+
+
 def test_noise_as_wide_as_the_gap_does_not_keep_it_busy(gains: GainSet) -> None:
     scenario = Scenario(np.r_[np.zeros(125), np.ones(875)], sensors=Sensors(load_noise=0.5 * B), seed=1)
     done = run(NOMINAL_DRIVE, settings_of(gains), scenario)

@@ -33,8 +33,9 @@ def lacks(settings: ServoSettings) -> str:
     return " and ".join(lacking)
 
 
+@lru_cache(maxsize=16)
 def best_refusal(drive: Drive, settings: ServoSettings) -> str:
-    """Return why `BEST` cannot be designed, though it lacks nothing; else an empty text."""
+    """Return why `BEST` cannot be designed, though it lacks nothing; else an empty text. Cached like `design_law`."""
     if not lacks(best := settings.with_law(BEST)):
         try:
             design_law(drive, best)

@@ -52,11 +52,13 @@ def _clock(samples: Sequence[Sample], options: Options) -> tuple[Array, str]:
     stamps, received = (np.array(times) for times in zip(*(sample[:2] for sample in samples), strict=True))
     if options.topics.stamps == "log":
         return received, ""
-    rising = _rising(stamps)
-    again = sum(_sent_again(samples[k - 1], samples[k]) for k in np.flatnonzero(~rising).tolist())
-    stray = int(np.sum(~rising)) - again
-    if stray > _STRAY * stamps.size or np.sum(rising) < min(_FEW, stamps.size):
-        return received, f"{stray} of {stamps.size} stamps stand still or go back, so the recorder's times are used"
+    still = np.flatnonzero(~_rising(stamps)).tolist()
+    stray = len(still) - sum(_sent_again(samples[k - 1], samples[k]) for k in still)
+    if stray > _STRAY * stamps.size or stamps.size - len(still) < min(_FEW, stamps.size):
+        return (
+            received,
+            f"{len(still)} of {stamps.size} stamps stand still or go back, so the recorder's times are used",
+        )
     return stamps, ""
 
 

@@ -204,11 +204,11 @@ def _doubt(
 
 @compiled
 def slower(law: Array, state: Array) -> float:
-    """Return by which factor the loops are slower while a load torque holds the load on a flank.
+    """Return by which factor the loops are slower while the teeth carry the load, except in flights, which are short.
 
     They are designed for the motor alone. With a load on it that has four times its inertia or more, they would swing.
     """
-    if state[PHASE] == HOLD and state[HELD] != 0.0:
+    if state[PHASE] != FLIGHT and state[CARRIED] != 0.0:
         return float(max(law[INERTIA] / law[MOTOR_INERTIA], 1.0))
     return 1.0
 
