@@ -52,11 +52,12 @@ CONSTANTS = TEETH + 2 * POINTS
     MOMENTUM,  # of both shafts, N m s
     ASTRAY,  # how many readings in a row the load was beyond where it is at rest, with the sign of the side
     LANDED,  # time in hold, s
-) = range(50)
+    SHAKEN,  # speed of the load, the largest lately, rad/s
+) = range(51)
 
-COMMANDS, CARRIED, KEPT = 50, 62, 12
+COMMANDS, CARRIED, KEPT = 51, 63, 12
 """Commands, the newest first, and what the teeth were to carry meanwhile, N m."""
-PLAN, ROWS, COLUMNS = 74, 6, 12
+PLAN, ROWS, COLUMNS = 75, 6, 12
 """Segments of the plan: see `plan`."""
 MEMORY = PLAN + ROWS * COLUMNS
 

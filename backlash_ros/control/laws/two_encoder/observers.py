@@ -53,6 +53,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     ROUGH,
     SEEN,
     SEEN_TIME,
+    SHAKEN,
     SINE,
     SPEED,
     STALL,
@@ -92,9 +93,9 @@ UNSEEN = 0.05
 _SMALLEST, _NOISE, _WIDTH = 1e-6, 0.2, 1.6
 """rad; s over which noise is looked at while holding; a count that is as wide as noise, over the readings' mean second
 difference."""
-_UNSURE, _LAGS = 0.01, 3.0
+_UNSURE, _LAGS = 0.01, 20.0
 """By how much the load torque that is seen while holding is off: N m where the teeth seem apart, and rad/s^2 of the
-load for each rad/s of its speed."""
+load for each rad/s of its speed, the largest lately."""
 _CARRIES, _TOUCHES, _LEARN, _WALL, _WRONG, _BEYOND = 0.05, 0.02, 0.012, 0.03, 0.6, 0.02
 """Torque, N m, and times, s, in which teeth that push, and teeth that cannot be where they seem, show where they are;
 what is too far off for that, and what g may be beyond the gap, as shares of it."""
@@ -348,6 +349,7 @@ def see_pull(law: Array, state: Array) -> None:
     w, omega, friction, period = state[SPEED], state[LOAD_SPEED], law[COULOMB], law[PERIOD]
     momentum = law[MOTOR_INERTIA] * w + law[INERTIA] * omega
     gained, state[MOMENTUM] = momentum - state[MOMENTUM], momentum
+    state[SHAKEN] = max(abs(omega), state[SHAKEN] * (1.0 - period / _SLOWLY))
     gained -= period * (state[CURRENT_TORQUE] - law[MOTOR_FRICTION] * w - law[FRICTION] * omega)
     if state[PHASE] != HOLD:
         turns = abs(omega) > _TURNS
@@ -366,7 +368,7 @@ def see_pull(law: Array, state: Array) -> None:
         return
     state[PULL_SLOW] += min(1.0 / _SLOWLY, 1.0 / period) * (gained - period * state[PULL_SLOW])
     if state[LANDED] > _PATIENT:
-        unknown = friction + law[MOTOR_COULOMB] + _LAGS * law[INERTIA] * abs(omega)
+        unknown = friction + law[MOTOR_COULOMB] + _LAGS * law[INERTIA] * state[SHAKEN]
         if apart(law, state):
             unknown += _UNSURE
             if abs(omega) < _STANDS:

@@ -59,6 +59,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     RATIO,
     RESISTANCE,
     ROUGH,
+    SHAKEN,
     SHARE,
     SIDE,
     SIDE_TIME,
@@ -115,6 +116,8 @@ _NOISY = 4.0
 """Width of the noise that counts as one encoder count, divided by the readings' mean second difference."""
 _STILL, _STANDS, _SLOW = 0.02, 0.05, 0.5
 """Speeds, rad/s, below which a load stands: when a flight is planned, when it was stuck, when it can be shifted."""
+_STRIKES = 150.0
+"""1/s, by which the load's speed at a take-over makes the torque that held it uncertain, as momentum: it may rattle."""
 _DRY = 3e-3
 """Friction, N m, above which a shaft stays where it stops."""
 _LEADS, _FASTEST, _OF_OWN = 15.0, 12.0, 0.65
@@ -394,13 +397,18 @@ def begin(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, hold
     state[SPEED], state[LOAD_SPEED] = law[RATIO] * estimate[OMEGA_M], estimate[OMEGA_L]
     state[MOMENTUM] = law[MOTOR_INERTIA] * state[SPEED] + law[INERTIA] * state[LOAD_SPEED]
     seen, hidden = -holding / law[VOLTS_PER_TORQUE], law[COULOMB] + law[MOTOR_COULOMB]
-    state[PULL_SLOW], pull = seen, seen
-    if not holds(law, seen):
+    state[PULL_SLOW], pull, moves = seen, seen, abs(state[LOAD_SPEED]) > _STANDS
+    state[SHAKEN] = abs(state[LOAD_SPEED])
+    if moves:
+        hidden += _STRIKES * law[INERTIA] * abs(state[LOAD_SPEED])
+        pull = clamp(pull_at(state, state[LOAD]), seen - hidden, seen + hidden)
+    elif not holds(law, seen):
         pull = clamp(clamp(state[PULL], seen - hidden, seen + hidden), -law[COULOMB], law[COULOMB])
     pulls(state, pull, estimate[THETA_L])
     state[HELD] = 1.0 if holds(law, state[PULL]) else 0.0
     state[PARKED] = -1.0
-    rests_on(law, state, state[PULL])
+    if not moves:
+        rests_on(law, state, state[PULL])
     state[COMMANDS : COMMANDS + KEPT] = (holding - law[BACK_EMF] * estimate[OMEGA_M]) / law[RESISTANCE]
     state[CARRIED : CARRIED + KEPT] = -state[PULL] * state[HELD]
     state[CURRENT_TORQUE] = holding / law[VOLTS_PER_TORQUE]
