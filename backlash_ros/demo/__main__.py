@@ -153,7 +153,7 @@ def show(summary: dict[str, Any], console: Console) -> None:
     true = learned["true_backlash_angle"]
     console.print(
         f"learned b = {learned['backlash_angle']:.5f} rad, true b = {true:.5f} rad "
-        f"({100 * (learned['backlash_angle'] / true - 1):+.1f} %), by {learned['method']}"
+        f"({100 * (learned['backlash_angle'] / true - 1):+.2f} %), by {learned['method']}"
     )
     console.print(
         f"gain set swapped while the load moved at {swap['speed']:.1f} rad/s: {swap['commands'] - swap['mixed']} of "

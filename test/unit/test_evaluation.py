@@ -235,10 +235,10 @@ def test_the_summary_has_every_key() -> None:
     summary = summarize(collected_from([value_of()]), "two_region")
     assert set(summary) == {
         *("learned", "learned_interval", "learned_within_5", "learned_within_5_interval", "wrong_valid"),
-        *("identified", "identified_interval", "laws", "default_law"),
+        *("all_close", "all_close_interval", "laws", "default_law"),
     }
     assert set(summary["laws"]["fast"]) == KEYS
-    assert summary["identified"] is None
+    assert summary["all_close"] is None
     assert summary["default_law"] == "two_region"
 
 

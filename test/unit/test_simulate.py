@@ -8,6 +8,7 @@ import pytest
 
 from backlash_ros.cli import main
 from backlash_ros.control import LAWS
+from backlash_ros.drivetrain import NOMINAL_DRIVE
 
 DRIVE = str(Path(__file__).parents[2] / "config" / "nominal_drive.yaml")
 
@@ -86,9 +87,9 @@ def test_table_and_picture_are_written(tmp_path: Path, capsys: pytest.CaptureFix
     assert {name: float(value) for name, value in rows[0].items()} == {
         "time": 0.0,
         "reference": 1.0,
-        "load_angle": 0.0,
+        "load": 0.0,
         "load_velocity": 0.0,
-        "motor_angle": 0.0,
+        "motor": 0.0,
         "motor_velocity": 0.0,
         "command": 24.0,
         "region": 1.0,
@@ -98,6 +99,15 @@ def test_table_and_picture_are_written(tmp_path: Path, capsys: pytest.CaptureFix
         main(["simulate", *words])
     assert "exists; --force" in capsys.readouterr().err
     assert table.read_bytes() == before
+
+
+def test_identify_reads_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table, file = tmp_path / "step.csv", tmp_path / "found.json"
+    figures_of(capsys, DRIVE, "--law", "fast", "--reference", "0.5", "--csv", str(table))
+    assert main(["identify", str(table), "--drive", DRIVE, "--json", str(file)]) == 0
+    found = {finding["key"]: finding["value"] for finding in json.loads(file.read_text())["findings"]}
+    assert found["gear.backlash_angle"] == pytest.approx(NOMINAL_DRIVE.gear.backlash_angle, rel=1e-2)
+    assert found["load.inertia"] == pytest.approx(NOMINAL_DRIVE.load.inertia, rel=1e-2)
 
 
 @pytest.mark.parametrize(

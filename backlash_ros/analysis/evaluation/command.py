@@ -212,8 +212,11 @@ def learning_of(summary: dict[str, Any]) -> list[str]:
         f"within 5 %, of the learned: {_percent(summary['learned_within_5'], summary['learned_within_5_interval'])} %",
         f"said to be valid, but wrong: {summary['wrong_valid']}",
         *(
-            [f"all of the drive identified: {_percent(summary['identified'], summary['identified_interval'])} %"]
-            if summary["identified"] is not None
+            [
+                f"load, friction, gap and delay close to the truth: "
+                f"{_percent(summary['all_close'], summary['all_close_interval'])} %"
+            ]
+            if summary["all_close"] is not None
             else []
         ),
     ]

@@ -23,7 +23,7 @@ _Z = 1.959963984540054
 """Of the normal distribution, for 95 %."""
 
 _DRIVE = (
-    *("number", "conditions", "can_outrun", "free", "learned", "close", "wrong", "identified"),
+    *("number", "conditions", "can_outrun", "free", "learned", "close", "wrong", "all_close"),
     *("inertia_ratio", "friction_share"),
 )
 _LAW = (*SHARES, "settle", "rise", "force", "recover", "severity")
@@ -55,7 +55,7 @@ class Collected:
             "learned": valid,
             "close": valid and error <= max(CLOSE * gap, member.load_count),
             "wrong": valid and error > WRONG * gap and error > WRONG_COUNTS * member.load_count,
-            "identified": learned["identified"],
+            "all_close": learned["all_close"],
             "inertia_ratio": drive.load.inertia / drive.reflected_inertia,
             "friction_share": friction_share(member),
         }
@@ -142,9 +142,9 @@ def summarize(collected: Collected, default_law: str, *, identified: bool = Fals
         **_share("learned", learned[can_outrun]),
         **_share("learned_within_5", collected.drives("close")[learned]),
         "wrong_valid": int(np.count_nonzero(collected.drives("wrong"))),
-        "identified": None,
-        "identified_interval": None,
-        **(_share("identified", collected.drives("identified") > 0) if identified else {}),
+        "all_close": None,
+        "all_close_interval": None,
+        **(_share("all_close", collected.drives("all_close") > 0) if identified else {}),
         "laws": {},
         "default_law": default_law,
     }

@@ -47,7 +47,7 @@ LENGTH = STAND + STEP + SHORT + HOLD
 SHORT_STEP = 5.0
 """In mean backlashes."""
 INERTIA_NEAR, GAP_NEAR, EFFORT_NEAR, DELAY_NEAR = 0.05, 0.03, 0.1, 0.25
-"""Largest errors that count as identified: shares of inertia, gap and friction, and of a period; or one count."""
+"""Largest errors that count as close: shares of inertia, gap and friction, and of a period; or one count."""
 DESIGNED = "designed"
 """The two-region law with gains and width by `backlash design`; accepted like the name of a law."""
 SPEEDS = 1.0, 10.0
@@ -104,7 +104,7 @@ class Learned:
     fault: str = ""
     time: float = math.nan
     swing: float = math.nan
-    identified: bool = False
+    all_close: bool = False
     inertia: float = math.nan
     viscous_friction: float = math.nan
     coulomb_friction: float = math.nan
@@ -235,7 +235,7 @@ def _judge_identified(member: Member, result: Learned, found: Drive, delay: floa
         effort = truth.viscous_friction * speed + truth.coulomb_friction
         near.append(abs(viscous * speed + dry - effort) <= EFFORT_NEAR * effort)
     return replace(
-        result, identified=all(near), inertia=load.inertia, viscous_friction=viscous, coulomb_friction=dry, delay=delay
+        result, all_close=all(near), inertia=load.inertia, viscous_friction=viscous, coulomb_friction=dry, delay=delay
     )
 
 

@@ -54,7 +54,8 @@ _OURS = (
     *("gains", "gain_set", "gain_set_names", "gain_sets"),
 )
 """Parameters of a file that a simulation uses, in addition to those of its law."""
-_COLUMNS = ("time", "reference", "load_angle", "load_velocity", "motor_angle", "motor_velocity", "command", "region")
+_COLUMNS = ("time", "reference", "load", "load_velocity", "motor", "motor_velocity", "command", "region")
+"""Those that `backlash identify` reads have the names that it expects."""
 
 
 def add_simulate(parser: argparse.ArgumentParser) -> None:
@@ -71,7 +72,7 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
     add("--seconds", type=float, default=SECONDS, metavar="S", help=f"with DRIVE; by default {SECONDS:g}")
     add("--load-torque", type=float, default=0.0, metavar="T", help="with DRIVE: constant torque on the output, N m")
     add("--plot", type=Path, metavar="FILE", help="with DRIVE: file for a picture, such as step.png")
-    add("--csv", type=Path, metavar="FILE", help="with DRIVE: file for a table with one row per sample, exact values")
+    add("--csv", type=Path, metavar="FILE", help="with DRIVE: file for a table with one row per sample, true values")
     add("--force", action="store_true", help="overwrite existing files")
 
 

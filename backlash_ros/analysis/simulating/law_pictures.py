@@ -43,7 +43,7 @@ _MOVES, _SETTLED, _ENDS = 0.05, 1.0, 1.65
 """Times of the step, the load torque and the end, s."""
 _TOUCHED = 1e-4
 """Torque of the teeth, N m, beyond which a flank is drawn as touching the load."""
-_NAMED = 0.04
+_NAMED = 0.035
 """Least share of a picture's width for a span to be named."""
 _MOTOR: dict[str, Any] = {"color": "C0", "linewidth": 1.8}
 _LOAD: dict[str, Any] = {"color": "black", "linewidth": 1.8}
