@@ -14,12 +14,13 @@ RUN_BY = {
     r"python benchmarks/": "Makefile",
     r"python docs/examples/learn_and_step": "test/nodes/test_start.py",
     r"dask |backlash .*--scheduler": "test/unit/test_evaluation.py",
+    r"backlash identify step.csv": "test/unit/test_simulate.py",
     r"backlash identify|backlash .*results/axis": "test/unit/test_identify_command.py",
     r"backlash figures two_encoder": "test/unit/test_law_pictures.py",
     r"backlash measure": "test/nodes/test_measure.py",
     r"backlash report their_bag": "test/unit/test_report.py",
     r"backlash replay": "test/system/test_demo.py",
-    r"backlash (report|simulate)|(plant_simulator|controller|recorder)$": "test/system/test_readme.py",
+    r"backlash (report|simulate)|(plant_simulator|controller|recorder)$|\. \.venv/": "test/system/test_readme.py",
     r"(ros2 run backlash_ros )?backlash ": "test/unit/test_pages.py",
     r"pytest --pyargs": "test/system/test_contract.py",
     r"ros2 run controller_manager": "test/nodes/test_ros2_control.py",
@@ -35,7 +36,7 @@ def commands_of(page: Path) -> list[str]:
     text = page.read_text().replace("\\\n", " ")
     lines = [line for block in re.findall(r"```sh\n(.*?)```", text, re.DOTALL) for line in block.splitlines() if line]
     lines += re.findall(r"^    ((?:ros2 run|backlash [a-z]+) .*)$", text, re.MULTILINE)
-    return [re.sub(" +", " ", line.partition("   #")[0]).removeprefix(".venv/bin/").strip() for line in lines]
+    return [re.sub(" +", " ", line.partition("   #")[0]).strip() for line in lines]
 
 
 def commands(by: str = "") -> list[str]:
