@@ -50,13 +50,15 @@ demo: $(READY)
 live: $(READY)
 	$(BIN)/python -m backlash_ros.dashboard.live
 
-# Tests in real time, of recordings as fast as possible, or with a browser run alone; the others four at a time. Plain
-# pytest runs all of them one after the other.
-ALONE := test/system/test_contract.py test/nodes/test_measure.py test/nodes/test_page.py test/nodes/test_transport.py
+# Tests in real time, of recordings as fast as possible, or with a browser run without these: those that mostly wait two
+# at a time, the others alone. All other tests run four at a time. Plain pytest runs all of them one after the other.
+WAIT := test/nodes/test_measure.py test/nodes/test_transport.py
+ALONE := test/system/test_contract.py test/nodes/test_page.py
 SIDE_BY_SIDE := -n 4 --dist worksteal
 test: $(READY)
 	$(BIN)/python -m backlash_ros.simulation  # compiles once for all, on all cores
-	$(BIN)/python -m pytest $(SIDE_BY_SIDE) $(ALONE:%=--ignore=%)
+	$(BIN)/python -m pytest $(SIDE_BY_SIDE) $(WAIT:%=--ignore=%) $(ALONE:%=--ignore=%)
+	$(BIN)/python -m pytest -n 2 --dist loadfile $(WAIT)
 	$(BIN)/python -m pytest $(ALONE)
 
 # Faults injected into live processes: once for the page; and twenty times, four at once, on a machine that this loads.
