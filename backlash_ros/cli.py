@@ -7,7 +7,7 @@ import os
 import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import NoReturn, TypeVar
@@ -19,7 +19,7 @@ from backlash_ros import __version__
 from backlash_ros.analysis.checking.command import add_check, check_and_show
 from backlash_ros.analysis.design import command as designer
 from backlash_ros.analysis.evaluation.command import evaluate, replay
-from backlash_ros.analysis.evaluation.drive_file import read_axis, read_drive
+from backlash_ros.analysis.evaluation.drive_file import named, read_axis, read_drive, read_parameters
 from backlash_ros.analysis.evaluation.population import ENCODERS, MODELS, POPULATIONS
 from backlash_ros.analysis.evaluation.task import DESIGNED, Task
 from backlash_ros.analysis.export import FORMATS
@@ -37,6 +37,7 @@ from backlash_ros.control import AUTO, EXPERIMENTS, LAWS
 from backlash_ros.simulation.batch import CannotRunError
 
 T = TypeVar("T")
+Work = Callable[[argparse.Namespace, Console], int]
 
 
 def figures(out: Path, page: Path | None, console: Console) -> None:
@@ -160,6 +161,25 @@ def _print_or_write(parser: argparse.ArgumentParser, given: argparse.Namespace, 
         parser.error(f"argument --out: '{given.out}' exists; --force overwrites it")
 
 
+def _spelled(work: Work) -> Work:
+    """Return ``work`` on drive files that first refuses misspelled parameters, if there is ROS, which knows all."""
+
+    def run(given: argparse.Namespace, console: Console) -> int:
+        files = [given.drive] if isinstance(given.drive, Path) else given.drive
+        if files:
+            parameters = read_parameters(*files)
+            with suppress(ImportError):
+                from backlash_ros.nodes.parameters import refuse_misspelled  # noqa: PLC0415 - needs ROS
+
+                try:
+                    refuse_misspelled(parameters)
+                except ValueError as error:
+                    raise ValueError(f"{named(files)}: {error}") from error
+        return work(given, console)
+
+    return run
+
+
 _NODES = ("plant_simulator", "controller")
 """The nodes for `backlash params`."""
 
@@ -243,7 +263,7 @@ def _work(
     parser: argparse.ArgumentParser,
     given: argparse.Namespace,
     console: Console,
-    work: Callable[[argparse.Namespace, Console], int],
+    work: Work,
     written: Sequence[str] = (),
 ) -> int:
     """Do a subcommand's work after checking that the files of its options ``written`` can be written."""
@@ -344,7 +364,9 @@ def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
     drawing.set_defaults(run=lambda a, console: _figures(drawing, a, console))
     single = commands.add_parser("simulate", help="simulate one step: figures as JSON, a picture, a table")
     simulating.add_simulate(single)
-    single.set_defaults(run=lambda a, console: _work(single, a, console, simulating.simulate, simulating.WRITTEN))
+    single.set_defaults(
+        run=lambda a, console: _work(single, a, console, _spelled(simulating.simulate), simulating.WRITTEN)
+    )
     judging = commands.add_parser(
         "evaluate",
         help="judge learning and laws on a random population of drives",
@@ -380,7 +402,7 @@ def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
     designer.add_design(designing)
     checking = commands.add_parser("check", help="check a drive file and its loop before anything moves")
     add_check(checking)
-    checking.set_defaults(run=lambda a, console: _work(checking, a, console, check_and_show))
+    checking.set_defaults(run=lambda a, console: _work(checking, a, console, _spelled(check_and_show)))
     again = commands.add_parser(
         "replay",
         help="compute a recorded controller's commands again, to the last bit",
@@ -388,7 +410,7 @@ def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
     replaying.add_replay(again)
     again.set_defaults(run=lambda a, console: _work(again, a, console, replaying.replay_bag, replaying.WRITTEN))
     designing.set_defaults(
-        run=lambda a, console: _work(designing, a, console, designer.design_gains_for, designer.WRITTEN)
+        run=lambda a, console: _work(designing, a, console, _spelled(designer.design_gains_for), designer.WRITTEN)
     )
     finding.set_defaults(words=words, run=lambda a, console: _identify(finding, a, console))
     reporting.set_defaults(words=words, run=lambda a, console: _report(reporting, a, console))

@@ -1,6 +1,6 @@
 """The parameters of each node, declared by functions, so that each node knows all names without creating the others."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -162,6 +162,20 @@ def all_names(given: Mapping[str, Any]) -> set[str]:
     declare_recorder(names, "")
     declare_dashboard(names)
     return {*names.declared, *tunable_names(given)}
+
+
+def refuse_misspelled(parameters: Mapping[str, Any]) -> None:
+    """Refuse misspelled parameters in sections, as files have them; ValueError as `check_known`."""
+    given = dict(_by_name(parameters))
+    check_known(given, [], lambda: all_names(given))
+
+
+def _by_name(parameters: Mapping[str, Any], section: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in parameters.items():
+        if isinstance(value, Mapping):
+            yield from _by_name(value, f"{section}{name}.")
+        else:
+            yield f"{section}{name}", value
 
 
 def refuse_unknown(node: Node) -> None:

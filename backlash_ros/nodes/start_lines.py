@@ -20,13 +20,13 @@ def untold_drive(given: Iterable[str]) -> str:
 
 
 def stands_in(drive: Drive, settings: ServoSettings) -> str:
-    """Return a line if another law replaces the chosen one, or the best one, for now; else an empty text."""
+    """Return what ``auto`` stands for, or what replaces the chosen law for now, and why; else an empty text."""
     lacking = lacks(settings)
     if settings.law == AUTO:
         if lacking:
             return f"law 'auto' is {UNTIL_THEN!r} until {lacking}, and {BEST!r} from then on: call identify"
         refusal = best_refusal(drive, settings)
-        return refusal and f"law 'auto' stays {UNTIL_THEN!r}: {refusal}"
+        return f"law 'auto' stays {UNTIL_THEN!r}: {refusal}" if refusal else f"law 'auto' is {BEST!r} from now on"
     if not lacking:
         return ""
     return f"law {settings.law!r} uses the over-damped gains, which are slow, until {lacking}: call identify"

@@ -29,18 +29,21 @@ def followed() -> bool:
     return state.get("reference") == TARGET
 
 
-def call(service: str) -> None:
-    """Call a service of the controller and show its answer."""
+def call(service: str) -> bool:
+    """Call a service of the controller, show its answer, and return whether it succeeded."""
     client = node.create_client(Trigger, f"/controller/{service}")
     client.wait_for_service()
     rclpy.spin_once(node, timeout_sec=1.0)  # meanwhile the controller finds this client, too
     future = client.call_async(Trigger.Request())
     rclpy.spin_until_future_complete(node, future)
     node.get_logger().info(f"{service}: {future.result().message}")
+    return bool(future.result().success)
 
 
 call("reset_fault")  # a controller that waited for its drive may have latched a fault
-call("learn")  # takes some seconds; the motor moves
+if not call("learn"):  # takes some seconds; the motor moves
+    raise SystemExit(1)  # without the backlash the load would rattle
+call("identify")  # takes as long; the law for two encoders acts if it finds inertia and friction
 for _ in range(TRIES):  # a message may be lost
     reference.publish(Float64(data=TARGET))
     again = time.monotonic() + 1.0

@@ -14,7 +14,7 @@ RUN_BY = {
     r"python benchmarks/": "Makefile",
     r"python docs/examples/learn_and_step": "test/nodes/test_start.py",
     r"dask |backlash .*--scheduler": "test/unit/test_evaluation.py",
-    r"backlash identify step.csv": "test/unit/test_simulate.py",
+    r"backlash identify results/step.csv": "test/unit/test_simulate.py",
     r"backlash identify|backlash .*results/axis": "test/unit/test_identify_command.py",
     r"backlash figures two_encoder": "test/unit/test_law_pictures.py",
     r"backlash measure": "test/nodes/test_measure.py",

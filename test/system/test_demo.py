@@ -168,7 +168,7 @@ def test_replay_gives_every_command_to_the_last_bit(
     for command in (*replays, "backlash replay results/demo/heavy/bag"):
         assert main(shlex.split(command)[1:]) == 0
         assert "all equal to the last bit" in capsys.readouterr().out
-    assert (tmp_path / "replay.png").stat().st_size > 0
+    assert (tmp_path / "results" / "replay.png").stat().st_size > 0
 
 
 @pytest.fixture(scope="module")

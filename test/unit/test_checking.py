@@ -73,7 +73,13 @@ def test_gains_that_would_be_refused_fail(tmp_path: Path, capsys: pytest.Capture
     ("sections", "says"),
     [
         ({"motor": {"resistance": -2.0}}, "motor.resistance must be > 0 ohm and <= 1e+06 ohm, got -2.0"),
-        ({"gear": {"ratio": 0.1}}, "gear.ratio is no parameter"),
+        ({"gear": {"ratio": 0.1}}, "there is no parameter 'gear.ratio', got 0.1: did you mean 'gear.reduction'?"),
+        (
+            {"moter": {"inertia": 1e-5}},
+            "there is no parameter 'moter.inertia', got 1e-05: did you mean 'motor.inertia'?",
+        ),
+        ({"rates": 500.0}, "there is no parameter 'rates', got 500.0: did you mean 'rate'?"),
+        ({"law": "two_encoders"}, "'two_encoder', 'two_region'], got 'two_encoders'"),
         ({"load": {"inertia": math.nan}}, "load.inertia must be a finite number, >= 1e-09 kg m^2"),
         ({"sensors": {"measured": 3}}, "sensors.measured must be a list with something in it, got 3"),
         ({"gain_set_names": []}, "gain_set_names must be a list with something in it, got []"),
@@ -94,6 +100,11 @@ def test_the_gains_of_a_design_are_checked_with_its_drive(tmp_path: Path) -> Non
     drive, gains = file_of(tmp_path), tmp_path / "gains.yaml"
     gains.write_text("/**: {ros__parameters: {law: two_region, gains: {fast: {k: [10.0, 0.4, 0.1]}}}}")
     margins = "margins of the fast gains"
+    # Whoever has designed gains is not told to do so.
+    heavy, chosen = file_of(tmp_path, load={"inertia": 2e-3}), tmp_path / "chosen.yaml"
+    chosen.write_text("/**: {ros__parameters: {gains: {overdamped: {k: [4.0, 0.4, 0.1]}}}}")
+    assert [len(check_drive(*files).warnings) for files in ((heavy,), (heavy, chosen))] == [1, 0]
+    drive = file_of(tmp_path)
     assert check_drive(drive, gains).figures[margins] != check_drive(drive).figures[margins]
     with pytest.raises(ValueError, match=r"gains.yaml: must have ROS parameters of motor, gear or load"):
         check_drive(gains)

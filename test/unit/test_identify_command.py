@@ -11,7 +11,7 @@ import pytest
 import yaml
 from recorded import probed, stepped, write_bag, write_csv, write_drive
 
-from backlash_ros.analysis.evaluation.drive_file import read_drive
+from backlash_ros.analysis.evaluation.drive_file import Axis, read_axis, read_drive
 from backlash_ros.analysis.recordings.bag_topics import controller_of
 from backlash_ros.analysis.recordings.drive_text import drive_text
 from backlash_ros.cli import main
@@ -90,9 +90,10 @@ def test_a_drive_that_was_found_reads_back(tmp_path: Path, law: str) -> None:
         Finding(key, key, "", "", why="not seen") for key in ("sensors.load_offset", "delay.command", "tau_l")
     )
     found = Identified("", drive, unseen, period=0.004, replaced=frozenset({"contact", "gear.backlash_angle"}))
-    (tmp_path / "found.yaml").write_text(drive_text(found, (0.0, 0.0), "axis.csv"))
+    given = Axis(drive, position_lower=-3.0, position_upper=2.5)
+    (tmp_path / "found.yaml").write_text(drive_text(found, given, (0.0, 0.0), "axis.csv"))
     assert "identified" not in (tmp_path / "found.yaml").read_text().partition("/**")[2]  # nothing was told of the load
-    assert read_drive(tmp_path / "found.yaml") == drive
+    assert read_axis(tmp_path / "found.yaml") == given  # with the ends of its travel
 
 
 def test_a_recording_that_tells_nothing_ends_with_1_and_the_reason(

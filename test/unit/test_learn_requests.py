@@ -129,9 +129,11 @@ def test_outcomes_in_words() -> None:
         Finding("motor.coulomb_friction", "c_m", "", "N m", 3e-10, 1e-4),
         Finding("load.coulomb_friction", "c_l", "", "N m", why="too little motion"),
     )
-    drive = DriveEstimate(0.0, Method.IDENTIFY, valid=True, reason="4 s of motion", findings=told)
+    inertia = {"load.inertia": 5e-4}
+    drive = DriveEstimate(0.0, Method.IDENTIFY, valid=True, reason="4 s of motion", drive=inertia, findings=told)
     assert describe_outcome(drive) == (
-        "J_l = 0.0005 +- 2e-06 kg m^2, c_m = 0 +- 0.0001 N m, from 4 s of motion; not told: c_l: too little motion"
+        "J_l = 0.0005 +- 2e-06 kg m^2, c_m = 0 +- 0.0001 N m, from 4 s of motion; not told: c_l: too little motion; "
+        "the drive does not count as identified, since load.coulomb_friction was not found"
     )
     assert describe_outcome(Refusal("it failed: OSError()")) == "it failed: OSError()"
 

@@ -5,8 +5,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from backlash_ros.analysis.evaluation.drive_file import Axis, Surroundings, read_axis, read_surroundings
-from backlash_ros.control import Margins, stability_margins
+from backlash_ros.analysis.evaluation.drive_file import (
+    Axis,
+    Surroundings,
+    named,
+    read_axis,
+    read_parameters,
+    read_surroundings,
+)
+from backlash_ros.control import AUTO, DEFAULT_WEIGHTS, LAWS, Margins, design_gains, stability_margins
 from backlash_ros.drivetrain import Drive
 
 LOWER = "lower the weights (gain_sets.*.q; the first is the square of k1), raise rate, or shorten the delay"
@@ -46,7 +53,9 @@ def check_drive(*paths: Path) -> Checked:
     OSError, ValueError
         If the file cannot be read, or a parameter is out of bounds: the text names it, the value and the bound.
     """
-    axis = read_axis(*paths)
+    axis, law = read_axis(*paths), str(read_parameters(*paths).get("law", AUTO))
+    if law not in (AUTO, *LAWS):
+        raise ValueError(f"{named(paths)}: law must be one of {sorted((AUTO, *LAWS))}, got {law!r}")
     around = read_surroundings(axis.drive, *paths)
     margins, fails = {}, ""
     try:
@@ -99,12 +108,14 @@ def _warnings(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) 
             f"the load has {ratio:.2g} times the motor's inertia, seen from the output: few drives do",
             "check load.inertia and motor.inertia, both in kg m^2 (1 g cm^2 is 1e-7 kg m^2), and gear.reduction",
         )
-    if ratio > HEAVY:
+    chosen = around.overdamped != design_gains("overdamped", drive, DEFAULT_WEIGHTS["overdamped"])
+    if ratio > HEAVY and not chosen:
         yield Warned(
             f"the load has {ratio:.2g} times the motor's inertia, seen from the output: "
             "the two-region law may keep a slow limit cycle",
             "choose gains for this drive (backlash design DRIVE --out gains.yaml; backlash check DRIVE gains.yaml); "
-            "or, with two encoders, keep law auto and call identify: then law two_encoder acts",
+            "or, with two encoders, leave law at auto and call identify: "
+            "once it has found inertia and friction, law two_encoder acts",
         )
     coasts = load.inertia / load.viscous_friction if load.viscous_friction else math.inf
     if load.coulomb_friction == 0.0 and coasts > COASTS:

@@ -136,7 +136,7 @@ def identify_recording(request: Request, console: Console) -> int:
         _write(request.json, json.dumps(content_of(subject, found), indent=1) + "\n")
         written.append(str(request.json))
     if request.drive_file is not None and found.valid:
-        _write(request.drive_file, drive_text(found, counts, subject.source))
+        _write(request.drive_file, drive_text(found, axis, counts, subject.source))
         written.append(str(request.drive_file))
     if request.certificate is not None:
         from backlash_ros.analysis.certificate.page import certificate  # noqa: PLC0415 - matplotlib takes a second

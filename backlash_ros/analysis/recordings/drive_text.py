@@ -1,8 +1,10 @@
 """Writes a drive file with a comment at each value: identified or not."""
 
+import math
 import re
 from dataclasses import fields
 
+from backlash_ros.analysis.evaluation.drive_file import Axis
 from backlash_ros.drivetrain import Validated, quantities
 from backlash_ros.drivetrain.contact import law_name
 from backlash_ros.drivetrain.parameters import IDENTIFIED
@@ -61,11 +63,12 @@ def _section(part: Validated, name: str, found: Identified, indent: int, *, whol
     return lines
 
 
-def drive_text(found: Identified, counts: tuple[float, float], source: str) -> str:
+def drive_text(found: Identified, axis: Axis, counts: tuple[float, float], source: str) -> str:
     """Return a drive file with the identified values, for the nodes, the simulator and ``evaluate``.
 
     Parameters
     ----------
+    axis : the axis that was given, whose ends of travel are kept
     counts : of both encoders per turn of their shafts; 0 if unknown
     source : what was identified, in words
     """
@@ -82,6 +85,9 @@ def drive_text(found: Identified, counts: tuple[float, float], source: str) -> s
         lines += _section(part, name, found, 4)
     lines += ["    contact:", f"      law: {law_name(contact)}"]
     lines += _section(contact, law_name(contact), found, 6, whole=True)
+    ends = {"position_lower": axis.position_lower, "position_upper": axis.position_upper}
+    kept = [f"      {name}: {_number(end)}  # as told [rad]" for name, end in ends.items() if math.isfinite(end)]
+    lines += ["    limits:", *kept] if kept else []
     sensors = {"motor_counts": counts[0], "load_counts": counts[1]}
     offset = found.of("sensors.load_offset")
     if offset.told:

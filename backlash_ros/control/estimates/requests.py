@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from backlash_ros.control.experiment import BacklashEstimate, Deferred, DriveEstimate, Outcome, Refusal
 from backlash_ros.control.servo import Servo
+from backlash_ros.drivetrain.parameters import IDENTIFIED
 from backlash_ros.identification.recordings.findings import Finding
 
 EXPERIMENT_OF = {"learn": "", "identify": "identify"}
@@ -112,7 +113,9 @@ def describe_outcome(outcome: Outcome) -> str:
     if isinstance(outcome, DriveEstimate):
         told = ", ".join(_describe(each) for each in outcome.findings if each.told)
         missing = "; ".join(f"{each.symbol}: {each.why}" for each in outcome.findings if not each.told)
-        return f"{told}, from {outcome.reason}{f'; not told: {missing}' if missing else ''}"
+        lacking = " and ".join(sorted(IDENTIFIED - outcome.parameters.keys()))
+        waits = f"; the drive does not count as identified, since {lacking} was not found" if lacking else ""
+        return f"{told}, from {outcome.reason}{f'; not told: {missing}' if missing else ''}{waits}"
     sure = f" +- {outcome.uncertainty:.2g}" if outcome.uncertainty > 0.0 else ""
     return f"backlash {outcome.angle:.6g}{sure} rad at the output, by {outcome.method.value}, from {outcome.reason}"
 
