@@ -265,7 +265,7 @@ def test_the_command_writes_files_that_agree(tmp_path: Path, capsys: pytest.Capt
         ("gear: {reduction: 0.0}", [], "gear.reduction must be >= 0.001"),
         ("gear: {}\nrate: 0.0", [], "rate must be > 0 Hz and <= 2000 Hz, got 0.0"),
         ("gear: {}\nsensors: {measured: [theta_x]}", [], "sensors.measured must be of"),
-        ("gear: {}\nsensors: {colour: 1.0}", [], "sensors.colour is no parameter"),
+        ("gear: {}\nsensors: {colour: 1.0}", [], "there is no parameter 'sensors.colour', got 1.0"),
         ("gear: {}\ngain_set_names: [a]\ngain_sets: {a: {fast: {k: [1.0]}}}", [], "gain_sets.a.fast.k must be three"),
         ("gear: {}", ["--inertia", "1.3", "0.7"], "inertia must be two factors"),
         ("gear: {}", ["--rate", "0"], "--rate must be > 0 Hz"),

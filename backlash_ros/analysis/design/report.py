@@ -122,7 +122,7 @@ def show(content: dict[str, Any], console: Console) -> None:
         late = "any" if margins["delay"] is None else f"{1e3 * margins['delay']:.3g} ms"
         say(
             f"{region + ' gains':17s} k1 {k[0]:.5g} V/rad, k2 {k[1]:.5g} V s/rad, k3 {k[2]:.5g} V/A; "
-            f"in contact it bears a gain of {gain}, a lag of {phase} degrees, a further delay of {late}"
+            f"margins in contact: gain {gain}, phase {phase} deg, delay {late}"
         )
     say(f"over-damped within {content['width']:.3g} b = {content['width_angle']:.3g} rad of the target")
     say(f"poles in contact, over-damped, 1/s: {', '.join(_pole(*pole) for pole in content['poles'])}")

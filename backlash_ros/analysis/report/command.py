@@ -88,7 +88,8 @@ def _line(report: AxisReport) -> str:
         said.append(f"b from this recording {report.gap.angle:.5g} +- {report.gap.uncertainty:.2g} rad")
     if report.timing is not None and math.isfinite(report.timing.rate):
         said.append(f"{report.timing.rate:.4g} Hz, {counted(report.timing.lost, 'sample')} missing")
-    return f"{report.axis.name}: {'; '.join(said)}"
+    name = "axis" if report.axis.name == "/" else f"axis {report.axis.name}"
+    return f"{name}: {'; '.join(said)}"
 
 
 def write_report(given: argparse.Namespace, console: Console) -> int:

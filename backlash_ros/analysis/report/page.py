@@ -107,10 +107,11 @@ def _remarks(step: Step) -> list[str]:
     """Return the notes that are needed to read the figures of a step."""
     remarks = list(step.remarks)
     if step.late_rising:
-        remarks.append(f"{counted(step.late_rising, 'sample')} late, or answered late, while it rose: this slows it")
+        late = counted(step.late_rising, "sample")
+        remarks.append(f"{late} late, or answered late, while it rose: this changes its figures")
     if step.late_rest:
         quiet = f"{TAIL + SETTLING:g} s without a late sample"
-        remarks.append(f"its rest has no {quiet}: late ones widen the residual")
+        remarks.append(f"never {quiet} at its end: its residual may be too large")
     if step.ended_by:
         remarks.append(f"judged until {step.ended_by}, {step.end - step.start:.2f} s after the start")
     return remarks
@@ -281,7 +282,9 @@ def _summary(report: AxisReport) -> list[str]:
     if steps:
         settled = sum(math.isfinite(step.settling) for step in steps)
         swinging = sum(math.isfinite(step.amplitude) for step in steps)
+        neither = sum(not math.isfinite(step.settling) and not math.isfinite(step.amplitude) for step in steps)
         said = f"{counted(len(steps), 'step')}: {settled} settled, {swinging} ended in a limit cycle"
+        said += f", {neither} did neither" if neither else ""
         lines.append((settled == len(steps) and not swinging, said))
     if report.events.faults:
         names = ", ".join(dict.fromkeys(fault.name for fault in report.events.faults))
