@@ -33,6 +33,9 @@ def test_a_sound_drive_has_figures_and_no_warning(tmp_path: Path) -> None:
     ("sections", "what", "remedy"),
     [
         ({"load": {"inertia": 2e-3}}, "1 times the motor's inertia", "backlash design"),
+        ({"motor": {"torque_constant": 50.0}}, "the motor turns at 0.48 rad/s without load", "1 mN m/A is 1e-3"),
+        ({"gear": {"reduction": 10.0, "backlash_angle": 1.0}}, "the gap is 1 rad", "1 deg is 0.0175"),
+        ({"motor": {"inductance": 2.0}}, "the winding takes motor.inductance / motor.resistance = 1 s", "1 mH is 1e-3"),
         (
             {"load": {"inertia": 0.5}},
             "2.5e+02 times the motor's inertia, seen from the output: few",

@@ -20,6 +20,10 @@ LOWER = "lower the weights (gain_sets.*.q; the first is the square of k1), raise
 """Remedy for gains that are too fast."""
 IMPLAUSIBLE = 100.0
 """J_l/J_r, or its inverse, that is more likely a mistake than a drive."""
+SPEEDS = 10.0, 1e4
+"""Speeds of a motor without load, rad/s, outside of which a unit is more likely wrong."""
+WIDE, SLOW = 0.2, 0.1
+"""Gap, rad, and time constant of a winding, s, above which a unit is more likely wrong."""
 HEAVY = 0.5
 """J_l/J_r above which the two-region law more often keeps a slow limit cycle: docs/evaluation.md."""
 COASTS = 1.0
@@ -93,6 +97,34 @@ def _figures(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) -
     return figures
 
 
+def _units(drive: Drive) -> Iterator[Warned]:
+    """Yield what is more likely a wrong unit than a drive."""
+    ratio = drive.load.inertia / drive.reflected_inertia
+    if not 1.0 / IMPLAUSIBLE <= ratio <= IMPLAUSIBLE:
+        yield Warned(
+            f"the load has {ratio:.2g} times the motor's inertia, seen from the output: few drives do",
+            "check load.inertia and motor.inertia, both in kg m^2 (1 g cm^2 is 1e-7 kg m^2), and gear.reduction",
+        )
+    speed = drive.motor.voltage_limit / drive.motor.torque_constant
+    if not SPEEDS[0] <= speed <= SPEEDS[1]:
+        yield Warned(
+            f"the motor turns at {speed:.2g} rad/s without load, before the gear: few motors do",
+            "check motor.torque_constant in N m/A, which is V s/rad (1 mN m/A is 1e-3, 100 rpm/V are 0.0955), "
+            "and motor.voltage_limit",
+        )
+    if drive.gear.backlash_angle > WIDE:
+        yield Warned(
+            f"the gap is {drive.gear.backlash_angle:.2g} rad: few gears have so much",
+            "check gear.backlash_angle in rad at the output (1 deg is 0.0175, 1 arcmin 2.9e-4)",
+        )
+    winding = drive.motor.inductance / drive.motor.resistance
+    if winding > SLOW:
+        yield Warned(
+            f"the winding takes motor.inductance / motor.resistance = {winding:.2g} s: few do",
+            "check motor.inductance in H (1 mH is 1e-3) and motor.resistance in ohm",
+        )
+
+
 def _warnings(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) -> Iterator[Warned]:
     drive = axis.drive
     load, stall = drive.load, drive.standstill_torque()
@@ -102,12 +134,8 @@ def _warnings(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) 
             f"the {' and '.join(tight)} gains tolerate less than 30 deg of lag, or less than one more period of delay",
             LOWER,
         )
+    yield from _units(drive)
     ratio = load.inertia / drive.reflected_inertia
-    if not 1.0 / IMPLAUSIBLE <= ratio <= IMPLAUSIBLE:
-        yield Warned(
-            f"the load has {ratio:.2g} times the motor's inertia, seen from the output: few drives do",
-            "check load.inertia and motor.inertia, both in kg m^2 (1 g cm^2 is 1e-7 kg m^2), and gear.reduction",
-        )
     chosen = around.overdamped != design_gains("overdamped", drive, DEFAULT_WEIGHTS["overdamped"])
     if ratio > HEAVY and not chosen:
         yield Warned(
@@ -129,7 +157,8 @@ def _warnings(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) 
             yield Warned(
                 f"the gap has {counts:.2g} counts of the {name}'s encoder: "
                 "the learned backlash is coarse, and the load may swing",
-                "use a finer encoder, or choose wider regions: backlash design DRIVE --out gains.yaml",
+                f"check sensors.{name}_counts, per turn (14 bit are 16384); use a finer encoder, "
+                "or choose wider regions: backlash design DRIVE --out gains.yaml",
             )
     if "theta_l" not in around.sensors.measured:
         yield Warned(
