@@ -74,7 +74,7 @@ def measure_gap(drive: Drive, recording: Recording, torque: float, contacts: Seq
             "a gear that loses a quarter of the torque or more is not modelled"
         )
         if late := np.count_nonzero(recording.doubt > 0.0):
-            why += f"; {late} of {recording.time.size} commands were late, as on a busy machine: that may be the cause"
+            why += f"; {late} of {recording.time.size} commands were late: if the machine was busy, try again"
         if found.exhausted:
             why += f"; the search stopped after {PASSES} passes of the filter"
     elif found.exhausted:
