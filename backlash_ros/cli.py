@@ -37,7 +37,6 @@ from backlash_ros.control import AUTO, EXPERIMENTS, LAWS
 from backlash_ros.simulation.batch import CannotRunError
 
 T = TypeVar("T")
-Work = Callable[[argparse.Namespace, Console], int]
 
 
 def figures(out: Path, page: Path | None, console: Console) -> None:
@@ -145,6 +144,7 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
 def _export(parser: argparse.ArgumentParser, given: argparse.Namespace) -> None:
     try:
         text = FORMATS[given.format](read_axis(given.drive), given.torque)
+        _refuse_misspelled(given.drive)
     except (OSError, ValueError) as error:
         parser.error(str(error))
     _print_or_write(parser, given, text)
@@ -161,23 +161,22 @@ def _print_or_write(parser: argparse.ArgumentParser, given: argparse.Namespace, 
         parser.error(f"argument --out: '{given.out}' exists; --force overwrites it")
 
 
-def _spelled(work: Work) -> Work:
-    """Return ``work`` on drive files that first refuses misspelled parameters, if there is ROS, which knows all."""
+def _refuse_misspelled(*files: Path) -> None:
+    """Refuse drive files with misspelled parameters, if there is ROS: only the nodes know all names.
 
-    def run(given: argparse.Namespace, console: Console) -> int:
-        files = [given.drive] if isinstance(given.drive, Path) else given.drive
-        if files:
-            parameters = read_parameters(*files)
-            with suppress(ImportError):
-                from backlash_ros.nodes.parameters import refuse_misspelled  # noqa: PLC0415 - needs ROS
+    Raises
+    ------
+    OSError, ValueError
+        As `read_parameters`; or names the file, the parameter and the one that was probably meant.
+    """
+    parameters = read_parameters(*files)
+    with suppress(ImportError):
+        from backlash_ros.nodes.parameters import refuse_misspelled  # noqa: PLC0415 - needs ROS
 
-                try:
-                    refuse_misspelled(parameters)
-                except ValueError as error:
-                    raise ValueError(f"{named(files)}: {error}") from error
-        return work(given, console)
-
-    return run
+        try:
+            refuse_misspelled(parameters)
+        except ValueError as error:
+            raise ValueError(f"{named(files)}: {error}") from error
 
 
 _NODES = ("plant_simulator", "controller")
@@ -222,8 +221,11 @@ def _evaluate(parser: argparse.ArgumentParser, given: argparse.Namespace, consol
     for name in ("json", "plot", "out"):
         if (place := getattr(given, name)) is not None and (why := _unwritable(place, folder=name == "out")):
             parser.error(f"argument --{name}: must be writable, got '{place}': {why}")
+    around = None
     try:
-        around = read_drive(given.drive) if given.drive else None
+        if given.drive:
+            _refuse_misspelled(given.drive)
+            around = read_drive(given.drive)
     except (OSError, ValueError) as error:
         parser.error(f"argument --drive: {error}")
     laws = tuple(dict.fromkeys(given.laws))
@@ -253,6 +255,8 @@ def _identify(parser: argparse.ArgumentParser, given: argparse.Namespace, consol
             option = name.replace("_", "-")
             parser.error(f"argument --{option}: must be writable, got '{place}': {why}")
     try:
+        if request.drive:
+            _refuse_misspelled(request.drive)
         return identify_recording(request, console)
     except ValueError as error:
         print(f"{parser.prog}: {error}", file=sys.stderr)
@@ -263,10 +267,10 @@ def _work(
     parser: argparse.ArgumentParser,
     given: argparse.Namespace,
     console: Console,
-    work: Work,
+    work: Callable[[argparse.Namespace, Console], int],
     written: Sequence[str] = (),
 ) -> int:
-    """Do a subcommand's work after checking that the files of its options ``written`` can be written."""
+    """Do a subcommand's work once its drive files and the places of the options ``written`` have been checked."""
     places = [(name, place) for name in written if (place := getattr(given, name)) is not None]
     for name, place in places:
         if place.exists() and not given.force:
@@ -274,7 +278,10 @@ def _work(
     for name, place in places:
         if why := _unwritable(place, folder=False):
             parser.error(f"argument --{name}: must be writable, got '{place}': {why}")
+    drive = getattr(given, "drive", None) or ()
     try:
+        if files := [drive] if isinstance(drive, Path) else drive:
+            _refuse_misspelled(*files)
         return work(given, console)
     except ValueError as error:
         parser.error(str(error))
@@ -364,9 +371,7 @@ def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
     drawing.set_defaults(run=lambda a, console: _figures(drawing, a, console))
     single = commands.add_parser("simulate", help="simulate one step: figures as JSON, a picture, a table")
     simulating.add_simulate(single)
-    single.set_defaults(
-        run=lambda a, console: _work(single, a, console, _spelled(simulating.simulate), simulating.WRITTEN)
-    )
+    single.set_defaults(run=lambda a, console: _work(single, a, console, simulating.simulate, simulating.WRITTEN))
     judging = commands.add_parser(
         "evaluate",
         help="judge learning and laws on a random population of drives",
@@ -402,7 +407,7 @@ def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
     designer.add_design(designing)
     checking = commands.add_parser("check", help="check a drive file and its loop before anything moves")
     add_check(checking)
-    checking.set_defaults(run=lambda a, console: _work(checking, a, console, _spelled(check_and_show)))
+    checking.set_defaults(run=lambda a, console: _work(checking, a, console, check_and_show))
     again = commands.add_parser(
         "replay",
         help="compute a recorded controller's commands again, to the last bit",
@@ -410,7 +415,7 @@ def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
     replaying.add_replay(again)
     again.set_defaults(run=lambda a, console: _work(again, a, console, replaying.replay_bag, replaying.WRITTEN))
     designing.set_defaults(
-        run=lambda a, console: _work(designing, a, console, _spelled(designer.design_gains_for), designer.WRITTEN)
+        run=lambda a, console: _work(designing, a, console, designer.design_gains_for, designer.WRITTEN)
     )
     finding.set_defaults(words=words, run=lambda a, console: _identify(finding, a, console))
     reporting.set_defaults(words=words, run=lambda a, console: _report(reporting, a, console))

@@ -98,16 +98,36 @@ def test_a_file_that_is_wrong_is_refused_in_one_line(
     assert error.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        *(["check"], ["design"], ["simulate"], ["export", "--format", "urdf"]),
+        *(["evaluate", "--seed", "1", "--only", "0", "--drive"], ["identify", "axis.csv", "--drive"]),
+    ],
+)
+def test_no_command_takes_a_misspelled_drive_for_the_nominal_one(
+    tmp_path: Path, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("rclpy")  # only the nodes know all names
+    try:
+        code = main([*words, str(file_of(tmp_path, moter={"inertia": 1e-5}))])
+    except SystemExit as ended:
+        code = ended.code
+    assert code == (1 if words[0] == "identify" else 2)
+    assert "drive.yaml: there is no parameter 'moter.inertia'" in capsys.readouterr().err
+
+
+def test_whoever_has_chosen_gains_is_not_told_to_choose_some(tmp_path: Path) -> None:
+    heavy, gains = file_of(tmp_path, load={"inertia": 2e-3}), tmp_path / "gains.yaml"
+    gains.write_text("/**: {ros__parameters: {gains: {overdamped: {k: [4.0, 0.4, 0.1]}}}}")
+    assert [len(check_drive(*files).warnings) for files in ((heavy,), (heavy, gains))] == [1, 0]
+
+
 def test_the_gains_of_a_design_are_checked_with_its_drive(tmp_path: Path) -> None:
     """A later file overrides an earlier one, as for a node."""
     drive, gains = file_of(tmp_path), tmp_path / "gains.yaml"
     gains.write_text("/**: {ros__parameters: {law: two_region, gains: {fast: {k: [10.0, 0.4, 0.1]}}}}")
     margins = "margins of the fast gains"
-    # Whoever has designed gains is not told to do so.
-    heavy, chosen = file_of(tmp_path, load={"inertia": 2e-3}), tmp_path / "chosen.yaml"
-    chosen.write_text("/**: {ros__parameters: {gains: {overdamped: {k: [4.0, 0.4, 0.1]}}}}")
-    assert [len(check_drive(*files).warnings) for files in ((heavy,), (heavy, chosen))] == [1, 0]
-    drive = file_of(tmp_path)
     assert check_drive(drive, gains).figures[margins] != check_drive(drive).figures[margins]
     with pytest.raises(ValueError, match=r"gains.yaml: must have ROS parameters of motor, gear or load"):
         check_drive(gains)

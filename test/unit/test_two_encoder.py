@@ -51,16 +51,22 @@ from backlash_ros.drivetrain.signals import LOAD_TORQUE, OMEGA_L, THETA_L, THETA
 from backlash_ros.simulation import Run, Scenario, SimulatedDrive, run
 
 B = NOMINAL_DRIVE.gear.backlash_angle
+ENCODERS = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
 
 
 def settings_of(gains: GainSet, law: str = "two_encoder", **changes: Any) -> ServoSettings:
     return replace(ServoSettings(gains, backlash_angle=B, identified=True).with_law(law), **changes)
 
 
+def with_load(heavier: float) -> Drive:
+    """Return the nominal drive with a load of so many times the motor's inertia, seen from the output."""
+    load = replace(NOMINAL_DRIVE.load, inertia=heavier * NOMINAL_DRIVE.reflected_inertia)
+    return replace(NOMINAL_DRIVE, load=load)
+
+
 def played(gains: GainSet, reference: Array, load_torque: float = 0.0) -> Run:
     """Return a run of the nominal drive, positions measured in counts."""
-    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
-    scenario = Scenario(reference, np.array(load_torque), sensors=sensors, substeps=4)
+    scenario = Scenario(reference, np.array(load_torque), sensors=ENCODERS, substeps=4)
     return run(NOMINAL_DRIVE, settings_of(gains), scenario)
 
 
@@ -136,11 +142,9 @@ def test_a_load_heavier_than_the_motor_is_held_without_swinging(
     gains: GainSet, heavier: float, load_torque: float
 ) -> None:
     """The motor's own loop, designed for the motor alone, would swing with it, by many gaps."""
-    load = replace(NOMINAL_DRIVE.load, inertia=heavier * NOMINAL_DRIVE.reflected_inertia)
-    drive = replace(NOMINAL_DRIVE, load=load)
+    drive = with_load(heavier)
     reference = np.where(np.arange(2000) < 1000, 0.0, 1.0)
-    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
-    done = run(drive, settings_of(gains), Scenario(reference, np.array(load_torque), sensors=sensors))
+    done = run(drive, settings_of(gains), Scenario(reference, np.array(load_torque), sensors=ENCODERS))
     for target, since, until in ((0.0, 3.0, 4.0), (1.0, 7.0, 8.0)):
         end = done.load_angle[(done.time >= since) & (done.time < until)]
         assert np.ptp(end) <= 0.05 * B
@@ -159,8 +163,7 @@ def test_a_reference_that_moves_again_in_flight_is_flown_to(gains: GainSet, seed
 
 def test_a_setpoint_in_motion_is_followed_and_ends_at_rest(gains: GainSet) -> None:
     coefficients = [0.0, 0.0, 0.0, 10.0, -15.0, 6.0, 1.0]  # 1 rad in 1 s, from rest to rest
-    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
-    scenario = Scenario(np.zeros(750), sensors=sensors, source=Polynomials(np.array([coefficients])))
+    scenario = Scenario(np.zeros(750), sensors=ENCODERS, source=Polynomials(np.array([coefficients])))
     done = run(NOMINAL_DRIVE, settings_of(gains), scenario)
     u = np.minimum(done.time, 1.0)
     assert np.max(np.abs(done.load_angle - u**3 * (10.0 - 15.0 * u + 6.0 * u**2))) <= 1.5 * B
@@ -172,13 +175,11 @@ def test_a_setpoint_in_motion_is_followed_and_ends_at_rest(gains: GainSet) -> No
 def test_a_load_heavier_than_the_motor_follows_without_swinging(
     gains: GainSet, heavier: float, load_torque: float
 ) -> None:
-    load = replace(NOMINAL_DRIVE.load, inertia=heavier * NOMINAL_DRIVE.reflected_inertia)
     coefficients = [0.0, 0.0, 0.0, 10.0 / 4.0**3, -15.0 / 4.0**4, 6.0 / 4.0**5, 4.0]  # 1 rad in 4 s, from rest to rest
-    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
     scenario = Scenario(
-        np.zeros(1000), np.array(load_torque), sensors=sensors, source=Polynomials(np.array([coefficients]))
+        np.zeros(1000), np.array(load_torque), sensors=ENCODERS, source=Polynomials(np.array([coefficients]))
     )
-    done = run(replace(NOMINAL_DRIVE, load=load), settings_of(gains), scenario)
+    done = run(with_load(heavier), settings_of(gains), scenario)
     u = done.time / 4.0
     error = done.load_angle - u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
     assert np.ptp(error[done.time >= 1.0]) <= 5.0 * B  # the motor alone's loop: 10 to 80
@@ -329,8 +330,7 @@ def rough(**load: float) -> Drive:
 
 def overshoot(gains: GainSet, drive: Drive, pull: float, **changes: float) -> float:
     """Return how far a drive goes beyond a step of 1 rad, the first after the start, in gaps."""
-    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
-    scenario = Scenario(np.r_[np.zeros(125), np.ones(500)], np.array(pull), sensors=sensors)
+    scenario = Scenario(np.r_[np.zeros(125), np.ones(500)], np.array(pull), sensors=ENCODERS)
     done = run(drive, settings_of(gains, **changes), scenario, model=drive)
     return float(np.max(done.load_angle) - 1.0) / B
 
@@ -359,8 +359,7 @@ def test_a_move_is_planned_with_the_weight_where_it_goes(gains: GainSet, offset:
 def test_a_wrong_slope_of_the_load_torque_moves_nothing_at_rest_and_lasts_one_move(
     gains: GainSet, slope: float, angle: float
 ) -> None:
-    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
-    scenario = Scenario(np.r_[np.zeros(250), np.ones(1000), np.full(500, 0.5)], sensors=sensors)
+    scenario = Scenario(np.r_[np.zeros(250), np.ones(1000), np.full(500, 0.5)], sensors=ENCODERS)
     changes = {"expected_load_torque_slope": slope, "expected_load_torque_angle": angle}
     done = run(NOMINAL_DRIVE, settings_of(gains, **changes), scenario, model=NOMINAL_DRIVE)
     assert not done.fault
@@ -372,12 +371,11 @@ def test_a_wrong_slope_of_the_load_torque_moves_nothing_at_rest_and_lasts_one_mo
 
 def test_a_slope_set_in_flight_counts_from_the_next_move_on_even_after_one_was_disproved(gains: GainSet) -> None:
     drive = rough(gravity_torque=0.2)
-    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
 
     def commands(*slopes: float) -> tuple[list[float], list[float]]:
         """Return the commands of two moves, and how far they go beyond; each slope is set in flight to the next."""
         servo = Servo(drive, settings_of(gains, expected_load_torque_slope=slopes[0]))
-        plant = SimulatedDrive(drive, 0.004, sensors=sensors)
+        plant = SimulatedDrive(drive, 0.004, sensors=ENCODERS)
         sent, beyond = [], []
         for k in range(1000):
             shown = plant.sample()
@@ -418,8 +416,7 @@ def test_a_wrong_expectation_moves_nothing_at_rest_and_lasts_one_move(
 ) -> None:
     """It counts no further than friction can hide, and not at all for a load without any."""
     drive = rough(coulomb_friction=friction)
-    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
-    scenario = Scenario(np.r_[np.zeros(250), np.ones(1000), np.full(500, 0.5)], sensors=sensors)
+    scenario = Scenario(np.r_[np.zeros(250), np.ones(1000), np.full(500, 0.5)], sensors=ENCODERS)
     done = run(drive, settings_of(gains, expected_load_torque=expected), scenario, model=drive)
     assert np.max(np.abs(done.load_angle[:250])) <= 0.05 * B
     assert np.max(np.abs(done.load_angle[1500:] - 0.5)) <= 0.15 * B
@@ -436,10 +433,9 @@ def test_a_load_torque_that_comes_is_found_by_what_the_load_stands(
     """A move that friction swallowed shows that more pulls than was thought."""
     drive = rough(coulomb_friction=friction, inertia=2e-4)
     drive = replace(drive, gear=replace(drive.gear, backlash_angle=0.6 * B))
-    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
     torque = np.r_[np.zeros(1000), np.full(2000, pull)]
     choice = settings_of(gains, period=0.001, backlash_angle=0.6 * B)
-    done = run(drive, choice, Scenario(np.zeros(3000), torque, sensors=sensors), model=drive)
+    done = run(drive, choice, Scenario(np.zeros(3000), torque, sensors=ENCODERS), model=drive)
     away = np.abs(done.load_angle) / (0.6 * B)
     assert np.max(away[1500:]) <= 0.15  # half a second later; by as little as was seen at first it takes longer
 
@@ -451,9 +447,8 @@ def test_a_load_torque_that_comes_is_held_at_once_and_without_a_jerk(
 ) -> None:
     """The load falls through the gap and is led back; what then holds it becomes part of the plans unnoticed."""
     drive = rough(inertia=inertia * NOMINAL_DRIVE.load.inertia)
-    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
     time = np.arange(3.0 * rate) / rate
-    scenario = Scenario(np.zeros(time.size), np.where(time < 1.0, 0.0, 0.2), sensors=sensors)
+    scenario = Scenario(np.zeros(time.size), np.where(time < 1.0, 0.0, 0.2), sensors=ENCODERS)
     done = run(drive, settings_of(gains, period=1.0 / rate), scenario, model=drive)
     assert np.max(np.abs(done.load_angle[done.time >= 1.0 + within])) <= 0.25 * B
     after = done.command[np.searchsorted(done.time, 1.0 + within) : time.size]
@@ -463,9 +458,8 @@ def test_a_load_torque_that_comes_is_held_at_once_and_without_a_jerk(
 def test_every_load_torque_finds_the_law_as_ready_as_the_first(gains: GainSet) -> None:
     """A load that sticks is moved after a pause that grows with each try; after a rest it is short again."""
     drive = rough(coulomb_friction=0.1)
-    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
     time = np.arange(6000) * 0.004
-    scenario = Scenario(np.zeros(time.size), np.where(time % 4.0 < 2.0, 0.0, 0.25), sensors=sensors)
+    scenario = Scenario(np.zeros(time.size), np.where(time % 4.0 < 2.0, 0.0, 0.25), sensors=ENCODERS)
     done = run(drive, settings_of(gains), scenario, model=drive)
     off = np.abs(done.load_angle) > 0.25 * B
     for comes in np.arange(2.0, 24.0, 4.0):
@@ -583,10 +577,9 @@ def test_random_drives_come_to_rest_where_the_gap_is_known() -> None:
 
 
 def test_a_delay_is_predicted_over(gains: GainSet) -> None:
-    sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)
     reference = np.r_[np.zeros(125), np.ones(875)]
     for delay in (0.002, 0.004, 0.008):
-        scenario = Scenario(reference, sensors=sensors, delay=Delay(command=delay))
+        scenario = Scenario(reference, sensors=ENCODERS, delay=Delay(command=delay))
         done = run(NOMINAL_DRIVE, settings_of(gains, loop_delay=delay), scenario)
         end = done.load_angle[done.time >= 3.0]
         assert np.ptp(end) <= 0.05 * B

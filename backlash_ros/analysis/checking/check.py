@@ -8,12 +8,11 @@ from pathlib import Path
 from backlash_ros.analysis.evaluation.drive_file import (
     Axis,
     Surroundings,
-    named,
     read_axis,
-    read_parameters,
+    read_law,
     read_surroundings,
 )
-from backlash_ros.control import AUTO, DEFAULT_WEIGHTS, LAWS, Margins, design_gains, stability_margins
+from backlash_ros.control import DEFAULT_WEIGHTS, Margins, design_gains, stability_margins
 from backlash_ros.drivetrain import Drive
 
 LOWER = "lower the weights (gain_sets.*.q; the first is the square of k1), raise rate, or shorten the delay"
@@ -57,9 +56,8 @@ def check_drive(*paths: Path) -> Checked:
     OSError, ValueError
         If the file cannot be read, or a parameter is out of bounds: the text names it, the value and the bound.
     """
-    axis, law = read_axis(*paths), str(read_parameters(*paths).get("law", AUTO))
-    if law not in (AUTO, *LAWS):
-        raise ValueError(f"{named(paths)}: law must be one of {sorted((AUTO, *LAWS))}, got {law!r}")
+    read_law(*paths)  # refuses one that there is not
+    axis = read_axis(*paths)
     around = read_surroundings(axis.drive, *paths)
     margins, fails = {}, ""
     try:

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import yaml
 
-from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, Gains, design_gains
+from backlash_ros.control import AUTO, DEFAULT_WEIGHTS, LAWS, Gains, design_gains
 from backlash_ros.control.design.gain_sets import CUSTOM
 from backlash_ros.control.limits import NO_LIMIT
 from backlash_ros.drivetrain import (
@@ -151,9 +151,22 @@ def read_axis(*paths: Path) -> Axis:
     return _read(paths, axis_of)
 
 
+def read_law(*paths: Path) -> str:
+    """Return the law that parameter files name; OSError and ValueError as `read_axis`."""
+    return _read(paths, law_named)
+
+
 def read_parameters(*paths: Path) -> Mapping[str, Any]:
     """Return the parameters of files, in sections; OSError and ValueError as `read_axis`."""
     return _read(paths, lambda parameters: parameters)
+
+
+def law_named(parameters: Mapping[str, Any]) -> str:
+    """Return the law that parameters name, by default `AUTO`; ValueError if there is none of that name."""
+    law = str(parameters.get("law", AUTO))
+    if law != AUTO:
+        LAWS.choose("law", law, AUTO)
+    return law
 
 
 def named(paths: Iterable[Path]) -> str:

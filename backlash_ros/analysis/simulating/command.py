@@ -15,6 +15,7 @@ from rich.console import Console
 from backlash_ros.analysis.evaluation.drive_file import (
     axis_of,
     in_sections,
+    law_named,
     law_parameters_of,
     merged,
     named,
@@ -99,9 +100,7 @@ def _simulated(given: argparse.Namespace) -> tuple[Run, Drive, str]:
         raise ValueError(f"--load-torque must be finite, in N m, got {given.load_torque!r}")
     try:
         parameters = read_parameters(*given.drive)
-        law = given.law or str(parameters.get("law", AUTO))
-        if law != AUTO:
-            LAWS.choose("law", law, AUTO)
+        law = given.law or law_named(parameters)
         parameters = merged(parameters, _changes(given.set, law))
         axis = axis_of(parameters)
         around = surroundings_of(parameters, axis.drive)

@@ -397,10 +397,10 @@ def begin(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, hold
     state[SPEED], state[LOAD_SPEED] = law[RATIO] * estimate[OMEGA_M], estimate[OMEGA_L]
     state[MOMENTUM] = law[MOTOR_INERTIA] * state[SPEED] + law[INERTIA] * state[LOAD_SPEED]
     seen, hidden = -holding / law[VOLTS_PER_TORQUE], law[COULOMB] + law[MOTOR_COULOMB]
-    state[PULL_SLOW], pull, moves = seen, seen, abs(state[LOAD_SPEED]) > _STANDS
+    state[PULL_SLOW], pull = seen, seen
     state[SHAKEN] = abs(state[LOAD_SPEED])
-    if moves:
-        hidden += _STRIKES * law[INERTIA] * abs(state[LOAD_SPEED])
+    if moves := state[SHAKEN] > _STANDS:
+        hidden += _STRIKES * law[INERTIA] * state[SHAKEN]
         pull = clamp(pull_at(state, state[LOAD]), seen - hidden, seen + hidden)
     elif not holds(law, seen):
         pull = clamp(clamp(state[PULL], seen - hidden, seen + hidden), -law[COULOMB], law[COULOMB])
