@@ -14,12 +14,14 @@ from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitoring.faults import describe_fault
 from backlash_ros.control.monitoring.monitor import forget_ends, keep_torque, monitor_constants, unexplained_torque
 from backlash_ros.control.monitoring.plausibility import plausibility_constants
+from backlash_ros.control.motion.moving_reference import motion_constants
 from backlash_ros.control.motion.setpoint import DURATION, AtRest, Source, extent, plan_rejection
 from backlash_ros.control.observer import estimate_of, keep_estimate
 from backlash_ros.control.settings import AUTO, ServoSettings
 from backlash_ros.control.tick import (
     COMMAND,
     ELAPSED,
+    EXPERIMENTING,
     FAULT,
     INPUTS,
     KNOWN_LOAD_TORQUE,
@@ -125,10 +127,12 @@ class Servo:
                 settings.period,
                 settings.velocity_bandwidth,
                 settings.backlash_angle,
+                min(settings.gains.fast.position, settings.gains.overdamped.position),
                 may_grow=settings.renew,
             ),
             plausibility_constants(drive),
             range_constants(drive, limits),
+            motion_constants(drive, limits),
         )
         self.constants = pack(constants, watched=self._watched)
         if drive != self.drive:
@@ -446,6 +450,7 @@ class Servo:
                 inputs[OFFSET], inputs[TORQUE], _ = excitation
                 if self._experiment.acting is not before:
                     self._begin(self._experiment.acting)
+        inputs[EXPERIMENTING] = float(self._experiment is not None)
         acting = self._stepped
         command = acting.tick(
             self.constants, self.memory.row, acting.law.constants, acting.state, self.segments, measured, inputs

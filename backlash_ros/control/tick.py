@@ -21,6 +21,7 @@ from backlash_ros.control.monitoring.monitor import (
     MonitorConstants,
     monitor_memory,
     monitor_step,
+    unexplained_torque,
 )
 from backlash_ros.control.monitoring.plausibility import (
     PlausibilityConstants,
@@ -28,7 +29,14 @@ from backlash_ros.control.monitoring.plausibility import (
     plausibility_step,
     settle_angles,
 )
-from backlash_ros.control.motion.setpoint import evaluate
+from backlash_ros.control.monitoring.tracking import departure, forget_tracking, tracking_memory
+from backlash_ros.control.motion.moving_reference import (
+    MotionConstants,
+    forget_path,
+    motion_memory,
+    reference_setpoint,
+)
+from backlash_ros.control.motion.setpoint import evaluate, is_reference
 from backlash_ros.control.observer import ObserverConstants, observer_memory, observer_step
 from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.signals import (
@@ -48,17 +56,17 @@ from backlash_ros.drivetrain.signals import (
 )
 from backlash_ros.gates.faults import Fault
 
-_NONE, _NOT_FINITE = int(Fault.NONE), int(Fault.NOT_FINITE)
+_NONE, _NOT_FINITE, _AWAY = int(Fault.NONE), int(Fault.NOT_FINITE), int(Fault.TRACKING)
 _MOTOR_CURRENT, _MOTOR_SPEED, _LOAD_SPEED = (
     int(Fault.MOTOR_CURRENT),
     int(Fault.MOTOR_SPEED),
     int(Fault.LOAD_SPEED),
 )
 
-ELAPSED, OFFSET, TORQUE, KNOWN_LOAD_TORQUE = range(4)
+ELAPSED, OFFSET, TORQUE, KNOWN_LOAD_TORQUE, EXPERIMENTING = range(5)
 """The inputs of a tick beside the sample: time since the previous sample (s), an experiment's excitation (rad, N m),
-and the load torque if known (N m), else nan."""
-INPUTS = 4
+the load torque if known (N m), else nan, and whether an experiment moves the load: 1, else 0."""
+INPUTS = 5
 
 MISSING = 1.5
 """Periods between two samples above which a sample between them is missing."""
@@ -78,11 +86,12 @@ class TickConstants(NamedTuple):
     monitor: MonitorConstants
     plausibility: PlausibilityConstants
     range: RangeConstants
+    motion: MotionConstants
 
 
 to_fixed_tuple: Any = numba_arrays.to_fixed_tuple
-_PARTS = (ObserverConstants, MonitorConstants, PlausibilityConstants, RangeConstants)
-_O, _M, _P, _R = (len(part._fields) for part in _PARTS)
+_PARTS = (ObserverConstants, MonitorConstants, PlausibilityConstants, RangeConstants, MotionConstants)
+_O, _M, _P, _R, _S = (len(part._fields) for part in _PARTS)
 
 
 def pack(constants: TickConstants, *, watched: bool) -> Array:
@@ -101,13 +110,16 @@ def _unpack(packed: Array) -> TickConstants:
         MonitorConstants(*to_fixed_tuple(packed[_O : _O + _M], _M)),
         PlausibilityConstants(*to_fixed_tuple(packed[_O + _M : _O + _M + _P], _P)),
         RangeConstants(*to_fixed_tuple(packed[_O + _M + _P : _O + _M + _P + _R], _R)),
+        MotionConstants(*to_fixed_tuple(packed[_O + _M + _P + _R : _O + _M + _P + _R + _S], _S)),
     )
 
 
 _OBSERVER = 5
 _MONITOR = _OBSERVER + observer_memory().size
 _PLAUSIBILITY = _MONITOR + monitor_memory().size
-_SETPOINT = _PLAUSIBILITY + plausibility_memory().size
+_MOTION = _PLAUSIBILITY + plausibility_memory().size
+_TRACKING = _MOTION + motion_memory().size
+_SETPOINT = _TRACKING + tracking_memory().size
 _OUT = _SETPOINT + 3
 
 
@@ -124,7 +136,9 @@ class TickMemory:
         self.used = Measurement(self.row[:_OBSERVER])
         self.observer: Array = self.row[_OBSERVER:_MONITOR]
         self.monitor: Array = self.row[_MONITOR:_PLAUSIBILITY]
-        self.plausibility: Array = self.row[_PLAUSIBILITY:_SETPOINT]
+        self.plausibility: Array = self.row[_PLAUSIBILITY:_MOTION]
+        self.motion: Array = self.row[_MOTION:_TRACKING]
+        self.tracking: Array = self.row[_TRACKING:_SETPOINT]
         self.setpoint = Setpoint(self.row[_SETPOINT:_OUT])
         self.out: Array = self.row[_OUT:]
         self.forget()
@@ -134,6 +148,8 @@ class TickMemory:
         self.observer[:] = observer_memory()
         self.monitor[:] = monitor_memory()
         self.plausibility[:] = plausibility_memory()
+        self.motion[:] = motion_memory()
+        self.tracking[:] = tracking_memory()
         self.out[:] = 0.0
         self.out[PLAN_TIME] = NOT_BEGUN
 
@@ -187,7 +203,7 @@ def _tick(
         signal = plausibility_step(
             constants.plausibility,
             constants.observer,
-            memory[_PLAUSIBILITY:_SETPOINT],
+            memory[_PLAUSIBILITY:_MOTION],
             used,
             before,
             period,
@@ -209,14 +225,31 @@ def _tick(
         if fault != _NONE:
             out[FAULT] = fault
             return 0.0
-        settle_angles(constants.observer, memory[_PLAUSIBILITY:_SETPOINT], used, observed, period)
+        settle_angles(constants.observer, memory[_PLAUSIBILITY:_MOTION], used, observed, period)
     observer_step(constants.observer, observed, used, before, period, constants.observer.torque_bandwidth)
     if not math.isnan(inputs[KNOWN_LOAD_TORQUE]):
         estimate[LOAD_TORQUE] = inputs[KNOWN_LOAD_TORQUE]
     if math.isnan(segments[0, 0]):
         segments[0, 0] = estimate[THETA_L]
     out[PLAN_TIME] = 0.0 if out[PLAN_TIME] < 0.0 else out[PLAN_TIME] + period
-    evaluate(segments, out[PLAN_TIME], setpoint)
+    if is_reference(segments):
+        reference_setpoint(constants.motion, memory[_MOTION:_TRACKING], segments[0, 0], estimate, period, setpoint)
+    else:
+        forget_path(memory[_MOTION:_TRACKING])
+        evaluate(segments, out[PLAN_TIME], setpoint)
+    if packed[-1] != 0.0:
+        tracking = memory[_TRACKING:_SETPOINT]
+        if inputs[EXPERIMENTING] != 0.0:
+            forget_tracking(tracking)
+        away = departure(tracking, setpoint[POSITION], estimate, constants.motion.acceleration, period)
+        torque = unexplained_torque(memory[_MONITOR:_PLAUSIBILITY])
+        gives_way = constants.monitor.gives_way
+        if math.isnan(used[THETA_M]):
+            gives_way = max(gives_way, constants.monitor.sags)
+        bound = constants.monitor.tracking + gives_way * abs(torque)
+        if away > bound:
+            out[FAULT], out[_DETAILS], out[_DETAILS + 1] = _AWAY, away, bound
+            return 0.0
     if inputs[OFFSET] != 0.0:
         # Not beyond an end, unless the load is held there.
         planned, ends = setpoint[POSITION], constants.range

@@ -22,6 +22,7 @@ class Fault(IntEnum):
     LOAD_SPEED = 11
     MOTOR_CURRENT = 12
     RATE = 13
+    TRACKING = 14
     # Found by the controller's gate between samples.
     NO_SAMPLES = 20
     SECOND_DRIVE = 21
@@ -78,6 +79,10 @@ FAULTS = {
     ),
     Fault.RATE: Meaning(
         "Samples do not come at the rate that the controller was given.", "Set rate to the drive's rate."
+    ),
+    Fault.TRACKING: Meaning(
+        "The load leaves its reference: the distance grew by more than faults.tracking within a second.",
+        "Look for what pushes the load; check gains, signs and units; for a law with plans learn and identify again.",
     ),
     Fault.NO_SAMPLES: Meaning(
         "No usable joint states came for state_timeout.", "Look at the drive and at the network; see messages_dropped."

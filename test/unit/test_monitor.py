@@ -586,7 +586,7 @@ def test_fault_ends_learning_with_its_reason(drive: Drive) -> None:
 def with_margin(drive: Drive, share: float) -> FaultThresholds:
     """A share of the default thresholds: what a healthy drive stays within."""
     own = FaultThresholds.of(drive)
-    return FaultThresholds(share * own.velocity, share * own.load_torque, share * own.gap)
+    return FaultThresholds(share * own.velocity, share * own.load_torque, share * own.gap, share * own.tracking)
 
 
 def exercise(rig: Rig, periods: Sequence[int] = (1,)) -> str:

@@ -30,6 +30,7 @@ import numpy as np
 from backlash_ros.control import observer as observing
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitoring.thresholds import (
+    GAPS_AWAY,
     FaultThresholds,
     mechanical_time_constant,
     pressed,
@@ -63,6 +64,9 @@ _RATIO_ERROR = 0.02
 """Tolerance of the gear ratio: share of the travel by which the shafts may drift apart."""
 
 
+_FOUND = 0.025
+"""Time in which a load torque is found, s: that of the default torque_bandwidth."""
+
 _GROWS = 6.0
 """Factor by which a gap that will be learned again may have grown."""
 
@@ -84,16 +88,34 @@ _LOWER_END, _UPPER_END = int(Fault.LOWER_END), int(Fault.UPPER_END)
 
 
 class MonitorConstants(NamedTuple):
-    """Thresholds and ends as the compiled step reads them (rad, rad/s, N m); the torque's filter is in rad/s."""
+    """Thresholds and ends as the compiled step reads them (rad, rad/s, N m); the torque's filter is in rad/s.
+
+    ``gives_way``: how far a sudden load torque moves the load until the law holds it, rad per N m; ``sags``: the same for
+    good, where the load's encoder alone is there, so that no load torque is found.
+    """
 
     velocity: float
     held_torque: float
     gap: float
+    tracking: float
+    gives_way: float
+    sags: float
     lower_end: float
     upper_end: float
     soft_zone: float
     torque_bandwidth: float
     start_time: float
+
+
+def _gives_way(drive: Drive) -> float:
+    """Return how far a sudden load torque moves the load until the law holds it, rad per N m.
+
+    It drives the motor back as far as it goes at the speed that the torque makes, in its mechanical time constant and
+    the time in which a load torque is found.
+    """
+    motor = drive.motor
+    speed = drive.gear.ratio * motor.voltage_limit / motor.torque_constant / drive.standstill_torque()
+    return float(speed * (mechanical_time_constant(drive) + _FOUND))
 
 
 def monitor_constants(
@@ -103,12 +125,13 @@ def monitor_constants(
     period: float,
     velocity_bandwidth: float,
     backlash_angle: float,
+    least_gain: float,
     *,
     may_grow: bool = False,
 ) -> MonitorConstants:
     """Return the monitor of one drive.
 
-    A learned backlash (rad, > 0) lowers the gap threshold to 1.5 times the larger of it and the drive's own (because of
+    ``least_gain``: the smaller one of both regions on the position, V/rad. A learned backlash (rad, > 0) lowers the gap threshold to 1.5 times the larger of it and the drive's own (because of
     eccentric encoders and a varying gap), plus the teeth's wind-up and two counts. With ``may_grow`` the factor is 6.
     """
     share = _GROWS if may_grow else 1.5
@@ -120,6 +143,9 @@ def monitor_constants(
         velocity=float(thresholds.velocity),
         held_torque=float(min(thresholds.load_torque, _HELD * drive.standstill_torque(limits.command))),
         gap=float(gap if backlash_angle > 0 else thresholds.gap),
+        tracking=float(max(thresholds.tracking, GAPS_AWAY * backlash_angle)),
+        gives_way=_gives_way(drive),
+        sags=float(max(drive.gear.ratio * drive.motor.resistance / drive.motor.torque_constant / least_gain, 0.0)),
         lower_end=float(limits.position_lower),
         upper_end=float(limits.position_upper),
         soft_zone=float(limits.soft_zone),
@@ -153,6 +179,7 @@ def keep_torque(observer: ObserverConstants, memory: Array) -> None:
     observing.keep_estimate(observer, memory[_OBSERVER:_SAMPLE])
 
 
+@compiled
 def unexplained_torque(memory: Array) -> float:
     """Return the unexplained torque on the output shaft, N m: the load torque, if all is well."""
     return float(memory[_UNEXPLAINED])

@@ -15,6 +15,11 @@ _LEAST_GAP = 0.1
 """Smallest default of faults.gap, rad: gears have less backlash, and ``gear.backlash_angle`` may be a guess."""
 
 
+_LEAST_TRACKING, GAPS_AWAY = 0.05, 2.0
+"""Smallest default of faults.tracking, rad, for overshoot with coarse encoders and late commands; and the least that it
+may be in gaps, in which the load falls or rattles."""
+
+
 def mechanical_time_constant(drive: Drive) -> float:
     """Return the time in which the drive without friction reaches 63 % of its speed at a constant voltage, s."""
     motor = drive.motor
@@ -50,13 +55,22 @@ class FaultThresholds(Validated):
         at_most=NO_LIMIT,
     )
 
+    tracking: float = quantity(
+        "growth within a second of the distance between load and reference that latches a fault, beyond what moves of "
+        "the reference and load torques explain; at least twice the backlash",
+        "rad",
+        above=0,
+        at_most=NO_LIMIT,
+    )
+
     @classmethod
     def of(cls, drive: Drive) -> "FaultThresholds":
         """Return thresholds that a healthy drive stays within.
 
         Load: 60 % of the standstill torque. Speed: a load torque as large as the drive's own doubles the no-load speed
         and accelerates the load through the gap; plus a quarter. Gap: five times the backlash of ``drive`` plus the
-        wind-up of the teeth (`pressed`) to either side; at least 0.1 rad.
+        wind-up of the teeth (`pressed`) to either side; at least 0.1 rad. Tracking: twice the backlash, at
+        least 0.05 rad.
         """
         motor, gear = drive.motor, drive.gear
         torque = drive.standstill_torque()
@@ -66,4 +80,5 @@ class FaultThresholds(Validated):
             velocity=float(f"{1.25 * (2 * no_load + fall):.3g}"),
             load_torque=float(f"{_EXPECTED * torque:.3g}"),
             gap=float(f"{max(_LEAST_GAP, 5 * gear.backlash_angle + 2 * pressed(drive)):.3g}"),
+            tracking=float(f"{max(_LEAST_TRACKING, GAPS_AWAY * gear.backlash_angle):.3g}"),
         )

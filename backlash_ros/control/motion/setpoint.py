@@ -119,6 +119,12 @@ def plan_rejection(segments: Array, limits: Limits, present: float) -> str:
 
 
 @compiled
+def is_reference(segments: Array) -> bool:
+    """Return whether a plan is a reference at rest."""
+    return segments.shape[0] == 1 and math.isinf(segments[0, DURATION]) and not np.any(segments[0, 1:DURATION])
+
+
+@compiled
 def evaluate(segments: Array, time: float, out: Setpoint) -> None:
     """Write the setpoint at ``time`` (s from the start of the plan) into ``out``."""
     row = 0

@@ -108,7 +108,9 @@ from backlash_ros.drivetrain.signals import (
     Setpoint,
 )
 
-_SAME = 1e-9
+_CREEPS = 0.1
+"""Speed of a setpoint, in gaps per second, up to which it is held like one at rest; and the same as a leap in a sample.
+Holding lets the load be off by a twelfth of the gap, so nothing is lost."""
 _TIGHT, _WIDE = (0.04, 0.3), (0.08, 0.55)
 """Errors below which the load is left alone, and above which it no longer is: shares of the gap, or of a count if that
 is more."""
@@ -184,6 +186,13 @@ def _shorter(state: Array, error: float) -> float:
         state[SHARE] = max(_LEAST, _LESS * state[SHARE])
     state[LAST_ERROR] = error
     return float(state[SHARE] * error)
+
+
+@compiled
+def _moves(law: Array, setpoint: Setpoint) -> bool:
+    """Return whether a setpoint moves, or begins or ends to move within a crossing of the gap."""
+    speed = abs(setpoint[VELOCITY]) + law[CROSSING] * abs(setpoint[ACCELERATION])
+    return bool(speed > _CREEPS * law[GAP])
 
 
 @compiled
@@ -335,7 +344,7 @@ def two_encoder_step(
     if state[PHASE] == HOLD:
         expect(law, state)
     motor = predict_motor(law, state)
-    if setpoint[VELOCITY] != 0.0 or setpoint[ACCELERATION] != 0.0:
+    if _moves(law, setpoint):
         if state[PHASE] != FOLLOW:
             state[PHASE], state[STEPPED] = FOLLOW, motor[0] - state[LOAD] - state[MIDDLE]
             state[LANDED] = 0.0
@@ -343,9 +352,12 @@ def two_encoder_step(
         landed(law, state)
         _wait(state)
         state[TARGET] = target
-    if state[PHASE] != FOLLOW and abs(target - state[TARGET]) > _SAME:
-        state[TARGET], state[SHARE], state[LAST_ERROR], state[TRIES] = target, 1.0, 0.0, 0.0
-        _fly(law, state, motor)
+    if state[PHASE] != FOLLOW:
+        leap = abs(target - state[TARGET]) - abs(setpoint[VELOCITY]) * period
+        state[TARGET] = target
+        if leap > _CREEPS * period * law[GAP]:
+            state[SHARE], state[LAST_ERROR], state[TRIES] = 1.0, 0.0, 0.0
+            _fly(law, state, motor)
     if state[PHASE] == FLIGHT and state[TIME] > length_of(state) + law[DELAY] + period:
         landed(law, state)
         _wait(state)
