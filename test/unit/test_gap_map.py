@@ -184,6 +184,7 @@ def test_a_mirrored_drive_gives_a_mirrored_map(gains: GainSet) -> None:
     assert here.phase == pytest.approx(-there.phase, abs=0.1)
 
 
+@pytest.mark.corners(2)
 @pytest.mark.parametrize("torque", [0.0, 0.3])
 @pytest.mark.parametrize(("turn", "swing"), [(1.0, 0.2), (2.0 * math.pi, 0.3)])
 def test_it_stays_within_its_range_and_speed_and_comes_back(
@@ -291,6 +292,7 @@ def test_a_joint_with_ends_maps_what_is_between_them(gains: GainSet) -> None:
     assert servo.experiment_refusal("gap_map", GapMapSettings(turn=1.2, swing=0.25)) == ""
 
 
+@pytest.mark.corners(5)
 @pytest.mark.population
 @pytest.mark.parametrize("start", [1, 300, 1200, 5000], ids=["from the start", "on the way", "at a place", "late"])
 @pytest.mark.parametrize("signal", [THETA_M, THETA_L], ids=["motor", "load"])
@@ -458,6 +460,7 @@ def test_places_beyond_a_turn_are_no_map() -> None:
     assert found == (None, "the places are spread over 7 rad, more than a turn", None)
 
 
+@pytest.mark.corners(2)
 @pytest.mark.parametrize("signal", ["motor", "load"])
 @pytest.mark.parametrize("share", [0.15, 0.6])
 def test_an_encoder_that_freezes_gives_no_map_or_a_right_one(gains: GainSet, signal: str, share: float) -> None:

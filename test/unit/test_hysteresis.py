@@ -236,6 +236,7 @@ def test_progress_grows_from_0_to_1(gains: GainSet) -> None:
     assert progress[-1] > 0.99
 
 
+@pytest.mark.corners(4)
 @pytest.mark.population
 @pytest.mark.parametrize("held", [BRAKED, {}], ids=["braked", "free"])
 @pytest.mark.parametrize("start", [1, 1500], ids=["from the start", "on the way"])
