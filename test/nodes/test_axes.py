@@ -102,6 +102,7 @@ def test_a_fault_of_one_axis_leaves_the_others_running(lockstep: Callable[..., d
     assert "faults.velocity" in answer.message
 
 
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("stops", ["axis1", "axis3"])
 def test_an_axis_that_is_deactivated_holds_up_neither_the_others_nor_the_clock(
     lockstep: Callable[..., dict[str, Axis]], peer: Peer, stops: str
@@ -132,6 +133,7 @@ def test_an_axis_that_is_deactivated_holds_up_neither_the_others_nor_the_clock(
     assert again[0] + 1e-9 * again[1] > clock[seen]  # its time has gone on with that of the others
 
 
+@pytest.mark.corners(3)
 @pytest.mark.parametrize(
     ("axes", "arguments", "why"),
     [

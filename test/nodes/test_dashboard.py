@@ -49,6 +49,7 @@ class TestOneDrive:
         assert Lifecycle(peer, "controller").state == "inactive"
 
 
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("how", [signal.SIGSTOP, signal.SIGKILL])
 def test_a_dashboard_that_freezes_or_dies_stops_nobody(
     start: Start, peer: Peer, serve: Callable[..., Served], how: signal.Signals

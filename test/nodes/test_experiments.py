@@ -57,7 +57,12 @@ def test_the_gap_of_an_output_that_is_braked_is_found(rig: Callable[..., Rig]) -
 
 @pytest.mark.parametrize(
     ("experiment", "number", "longest"),
-    [("identify", 14, 3.0), ("identify", 4, 3.0), ("gap_map", 30, 15.0), ("hysteresis", 16, 10.0)],
+    [
+        ("identify", 14, 3.0),
+        pytest.param("identify", 4, 3.0, marks=pytest.mark.grid),
+        ("gap_map", 30, 15.0),
+        ("hysteresis", 16, 10.0),
+    ],
 )
 def test_cancelled_at_any_sample_it_ends_at_rest_and_changes_nothing(
     rig: Callable[..., Rig], experiment: str, number: int, longest: float

@@ -23,7 +23,7 @@ from backlash_ros.drivetrain.parameters import FOUND, drive_of
 SEED = 20261122
 
 
-@pytest.mark.parametrize(("population", "number"), [("core", 10), ("full", 16)])
+@pytest.mark.parametrize(("population", "number"), [("full", 16), pytest.param("core", 10, marks=pytest.mark.grid)])
 def test_a_random_drive_is_found_and_quiet_from_then_on_and_at_the_next_start(
     rig: Callable[..., Rig], peer: Peer, tmp_path: Path, population: str, number: int
 ) -> None:

@@ -25,7 +25,7 @@ from backlash_ros.simulation import Scenario, run
 Start = Callable[..., Process]
 DEEP = QoSProfile(depth=100_000)
 TARGETS = (1.0, -0.5, 0.25, 2.0)
-SIMULATED = 60.0
+SIMULATED = 20.0
 PERIOD = 0.004
 
 
@@ -95,7 +95,7 @@ class Recorded:
         return references
 
 
-def test_a_minute_of_the_closed_loop_equals_the_offline_run(start: Start, peer: Peer) -> None:
+def test_the_closed_loop_equals_the_offline_run(start: Start, peer: Peer) -> None:
     """Both start from rest; the simulator waits for its first answer, so that nothing is missed."""
     recorded = Recorded(peer)
     clocks: list[float] = []
@@ -266,9 +266,3 @@ def test_lockstep_goes_no_faster_than_asked(start: Start, peer: Peer) -> None:
     peer.wait("the clock", lambda: len(clocks) > 500)
     assert clocks[-1] - clocks[0] >= 0.98 * (len(clocks) - 1) * PERIOD / 2.0
     assert "in lockstep, 2 times real time at most" in simulator.output()
-
-
-def test_without_lockstep_time_has_a_speed(start: Start) -> None:
-    simulator = start("plant_simulator", real_time_factor=0.0)
-    assert simulator.wait() == 2
-    assert "real_time_factor must be > 0 without lockstep, got 0" in simulator.output()

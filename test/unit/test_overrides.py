@@ -26,6 +26,7 @@ def none() -> Collection[str]:
     [
         ("gear.ratio", "gear.reduction"),
         ("gear.torque_constant", "motor.torque_constant"),
+        ("motor.torque_const", "motor.torque_constant"),
         ("motor.Resistance", "motor.resistance"),
         ("load.inertias", "load.inertia"),
         ("laws.cascade.dead_bend", "laws.cascade.dead_band"),
