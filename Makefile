@@ -51,19 +51,19 @@ demo: $(READY)
 live: $(READY)
 	$(BIN)/python -m backlash_ros.dashboard.live
 
-# Tests in real time or with a browser run without these, one after the other; all other tests run four at a time.
-# Plain pytest runs all tests, the grids too, one after the other.
-ALONE := test/system/test_contract.py test/nodes/test_page.py
+# Tests that are judged in real time, or with a browser, run after the others, on two cores of their own; all others run
+# four at a time. Plain pytest runs all tests, the grids too, one after the other.
+REAL_TIME := test/system/test_contract.py test/nodes/test_page.py test/nodes/test_transport.py
 SIDE_BY_SIDE := -n 4 --dist loadgroup
 test: $(READY)
 	$(BIN)/python -m backlash_ros.simulation  # compiles once for all, on all cores
-	$(BIN)/python -m pytest -m "not grid" $(SIDE_BY_SIDE) $(ALONE:%=--ignore=%)
-	$(BIN)/python -m pytest -m "not grid" $(ALONE)
+	$(BIN)/python -m pytest -m "not grid" $(SIDE_BY_SIDE) $(REAL_TIME:%=--ignore=%)
+	$(BIN)/python -m pytest -m "not grid" -n 2 --dist loadfile $(REAL_TIME)
 
 test-grid: $(READY)
 	$(BIN)/python -m backlash_ros.simulation
-	$(BIN)/python -m pytest -m grid $(SIDE_BY_SIDE) $(ALONE:%=--ignore=%)
-	$(BIN)/python -m pytest -m grid $(ALONE)
+	$(BIN)/python -m pytest -m grid $(SIDE_BY_SIDE) $(REAL_TIME:%=--ignore=%)
+	$(BIN)/python -m pytest -m grid -n 2 --dist loadfile $(REAL_TIME)
 
 # Faults injected into live processes: once for the page; and twenty times, four at once, on a machine that this loads.
 FAULTS := test/nodes/test_faults.py test/nodes/test_parameter_storm.py test/nodes/test_recorder.py -k __

@@ -179,7 +179,8 @@ def test_learning_beyond_the_limits_is_refused(start: Start, peer: Peer) -> None
         assert not answer.result().success
         assert answer.result().message.startswith("cannot learn: it swings by learning.gap_probe.swing = 0.3 rad")
         assert why in answer.result().message
-        assert parameters.set(**wider)[0]
+        if wider:
+            assert parameters.set(**wider) == (True, "")
 
 
 def test_learning_under_a_fault_is_refused_each_time(start: Start, peer: Peer) -> None:
