@@ -165,13 +165,10 @@ def test_learning_under_a_load_torque_keeps_the_old_estimate(start: Start, peer:
 
 
 def test_learning_beyond_the_limits_is_refused(start: Start, peer: Peer) -> None:
-    start("controller", limits__position_upper=0.05, limits__step=0.02, **PATIENT)
+    start("controller", limits__position_upper=0.05, **PATIENT)
     drive = LockstepDrive(peer).matched()
-    parameters = Parameters(peer, "controller")
-    for why, wider in (
-        ("limits.position_upper = 0.05 rad", {"limits__position_upper": 1e3}),
-        ("limits.step = 0.02 rad", {}),
-    ):
+    other = {"limits__position_upper": 1e3, "limits__step": 0.02}
+    for why, then in (("limits.position_upper = 0.05 rad", other), ("limits.step = 0.02 rad", {"limits__step": 1.0})):
         answer = ask_to_learn(peer)
         drive.until(answer.done)
         assert drive.tick < 5000
@@ -179,8 +176,7 @@ def test_learning_beyond_the_limits_is_refused(start: Start, peer: Peer) -> None
         assert not answer.result().success
         assert answer.result().message.startswith("cannot learn: it swings by learning.gap_probe.swing = 0.3 rad")
         assert why in answer.result().message
-        if wider:
-            assert parameters.set(**wider) == (True, "")
+        assert Parameters(peer, "controller").set(**then) == (True, "")
 
 
 def test_learning_under_a_fault_is_refused_each_time(start: Start, peer: Peer) -> None:
@@ -384,7 +380,7 @@ def test_refused_set_changes_nothing_and_says_why(start: Start, peer: Peer) -> N
     start("controller", law="fast", torque_bandwidth=0.0, faults__load_torque=1e9, **PATIENT)
     drive = LockstepDrive(peer).matched()  # stands still, whatever the command
     parameters = Parameters(peer, "controller")
-    drive.set_reference(0.2)
+    drive.set_reference(0.2, move=False)
     before, command = parameters.get(*WATCHED), drive.exchange(drive.sample())
     for changes, culprit in REFUSED:
         accepted, reason = parameters.set(**changes)
@@ -502,7 +498,7 @@ UNUSABLE: list[dict[str, list[object]]] = [
 def test_zero_volts_on_a_sample_that_cannot_be_used(start: Start, peer: Peer) -> None:
     process = start("controller", law="fast", faults__load_torque=1e9, **PATIENT)
     drive = LockstepDrive(peer).matched()  # stands still, whatever the command
-    drive.set_reference(1.0)
+    drive.set_reference(1.0, move=False)
     for bad in UNUSABLE:
         good = drive.sample()
         assert drive.exchange(good) > 1.0

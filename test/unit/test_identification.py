@@ -36,6 +36,8 @@ from backlash_ros.identification.recordings.identify import identify
 from backlash_ros.identification.regression import guess_of
 from backlash_ros.simulation import SimulatedDrive
 
+pytestmark = pytest.mark.xdist_group("identification")  # which fits each recording once
+
 SEED = 20261122
 STALL = 6.0
 
@@ -65,6 +67,7 @@ def measured(number: int) -> Gap:
 DRIVES = [k for k in range(6) if draw_member(SEED, k, "core").can_outrun]
 
 
+@pytest.mark.corners(3)
 @pytest.mark.parametrize("number", DRIVES)
 def test_gap_load_and_delay_are_found_again(number: int) -> None:
     member, _, gap = probed(number)
@@ -113,6 +116,7 @@ def predicted(member: Member, recording: Recording, x: np.ndarray, teeth: float)
     return innovations[1:], derivatives[1:]
 
 
+@pytest.mark.corners(2)
 @pytest.mark.parametrize("number", DRIVES[:4])
 def test_the_truth_explains_what_was_seen(number: int) -> None:
     """The innovations are no larger than counts and noise allow: the filter's plant is the plant."""
@@ -166,6 +170,7 @@ def stretched(recording: Recording) -> Recording:
     return recording._replace(motor=1.05 * recording.motor)
 
 
+@pytest.mark.corners(3)
 @pytest.mark.population
 @pytest.mark.parametrize("number", DRIVES[:1])
 @pytest.mark.parametrize("broken", [reversed_motor, frozen_load, slipping, stuck_bit, stretched])
