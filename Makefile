@@ -52,17 +52,19 @@ live: $(READY)
 	$(BIN)/python -m backlash_ros.dashboard.live
 
 # Tests that are judged in real time, or with a browser, run after the others, on two cores of their own; all others run
-# four at a time. Plain pytest runs all tests, the grids too, one after the other.
+# four at a time, each file by one process, which makes once what its tests share. Plain pytest runs all tests, the
+# grids too, one after the other.
 REAL_TIME := test/system/test_contract.py test/nodes/test_page.py test/nodes/test_transport.py
-SIDE_BY_SIDE := -n 4 --dist loadgroup
+SIDE_BY_SIDE := -n 4 --dist loadscope
+LONG_FIRST := --no-loadscope-reorder
 test: $(READY)
 	$(BIN)/python -m backlash_ros.simulation  # compiles once for all, on all cores
-	$(BIN)/python -m pytest -m "not grid" $(SIDE_BY_SIDE) $(REAL_TIME:%=--ignore=%)
+	$(BIN)/python -m pytest -m "not grid" $(SIDE_BY_SIDE) $(LONG_FIRST) $(REAL_TIME:%=--ignore=%)
 	$(BIN)/python -m pytest -m "not grid" -n 2 --dist loadfile $(REAL_TIME)
 
 test-grid: $(READY)
 	$(BIN)/python -m backlash_ros.simulation
-	$(BIN)/python -m pytest -m grid $(SIDE_BY_SIDE) $(REAL_TIME:%=--ignore=%)
+	$(BIN)/python -m pytest -m grid $(SIDE_BY_SIDE) $(LONG_FIRST) $(REAL_TIME:%=--ignore=%)
 	$(BIN)/python -m pytest -m grid -n 2 --dist loadfile $(REAL_TIME)
 
 # Faults injected into live processes: once for the page; and twenty times, four at once, on a machine that this loads.

@@ -138,7 +138,8 @@ def test_learning_over_the_service(start: Start, peer: Peer, experiment: str, me
     peer.wait("the estimate that is taken back", lambda: estimates[-1] == 0.0)
 
 
-@pytest.mark.parametrize("measured", ["theta_l", pytest.param("theta_m", marks=pytest.mark.grid)])
+@pytest.mark.grid  # by one encoder; test_relay.py has the experiment
+@pytest.mark.parametrize("measured", ["theta_l", "theta_m"])
 def test_learning_where_the_other_joint_is_absent(start: Start, peer: Peer, measured: str) -> None:
     start("controller", **PATIENT)
     sensors = Sensors(measured=(measured,), motor_counts=2**12, load_counts=2**14)

@@ -13,7 +13,6 @@ from std_msgs.msg import Float64MultiArray
 from backlash_ros.dashboard.rows import JOINT_COLUMNS
 
 
-@pytest.mark.xdist_group("dashboard")
 class TestOneDrive:
     """What leaves the nodes whole, beside the same ones."""
 

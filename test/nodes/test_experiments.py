@@ -60,7 +60,7 @@ def test_the_gap_of_an_output_that_is_braked_is_found(rig: Callable[..., Rig]) -
     [
         ("identify", 14, 3.0),
         pytest.param("identify", 4, 3.0, marks=pytest.mark.grid),
-        ("gap_map", 30, 15.0),
+        pytest.param("gap_map", 30, 15.0, marks=pytest.mark.grid),
         ("hysteresis", 16, 10.0),
     ],
 )

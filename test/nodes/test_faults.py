@@ -63,7 +63,7 @@ def test_controller_stands_still_for_a_while__the_drive_takes_the_voltage_off__r
     pair.works()
 
 
-@pytest.mark.corners(2)
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP], ids=lambda number: number.name)
 def test_controller_is_terminated__it_puts_0_v_out_before_it_goes__restart_it(
     pair: Pair, measure: Measure, number: signal.Signals
@@ -185,7 +185,7 @@ def intruded(pair: Pair, publish: Callable[[], None]) -> float:
     return pair.unpowered(sent[-1])
 
 
-@pytest.mark.corners(2)
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("data", [[math.nan], [-math.inf], []], ids=["nan", "infinite", "empty"])
 def test_command_is_not_a_number__the_drive_takes_the_voltage_off__reset_both(
     pair: Pair, measure: Measure, data: list[float]

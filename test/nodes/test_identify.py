@@ -85,6 +85,7 @@ def test_a_random_drive_is_found_and_quiet_from_then_on_and_at_the_next_start(
     assert again.in_use() == found
 
 
+@pytest.mark.grid  # the demo shows it, too
 def test_from_unknown_to_quiet_with_the_law_for_two_encoders(rig: Callable[..., Rig], peer: Peer) -> None:
     """Learned and identified by services, the law by parameter: it plans its move, lands and rests."""
     member = draw_member(SEED, 2, "core")

@@ -93,7 +93,6 @@ class Page:
         return list(self.run(f"return window.live.chart.getOption().series.find(s => s.name === '{name}').data"))
 
 
-@pytest.mark.xdist_group("page")
 class TestOneDrive:
     """What leaves the nodes whole, beside the same ones."""
 

@@ -33,7 +33,7 @@ from backlash_ros.identification.recordings.identify import identify
 from backlash_ros.identification.recordings.places import gap_around, map_findings, visits
 from backlash_ros.simulation import SimulatedDrive
 
-pytestmark = [pytest.mark.population, pytest.mark.xdist_group("gap map")]  # which records it once
+pytestmark = pytest.mark.population
 
 RATIO = NOMINAL_DRIVE.gear.ratio
 FEW = GapMapSettings(places=6)

@@ -36,8 +36,6 @@ from backlash_ros.identification.recordings.identify import identify
 from backlash_ros.identification.regression import guess_of
 from backlash_ros.simulation import SimulatedDrive
 
-pytestmark = pytest.mark.xdist_group("identification")  # which fits each recording once
-
 SEED = 20261122
 STALL = 6.0
 

@@ -20,7 +20,7 @@ from backlash_ros.identification.recordings.plausible import implausible
 from backlash_ros.identification.recordings.stretch import informative
 from backlash_ros.identification.regression import guess_of
 
-pytestmark = [pytest.mark.population, pytest.mark.xdist_group("identify")]  # which fits each recording once
+pytestmark = pytest.mark.population
 
 MOTIONS = {"probe": probed, "steps": stepped, "uneven": lambda k, population: stepped(k, population, uneven=True)}
 

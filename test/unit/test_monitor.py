@@ -334,7 +334,6 @@ def test_load_that_is_pushed_beyond_its_travel_is_a_fault() -> None:
     assert fault.endswith(" rad, further than limits.soft_zone = 0.05 rad beyond limits.position_lower = -0.3 rad")
 
 
-@pytest.mark.corners(8)
 @BOTH
 @pytest.mark.parametrize("law", sorted(LAWS))
 def test_no_law_goes_beyond_the_largest_command(drive: Drive, law: str) -> None:
@@ -406,7 +405,6 @@ def all_jump(sample: Measurement, before: Measurement) -> Measurement:
     return shown
 
 
-@pytest.mark.corners(18)
 @BOTH
 @pytest.mark.parametrize("measured", [EVERYTHING, POSITIONS], ids=["everything", "positions"])
 @pytest.mark.parametrize(
@@ -435,7 +433,6 @@ def test_encoder_fault_during_a_step_is_found(
     assert abs(rig.plant.load_angle) <= travel
 
 
-@pytest.mark.corners(4)
 @BOTH
 @pytest.mark.parametrize("measured", [LOAD_ONLY, MOTOR_ONLY], ids=["load_only", "motor_only"])
 @pytest.mark.parametrize(
@@ -456,7 +453,6 @@ RUNAWAY = ("unexplained torque", "motor current of")
 """What a runaway shows: the second at once, where the current is measured and contradicts the command, too."""
 
 
-@pytest.mark.corners(6)
 @BOTH
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
 @pytest.mark.parametrize("target", [0.3, -1.0])
@@ -469,7 +465,6 @@ def test_command_of_the_wrong_sign_is_found(drive: Drive, measured: Sequence[str
     assert abs(rig.plant.load_angle) <= 1.5
 
 
-@pytest.mark.corners(4)
 @BOTH
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
 def test_runaway_of_a_slow_drive_is_found_long_before_its_time_constant(drive: Drive, measured: Sequence[str]) -> None:
@@ -480,7 +475,6 @@ def test_runaway_of_a_slow_drive_is_found_long_before_its_time_constant(drive: D
     assert abs(rig.plant.load_angle) <= 1.0
 
 
-@pytest.mark.corners(8)
 @pytest.mark.parametrize("law", sorted(LAWS))
 @pytest.mark.parametrize("torque_bandwidth", [0.0, 40.0])
 def test_runaway_is_found_with_every_law(law: str, torque_bandwidth: float) -> None:
@@ -512,7 +506,6 @@ def test_lower_threshold_on_the_load_torque_finds_frozen_encoders_at_a_small_com
         assert bool(rig.step(0.2, 0.2)) == found
 
 
-@pytest.mark.corners(4)
 @BOTH
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
 def test_blocked_load_is_found(drive: Drive, measured: Sequence[str]) -> None:
@@ -521,7 +514,6 @@ def test_blocked_load_is_found(drive: Drive, measured: Sequence[str]) -> None:
     assert rig.step(1.0, 0.15).startswith("unexplained torque")
 
 
-@pytest.mark.corners(4)
 @BOTH
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
 def test_load_torque_that_the_drive_cannot_hold_is_a_fault(drive: Drive, measured: Sequence[str]) -> None:
@@ -563,7 +555,6 @@ def test_fault_is_latched_until_reset_and_then_the_present_position_is_held(driv
     assert rig.plant.load_angle == pytest.approx(angle, abs=0.02)
 
 
-@pytest.mark.corners(3)
 @BOTH
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
 def test_unexplained_torque_is_forgotten_at_a_reset(drive: Drive, measured: Sequence[str]) -> None:
@@ -611,7 +602,6 @@ def exercise(rig: Rig, periods: Sequence[int] = (1,)) -> str:
     )
 
 
-@pytest.mark.corners(10)
 @BOTH
 @pytest.mark.parametrize("period", [0.01, 0.004, 0.001])
 @pytest.mark.parametrize("law", sorted(LAWS))
@@ -620,7 +610,6 @@ def test_steps_are_no_fault_with_half_the_thresholds(drive: Drive, law: str, per
     assert exercise(rig) == ""
 
 
-@pytest.mark.corners(9)
 @BOTH
 @pytest.mark.parametrize("measured", [POSITIONS, LOAD_ONLY, MOTOR_ONLY], ids=["positions", "load_only", "motor_only"])
 @pytest.mark.parametrize("bits", [10, 12, 16])
@@ -632,7 +621,6 @@ def test_counts_are_no_fault_with_half_the_thresholds(
     assert exercise(rig) == ""
 
 
-@pytest.mark.corners(8)
 @BOTH
 @pytest.mark.parametrize("law", sorted(LAWS))
 @pytest.mark.parametrize("share", [0.55, -0.55])
@@ -646,7 +634,6 @@ def test_load_torque_within_the_default_threshold_is_no_fault(drive: Drive, law:
         assert rig.step(target, 0.5) == ""
 
 
-@pytest.mark.corners(8)
 @pytest.mark.population
 @BOTH
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
@@ -672,7 +659,6 @@ def test_wrong_model_of_the_load_is_no_fault(drive: Drive, measured: Sequence[st
     assert exercise(rig) == ""
 
 
-@pytest.mark.corners(4)
 @BOTH
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
 def test_knock_on_a_fast_drive_is_no_fault(drive: Drive, measured: Sequence[str]) -> None:
@@ -684,7 +670,6 @@ def test_knock_on_a_fast_drive_is_no_fault(drive: Drive, measured: Sequence[str]
     assert rig.run(0.3) == ""
 
 
-@pytest.mark.corners(3)
 @pytest.mark.parametrize("factor", [0.25, 4.0, 10.0])
 @pytest.mark.parametrize("measured", [EVERYTHING, POSITIONS], ids=["everything", "positions"])
 def test_wrong_inertia_of_a_load_that_outweighs_the_motor_is_no_fault(factor: float, measured: Sequence[str]) -> None:
@@ -695,7 +680,6 @@ def test_wrong_inertia_of_a_load_that_outweighs_the_motor_is_no_fault(factor: fl
     assert exercise(rig) == ""
 
 
-@pytest.mark.corners(6)
 @BOTH
 @pytest.mark.parametrize(
     "contact",
@@ -715,7 +699,6 @@ def test_impacts_of_the_limit_cycle_are_no_fault(drive: Drive, contact: Contact)
     assert rig.run(1.0) == ""
 
 
-@pytest.mark.corners(3)
 @BOTH
 @pytest.mark.parametrize("measured", [EVERYTHING, POSITIONS, LOAD_ONLY], ids=["everything", "positions", "load_only"])
 def test_learning_is_no_fault_with_half_the_thresholds(drive: Drive, measured: Sequence[str]) -> None:
@@ -725,7 +708,6 @@ def test_learning_is_no_fault_with_half_the_thresholds(drive: Drive, measured: S
     assert rig.run(2.0) == ""
 
 
-@pytest.mark.corners(5)
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
 @pytest.mark.parametrize("periods", [(1, 2, 1, 1), (1, 1, 10), (3,)], ids=str)
 def test_missing_samples_are_no_fault(measured: Sequence[str], periods: Sequence[int]) -> None:
@@ -739,7 +721,6 @@ def test_missing_samples_are_no_fault(measured: Sequence[str], periods: Sequence
     assert exercise(rig, periods) == ""
 
 
-@pytest.mark.corners(4)
 @pytest.mark.parametrize("speeds_up_after", [0.0, 0.1, 0.3])
 @pytest.mark.parametrize("silence", [0.1, 0.4, 0.8])
 def test_silence_while_the_load_falls_is_no_broken_speed(silence: float, speeds_up_after: float) -> None:
@@ -752,7 +733,6 @@ def test_silence_while_the_load_falls_is_no_broken_speed(silence: float, speeds_
     assert "speed of" not in rig.run(0.2)
 
 
-@pytest.mark.corners(4)
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
 @pytest.mark.parametrize("period", [0.01, 0.001])
 def test_start_while_the_drive_turns_at_full_speed_is_no_fault(measured: Sequence[str], period: float) -> None:
@@ -823,7 +803,6 @@ def test_practical_drive_shows_no_fault(
     assert rig.step(-3.0, 0.3) == ""
 
 
-@pytest.mark.corners(4)
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
 @pytest.mark.parametrize("factor", [2, 4])
 def test_drive_with_a_higher_rate_is_a_fault_before_it_is_given_a_reference(

@@ -56,7 +56,6 @@ def played(gains: GainSet, reference: Array, load_torque: float = 0.0) -> Run:
 # Plans.
 
 
-@pytest.mark.corners(8)
 @pytest.mark.parametrize("seed", range(40))
 def test_a_plan_goes_without_a_leap_from_where_the_drive_is_to_rest_at_the_target(gains: GainSet, seed: int) -> None:
     """Whatever friction and load torque: the motor's way, its speed, and no torque that the flank cannot carry."""
@@ -120,7 +119,6 @@ def test_a_load_torque_leaves_no_error(gains: GainSet, load_torque: float) -> No
     assert abs(np.mean(end) - 1.0) <= 0.1 * B
 
 
-@pytest.mark.corners(2)
 @pytest.mark.parametrize("load_torque", [0.3, -0.1])
 @pytest.mark.parametrize("heavier", [4.0, 8.0])
 def test_a_load_heavier_than_the_motor_is_held_without_swinging(
@@ -136,7 +134,6 @@ def test_a_load_heavier_than_the_motor_is_held_without_swinging(
         assert np.max(np.abs(end - target)) <= 0.25 * B
 
 
-@pytest.mark.corners(3)
 @pytest.mark.parametrize("seed", range(6))
 def test_a_reference_that_moves_again_in_flight_is_flown_to(gains: GainSet, seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -156,7 +153,6 @@ def test_a_setpoint_in_motion_is_followed_and_ends_at_rest(gains: GainSet) -> No
     assert np.max(np.abs(done.load_angle[done.time >= 2.5] - 1.0)) <= 0.1 * B
 
 
-@pytest.mark.corners(2)
 @pytest.mark.parametrize("load_torque", [0.3, -0.1])
 @pytest.mark.parametrize("heavier", [4.0, 8.0])
 def test_a_load_heavier_than_the_motor_follows_without_swinging(
@@ -341,7 +337,6 @@ def test_a_move_is_planned_with_the_weight_where_it_goes(gains: GainSet, offset:
     assert planned <= max(0.1, 0.9 * overshoot(gains, drive, 0.0))  # less than 0.1 b is none
 
 
-@pytest.mark.corners(4)
 @pytest.mark.parametrize("angle", [0.0, -2.0, 1e9])
 @pytest.mark.parametrize("slope", [-0.2, 0.2, 1.2, -1.2])
 def test_a_wrong_slope_of_the_load_torque_moves_nothing_at_rest_and_lasts_one_move(
@@ -397,7 +392,6 @@ def test_a_delay_longer_than_the_commands_that_it_remembers_is_refused(gains: Ga
         Servo(NOMINAL_DRIVE, replace(settings, loop_delay=0.0105))
 
 
-@pytest.mark.corners(4)
 @pytest.mark.parametrize("expected", [-0.15, 0.15, 5.0, -5.0])
 @pytest.mark.parametrize("friction", [0.0, 0.1])
 def test_a_wrong_expectation_moves_nothing_at_rest_and_lasts_one_move(
@@ -414,7 +408,6 @@ def test_a_wrong_expectation_moves_nothing_at_rest_and_lasts_one_move(
         assert np.array_equal(done.command, plain.command)
 
 
-@pytest.mark.corners(3)
 @pytest.mark.parametrize("friction", [0.05, 0.13, 0.16])
 @pytest.mark.parametrize("pull", [0.2, -0.2])
 def test_a_load_torque_that_comes_is_found_by_what_the_load_stands(
@@ -430,7 +423,6 @@ def test_a_load_torque_that_comes_is_found_by_what_the_load_stands(
     assert np.max(away[1500:]) <= 0.15  # half a second later; by as little as was seen at first it takes longer
 
 
-@pytest.mark.corners(2)
 @pytest.mark.parametrize(("rate", "within"), [(250.0, 0.2), (1000.0, 0.12)])
 @pytest.mark.parametrize("inertia", [1.0, 3.6])
 def test_a_load_torque_that_comes_is_held_at_once_and_without_a_jerk(
@@ -504,7 +496,6 @@ def test_friction_that_is_next_to_none_is_none(gains: GainSet) -> None:
     assert enough.constants[COULOMB] == 10.0 * least
 
 
-@pytest.mark.corners(2)
 @pytest.mark.parametrize("rate", [250.0, 1000.0])
 @pytest.mark.parametrize("pull", [0.15, -0.5])
 def test_a_load_that_falls_through_a_wide_gap_at_the_start_is_seen_to(gains: GainSet, rate: float, pull: float) -> None:
