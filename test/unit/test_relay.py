@@ -32,7 +32,7 @@ def sensors_of(encoder: str) -> Sensors:
     return Sensors(measured=ENCODERS[encoder], motor_counts=4096.0, load_counts=16384.0)
 
 
-@pytest.mark.corners(3)
+@pytest.mark.corners(2)
 @pytest.mark.population
 @pytest.mark.parametrize("encoder", ["load", "motor"])
 @pytest.mark.parametrize(
@@ -60,6 +60,7 @@ def test_one_encoder_tells_the_gap(gains: GainSet, drive: Drive, torque: float, 
     assert abs(estimate.angle - drive.gear.backlash_angle) < 2.5 * estimate.uncertainty
 
 
+@pytest.mark.corners(1)
 @pytest.mark.population
 @pytest.mark.parametrize("number", [83, 88])
 def test_each_contact_law_is_tried_from_what_the_other_has_found(number: int) -> None:
@@ -199,7 +200,7 @@ def test_wrong_samples_do_not_take_the_load_beyond_the_swing(
     assert run(servo, plant, 1200, 0.0, jumps) <= SWING + NOMINAL_DRIVE.gear.backlash_angle
 
 
-@pytest.mark.corners(8)
+@pytest.mark.corners(6)
 @pytest.mark.population
 @pytest.mark.parametrize(
     ("encoder", "number", "kind"),
