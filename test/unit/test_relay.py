@@ -200,7 +200,7 @@ def test_wrong_samples_do_not_take_the_load_beyond_the_swing(
     assert run(servo, plant, 1200, 0.0, jumps) <= SWING + NOMINAL_DRIVE.gear.backlash_angle
 
 
-@pytest.mark.corners(6)
+@pytest.mark.corners(4)
 @pytest.mark.population
 @pytest.mark.parametrize(
     ("encoder", "number", "kind"),
