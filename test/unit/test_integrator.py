@@ -181,11 +181,13 @@ def part(kind: type) -> st.SearchStrategy:
     return st.builds(kind, **fields)
 
 
-@given(
+ANYTHING = given(
     drive=st.builds(Drive, part(Motor), part(Gear), part(Load), st.sampled_from(COMMAND_INTERFACES)),
     command=st.floats(-1, 1),
     load_torque=st.floats(-1, 1),
 )
+
+
 def integrates_or_says_why_not(drive: Drive, command: float, load_torque: float) -> None:
     plant = Plant(drive)
     try:
@@ -203,7 +205,7 @@ def integrates_or_says_why_not(drive: Drive, command: float, load_torque: float)
 @pytest.mark.parametrize("drives", [100, pytest.param(500, marks=pytest.mark.grid)])
 def test_any_validated_drive_integrates_or_says_why_not(drives: int) -> None:
     judged = settings(max_examples=drives, deadline=None, suppress_health_check=list(HealthCheck))
-    judged(integrates_or_says_why_not)()
+    judged(ANYTHING(integrates_or_says_why_not))()
 
 
 @pytest.mark.parametrize("contact", CONTACTS.values(), ids=CONTACTS)
