@@ -25,7 +25,7 @@ from backlash_ros.simulation import Scenario, run
 Start = Callable[..., Process]
 DEEP = QoSProfile(depth=100_000)
 TARGETS = (1.0, -0.5, 0.25, 2.0)
-SIMULATED = 20.0
+SIMULATED = 8.0
 PERIOD = 0.004
 
 
