@@ -24,6 +24,7 @@ def braked(member: Member) -> Member:
     return replace(member, drive=replace(member.drive, load=replace(member.drive.load, coulomb_friction=torque)))
 
 
+@pytest.mark.grid  # test_gap_map.py has the experiment
 def test_the_gap_around_the_turn_is_found_and_the_largest_is_in_use(rig: Callable[..., Rig]) -> None:
     member = draw_member(SEED, 30, "full")
     made = rig(member, learning__experiment="gap_map", **FEW)

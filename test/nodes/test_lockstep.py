@@ -182,6 +182,7 @@ def test_axes_of_one_process_step_together_each_as_if_alone(start: Start, peer: 
         assert references[-1] == axes[axis][1]
 
 
+@pytest.mark.grid  # the demo shows it, too
 def test_two_region_law_is_as_fast_as_the_fast_gains_which_rattle(start: Start, peer: Peer, tmp_path: Path) -> None:
     """What the demo shows, on a machine that may be busy."""
     gear, responses = NOMINAL_DRIVE.gear, {}

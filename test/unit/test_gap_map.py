@@ -398,8 +398,8 @@ def test_settings_out_of_bounds_are_refused(change: dict[str, float], message: s
 # The same map from a recording alone.
 
 
-@pytest.mark.population
-@MACHINES
+@pytest.mark.grid
+@pytest.mark.parametrize("machine", [VARYING, PUSHED], ids=["friction, 250 Hz", "load torque, 1 kHz"])
 def test_a_recording_of_it_tells_the_same_map_and_the_drive_at_one_place(gains: GainSet, machine: Machine) -> None:
     recording, estimate = recorded(gains, machine)
     told = replace(NOMINAL_DRIVE, load=replace(NOMINAL_DRIVE.load, inertia=1e-3))

@@ -180,7 +180,7 @@ def test_a_broken_encoder_gives_no_gap(number: int, broken: object) -> None:
     assert "check" in found.reason or "flank" in found.reason or "too large to be used" in found.reason
 
 
-@pytest.mark.parametrize("most", [5, 150, 1_000_000])
+@pytest.mark.parametrize("most", [5, 150, pytest.param(1_000_000, marks=pytest.mark.grid)])
 def test_a_search_ends_after_so_many_passes_and_says_so(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
     """Of a recording that nothing explains, all laws, delays and widths are tried; without a bound that ends, too."""
     member, whole, _ = probed(DRIVES[0])
