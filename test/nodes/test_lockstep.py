@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import pytest
 from graph import Parameters, Peer, Process
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock

@@ -79,13 +79,6 @@ class Machine:
 
 VARYING = Machine()
 PUSHED = Machine(variation=0.2, cycles=2, phase=-0.5, friction=0.0, eccentricity=5e-4, torque=0.2, rate=1000.0)
-MACHINES = pytest.mark.parametrize(
-    "machine",
-    [
-        pytest.param(VARYING, id="friction, 250 Hz"),
-        pytest.param(PUSHED, id="load torque, 1 kHz", marks=pytest.mark.grid),
-    ],
-)
 
 
 class Rig:
@@ -148,7 +141,13 @@ def mapped(gains: GainSet, machine: Machine) -> BacklashEstimate:
 
 
 @pytest.mark.population
-@MACHINES
+@pytest.mark.parametrize(
+    "machine",
+    [
+        pytest.param(VARYING, id="friction, 250 Hz"),
+        pytest.param(PUSHED, id="load torque, 1 kHz", marks=pytest.mark.grid),
+    ],
+)
 def test_the_gap_is_found_at_each_place_and_the_eccentricity_apart_from_it(gains: GainSet, machine: Machine) -> None:
     found = mapped(gains, machine)
     assert found.valid, found.reason
