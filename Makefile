@@ -2,7 +2,8 @@
 #
 #   make demo    learn the backlash and judge four laws, on real ROS 2 in lockstep, recorded: results in results/demo
 #   make live    a simulated drive, its controller and a page for the browser; prints the address
-#   make test    all tests
+#   make test    all tests but the grids, in eight minutes on two cores
+#   make test-grid  the grids: one claim over many drives, seeds, pairs of laws or options
 #   make faults  injects every fault and writes docs/faults.md; make test-repeat does it twenty times under load
 #   make bad-samples  effect of wrong samples on the load, at the end of docs/faults.md
 #   make lint    formatting, style, types, and the links of the pages
@@ -42,7 +43,7 @@ else
   LOCKS := requirements/python.txt requirements/ros.txt
 endif
 
-.PHONY: demo live test test-unit faults bad-samples test-repeat test-floors lint paper evaluation docs site bench soak lock clean
+.PHONY: demo live test test-grid test-unit faults bad-samples test-repeat test-floors lint paper evaluation docs site bench soak lock clean
 
 demo: $(READY)
 	$(BIN)/python -m backlash_ros.demo
@@ -50,16 +51,21 @@ demo: $(READY)
 live: $(READY)
 	$(BIN)/python -m backlash_ros.dashboard.live
 
-# Tests in real time, of recordings as fast as possible, or with a browser run without these: those that mostly wait two
-# at a time, the others alone. All other tests run four at a time. Plain pytest runs all of them one after the other.
-WAIT := test/nodes/test_measure.py test/nodes/test_transport.py
-ALONE := test/system/test_contract.py test/nodes/test_page.py
-SIDE_BY_SIDE := -n 4 --dist worksteal
+# Tests that are judged in real time, or with a browser, run after the others, on two cores of their own; all others run
+# four at a time, each file by one process, which makes once what its tests share. Plain pytest runs all tests, the
+# grids too, one after the other.
+REAL_TIME := test/system/test_contract.py test/nodes/test_page.py test/nodes/test_transport.py
+SIDE_BY_SIDE := -n 4 --dist loadscope
+LONG_FIRST := --no-loadscope-reorder
 test: $(READY)
 	$(BIN)/python -m backlash_ros.simulation  # compiles once for all, on all cores
-	$(BIN)/python -m pytest $(SIDE_BY_SIDE) $(WAIT:%=--ignore=%) $(ALONE:%=--ignore=%)
-	$(BIN)/python -m pytest -n 2 --dist loadfile $(WAIT)
-	$(BIN)/python -m pytest $(ALONE)
+	$(BIN)/python -m pytest -m "not grid" $(SIDE_BY_SIDE) $(LONG_FIRST) $(REAL_TIME:%=--ignore=%)
+	$(BIN)/python -m pytest -m "not grid" -n 2 --dist loadfile $(REAL_TIME)
+
+test-grid: $(READY)
+	$(BIN)/python -m backlash_ros.simulation
+	$(BIN)/python -m pytest -m grid $(SIDE_BY_SIDE) $(LONG_FIRST) $(REAL_TIME:%=--ignore=%)
+	$(BIN)/python -m pytest -m grid -n 2 --dist loadfile $(REAL_TIME)
 
 # Faults injected into live processes: once for the page; and twenty times, four at once, on a machine that this loads.
 FAULTS := test/nodes/test_faults.py test/nodes/test_parameter_storm.py test/nodes/test_recorder.py -k __
@@ -74,7 +80,7 @@ test-repeat: $(READY)
 	$(BIN)/python test/support/repeat.py --times 20 --at-once 4 -- $(FAULTS)
 
 test-unit: $(READY)
-	$(BIN)/python -m pytest $(SIDE_BY_SIDE) backlash_ros test/unit
+	$(BIN)/python -m pytest -m "not grid" $(SIDE_BY_SIDE) backlash_ros test/unit
 
 lint: $(READY)
 	$(BIN)/ruff format --check .
@@ -124,7 +130,7 @@ FLOORS := .venv-floors
 NO_FLOOR := test/unit/test_gates.py test/unit/test_architecture.py
 test-floors: $(FLOORS)/.ready
 	$(FLOORS)/bin/python -m backlash_ros.simulation
-	$(FLOORS)/bin/python -m pytest $(SIDE_BY_SIDE) --first-parameters -m "not population" backlash_ros test/unit $(NO_FLOOR:%=--ignore=%)
+	$(FLOORS)/bin/python -m pytest $(SIDE_BY_SIDE) --first-parameters -m "not population and not grid" backlash_ros test/unit $(NO_FLOOR:%=--ignore=%)
 
 $(FLOORS)/.ready: requirements/floors.txt
 	@echo "== $(FLOORS): Python environment with the oldest supported dependencies"

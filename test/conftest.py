@@ -1,6 +1,7 @@
-"""What all tests share: an option to run each with its first parameters only, and one browser for those of pages."""
+"""What all tests share: which cases of a test are run where, and one browser for those of pages."""
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from itertools import combinations_with_replacement
 from typing import Any
 
 import pytest
@@ -8,6 +9,25 @@ import pytest
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--first-parameters", action="store_true", help="run each test with its first parameters only")
+
+
+def pairs_of(item: Any) -> set[Any]:
+    """Return each value of the parameters of a case, and each pair of them."""
+    values = ((name, id(value)) for name, value in item.callspec.params.items())
+    return set(combinations_with_replacement(sorted(values), 2))
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_pycollect_makeitem() -> Generator[None, Any, None]:
+    """Mark all but the corners of a test as its grid: those cases that show most pairs of values not seen before."""
+    made = (yield).get_result()
+    if isinstance(made, list) and made and (corners := made[0].get_closest_marker("corners")):
+        left, seen = list(made), set[Any]()
+        for _ in range(*corners.args):
+            left.remove(corner := max(left, key=lambda item: len(pairs_of(item) - seen)))
+            seen |= pairs_of(corner)
+        for item in left:
+            item.add_marker("grid")
 
 
 @pytest.hookimpl(trylast=True)  # after those that a marker deselects

@@ -115,6 +115,7 @@ def test_params_keeps_an_existing_file(written: Path, capsys: pytest.CaptureFixt
     assert written.read_text() == text
 
 
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("namespace", ["/", "/axis1"])
 def test_controller_takes_the_file_in_any_namespace(start: Any, peer: Peer, namespace: str) -> None:
     start("controller", "--params-file", str(CONFIG), "-r", f"__ns:={namespace}")

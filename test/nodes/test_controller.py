@@ -5,6 +5,7 @@ import signal
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,7 +43,12 @@ def gains() -> GainSet:
     )
 
 
-@pytest.mark.parametrize("law", sorted(LAWS))
+def laws(*few: str) -> list[Any]:
+    """All laws, most of them as a grid: tests by unit have each law the same in the node and offline."""
+    return [pytest.param(law, marks=[] if law in few else pytest.mark.grid) for law in sorted(LAWS)]
+
+
+@pytest.mark.parametrize("law", laws("two_region"))
 def test_closed_loop_over_dds_equals_the_offline_run(start: Start, peer: Peer, gains: GainSet, law: str) -> None:
     start("controller", law=law, backlash_angle=0.02, identified=True, laws__two_region__min_dwell=0.0, **PATIENT)
     drive = LockstepDrive(peer).matched()
@@ -70,7 +76,7 @@ GENTLE = {"overdamped": (0.0, 2.0), "dual_loop": (4.0, 8.0)}
 """Between which the largest command of laws is that do not jump with the reference, V."""
 
 
-@pytest.mark.parametrize("law", sorted(LAWS))
+@pytest.mark.parametrize("law", laws("overdamped", "elastic_lqg", "two_encoder"))  # no memory, states, a plan
 def test_closed_loop_over_dds_with_counts_offsets_delay_and_limits_equals_the_offline_run(
     start: Start, peer: Peer, gains: GainSet, law: str
 ) -> None:
@@ -108,7 +114,8 @@ def ask_to_learn(peer: Peer) -> Future:
 
 
 @pytest.mark.parametrize(
-    ("experiment", "method", "near"), [("auto", "gap_probe", 0.005), ("limit_cycle", "gap_travel", 0.05)]
+    ("experiment", "method", "near"),
+    [("auto", "gap_probe", 0.005), pytest.param("limit_cycle", "gap_travel", 0.05, marks=pytest.mark.grid)],
 )
 def test_learning_over_the_service(start: Start, peer: Peer, experiment: str, method: str, near: float) -> None:
     start("controller", learning__experiment=experiment, **PATIENT)
@@ -131,6 +138,7 @@ def test_learning_over_the_service(start: Start, peer: Peer, experiment: str, me
     peer.wait("the estimate that is taken back", lambda: estimates[-1] == 0.0)
 
 
+@pytest.mark.grid  # by one encoder; test_relay.py has the experiment
 @pytest.mark.parametrize("measured", ["theta_l", "theta_m"])
 def test_learning_where_the_other_joint_is_absent(start: Start, peer: Peer, measured: str) -> None:
     start("controller", **PATIENT)
@@ -157,23 +165,19 @@ def test_learning_under_a_load_torque_keeps_the_old_estimate(start: Start, peer:
     assert Parameters(peer, "controller").get("backlash_angle") == [0.015]
 
 
-@pytest.mark.parametrize(
-    ("limits", "why"),
-    [
-        ({"limits__position_upper": 0.05}, "limits.position_upper = 0.05 rad"),
-        ({"limits__step": 0.02}, "limits.step = 0.02 rad"),
-    ],
-)
-def test_learning_beyond_the_limits_is_refused(start: Start, peer: Peer, limits: dict[str, float], why: str) -> None:
-    start("controller", **PATIENT, **limits)
+def test_learning_beyond_the_limits_is_refused(start: Start, peer: Peer) -> None:
+    start("controller", limits__position_upper=0.05, **PATIENT)
     drive = LockstepDrive(peer).matched()
-    answer = ask_to_learn(peer)
-    drive.until(answer.done)
-    assert drive.tick < 5000
-    assert max(map(abs, drive.answers.values())) < 1.0
-    assert not answer.result().success
-    assert answer.result().message.startswith("cannot learn: it swings by learning.gap_probe.swing = 0.3 rad")
-    assert why in answer.result().message
+    other = {"limits__position_upper": 1e3, "limits__step": 0.02}
+    for why, then in (("limits.position_upper = 0.05 rad", other), ("limits.step = 0.02 rad", {"limits__step": 1.0})):
+        answer = ask_to_learn(peer)
+        drive.until(answer.done)
+        assert drive.tick < 5000
+        assert max(map(abs, drive.answers.values())) < 1.0
+        assert not answer.result().success
+        assert answer.result().message.startswith("cannot learn: it swings by learning.gap_probe.swing = 0.3 rad")
+        assert why in answer.result().message
+        assert Parameters(peer, "controller").set(**then) == (True, "")
 
 
 def test_learning_under_a_fault_is_refused_each_time(start: Start, peer: Peer) -> None:
@@ -306,7 +310,9 @@ def test_drives_that_measure_less_are_controlled_too(start: Start, peer: Peer) -
     assert plant.load_angle == pytest.approx(1.0, abs=0.01)
 
 
-@pytest.mark.parametrize("missing", ["velocity", "effort", "both"])
+@pytest.mark.parametrize(
+    "missing", ["both", *(pytest.param(m, marks=pytest.mark.grid) for m in ("velocity", "effort"))]
+)
 def test_signal_that_turns_nan_does_not_shake_the_loop(start: Start, peer: Peer, missing: str) -> None:
     """A drive stops measuring speed or torque on the way, and later says them every second time only."""
     process = start("controller", backlash_angle=0.02, **PATIENT)
@@ -357,34 +363,32 @@ HYSTERESIS = "laws.two_region.hysteresis"
 WATCHED = ("law", "gain_set", "gains.fast.k", "gains.fast.q", "gains.overdamped.k", "backlash_angle", HYSTERESIS)
 
 
-@pytest.mark.parametrize(
-    ("changes", "culprit"),
-    [
-        ({"backlash_angle": -0.1}, "backlash_angle must be >= 0 rad and <= 3.2 rad, got -0.1"),
-        ({"backlash_angle": math.nan}, "backlash_angle must be >= 0 rad and <= 3.2 rad, got nan"),
-        ({"backlash_angle": 0.03, HYSTERESIS: 1e9}, f"{HYSTERESIS} must be"),
-        ({"backlash_angle": 0.03, "gains__fast__k": [1e5, 0.0, 0.0]}, "gains.fast.k = [100000, 0, 0] is unstable"),
-        ({"gains__fast__k": [30.0, 0.8, 0.1], "gains__overdamped__k": [1.0, math.inf, 0.0]}, "gains.overdamped.k: k2"),
-        ({"gains__fast__q": [-1.0, 0.0], "backlash_angle": 0.03}, "gains.fast.q: Q11 must be > 0"),
-        ({"gain_set": "nosuch", "law": "fast"}, "gain_set must be one of ['nominal', 'custom'], got 'nosuch'"),
-        ({"law": "bang_bang", "backlash_angle": 0.03}, "law must be one of"),
-        ({"gear__reduction": 12.0, "backlash_angle": 0.03}, "gear.reduction is read-only"),
-        ({"backlash_angle": "wide"}, "backlash_angle must be a number, >= 0 rad and <= 3.2 rad, got 'wide'"),
-    ],
-)
-def test_refused_set_changes_nothing_and_says_why(
-    start: Start, peer: Peer, changes: dict[str, object], culprit: str
-) -> None:
-    start("controller", law="fast", torque_bandwidth=0.0, **PATIENT)
-    drive = LockstepDrive(peer).matched()
+REFUSED: list[tuple[dict[str, object], str]] = [
+    ({"backlash_angle": -0.1}, "backlash_angle must be >= 0 rad and <= 3.2 rad, got -0.1"),
+    ({"backlash_angle": math.nan}, "backlash_angle must be >= 0 rad and <= 3.2 rad, got nan"),
+    ({"backlash_angle": 0.03, HYSTERESIS: 1e9}, f"{HYSTERESIS} must be"),
+    ({"backlash_angle": 0.03, "gains__fast__k": [1e5, 0.0, 0.0]}, "gains.fast.k = [100000, 0, 0] is unstable"),
+    ({"gains__fast__k": [30.0, 0.8, 0.1], "gains__overdamped__k": [1.0, math.inf, 0.0]}, "gains.overdamped.k: k2"),
+    ({"gains__fast__q": [-1.0, 0.0], "backlash_angle": 0.03}, "gains.fast.q: Q11 must be > 0"),
+    ({"gain_set": "nosuch", "law": "fast"}, "gain_set must be one of ['nominal', 'custom'], got 'nosuch'"),
+    ({"law": "bang_bang", "backlash_angle": 0.03}, "law must be one of"),
+    ({"gear__reduction": 12.0, "backlash_angle": 0.03}, "gear.reduction is read-only"),
+    ({"backlash_angle": "wide"}, "backlash_angle must be a number, >= 0 rad and <= 3.2 rad, got 'wide'"),
+]
+
+
+def test_refused_set_changes_nothing_and_says_why(start: Start, peer: Peer) -> None:
+    start("controller", law="fast", torque_bandwidth=0.0, faults__load_torque=1e9, **PATIENT)
+    drive = LockstepDrive(peer).matched()  # stands still, whatever the command
     parameters = Parameters(peer, "controller")
-    drive.set_reference(0.2)
+    drive.set_reference(0.2, move=False)
     before, command = parameters.get(*WATCHED), drive.exchange(drive.sample())
-    accepted, reason = parameters.set(**changes)
-    assert not accepted
-    assert culprit in reason
-    assert parameters.get(*WATCHED) == before
-    assert drive.exchange(drive.sample()) == command
+    for changes, culprit in REFUSED:
+        accepted, reason = parameters.set(**changes)
+        assert not accepted
+        assert culprit in reason
+        assert parameters.get(*WATCHED) == before
+        assert drive.exchange(drive.sample()) == command
 
 
 def test_named_gain_sets_come_from_parameters(start: Start, peer: Peer) -> None:
@@ -410,24 +414,14 @@ def test_gains_given_at_the_start_are_in_use(start: Start, peer: Peer) -> None:
 @pytest.mark.parametrize(
     ("parameters", "says"),
     [
-        ({"rate": -5.0}, "rate must be > 0 Hz and <= 2000 Hz, got -5.0"),
-        ({"gear__backlash_angle": 0.0}, "gear.backlash_angle must be >= 1e-09 rad and <= 3.2 rad, got 0.0"),
-        ({"contact__law": "soft"}, "contact.law must be one of ['elastic', 'power', 'power_no_pull', 'restitution']"),
-        (
-            {"contact__elastic__wind_up": 0.0},
-            "contact.elastic.wind_up must be >= 1e-09 rad/(N m) and <= 1000 rad/(N m)",
-        ),
-        ({"motor_joint": "load"}, "motor_joint and load_joint must be two different names"),
-        ({"load_joint": "''"}, "motor_joint and load_joint must be two different names, got 'motor' and ''"),
         ({"gains__fast__k": "[1.0e+5, 0.0, 0.0]"}, "gains.fast.k = [100000, 0, 0] is unstable at 250 Hz"),
-        ({"rate": "quick"}, "rate must be a number, > 0 Hz and <= 2000 Hz, got 'quick'"),
-        ({"gain_sets__nominal__fast__k": "[1, 2, 3]"}, "gain_sets.nominal.fast.k"),
         ({"gains__fast__k": "[30.0, 1, 0]"}, "gains.fast.k:=[30.0, 1, 0]"),
     ],
 )
 def test_unusable_start_parameter_ends_the_node_with_a_line_that_names_it(
     start: Start, parameters: dict[str, object], says: str
 ) -> None:
+    """More of them in test/unit/test_tunables.py."""
     process = start("controller", **parameters)
     assert process.wait() == 2
     assert "cannot start: " in process.output()
@@ -488,32 +482,31 @@ def test_silence_while_not_active_is_no_fault(start: Start, peer: Peer) -> None:
     assert drive.follows(0.3)
 
 
-@pytest.mark.parametrize(
-    "bad",
-    [
-        {"position": [0.0, math.nan]},
-        {"position": [math.inf, 0.0]},
-        {"velocity": [0.0, math.inf]},
-        {"effort": [-math.inf, 0.0]},
-        {"effort": [1.7e308, 0.0]},
-        {"velocity": [0.0, -1e306]},
-        {"position": [0.0]},
-        {"velocity": [0.0]},
-        {"effort": [0.0]},
-        {"name": ["load", "load"]},
-    ],
-    ids=str,
-)
-def test_zero_volts_on_a_sample_that_cannot_be_used(start: Start, peer: Peer, bad: dict[str, list[object]]) -> None:
-    process = start("controller", law="fast", **PATIENT)
-    drive = LockstepDrive(peer).matched()
-    drive.set_reference(1.0)
-    good = drive.sample()
-    assert drive.exchange(good) > 1.0
-    assert drive.exchange(drive.sample(**bad)) == 0.0
-    assert drive.exchange(good) == 0.0  # a repeat is answered with what is on the motor
+UNUSABLE: list[dict[str, list[object]]] = [
+    {"position": [0.0, math.nan]},
+    {"position": [math.inf, 0.0]},
+    {"velocity": [0.0, math.inf]},
+    {"effort": [-math.inf, 0.0]},
+    {"effort": [1.7e308, 0.0]},
+    {"velocity": [0.0, -1e306]},
+    {"position": [0.0]},
+    {"velocity": [0.0]},
+    {"effort": [0.0]},
+    {"name": ["load", "load"]},
+]
+
+
+def test_zero_volts_on_a_sample_that_cannot_be_used(start: Start, peer: Peer) -> None:
+    process = start("controller", law="fast", faults__load_torque=1e9, **PATIENT)
+    drive = LockstepDrive(peer).matched()  # stands still, whatever the command
+    drive.set_reference(1.0, move=False)
+    for bad in UNUSABLE:
+        good = drive.sample()
+        assert drive.exchange(good) > 1.0
+        assert drive.exchange(drive.sample(**bad)) == 0.0, bad
+        assert drive.exchange(good) == 0.0  # a repeat is answered with what is on the motor
+        assert drive.exchange(drive.sample()) > 1.0  # it goes on with the next good one
     peer.wait("the warning", lambda: "unusable joint_states" in process.output())
-    assert drive.exchange(drive.sample()) > 1.0  # it goes on with the next good one
 
 
 def test_sample_out_of_order_is_not_answered(start: Start, peer: Peer) -> None:
@@ -543,13 +536,12 @@ def test_stamp_before_the_epoch_is_survived(start: Start, peer: Peer) -> None:
     assert process.running
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_zero_volts_on_shutdown(start: Start, peer: Peer, number: signal.Signals) -> None:
+def test_zero_volts_on_shutdown(start: Start, peer: Peer) -> None:
     process = start("controller", law="fast", **PATIENT)
     drive = LockstepDrive(peer).matched()
     drive.set_reference(1.0)
     assert drive.exchange(drive.sample()) > 1.0
-    process.signal(number)
+    process.signal(signal.SIGTERM)  # others in test_faults.py
     peer.wait("the last command", lambda: drive.commands[-1] == 0.0)
     assert process.wait() == 0
     assert "Traceback" not in process.output()

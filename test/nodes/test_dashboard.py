@@ -16,13 +16,14 @@ from backlash_ros.dashboard.rows import JOINT_COLUMNS
 class TestOneDrive:
     """What leaves the nodes whole, beside the same ones."""
 
-    def test_ten_pages_get_every_sample_for_a_minute_and_none_stops_another(self, system: System) -> None:
+    @pytest.mark.parametrize("seconds", [5.0, pytest.param(60.0, marks=pytest.mark.grid)])
+    def test_ten_pages_get_every_sample_and_none_stops_another(self, system: System, seconds: float) -> None:
         served = system.served
         for _ in range(10):
             assert served.ask("GET", "/")[0] == 200
         readers = [Reader(served) for _ in range(10)]
         asleep = readers.pop()  # a browser that stands still
-        while min(reader.span for reader in readers) < 60.0:
+        while min(reader.span for reader in readers) < seconds:
             for reader in readers:
                 reader.read()
         for reader in readers:
@@ -49,6 +50,7 @@ class TestOneDrive:
         assert Lifecycle(peer, "controller").state == "inactive"
 
 
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("how", [signal.SIGSTOP, signal.SIGKILL])
 def test_a_dashboard_that_freezes_or_dies_stops_nobody(
     start: Start, peer: Peer, serve: Callable[..., Served], how: signal.Signals

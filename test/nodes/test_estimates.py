@@ -204,6 +204,7 @@ def test_without_a_file_yet_it_starts_with_the_parameter(start: Start, peer: Pee
     assert kept(file) == []
 
 
+@pytest.mark.corners(2)
 @pytest.mark.parametrize("use", [True, False])
 @pytest.mark.parametrize(
     ("old", "new", "why"),
@@ -248,10 +249,6 @@ def test_a_start_with_a_file_that_cannot_be_used_ends_with_a_line_that_says_why(
     assert process.wait() == 1
     assert f"there is no folder {tmp_path / 'nosuch'}" in process.output()
     assert "controller did not come up: still unconfigured" in process.output()
-    process = start("controller", learning__use_estimate_file=True)
-    assert process.wait() == 2
-    line = "learning.use_estimate_file must be false if learning.estimate_file is empty, got true"
-    assert f"cannot start: {line}" in process.output()
 
 
 def test_two_axes_cannot_share_a_file(start: Start, file: Path) -> None:

@@ -24,6 +24,7 @@ def braked(member: Member) -> Member:
     return replace(member, drive=replace(member.drive, load=replace(member.drive.load, coulomb_friction=torque)))
 
 
+@pytest.mark.grid  # test_gap_map.py has the experiment
 def test_the_gap_around_the_turn_is_found_and_the_largest_is_in_use(rig: Callable[..., Rig]) -> None:
     member = draw_member(SEED, 30, "full")
     made = rig(member, learning__experiment="gap_map", **FEW)
@@ -57,7 +58,12 @@ def test_the_gap_of_an_output_that_is_braked_is_found(rig: Callable[..., Rig]) -
 
 @pytest.mark.parametrize(
     ("experiment", "number", "longest"),
-    [("identify", 14, 3.0), ("identify", 4, 3.0), ("gap_map", 30, 15.0), ("hysteresis", 16, 10.0)],
+    [
+        ("identify", 14, 3.0),
+        pytest.param("identify", 4, 3.0, marks=pytest.mark.grid),
+        pytest.param("gap_map", 30, 15.0, marks=pytest.mark.grid),
+        ("hysteresis", 16, 10.0),
+    ],
 )
 def test_cancelled_at_any_sample_it_ends_at_rest_and_changes_nothing(
     rig: Callable[..., Rig], experiment: str, number: int, longest: float

@@ -63,6 +63,7 @@ def test_controller_stands_still_for_a_while__the_drive_takes_the_voltage_off__r
     pair.works()
 
 
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP], ids=lambda number: number.name)
 def test_controller_is_terminated__it_puts_0_v_out_before_it_goes__restart_it(
     pair: Pair, measure: Measure, number: signal.Signals
@@ -184,6 +185,7 @@ def intruded(pair: Pair, publish: Callable[[], None]) -> float:
     return pair.unpowered(sent[-1])
 
 
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("data", [[math.nan], [-math.inf], []], ids=["nan", "infinite", "empty"])
 def test_command_is_not_a_number__the_drive_takes_the_voltage_off__reset_both(
     pair: Pair, measure: Measure, data: list[float]
@@ -296,6 +298,7 @@ BAD = {
 }
 
 
+@pytest.mark.corners(2)
 @pytest.mark.parametrize("bad", BAD.values(), ids=BAD)
 def test_one_sample_that_cannot_be_used__0_v_for_that_period__none_needed(
     start: Start, peer: Peer, measure: Measure, bad: dict[str, Any]
@@ -307,6 +310,7 @@ def test_one_sample_that_cannot_be_used__0_v_for_that_period__none_needed(
     peer.wait("the log", lambda: "unusable joint_states" in watched.process.output())
 
 
+@pytest.mark.corners(2)
 @pytest.mark.parametrize("bad", BAD.values(), ids=BAD)
 def test_no_sample_that_can_be_used__0_v_at_once__mend_it_and_reset_the_controller(
     start: Start, peer: Peer, measure: Measure, bad: dict[str, Any]
@@ -375,6 +379,7 @@ def test_sample_older_than_the_newest__the_command_stays__none_needed(
     assert drive.exchange(drive.sample()) == pytest.approx(expected, rel=0.1)
 
 
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("clocks", ["clocks a little apart", "the same clock"])
 def test_second_drive_on_joint_states__0_v_at_once__stop_it_and_reset_the_controller(
     start: Start, peer: Peer, measure: Measure, clocks: str
@@ -404,6 +409,7 @@ def test_only_messages_of_another_machine__the_controller_commands_0_v__mend_it_
     watched.recovers()
 
 
+@pytest.mark.corners(2)
 @pytest.mark.parametrize("jump", [-3600.0, -0.1, 3600.0], ids=lambda jump: f"by {jump:g} s")
 def test_clock_of_the_drive_jumps__the_loop_goes_on__none_needed(
     start: Start, peer: Peer, measure: Measure, jump: float
@@ -448,6 +454,7 @@ def test_quality_of_service_that_does_not_match__0_v_goes_on__mend_it(
 BEYOND = {"2.5 rad": 2.5, "-3 rad": -3.0, "a step of 1.6 rad": -0.6, "nan": math.nan}
 
 
+@pytest.mark.corners(2)
 @pytest.mark.parametrize("target", BEYOND.values(), ids=BEYOND)
 def test_reference_beyond_the_limits__the_old_reference_is_kept__none_needed(
     start: Start, peer: Peer, measure: Measure, target: float
@@ -535,6 +542,7 @@ class Encoders:
         return message
 
 
+@pytest.mark.corners(3)
 @pytest.mark.parametrize(
     ("fault", "reason"),
     [

@@ -23,7 +23,7 @@ from backlash_ros.drivetrain.parameters import FOUND, drive_of
 SEED = 20261122
 
 
-@pytest.mark.parametrize(("population", "number"), [("core", 10), ("full", 16)])
+@pytest.mark.parametrize(("population", "number"), [("full", 16), pytest.param("core", 10, marks=pytest.mark.grid)])
 def test_a_random_drive_is_found_and_quiet_from_then_on_and_at_the_next_start(
     rig: Callable[..., Rig], peer: Peer, tmp_path: Path, population: str, number: int
 ) -> None:
@@ -85,6 +85,7 @@ def test_a_random_drive_is_found_and_quiet_from_then_on_and_at_the_next_start(
     assert again.in_use() == found
 
 
+@pytest.mark.grid  # the demo shows it, too
 def test_from_unknown_to_quiet_with_the_law_for_two_encoders(rig: Callable[..., Rig], peer: Peer) -> None:
     """Learned and identified by services, the law by parameter: it plans its move, lands and rests."""
     member = draw_member(SEED, 2, "core")
@@ -108,6 +109,7 @@ def test_from_unknown_to_quiet_with_the_law_for_two_encoders(rig: Callable[..., 
     assert phases[-1] == "hold"
 
 
+@pytest.mark.grid  # test_applying.py has it by unit, test_estimates.py with another experiment
 def test_with_ask_it_is_offered_and_applied_together(rig: Callable[..., Rig]) -> None:
     made = rig(draw_member(SEED, 4, "core"), learning__apply="ask")
     told = made.in_use()

@@ -141,7 +141,7 @@ class TestOneDrive:
         page.wait("lower gains", lambda: system.parameters.get("gains.fast.q") != before)
         page.wait("no refusal", lambda: page.said("law-answer") == "")
 
-    @pytest.mark.parametrize("by", ["the button", "Escape"])
+    @pytest.mark.parametrize("by", ["the button", pytest.param("Escape", marks=pytest.mark.grid)])
     def test_stop_puts_out_0_v_amid_motion_and_the_drive_goes_on_when_asked(
         self, system: System, browser: Chrome, by: str
     ) -> None:

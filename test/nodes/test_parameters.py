@@ -313,17 +313,6 @@ def test_custom_alone_keeps_the_gains(start: Start, peer: Peer) -> None:
     assert in_use.version(2) == {**in_use.version(1), "gain_set": "custom"}
 
 
-def test_a_set_that_cannot_be_used_ends_the_start_with_its_name(start: Start) -> None:
-    process = start(
-        "controller",
-        gain_set_names="[nominal, wild]",
-        gain_sets__wild__fast__k="[100000, 0, 0]",
-        gain_sets__wild__overdamped__q="[4, 0]",
-    )
-    assert process.wait() == 2
-    assert "cannot start: gain_sets.wild.fast.k = [100000, 0, 0] is unstable at 250 Hz" in process.output()
-
-
 def test_ends_of_the_travel_that_leave_the_reference_outside_are_refused(start: Start, peer: Peer) -> None:
     start("controller", **PATIENT)
     drive = LockstepDrive(peer).matched()

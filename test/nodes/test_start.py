@@ -32,31 +32,11 @@ FATAL = r"\[FATAL\] \[\d+\.\d+\] \[{node}\]: cannot start: "
 
 REFUSED = [
     ("controller", "gear.ratio:=0.1", "there is no parameter 'gear.ratio', got 0.1: did you mean 'gear.reduction'?"),
-    (
-        "controller",
-        "motor.torque_const:=0.07",
-        "there is no parameter 'motor.torque_const', got 0.07: did you mean 'motor.torque_constant'?",
-    ),
-    ("plant_simulator", "load.inertias:=1e-3", "got 0.001: did you mean 'load.inertia'?"),
-    (
-        "controller",
-        "limit.command:=3.0",
-        "there is no parameter 'limit.command', got 3.0: did you mean 'limits.command'?",
-    ),
-    ("controller", "lockstp:=true", "there is no parameter 'lockstp', got True: did you mean 'lockstep'?"),
-    (
-        "controller",
-        "gain_sets.gentle.fast.q:=[500, 1]",
-        "there is no parameter 'gain_sets.gentle.fast.q', got [500, 1]: did you mean 'gain_sets.nominal.fast.q'?",
-    ),
     ("recorder", "topic:=[command]", "there is no parameter 'topic', got ['command']: did you mean 'topics'?"),
-    ("controller", "motor.resistance:=0", "motor.resistance must be > 0 ohm and <= 1e+06 ohm, got 0.0"),
-    ("controller", 'rate:="250"', "rate must be a number, > 0 Hz and <= 2000 Hz, got '250'"),
     ("plant_simulator", "gear.backlash_cycles:=3.5", "must be a whole number >= 1 and <= 1000, got 3.5"),
-    ("plant_simulator", "lockstep:=1", "lockstep must be true or false, got 1"),
     ("controller", "rate:=", "Couldn't parse parameter override rule: '-p rate:='"),
 ]
-"""Misspelt or impossible: the node, what it is given, and what the line says. More in test/unit/test_overrides.py."""
+"""Misspelt or impossible: the node, what it is given, and what the line says; more in test/unit/test_tunables.py."""
 
 
 @pytest.mark.parametrize(("node", "rule", "says"), REFUSED, ids=[f"{node} {rule}" for node, rule, _ in REFUSED])
@@ -114,15 +94,15 @@ def test_what_loses_nothing_is_converted(start: Start, peer: Peer) -> None:
     assert [type(value) for value in values] == [float, int, list, int, float]
 
 
-@pytest.mark.parametrize("node", ["controller", "plant_simulator", "recorder"])
-def test_every_node_knows_the_names_of_all(start: Start, peer: Peer, tmp_path: Path, node: str) -> None:
-    start(node, **({"output": tmp_path / "bag"} if node == "recorder" else {}))
-    names = peer.call(ListParameters, f"/{node}/list_parameters", ListParameters.Request()).result.names
+def test_every_node_knows_the_names_of_all(start: Start, peer: Peer, tmp_path: Path) -> None:
     from_ros = ("use_sim_time", "start_type_description_service", "qos_overrides.")
-    assert {name for name in names if not name.startswith(from_ros)} <= all_names({})
+    for node in ("controller", "plant_simulator", "recorder"):
+        start(node, **({"output": tmp_path / "bag"} if node == "recorder" else {}))
+        names = peer.call(ListParameters, f"/{node}/list_parameters", ListParameters.Request()).result.names
+        assert {name for name in names if not name.startswith(from_ros)} <= all_names({})
 
 
-@pytest.mark.parametrize("namespace", ["/", "/axis1"])
+@pytest.mark.parametrize("namespace", ["/axis1", pytest.param("/", marks=pytest.mark.grid)])
 def test_the_command_line_wins_over_every_file(start: Start, peer: Peer, tmp_path: Path, namespace: str) -> None:
     (tmp_path / "own.yaml").write_text("/**/controller:\n  ros__parameters: {law: cascade, backlash_angle: 0.01}\n")
     files = ["--params-file", str(CONFIG / "nominal_drive.yaml"), "--params-file", str(tmp_path / "own.yaml")]
@@ -255,6 +235,7 @@ def unread(request: pytest.FixtureRequest) -> Iterator[Unread]:
     made.close()
 
 
+@pytest.mark.corners(1)
 def test_output_that_nobody_reads_stops_neither_the_loop_nor_the_end(domain: int, peer: Peer, unread: Unread) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "backlash_ros.nodes.plant_simulator", "--ros-args", "--log-level", "debug"],

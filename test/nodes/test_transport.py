@@ -73,6 +73,7 @@ def test_by_itself_a_node_shares_no_memory(
     assert shares_memory(process) == shared
 
 
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("variables", [LOCALHOST, LOCALHOST_ONLY], ids=["range", "only"])
 def test_asked_for_this_machine_alone_a_node_stays_on_it_and_shares_no_memory(
     start: Start, say: Callable[[Mapping[str, str]], None], variables: dict[str, str]
@@ -152,6 +153,7 @@ sys.exit(f"samples: {len(samples)}, answer: {answer}, nodes: {node.get_node_name
 """
 
 
+@pytest.mark.corners(2)
 @pytest.mark.parametrize("variables", [LOCALHOST, LOCALHOST_ONLY], ids=["range", "only"])
 @pytest.mark.parametrize("first", ["node", "user"])
 def test_node_and_user_that_are_asked_for_this_machine_alone_find_each_other(
@@ -170,6 +172,7 @@ def test_node_and_user_that_are_asked_for_this_machine_alone_find_each_other(
     wait_for(process, "load_torque must be")
 
 
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("variables", [{}, LOCALHOST], ids=["default", "localhost"])
 def test_no_fault_latches_while_others_come_and_leave(
     start: Start, say: Callable[[Mapping[str, str]], None], tmp_path: Path, variables: dict[str, str]

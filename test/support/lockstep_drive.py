@@ -144,12 +144,19 @@ class LockstepDrive:
         return voltage
 
     def until(self, condition: Callable[[], bool]) -> None:
-        """Make periods until ``condition`` holds, such as that of a request which is answered."""
+        """Make periods until ``condition`` holds, such as that of a request which is answered.
+
+        Slowly where it rests for long: there is a fit to be waited for, which needs the core.
+        """
         last, end = self.tick + _LONGEST, time.monotonic() + _PATIENCE
+        command, rests = math.nan, 0.0
         while not condition():
             late = self.tick > last and time.monotonic() > end
             assert not late, f"waited {_LONGEST} periods and {_PATIENCE:g} s"
-            self.step()
+            before, command = command, self.step()
+            rests = rests + self.period if abs(command - before) < 1e-3 else 0.0
+            if rests > 1.0:
+                time.sleep(5.0 * self.period)
 
     def run(self, count: int) -> np.ndarray:
         """Make ``count`` periods; return the load angle after each, shape (count,)."""

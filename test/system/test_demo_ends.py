@@ -16,6 +16,7 @@ ROOT = Path(__file__).parents[2]
 DEMO = [sys.executable, "-m", "backlash_ros.demo"]
 
 
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_everything_and_leaves_nothing(tmp_path: Path, number: signal.Signals) -> None:
     process = subprocess.Popen(
@@ -79,6 +80,7 @@ def test_folder_of_somebody_else_is_not_replaced(tmp_path: Path) -> None:
     assert (tmp_path / "thesis.tex").read_text() == "precious"
 
 
+@pytest.mark.corners(1)
 @pytest.mark.parametrize(
     ("out", "reason"),
     [("file", "--out must be a new or empty folder"), ("file/out", "File exists"), ("new/" + "x" * 300, "too long")],

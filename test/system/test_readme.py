@@ -33,7 +33,8 @@ def test_make_runs_what_the_tests_run() -> None:
     assert "-m backlash_ros.demo" in recipe("demo")
     assert "-m pytest" in recipe("test")
     assert "-m backlash_ros.cli figures" in recipe("paper")
-    assert re.search(r"^make test$", (ROOT / ".ci" / "run").read_text(), re.MULTILINE)
+    assert "-m pytest -m grid" in recipe("test-grid")
+    assert re.search(r"^make test\nmake test-grid$", (ROOT / ".ci" / "run").read_text(), re.MULTILINE)
 
 
 @pytest.fixture

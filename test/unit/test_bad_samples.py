@@ -80,6 +80,7 @@ UNITS: dict[str, tuple[int, float]] = {
 }
 
 
+@pytest.mark.corners(26)
 @pytest.mark.parametrize("name", ["arriving", "learning"])
 @pytest.mark.parametrize("law", ["fast", "two_region", "cascade", "two_encoder"])
 @pytest.mark.parametrize(("signal", "factor"), UNITS.values(), ids=UNITS)

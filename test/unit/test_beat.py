@@ -179,6 +179,7 @@ def test_an_answer_that_a_newer_one_overtakes_never_acts() -> None:
 LATE_DRIVES = [(0, "core"), (4, "core"), (2, "full"), (4, "full")]
 
 
+@pytest.mark.corners(2)
 @pytest.mark.population
 @pytest.mark.parametrize(("number", "population"), LATE_DRIVES)
 def test_a_drive_is_found_though_answers_are_late(number: int, population: str) -> None:
@@ -196,6 +197,7 @@ def test_a_drive_is_found_though_answers_are_late(number: int, population: str) 
         assert model.viscous_friction * speed + model.coulomb_friction == pytest.approx(effort, rel=EFFORT_NEAR)
 
 
+@pytest.mark.corners(2)
 @pytest.mark.population
 @pytest.mark.parametrize(("told", "slip"), [(False, 0.0), (False, 0.3), (True, 0.3)])
 def test_late_answers_make_no_wrong_estimate_valid(told: bool, slip: float) -> None:

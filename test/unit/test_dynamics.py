@@ -138,6 +138,7 @@ def states(drive: Drive) -> list[np.ndarray]:
     return rows
 
 
+@pytest.mark.corners(12)
 @pytest.mark.parametrize("interface", ["voltage", "current"])
 @pytest.mark.parametrize("slips", SLIPS, ids=str)
 @pytest.mark.parametrize("law", LAWS)

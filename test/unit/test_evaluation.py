@@ -358,14 +358,15 @@ def command(folder: Path, *more: str, drives: int = 2) -> list[str]:
 
 
 @pytest.mark.population
-def test_the_same_command_gives_the_same_files(tmp_path: Path) -> None:
+@pytest.mark.parametrize("more", [BRIEF[2:], pytest.param((), marks=pytest.mark.grid)], ids=["brief", "fits"])
+def test_the_same_command_gives_the_same_files(tmp_path: Path, more: tuple[str, ...]) -> None:
     pytest.importorskip("pyarrow")
     import pyarrow.parquet  # noqa: PLC0415
 
     files = []
     for name in ("first", "second"):
         folder = tmp_path / name
-        assert main(command(folder, "--out", str(folder / "out"), "--laws", "two_region")) == 0
+        assert main(command(folder, "--out", str(folder / "out"), "--laws", "two_region", *more)) == 0
         assert {path.name for path in folder.iterdir()} == {"result.json", "out"}
         assert {path.name for path in (folder / "out").iterdir()} == {"runs.parquet", "shares.png", "settling.png"}
         files.append({path.name: path.read_bytes() for path in folder.rglob("*") if path.is_file()})

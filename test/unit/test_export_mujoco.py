@@ -72,6 +72,7 @@ def test_steps_are_followed(interface: str) -> None:
     assert np.median(missed) < 0.5 * WITHIN
 
 
+@pytest.mark.corners(3)
 @pytest.mark.population
 @pytest.mark.parametrize("interface", INTERFACES)
 @pytest.mark.parametrize("population", ["core", "full"])
@@ -83,6 +84,7 @@ def test_random_commands_are_followed(number: int, population: str, interface: s
     assert max(errors(here, play_there(drive, here))) < 0.01
 
 
+@pytest.mark.corners(1)
 @pytest.mark.population
 @pytest.mark.skipif(not HAS_DC_MOTOR, reason="needs MuJoCo 3.7: dcmotor")
 @pytest.mark.parametrize("friction", [0.02, 0.05, 0.1, 0.2])
@@ -94,6 +96,7 @@ def test_the_drive_that_was_identified_from_a_recording_follows_it(friction: flo
     assert max(errors(here, play_there(found, here))) < WITHIN
 
 
+@pytest.mark.corners(4)
 @pytest.mark.parametrize("teeth", TEETH, ids=["power", "steep", "elastic", "restitution"])
 @pytest.mark.parametrize("share", [0.5, 1.0, 2.0])
 def test_the_limit_stands_as_it_was_fitted(teeth: PowerContact, share: float) -> None:
@@ -175,6 +178,7 @@ def test_the_winding_is_the_drives() -> None:
     assert data.act[0] == pytest.approx(motor.voltage_limit / motor.resistance, rel=1e-3)
 
 
+@pytest.mark.corners(3)
 @pytest.mark.parametrize("number", range(10))
 def test_every_drive_loads(number: int) -> None:
     axis = Axis(draw_member(20090, number, "full").drive, 'a<b>&"c"', "é d", -1.0, 2.0)

@@ -141,7 +141,13 @@ def mapped(gains: GainSet, machine: Machine) -> BacklashEstimate:
 
 
 @pytest.mark.population
-@pytest.mark.parametrize("machine", [VARYING, PUSHED], ids=["friction, 250 Hz", "load torque, 1 kHz"])
+@pytest.mark.parametrize(
+    "machine",
+    [
+        pytest.param(VARYING, id="friction, 250 Hz"),
+        pytest.param(PUSHED, id="load torque, 1 kHz", marks=pytest.mark.grid),
+    ],
+)
 def test_the_gap_is_found_at_each_place_and_the_eccentricity_apart_from_it(gains: GainSet, machine: Machine) -> None:
     found = mapped(gains, machine)
     assert found.valid, found.reason
@@ -174,7 +180,7 @@ def test_the_largest_gap_is_the_one_that_is_used(gains: GainSet) -> None:
     assert "the load's angle is off by 0.001 +- " in text
 
 
-@pytest.mark.population
+@pytest.mark.grid
 def test_a_mirrored_drive_gives_a_mirrored_map(gains: GainSet) -> None:
     here, there = mapped(gains, VARYING).map, mapped(gains, VARYING.mirrored).map
     assert here is not None
@@ -184,6 +190,7 @@ def test_a_mirrored_drive_gives_a_mirrored_map(gains: GainSet) -> None:
     assert here.phase == pytest.approx(-there.phase, abs=0.1)
 
 
+@pytest.mark.corners(2)
 @pytest.mark.parametrize("torque", [0.0, 0.3])
 @pytest.mark.parametrize(("turn", "swing"), [(1.0, 0.2), (2.0 * math.pi, 0.3)])
 def test_it_stays_within_its_range_and_speed_and_comes_back(
@@ -291,6 +298,7 @@ def test_a_joint_with_ends_maps_what_is_between_them(gains: GainSet) -> None:
     assert servo.experiment_refusal("gap_map", GapMapSettings(turn=1.2, swing=0.25)) == ""
 
 
+@pytest.mark.corners(5)
 @pytest.mark.population
 @pytest.mark.parametrize("start", [1, 300, 1200, 5000], ids=["from the start", "on the way", "at a place", "late"])
 @pytest.mark.parametrize("signal", [THETA_M, THETA_L], ids=["motor", "load"])
@@ -339,7 +347,7 @@ def test_wrong_samples_do_not_take_the_load_astray(
     assert rig.farthest <= 0.5 * FEW.turn + FEW.swing
 
 
-@pytest.mark.population
+@pytest.mark.grid
 def test_a_load_torque_that_changes_on_the_way_gives_no_wrong_map(gains: GainSet) -> None:
     """Its place is missing, or right; the others are right."""
     machine = replace(VARYING, friction=0.0)
@@ -389,7 +397,7 @@ def test_settings_out_of_bounds_are_refused(change: dict[str, float], message: s
 # The same map from a recording alone.
 
 
-@pytest.mark.population
+@pytest.mark.grid
 @pytest.mark.parametrize("machine", [VARYING, PUSHED], ids=["friction, 250 Hz", "load torque, 1 kHz"])
 def test_a_recording_of_it_tells_the_same_map_and_the_drive_at_one_place(gains: GainSet, machine: Machine) -> None:
     recording, estimate = recorded(gains, machine)
@@ -458,6 +466,7 @@ def test_places_beyond_a_turn_are_no_map() -> None:
     assert found == (None, "the places are spread over 7 rad, more than a turn", None)
 
 
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("signal", ["motor", "load"])
 @pytest.mark.parametrize("share", [0.15, 0.6])
 def test_an_encoder_that_freezes_gives_no_map_or_a_right_one(gains: GainSet, signal: str, share: float) -> None:

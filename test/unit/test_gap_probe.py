@@ -27,6 +27,7 @@ def loaded(friction: float = 0.0, inertia: float = 5e-4, backlash: float = 0.02)
     return replace(NOMINAL_DRIVE, load=load, gear=replace(NOMINAL_DRIVE.gear, backlash_angle=backlash))
 
 
+@pytest.mark.corners(3)
 @pytest.mark.population
 @pytest.mark.parametrize(
     ("drive", "torque"),
@@ -92,6 +93,7 @@ def test_auto_takes_what_the_encoders_allow(gains: GainSet) -> None:
         assert one.method is Method.RELAY
 
 
+@pytest.mark.corners(3)
 @pytest.mark.parametrize("torque", [0.0, 0.3, -0.45])
 @pytest.mark.parametrize("swing", [0.05, 0.15, 0.3])
 @pytest.mark.parametrize("inertia", [1.3e-4, 2e-3])
@@ -107,6 +109,7 @@ def test_the_load_stays_within_the_swing(gains: GainSet, torque: float, swing: f
     assert isinstance(outcome, Deferred) or "beyond learning.gap_probe.swing" in outcome.reason
 
 
+@pytest.mark.corners(2)
 @pytest.mark.population
 @pytest.mark.parametrize("volts", [3.0, 6.0])
 @pytest.mark.parametrize("torque", [0.1, 0.3])
@@ -124,6 +127,7 @@ def test_a_motor_of_which_little_may_be_used_stays_within_the_swing(
     assert servo.fault == ""
 
 
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("time", [1.0, 2.0])
 @pytest.mark.parametrize("torque", [0.0, 0.3])
 def test_it_ends_when_its_time_is_over(gains: GainSet, time: float, torque: float) -> None:
@@ -136,6 +140,7 @@ def test_it_ends_when_its_time_is_over(gains: GainSet, time: float, torque: floa
     assert time <= plant.time <= time + 1.0
 
 
+@pytest.mark.corners(4)
 @pytest.mark.population
 @pytest.mark.parametrize("torque", [0.0, 0.3])
 @pytest.mark.parametrize("start", [1, 400], ids=["from the start", "on the way"])

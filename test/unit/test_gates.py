@@ -376,15 +376,16 @@ class LockstepCommands(Commands):
 
 
 @pytest.mark.parametrize("machine", [Samples, Commands])
-def test_gate_through_a_hundred_thousand_steps(machine: type[RuleBasedStateMachine]) -> None:
+@pytest.mark.parametrize("steps", [STEPS // 10, pytest.param(STEPS, marks=pytest.mark.grid)])
+def test_gate_through_so_many_steps(machine: type[RuleBasedStateMachine], steps: int) -> None:
     gate = CountedSampleGate if machine is Samples else CountedCommandGate
     before = gate.steps
-    run_state_machine_as_test(machine, settings=settings(THOROUGH, max_examples=1_000))
-    assert gate.steps - before >= STEPS
+    run_state_machine_as_test(machine, settings=settings(THOROUGH, max_examples=steps // 100))
+    assert gate.steps - before >= steps
 
 
 def test_gate_in_lockstep() -> None:
-    run_state_machine_as_test(LockstepCommands, settings=settings(THOROUGH, max_examples=200))
+    run_state_machine_as_test(LockstepCommands, settings=settings(THOROUGH, max_examples=50))
 
 
 def test_answers_are_obeyed_when_the_clock_of_the_stamps_is_set_back() -> None:

@@ -87,17 +87,18 @@ def restitution(give: float) -> Contact:
     return RestitutionContact(wind_up=1e-3 * give)
 
 
+@pytest.mark.corners(3)
 @pytest.mark.parametrize(
     ("held", "backlash", "contact", "friction", "bits", "period", "interface"),
     [
         (HEAVY, 0.02, elastic(1.0), 0.0, (12, 16), 0.004, "voltage"),
+        (BRAKED, 0.02, restitution(1.0), 0.05, (18, 18), 0.004, "current"),
+        (BRAKED, 0.09, power(3.0), 0.05, (12, 14), 0.001, "voltage"),
         (BRAKED, 0.02, elastic(3.0), 0.05, (12, 16), 0.001, "voltage"),
         (BRAKED, 0.004, elastic(0.3), 0.02, (14, 18), 0.004, "voltage"),
         (HEAVY, 0.09, elastic(3.0), 0.02, (12, 12), 0.001, "current"),
-        (BRAKED, 0.02, restitution(1.0), 0.05, (18, 18), 0.004, "current"),
         (HEAVY, 0.004, restitution(3.0), 0.0, (13, 17), 0.001, "voltage"),
         (HEAVY, 0.02, power(1.0), 0.0, (12, 16), 0.004, "voltage"),
-        (BRAKED, 0.09, power(3.0), 0.05, (12, 14), 0.001, "voltage"),
         (BRAKED, 0.02, power(0.3), 0.02, (12, 16), 0.004, "current"),
     ],
 )
@@ -236,6 +237,7 @@ def test_progress_grows_from_0_to_1(gains: GainSet) -> None:
     assert progress[-1] > 0.99
 
 
+@pytest.mark.corners(4)
 @pytest.mark.population
 @pytest.mark.parametrize("held", [BRAKED, {}], ids=["braked", "free"])
 @pytest.mark.parametrize("start", [1, 1500], ids=["from the start", "on the way"])

@@ -65,6 +65,7 @@ def measured(number: int) -> Gap:
 DRIVES = [k for k in range(6) if draw_member(SEED, k, "core").can_outrun]
 
 
+@pytest.mark.corners(3)
 @pytest.mark.parametrize("number", DRIVES)
 def test_gap_load_and_delay_are_found_again(number: int) -> None:
     member, _, gap = probed(number)
@@ -113,6 +114,7 @@ def predicted(member: Member, recording: Recording, x: np.ndarray, teeth: float)
     return innovations[1:], derivatives[1:]
 
 
+@pytest.mark.corners(2)
 @pytest.mark.parametrize("number", DRIVES[:4])
 def test_the_truth_explains_what_was_seen(number: int) -> None:
     """The innovations are no larger than counts and noise allow: the filter's plant is the plant."""
@@ -166,6 +168,7 @@ def stretched(recording: Recording) -> Recording:
     return recording._replace(motor=1.05 * recording.motor)
 
 
+@pytest.mark.corners(3)
 @pytest.mark.population
 @pytest.mark.parametrize("number", DRIVES[:1])
 @pytest.mark.parametrize("broken", [reversed_motor, frozen_load, slipping, stuck_bit, stretched])
@@ -177,7 +180,7 @@ def test_a_broken_encoder_gives_no_gap(number: int, broken: object) -> None:
     assert "check" in found.reason or "flank" in found.reason or "too large to be used" in found.reason
 
 
-@pytest.mark.parametrize("most", [5, 150, 1_000_000])
+@pytest.mark.parametrize("most", [5, 150, pytest.param(1_000_000, marks=pytest.mark.grid)])
 def test_a_search_ends_after_so_many_passes_and_says_so(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
     """Of a recording that nothing explains, all laws, delays and widths are tried; without a bound that ends, too."""
     member, whole, _ = probed(DRIVES[0])

@@ -63,8 +63,11 @@ CASES = [
 ]
 
 
-@pytest.mark.population
-@pytest.mark.parametrize("case", CASES, ids=lambda case: "-".join(map(str, case)))
+@pytest.mark.parametrize(
+    "case",
+    [*CASES[:3:2], *(pytest.param(case, marks=pytest.mark.grid) for case in (CASES[1], *CASES[3:5])), CASES[5]],
+    ids=lambda case: "-".join(map(str, case)),
+)
 def test_what_is_told_is_right(case: tuple[int, str, str, float]) -> None:
     member, found = identified(*case)
     assert found.valid, found.reason

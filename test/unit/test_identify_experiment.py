@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import cache
 
 import pytest
 
@@ -34,10 +35,15 @@ def identified(member: Member, spoil: Callable[[Measurement], None] = lambda _: 
     return outcome.work() if isinstance(outcome, Deferred) else outcome
 
 
+@cache
+def sound(population: str, number: int) -> Outcome:
+    return identified(draw_member(SEED, number, population))
+
+
 def test_what_cannot_be_told_is_not_set_and_the_answer_says_why() -> None:
     """The motor cannot outrun this load: the far flank is not seen, so neither gap nor teeth are known."""
     member = draw_member(SEED, 18, "full")
-    found = identified(member)
+    found = sound("full", 18)
     assert isinstance(found, DriveEstimate)
     assert found.valid
     assert {"load.inertia", "loop_delay"} <= set(found.uncertainties) <= set(found.parameters)
@@ -53,7 +59,7 @@ def test_what_cannot_be_told_is_not_set_and_the_answer_says_why() -> None:
 @pytest.mark.parametrize(("population", "number"), [("full", 18), ("core", 4)])
 def test_a_weight_shows_as_the_slope_of_the_load_torque_where_the_load_was(population: str, number: int) -> None:
     member = draw_member(SEED, number, population)
-    found, load = identified(member), member.drive.load
+    found, load = sound(population, number), member.drive.load
     assert isinstance(found, DriveEstimate)
     torque, angle, slope = (found.parameters[name] for name in EXPECTED)
     assert torque == pytest.approx(member.standing_torque, abs=5e-3)
@@ -63,7 +69,7 @@ def test_a_weight_shows_as_the_slope_of_the_load_torque_where_the_load_was(popul
 
 
 def test_all_that_is_told_has_its_uncertainty_and_teeth_come_as_a_whole() -> None:
-    found = identified(draw_member(SEED, 4, "core"))
+    found = sound("core", 4)
     assert isinstance(found, DriveEstimate)
     assert found.fit is not None
     assert max(found.fit.rms) <= FITS

@@ -181,14 +181,14 @@ def part(kind: type) -> st.SearchStrategy:
     return st.builds(kind, **fields)
 
 
-@pytest.mark.population
-@settings(max_examples=500, deadline=None, suppress_health_check=list(HealthCheck))
-@given(
+ANYTHING = given(
     drive=st.builds(Drive, part(Motor), part(Gear), part(Load), st.sampled_from(COMMAND_INTERFACES)),
     command=st.floats(-1, 1),
     load_torque=st.floats(-1, 1),
 )
-def test_any_validated_drive_integrates_or_says_why_not(drive: Drive, command: float, load_torque: float) -> None:
+
+
+def integrates_or_says_why_not(drive: Drive, command: float, load_torque: float) -> None:
     plant = Plant(drive)
     try:
         for _ in range(5):
@@ -199,6 +199,13 @@ def test_any_validated_drive_integrates_or_says_why_not(drive: Drive, command: f
         assert 0 <= error.time <= 0.02
         assert f"t = {error.time:.9g} s" in str(error)
         assert "theta_l = " in str(error)
+
+
+@pytest.mark.population
+@pytest.mark.parametrize("drives", [100, pytest.param(500, marks=pytest.mark.grid)])
+def test_any_validated_drive_integrates_or_says_why_not(drives: int) -> None:
+    judged = settings(max_examples=drives, deadline=None, suppress_health_check=list(HealthCheck))
+    judged(ANYTHING(integrates_or_says_why_not))()
 
 
 @pytest.mark.parametrize("contact", CONTACTS.values(), ids=CONTACTS)

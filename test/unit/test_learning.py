@@ -66,6 +66,7 @@ def test_learning_answers_no_cycle_under_load_torque(gains: GainSet) -> None:
     assert "after 3 kicks of 0.025 rad" in estimate.reason
 
 
+@pytest.mark.corners(2)
 @pytest.mark.parametrize("bits", [12, 14])
 @pytest.mark.parametrize("rate", [250, 1000])
 def test_flicker_of_the_load_encoder_is_not_taken_for_a_cycle(gains: GainSet, rate: int, bits: int) -> None:
@@ -187,6 +188,7 @@ def test_a_cycle_of_few_samples_is_refused() -> None:
     assert taken.valid
 
 
+@pytest.mark.corners(7)
 @pytest.mark.population
 @pytest.mark.parametrize("late", range(7))
 @pytest.mark.parametrize("inertia", [0.2, 1, 4])
@@ -208,6 +210,7 @@ def test_late_samples_do_not_take_the_load_beyond_the_swing(gains: GainSet, late
         assert "would have left learning.limit_cycle.swing = 0.3 rad" in outcome.reason
 
 
+@pytest.mark.corners(5)
 @pytest.mark.parametrize("signal", [OMEGA_M, OMEGA_L, CURRENT])
 @pytest.mark.parametrize("factor", [0.0, 0.1, -1.0, 9.55, 57.3])
 def test_a_wrong_unit_or_sign_gives_no_wrong_gap(gains: GainSet, signal: int, factor: float) -> None:

@@ -95,6 +95,7 @@ def per_output(drive: Drive) -> float:
     return drive.gear.ratio / drive.motor.torque_constant
 
 
+@pytest.mark.corners(3)
 @pytest.mark.parametrize("drive", ten(), ids=range(10))
 def test_free_flight(drive: Drive) -> None:
     """Both shafts at 10 rad/s, the motor braked like the load at first, so that they fly long within the gap."""
@@ -177,6 +178,7 @@ def on_a_flank(
         assert abs(a[2] - b[2]) <= speed * time + share_m * D
 
 
+@pytest.mark.corners(3)
 @pytest.mark.parametrize("drive", ten(), ids=range(10))
 def test_rigid_motion(drive: Drive) -> None:
     """From where the weight hangs 0.9 rad forward under a constant torque that is 1.5 times what resists."""
@@ -196,6 +198,7 @@ def test_rigid_motion(drive: Drive) -> None:
     on_a_flank(drive, torque, teeth, (-load.gravity_offset, speed), samples)
 
 
+@pytest.mark.corners(3)
 @pytest.mark.parametrize("drive", ten(weighted), ids=range(10))
 def test_gravity_on_a_flank(drive: Drive) -> None:
     """The motor holds the weight 0.6 rad from where it hangs, and it swings 0.1 rad about that: a period, or 1 s."""
@@ -210,6 +213,7 @@ def test_gravity_on_a_flank(drive: Drive) -> None:
     on_a_flank(drive, torque, (back, forth, back), (start, 0.0), int(min(period, 1.0) / (SAMPLE * STEP)))
 
 
+@pytest.mark.corners(3)
 @pytest.mark.parametrize("drive", ten(weighted), ids=range(10))
 def test_gravity_alone(drive: Drive) -> None:
     """The weight swings 0.4 rad from where it hangs, in a wide gap, a second long."""
@@ -225,6 +229,7 @@ def test_gravity_alone(drive: Drive) -> None:
         assert abs(a[0] - b[0]) <= INTEGRATORS * 0.4
 
 
+@pytest.mark.corners(4)
 @pytest.mark.parametrize("sign", [1.0, -1.0], ids=["forward", "backward"])
 @pytest.mark.parametrize("drive", ten(rubs), ids=range(10))
 def test_friction_stops_the_shafts(drive: Drive, sign: float) -> None:
@@ -247,6 +252,7 @@ def test_friction_stops_the_shafts(drive: Drive, sign: float) -> None:
     assert np.all(sign * a[0::2] > 0.0)
 
 
+@pytest.mark.corners(4)
 @pytest.mark.parametrize("sign", [1.0, -1.0], ids=["forward", "backward"])
 @pytest.mark.parametrize("drive", ten(rubs), ids=range(10))
 def test_friction_holds_and_breaks_away(drive: Drive, sign: float) -> None:

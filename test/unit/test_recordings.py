@@ -43,6 +43,7 @@ def assert_same(found: Recording, wanted: Recording, *, shifted: bool = False) -
     assert found.command == pytest.approx(wanted.command, nan_ok=True)
 
 
+@pytest.mark.corners(4)
 @pytest.mark.parametrize("motor", ["rad", "deg", "turns", "counts"])
 @pytest.mark.parametrize("load", ["rad", "deg", "turns", "counts"])
 def test_every_unit_of_an_angle_is_read(motor: str, load: str, tmp_path: Path) -> None:

@@ -59,13 +59,25 @@ def beyond(angles: Array) -> float:
     return float(max(np.max(angles) - max(start, end), min(start, end) - np.min(angles)))
 
 
+ONE_EACH = list(zip(LAWS, [*list(LAWS)[1:], next(iter(LAWS))], strict=True))
+"""Each law once as the one before and once as the one that takes over, which alone decides how that goes."""
+EVERY_RIG = [*((drive, "everything") for drive in DRIVES), ("nominal", "positions"), ("nominal", "load")]
+
+
 @pytest.mark.parametrize(
-    ("drive", "sensors"),
-    [*((drive, "everything") for drive in DRIVES), ("nominal", "positions"), ("nominal", "load")],
+    ("drive", "sensors", "pairs"),
+    [
+        ("nominal", "everything", ONE_EACH),
+        ("rubbing, current", "everything", ONE_EACH),
+        ("nominal", "load", ONE_EACH),
+        *(pytest.param(*rig, list(permutations(LAWS, 2)), marks=pytest.mark.grid) for rig in EVERY_RIG),
+    ],
 )
-def test_law_swapped_under_load_goes_straight_to_where_it_settles(drive: str, sensors: str) -> None:
+def test_law_swapped_under_load_goes_straight_to_where_it_settles(
+    drive: str, sensors: str, pairs: list[tuple[str, str]]
+) -> None:
     """It neither sags nor overshoots, whichever law held the load before."""
-    for old, new in permutations(LAWS, 2):
+    for old, new in pairs:
         rig = Rig(DRIVES[drive], settings_of(DRIVES[drive], old), SENSORS[sensors])
         rig.run(1.5)
         far = abs(rig.plant.state[THETA_L]) > B
@@ -75,6 +87,7 @@ def test_law_swapped_under_load_goes_straight_to_where_it_settles(drive: str, se
         assert beyond(rig.run(2.0)[0]) <= most * B, f"{old} to {new}"
 
 
+@pytest.mark.corners(2)
 @pytest.mark.parametrize("unknown", [{"identified": False}, {"backlash_angle": 0.0}])
 @pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES)
 def test_a_law_that_waited_for_the_drive_takes_the_load_over(drive: Drive, unknown: dict[str, Any]) -> None:
@@ -89,6 +102,7 @@ def test_a_law_that_waited_for_the_drive_takes_the_load_over(drive: Drive, unkno
     assert beyond(rig.run(2.0)[0]) <= 0.03 * B
 
 
+@pytest.mark.corners(4)
 @pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES)
 @pytest.mark.parametrize("old", ["fast", "overdamped", "two_region"])
 @pytest.mark.parametrize("torque_bandwidth", [40.0, 0.0])
@@ -104,6 +118,7 @@ def test_integrator_takes_the_load_over_where_it_is(drive: Drive, old: str, torq
     assert beyond(angles) <= 0.01 * B
 
 
+@pytest.mark.corners(2)
 @pytest.mark.parametrize("old", sorted(set(LAWS) - {"elastic_lqg"}))
 def test_compensator_begins_with_the_voltage_that_holds_the_load(old: str) -> None:
     rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, old))
@@ -112,6 +127,7 @@ def test_compensator_begins_with_the_voltage_that_holds_the_load(old: str) -> No
     assert rig.run(PERIOD)[1][0] == pytest.approx(held, rel=1e-3)
 
 
+@pytest.mark.corners(4)
 @pytest.mark.parametrize("new", ["cascade", "elastic_lqg"])
 @pytest.mark.parametrize("moved_for", [0.02, 0.04, 0.06, 0.1])
 @pytest.mark.parametrize("load_torque", [0.0, 0.3, -0.3])
@@ -155,6 +171,7 @@ def test_what_holds_the_load_is_forgotten_with_it() -> None:
     assert rig.servo.update(np.array([math.nan, math.nan, 0.3, math.nan, math.nan])) == 0.0
 
 
+@pytest.mark.corners(4)
 @pytest.mark.parametrize("watched", [True, False])
 @pytest.mark.parametrize("sensors", ["everything", "positions"])
 @pytest.mark.parametrize("inertia", [0.25, 4.0])
@@ -192,6 +209,7 @@ def times_as_heavy(drive: Drive, factor: float) -> Drive:
     return replace(drive, load=replace(drive.load, inertia=factor * drive.load.inertia))
 
 
+@pytest.mark.corners(12)
 @pytest.mark.parametrize("sensors", ["everything", "positions"])
 @pytest.mark.parametrize("drive", [NOMINAL_DRIVE, HEAVY], ids=["nominal", "heavy"])
 @pytest.mark.parametrize("moved_for", [0.0, 0.01, 0.02, 0.04, 0.06, 0.1, 0.15])

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,41 +14,23 @@ from backlash_ros.control import GainSet, Servo, ServoSettings, design_law
 from backlash_ros.control.laws import lacks, law_of
 from backlash_ros.control.laws.two_encoder import TwoEncoderParameters
 from backlash_ros.control.laws.two_encoder.layout import (
-    ACTING,
-    CARRIED,
     COSINE,
     COULOMB,
-    CURRENT_TORQUE,
-    DISTURBANCE,
-    FLIGHT,
     GAP,
-    HOLD,
     INERTIA,
-    KEPT,
     LOAD,
     LOAD_SPEED,
     MIDDLE,
-    MOMENTUM,
-    MOTOR,
-    MOTOR_COULOMB,
-    MOTOR_FRICTION,
-    MOTOR_INERTIA,
-    PERIOD,
     PHASE,
-    PULL,
-    SEEN,
-    SEEN_TIME,
     SINE,
-    SPEED,
-    STEP,
 )
-from backlash_ros.control.laws.two_encoder.observers import attribute, landed, pull_at, pulls, see_load, see_pull
+from backlash_ros.control.laws.two_encoder.observers import pull_at, pulls
 from backlash_ros.control.laws.two_encoder.plan import evaluate, fly, length_of
 from backlash_ros.control.motion.setpoint import Polynomials
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
-from backlash_ros.drivetrain.signals import LOAD_TORQUE, OMEGA_L, THETA_L, THETA_M, Array
+from backlash_ros.drivetrain.signals import LOAD_TORQUE, OMEGA_L, THETA_L, THETA_M, Array, at_rest
 from backlash_ros.simulation import Run, Scenario, SimulatedDrive, run
 
 B = NOMINAL_DRIVE.gear.backlash_angle
@@ -467,62 +450,40 @@ def test_every_load_torque_finds_the_law_as_ready_as_the_first(gains: GainSet) -
 
 
 @pytest.mark.parametrize("speed", [0.07, -0.02])
-def test_a_load_that_drifts_is_observed_though_it_was_thought_to_stand(gains: GainSet, speed: float) -> None:
-    """The observer once overcorrected the speed after some readings at a time, more each time."""
-    law = design_law(NOMINAL_DRIVE, settings_of(gains))
-    state, count = law.state.copy(), 2.0 * math.pi / 65536
-    state[PHASE], state[STEP], state[MIDDLE] = HOLD, count, 0.0
-    lag = NOMINAL_DRIVE.load.inertia / NOMINAL_DRIVE.load.viscous_friction
-    for k in range(50):
-        way = speed * lag * -math.expm1(-0.004 * k / lag)
-        state[MOTOR] = way  # the teeth stay apart
-        see_load(law.constants, state, count * round(way / count))
-        now = speed * math.exp(-0.004 * k / lag)
-        assert abs(state[LOAD_SPEED] - now) <= 1.1 * abs(speed)
-    assert state[LOAD_SPEED] == pytest.approx(now, abs=0.01)
-
-
-def test_what_the_teeth_are_thought_to_carry_changes_no_command(gains: GainSet) -> None:
-    law = design_law(NOMINAL_DRIVE, settings_of(gains))
-    state = law.state.copy()
-    state[ACTING], state[DISTURBANCE] = 0.11, 0.12
-    state[CARRIED : CARRIED + KEPT] = -0.03
-    attribute(state, -0.2)
-    assert state[CARRIED : CARRIED + KEPT] == pytest.approx(-0.2)
-    assert (state[ACTING], state[DISTURBANCE]) == pytest.approx((0.28, 0.29))
-
-
-@pytest.mark.parametrize(("shows", "pull"), [(0.012, 0.0), (0.05, 0.05)])
-def test_a_flight_shows_no_load_torque_that_is_less_than_what_is_not_known_of_the_motors_friction(
-    gains: GainSet, shows: float, pull: float
+def test_a_load_that_drifts_between_the_teeth_though_it_was_thought_to_stand_comes_to_rest(
+    gains: GainSet, speed: float
 ) -> None:
-    law = design_law(NOMINAL_DRIVE, settings_of(gains))
-    constants, state = law.constants.copy(), law.state.copy()
-    constants[MOTOR_COULOMB] = 0.2
-    state[PHASE], state[SEEN_TIME] = FLIGHT, 0.15
-    state[SEEN] = shows * state[SEEN_TIME]
-    landed(constants, state)
-    assert state[PULL] == pytest.approx(pull)
+    """An observer that overcorrects its speed after some readings at a time, more each time, would drive it about."""
+    drifts = at_rest()
+    drifts[OMEGA_L] = speed
+    servo = Servo(NOMINAL_DRIVE, settings_of(gains))
+    plant = SimulatedDrive(NOMINAL_DRIVE, 0.004, sensors=ENCODERS, state=drifts)
+    way, commands = [], []
+    for _ in range(500):
+        commands.append(servo.update(plant.sample(), plant.elapsed))
+        plant.advance(commands[-1])
+        way.append(plant.state[THETA_L])
+    assert np.max(np.abs(way)) <= 0.4 * B
+    assert np.ptp(way[-250:]) <= 0.01 * B
+    assert np.max(np.abs(np.diff(commands))) <= 0.5
 
 
-@pytest.mark.parametrize("way", [1.0, -1.0])
-@pytest.mark.parametrize("speed", [0.0, 0.04, 0.06, 3.0])
-def test_in_flight_a_motor_with_dry_friction_shows_the_load_torque_only_while_it_turns(
-    gains: GainSet, speed: float, way: float
+@pytest.mark.parametrize("pull", [0.05, 0.2])
+def test_a_motor_with_dry_friction_lands_and_rests_whatever_a_flight_shows_of_the_load_torque(
+    gains: GainSet, pull: float
 ) -> None:
-    """At rest its friction is unknown; as soon as it turns all of it acts, also where it is fed forward in part."""
-    law, friction, pull = design_law(NOMINAL_DRIVE, settings_of(gains)), 0.2, 0.05
-    constants, state = law.constants.copy(), law.state.copy()
-    constants[MOTOR_COULOMB] = friction
-    state[PHASE], state[SPEED] = FLIGHT, way * speed
-    state[MOMENTUM] = constants[MOTOR_INERTIA] * state[SPEED]
-    # The current balances the friction of a motor that turns, less what the load torque does; nothing accelerates.
-    state[CURRENT_TORQUE] = way * friction + constants[MOTOR_FRICTION] * state[SPEED] - pull
-    for _ in range(50):
-        see_pull(constants, state)
-    turns = speed > 0.05
-    assert state[SEEN_TIME] == pytest.approx(50 * constants[PERIOD] if turns else 0.0)
-    assert state[SEEN] == pytest.approx(pull * state[SEEN_TIME])
+    """At rest its friction is unknown, as soon as it turns all of it acts; what a flight shows is no better known."""
+    motor = replace(NOMINAL_DRIVE.motor, coulomb_friction=0.2 * NOMINAL_DRIVE.gear.ratio)
+    drive = replace(NOMINAL_DRIVE, motor=motor)
+    targets = (1.0, 0.0, 0.3, 1.0)
+    scenario = Scenario(np.repeat([0.0, *targets], 375), np.array(pull), sensors=ENCODERS)
+    done = run(drive, settings_of(gains), scenario, model=drive)
+    assert done.fault == ""
+    for k, (before, target) in enumerate(pairwise((0.0, *targets)), 1):
+        moved = done.load_angle[375 * k : 375 * (k + 1)]
+        assert np.max(np.sign(target - before) * (moved - target)) <= 0.75 * B
+        assert np.ptp(moved[-100:]) <= 0.05 * B
+        assert abs(moved[-1] - target) <= 0.1 * B
 
 
 def test_friction_that_is_next_to_none_is_none(gains: GainSet) -> None:

@@ -78,6 +78,7 @@ class Operated:
         return np.array(angles)
 
 
+@pytest.mark.corners(1)
 @pytest.mark.population
 @pytest.mark.parametrize(("gradual", "load_torque"), [(True, 0.0), (False, 0.0), (False, 0.1)])
 def test_a_gap_that_grows_five_times_is_learned_anew_and_quiet_again(
@@ -108,6 +109,7 @@ def test_a_grown_gap_is_told_and_nothing_moves_by_itself(gains: GainSet) -> None
     assert axis.asked == 0
 
 
+@pytest.mark.corners(3)
 @pytest.mark.parametrize("number", range(5))
 @pytest.mark.parametrize("population", ["core", "full"])
 def test_a_healthy_drive_shows_no_wear(population: str, number: int) -> None:
@@ -175,6 +177,7 @@ def look_at(gains: GainSet, angle: Callable[[float], float], seconds: float = 4.
     return watch
 
 
+@pytest.mark.corners(6)
 @pytest.mark.parametrize("signal", [THETA_M, THETA_L])
 @pytest.mark.parametrize("samples", [1, 3, 10])
 @pytest.mark.parametrize("at", [2.05, 3.5])
