@@ -1,6 +1,7 @@
 """References that keep coming are one smooth motion, and a load that leaves its reference is a fault."""
 
 import math
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 from backlash_ros.analysis.evaluation.population import draw_member
 from backlash_ros.analysis.evaluation.task import first_reading, settings_for, true_reading
-from backlash_ros.control import LAWS, GainSet, Limits, Servo, ServoSettings
+from backlash_ros.control import LAWS, Gains, GainSet, Limits, Servo, ServoSettings
 from backlash_ros.control.motion.moving_reference import (
     motion_constants,
     motion_memory,
@@ -84,22 +85,22 @@ def test_references_that_keep_coming_are_a_motion_without_a_leap(rate: float, pe
 def test_a_steady_ramp_is_followed_at_its_own_speed() -> None:
     seen = setpoints(drawn(lambda t: t, 250.0, 1.0))
     np.testing.assert_allclose(seen[-50:, VELOCITY], 1.0, atol=0.01)
-    np.testing.assert_allclose(seen[-1, POSITION], 1.0 - PERIOD - 0.6 * 0.03, atol=0.003)
+    assert 0.3 * 0.03 <= 1.0 - PERIOD - seen[-1, POSITION] <= 0.6 * 0.03  # about half of the quintic's time behind
 
 
 def test_a_path_begins_where_the_load_is_and_not_where_the_first_step_would_have_ended() -> None:
-    seen = setpoints(np.r_[0.0, 0.0, np.linspace(1.0, 1.01, 50)], load=0.2)
-    assert seen[3, POSITION] == pytest.approx(1.0, abs=0.01)  # two steps
-    assert seen[4, POSITION] == pytest.approx(0.2)
-    assert np.max(np.abs(np.diff(seen[4:, POSITION]))) < 0.1
+    seen = setpoints(np.r_[np.zeros(100), np.linspace(1.0, 1.01, 50)], load=0.2)
+    assert seen[101, POSITION] == pytest.approx(1.0, abs=0.01)  # two steps
+    assert seen[102, POSITION] == pytest.approx(0.2)
+    assert np.max(np.abs(np.diff(seen[102:, POSITION]))) < 0.1
 
 
 def test_a_lost_reference_does_not_end_a_path_and_a_pause_does() -> None:
     path = drawn(lambda t: t, 10.0, 1.0)
-    path[500 // 4 : 600 // 4] = path[499 // 4]  # one lost
-    assert np.all(np.abs(np.diff(setpoints(path)[60:, POSITION])) < 0.05)
-    rested = setpoints(np.r_[path, np.full(60, path[-1]), np.full(10, path[-1] + 0.5)])
-    assert rested[-1, POSITION] - rested[-11, POSITION] == pytest.approx(0.5)
+    path[125:150] = path[124]  # one lost
+    rested = setpoints(np.r_[path, np.full(70, path[-1]), np.full(10, path[-1] + 0.5)])[:, POSITION]
+    assert np.max(np.abs(np.diff(rested[80:320]))) < 0.05
+    assert rested[320] - rested[319] == pytest.approx(0.5)
 
 
 @settings(deadline=None)  # compiles
@@ -110,7 +111,7 @@ def test_a_path_asks_for_no_more_than_the_drive_can_do(points: list[tuple[float,
     references = np.concatenate([np.full(count, target / scale) for target, count in points])
     seen = setpoints(np.r_[references, np.full(200, references[-1])])
     assert np.max(np.abs(seen[:, VELOCITY])) <= 2.0 * CAN.speed
-    assert np.max(np.abs(seen[:, ACCELERATION])) <= 2.0 * CAN.acceleration
+    assert np.max(np.abs(seen[:, ACCELERATION])) <= 2.5 * CAN.acceleration  # 3/4 of what it has at standstill
     np.testing.assert_array_equal(seen[-1], [references[-1], 0.0, 0.0])
 
 
@@ -245,7 +246,7 @@ def test_a_step_and_an_overshoot_that_the_loads_speed_explains_are_no_departure(
     speed = np.maximum(10.0 - 500.0 * np.maximum(time - 0.1, 0.0), 0.0)
     angle = np.cumsum(speed) * PERIOD
     reached = angle[25]
-    assert np.max(angle) - reached >= 0.09
+    assert np.max(angle) - reached >= 0.07
     assert np.max(departures(np.full(100, reached), angle, speed)) <= 1e-9
 
 
@@ -254,20 +255,22 @@ def test_a_slow_departure_over_many_seconds_is_none() -> None:
     assert np.max(departures(np.zeros(7500), away)) <= 0.012
 
 
-@pytest.mark.parametrize("law", ["two_region", "two_encoder"])
-def test_a_load_that_leaves_its_reference_is_a_fault_with_both_figures(gains: GainSet, law: str) -> None:
-    """The drive turns the wrong way: on the next step the load runs away."""
-    chosen = replace(ServoSettings(gains).with_law(law), backlash_angle=B, identified=True)
-    chosen = replace(chosen, thresholds=replace(chosen.thresholds_of(NOMINAL_DRIVE), load_torque=1e6, velocity=1e6))
-    servo, plant = Servo(NOMINAL_DRIVE, chosen), SimulatedDrive(NOMINAL_DRIVE, PERIOD, sensors=ENCODERS)
-    for k in range(1000):
-        if k == 250:
-            assert servo.set_reference(1.0) == ""
-        plant.advance(servo.update(plant.sample()), 7.0 if k > 300 else 0.0)  # more than the motor can hold
+def test_a_load_that_leaves_its_reference_is_a_fault_with_both_figures() -> None:
+    """Gains a thousand times too low, and no estimate of the load torque: the motor lets the load go."""
+    weak = GainSet(Gains(0.03, 0.0, 0.0), Gains(0.03, 0.0, 0.0))
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(weak, torque_bandwidth=0.0).with_law("two_region"))
+    plant = SimulatedDrive(NOMINAL_DRIVE, PERIOD, sensors=ENCODERS)
+    for _ in range(1000):
+        plant.advance(servo.update(plant.sample()), 0.1)
         if servo.latched:
             break
     assert servo.latched is Fault.TRACKING
-    assert servo.fault.startswith("the load left its reference: within a second it went ")
+    assert re.fullmatch(
+        r"the load left its reference: within a second it went 0\.\d+ rad further away than the reference's motion "
+        r"explains, more than 0\.\d+ rad by faults\.tracking, backlash and load torque; .*",
+        servo.fault,
+    )
+    assert abs(plant.state[THETA_L]) <= 0.2
     assert servo.update(plant.sample()) == 0.0
 
 

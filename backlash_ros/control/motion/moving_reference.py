@@ -5,7 +5,7 @@ whoever sends them: a ramp, a jog, a hand on a slider. A law that plans a move f
 first milliseconds of any. So the setpoint then goes to the newest reference along a quintic, which begins with the
 position, velocity and acceleration that it has, ends at rest at the reference, and takes no less time than the drive
 needs. Each new reference starts another quintic. The setpoint never passes a reference that was the last one, and lags
-behind a steady ramp by 0.6 of the quintic's time. Pure computation, compiled into the tick.
+behind a steady ramp by half of the quintic's time. Pure computation, compiled into the tick.
 """
 
 import math
@@ -27,9 +27,9 @@ from backlash_ros.drivetrain.signals import (
     Setpoint,
 )
 
-_QUICK = 0.2
-"""Longest time between two references of one path, s: twice the period of the slowest path, 10 Hz, so that one lost
-message does not end it."""
+_QUICK = 0.25
+"""Longest time between two references of one path, s: more than two periods of the slowest path, 10 Hz, so that one
+lost message does not end it."""
 _CORRECTIONS = 2.0
 """Quick references after the first from which on they are a path."""
 _SHORTEST = 0.03
@@ -37,11 +37,11 @@ _SHORTEST = 0.03
 _INTERVALS = 2.0
 """The same, in intervals between references: the setpoint still moves when the next one comes."""
 _SPEED, _ACCELERATION = 0.5, 0.3
-"""Shares of the no-load speed, and of the acceleration at standstill, that the motion uses; load torque and back-EMF
-need the rest."""
+"""Shares of the no-load speed, and of the acceleration at standstill, that one motion from rest uses. References that
+turn back again and again ask for up to 2.4 times as much; load torque and back-EMF need the rest."""
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 5.774
 """Of a quintic from rest to rest: its largest speed times duration over distance, and acceleration times its square."""
-_STOPS = 3.0
+_STOPS = 4.0
 """Of a quintic that ends at rest: bound on its time, times the drive's acceleration over the speed at its start."""
 
 
