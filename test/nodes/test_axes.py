@@ -82,7 +82,7 @@ def test_axes_learn_at_once_each_its_own_backlash(
     for axis in axes.values():
         peer.wait("the services", axis.learn.service_is_ready)
     answers = [axis.learn.call_async(Trigger.Request()) for axis in axes.values()]
-    peer.wait("all answers", lambda: all(answer.done() for answer in answers), 200.0)
+    peer.wait("all answers", lambda: all(answer.done() for answer in answers), 600.0)
     for answer in answers:
         assert answer.result().success, answer.result().message
     for name in names:

@@ -1,10 +1,10 @@
-"""The replay of a live controller: a minute over DDS in lockstep, whatever is done to it meanwhile, to the last bit."""
+"""The replay of a live controller: over DDS in lockstep, whatever is done to it meanwhile, to the last bit."""
 
 from collections.abc import Callable
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
-from graph import Lifecycle, Parameters, Peer, Process
+from graph import PATIENCE, Lifecycle, Parameters, Peer, Process
 from lifecycle_msgs.msg import Transition
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64
@@ -48,7 +48,9 @@ class Session:
         """Let what an experiment finds be put in use."""
         before = self.values["parameters_version"]
         self.begin(service, experiment)
-        self._peer.wait(f"the result of {service}", lambda: self.values["parameters_version"] > before)
+        self._peer.wait(
+            f"the result of {service}", lambda: self.values["parameters_version"] > before, seconds=5 * PATIENCE
+        )
 
     def go(self, target: float, seconds: float) -> None:
         self.reference.publish(Float64(data=target))

@@ -43,8 +43,18 @@ def test_commands_are_understood(command: str) -> None:
     parser_of(words).parse_args(words)  # ends the interpreter where one is not
 
 
+EVALUATIONS = [c for c in commands("test_pages.py") if c.startswith("backlash evaluate ")]
+"""One with few options is enough for every change; the others are a grid of populations, models and encoders."""
+
+
 @pytest.mark.population
-@pytest.mark.parametrize("command", commands("test_pages.py"))
+@pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param(c, marks=pytest.mark.grid if c in EVALUATIONS and c != min(EVALUATIONS, key=len) else [])
+        for c in commands("test_pages.py")
+    ],
+)
 def test_commands_do_what_they_say(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -16,15 +16,20 @@ from backlash_ros.control.laws.two_encoder import TwoEncoderParameters
 from backlash_ros.control.laws.two_encoder.layout import (
     COSINE,
     COULOMB,
+    FLIGHT,
     GAP,
     INERTIA,
     LOAD,
     LOAD_SPEED,
     MIDDLE,
+    MOTOR_COULOMB,
     PHASE,
+    PULL,
+    SEEN,
+    SEEN_TIME,
     SINE,
 )
-from backlash_ros.control.laws.two_encoder.observers import pull_at, pulls
+from backlash_ros.control.laws.two_encoder.observers import landed, pull_at, pulls
 from backlash_ros.control.laws.two_encoder.plan import evaluate, fly, length_of
 from backlash_ros.control.motion.setpoint import Polynomials
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
@@ -472,7 +477,7 @@ def test_a_load_that_drifts_between_the_teeth_though_it_was_thought_to_stand_com
 def test_a_motor_with_dry_friction_lands_and_rests_whatever_a_flight_shows_of_the_load_torque(
     gains: GainSet, pull: float
 ) -> None:
-    """At rest its friction is unknown, as soon as it turns all of it acts; what a flight shows is no better known."""
+    """At rest its friction is unknown, as soon as it turns all of it acts."""
     motor = replace(NOMINAL_DRIVE.motor, coulomb_friction=0.2 * NOMINAL_DRIVE.gear.ratio)
     drive = replace(NOMINAL_DRIVE, motor=motor)
     targets = (1.0, 0.0, 0.3, 1.0)
@@ -484,6 +489,19 @@ def test_a_motor_with_dry_friction_lands_and_rests_whatever_a_flight_shows_of_th
         assert np.max(np.sign(target - before) * (moved - target)) <= 0.75 * B
         assert np.ptp(moved[-100:]) <= 0.05 * B
         assert abs(moved[-1] - target) <= 0.1 * B
+
+
+@pytest.mark.parametrize(("shows", "pull"), [(0.012, 0.0), (0.05, 0.05)])
+def test_a_flight_shows_no_load_torque_that_is_less_than_what_is_not_known_of_the_motors_friction(
+    gains: GainSet, shows: float, pull: float
+) -> None:
+    law = design_law(NOMINAL_DRIVE, settings_of(gains))
+    constants, state = law.constants.copy(), law.state.copy()
+    constants[MOTOR_COULOMB] = 0.2
+    state[PHASE], state[SEEN_TIME] = FLIGHT, 0.15
+    state[SEEN] = shows * state[SEEN_TIME]
+    landed(constants, state)
+    assert state[PULL] == pytest.approx(pull)
 
 
 def test_friction_that_is_next_to_none_is_none(gains: GainSet) -> None:
