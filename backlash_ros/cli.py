@@ -305,7 +305,8 @@ def _run_with_ros(given: argparse.Namespace, _: Console) -> int:
 
 def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
     """Return the parser of all commands; ``words`` is the command line, which results repeat."""
-    parser = Parser(prog="backlash", description=__doc__)
+    ends = "exit codes: 0 done, 1 no result, 2 the input cannot be used, 130 stopped by Ctrl-C"
+    parser = Parser(prog="backlash", description=__doc__, epilog=ends)
     parser.add_argument("--version", action="version", version=f"backlash_ros {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 

@@ -180,7 +180,7 @@ def readable(bag: Path, *, damaged: bool = False) -> Iterator[BagFiles]:
 def reason_of(error: Exception) -> str:
     """Return why a bag cannot be read: what its reader says, but not what Python says of bytes that make no sense."""
     said = " ".join(str(error).split())
-    return said if isinstance(error, AnyReaderError) and "Path(" not in said else "it is damaged, or something else"
+    return said if isinstance(error, AnyReaderError) and "(" not in said else "it is damaged, or something else"
 
 
 @contextmanager

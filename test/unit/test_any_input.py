@@ -76,6 +76,63 @@ def faults_of(
     return found
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        *(["check"], ["design"], ["simulate"], ["export", "--format=sdf"], ["identify"], ["report"], ["replay"]),
+        *(["evaluate", "--seed=1", "--only=0", "--drive"], ["identify", "nowhere", "--drive"]),
+    ],
+)
+@pytest.mark.parametrize(
+    ("place", "reason"),
+    [("nowhere", "No such file or directory"), ("file/x", "Not a directory"), ("x" * 300, "too long")],
+)
+def test_every_command_says_alike_which_file_is_missing(
+    words: list[str],
+    place: str,
+    reason: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SystemExit, match="2"):
+        cli.main([*words, place])
+    assert re.fullmatch(f"backlash {words[0]}: {place}: .*{reason}\n", capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["check", "."], "check: .: Is a directory"),
+        (["check", "noise"], "check: noise: byte 0 is no text in UTF-8"),
+        (["identify", "noise"], "identify: noise, row 1: must be text in UTF-8, byte 0 is not"),
+        (["report", "noise"], "report: noise: is a table, not a rosbag2"),
+        (["measure", "--namespace", "bad name"], "measure: argument --namespace: must be a namespace of ROS such as"),
+        (["measure", "--out", "."], "measure: argument --out: must be a new folder, got '.', which exists"),
+        (["live", "--port", "80808080"], "live: argument --port: must be a whole number from 0 to 65535"),
+        (["live", "--out", "noise"], "live: argument --out: must be a folder, got 'noise': File exists"),
+        (["demo", "--out", "noise/x"], "demo: argument --out: must be writable, got 'noise/x': File exists"),
+    ],
+)
+def test_what_cannot_be_used_is_one_line(
+    words: list[str],
+    says: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pytest.importorskip("rclpy")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "noise").write_bytes(b"\xff\x00noise")
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(words)
+    printed, said = capsys.readouterr()
+    assert said.startswith(f"backlash {says}")
+    assert (printed, said.count("\n")) == ("", 1)
+
+
 def test_no_input_ends_in_a_traceback_or_in_pythons_words(
     bags: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -56,6 +56,17 @@ def test_a_table_is_read_whatever_wrote_it(text: str | bytes, name: str, tmp_pat
     assert content(path).tolist() == content(table(tmp_path, PLAIN, "plain.csv")).tolist()
 
 
+def test_the_example_of_the_docs_is_the_same_from_a_spreadsheet_with_decimal_commas(tmp_path: Path) -> None:
+    example = Path(__file__).parents[2] / "docs" / "examples" / "axis.csv"
+    head, _, rows = example.read_text().partition("\n")
+    text = "Zeit [s];Motor [ink];Abtrieb [°];Spannung [V]\n" + rows.replace(",", ";").replace(".", ",")
+    spoken = table(tmp_path, ("\ufeff" + text).replace("\n", "\r\n"))
+    german = read_csv(spoken, ColumnNames("Zeit [s]", "Motor [ink]", "Abtrieb [°]", "Spannung [V]"))
+    english = read_csv(example, ColumnNames(*head.split(",")))
+    for name in ("time", "motor", "load", "command"):
+        assert np.array_equal(getattr(german, name), getattr(english, name)), name
+
+
 def test_decimal_commas_and_lines_before_the_header_are_said(tmp_path: Path) -> None:
     notes = read(table(tmp_path, "Abtastrate;250\n" + GERMAN.replace("command\n", "command\ns;rad;rad;V\n"))).notes
     assert notes == (
