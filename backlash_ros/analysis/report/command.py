@@ -118,6 +118,7 @@ def write_report(given: argparse.Namespace, console: Console) -> int:
     def say(text: str) -> None:
         console.print(text, highlight=False, markup=False, soft_wrap=True)
 
+    given.bag.stat()  # says that there is none
     out = given.out or Path(f"{given.bag.resolve().stem}.html")
     if out.exists() and not given.force:
         raise ValueError(f"argument --out: '{out}' exists; --force overwrites it")
