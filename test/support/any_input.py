@@ -10,7 +10,7 @@ from plain_bag import PlainBag
 from rosbags.rosbag2 import StoragePlugin
 
 VALUES = (
-    *(".nan", "-.inf", "1e400", "-1", "0", "0.0", "1e-300", "9" * 400, "1e5", "250", "3.0"),
+    *(".nan", "-.inf", "1e400", "1e300", "-1", "0", "0.0", "1e-300", "9" * 400, "1e5", "250", "3.0"),
     *(
         "text",
         "''",
@@ -80,7 +80,7 @@ DRIVE = """/**:
     gains: {fast: {q: [300.0, 1.0]}}
 """
 TABLE = "time,motor,load,command\n" + "".join(
-    f"{0.004 * k:.3f},{0.05 * (k % 20):.4f},{0.009 * (k % 19):.4f},{(-1) ** (k // 10) * 2.0:.1f}\n" for k in range(80)
+    f"{0.004 * k:.3f},{0.05 * (k % 20):.4f},{0.009 * (k % 19):.4f},{(-1) ** (k // 10) * 2.0:.1f}\n" for k in range(160)
 )
 OPTIONS: dict[str, Sequence[str]] = {
     "simulate": ("--load-torque", "--reference", "--seconds", "--set", "--law", "--case"),

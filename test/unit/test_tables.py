@@ -132,6 +132,12 @@ def test_what_cannot_be_read_is_named_with_its_row_and_a_remedy(text: str | byte
     assert refused.match(reason)
 
 
+def test_a_reading_that_no_sensor_has_is_refused_before_any_arithmetic(tmp_path: Path) -> None:
+    text = PLAIN.replace("1.75", "1e300")
+    with pytest.raises(ValueError, match=r"column 'motor' must be within \+-1e\+15, got 1e\+300 in row 3"):
+        recording_of(read(table(tmp_path, text)), Reading(), NOMINAL_DRIVE)
+
+
 @pytest.mark.parametrize(
     ("begins", "reason"),
     [

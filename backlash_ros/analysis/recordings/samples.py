@@ -19,6 +19,8 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 COMMAND_UNITS = ("V", "A", "duty")
 _PERIODS = 2e-5, 0.05
 """Least and largest time between two samples, s: anything else is a wrong unit or cannot be fitted."""
+LARGEST = 1e15
+"""Largest reading in any unit: beyond it a double has no whole numbers, and a sensor no such angle."""
 _MISSING = 0.2
 """Largest share of the rows without a number."""
 _EVEN, _REGULAR = 0.2, 0.9
@@ -110,6 +112,9 @@ def _without_repeats(columns: Columns, time: Array, notes: list[str]) -> NDArray
 
 def _check_numbers(columns: Columns, notes: list[str]) -> None:
     for values, name in zip((columns.motor, columns.load, columns.command), columns.names[1:], strict=True):
+        if (beyond := np.flatnonzero(np.abs(values) > LARGEST)).size:
+            k = int(beyond[0])
+            raise ValueError(f"{name} must be within +-{LARGEST:g}, got {values[k]:g} {columns.place(k)}")
         missing = np.flatnonzero(~np.isfinite(values))
         if missing.size > _MISSING * values.size:
             raise ValueError(

@@ -10,6 +10,7 @@ import numpy as np
 from backlash_ros.analysis.bag import Series
 from backlash_ros.analysis.evaluation.drive_file import axis_of, in_sections, read_axis
 from backlash_ros.analysis.recordings.encoder import Encoder
+from backlash_ros.analysis.recordings.samples import LARGEST
 from backlash_ros.analysis.report.reading.axis import Axis
 from backlash_ros.analysis.report.reading.contents import Contents, Numbers, Sample
 from backlash_ros.analysis.report.reading.options import EFFORT_UNITS, VELOCITY_UNITS, Options
@@ -24,7 +25,7 @@ used."""
 
 
 def joint_columns(samples: Sequence[Sample], joint: str) -> Array:
-    """Return position, velocity and effort of a joint, shape (N, 3), nan if missing."""
+    """Return position, velocity and effort of a joint, shape (N, 3), nan if missing or no number that can be."""
     rows = np.full((len(samples), 3), math.nan)
     places: dict[tuple[str, ...], int] = {}
     for k, sample in enumerate(samples):
@@ -34,6 +35,7 @@ def joint_columns(samples: Sequence[Sample], joint: str) -> Array:
             for column, values in enumerate(sample[3:]):
                 if at < len(values):
                     rows[k, column] = values[at]
+    rows[~(np.abs(rows) <= LARGEST)] = math.nan
     return rows
 
 
@@ -71,7 +73,7 @@ def _namespace(topic: str, parts: int) -> str:
 def _numbers(found: Sequence[Numbers], index: int) -> Series:
     rows = [(message.received, float(message.values[index])) for message in found if index < len(message.values)]
     times, values = np.array(rows).reshape(-1, 2).T
-    return Series(times, values)
+    return Series(times, np.where(np.abs(values) <= LARGEST, values, math.nan))
 
 
 def _only(names: Sequence[str], what: str, option: str, notes: list[str]) -> str:
