@@ -531,6 +531,10 @@ def test_a_drive_from_a_parameter_file(tmp_path: Path) -> None:
         ("motor: &a {}\nload: *a", "line 2: ROS has no aliases"),
         ("motor: {inertia: \x00}", "may not be in YAML"),
         ("[" * 5000, "too many levels"),
+        (
+            "motor: {inertia: 1" + 400 * "0" + "}",
+            "line 1: '1000000000000000000000000000000000000000' cannot be read as int",
+        ),
     ],
 )
 def test_a_parameter_file_that_is_refused(text: str, message: str, tmp_path: Path) -> None:

@@ -7,6 +7,8 @@ import yaml
 
 from backlash_ros.drivetrain.quantity import EXPONENTIAL
 
+_MOST = 2**63
+"""Beyond it, either way, ROS has no whole numbers."""
 _PLAIN = {"str", "int", "float", "bool", "null", "seq", "map"}
 
 
@@ -41,7 +43,10 @@ class _Loader(yaml.SafeLoader):
                 problem_mark=node.start_mark,
             )
         try:
-            return super().construct_object(node, deep)
+            value = super().construct_object(node, deep)
+            if type(value) is int and not -_MOST <= value < _MOST:
+                raise ValueError
+            return value
         except (ValueError, KeyError):
             raise yaml.MarkedYAMLError(
                 problem=f"{node.value[:40]!r} cannot be read as {kind}", problem_mark=node.start_mark
