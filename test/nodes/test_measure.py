@@ -122,4 +122,4 @@ def test_a_folder_that_exists_is_left_alone(tmp_path: Path) -> None:
     program = backlash("--out", tmp_path)
     said, _ = program.communicate(timeout=60)
     assert program.returncode == 2
-    assert "--out must be a new folder" in said
+    assert "--out: must be a new folder" in said

@@ -1,20 +1,16 @@
 """A drive from files of ROS parameters, such as config/nominal_drive.yaml, without ROS."""
 
 import math
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
-
-import yaml
 
 from backlash_ros.control import AUTO, DEFAULT_WEIGHTS, LAWS, Gains, design_gains
 from backlash_ros.control.design.gain_sets import CUSTOM
 from backlash_ros.control.limits import NO_LIMIT
 from backlash_ros.drivetrain import (
     CONTACTS,
-    EXPONENTIAL,
     NOMINAL_DRIVE,
     Drive,
     Gear,
@@ -25,6 +21,7 @@ from backlash_ros.drivetrain import (
     quantities,
 )
 from backlash_ros.drivetrain.delay import Delay
+from backlash_ros.drivetrain.reading.yaml_text import values_in
 from backlash_ros.drivetrain.sensors import Sensors
 
 T = TypeVar("T")
@@ -183,31 +180,18 @@ def merged(parameters: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[st
     return result
 
 
-class _Loader(yaml.SafeLoader):
-    """Reads numbers as ROS does: 2e-05, too."""
-
-
-_Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(f"{EXPONENTIAL.pattern}$"), list("-+.0123456789"))
-
-
-def values_in(text: str) -> Any:
-    """Return what YAML text contains, as ROS would read it; `yaml.YAMLError` if it cannot be read."""
-    return yaml.load(text, _Loader)  # noqa: S506 - a SafeLoader
-
-
 def _read(paths: Sequence[Path], take: Callable[[Mapping[str, Any]], T]) -> T:
     parameters: Mapping[str, Any] = {}
     at: Any = ""
     try:
         for at in paths:
-            parameters = merged(parameters, _parameters(values_in(at.read_text())))
+            parameters = merged(parameters, in_sections(_flat(_parameters(values_in(at.read_bytes())))))
         at = named(paths)
         if not set(parameters) & {"motor", "gear", "load"}:
             raise ValueError("must have ROS parameters of motor, gear or load")
         return take(parameters)
-    except (ValueError, TypeError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())
-        raise ValueError(f"{at}: {reason}") from error
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{at}: {error}") from error
 
 
 def axis_of(parameters: Mapping[str, Any]) -> Axis:
@@ -234,15 +218,39 @@ def axis_of(parameters: Mapping[str, Any]) -> Axis:
 
 
 def in_sections(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters with the names of a running node, such as ``motor.inertia``, in sections as in a file."""
+    """Return parameters with the names of a running node, such as ``motor.inertia``, in sections as in a file.
+
+    Raises
+    ------
+    ValueError
+        If a name is both a parameter and a section.
+    """
     content: dict[str, Any] = {}
     for name, value in parameters.items():
         *sections, last = name.split(".")
         place = content
         for section in sections:
             place = place.setdefault(section, {})
+            if not isinstance(place, dict):
+                raise ValueError(f"{name.partition(f'.{last}')[0]} must have parameters by name, got {place!r}")
+        if last in place:
+            raise ValueError(f"{name} must be given once")
         place[last] = value
     return content
+
+
+def _flat(section: Mapping[Any, Any], within: str = "") -> dict[str, Any]:
+    """Return the parameters of sections by the names that ROS gives them, such as ``motor.inertia``."""
+    flat: dict[str, Any] = {}
+    for key, value in section.items():
+        name = f"{within}{key}"
+        if not isinstance(key, str) or value is None:
+            raise ValueError(f"{name} must be a name, with a value" + (", got none" if value is None else ""))
+        below = _flat(value, f"{name}.") if isinstance(value, Mapping) and value else {name: value}
+        if twice := sorted(set(below) & set(flat)):
+            raise ValueError(f"{twice[0]} must be given once, in its section or with its whole name")
+        flat |= below
+    return flat
 
 
 def _parameters(content: Any) -> Mapping[str, Any]:

@@ -19,6 +19,8 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 COMMAND_UNITS = ("V", "A", "duty")
 _PERIODS = 2e-5, 0.05
 """Least and largest time between two samples, s: anything else is a wrong unit or cannot be fitted."""
+LARGEST = 1e15
+"""Largest reading in any unit: beyond it a double has no whole numbers, and a sensor no such angle."""
 _MISSING = 0.2
 """Largest share of the rows without a number."""
 _EVEN, _REGULAR = 0.2, 0.9
@@ -33,6 +35,7 @@ class Columns:
 
     ``names``: of time, motor, load and command, for errors; ``place`` describes a row. ``epoch``: origin of the time,
     in the clock's own count, s. ``in_use``: the parameters of the drive's ``controller`` by name, if published.
+    ``dated``: the time is in s, from dates or stamps, and no unit can be told. ``notes``: how it was read, in words.
     """
 
     time: Array
@@ -44,6 +47,8 @@ class Columns:
     epoch: float = 0.0
     in_use: Mapping[str, Any] = field(default_factory=dict)
     controller: str = ""
+    dated: bool = False
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -74,6 +79,8 @@ class Reading:
 
 def _times(columns: Columns, reading: Reading) -> Array:
     name, time = columns.names[0], columns.time
+    if columns.dated and reading.time_unit != "s":
+        raise ValueError(f"{name} has dates or stamps, which need no unit: leave --time-unit {reading.time_unit} out")
     if (missing := np.flatnonzero(~np.isfinite(time))).size:
         raise ValueError(f"{name} must have a number in each row, and has none {columns.place(int(missing[0]))}")
     time = (time - time[0]) * TIME_UNITS[reading.time_unit]
@@ -105,6 +112,9 @@ def _without_repeats(columns: Columns, time: Array, notes: list[str]) -> NDArray
 
 def _check_numbers(columns: Columns, notes: list[str]) -> None:
     for values, name in zip((columns.motor, columns.load, columns.command), columns.names[1:], strict=True):
+        if (beyond := np.flatnonzero(np.abs(values) > LARGEST)).size:
+            k = int(beyond[0])
+            raise ValueError(f"{name} must be within +-{LARGEST:g}, got {values[k]:g} {columns.place(k)}")
         missing = np.flatnonzero(~np.isfinite(values))
         if missing.size > _MISSING * values.size:
             raise ValueError(
@@ -170,7 +180,7 @@ def recording_of(columns: Columns, reading: Reading, drive: Drive) -> tuple[Reco
     ValueError
         If that is impossible; names column, value, bound, unit and row.
     """
-    notes: list[str] = []
+    notes = list(columns.notes)
     if columns.time.size < 2:
         raise ValueError(f"there must be two samples at least, got {columns.time.size}")
     time = _times(columns, reading)

@@ -10,6 +10,7 @@ import numpy as np
 from backlash_ros.analysis.bag import Series
 from backlash_ros.analysis.evaluation.drive_file import axis_of, in_sections, read_axis
 from backlash_ros.analysis.recordings.encoder import Encoder
+from backlash_ros.analysis.recordings.samples import LARGEST
 from backlash_ros.analysis.report.reading.axis import Axis
 from backlash_ros.analysis.report.reading.contents import Contents, Numbers, Sample
 from backlash_ros.analysis.report.reading.options import EFFORT_UNITS, VELOCITY_UNITS, Options
@@ -17,13 +18,14 @@ from backlash_ros.drivetrain.signals import Array
 
 CLOCKS_DIFFER = 10.0
 """Age of samples above which it shows the clocks and not the samples, s."""
+_READ = "numbers of std_msgs such as Float64"
 _STRAY, _FEW = 0.01, 3
 """Share of stamps that may stand still or go back, and least number of different ones; else the recorder's times are
 used."""
 
 
 def joint_columns(samples: Sequence[Sample], joint: str) -> Array:
-    """Return position, velocity and effort of a joint, shape (N, 3), nan if missing."""
+    """Return position, velocity and effort of a joint, shape (N, 3), nan if missing or no number that can be."""
     rows = np.full((len(samples), 3), math.nan)
     places: dict[tuple[str, ...], int] = {}
     for k, sample in enumerate(samples):
@@ -33,6 +35,7 @@ def joint_columns(samples: Sequence[Sample], joint: str) -> Array:
             for column, values in enumerate(sample[3:]):
                 if at < len(values):
                     rows[k, column] = values[at]
+    rows[~(np.abs(rows) <= LARGEST)] = math.nan
     return rows
 
 
@@ -70,7 +73,7 @@ def _namespace(topic: str, parts: int) -> str:
 def _numbers(found: Sequence[Numbers], index: int) -> Series:
     rows = [(message.received, float(message.values[index])) for message in found if index < len(message.values)]
     times, values = np.array(rows).reshape(-1, 2).T
-    return Series(times, values)
+    return Series(times, np.where(np.abs(values) <= LARGEST, values, math.nan))
 
 
 def _only(names: Sequence[str], what: str, option: str, notes: list[str]) -> str:
@@ -254,17 +257,27 @@ class _Builder:
         has = ", ".join(sorted(self._of_axis(self._contents.numbers, 1)))
         return f"; numbers are on {has}: {option} names the one" if has else ""
 
+    def _not_read(self, name: str) -> str:
+        """Return which topics of a name have another type than those that are read."""
+        topics = self._contents.topics
+        others = [f"'{topic}' ({topics[topic][0]})" for topic in self._of_axis(topics, 1) if topic.endswith(f"/{name}")]
+        return f"; not read, since only {_READ} are: {', '.join(others)}" if others else ""
+
     def _with_reference(self, axis: Axis, on_clock: Any) -> Axis:
         options, numbers = self._options, self._contents.numbers
         topic = options.reference_topic
         if topic and (topic := topic if topic.startswith("/") else f"/{topic}") not in numbers:
-            raise ValueError(f"argument --reference-topic: there are no numbers on '{topic}'")
+            kind = self._contents.topics.get(topic, ("",))[0]
+            but = f", but {kind}: only {_READ} are read" if kind else ""
+            raise ValueError(f"argument --reference-topic: there are no numbers on '{topic}'{but}")
         if not topic and "reference" in axis.state:
             return replace(axis, reference=axis.state["reference"], reference_source="~/state")
         if not topic:
             topic = _only(self._named("reference"), "reference", "--reference-topic", self.notes)
         if not topic:
-            self.missing.append(f"a reference, so steps are unknown{self._hint('--reference-topic')}")
+            self.missing.append(
+                f"a reference, so steps are unknown{self._hint('--reference-topic')}{self._not_read('reference')}"
+            )
             return axis
         series = _numbers(numbers[topic], 0)
         turn = options.reference_encoder.turn
