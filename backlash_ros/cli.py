@@ -19,7 +19,7 @@ from backlash_ros import __version__
 from backlash_ros.analysis.checking.command import add_check, check_and_show
 from backlash_ros.analysis.design import command as designer
 from backlash_ros.analysis.evaluation.command import evaluate, replay
-from backlash_ros.analysis.evaluation.drive_file import named, read_axis, read_drive, read_parameters
+from backlash_ros.analysis.evaluation.drive_file import read_axis, read_parameters
 from backlash_ros.analysis.evaluation.population import ENCODERS, MODELS, POPULATIONS
 from backlash_ros.analysis.evaluation.task import DESIGNED, Task
 from backlash_ros.analysis.export import FORMATS
@@ -34,6 +34,8 @@ from backlash_ros.analysis.report.library import NoLibraryError
 from backlash_ros.analysis.simulating import command as simulating
 from backlash_ros.analysis.staging import staging, write_text
 from backlash_ros.control import AUTO, EXPERIMENTS, LAWS
+from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain.parameter_files import named
 from backlash_ros.simulation.batch import CannotRunError
 
 T = TypeVar("T")
@@ -225,7 +227,7 @@ def _evaluate(parser: argparse.ArgumentParser, given: argparse.Namespace, consol
     try:
         if given.drive:
             _refuse_misspelled(given.drive)
-            around = read_drive(given.drive)
+            around = Drive.read(given.drive)
     except (OSError, ValueError) as error:
         parser.error(f"argument --drive: {error}")
     laws = tuple(dict.fromkeys(given.laws))

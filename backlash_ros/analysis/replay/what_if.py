@@ -7,10 +7,10 @@ from typing import Any
 
 import yaml
 
-from backlash_ros.analysis.evaluation.drive_file import values_in
 from backlash_ros.control.design.choice import Choice, Tuning, dynamic_names
 from backlash_ros.control.design.gain_sets import REGIONS
 from backlash_ros.drivetrain.parameters import drive_of
+from backlash_ros.drivetrain.yaml_text import values_in
 
 
 def tuning_of(values: Mapping[str, Any]) -> Tuning:

@@ -14,11 +14,8 @@ from rich.console import Console
 
 from backlash_ros.analysis.evaluation.drive_file import (
     axis_of,
-    in_sections,
     law_named,
     law_parameters_of,
-    merged,
-    named,
     read_parameters,
     surroundings_of,
 )
@@ -30,6 +27,7 @@ from backlash_ros.analysis.staging import staging
 from backlash_ros.control import AUTO, LAWS, GainSet, ServoSettings
 from backlash_ros.control.laws import BEST, UNTIL_THEN, law_of
 from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain.parameter_files import in_sections, merged, named
 from backlash_ros.drivetrain.sensors import POSITIONS
 from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M
 from backlash_ros.simulation import Run, Scenario, run
