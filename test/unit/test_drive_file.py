@@ -61,6 +61,14 @@ def test_a_wrong_file_is_named_with_what_is_wrong_in_it(tmp_path: Path, text: st
     assert "\n" not in str(refused.value)
 
 
+def test_the_page_quotes_the_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path / "my_drive.yaml", "gear: {ratio: 10.0}")
+    with pytest.raises(ValueError, match="ratio") as refused:
+        Drive.read("my_drive.yaml")
+    assert f"\n{refused.value}\n" in (ROOT / "docs" / "python.md").read_text()
+
+
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"my_drive\.yaml"):
         Drive.read(tmp_path / "my_drive.yaml")

@@ -71,7 +71,8 @@ def run_of(member: Member, position: np.ndarray, fault_sample: int = -1) -> Run:
     signal_ = np.zeros(count)
     fault = "LOAD_SPEED: too fast" if fault_sample >= 0 else ""
     grid = np.arange(count + 1) / member.rate
-    return Run(grid, state, signal_, signal_, signal_, np.full(count, 7.0), position[1:], fault, fault_sample)
+    signals = signal_, signal_, signal_, signal_, np.full(count, 7.0), position[1:]
+    return Run(member.drive, "two_region", grid, state, *signals, fault, fault_sample)
 
 
 def followed(member: Member) -> np.ndarray:
