@@ -35,7 +35,7 @@ from backlash_ros.analysis.simulating import command as simulating
 from backlash_ros.analysis.staging import staging, write_text
 from backlash_ros.control import AUTO, EXPERIMENTS, LAWS
 from backlash_ros.drivetrain import Drive
-from backlash_ros.drivetrain.parameter_files import named
+from backlash_ros.drivetrain.reading.parameter_files import named
 from backlash_ros.simulation.batch import CannotRunError
 
 T = TypeVar("T")

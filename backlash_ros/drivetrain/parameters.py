@@ -15,9 +15,9 @@ from backlash_ros.drivetrain.contact import Contact, law_name
 from backlash_ros.drivetrain.contacts import CONTACTS
 from backlash_ros.drivetrain.contacts.power import PowerContact
 from backlash_ros.drivetrain.markup import pairs
-from backlash_ros.drivetrain.misspelled import check_known
-from backlash_ros.drivetrain.parameter_files import by_name, own, read_files, section_of
 from backlash_ros.drivetrain.quantity import Validated, quantities, quantity, take
+from backlash_ros.drivetrain.reading.misspelled import check_known
+from backlash_ros.drivetrain.reading.parameter_files import by_name, own, read_files, section_of
 
 COMMAND_INTERFACES = ("voltage", "current")
 """What the drive takes as its command: the motor's voltage, V, or its current, A, which its own inner loop closes."""
@@ -193,7 +193,7 @@ class Drive:
             raise ValueError("Drive.read needs a parameter file, such as config/nominal_drive.yaml")
 
         def take(parameters: Mapping[str, Any]) -> Drive:
-            check_known(dict(by_name(parameters)), _names(), tuple)
+            check_known(by_name(parameters), _names(), tuple)
             return drive_in(parameters)
 
         return read_files([Path(path) for path in paths], take)

@@ -9,10 +9,10 @@ from rclpy.node import Node
 
 from backlash_ros.drivetrain import Drive, Quantity
 from backlash_ros.drivetrain.delay import Delay
-from backlash_ros.drivetrain.misspelled import check_known
-from backlash_ros.drivetrain.parameter_files import by_name
 from backlash_ros.drivetrain.parameters import FOUND, drive_of
 from backlash_ros.drivetrain.quantity import take
+from backlash_ros.drivetrain.reading.misspelled import check_known
+from backlash_ros.drivetrain.reading.parameter_files import by_name
 from backlash_ros.ros.overrides import values_given
 from backlash_ros.ros.parameters import (
     NONE,
@@ -168,7 +168,7 @@ def all_names(given: Mapping[str, Any]) -> set[str]:
 
 def refuse_misspelled(parameters: Mapping[str, Any]) -> None:
     """Refuse misspelled parameters in sections, as files have them; ValueError as `check_known`."""
-    given = dict(by_name(parameters))
+    given = by_name(parameters)
     check_known(given, [], lambda: all_names(given))
 
 

@@ -2,9 +2,13 @@
 
 from collections.abc import Sequence
 from contextvars import ContextVar
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
+
+from backlash_ros.drivetrain.reading.yaml_text import RepeatedKeyError, values_in
 
 COMMAND_LINE: ContextVar[Sequence[str]] = ContextVar("the command line's rules for parameters", default=())
 """ROS arguments that are passed to each node of this process.
@@ -25,6 +29,24 @@ def parameter_rules(arguments: Sequence[str]) -> list[str]:
         elif ros and word in ("-p", "--param"):
             rules += [word, next(words, "")]
     return ["--ros-args", *rules] if rules else []
+
+
+def refuse_repeated_keys(arguments: Sequence[str]) -> None:
+    """Refuse parameter files in which a key appears twice: rcl takes the last one. It judges all the rest.
+
+    Raises
+    ------
+    RepeatedKeyError
+        Names the file, the key and both lines.
+    """
+    for word, file in pairwise(arguments):
+        if word == "--params-file":
+            try:
+                values_in(Path(file).read_bytes())
+            except RepeatedKeyError as error:
+                raise RepeatedKeyError(f"{file}: {error}") from error
+            except (OSError, ValueError):  # rcl says so
+                continue
 
 
 def values_given(node: Node) -> dict[str, Any]:

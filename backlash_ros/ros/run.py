@@ -19,9 +19,10 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from backlash_ros.drivetrain.reading.yaml_text import RepeatedKeyError
 from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.output import Backlog, never_wait
-from backlash_ros.ros.overrides import COMMAND_LINE, parameter_rules
+from backlash_ros.ros.overrides import COMMAND_LINE, parameter_rules, refuse_repeated_keys
 from backlash_ros.ros.timer import Timer, call_due, now
 from backlash_ros.ros.transport import avoid_shared_memory
 
@@ -182,8 +183,9 @@ def run(name: str, about: str, make: Callable[[str], Runnable], args: Sequence[s
     never_wait()
     try:
         axes = _axes(name, about, words)
+        refuse_repeated_keys(words)
         rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # unreadable arguments or parameter file
+    except (RuntimeError, RepeatedKeyError) as error:  # unreadable arguments or parameter file
         return _refuse(name, error)
     COMMAND_LINE.set(parameter_rules(words))
     logging.getLogger("backlash_ros").addHandler(_RosLog(name))

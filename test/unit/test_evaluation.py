@@ -519,6 +519,17 @@ def test_a_drive_from_a_parameter_file(tmp_path: Path) -> None:
         ("load: {}\ncontact: {law: rubber}", "contact.law must be one of"),
         ("nothing: here", "must have ROS parameters of motor, gear or load"),
         ("motor: {", "expected the node content"),
+        (
+            "load: {}\nmotor:\n  inertia: 1.0\n  inertia: 2.0",
+            "line 4: the key 'inertia' appears twice, first in line 3",
+        ),
+        ("load: {inertia: 1.0}\nload.inertia: 2.0", "load.inertia must be given once, in its section or"),
+        ("load:\n  # inertia: 1.0", "load must be a name, with a value, got none"),
+        ("1: 2", "1 must be a name, with a value"),
+        ("motor: {inertia: 2026-01-31}", "line 1: must be a number, true, false or text between quotes"),
+        ("motor: &a {}\nload: *a", "line 2: ROS has no aliases"),
+        ("motor: {inertia: \x00}", "may not be in YAML"),
+        ("[" * 5000, "too many levels"),
     ],
 )
 def test_a_parameter_file_that_is_refused(text: str, message: str, tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """What was given for parameters, without a node: names that nobody knows, types that do not fit, the command line."""
 
 from collections.abc import Collection
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -9,9 +10,9 @@ pytest.importorskip("rclpy", reason="needs rclpy")
 
 from rclpy.parameter import Parameter
 
-from backlash_ros.drivetrain.misspelled import check_known
+from backlash_ros.drivetrain.reading.misspelled import check_known
 from backlash_ros.nodes.parameters import all_names
-from backlash_ros.ros.overrides import parameter_rules
+from backlash_ros.ros.overrides import parameter_rules, refuse_repeated_keys
 from backlash_ros.ros.parameters import check_kind, convert
 
 KNOWN = all_names({})
@@ -133,3 +134,14 @@ def test_what_would_lose_something_is_refused(value: Any, kind: Parameter.Type, 
 )
 def test_parameters_of_the_command_line_are_found(words: list[str], rules: list[str]) -> None:
     assert parameter_rules(words) == (["--ros-args", *rules] if rules else [])
+
+
+def test_a_parameter_file_with_a_key_twice_is_refused_before_rcl_takes_the_last(tmp_path: Path) -> None:
+    once, twice, broken = (tmp_path / name for name in ("once.yaml", "twice.yaml", "broken.yaml"))
+    once.write_text("/**:\n  ros__parameters: {rate: 250.0}\n")
+    twice.write_text("/**:\n  ros__parameters:\n    rate: 250.0\n    rate: 25.0\n")
+    broken.write_text("rate: [")
+    files = [word for file in (once, broken, tmp_path / "none.yaml") for word in ("--params-file", str(file))]
+    refuse_repeated_keys(["--ros-args", *files])
+    with pytest.raises(ValueError, match=r"twice\.yaml: line 4: the key 'rate' appears twice, first in line 3"):
+        refuse_repeated_keys(["--ros-args", *files, "--params-file", str(twice)])

@@ -11,8 +11,8 @@ from backlash_ros.control.design.gain_sets import CUSTOM
 from backlash_ros.control.limits import NO_LIMIT
 from backlash_ros.drivetrain import Drive, Quantity, Validated, quantities
 from backlash_ros.drivetrain.delay import Delay
-from backlash_ros.drivetrain.parameter_files import own, read_files, section_of
 from backlash_ros.drivetrain.parameters import drive_in
+from backlash_ros.drivetrain.reading.parameter_files import own, read_files, section_of
 from backlash_ros.drivetrain.sensors import Sensors
 
 RATE = Quantity("samples per second", "Hz", 0.0, 2000.0, True)

@@ -211,4 +211,4 @@ def columns_of(found: Messages, source: str, target: str, topics: Topics, path: 
     command[~np.isfinite(command)] = math.nan
     told = max(found.in_use, key=itemgetter(0, 1))[2] if found.in_use else {}
     zero, place = 1e-9 * clock[0], lambda k: f"in sample {k + 1}"
-    return Columns(time, motor.copy(), load.copy(), command, names, place, zero, told, found.controller)
+    return Columns(time, motor.copy(), load.copy(), command, names, place, zero, told, found.controller, dated=True)

@@ -10,14 +10,14 @@ from rich.console import Console
 from backlash_ros.analysis.certificate.subject import Subject
 from backlash_ros.analysis.evaluation.drive_file import Axis, axis_of, read_axis
 from backlash_ros.analysis.recordings.bag_topics import Topics, read_topics
-from backlash_ros.analysis.recordings.csv_file import ColumnNames, read_csv
+from backlash_ros.analysis.recordings.csv_file import ColumnNames, is_table, read_csv
 from backlash_ros.analysis.recordings.drive_text import drive_text
 from backlash_ros.analysis.recordings.report import content_of, show
 from backlash_ros.analysis.recordings.samples import Columns, Reading, began, drive_for, recording_of
 from backlash_ros.analysis.staging import staging
 from backlash_ros.control import HysteresisSettings
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
-from backlash_ros.drivetrain.parameter_files import in_sections
+from backlash_ros.drivetrain.reading.parameter_files import in_sections
 from backlash_ros.identification.recordings.identify import Identified, identify
 from backlash_ros.identification.recordings.places import map_findings
 from backlash_ros.identification.recordings.slow_torque import hysteresis_findings, hysteresis_of
@@ -26,8 +26,6 @@ from backlash_ros.identification.teeth import LOST_MOTION_SHARE, lost_motion_of
 FOUND, REFUSED = 0, 1
 _WHOLE = 0.01
 """Largest deviation of the counts per turn from a whole number that is rounded away."""
-TABLES = {".csv", ".tsv", ".txt"}
-"""Endings of tables; everything else is a bag."""
 
 
 @dataclass(frozen=True)
@@ -52,15 +50,7 @@ class Request:
 
 def _read(request: Request) -> Columns:
     path = request.recording
-    if not path.exists():
-        raise FileNotFoundError(f"there is no recording '{path}'")
-    if _is_table(path):
-        return read_csv(path, request.columns)
-    return read_topics(path, request.topics)
-
-
-def _is_table(path: Path) -> bool:
-    return path.suffix.lower() in TABLES and path.is_file()
+    return read_csv(path, request.columns) if is_table(path) else read_topics(path, request.topics)
 
 
 def _axis_in(recording: Path, columns: Columns) -> tuple[Axis, str]:
@@ -77,7 +67,7 @@ def _axis_in(recording: Path, columns: Columns) -> tuple[Axis, str]:
 
 def _joints(request: Request, axis: Axis) -> tuple[str, str]:
     """Return the names of both joints: from the bag, or for a table from the drive file."""
-    if _is_table(request.recording):
+    if is_table(request.recording):
         return axis.motor_joint, axis.load_joint
     return request.topics.motor_joint, request.topics.load_joint
 

@@ -33,6 +33,7 @@ class Columns:
 
     ``names``: of time, motor, load and command, for errors; ``place`` describes a row. ``epoch``: origin of the time,
     in the clock's own count, s. ``in_use``: the parameters of the drive's ``controller`` by name, if published.
+    ``dated``: the time is in s, from dates or stamps, and no unit can be told. ``notes``: how it was read, in words.
     """
 
     time: Array
@@ -44,6 +45,8 @@ class Columns:
     epoch: float = 0.0
     in_use: Mapping[str, Any] = field(default_factory=dict)
     controller: str = ""
+    dated: bool = False
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,8 @@ class Reading:
 
 def _times(columns: Columns, reading: Reading) -> Array:
     name, time = columns.names[0], columns.time
+    if columns.dated and reading.time_unit != "s":
+        raise ValueError(f"{name} has dates or stamps, which need no unit: leave --time-unit {reading.time_unit} out")
     if (missing := np.flatnonzero(~np.isfinite(time))).size:
         raise ValueError(f"{name} must have a number in each row, and has none {columns.place(int(missing[0]))}")
     time = (time - time[0]) * TIME_UNITS[reading.time_unit]
@@ -170,7 +175,7 @@ def recording_of(columns: Columns, reading: Reading, drive: Drive) -> tuple[Reco
     ValueError
         If that is impossible; names column, value, bound, unit and row.
     """
-    notes: list[str] = []
+    notes = list(columns.notes)
     if columns.time.size < 2:
         raise ValueError(f"there must be two samples at least, got {columns.time.size}")
     time = _times(columns, reading)

@@ -5,12 +5,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import yaml
-
 from backlash_ros.control.design.choice import Choice, Tuning, dynamic_names
 from backlash_ros.control.design.gain_sets import REGIONS
 from backlash_ros.drivetrain.parameters import drive_of
-from backlash_ros.drivetrain.yaml_text import values_in
+from backlash_ros.drivetrain.reading.yaml_text import values_in
 
 
 def tuning_of(values: Mapping[str, Any]) -> Tuning:
@@ -61,7 +59,7 @@ class Changes:
                 raise ValueError(f"{name} must be given once, got {given[name]!r} and {text}")
             try:
                 given[name] = values_in(text)
-            except yaml.YAMLError as error:
+            except ValueError as error:
                 raise ValueError(f"{name} must be a value as in a parameter file, got {text!r}") from error
         return cls(given)
 

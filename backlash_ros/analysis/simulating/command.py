@@ -26,7 +26,7 @@ from backlash_ros.analysis.replay.what_if import Changes
 from backlash_ros.analysis.staging import staging
 from backlash_ros.control import AUTO, LAWS, GainSet, ServoSettings
 from backlash_ros.control.laws import BEST, UNTIL_THEN, law_of
-from backlash_ros.drivetrain.parameter_files import in_sections, merged, named
+from backlash_ros.drivetrain.reading.parameter_files import in_sections, merged, named
 from backlash_ros.drivetrain.sensors import POSITIONS
 from backlash_ros.simulation import Run, Scenario, run
 

@@ -16,6 +16,7 @@ from backlash_ros.control.experiment import Method
 from backlash_ros.control.settings import ServoSettings
 from backlash_ros.drivetrain import CONTACTS, Gear, Load, Motor, Quantity, Validated, quantities
 from backlash_ros.drivetrain.parameters import FOUND
+from backlash_ros.drivetrain.reading.yaml_text import values_in
 
 FORMAT, VERSION = "backlash_ros/estimates", 2
 MOST = 100
@@ -188,25 +189,6 @@ def render(history: History) -> str:
 # Reading.
 
 
-class _Loader(yaml.SafeLoader):
-    """Plain YAML without duplicate keys."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [key.value for key, _ in node.value]
-        twice = next((key for key in keys if keys.count(key) > 1), None)
-        if twice is not None:
-            raise yaml.constructor.ConstructorError(None, None, f"the key {twice!r} appears twice", node.start_mark)
-        return super().construct_mapping(node, deep)
-
-
-def _load(text: str) -> Any:
-    loader = _Loader(text)
-    try:
-        return loader.get_single_data()
-    finally:
-        loader.dispose()
-
-
 def _mapping(where: str, value: Any, keys: tuple[str, ...]) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
         raise ValueError(f"{where} must have the keys {list(keys)}, got {shortened(value)}")
@@ -273,9 +255,9 @@ def parse(content: bytes, drive: DriveIdentity) -> History:
         unknown version, belongs to another drive, or has a value out of bounds.
     """
     try:
-        loaded = _load(content.decode())
-    except Exception as error:  # invalid YAML may raise anything
-        raise ValueError(f"it is not YAML: {' '.join(str(error).split()) or type(error).__name__}") from error
+        loaded = values_in(content)
+    except ValueError as error:
+        raise ValueError(f"it is not YAML: {error}") from error
     if not isinstance(loaded, Mapping) or loaded.get("format") != FORMAT:
         found = loaded.get("format") if isinstance(loaded, Mapping) else loaded
         raise ValueError(f"format must be {FORMAT!r}, got {shortened(found)}: it is not an estimate file")

@@ -13,7 +13,7 @@ from backlash_ros.analysis.recordings.encoder import Encoder
 from backlash_ros.analysis.report.reading.axis import Axis
 from backlash_ros.analysis.report.reading.contents import Contents, Numbers, Sample
 from backlash_ros.analysis.report.reading.options import EFFORT_UNITS, VELOCITY_UNITS, Options
-from backlash_ros.drivetrain.parameter_files import in_sections
+from backlash_ros.drivetrain.reading.parameter_files import in_sections
 from backlash_ros.drivetrain.signals import Array
 
 CLOCKS_DIFFER = 10.0

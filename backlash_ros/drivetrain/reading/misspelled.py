@@ -28,7 +28,7 @@ def check_known(given: Mapping[str, Any], declared: Collection[str], elsewhere: 
 
     Parameters
     ----------
-    given : value of each override by its name
+    given : value of each override by its name; an empty section, {}, names none
     declared : names of the node's parameters
     elsewhere : the parameter names of all nodes of the package, used only if a name is not among ``declared``
 
@@ -37,7 +37,7 @@ def check_known(given: Mapping[str, Any], declared: Collection[str], elsewhere: 
     ValueError
         Names each such parameter, its value and the nearest name.
     """
-    unknown = [name for name in given if name not in declared and not name.startswith(_FROM_ROS)]
+    unknown = [name for name in given if name not in declared and not name.startswith(_FROM_ROS) and given[name] != {}]
     ours = [name for name in declared if not name.startswith(_FROM_ROS)]
     known = {*ours, *elsewhere()} if unknown else set()
     wrong = [(name, near) for name in unknown if name not in known and (near := _meant(name, known))]

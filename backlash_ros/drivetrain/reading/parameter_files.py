@@ -1,13 +1,11 @@
 """Parameters from files as ROS has them, in sections: files read one over the other, and what stands in a section."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
-
 from backlash_ros.drivetrain.quantity import Validated, quantities
-from backlash_ros.drivetrain.yaml_text import values_in
+from backlash_ros.drivetrain.reading.yaml_text import values_in
 
 T = TypeVar("T")
 
@@ -27,24 +25,39 @@ def merged(parameters: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[st
 
 
 def in_sections(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters with the names of a running node, such as ``motor.inertia``, in sections as in a file."""
+    """Return parameters with the names of a running node, such as ``motor.inertia``, in sections as in a file.
+
+    Raises
+    ------
+    ValueError
+        If a name is both a parameter and a section.
+    """
     content: dict[str, Any] = {}
     for name, value in parameters.items():
         *sections, last = name.split(".")
         place = content
         for section in sections:
             place = place.setdefault(section, {})
+            if not isinstance(place, dict):
+                raise ValueError(f"{name.partition(f'.{last}')[0]} must have parameters by name, got {place!r}")
+        if last in place:
+            raise ValueError(f"{name} must be given once")
         place[last] = value
     return content
 
 
-def by_name(parameters: Mapping[str, Any], section: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield name and value of parameters in sections, such as ``motor.inertia``: the inverse of `in_sections`."""
-    for name, value in parameters.items():
-        if isinstance(value, Mapping):
-            yield from by_name(value, f"{section}{name}.")
-        else:
-            yield f"{section}{name}", value
+def by_name(section: Mapping[Any, Any], within: str = "") -> dict[str, Any]:
+    """Return the parameters of sections by the names that ROS gives them, such as ``motor.inertia``."""
+    flat: dict[str, Any] = {}
+    for key, value in section.items():
+        name = f"{within}{key}"
+        if not isinstance(key, str) or value is None:
+            raise ValueError(f"{name} must be a name, with a value" + (", got none" if value is None else ""))
+        below = by_name(value, f"{name}.") if isinstance(value, Mapping) and value else {name: value}
+        if twice := sorted(set(below) & set(flat)):
+            raise ValueError(f"{twice[0]} must be given once, in its section or with its whole name")
+        flat |= below
+    return flat
 
 
 def read_files(paths: Sequence[Path], take: Callable[[Mapping[str, Any]], T]) -> T:
@@ -63,15 +76,14 @@ def read_files(paths: Sequence[Path], take: Callable[[Mapping[str, Any]], T]) ->
     at: Any = ""
     try:
         for at in paths:
-            parameters = merged(parameters, _parameters(values_in(at.read_text())))
+            parameters = merged(parameters, in_sections(by_name(_parameters(values_in(at.read_bytes())))))
         at = named(paths)
         taken = take(parameters)  # first: it may know a section that is misspelled
         if not set(parameters) & {"motor", "gear", "load"}:
             raise ValueError("must have ROS parameters of motor, gear or load")
         return taken
-    except (ValueError, TypeError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())
-        raise ValueError(f"{at}: {reason}") from error
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{at}: {error}") from error
 
 
 def _parameters(content: Any) -> Mapping[str, Any]:
