@@ -6,11 +6,11 @@ import json
 import os
 import shlex
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
-from typing import NoReturn, TypeVar
+from typing import TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -26,19 +26,25 @@ from backlash_ros.analysis.export import FORMATS
 from backlash_ros.analysis.jsonable import jsonable
 from backlash_ros.analysis.page import write_page
 from backlash_ros.analysis.paper import PARTS, reproduce
-from backlash_ros.analysis.recordings.arguments import add_identification, in_the_way, number_of, request_of
-from backlash_ros.analysis.recordings.command import identify_recording
+from backlash_ros.analysis.parser import Parser
+from backlash_ros.analysis.recordings.arguments import WRITTEN as IDENTIFICATION
+from backlash_ros.analysis.recordings.arguments import add_identification, identify, number_of
 from backlash_ros.analysis.replay import command as replaying
-from backlash_ros.analysis.report.command import add_report, places_of, write_report
+from backlash_ros.analysis.report.command import WRITTEN as REPORT
+from backlash_ros.analysis.report.command import add_report, write_report
 from backlash_ros.analysis.report.library import NoLibraryError
 from backlash_ros.analysis.simulating import command as simulating
 from backlash_ros.analysis.staging import staging, write_text
 from backlash_ros.control import AUTO, EXPERIMENTS, LAWS
 from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain.motion.integrator import IntegrationError
 from backlash_ros.drivetrain.reading.parameter_files import named
 from backlash_ros.simulation.batch import CannotRunError
 
 T = TypeVar("T")
+
+NOTHING, STOPPED = 1, 130
+"""Exit codes: there is no result, and stopped by Ctrl-C; 2 is argparse's for what cannot be used."""
 
 
 def figures(out: Path, page: Path | None, console: Console) -> None:
@@ -49,8 +55,6 @@ def figures(out: Path, page: Path | None, console: Console) -> None:
         drawn = stack.enter_context(staging(out / "figures.json"))
         results = {drawn: out}
         if page is not None:
-            if page.is_dir():
-                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(page))
             written = stack.enter_context(staging(page))
             results[written] = page.parent
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
@@ -74,23 +78,22 @@ def figures(out: Path, page: Path | None, console: Console) -> None:
         console.print(f"{page}", highlight=False)
 
 
-def _figures(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> None:
+def _add_figures(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("of", nargs="?", choices=("paper", "two_encoder"), default="paper", help="by default paper")
+    add("--out", type=Path, required=True, help="folder for the figures")
+    add("--page", type=Path, help="also write the page that discusses the paper's")
+
+
+def _figures(given: argparse.Namespace, console: Console) -> None:
     if given.of == "paper":
         figures(given.out, given.page, console)
         return
     if given.page is not None:
-        parser.error("argument --page: is about the paper's figures")
+        raise ValueError("argument --page: is about the paper's figures")
     from backlash_ros.analysis.simulating.law_pictures import draw  # noqa: PLC0415 - matplotlib takes a second
 
     console.print(f"{', '.join(draw(given.out))} in {given.out}", highlight=False)
-
-
-class _Parser(argparse.ArgumentParser):
-    """A parser with one-line error messages."""
-
-    def error(self, message: str) -> NoReturn:
-        """End with exit code 2."""
-        self.exit(2, f"{self.prog}: {message}\n")
 
 
 def _whole(least: int) -> Callable[[str], int]:
@@ -130,7 +133,6 @@ def _add_evaluation(parser: argparse.ArgumentParser) -> None:
     add("--scheduler", default="", metavar="ADDRESS", help="run on the workers of a Dask scheduler")
     add("--only", type=_whole(0), metavar="K", help="run only drive K and print its details")
     add("--plot", type=Path, metavar="FILE", help="with --only: draw its runs")
-    parser.set_defaults(run=lambda a, console: _evaluate(parser, a, console))
 
 
 def _add_export(parser: argparse.ArgumentParser) -> None:
@@ -140,27 +142,20 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     add("--out", type=Path, metavar="FILE", help="file to write; by default the text is printed")
     add("--torque", type=float, metavar="T", help="output torque, N m, at which the limit is fitted to the teeth")
     add("--force", action="store_true", help="overwrite an existing file")
-    parser.set_defaults(run=lambda a, _: _export(parser, a))
 
 
-def _export(parser: argparse.ArgumentParser, given: argparse.Namespace) -> None:
-    try:
-        text = FORMATS[given.format](read_axis(given.drive), given.torque)
-        _refuse_misspelled(given.drive)
-    except (OSError, ValueError) as error:
-        parser.error(str(error))
-    _print_or_write(parser, given, text)
+def _export(given: argparse.Namespace, _: Console) -> None:
+    if given.torque is not None and given.format == "urdf":
+        raise ValueError("argument --torque: a URDF has no teeth to fit, leave it out")
+    _print_or_write(given, FORMATS[given.format](read_axis(given.drive), given.torque))
 
 
-def _print_or_write(parser: argparse.ArgumentParser, given: argparse.Namespace, text: str) -> None:
+def _print_or_write(given: argparse.Namespace, text: str) -> None:
     """Print a text, or write it to ``--out``."""
     if given.out is None:
         print(text, end="")
-        return
-    try:
+    else:
         write_text(given.out, text, overwrite=given.force)
-    except FileExistsError:
-        parser.error(f"argument --out: '{given.out}' exists; --force overwrites it")
 
 
 def _refuse_misspelled(*files: Path) -> None:
@@ -191,15 +186,21 @@ def _add_params(parser: argparse.ArgumentParser) -> None:
     add("node", nargs="?", choices=_NODES, help="by default both in one file")
     add("--out", type=Path, metavar="FILE", help="file to write; by default the text is printed")
     add("--force", action="store_true", help="overwrite an existing file")
-    parser.set_defaults(run=lambda a, _: _params(parser, a))
 
 
-def _params(parser: argparse.ArgumentParser, given: argparse.Namespace) -> None:
+def _params(given: argparse.Namespace, _: Console) -> None:
+    with _needing_ros():
+        from backlash_ros.nodes.parameter_file import parameter_file  # noqa: PLC0415
+    _print_or_write(given, parameter_file([given.node] if given.node else _NODES))
+
+
+@contextmanager
+def _needing_ros() -> Iterator[None]:
+    """Say of an import what it needs."""
     try:
-        from backlash_ros.nodes.parameter_file import parameter_file  # noqa: PLC0415 - needs ROS
+        yield
     except ImportError as error:
-        parser.error(f"needs ROS 2: {error}")
-    _print_or_write(parser, given, parameter_file([given.node] if given.node else _NODES))
+        raise ImportError(f"needs ROS 2: {error}") from error
 
 
 def _unwritable(place: Path, *, folder: bool) -> str:
@@ -213,23 +214,40 @@ def _unwritable(place: Path, *, folder: bool) -> str:
         return error.strerror or str(error)
 
 
-def _evaluate(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> None:
+def _refuse_unusable(given: argparse.Namespace) -> None:
+    """Refuse places that cannot be written and drive files that cannot be used, before anything is computed.
+
+    Raises
+    ------
+    OSError, ValueError
+        Names the option and the place, or as `_refuse_misspelled`.
+    """
+    places = [(name, place) for name in given.written if (place := getattr(given, name)) is not None]
+    for name, place in places:
+        option = f"argument --{name.replace('_', '-')}"
+        if place.exists() and not getattr(given, "force", True):
+            raise ValueError(f"{option}: '{place}' exists; --force overwrites it")
+    for name, place in places:
+        option = f"argument --{name.replace('_', '-')}"
+        if why := _unwritable(place, folder=name in given.folders):
+            raise ValueError(f"{option}: must be writable, got '{place}': {why}")
+    drive = getattr(given, "drive", None) or ()
+    if files := [drive] if isinstance(drive, Path) else drive:
+        _refuse_misspelled(*files)
+
+
+def _evaluate(given: argparse.Namespace, console: Console) -> None:
     if given.only is None:
         for name in ("drives", "json"):
             if getattr(given, name) is None:
-                parser.error(f"argument --{name}: must be given without --only")
+                raise ValueError(f"argument --{name}: must be given without --only")
         if given.plot is not None:
-            parser.error("argument --plot: needs --only, since it draws one drive")
-    for name in ("json", "plot", "out"):
-        if (place := getattr(given, name)) is not None and (why := _unwritable(place, folder=name == "out")):
-            parser.error(f"argument --{name}: must be writable, got '{place}': {why}")
-    around = None
-    try:
-        if given.drive:
-            _refuse_misspelled(given.drive)
-            around = Drive.read(given.drive)
-    except (OSError, ValueError) as error:
-        parser.error(f"argument --drive: {error}")
+            raise ValueError("argument --plot: needs --only, since it draws one drive")
+    else:
+        for name in ("drives", "json", "out", "scheduler"):
+            if getattr(given, name):
+                raise ValueError(f"argument --{name}: has no use with --only, which prints one drive")
+    around = Drive.read(given.drive) if given.drive else None
     laws = tuple(dict.fromkeys(given.laws))
     experiments = tuple(dict.fromkeys(given.experiments))
     task = Task(given.seed, given.population, given.model, given.encoders, experiments, laws, around)
@@ -239,69 +257,8 @@ def _evaluate(parser: argparse.ArgumentParser, given: argparse.Namespace, consol
     drive = str(given.drive or "")
     try:
         evaluate(task, given.drives, given.json, given.out, console, scheduler=given.scheduler, drive=drive)
-    except (ImportError, CannotRunError) as error:
-        parser.error(str(error))
     except KeyboardInterrupt:
-        parser.exit(130, "\nstopped: run the same command to continue\n")
-
-
-def _identify(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> int:
-    try:
-        request = request_of(given)
-    except ValueError as error:
-        parser.error(str(error))
-    for name, place in in_the_way(request):
-        parser.error(f"argument --{name}: '{place}' exists; --force overwrites it")
-    for name in ("json", "drive_file", "certificate"):
-        if (place := getattr(request, name)) is not None and (why := _unwritable(place, folder=False)):
-            option = name.replace("_", "-")
-            parser.error(f"argument --{option}: must be writable, got '{place}': {why}")
-    try:
-        if request.drive:
-            _refuse_misspelled(request.drive)
-        return identify_recording(request, console)
-    except ValueError as error:
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return 1
-
-
-def _work(
-    parser: argparse.ArgumentParser,
-    given: argparse.Namespace,
-    console: Console,
-    work: Callable[[argparse.Namespace, Console], int],
-    written: Sequence[str] = (),
-) -> int:
-    """Do a subcommand's work once its drive files and the places of the options ``written`` have been checked."""
-    places = [(name, place) for name in written if (place := getattr(given, name)) is not None]
-    for name, place in places:
-        if place.exists() and not given.force:
-            parser.error(f"argument --{name}: '{place}' exists; --force overwrites it")
-    for name, place in places:
-        if why := _unwritable(place, folder=False):
-            parser.error(f"argument --{name}: must be writable, got '{place}': {why}")
-    drive = getattr(given, "drive", None) or ()
-    try:
-        if files := [drive] if isinstance(drive, Path) else drive:
-            _refuse_misspelled(*files)
-        return work(given, console)
-    except ValueError as error:
-        parser.error(str(error))
-
-
-def _report(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> int:
-    for name, place in places_of(given):
-        if place.exists() and not given.force:
-            parser.error(f"argument --{name}: '{place}' exists; --force overwrites it")
-        if why := _unwritable(place, folder=False):
-            parser.error(f"argument --{name}: must be writable, got '{place}': {why}")
-    try:
-        return write_report(given, console)
-    except NoLibraryError as error:
-        parser.error(str(error))
-    except ValueError as error:
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return 1
+        given.parser.exit(STOPPED, "\nstopped: run the same command to continue\n")
 
 
 def _add_measurement(parser: argparse.ArgumentParser) -> None:
@@ -318,21 +275,17 @@ def _add_measurement(parser: argparse.ArgumentParser) -> None:
     add("--rated-torque", type=number_of(0.0, above=True), default=0.0, metavar="T", help=text)
 
 
-def _measure(parser: argparse.ArgumentParser, given: argparse.Namespace, console: Console) -> int:
-    try:
-        from backlash_ros.measure.command import Measurement, folder_of_now, measure  # noqa: PLC0415 - needs ROS
+def _measure(given: argparse.Namespace, console: Console) -> int:
+    with _needing_ros():
+        from backlash_ros.measure.command import Measurement, folder_of_now, measure  # noqa: PLC0415
         from backlash_ros.ros.client import ClientError  # noqa: PLC0415
-    except ImportError as error:
-        parser.error(f"needs ROS 2: {error}")
     out = given.out or folder_of_now()
+    request = Measurement(out, f"/{given.namespace.strip('/')}", given.experiment or "", given.rated_torque)
     try:
-        request = Measurement(out, given.namespace, given.experiment or "", given.rated_torque)
         return measure(request, shlex.join(["backlash", *given.words]), console)
-    except FileExistsError as error:
-        parser.error(f"argument {error}")
     except (ClientError, ValueError) as error:
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return 1
+        print(f"{given.parser.prog}: {error}", file=sys.stderr)
+        return NOTHING
 
 
 _WITH_ROS = {
@@ -345,104 +298,91 @@ _WITH_ROS = {
 """Commands that are separate programs: module and help."""
 
 
-def _run_with_ros(name: str, words: Sequence[str]) -> int:
-    try:
-        module = import_module(_WITH_ROS[name][0])
-    except ImportError as error:
-        print(f"backlash {name}: needs ROS 2: {error}", file=sys.stderr)
-        return 2
-    code: int = module.main(words)
+def _run_with_ros(given: argparse.Namespace, _: Console) -> int:
+    with _needing_ros():
+        module = import_module(_WITH_ROS[given.words[0]][0])
+    code: int = module.main(given.words[1:])
     return code
 
 
 def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
     """Return the parser of all commands; ``words`` is the command line, which results repeat."""
-    parser = _Parser(prog="backlash", description=__doc__)
+    parser = Parser(prog="backlash", description=__doc__)
     parser.add_argument("--version", action="version", version=f"backlash_ros {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    def add(
+        name: str,
+        text: str,
+        run: Callable[[argparse.Namespace, Console], int | None],
+        arguments: Callable[[argparse.ArgumentParser], None] = lambda _: None,
+        *,
+        written: Sequence[str] = (),
+        folders: Sequence[str] = (),
+        epilog: str | None = None,
+    ) -> None:
+        """Add a command; ``written`` are the options of places to write, ``folders`` those that are folders."""
+        command = commands.add_parser(name, help=text, epilog=epilog)
+        arguments(command)
+        command.set_defaults(run=run, parser=command, words=words, written=(*written, *folders), folders=folders)
+
     for name, (_, text) in _WITH_ROS.items():
-        commands.add_parser(name, help=text)
-    drawing = commands.add_parser(
-        "figures",
-        help="compute and draw the paper's figures, or those that explain law two_encoder",
-        epilog="examples: backlash figures --out results/figures; backlash figures two_encoder --out results/figures",
-    )
-    drawing.add_argument("of", nargs="?", choices=("paper", "two_encoder"), default="paper", help="by default paper")
-    drawing.add_argument("--out", type=Path, required=True, help="folder for the figures")
-    drawing.add_argument("--page", type=Path, help="also write the page that discusses the paper's")
-    drawing.set_defaults(run=lambda a, console: _figures(drawing, a, console))
-    single = commands.add_parser("simulate", help="simulate one step: figures as JSON, a picture, a table")
-    simulating.add_simulate(single)
-    single.set_defaults(run=lambda a, console: _work(single, a, console, simulating.simulate, simulating.WRITTEN))
-    judging = commands.add_parser(
-        "evaluate",
-        help="judge learning and laws on a random population of drives",
-        epilog="example: backlash evaluate --seed 1 --drives 20 --json results/evaluation.json",
-    )
-    _add_evaluation(judging)
-    exporting = commands.add_parser(
-        "export",
-        help="export a drive for MuJoCo, or as URDF or SDF",
-        epilog="example: backlash export config/nominal_drive.yaml --format mujoco --out drive.xml",
-    )
-    _add_export(exporting)
-    listing = commands.add_parser(
-        "params",
-        help="write a commented file of all parameters, to start from",
-        epilog="example: backlash params --out my_drive.yaml",
-    )
-    _add_params(listing)
-    finding = commands.add_parser(
-        "identify",
-        help="identify a drive from a recording, with uncertainties",
-    )
-    add_identification(finding)
-    reporting = commands.add_parser(
-        "report",
-        help="write a page about a recording: steps, faults, backlash, timing, charts",
-    )
-    add_report(reporting)
-    designing = commands.add_parser(
-        "design",
-        help="design over-damped gains and their region's width for a range of drives",
-    )
-    designer.add_design(designing)
-    checking = commands.add_parser("check", help="check a drive file and its loop before anything moves")
-    add_check(checking)
-    checking.set_defaults(run=lambda a, console: _work(checking, a, console, check_and_show))
-    again = commands.add_parser(
-        "replay",
-        help="compute a recorded controller's commands again, to the last bit",
-    )
-    replaying.add_replay(again)
-    again.set_defaults(run=lambda a, console: _work(again, a, console, replaying.replay_bag, replaying.WRITTEN))
-    designing.set_defaults(
-        run=lambda a, console: _work(designing, a, console, designer.design_gains_for, designer.WRITTEN)
-    )
-    finding.set_defaults(words=words, run=lambda a, console: _identify(finding, a, console))
-    reporting.set_defaults(words=words, run=lambda a, console: _report(reporting, a, console))
-    measuring = commands.add_parser(
-        "measure",
-        help="let a running controller measure its drive: recording, drive file and certificate",
-        epilog="example: backlash measure --out my_axis --experiment gap_probe",
-    )
-    _add_measurement(measuring)
-    measuring.set_defaults(words=words, run=lambda a, console: _measure(measuring, a, console))
+        add(name, text, _run_with_ros)
+    text = "compute and draw the paper's figures, or those that explain law two_encoder"
+    example = "examples: backlash figures --out results/figures; backlash figures two_encoder --out results/figures"
+    add("figures", text, _figures, _add_figures, written=["page"], folders=["out"], epilog=example)
+    text = "simulate one step: figures as JSON, a picture, a table"
+    add("simulate", text, simulating.simulate, simulating.add_simulate, written=simulating.WRITTEN)
+    text = "judge learning and laws on a random population of drives"
+    example = "example: backlash evaluate --seed 1 --drives 20 --json results/evaluation.json"
+    add("evaluate", text, _evaluate, _add_evaluation, written=["json", "plot"], folders=["out"], epilog=example)
+    text = "export a drive for MuJoCo, or as URDF or SDF"
+    example = "example: backlash export config/nominal_drive.yaml --format mujoco --out drive.xml"
+    add("export", text, _export, _add_export, written=["out"], epilog=example)
+    text = "write a commented file of all parameters, to start from"
+    add("params", text, _params, _add_params, written=["out"], epilog="example: backlash params --out my_drive.yaml")
+    text = "identify a drive from a recording, with uncertainties"
+    add("identify", text, identify, add_identification, written=IDENTIFICATION)
+    text = "write a page about a recording: steps, faults, backlash, timing, charts"
+    add("report", text, write_report, add_report, written=REPORT)
+    text = "design over-damped gains and their region's width for a range of drives"
+    add("design", text, designer.design_gains_for, designer.add_design, written=designer.WRITTEN)
+    add("check", "check a drive file and its loop before anything moves", check_and_show, add_check)
+    text = "compute a recorded controller's commands again, to the last bit"
+    add("replay", text, replaying.replay_bag, replaying.add_replay, written=replaying.WRITTEN)
+    text = "let a running controller measure its drive: recording, drive file and certificate"
+    example = "example: backlash measure --out my_axis --experiment gap_probe"
+    add("measure", text, _measure, _add_measurement, epilog=example)
     return parser
 
 
+def _in_words(error: Exception) -> str:
+    """Return what is wrong in one line: of a file, its name and the system's reason."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
+    return " ".join(str(error).split())
+
+
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the command; the exit code is 2 for unusable arguments, 1 if a recording gives no result."""
+    """Run a command and return its exit code, which means the same for each.
+
+    0: done; 1: there is no result, and why was printed; 2: options, files or what is installed cannot be used, in one
+    line; 130: stopped by Ctrl-C.
+    """
     words = tuple(sys.argv[1:] if args is None else args)
-    if words and words[0] in _WITH_ROS:
-        return _run_with_ros(words[0], words[1:])
-    parsed = parser_of(words).parse_args(words)
-    command: Callable[[argparse.Namespace, Console], int | None] = parsed.run
+    ros = bool(words) and words[0] in _WITH_ROS  # these have parsers of their own
+    given = parser_of(words).parse_args(words[:1] if ros else words)
+    parser: argparse.ArgumentParser = given.parser
     try:
-        return command(parsed, Console()) or 0
-    except OSError as error:
-        print(f"backlash: {error}", file=sys.stderr)
-        return 2
+        _refuse_unusable(given)
+        return given.run(given, Console()) or 0
+    except KeyboardInterrupt:
+        parser.exit(STOPPED, "\nstopped\n")
+    except IntegrationError as error:
+        print(f"{parser.prog}: cannot be simulated: {error}", file=sys.stderr)
+        return NOTHING
+    except (OSError, ValueError, ImportError, CannotRunError, NoLibraryError) as error:
+        parser.error(_in_words(error))
 
 
 if __name__ == "__main__":

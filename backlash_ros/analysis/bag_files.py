@@ -5,13 +5,16 @@ import shutil
 import sqlite3
 import struct
 from binascii import crc32
-from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import yaml
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.typesys import Stores, get_typestore
 
 _MAGIC = b"\x89MCAP0\r\n"
 _HEADER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _ATTACHMENT, _METADATA = 1, 3, 4, 5, 6, 7, 9, 12
@@ -172,3 +175,56 @@ def readable(bag: Path, *, damaged: bool = False) -> Iterator[BagFiles]:
             ended = damaged and not torn[file.suffix](file)
             damage.append(f"{file.name} {'is damaged' if ended else 'has no end'}: what can be read of it is shown")
         yield BagFiles(paths, tuple(damage))
+
+
+def reason_of(error: Exception) -> str:
+    """Return why a bag cannot be read: what its reader says, but not what Python says of bytes that make no sense."""
+    said = " ".join(str(error).split())
+    return said if isinstance(error, AnyReaderError) and "Path(" not in said else "it is damaged, or something else"
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[tuple[AnyReader, tuple[str, ...]]]:
+    """Yield a reader of a bag, and what is wrong with its files.
+
+    Raises
+    ------
+    OSError
+        If there is none, or it may not be read.
+    ValueError
+        If it is no rosbag2.
+    """
+    path.stat()
+    with ExitStack() as stack:
+        try:
+            bag = stack.enter_context(readable(path))
+            reader = AnyReader(bag.paths, default_typestore=get_typestore(Stores.ROS2_JAZZY))
+            stack.enter_context(reader)
+        except PermissionError:
+            raise
+        except Exception as error:  # whatever a reader raises on other bytes
+            raise ValueError(f"{path}: is no rosbag2 that can be read: {reason_of(error)}") from error
+        yield reader, bag.damage
+
+
+def messages_of(reader: AnyReader, topics: Collection[str], path: Path) -> Iterator[tuple[str, int, Any]]:
+    """Yield the topic, the time of receipt (ns) and the content of each message on ``topics``.
+
+    Raises
+    ------
+    ValueError
+        If one cannot be read.
+    """
+    chosen = [connection for connection in reader.connections if connection.topic in topics]
+    found = reader.messages(chosen)
+    while True:
+        try:
+            connection, received, raw = next(found)
+            message = reader.deserialize(raw, connection.msgtype)
+        except StopIteration:
+            return
+        except Exception as error:  # whatever a reader raises on damaged bytes
+            raise ValueError(
+                f"{path}: is damaged: backlash report shows what can be read of it ({reason_of(error)})"
+            ) from error
+        yield connection.topic, received, message

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
+from backlash_ros.analysis.parser import Parser
 from backlash_ros.dashboard.command import main as dashboard
 from backlash_ros.ros.client import start_node, stop_node
 from backlash_ros.ros.isolation import isolated
@@ -23,17 +24,25 @@ def _free(port: int) -> bool:
         return probe.connect_ex(("127.0.0.1", port)) != 0
 
 
+def port_number(text: str) -> int:
+    """Return the number of a TCP port; 0 stands for any."""
+    if not (text.isascii() and text.isdigit() and int(text) <= 65535):
+        raise argparse.ArgumentTypeError(f"must be a whole number from 0 to 65535, got {text!r}")
+    return int(text)
+
+
 def main(words: Sequence[str] | None = None) -> int:
     """Run it until Ctrl-C; the address is printed."""
-    parser = argparse.ArgumentParser(
-        prog="backlash live", description=__doc__, epilog="example: backlash live --port 8081"
-    )
+    parser = Parser(prog="backlash live", description=__doc__, epilog="example: backlash live --port 8081")
     help_port = f"of the page; by default {_PORT}, or if that is in use, any"
-    parser.add_argument("--port", type=int, metavar="PORT", help=help_port)
+    parser.add_argument("--port", type=port_number, metavar="PORT", help=help_port)
     parser.add_argument("--out", type=Path, default=Path("results/live"), metavar="DIR", help="for recordings and logs")
     given = parser.parse_args(words)
     port = given.port if given.port is not None else _PORT if _free(_PORT) else 0
-    given.out.mkdir(parents=True, exist_ok=True)
+    try:
+        given.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        parser.error(f"argument --out: must be a folder, got '{given.out}': {error.strerror}")
     print("compiling what this version has not compiled yet: once, a minute or two", flush=True)
     compile_all()
     with isolated(), ExitStack() as running:

@@ -5,7 +5,6 @@ judged runs in lockstep, so that it does not depend on how busy the machine is, 
 that was recorded. A simulator and a controller in real time then show which rate the machine keeps.
 """
 
-import argparse
 import json
 import shutil
 import signal
@@ -20,6 +19,7 @@ from rich.table import Table
 
 from backlash_ros.analysis.bag import read_bag
 from backlash_ros.analysis.jsonable import jsonable
+from backlash_ros.analysis.parser import Parser
 from backlash_ros.analysis.session import (
     COMPARED,
     LABELS,
@@ -240,9 +240,7 @@ def _is_replaceable(out: Path) -> bool:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the demo; results appear in the folder given with --out only when they are complete."""
-    parser = argparse.ArgumentParser(
-        prog="backlash demo", description=__doc__, epilog="example: backlash demo --out results/demo"
-    )
+    parser = Parser(prog="backlash demo", description=__doc__, epilog="example: backlash demo --out results/demo")
     parser.add_argument("--out", type=Path, default=Path("results/demo"), help="folder for the results (replaced)")
     out = parser.parse_args(args).out
     console = Console(soft_wrap=True)
@@ -258,11 +256,9 @@ def main(args: Sequence[str] | None = None) -> int:
         try:
             folder = stack.enter_context(staging(out))
             if not _is_replaceable(out):
-                console.print(f"--out must be a new or empty folder or an earlier demo's, got {out}", markup=False)
-                return 2
+                parser.error(f"argument --out: must be a new or empty folder or an earlier demo's, got '{out}'")
         except OSError as error:
-            console.print(f"--out cannot be written: {error.strerror}: {out}", markup=False)
-            return 2
+            parser.error(f"argument --out: must be writable, got '{out}': {error.strerror}")
         try:
             summary = record(folder.resolve(), console)
             (folder / "summary.json").write_text(json.dumps(jsonable(summary), indent=2, allow_nan=False) + "\n")

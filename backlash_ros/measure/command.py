@@ -12,8 +12,10 @@ from typing import Any
 import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.validate_namespace import validate_namespace
 from rich.console import Console
 from rich.progress import Progress, TaskID
 
@@ -57,6 +59,17 @@ class Measurement:
     namespace: str = "/"
     experiment: str = ""
     rated_torque: float = 0.0
+
+    def __post_init__(self) -> None:
+        try:
+            validate_namespace(self.namespace)
+        except NameValidationException as error:
+            reason = str(error).splitlines()[0]
+            raise ValueError(
+                f"argument --namespace: must be a namespace of ROS such as /axis_1, got {self.namespace!r}: {reason}"
+            ) from error
+        if self.out.exists():
+            raise ValueError(f"argument --out: must be a new folder, got '{self.out}', which exists")
 
 
 def told_parameters(values: dict[str, Any]) -> str:
@@ -202,8 +215,6 @@ def measure(request: Measurement, command: str, console: Console) -> int:
         If the folder cannot be written.
     """
     out = request.out
-    if out.exists():
-        raise FileExistsError(f"--out must be a new folder, got '{out}', which exists")
     interrupted: list[int] = []
 
     def interrupt(number: int, _frame: object) -> None:

@@ -75,23 +75,23 @@ def test_folder_of_somebody_else_is_not_replaced(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("precious")
     done = subprocess.run([*DEMO, "--out", str(tmp_path)], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert "--out must be a new or empty folder" in done.stdout
+    assert "argument --out: must be a new or empty folder" in done.stderr
     assert (tmp_path / "thesis.tex").read_text() == "precious"
 
 
 @pytest.mark.parametrize(
     ("out", "reason"),
-    [("file", "--out must be a new or empty folder"), ("file/out", "File exists"), ("new/" + "x" * 300, "too long")],
+    [("file", "must be a new or empty folder"), ("file/out", "File exists"), ("new/" + "x" * 300, "too long")],
     ids=["a_file", "no_folder", "long_name"],
 )
 def test_place_that_cannot_be_written_is_told_at_once(tmp_path: Path, out: str, reason: str) -> None:
     (tmp_path / "file").write_text("precious")
     done = subprocess.run([*DEMO, "--out", str(tmp_path / out)], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    (line,) = done.stdout.splitlines()
-    assert line.startswith("--out ")
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("backlash demo: argument --out: ")
     assert reason in line
-    assert done.stderr == ""
+    assert done.stdout == ""
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"file": "precious"}
 
 

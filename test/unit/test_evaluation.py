@@ -434,7 +434,8 @@ def test_one_drive_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
             "argument --experiments: must be one of ['auto', 'gap_map', ",
         ),
         (["--seed", "1", "--only", "1", "--population", "best"], "argument --population: invalid choice: 'best'"),
-        (["--seed", "1", "--only", "1", "--drive", "/nowhere"], "argument --drive: "),
+        (["--seed", "1", "--only", "1", "--drive", "/nowhere"], "/nowhere: No such file or directory"),
+        (["--seed", "1", "--only", "1", "--json", "x"], "argument --json: has no use with --only"),
         (["--seed", "1", "--drives", "3", "--json", "/proc/x/y"], "argument --json: must be writable"),
         (
             ["--seed", "1", "--drives", "3", "--json", "x", "--out", "/dev/null"],

@@ -260,14 +260,14 @@ def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     ("content", "reason"),
     [
         ("gear: {reduction: 0.0}", "gear.reduction must be >= 0.001 and <= 100000, got 0.0"),
-        ("motor: {mass: 1.0}", "motor.mass is no parameter"),
+        ("motor: {mass: 1.0}", "motor.mass"),
         ("a: 1", "must have ROS parameters of motor, gear or load"),
         ("gear: {}\nmotor_joint: 5", "motor_joint must be a name in printable letters, got 5"),
         ('gear: {}\nload_joint: "a\\u0001b"', "load_joint must be a name in printable letters"),
         ("gear: {}\nload_joint: motor", "motor_joint and load_joint must differ, got 'motor' for both"),
         ("gear: {}\nlimits: {position_lower: 1.0, position_upper: 0.5}", "limits.position_lower must be <"),
         ("gear: {}\nlimits: {position_lower: wide}", "limits.position_lower must be a number, in rad, got 'wide'"),
-        ("gear: [", "while parsing"),
+        ("gear: [", "line 1: while parsing"),
     ],
 )
 def test_a_bad_file_is_refused_with_its_reason(
@@ -292,7 +292,8 @@ def test_a_file_that_is_there_is_kept(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main(["export", *arguments, "--force"]) == 0
     assert out.read_text() == urdf(Axis(NOMINAL_DRIVE))
     assert [path.name for path in out.parent.iterdir()] == ["drive.xml"]
-    assert main(["export", *arguments[:-1], str(tmp_path), "--force"]) == 2
+    assert "must be writable" in refusal(capsys, *arguments[:-1], str(tmp_path), "--force")
+    assert "a URDF has no teeth" in refusal(capsys, *arguments[:3], "--torque", "1")
     assert str(tmp_path / "no.yaml") in refusal(capsys, str(tmp_path / "no.yaml"), "--format", "sdf")
     assert "torque must be > 0 N m" in refusal(capsys, drive, "--format", "mujoco", "--torque", "0")
     assert "--format" in refusal(capsys, drive, "--format", "bvh")

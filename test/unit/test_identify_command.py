@@ -143,7 +143,8 @@ def test_the_drive_is_that_of_the_controller_in_the_bag(tmp_path: Path, capsys: 
     assert main(["identify", str(renamed)]) == 0
     assert f"motor and gear ratio as told by /a/controller in {renamed}" in capsys.readouterr().out
     wrong = write_bag(tmp_path / "wrong", member, recording, in_use={"/controller": {"motor.inertia": -1.0}})
-    assert main(["identify", str(wrong)]) == 1
+    with pytest.raises(SystemExit, match="2"):
+        main(["identify", str(wrong)])
     assert "the parameters in use describe no drive (motor.inertia must be" in capsys.readouterr().err
 
 
@@ -172,9 +173,17 @@ def test_a_controller_of_another_axis_tells_nothing(
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (["nosuch.csv"], 2, "backlash: there is no recording 'nosuch.csv'"),
-        ([*EXAMPLE[:1]], 1, "docs/examples/axis.csv: must have one column 'time', has 0; columns: ['t', 'ticks'"),
-        (["docs/examples"], 1, "docs/examples: is no rosbag2 that can be read"),
+        (["nosuch.csv"], 2, "backlash identify: nosuch.csv: No such file or directory"),
+        (["a.csv", "--supply", "24"], 2, "argument --supply: is the voltage of a duty cycle"),
+        ([EXAMPLE[0], "--stamps", "log"], 2, "argument --stamps: is for bags, and docs/examples/axis.csv is a table"),
+        (["docs/examples", "--time-unit", "ms"], 2, "argument --time-unit: is for tables, and docs/examples is a bag"),
+        (["docs"], 2, "docs: is no rosbag2 that can be read"),
+        (
+            [*EXAMPLE[:1]],
+            2,
+            "docs/examples/axis.csv, row 1: must have one column 'time', has 0; columns: ['t', 'ticks'",
+        ),
+        (["docs/examples"], 2, "docs/examples: is no rosbag2 that can be read"),
         (["a.csv", "--motor-unit", "counts"], 2, "argument --motor-counts: counts for each turn must be given"),
         (["a.csv", "--motor-counts", "0"], 2, "argument --motor-counts: must be a number > 0, got '0'"),
         (["a.csv", "--load-unit", "grad"], 2, "argument --load-unit: invalid choice: 'grad'"),
@@ -184,7 +193,7 @@ def test_a_controller_of_another_axis_tells_nothing(
         (["a.csv", "--json", "docs/examples/axis.csv"], 2, "'docs/examples/axis.csv' exists; --force overwrites it"),
         (["a.csv", "--drive-file", "docs"], 2, "argument --drive-file: 'docs' exists"),
         (["a.csv", "--drive-file", "docs", "--force"], 2, "must be writable, got 'docs'"),
-        ([EXAMPLE[0], "--drive", "docs/examples/axis.csv"], 1, "docs/examples/axis.csv: must have ROS parameters"),
+        ([EXAMPLE[0], "--drive", "docs/examples/axis.csv"], 2, "docs/examples/axis.csv: must have ROS parameters"),
         ([], 2, "the following arguments are required: RECORDING"),
     ],
 )

@@ -148,9 +148,10 @@ def test_place_that_cannot_be_written_is_told_before_anything_is_computed(
 ) -> None:
     monkeypatch.setattr(cli, "reproduce", lambda _: pytest.fail("computed for nothing"))
     (tmp_path / "file").write_text("")
-    assert main(["figures", "--out", str(tmp_path / out), "--page", str(tmp_path / page)]) == 2
+    with pytest.raises(SystemExit, match="2"):
+        main(["figures", "--out", str(tmp_path / out), "--page", str(tmp_path / page)])
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("backlash: ")
+    assert line.startswith("backlash figures: ")
     assert reason in line
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
@@ -163,5 +164,6 @@ def test_figures_that_fail_leave_the_old_ones(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(cli, "reproduce", lambda _: None)
     monkeypatch.setattr(figures, "draw", full)
     (tmp_path / "fig07_open_loop.png").write_text("old")
-    assert main(["figures", "--out", str(tmp_path)]) == 2
+    with pytest.raises(SystemExit, match="2"):
+        main(["figures", "--out", str(tmp_path)])
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"fig07_open_loop.png": "old"}

@@ -91,7 +91,7 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
         code = main(["report", *words])
     except SystemExit as ended:
         code = ended.code
-    assert code in {1, 2}
+    assert code == 2
     said = capsys.readouterr().err.strip()
     assert len(said.splitlines()) == 1
     return said
@@ -442,12 +442,12 @@ def test_what_is_no_bag_is_refused_in_one_line(
     (tmp_path / "noise.mcap").write_bytes(b"noise" * 1000)
     (tmp_path / "noise.db3").write_bytes(b"noise" * 1000)
     (tmp_path / "folder").mkdir()
-    assert "there is no bag 'nowhere'" in refused(capsys, "nowhere")
+    assert "nowhere: No such file or directory" in refused(capsys, "nowhere")
     for name in ("noise.mcap", "noise.db3"):
         assert "is no rosbag2 that can be read" in refused(capsys, name), name
     assert "folder" in refused(capsys, "folder")
     (tmp_path / "table.csv").write_text("time,motor\n0.0,0.0\n")
-    assert "there is backlash identify, with --certificate" in refused(capsys, "table.csv")
+    assert "is a table, not a rosbag2: backlash identify reads it, with --certificate" in refused(capsys, "table.csv")
     foreign = str(bags / "foreign")
     assert "--reference-topic: there are no numbers on '/x'" in refused(capsys, foreign, "--reference-topic", "x")
     assert "--joint-topic: there are no joint states on '/x'" in refused(capsys, foreign, "--joint-topic", "x")
@@ -556,6 +556,61 @@ def test_a_recording_in_which_nothing_moved_makes_a_page(tmp_path: Path, referen
         bag.status("/controller/state", 0.2 * k, "servo", {"reference": reference, "holding": 1.0})
     made = report(bag.write(tmp_path / "bag"), tmp_path)
     assert made.axis["steps"] == made.axis["paths"] == []
+
+
+SWING, OFTEN, GOAL = 0.19, 0.92, 0.5
+"""Of a load that swings about a goal that never changes: to either side, rad; Hz; rad."""
+
+
+def swinging_bag(seconds: float, still: float = 0.0, reference: str = "") -> PlainBag:
+    """Return a recording of a load that swings, or stands still for a while first, about a goal that never changes."""
+    bag = PlainBag()
+    for k in range(round(100 * seconds)):
+        time = 0.01 * k
+        load = GOAL + (SWING * math.sin(2.0 * math.pi * OFTEN * time) if time >= still else 0.0)
+        bag.sample("/joint_states", time, ("motor", "load"), (load, load))
+        if k % 10 == 0 and not reference:
+            bag.status("/controller/state", time, "servo", {"reference": GOAL, "holding": 1.0, "backlash_angle": 0.02})
+        elif k % 10 == 0 and reference != "none":
+            bag.number(reference, time, GOAL)
+    return bag
+
+
+@pytest.mark.parametrize("reference", ["", "/reference"])
+def test_a_load_that_swings_about_a_goal_that_never_changes_is_a_limit_cycle(
+    reference: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = report(swinging_bag(20.0, reference=reference).write(tmp_path / "bag"), tmp_path)
+    assert made.axis["steps"] == []
+    (hold,) = made.axis["holds"]
+    assert hold["amplitude"] == pytest.approx(2.0 * SWING, rel=0.01)
+    assert hold["frequency"] == pytest.approx(OFTEN, rel=0.01)
+    assert hold["target"] == GOAL
+    said = capsys.readouterr().out
+    assert "  limit cycle: +-0.19 rad" in said
+    assert "at 0.92 Hz about 0.5 rad, 0.00 to 19.99 s" in said
+    assert "limit cycle while the reference stood still at 0.5 rad" in made.page.text
+
+
+def test_a_load_that_stands_still_has_no_limit_cycle(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = report(swinging_bag(10.0, still=10.0).write(tmp_path / "bag"), tmp_path)
+    (hold,) = made.axis["holds"]
+    assert (hold["residual"], hold["error"], hold["amplitude"]) == (0.0, 0.0, None)
+    assert "limit cycle" not in capsys.readouterr().out
+
+
+def test_a_reference_of_another_type_is_said_not_to_be_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = swinging_bag(2.0, reference="none")
+    bag.status("/reference", 0.0, "target", {"value": 1.0})
+    path = bag.write(tmp_path / "bag")
+    made = report(path, tmp_path)
+    said = "not read, since only numbers of std_msgs such as Float64 are: '/reference' (diagnostic_msgs/msg/Diagnos"
+    assert any(said in what for what in made.axis["missing"])
+    assert said in capsys.readouterr().out
+    why = refused(capsys, str(path), "--reference-topic", "/reference", "--out", str(tmp_path / "other.html"))
+    assert (
+        "there are no numbers on '/reference', but diagnostic_msgs/msg/DiagnosticArray: only numbers of std_ms" in why
+    )
 
 
 def test_a_path_is_no_step(tmp_path: Path) -> None:

@@ -119,6 +119,11 @@ def test_identify_reads_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[
     ("words", "says"),
     [
         (["--plot", "x.png"], "--plot needs DRIVE"),
+        (["--reference", "0.5"], "--reference needs DRIVE"),
+        (["--seconds", "2"], "--seconds needs DRIVE"),
+        (["--load-torque", "0"], "--load-torque needs DRIVE"),
+        ([DRIVE, "--load-torque", "1e9"], "N m, either way, ten times what the motor holds, got 1000000000.0"),
+        ([DRIVE, "--set", "load=3", "--set", "load.inertia=1"], "load must have parameters by name, got 3"),
         ([DRIVE, "--case", "nominal"], "--case is of the nominal drive"),
         ([DRIVE, "--set", "load.inertai=1"], "load.inertai is no parameter"),
         ([DRIVE, "--set", "lod.inertia=1"], "--set must be a parameter that a simulation goes by"),
@@ -141,7 +146,7 @@ def test_identify_reads_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[
         ([DRIVE, "--set", "rate=0"], "rate must be > 0 Hz"),
         ([DRIVE, "--seconds", "nan"], "--seconds must be >= 0.1 and <= 600 s, got nan"),
         ([DRIVE, "--reference", "0"], "--reference must be"),
-        ([DRIVE, "--load-torque", "inf"], "--load-torque must be finite"),
+        ([DRIVE, "--load-torque", "inf"], "--load-torque must be >= 0 and <= "),
         (["nosuch.yaml"], "nosuch.yaml"),
     ],
 )

@@ -3,13 +3,15 @@
 import argparse
 import math
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console
+
 from backlash_ros.analysis.recordings.bag_topics import STAMPS, Topics
-from backlash_ros.analysis.recordings.command import Request
-from backlash_ros.analysis.recordings.csv_file import ColumnNames
+from backlash_ros.analysis.recordings.command import Request, identify_recording
+from backlash_ros.analysis.recordings.csv_file import ColumnNames, is_table
 from backlash_ros.analysis.recordings.encoder import UNITS, Encoder
 from backlash_ros.analysis.recordings.samples import COMMAND_UNITS, TIME_UNITS, Reading
 
@@ -23,6 +25,10 @@ DESCRIPTION = (
     "The load's inertia and friction, load torque, delay, gap and encoder offset of a drive, with standard "
     "uncertainties, from any recording of both encoders and the command. What the recording cannot tell is named."
 )
+WRITTEN = ("json", "drive_file", "certificate")
+"""Options that name files to write."""
+_OF_TABLES = ("time_column", "motor_column", "load_column", "command_column", "time_unit")
+_OF_BAGS = ("joint_topic", "motor_joint", "load_joint", "command_topic", "command_index", "stamps")
 
 
 def number_of(least: float, *, above: bool = False) -> Callable[[str], float]:
@@ -137,6 +143,8 @@ def reading_of(given: argparse.Namespace, **more: Any) -> Reading:
             encoders.append(Encoder(unit, counts, wraps))
         except ValueError as error:
             raise ValueError(f"argument --{shaft}-counts: {error}") from error
+    if given.supply and given.command_unit != "duty":
+        raise ValueError("argument --supply: is the voltage of a duty cycle, and needs --command-unit duty")
     return Reading(
         motor=encoders[0],
         load=encoders[1],
@@ -159,10 +167,20 @@ def topics_of(given: argparse.Namespace) -> Topics:
     )
 
 
+def _refuse_unused(given: argparse.Namespace) -> None:
+    """Raise ValueError for an option of tables if a bag is read, and the other way round."""
+    table = is_table(given.recording)
+    for name in _OF_BAGS if table else _OF_TABLES:
+        if getattr(given, name) != given.parser.get_default(name):
+            kind, other = ("bags", "table") if table else ("tables", "bag")
+            raise ValueError(f"argument --{name.replace('_', '-')}: is for {kind}, and {given.recording} is a {other}")
+
+
 def request_of(given: argparse.Namespace) -> Request:
-    """Return the request; ValueError for contradicting arguments."""
+    """Return the request; OSError without a recording, ValueError for contradicting arguments."""
     answer = given.command_row == "answer"
     reading = reading_of(given, time_unit=given.time_unit, answer=answer, start=given.start, end=given.end)
+    _refuse_unused(given)
     return Request(
         given.recording,
         reading,
@@ -178,7 +196,6 @@ def request_of(given: argparse.Namespace) -> Request:
     )
 
 
-def in_the_way(request: Request) -> Sequence[tuple[str, Path]]:
-    """Return the arguments that name existing files, which must not be overwritten."""
-    places = (("json", request.json), ("drive-file", request.drive_file), ("certificate", request.certificate))
-    return [(name, place) for name, place in places if place is not None and place.exists() and not request.force]
+def identify(given: argparse.Namespace, console: Console) -> int:
+    """Do the work of `backlash identify`; see `request_of` and `identify_recording`."""
+    return identify_recording(request_of(given), console)

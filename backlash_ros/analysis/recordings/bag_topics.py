@@ -1,7 +1,6 @@
 """Reads samples and commands of one drive from a rosbag2, and pairs them."""
 
 import math
-import sqlite3
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,11 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.typesys import Stores, get_typestore
 
 from backlash_ros.analysis.bag import in_use_of
-from backlash_ros.analysis.bag_files import readable
+from backlash_ros.analysis.bag_files import messages_of, reading
 from backlash_ros.analysis.recordings.samples import Columns
 from backlash_ros.drivetrain.messages import answered_sample, stamp_ns
 
@@ -99,34 +96,26 @@ def _value(message: Any, topic: str, index: int, path: Path) -> float:
 
 def _messages(path: Path, topics: Topics) -> tuple[Messages, str, str]:
     found = Messages([], [], [], [], set())
-    try:
-        with (
-            readable(path) as bag,
-            AnyReader(bag.paths, default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
-        ):
-            states = sorted({c.topic for c in reader.connections if c.msgtype == _JOINT_STATE})
-            others = sorted({c.topic for c in reader.connections if c.msgtype.startswith("std_msgs/msg/")})
-            source = _one_of(topics.joint_states, states, "joint states", "--joint-topic", path)
-            likely = [topic for topic in others if topic.split("/")[-1] == "command"]
-            likely = likely if len(likely) == 1 and not topics.command else others
-            target = _one_of(topics.command, likely, "commands (std_msgs)", "--command-topic", path)
-            found.controller = controller_of([c.topic for c in reader.connections], target, len(states))
-            in_use = f"{found.controller}/parameters_in_use" if found.controller else ""
-            chosen = [c for c in reader.connections if c.topic in {source, target, in_use}]
-            for connection, received, raw in reader.messages(chosen):
-                message: Any = reader.deserialize(raw, connection.msgtype)
-                if connection.topic == source:
-                    found.stamps.append(stamp_ns(message.header.stamp))
-                    found.received.append(received)
-                    found.positions.append(_positions(message, topics))
-                    found.joints |= set(message.name)
-                elif connection.topic == in_use:
-                    found.in_use.append(in_use_of(message))
-                else:
-                    value = _value(message, target, topics.index, path)
-                    found.commands.append((received, answered_sample(message), value))
-    except (AnyReaderError, FileNotFoundError, sqlite3.DatabaseError) as error:
-        raise ValueError(f"{path}: is no rosbag2 that can be read: {error}") from error
+    with reading(path) as (reader, _):
+        states = sorted({c.topic for c in reader.connections if c.msgtype == _JOINT_STATE})
+        others = sorted({c.topic for c in reader.connections if c.msgtype.startswith("std_msgs/msg/")})
+        source = _one_of(topics.joint_states, states, "joint states", "--joint-topic", path)
+        likely = [topic for topic in others if topic.split("/")[-1] == "command"]
+        likely = likely if len(likely) == 1 and not topics.command else others
+        target = _one_of(topics.command, likely, "commands (std_msgs)", "--command-topic", path)
+        found.controller = controller_of([c.topic for c in reader.connections], target, len(states))
+        in_use = f"{found.controller}/parameters_in_use" if found.controller else ""
+        for topic, received, message in messages_of(reader, {source, target, in_use}, path):
+            if topic == source:
+                found.stamps.append(stamp_ns(message.header.stamp))
+                found.received.append(received)
+                found.positions.append(_positions(message, topics))
+                found.joints |= set(message.name)
+            elif topic == in_use:
+                found.in_use.append(in_use_of(message))
+            else:
+                value = _value(message, target, topics.index, path)
+                found.commands.append((received, answered_sample(message), value))
     return found, source, target
 
 

@@ -234,12 +234,12 @@ def read_csv(path: Path, names: ColumnNames) -> Columns:
     if dated:
         epoch = reader.time(rows[0][0], numbers[0])[0]
         notes.append(f"the times of column '{names.time}' are dates or times of day, in UTC where they name no zone")
-    for k, (line, row) in enumerate(zip(numbers, rows, strict=True)):
+    for k, (number, cells) in enumerate(zip(numbers, rows, strict=True)):
         if dated:
-            minute, seconds = reader.time(row[0], line)
+            minute, seconds = reader.time(cells[0], number)
             content[k, 0] = minute - epoch + seconds
         for column in range(1 if dated else 0, 4):
-            content[k, column] = reader.number(row[column], line, column)
+            content[k, column] = reader.number(cells[column], number, column)
     if reader.has_commas:
         notes.append("its numbers have decimal commas")
     time, motor, load, command = (content[:, column].copy() for column in range(4))

@@ -1,18 +1,14 @@
 """Reads one controller from a bag: samples, commands by the sample that they answer, parameters, state."""
 
 import math
-import sqlite3
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
-from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.typesys import Stores, get_typestore
-
 from backlash_ros.analysis.bag import in_use_of
-from backlash_ros.analysis.bag_files import readable
+from backlash_ros.analysis.bag_files import messages_of, reading
 from backlash_ros.drivetrain.messages import answered_sample, stamp_ns
 
 _LINGERS = 10**8
@@ -144,40 +140,30 @@ def read_recorded(path: Path, controller: str = "") -> Recorded:
     ValueError
         Names what it lacks.
     """
-    if not path.exists():
-        raise FileNotFoundError(f"there is no bag '{path}'")
     samples: dict[int, list[tuple[int, Any]]] = defaultdict(list)
     in_use: dict[int, list[tuple[int, Any]]] = defaultdict(list)
     told: list[tuple[int, int, dict[str, float]]] = []
     answers: list[Answered] = []
     commands = 0
-    try:
-        with (
-            readable(path) as bag,
-            AnyReader(bag.paths, default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
-        ):
-            topics = {connection.topic: connection.msgtype for connection in reader.connections}
-            name = _controller_of(controller, topics, path)
-            source = _topic_of(_JOINT_STATES, "joint_states", name, topics, path)
-            target = _topic_of(_COMMANDS, "command", name, topics, path)
-            wanted = {source, target, f"{name}/state", f"{name}/parameters_in_use"}
-            chosen = [connection for connection in reader.connections if connection.topic in wanted]
-            for connection, received, raw in reader.messages(chosen):
-                message: Any = reader.deserialize(raw, connection.msgtype)
-                if connection.topic == source:
-                    samples[stamp_ns(message.header.stamp)].append((received, message))
-                elif connection.topic == target:
-                    commands += 1
-                    stamp = answered_sample(message)
-                    if stamp is not None and len(message.data) == 1:
-                        answers.append(Answered(received, stamp, float(message.data[0])))
-                elif connection.topic.endswith("/state"):
-                    told.append((received, stamp_ns(message.header.stamp), _telling(message)))
-                else:
-                    _, version, values = in_use_of(message)
-                    in_use[version].append((received, values))
-    except (AnyReaderError, FileNotFoundError, sqlite3.DatabaseError) as error:
-        raise ValueError(f"{path}: is no rosbag2 that can be read: {error}") from error
+    with reading(path) as (reader, damage):
+        topics = {connection.topic: connection.msgtype for connection in reader.connections}
+        name = _controller_of(controller, topics, path)
+        source = _topic_of(_JOINT_STATES, "joint_states", name, topics, path)
+        target = _topic_of(_COMMANDS, "command", name, topics, path)
+        wanted = {source, target, f"{name}/state", f"{name}/parameters_in_use"}
+        for topic, received, message in messages_of(reader, wanted, path):
+            if topic == source:
+                samples[stamp_ns(message.header.stamp)].append((received, message))
+            elif topic == target:
+                commands += 1
+                stamp = answered_sample(message)
+                if stamp is not None and len(message.data) == 1:
+                    answers.append(Answered(received, stamp, float(message.data[0])))
+            elif topic.endswith("/state"):
+                told.append((received, stamp_ns(message.header.stamp), _telling(message)))
+            else:
+                _, version, values = in_use_of(message)
+                in_use[version].append((received, values))
     if not commands:
         raise ValueError(f"{path}: there is no message on '{target}'")
     if not answers:
@@ -185,4 +171,4 @@ def read_recorded(path: Path, controller: str = "") -> Recorded:
     for topic, messages in ((f"{name}/parameters_in_use", in_use), (f"{name}/state", told), (source, samples)):
         if not messages:
             raise ValueError(f"{path}: there is no message on '{topic}'")
-    return Recorded(name, bag.damage, samples, in_use, _activations(told, answers, path))
+    return Recorded(name, damage, samples, in_use, _activations(told, answers, path))

@@ -31,6 +31,9 @@ EXAMPLE = """examples: the demo's recording; a drive of somebody else's, in degr
 
 docs/report.md says what each figure means."""
 
+WRITTEN = ("out", "json")
+"""Options that name files to write."""
+
 
 def add_report(parser: argparse.ArgumentParser) -> None:
     """Add the arguments to a parser."""
@@ -38,7 +41,8 @@ def add_report(parser: argparse.ArgumentParser) -> None:
     parser.description, parser.epilog = DESCRIPTION, EXAMPLE
     add = parser.add_argument
     add("bag", type=Path, metavar="BAG", help="folder or file of a rosbag2 (mcap, sqlite3)")
-    add("--out", type=Path, metavar="FILE.html", help="file for the page; by default named like the bag")
+    text = "file for the page; by default named like the bag"
+    add("--out", type=Path, metavar="FILE.html", help=text)
     add("--json", type=Path, metavar="FILE", help="file for all numbers")
     add("--drive", type=Path, metavar="FILE", help="drive file with motor and gear; by default as in the bag")
     text = "backlash, rad at the output, if the bag has none: the unit of the figures"
@@ -72,12 +76,6 @@ def options_of(given: argparse.Namespace) -> Options:
     )
 
 
-def places_of(given: argparse.Namespace) -> Sequence[tuple[str, Path]]:
-    """Return the arguments that name files to write, with the files."""
-    out = given.out or Path(f"{given.bag.resolve().stem}.html")
-    return [("out", out), *([("json", given.json)] if given.json is not None else [])]
-
-
 def _line(report: AxisReport) -> str:
     """Return a summary of an axis in one line."""
     said = [counted(len(report.steps), "step"), counted(len(report.events.runs), "learning run")]
@@ -90,6 +88,20 @@ def _line(report: AxisReport) -> str:
         said.append(f"{report.timing.rate:.4g} Hz, {counted(report.timing.lost, 'sample')} missing")
     name = "axis" if report.axis.name == "/" else f"axis {report.axis.name}"
     return f"{name}: {'; '.join(said)}"
+
+
+def _cycles(report: AxisReport) -> Sequence[str]:
+    """Return a line for each limit cycle, after a step or while the reference stood still."""
+    lines = []
+    for step in sorted((*report.steps, *report.holds), key=lambda step: step.start):
+        if math.isfinite(step.amplitude):
+            often = "unevenly" if math.isnan(step.frequency) else f"at {step.frequency:.3g} Hz"
+            in_b = f" (peak to peak {step.amplitude / report.b:.3g} b)" if report.b > 0.0 else ""
+            lines.append(
+                f"limit cycle: +-{0.5 * step.amplitude:.3g} rad{in_b} {often} about "
+                f"{step.target:.5g} rad, {step.start:.2f} to {step.end:.2f} s"
+            )
+    return lines
 
 
 def write_report(given: argparse.Namespace, console: Console) -> int:
@@ -106,17 +118,23 @@ def write_report(given: argparse.Namespace, console: Console) -> int:
     def say(text: str) -> None:
         console.print(text, highlight=False, markup=False, soft_wrap=True)
 
+    out = given.out or Path(f"{given.bag.resolve().stem}.html")
+    if out.exists() and not given.force:
+        raise ValueError(f"argument --out: '{out}' exists; --force overwrites it")
     chart_library()  # before the bag is read, which takes a while
     report = report_of(given.bag, options_of(given), shlex.join(["backlash", *given.words]))
     for what in report.contents.damage:
         say(f"the bag is not whole: {what}")
     for axis in report.axes:
         say(_line(axis))
+        for cycle in _cycles(axis):
+            say(f"  {cycle}")
         for missing in axis.axis.missing:
             say(f"  not in this recording: {missing}")
-    texts = {"out": page_of(report), "json": json.dumps(content_of(report), indent=1) + "\n"}
-    places = places_of(given)
-    for name, place in places:
-        write_text(place, texts[name], overwrite=given.force)
-    say(f"written: {', '.join(str(place) for _, place in places)}")
+    texts = {out: page_of(report)}
+    if given.json is not None:
+        texts[given.json] = json.dumps(content_of(report), indent=1) + "\n"
+    for place, text in texts.items():
+        write_text(place, text, overwrite=given.force)
+    say(f"written: {', '.join(map(str, texts))}")
     return 0

@@ -79,13 +79,14 @@ class FaultSeen(NamedTuple):
 
 @dataclass(frozen=True)
 class Events:
-    """All events in the order of time."""
+    """All events in the order of time; ``holds``: where the reference stands still, but after no step; see `_holds`."""
 
     moves: Sequence[Move]
     runs: Sequence[LearningRun]
     changes: Sequence[Change]
     faults: Sequence[FaultSeen]
     torques: Sequence[tuple[float, float]]
+    holds: Sequence[Move]
 
     def in_the_way(self, start: float, end: float) -> list[tuple[float, str]]:
         """Return when the rest after a move that starts at ``start`` ended, s, and by what, in words."""
@@ -161,6 +162,29 @@ def _first_start(axis: Axis) -> list[Move]:
     return [Move(start, end, origin, target, False)] if end - start >= PATH_STEP else []
 
 
+def _holds(axis: Axis, moves: Sequence[Move], apart: Sequence[tuple[float, float]]) -> list[Move]:
+    """Return where the reference stands still from the start on, or after a path, a learning run or a fault.
+
+    ``apart``: learning runs and faults, from and to, s, in which nothing is held.
+    """
+    series = axis.reference
+    if series is None or not axis.time.size:
+        return []
+    same = np.abs(np.diff(series.values, prepend=math.nan)) <= _SMALLEST
+    breaks = np.append(series.time[~same], math.inf)
+    steps, found = {move.start for move in moves if not move.path}, []
+    for k in np.flatnonzero(np.isfinite(series.values) & ~same).tolist():
+        time, target = float(series.time[k]), float(series.values[k])
+        start = max(time, float(axis.time[0]))
+        end = min(float(breaks[np.searchsorted(breaks, time, side="right")]), _end_of(axis))
+        edges = sorted({edge for both in apart for edge in both if start < edge < end})
+        for a, b in pairwise([start, *edges, end] if start < end else []):
+            led_to = a == start and time in steps
+            if not led_to and not any(begin <= a < over for begin, over in apart):
+                found.append(Move(a, b, target, target, False))
+    return found
+
+
 def _changes(axis: Axis) -> list[Change]:
     found = []
     for (_, _, before), (time, _, after) in pairwise(axis.versions):
@@ -195,8 +219,9 @@ def events_of(axis: Axis, told: Sequence[Told]) -> Events:
     torques: list[tuple[float, float]] = []
     if axis.load_torque is not None:
         torques = [(float(t), float(v)) for t, v in zip(axis.load_torque.time, axis.load_torque.values, strict=True)]
-    moves = [*_first_start(axis), *_moves(axis)]
-    return Events(moves, _learning_runs(axis), _changes(axis), _faults(axis, told), torques)
+    moves, runs, faults = [*_first_start(axis), *_moves(axis)], _learning_runs(axis), _faults(axis, told)
+    apart = [*((run.start, run.end) for run in runs), *((fault.start, fault.end) for fault in faults)]
+    return Events(moves, runs, _changes(axis), faults, torques, _holds(axis, moves, apart))
 
 
 def in_use_at(axis: Axis, time: float) -> Mapping[str, Any]:

@@ -170,6 +170,28 @@ def _steps(report: AxisReport, book: ChartBook) -> list[str]:
     return parts
 
 
+def _holds(report: AxisReport) -> list[str]:
+    """Return the rests that no step led to."""
+    if not report.holds:
+        return []
+    unit = "b" if report.b > 0.0 else "mrad"
+    heads = ("hold", "from, s", "until, s", "reference, rad", f"residual, {unit}", f"limit cycle, {unit}", "")
+    rows = [
+        [
+            str(k),
+            _at(hold.start),
+            _at(hold.end),
+            brief(hold.target, 4),
+            _in_b(report, hold.residual),
+            _cycle(report, hold),
+            text_of("; ".join(_remarks(hold))),
+        ]
+        for k, hold in enumerate(report.holds, 1)
+    ]
+    about = "Where the reference stood still after no step: from the start on, after a path, a learning run or a fault."
+    return ["<h3>Holds</h3>", _table(heads, rows), paragraph(about, "under")]
+
+
 def _learning(report: AxisReport, book: ChartBook) -> list[str]:
     if not report.events.runs:
         return []
@@ -287,6 +309,11 @@ def _summary(report: AxisReport) -> list[str]:
         said = f"{counted(len(steps), 'step')}: {settled} settled, {swinging} ended in a limit cycle"
         said += f", {neither} did neither" if neither else ""
         lines.append((settled == len(steps) and not swinging, said))
+    for hold in report.holds:
+        if math.isfinite(hold.amplitude):
+            unit = "b" if report.b > 0.0 else "mrad"
+            said = f"limit cycle while the reference stood still at {brief(hold.target, 4)} rad: "
+            lines.append((False, f"{said}{_cycle(report, hold)}, peak to peak in {unit}"))
     if report.events.faults:
         names = ", ".join(dict.fromkeys(fault.name for fault in report.events.faults))
         lines.append((False, f"{counted(len(report.events.faults), 'fault')}: {names}"))
@@ -307,7 +334,13 @@ def _axis(report: AxisReport, number: int, book: ChartBook) -> list[str]:
     parts = [f'<section id="axis-{number}">', f"<h2>{text_of(name)}</h2>", *_summary(report), _about(report)]
     if report.timing:
         parts.append(book.add(pictures.overview(report)))
-    parts += [*_steps(report, book), *_learning(report, book), *_changes(report), *_faults(report, book)]
+    parts += [
+        *_steps(report, book),
+        *_holds(report),
+        *_learning(report, book),
+        *_changes(report),
+        *_faults(report, book),
+    ]
     parts += _timing(report, report.timing, book) if report.timing else []
     if axis.missing:
         parts += [

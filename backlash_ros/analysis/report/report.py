@@ -16,7 +16,7 @@ from backlash_ros.analysis.report.reading.axes import axes_of
 from backlash_ros.analysis.report.reading.axis import Axis, backlash_in_use
 from backlash_ros.analysis.report.reading.contents import Contents, Told, read_contents
 from backlash_ros.analysis.report.reading.options import Options
-from backlash_ros.analysis.report.steps import Step, gap_centre, steps_of
+from backlash_ros.analysis.report.steps import Step, gap_centre, holds_of, steps_of
 from backlash_ros.analysis.report.timing import Timing, timing_of
 
 _NUMBER = re.compile(r"\d+(\.\d+)?")
@@ -24,7 +24,9 @@ _NUMBER = re.compile(r"\d+(\.\d+)?")
 
 @dataclass(frozen=True)
 class AxisReport:
-    """An axis and its figures; their unit is the backlash ``b``, rad, from ``b_source``, 0 if unknown.
+    """An axis and its figures; ``holds`` are rests that no step led to.
+
+    The unit of the figures is the backlash ``b``, rad, from ``b_source``, 0 if unknown.
 
     ``centre``: middle between both flanks, rad, see `gap_centre`.
     """
@@ -32,6 +34,7 @@ class AxisReport:
     axis: Axis
     events: Events
     steps: Sequence[Step]
+    holds: Sequence[Step]
     timing: Timing | None
     gap: GapFound
     b: float
@@ -83,7 +86,15 @@ def _axis_report(path: Path, axis: Axis, contents: Contents, options: Options) -
     if not b > 0.0 and gap.told:
         b, source = gap.angle, "the estimate from this recording"
     return AxisReport(
-        axis, events, steps_of(axis, events, b), timing_of(axis), gap, b, source, gap_centre(axis.twist, b)
+        axis,
+        events,
+        steps_of(axis, events, b),
+        holds_of(axis, events, b),
+        timing_of(axis),
+        gap,
+        b,
+        source,
+        gap_centre(axis.twist, b),
     )
 
 
@@ -134,6 +145,7 @@ def _axis_content(report: AxisReport) -> dict[str, Any]:
         "backlash_angle_from": report.b_source,
         "estimate": {**asdict(report.gap), "told": report.gap.told},
         "steps": [_step(step, report.b) for step in report.steps],
+        "holds": [_step(hold, report.b) for hold in report.holds],
         "paths": [move._asdict() for move in events.moves if move.path],
         "learning_runs": [run._asdict() for run in events.runs],
         "changes": [

@@ -25,6 +25,10 @@ _FEWEST_CYCLES, _EVEN, _MOST = 3, 0.25, 0.75
 of periods within that, since a late answer makes one longer."""
 _CYCLE_TIME = 5.0
 """Longest part at the end of a step from which the frequency is taken, s."""
+_LEAST_SWING = 1e-3
+"""Smallest limit cycle of a hold if the backlash is unknown, rad."""
+_HOLD_TIME = 20.0
+"""Longest part at the end of a hold from which its limit cycle is taken, s."""
 _HOLE = 0.5
 """Time without a sample that ends a step, s."""
 _SHORTEST = 5
@@ -212,6 +216,45 @@ def _judged(
         late_rising=int(np.sum(late <= rising)),
         late_rest=quiet is None and bool(np.any(late > middle)),
         remarks=tuple(remarks),
+    )
+
+
+def holds_of(axis: Axis, events: Events, b: float) -> Sequence[Step]:
+    """Return the figures of the rests that no step led to, as those of steps of no height; short ones are left out."""
+    if not np.any(np.isfinite(axis.position)):
+        return []
+    return [held for hold in events.holds if (held := _judge_hold(axis, events, hold, b)) is not None]
+
+
+def _judge_hold(axis: Axis, events: Events, hold: Move, b: float) -> Step | None:
+    told = in_use_at(axis, hold.start)
+    inside = (axis.time >= hold.start) & (axis.time < hold.end)
+    end, why = _end_of_rest(axis.time[inside], hold, events, hold.start)
+    chosen = inside & (axis.time < end) & np.isfinite(axis.position)
+    time, position = axis.time[chosen] - hold.start, axis.position[chosen]
+    if time.size < _SHORTEST or time[-1] - time[0] < TAIL + SETTLING:
+        return None
+    answers = axis.command.between(hold.start, end).time - hold.start if axis.command is not None else time
+    middle = 0.5 * float(time[0] + time[-1])
+    quiet = last_quiet(time, answers, middle)
+    rest_end = quiet if quiet is not None else float(time[-1])
+    tail = (time >= rest_end - TAIL) & (time <= rest_end)
+    cycling = (time >= max(rest_end - _HOLD_TIME, middle)) & (time <= rest_end)
+    least = QUIET * b if b > 0.0 else _LEAST_SWING
+    amplitude, frequency = limit_cycle(time[cycling], position[cycling], least)
+    return Step(
+        hold.start,
+        end,
+        hold.origin,
+        hold.target,
+        why,
+        str(told.get("law", "")),
+        str(told.get("gain_set", "")),
+        residual=float(np.ptp(position[tail])),
+        error=float(np.mean(position[tail])) - hold.target,
+        amplitude=amplitude,
+        frequency=frequency,
+        late_rest=quiet is None and bool(np.any(late_answers(time, answers) > middle)),
     )
 
 

@@ -29,6 +29,7 @@ from backlash_ros.control.laws import BEST, UNTIL_THEN, law_of
 from backlash_ros.drivetrain.reading.parameter_files import in_sections, merged, named
 from backlash_ros.drivetrain.sensors import POSITIONS
 from backlash_ros.simulation import Run, Scenario, run
+from backlash_ros.simulation.simulated_drive import largest_load_torque
 
 DESCRIPTION = (
     "Simulates one step of the reference and prints its figures as JSON: of the nominal drive under one of the paper's "
@@ -45,6 +46,15 @@ WRITTEN = ("plot", "csv")
 """Options that name files to write."""
 _LONGEST, _LAST = 600.0, 1.0
 """Longest simulation, and its end within which a load must be near its target to count as settled, s."""
+_OF_DRIVES: dict[str, Any] = {
+    "set": [],
+    "plot": None,
+    "csv": None,
+    "reference": 1.0,
+    "seconds": SECONDS,
+    "load_torque": 0.0,
+}
+"""Options that need a drive file, and their defaults with one."""
 _PAPER = "two_region"
 _OURS = (
     *("motor", "gear", "load", "contact", "sensors", "delay", "rate", "loop_delay", "command_interface"),
@@ -63,9 +73,11 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
     add("--case", choices=list(CASES), help="a condition of the paper, without DRIVE; by default nominal")
     text = "with DRIVE, as often as needed: a parameter of drive, sensors, delay, gain sets or laws"
     add("--set", action="append", default=[], metavar="NAME=VALUE", help=text)
-    add("--reference", type=float, default=1.0, metavar="RAD", help="with DRIVE: target of the load, which starts at 0")
-    add("--seconds", type=float, default=SECONDS, metavar="S", help=f"with DRIVE; by default {SECONDS:g}")
-    add("--load-torque", type=float, default=0.0, metavar="T", help="with DRIVE: constant torque on the output, N m")
+    text = "with DRIVE: target of the load, which starts at 0; by default 1"
+    add("--reference", type=float, metavar="RAD", help=text)
+    add("--seconds", type=float, metavar="S", help=f"with DRIVE; by default {SECONDS:g}")
+    text = "with DRIVE: constant torque on the output, N m; by default 0"
+    add("--load-torque", type=float, metavar="T", help=text)
     add("--plot", type=Path, metavar="FILE", help="with DRIVE: file for a picture, such as step.png")
     add("--csv", type=Path, metavar="FILE", help="with DRIVE: file for a table with one row per sample, true values")
     add("--force", action="store_true", help="overwrite existing files")
@@ -90,13 +102,15 @@ def _simulated(given: argparse.Namespace) -> Run:
     """Return the requested run; ValueError names what is wrong."""
     _check("--seconds", given.seconds, 0.1, _LONGEST, "s")
     _check("--reference", abs(given.reference), 1e-6, 1e3, "rad, either way")
-    if not math.isfinite(given.load_torque):
-        raise ValueError(f"--load-torque must be finite, in N m, got {given.load_torque!r}")
     try:
         parameters = read_parameters(*given.drive)
         law = given.law or law_named(parameters)
         parameters = merged(parameters, _changes(given.set, law))
         axis = axis_of(parameters)
+        heaviest = largest_load_torque(axis.drive)
+        _check(
+            "--load-torque", abs(given.load_torque), 0.0, heaviest, "N m, either way, ten times what the motor holds"
+        )
         around = surroundings_of(parameters, axis.drive)
         settings = ServoSettings(
             GainSet(around.fast, around.overdamped),
@@ -168,15 +182,18 @@ def simulate(given: argparse.Namespace, console: Console) -> int:
         If the file cannot be read, a parameter or an option is out of bounds, or options contradict each other.
     """
     if not given.drive:
-        for name, value in (("--set", given.set), ("--plot", given.plot), ("--csv", given.csv)):
-            if value:
-                raise ValueError(f"{name} needs DRIVE, a parameter file")
+        for name in _OF_DRIVES:
+            if getattr(given, name) not in ([], None):
+                raise ValueError(f"--{name.replace('_', '-')} needs DRIVE, a parameter file")
         case = given.case or "nominal"
         condition = CASES[case]
         law = _PAPER if given.law in (None, AUTO) else given.law
         figures = judge(respond(law, condition), condition)
         console.print_json(json.dumps(jsonable({"law": law, "case": case, **figures})))
         return 0
+    for name, default in _OF_DRIVES.items():
+        if getattr(given, name) is None:
+            setattr(given, name, default)
     files = named(given.drive)
     if given.case is not None:
         raise ValueError(f"--case is of the nominal drive: leave it or {files} out")

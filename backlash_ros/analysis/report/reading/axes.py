@@ -18,6 +18,7 @@ from backlash_ros.drivetrain.signals import Array
 
 CLOCKS_DIFFER = 10.0
 """Age of samples above which it shows the clocks and not the samples, s."""
+_READ = "numbers of std_msgs such as Float64"
 _STRAY, _FEW = 0.01, 3
 """Share of stamps that may stand still or go back, and least number of different ones; else the recorder's times are
 used."""
@@ -255,17 +256,27 @@ class _Builder:
         has = ", ".join(sorted(self._of_axis(self._contents.numbers, 1)))
         return f"; numbers are on {has}: {option} names the one" if has else ""
 
+    def _not_read(self, name: str) -> str:
+        """Return which topics of a name have another type than those that are read."""
+        topics = self._contents.topics
+        others = [f"'{topic}' ({topics[topic][0]})" for topic in self._of_axis(topics, 1) if topic.endswith(f"/{name}")]
+        return f"; not read, since only {_READ} are: {', '.join(others)}" if others else ""
+
     def _with_reference(self, axis: Axis, on_clock: Any) -> Axis:
         options, numbers = self._options, self._contents.numbers
         topic = options.reference_topic
         if topic and (topic := topic if topic.startswith("/") else f"/{topic}") not in numbers:
-            raise ValueError(f"argument --reference-topic: there are no numbers on '{topic}'")
+            kind = self._contents.topics.get(topic, ("",))[0]
+            but = f", but {kind}: only {_READ} are read" if kind else ""
+            raise ValueError(f"argument --reference-topic: there are no numbers on '{topic}'{but}")
         if not topic and "reference" in axis.state:
             return replace(axis, reference=axis.state["reference"], reference_source="~/state")
         if not topic:
             topic = _only(self._named("reference"), "reference", "--reference-topic", self.notes)
         if not topic:
-            self.missing.append(f"a reference, so steps are unknown{self._hint('--reference-topic')}")
+            self.missing.append(
+                f"a reference, so steps are unknown{self._hint('--reference-topic')}{self._not_read('reference')}"
+            )
             return axis
         series = _numbers(numbers[topic], 0)
         turn = options.reference_encoder.turn

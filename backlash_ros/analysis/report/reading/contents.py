@@ -11,7 +11,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from backlash_ros.analysis.bag import in_use_of, seconds_of
-from backlash_ros.analysis.bag_files import readable
+from backlash_ros.analysis.bag_files import readable, reason_of
+from backlash_ros.analysis.recordings.csv_file import is_table
 
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 _DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
@@ -114,8 +115,7 @@ def _messages(reader: AnyReader, contents: Contents) -> Iterator[tuple[str, str,
         except StopIteration:
             break
         except Exception as error:  # whatever a reader raises on damaged bytes
-            why = " ".join(str(error).split())
-            contents.damage.append(f"what was recorded after this part cannot be read: {why}")
+            contents.damage.append(f"what was recorded after this part cannot be read: {reason_of(error)}")
             break
         try:
             wanted = _wanted(connection.msgtype)
@@ -160,20 +160,20 @@ def read_contents(path: Path) -> Contents:
     ValueError
         If it is no rosbag2 (mcap, sqlite3).
     """
+    if is_table(path):
+        raise ValueError(
+            f"{path}: is a table, not a rosbag2: backlash identify reads it, with --certificate for a page"
+        )
     found, why = [], ""
     for damaged in (False, True):
         try:
             found.append(_read(path, damaged=damaged))
-        except FileNotFoundError as error:
-            raise FileNotFoundError(f"there is no bag '{path}'") from error
         except OSError:
             raise
         except Exception as error:  # whatever a reader raises on damaged bytes
-            why = why or " ".join(str(error).split())
+            why = why or reason_of(error)
         if found and not found[0].damage:
             break
     if not found:
-        if path.suffix == ".csv":
-            why = "for a CSV file there is backlash identify, with --certificate for a page"
         raise ValueError(f"{path}: is no rosbag2 that can be read: {why}")
     return max(found, key=lambda contents: sum(count for _, count in contents.topics.values()))

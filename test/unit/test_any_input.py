@@ -1,0 +1,92 @@
+"""No input of any command ends in a traceback or in Python's words: files and options made from a seed."""
+
+import re
+import shutil
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import any_input
+import pytest
+
+from backlash_ros import cli
+from backlash_ros.analysis.design import command as designer
+from backlash_ros.analysis.design.search import NothingQuietError
+
+QUICK, MANY, PART = 100, 2000, 100
+"""Number of inputs here and in the grid, and of those in one of its tests."""
+PYTHON = re.compile(
+    r"Traceback|\[Errno|codec|NoneType|object is|object has|invalid literal|could not convert|argument must be|"
+    r"unsupported operand|not iterable|subscriptable|unhashable type|datetime\.|PosixPath|<class|\bNone\b|Warning|"
+    r"positional argument|unexpected keyword|<lambda>|list index|KeyError|out of range for|buffer|not supported between"
+)
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    return any_input.bags(tmp_path_factory.mktemp("bags"))
+
+
+def fault_of(words: Sequence[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """Return what is wrong with how a command ended; empty if nothing is."""
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always", RuntimeWarning)
+        try:
+            code: object = cli.main(words)
+        except SystemExit as ended:
+            code = ended.code or 0
+        except Exception as error:
+            capsys.readouterr()
+            return f"{type(error).__name__}: {error}"
+    printed, said = capsys.readouterr()
+    numeric = [str(each.message) for each in warned if issubclass(each.category, RuntimeWarning)]
+    if numeric:
+        return f"warned: {numeric[0]}"
+    if found := PYTHON.search(said + (printed if code else "")):
+        return f"says {found[0]!r}: {said or printed}"
+    if code not in {0, 1, 2} or (code == 2 and (said.count("\n") != 1 or not said.startswith("backlash"))):
+        return f"ended with {code}: {said}"
+    return "" if code != 1 or said or printed else "ended with 1 and said nothing"
+
+
+def faults_of(
+    seeds: Sequence[int],
+    bags: Sequence[Path],
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> list[str]:
+    """Run a command for each seed; those that would take minutes end when their input has been judged."""
+
+    def nothing_quiet(*_: object) -> None:
+        raise NothingQuietError("not searched here")
+
+    monkeypatch.setattr(designer, "design", nothing_quiet)
+    monkeypatch.setattr(cli, "replay", lambda *_: None)
+    found = []
+    for seed in seeds:
+        place = folder / str(seed)
+        place.mkdir()
+        monkeypatch.chdir(place)
+        words = any_input.command(seed, place, bags)
+        if why := fault_of(words, capsys):
+            found.append(f"seed {seed}: backlash {' '.join(words)}\n    {why}")
+        monkeypatch.chdir(folder)
+        shutil.rmtree(place)
+    return found
+
+
+def test_no_input_ends_in_a_traceback_or_in_pythons_words(
+    bags: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("rclpy")
+    assert faults_of(range(QUICK), bags, tmp_path, capsys, monkeypatch) == []
+
+
+@pytest.mark.grid
+@pytest.mark.parametrize("first", range(0, MANY, PART))
+def test_none_of_many_inputs_does(
+    first: int, bags: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("rclpy")
+    assert faults_of(range(QUICK + first, QUICK + first + PART), bags, tmp_path, capsys, monkeypatch) == []
