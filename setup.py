@@ -57,7 +57,7 @@ setup(
         "contract": ["pytest>=7.4"],
         "cluster": ["distributed>=2024.2"],  # backlash evaluate --scheduler
         "page": ["nicegui>=3.13,<4"],  # dashboard, backlash report
-        "tables": ["pyarrow>=15.0"],  # backlash evaluate --out
+        "tables": ["pandas>=2.1", "pyarrow>=15.0"],  # Run.to_frame, backlash evaluate --out
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

@@ -19,7 +19,7 @@ from backlash_ros import __version__
 from backlash_ros.analysis.checking.command import add_check, check_and_show
 from backlash_ros.analysis.design import command as designer
 from backlash_ros.analysis.evaluation.command import evaluate, replay
-from backlash_ros.analysis.evaluation.drive_file import named, read_axis, read_drive, read_parameters
+from backlash_ros.analysis.evaluation.drive_file import read_axis, read_parameters
 from backlash_ros.analysis.evaluation.population import ENCODERS, MODELS, POPULATIONS
 from backlash_ros.analysis.evaluation.task import DESIGNED, Task
 from backlash_ros.analysis.export import FORMATS
@@ -36,7 +36,9 @@ from backlash_ros.analysis.report.library import NoLibraryError
 from backlash_ros.analysis.simulating import command as simulating
 from backlash_ros.analysis.staging import staging, write_text
 from backlash_ros.control import AUTO, EXPERIMENTS, LAWS
+from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.motion.integrator import IntegrationError
+from backlash_ros.drivetrain.reading.parameter_files import named
 from backlash_ros.simulation.batch import CannotRunError
 
 T = TypeVar("T")
@@ -245,7 +247,7 @@ def _evaluate(given: argparse.Namespace, console: Console) -> None:
         for name in ("drives", "json", "out", "scheduler"):
             if getattr(given, name):
                 raise ValueError(f"argument --{name}: has no use with --only, which prints one drive")
-    around = read_drive(given.drive) if given.drive else None
+    around = Drive.read(given.drive) if given.drive else None
     laws = tuple(dict.fromkeys(given.laws))
     experiments = tuple(dict.fromkeys(given.experiments))
     task = Task(given.seed, given.population, given.model, given.encoders, experiments, laws, around)

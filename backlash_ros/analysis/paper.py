@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from backlash_ros.analysis.metrics import settling_time, step_response
-from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, ServoSettings, design_gains, find_limit_cycle
+from backlash_ros.control import LAWS, GainSet, ServoSettings, find_limit_cycle
 from backlash_ros.control.design.describing_function import predict_limit_cycle
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
@@ -34,7 +34,7 @@ SEED = 2009
 @cache
 def gains() -> GainSet:
     """Return the gains of the paper's weights for the nominal drive."""
-    return GainSet(**{region: design_gains(region, NOMINAL_DRIVE, each) for region, each in DEFAULT_WEIGHTS.items()})
+    return GainSet.of(NOMINAL_DRIVE)
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def judge(result: Run, case: Case) -> dict[str, float]:
     judged = step_response(
         result.time,
         result.load_angle,
-        result.gap(case.drive),
+        result.gap,
         target=1.0,
         backlash=gear.backlash,
         backlash_angle=gear.backlash_angle,
@@ -129,7 +129,7 @@ def cycle_of(drive: Drive, seconds: float = 4.0) -> dict[str, Number]:
     scenario = Scenario(np.ones(round(seconds / PERIOD)), known_load_torque=True, substeps=4)
     result = run(drive, settings, scenario, model=NOMINAL_DRIVE)
     tail = slice(result.time.size // 2, None)
-    travel = float(np.ptp(result.gap(drive)[tail])) / drive.gear.backlash
+    travel = float(np.ptp(result.gap[tail])) / drive.gear.backlash
     cycle = find_limit_cycle(result.state[tail, THETA_L], result.state[tail, OMEGA_L], PERIOD / 4)
     alive = cycle is not None and cycle.amplitude > 0.05 * drive.gear.backlash_angle
     if cycle is None or not alive:

@@ -3,6 +3,7 @@
 The experiments themselves are in `experiments`, one file each.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -11,6 +12,7 @@ from typing import Any, NamedTuple, Protocol
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitoring.thresholds import FaultThresholds
 from backlash_ros.drivetrain import Drive, Validated
+from backlash_ros.drivetrain.markup import pairs
 from backlash_ros.drivetrain.signals import Estimate, Measurement
 from backlash_ros.identification.fit import Fit
 from backlash_ros.identification.gap_map import GapMap
@@ -71,6 +73,13 @@ class Method(Enum):
     IDENTIFY = "identify"
 
 
+def _in_words(value: float, uncertainty: float, unit: str) -> str:
+    """Return a value with its standard uncertainty, if known, and no more digits than that leaves a meaning."""
+    if uncertainty > 0.0:
+        return f"{round(value, 1 - math.floor(math.log10(uncertainty))):.6g} ± {uncertainty:.1g} {unit}".rstrip()
+    return f"{value:.6g} {unit}".rstrip()
+
+
 @dataclass(frozen=True)
 class BacklashEstimate:
     """What learning found: ``angle`` and standard ``uncertainty``, rad at the output, both 0 unless ``valid``.
@@ -102,6 +111,14 @@ class BacklashEstimate:
         """Standard uncertainties of what it sets, by name, where they are known."""
         return {"backlash_angle": self.uncertainty} if self.uncertainty > 0.0 else {}
 
+    def _repr_html_(self) -> str:
+        """Return what was learned, and from what, or why nothing was, as a table for notebooks."""
+        rows = self._found() if self.valid else [("result", "none")]
+        return pairs([*rows, ("from" if self.valid else "because", self.reason), ("method", self.method.value)])
+
+    def _found(self) -> list[tuple[str, str]]:
+        return [("backlash b", _in_words(self.angle, self.uncertainty, "rad"))]
+
 
 @dataclass(frozen=True)
 class DriveEstimate(BacklashEstimate):
@@ -124,6 +141,12 @@ class DriveEstimate(BacklashEstimate):
     def uncertainties(self) -> dict[str, float]:
         """Standard uncertainties of what it sets, by name, where they are known."""
         return {**self.deviations, **super().uncertainties}
+
+    def _found(self) -> list[tuple[str, str]]:
+        return [
+            (f"{each.what}, {each.symbol}", each.why or _in_words(each.value, each.uncertainty, each.unit))
+            for each in self.findings
+        ]
 
 
 class Experiment(Protocol):

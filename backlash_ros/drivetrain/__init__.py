@@ -3,7 +3,8 @@
 from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.contacts import CONTACTS
-from backlash_ros.drivetrain.linear import (
+from backlash_ros.drivetrain.motion.integrator import IntegrationError
+from backlash_ros.drivetrain.motion.linear import (
     command_from_voltage,
     discretize,
     discretize_from_command,
@@ -11,7 +12,7 @@ from backlash_ros.drivetrain.linear import (
     rigid_model,
     without_inductance,
 )
-from backlash_ros.drivetrain.motion.integrator import IntegrationError
+from backlash_ros.drivetrain.motion.plant import Plant
 from backlash_ros.drivetrain.parameters import (
     COMMAND_INTERFACES,
     NOMINAL_DRIVE,
@@ -20,7 +21,6 @@ from backlash_ros.drivetrain.parameters import (
     Load,
     Motor,
 )
-from backlash_ros.drivetrain.plant import Plant
 from backlash_ros.drivetrain.quantity import EXPONENTIAL, Quantity, Validated, quantities, quantity
 
 __all__ = [

@@ -6,13 +6,18 @@ is its n = R1/R2 and the exponent of `contacts.power` the n of its eq 11.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from os import PathLike
+from pathlib import Path
 from typing import Any, ClassVar
 
 from backlash_ros.drivetrain.contact import Contact, law_name
 from backlash_ros.drivetrain.contacts import CONTACTS
 from backlash_ros.drivetrain.contacts.power import PowerContact
+from backlash_ros.drivetrain.markup import pairs
 from backlash_ros.drivetrain.quantity import Validated, quantities, quantity, take
+from backlash_ros.drivetrain.reading.misspelled import check_known
+from backlash_ros.drivetrain.reading.parameter_files import by_name, own, read_files, section_of
 
 COMMAND_INTERFACES = ("voltage", "current")
 """What the drive takes as its command: the motor's voltage, V, or its current, A, which its own inner loop closes."""
@@ -165,6 +170,44 @@ class Drive:
                 f"command_interface must be one of {list(COMMAND_INTERFACES)}, got {self.command_interface!r}"
             )
 
+    @classmethod
+    def read(cls, *paths: str | PathLike[str]) -> "Drive":
+        """Return the drive of parameter files, such as config/nominal_drive.yaml; later files override earlier ones.
+
+        Missing values are those of the nominal drive; parameters of the nodes that are not the drive's are ignored.
+
+        Raises
+        ------
+        OSError
+            If a file cannot be read.
+        ValueError
+            Names the file and the parameter that is out of bounds, misspelled or given twice.
+
+        Examples
+        --------
+        >>> drive = Drive.read("config/nominal_drive.yaml")
+        >>> drive == NOMINAL_DRIVE
+        True
+        """
+        if not paths:
+            raise ValueError("Drive.read needs a parameter file, such as config/nominal_drive.yaml")
+
+        def take(parameters: Mapping[str, Any]) -> Drive:
+            check_known(by_name(parameters), _names(), tuple)
+            return drive_in(parameters)
+
+        return read_files([Path(path) for path in paths], take)
+
+    def _repr_html_(self) -> str:
+        """Return the parameters as a table, for notebooks, without those that are at their defaults."""
+        rows = [("command_interface", self.command_interface), ("contact.law", law_name(self.gear.contact))]
+        for part in (self.motor, self.gear, self.load, self.gear.contact):
+            defaults = {each.name: each.default for each in fields(part)}
+            for name, described in quantities(type(part)).items():
+                if (value := getattr(part, name)) != defaults[name]:
+                    rows.append((f"{part.section}.{name}", f"{value:.6g} {described.unit}".rstrip()))
+        return pairs(rows)
+
     @property
     def takes_current(self) -> bool:
         """Whether the command is the motor's current, so that the electrical pole is the drive's."""
@@ -235,6 +278,37 @@ def drive_of(values: Mapping[str, Any]) -> Drive:
     contact = take(CONTACTS.choose("contact.law", values["contact.law"]), values)
     gear = take(Gear, values, contact=contact)
     return Drive(take(Motor, values), gear, take(Load, values), values["command_interface"])
+
+
+def drive_in(parameters: Mapping[str, Any]) -> Drive:
+    """Return the drive that parameters in sections describe; missing values are those of the nominal drive.
+
+    Raises
+    ------
+    ValueError
+        Names the parameter that is out of bounds, or unknown in a section of the drive.
+    """
+    contact = section_of(parameters, "contact")
+    law = CONTACTS.choose("contact.law", str(contact.get("law", "power")))
+    teeth = law(**own(law, section_of(contact, law.section.removeprefix("contact."))))
+
+    def values(nominal: Validated) -> dict[str, Any]:
+        given = own(type(nominal), section_of(parameters, nominal.section))
+        return {name: getattr(nominal, name) for name in quantities(type(nominal))} | given
+
+    return Drive(
+        Motor(**values(NOMINAL_DRIVE.motor)),
+        Gear(**values(NOMINAL_DRIVE.gear), contact=teeth),
+        Load(**values(NOMINAL_DRIVE.load)),
+        str(parameters.get("command_interface", NOMINAL_DRIVE.command_interface)),
+    )
+
+
+def _names() -> set[str]:
+    """Return the names of all parameters of drives, with those of every contact law."""
+    parts: tuple[type[Validated], ...] = (Motor, Gear, Load, *CONTACTS.values())
+    numbers = {f"{part.section}.{name}" for part in parts for name in quantities(part)}
+    return numbers | {"contact.law", "command_interface"}
 
 
 NOMINAL_DRIVE = Drive(

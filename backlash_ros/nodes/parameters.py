@@ -1,6 +1,6 @@
 """The parameters of each node, declared by functions, so that each node knows all names without creating the others."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,9 @@ from backlash_ros.drivetrain import Drive, Quantity
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.parameters import FOUND, drive_of
 from backlash_ros.drivetrain.quantity import take
-from backlash_ros.ros.overrides import check_known, values_given
+from backlash_ros.drivetrain.reading.misspelled import check_known
+from backlash_ros.drivetrain.reading.parameter_files import by_name
+from backlash_ros.ros.overrides import values_given
 from backlash_ros.ros.parameters import (
     NONE,
     Declarations,
@@ -166,16 +168,8 @@ def all_names(given: Mapping[str, Any]) -> set[str]:
 
 def refuse_misspelled(parameters: Mapping[str, Any]) -> None:
     """Refuse misspelled parameters in sections, as files have them; ValueError as `check_known`."""
-    given = dict(_by_name(parameters))
+    given = by_name(parameters)
     check_known(given, [], lambda: all_names(given))
-
-
-def _by_name(parameters: Mapping[str, Any], section: str = "") -> Iterator[tuple[str, Any]]:
-    for name, value in parameters.items():
-        if isinstance(value, Mapping):
-            yield from _by_name(value, f"{section}{name}.")
-        else:
-            yield f"{section}{name}", value
 
 
 def refuse_unknown(node: Node) -> None:

@@ -9,7 +9,7 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, ServoSettings, design_gains
+from backlash_ros.control import LAWS, GainSet, ServoSettings
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Plant
 from backlash_ros.identification.fit import compile_filters
 from backlash_ros.simulation import Scenario, run
@@ -17,9 +17,10 @@ from backlash_ros.simulation import Scenario, run
 
 def parts() -> list[Callable[[], None]]:
     """Return what compiles all of it, part by part; neighbours have little in common."""
-    gains = {region: design_gains(region, NOMINAL_DRIVE, weights) for region, weights in DEFAULT_WEIGHTS.items()}
     gap = NOMINAL_DRIVE.gear.backlash_angle
-    settings = ServoSettings(GainSet(**gains), identified=True, backlash_angle=gap)  # what a law needs to act itself
+    settings = ServoSettings(
+        GainSet.of(NOMINAL_DRIVE), identified=True, backlash_angle=gap
+    )  # what a law needs to act itself
     scenario = Scenario(np.ones(2))
 
     def follow(law: str) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from backlash_ros.control import LAWS, Limits, Servo, ServoSettings
 from backlash_ros.control.law import REGION
 from backlash_ros.control.laws import law_of
-from backlash_ros.control.motion.setpoint import Source, plan_rejection
+from backlash_ros.control.motion.setpoint import Source, evaluate, plan_rejection
 from backlash_ros.control.tick import (
     ELAPSED,
     FAULT,
@@ -45,14 +45,15 @@ from backlash_ros.drivetrain.motion.integrator import (
 from backlash_ros.drivetrain.sensors import SensorConstants, Sensors, sensor_constants, sensor_memory
 from backlash_ros.drivetrain.signals import (
     LOAD_TORQUE,
+    POSITION,
     THETA_L,
-    THETA_M,
     Array,
     Measurement,
     PlantState,
     Setpoint,
     at_rest,
 )
+from backlash_ros.simulation.response import Run
 from backlash_ros.simulation.simulated_drive import take_sample
 
 _types: Any = numba.types
@@ -83,36 +84,6 @@ class Scenario:
     source: Source | None = None
     known_load_torque: bool = False
     substeps: int = 1
-
-
-@dataclass(frozen=True)
-class Run:
-    """A closed-loop run: ``substeps`` plant samples per controller sample, from t = 0 on.
-
-    ``state`` (N * substeps + 1, 5) at ``time``; ``command`` (V or A), ``region`` and ``load_torque_estimate`` (N,) per
-    controller sample; ``peak_force`` (N,), the largest contact force within each controller period, N;
-    ``measured_load_angle`` (N,), what the load's encoder showed the controller, rad, nan without one. ``fault`` is the
-    text of the fault latched at sample ``fault_sample``, from which on the command is 0; "" and -1 for none.
-    """
-
-    time: Array
-    state: Array
-    command: Array
-    region: Array
-    load_torque_estimate: Array
-    peak_force: Array
-    measured_load_angle: Array
-    fault: str = ""
-    fault_sample: int = -1
-
-    @property
-    def load_angle(self) -> Array:
-        """theta_l at ``time``, rad."""
-        return self.state[:, THETA_L]
-
-    def gap(self, drive: Drive) -> Array:
-        """R1 theta_m - R2 theta_l at ``time``, m."""
-        return drive.gear.motor_radius * self.state[:, THETA_M] - drive.gear.load_radius * self.state[:, THETA_L]
 
 
 def _loop(
@@ -177,6 +148,16 @@ def _planned(source: Source, state: PlantState, limits: Limits) -> Array:
     if reason := plan_rejection(segments, limits, float(start[0])):
         raise ValueError(reason)
     return segments
+
+
+def _setpoints(segments: Array, times: Array) -> Array:
+    """Return the positions of a plan at times from its start (s), rad."""
+    out = Setpoint(np.empty(3))
+    positions = np.empty_like(times)
+    for k, time in enumerate(times):
+        evaluate(segments, time, out)
+        positions[k] = out[POSITION]
+    return positions
 
 
 @cache
@@ -271,5 +252,10 @@ def run(
     if status != DONE:
         raise IntegrationError(REASONS[status], reached, state)
     time = np.arange(count * substeps + 1, dtype=np.float64) * (settings.period / substeps)
+    setpoint = references if scenario.source is None else _setpoints(segments, time[:-1:substeps])
     command, region, torque, force, measured = np.ascontiguousarray(signals.T)
-    return Run(time, states, command, region, torque, force, measured, servo.described_fault, fault_sample)
+    return Run(
+        *(drive, law, time, states, setpoint, command, region, torque, force, measured),
+        fault=servo.described_fault,
+        fault_sample=fault_sample,
+    )

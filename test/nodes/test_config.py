@@ -11,10 +11,9 @@ from rcl_interfaces.srv import ListParameters
 
 from backlash_ros.analysis.design.report import gain_text
 from backlash_ros.analysis.design.trial import Choice, Loop
-from backlash_ros.analysis.evaluation.drive_file import read_drive
 from backlash_ros.cli import main
 from backlash_ros.control import Gains, design_gains
-from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.nodes.parameter_file import parameters_of
 from backlash_ros.nodes.parameters import all_names
 
@@ -103,7 +102,7 @@ def test_params_writes_all_parameters_but_those_that_follow_from_others(
 
 
 def test_params_describes_the_nominal_drive(written: Path) -> None:
-    assert read_drive(written) == NOMINAL_DRIVE
+    assert Drive.read(written) == NOMINAL_DRIVE
 
 
 def test_params_keeps_an_existing_file(written: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,9 +14,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from graph import Parameters, Peer, Process
 
 from backlash_ros.analysis.bag import Series
-from backlash_ros.analysis.evaluation.drive_file import read_drive
 from backlash_ros.analysis.recordings.samples import Columns, Reading
-from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.measure.command import _part
 from backlash_ros.ros.client import ClientError
 
@@ -55,8 +54,8 @@ def test_a_running_drive_is_measured_and_certified(start: Start, peer: Peer, tmp
         "identified.yaml",
         "told.yaml",
     ]
-    assert read_drive(out / "told.yaml") == NOMINAL_DRIVE
-    found = read_drive(out / "identified.yaml")
+    assert Drive.read(out / "told.yaml") == NOMINAL_DRIVE
+    found = Drive.read(out / "identified.yaml")
     assert found.gear.backlash_angle == pytest.approx(NOMINAL_DRIVE.gear.backlash_angle, rel=0.03)
     assert found.load.inertia == pytest.approx(8e-4, rel=0.02)
     figures = json.loads((out / "figures.json").read_text())

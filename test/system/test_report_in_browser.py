@@ -13,8 +13,8 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import WebDriverWait
 
-from backlash_ros.analysis.style import DARK, LIGHT, PRINT
 from backlash_ros.cli import main
+from backlash_ros.simulation.colours import DARK, LIGHT, PRINT
 
 
 @pytest.fixture(scope="module")

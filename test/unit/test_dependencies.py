@@ -19,7 +19,7 @@ ROSDEP_KEYS = {
     "pyyaml": "python3-yaml",
 }
 """PyPI name to rosdep key."""
-EXTRAS = {"distributed", "nicegui", "pyarrow"}
+EXTRAS = {"distributed", "nicegui", "pandas", "pyarrow"}
 """What pip installs only where it is asked for: rosdep has no keys for them."""
 
 

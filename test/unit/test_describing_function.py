@@ -25,7 +25,7 @@ def simulated_cycle(drive: Drive, k: Gains, seconds: float, delay: float = 0.0) 
     tail = slice(result.time.size // 2, None)
     cycle = find_limit_cycle(result.state[tail, 2], result.state[tail, 3], PERIOD / 4)
     assert cycle is not None
-    return cycle.amplitude, float(np.ptp(result.gap(drive)[tail])), cycle.period
+    return cycle.amplitude, float(np.ptp(result.gap[tail])), cycle.period
 
 
 def heavier(motor: float, load: float) -> Drive:

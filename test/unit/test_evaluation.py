@@ -17,7 +17,6 @@ from evaluation_page import PAGE, filled
 
 from backlash_ros.analysis.evaluation import task as task_module
 from backlash_ros.analysis.evaluation.command import report_of, table_of
-from backlash_ros.analysis.evaluation.drive_file import read_drive
 from backlash_ros.analysis.evaluation.failures import group_failures, worst_drives
 from backlash_ros.analysis.evaluation.population import Member, draw_member
 from backlash_ros.analysis.evaluation.summary import Collected, failed, summarize, wilson
@@ -40,7 +39,7 @@ from backlash_ros.analysis.evaluation.task import (
 )
 from backlash_ros.analysis.judging import Move
 from backlash_ros.cli import main
-from backlash_ros.drivetrain import NOMINAL_DRIVE, IntegrationError
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, IntegrationError
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import Sensors
 from backlash_ros.simulation import Run
@@ -72,7 +71,8 @@ def run_of(member: Member, position: np.ndarray, fault_sample: int = -1) -> Run:
     signal_ = np.zeros(count)
     fault = "LOAD_SPEED: too fast" if fault_sample >= 0 else ""
     grid = np.arange(count + 1) / member.rate
-    return Run(grid, state, signal_, signal_, signal_, np.full(count, 7.0), position[1:], fault, fault_sample)
+    signals = signal_, signal_, signal_, signal_, np.full(count, 7.0), position[1:]
+    return Run(member.drive, "two_region", grid, state, *signals, fault, fault_sample)
 
 
 def followed(member: Member) -> np.ndarray:
@@ -501,13 +501,13 @@ def test_a_cluster_writes_the_same_file(tmp_path: Path, undisturbed: bytes) -> N
 
 
 def test_a_drive_from_a_parameter_file(tmp_path: Path) -> None:
-    assert read_drive(CONFIG) == NOMINAL_DRIVE
+    assert Drive.read(CONFIG) == NOMINAL_DRIVE
     own = tmp_path / "own.yaml"
     own.write_text(
         "motor: {resistance: 3.0, inertia: 3e-5}\ncommand_interface: current\n"
         "contact: {law: elastic, elastic: {damping: 7.0}}\n"
     )
-    drive = read_drive(own)
+    drive = Drive.read(own)
     assert drive.motor == replace(NOMINAL_DRIVE.motor, resistance=3.0, inertia=3e-5)
     assert (type(drive.gear.contact).__name__, drive.takes_current) == ("ElasticContact", True)
 
@@ -542,6 +542,6 @@ def test_a_parameter_file_that_is_refused(text: str, message: str, tmp_path: Pat
     own = tmp_path / "own.yaml"
     own.write_text(text)
     with pytest.raises(ValueError, match=r"own\.yaml: ") as refused:
-        read_drive(own)
+        Drive.read(own)
     assert message in str(refused.value)
     assert "\n" not in str(refused.value)

@@ -11,11 +11,11 @@ import pytest
 import yaml
 from recorded import probed, stepped, write_bag, write_csv, write_drive
 
-from backlash_ros.analysis.evaluation.drive_file import Axis, read_axis, read_drive
+from backlash_ros.analysis.evaluation.drive_file import Axis, read_axis
 from backlash_ros.analysis.recordings.bag_topics import controller_of
 from backlash_ros.analysis.recordings.drive_text import drive_text
 from backlash_ros.cli import main
-from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE
+from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.identify import Identified
 
@@ -53,7 +53,7 @@ def test_every_command_of_the_page_works(here: Path, capsys: pytest.CaptureFixtu
     assert told["delay"]["value"] == pytest.approx(TRUE_DELAY, abs=1e-3)
     assert found["valid"]
     assert found["held_out"]["error"] < 0.1 * found["held_out"]["told_error"]
-    drive = read_drive(here / "results" / "axis.yaml")
+    drive = Drive.read(here / "results" / "axis.yaml")
     assert drive.gear.backlash_angle == pytest.approx(told["b"]["value"], rel=1e-5)
     assert drive.load.inertia == pytest.approx(told["J_l"]["value"], rel=1e-5)
     assert drive.motor.torque_constant == 0.09303
@@ -75,8 +75,8 @@ def test_what_cannot_be_told_is_not_in_the_drive_file(tmp_path: Path, capsys: py
     printed = capsys.readouterr().out
     assert "The recording cannot tell:\n  b, offset" in printed
     assert "far flank was not seen" in printed
-    assert read_drive(out).gear == read_drive(sheet).gear
-    assert read_drive(out).load.inertia == pytest.approx(member.drive.load.inertia, rel=0.05)
+    assert Drive.read(out).gear == Drive.read(sheet).gear
+    assert Drive.read(out).load.inertia == pytest.approx(member.drive.load.inertia, rel=0.05)
     text = out.read_text()
     assert re.search(r"backlash_angle: 0.02 +# as told: the recording cannot tell \[rad\]", text)
     assert re.search(r"inertia: \S+ +# found, \+- \S+ \[kg m\^2\]", text)

@@ -67,7 +67,7 @@ def test_row_is_reproduced(row: dict[str, Any], law: str, gains: GainSet) -> Non
     assert np.ptp(error[tail]) == pytest.approx(expected["pp_b_last2s"], abs=0.04)
     assert np.max(error) == pytest.approx(expected["overshoot_b"], abs=0.04)
     assert np.mean(error[tail]) == pytest.approx(expected["mean_b"], abs=0.04)
-    travel = np.ptp(result.gap(drive)[tail]) / drive.gear.backlash
+    travel = np.ptp(result.gap[tail]) / drive.gear.backlash
     assert travel == pytest.approx(expected["gap_travel_d"], abs=0.04)
     period = cycle_period(result.time[tail], error[tail])
     if expected["period_s"] is None:

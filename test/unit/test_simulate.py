@@ -91,8 +91,13 @@ def test_table_and_picture_are_written(tmp_path: Path, capsys: pytest.CaptureFix
         "load_velocity": 0.0,
         "motor": 0.0,
         "motor_velocity": 0.0,
+        "current": 0.0,
+        "gap": 0.0,
         "command": 24.0,
         "region": 1.0,
+        "load_torque_estimate": 0.0,
+        "peak_force": pytest.approx(252.0, rel=0.01),
+        "measured_load": 0.0,
     }
     before = table.read_bytes()
     with pytest.raises(SystemExit, match="2"):

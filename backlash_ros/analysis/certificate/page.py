@@ -20,7 +20,8 @@ from backlash_ros.analysis.certificate.rows import (
     told_rows,
 )
 from backlash_ros.analysis.certificate.subject import PACKAGE, Subject, version_of_package
-from backlash_ros.analysis.markup import document, pairs, paragraph, text_of
+from backlash_ros.analysis.markup import document, paragraph
+from backlash_ros.drivetrain.markup import pairs, text_of
 from backlash_ros.identification.fit import FITS
 from backlash_ros.identification.gap_map import GapMap
 from backlash_ros.identification.lost_motion import LostMotion

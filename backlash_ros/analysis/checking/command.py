@@ -7,7 +7,7 @@ from rich.console import Console
 
 from backlash_ros.analysis.certificate.rounding import counted
 from backlash_ros.analysis.checking.check import LOWER, check_drive
-from backlash_ros.analysis.evaluation.drive_file import named
+from backlash_ros.drivetrain.reading.parameter_files import named
 
 DESCRIPTION = "Checks a drive file and its loop: prints figures, and warnings with remedies. Nothing moves."
 EXAMPLE = "example: backlash check config/nominal_drive.yaml"

@@ -12,8 +12,9 @@ from backlash_ros.analysis.design.report import content_of, gain_text, show
 from backlash_ros.analysis.design.search import NothingQuietError, design
 from backlash_ros.analysis.design.trial import Loop
 from backlash_ros.analysis.design.uncertainty import Uncertainty
-from backlash_ros.analysis.evaluation.drive_file import RATE, read_drive, read_surroundings
+from backlash_ros.analysis.evaluation.drive_file import RATE, read_surroundings
 from backlash_ros.analysis.staging import staging
+from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.delay import Delay
 
 DESIGNED, REFUSED = 0, 1
@@ -65,7 +66,7 @@ def loop_of(given: argparse.Namespace) -> Loop:
     OSError, ValueError
         If the file cannot be read or is no drive file, or if an option is out of bounds.
     """
-    drive = read_drive(given.drive)
+    drive = Drive.read(given.drive)
     around = read_surroundings(drive, given.drive)
     rate = around.rate if given.rate is None else given.rate
     RATE.check("--rate", rate)

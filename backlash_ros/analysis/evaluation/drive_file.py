@@ -1,30 +1,19 @@
-"""A drive from files of ROS parameters, such as config/nominal_drive.yaml, without ROS."""
+"""What parameter files say in addition to the drive, without ROS: joints, ends, sensors, delay, rate, gains, law."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from backlash_ros.control import AUTO, DEFAULT_WEIGHTS, LAWS, Gains, design_gains
 from backlash_ros.control.design.gain_sets import CUSTOM
 from backlash_ros.control.limits import NO_LIMIT
-from backlash_ros.drivetrain import (
-    CONTACTS,
-    NOMINAL_DRIVE,
-    Drive,
-    Gear,
-    Load,
-    Motor,
-    Quantity,
-    Validated,
-    quantities,
-)
+from backlash_ros.drivetrain import Drive, Quantity, Validated, quantities
 from backlash_ros.drivetrain.delay import Delay
-from backlash_ros.drivetrain.reading.yaml_text import values_in
+from backlash_ros.drivetrain.parameters import drive_in
+from backlash_ros.drivetrain.reading.parameter_files import own, read_files, section_of
 from backlash_ros.drivetrain.sensors import Sensors
-
-T = TypeVar("T")
 
 RATE = Quantity("samples per second", "Hz", 0.0, 2000.0, True)
 """Of a controller."""
@@ -84,30 +73,30 @@ def read_surroundings(drive: Drive, *paths: Path) -> Surroundings:
     OSError, ValueError
         As `read_axis`.
     """
-    return _read(paths, lambda parameters: surroundings_of(parameters, drive))
+    return read_files(paths, lambda parameters: surroundings_of(parameters, drive))
 
 
 def surroundings_of(parameters: Mapping[str, Any], drive: Drive) -> Surroundings:
     """Return the surroundings of ``drive`` from parameters in sections; ValueError or TypeError names the fault."""
     rate = parameters.get("rate", 250.0)
     RATE.check("rate", rate)
-    given = dict(_section(parameters, "sensors"))
+    given = dict(section_of(parameters, "sensors"))
     signals = {name: given.pop(name) for name in ("measured", "speeds_from_positions") if name in given}
     if "measured" in signals:
         signals["measured"] = tuple(_list("sensors.measured", signals["measured"]))
-    delay = Delay(**_own(Delay, _section(parameters, "delay")))
+    delay = Delay(**own(Delay, section_of(parameters, "delay")))
     if not delay.mean:
         late = parameters.get("loop_delay", 0.0)
         quantities(Delay)["command"].check("loop_delay", late)
         delay = Delay(command=late)
     gains = {region: _gains(parameters, drive, region) for region in DEFAULT_WEIGHTS}
-    return Surroundings(rate, Sensors(**_own(Sensors, given), **signals), delay, **gains)
+    return Surroundings(rate, Sensors(**own(Sensors, given), **signals), delay, **gains)
 
 
 def law_parameters_of(parameters: Mapping[str, Any], law: str) -> Validated:
     """Return the parameters of a law, ``laws.<law>``, from sections, with its defaults."""
     default = LAWS[law].parameters
-    given = _own(type(default), _section(_section(parameters, "laws"), law))
+    given = own(type(default), section_of(section_of(parameters, "laws"), law))
     return replace(default, **given)
 
 
@@ -118,9 +107,9 @@ def _gains(parameters: Mapping[str, Any], drive: Drive, region: str) -> Gains:
     if chosen not in (*names, CUSTOM):
         raise ValueError(f"gain_set must be one of {[*names, CUSTOM]}, got {chosen!r}")
     start = chosen if chosen in names else names[0]
-    of_set = _section(_section(parameters, "gain_sets"), start)
-    for section, place in (("gains", _section(parameters, "gains")), (f"gain_sets.{start}", of_set)):
-        given = _section(place, region)
+    of_set = section_of(section_of(parameters, "gain_sets"), start)
+    for section, place in (("gains", section_of(parameters, "gains")), (f"gain_sets.{start}", of_set)):
+        given = section_of(place, region)
         for kind in ("k", "q"):
             where = f"{section}.{region}.{kind}"
             if kind in given and any(values := _list(where, given[kind])):  # zeros: not given
@@ -128,34 +117,25 @@ def _gains(parameters: Mapping[str, Any], drive: Drive, region: str) -> Gains:
     return design_gains(f"gain_sets.{start}.{region}.q", drive, DEFAULT_WEIGHTS[region])
 
 
-def read_drive(*paths: Path) -> Drive:
-    """Return the drive that parameter files describe; see `read_axis`."""
-    return read_axis(*paths).drive
-
-
 def read_axis(*paths: Path) -> Axis:
     """Return the axis that parameter files describe; missing values are those of the nominal drive.
 
-    The parameters are under ``/**: ros__parameters:``, or at the top; later files override earlier ones, as in ROS.
-
     Raises
     ------
-    OSError
-        If the file cannot be read.
-    ValueError
-        Names the file and the parameter that is out of bounds, or says why this is no parameter file.
+    OSError, ValueError
+        As `parameter_files.read_files`; the text names the parameter that is out of bounds.
     """
-    return _read(paths, axis_of)
+    return read_files(paths, axis_of)
 
 
 def read_law(*paths: Path) -> str:
     """Return the law that parameter files name; OSError and ValueError as `read_axis`."""
-    return _read(paths, law_named)
+    return read_files(paths, law_named)
 
 
 def read_parameters(*paths: Path) -> Mapping[str, Any]:
     """Return the parameters of files, in sections; OSError and ValueError as `read_axis`."""
-    return _read(paths, lambda parameters: parameters)
+    return read_files(paths, lambda parameters: parameters)
 
 
 def law_named(parameters: Mapping[str, Any]) -> str:
@@ -166,34 +146,6 @@ def law_named(parameters: Mapping[str, Any]) -> str:
     return law
 
 
-def named(paths: Iterable[Path]) -> str:
-    """Return the names of files that are read together."""
-    return " with ".join(map(str, paths))
-
-
-def merged(parameters: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters in sections with those of ``changes``, also in sections, in place of theirs."""
-    result = dict(parameters)
-    for name, value in changes.items():
-        below = result.get(name)
-        result[name] = merged(below, value) if isinstance(below, Mapping) and isinstance(value, Mapping) else value
-    return result
-
-
-def _read(paths: Sequence[Path], take: Callable[[Mapping[str, Any]], T]) -> T:
-    parameters: Mapping[str, Any] = {}
-    at: Any = ""
-    try:
-        for at in paths:
-            parameters = merged(parameters, in_sections(_flat(_parameters(values_in(at.read_bytes())))))
-        at = named(paths)
-        if not set(parameters) & {"motor", "gear", "load"}:
-            raise ValueError("must have ROS parameters of motor, gear or load")
-        return take(parameters)
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{at}: {error}") from error
-
-
 def axis_of(parameters: Mapping[str, Any]) -> Axis:
     """Return the axis that parameters in sections describe; missing values are those of the nominal drive.
 
@@ -202,72 +154,9 @@ def axis_of(parameters: Mapping[str, Any]) -> Axis:
     ValueError
         Names the parameter that is out of bounds.
     """
-    nominal = NOMINAL_DRIVE
-    contact = _section(parameters, "contact")
-    law = CONTACTS.choose("contact.law", str(contact.get("law", "power")))
-    teeth = law(**_own(law, _section(contact, law.section.removeprefix("contact."))))
-    drive = Drive(
-        Motor(**_values(nominal.motor) | _own(Motor, _section(parameters, "motor"))),
-        Gear(**_values(nominal.gear) | _own(Gear, _section(parameters, "gear")), contact=teeth),
-        Load(**_values(nominal.load) | _own(Load, _section(parameters, "load"))),
-        str(parameters.get("command_interface", nominal.command_interface)),
-    )
     lower, upper = (_end(parameters, name) for name in ("position_lower", "position_upper"))
     names = {name: parameters[name] for name in ("motor_joint", "load_joint") if name in parameters}
-    return Axis(drive, **names, position_lower=lower, position_upper=upper)
-
-
-def in_sections(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters with the names of a running node, such as ``motor.inertia``, in sections as in a file.
-
-    Raises
-    ------
-    ValueError
-        If a name is both a parameter and a section.
-    """
-    content: dict[str, Any] = {}
-    for name, value in parameters.items():
-        *sections, last = name.split(".")
-        place = content
-        for section in sections:
-            place = place.setdefault(section, {})
-            if not isinstance(place, dict):
-                raise ValueError(f"{name.partition(f'.{last}')[0]} must have parameters by name, got {place!r}")
-        if last in place:
-            raise ValueError(f"{name} must be given once")
-        place[last] = value
-    return content
-
-
-def _flat(section: Mapping[Any, Any], within: str = "") -> dict[str, Any]:
-    """Return the parameters of sections by the names that ROS gives them, such as ``motor.inertia``."""
-    flat: dict[str, Any] = {}
-    for key, value in section.items():
-        name = f"{within}{key}"
-        if not isinstance(key, str) or value is None:
-            raise ValueError(f"{name} must be a name, with a value" + (", got none" if value is None else ""))
-        below = _flat(value, f"{name}.") if isinstance(value, Mapping) and value else {name: value}
-        if twice := sorted(set(below) & set(flat)):
-            raise ValueError(f"{twice[0]} must be given once, in its section or with its whole name")
-        flat |= below
-    return flat
-
-
-def _parameters(content: Any) -> Mapping[str, Any]:
-    """Return the parameters in a file's content."""
-    for key in ("/**", "ros__parameters"):
-        if isinstance(content, Mapping) and key in content:
-            content = content[key]
-    if not isinstance(content, Mapping):
-        raise ValueError("must have ROS parameters of motor, gear or load")
-    return content
-
-
-def _section(parameters: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    section = parameters.get(name, {})
-    if not isinstance(section, Mapping):
-        raise ValueError(f"{name} must have parameters by name, got {section!r}")
-    return section
+    return Axis(drive_in(parameters), **names, position_lower=lower, position_upper=upper)
 
 
 def _list(name: str, value: Any) -> Sequence[Any]:
@@ -279,17 +168,5 @@ def _list(name: str, value: Any) -> Sequence[Any]:
 def _end(parameters: Mapping[str, Any], name: str) -> Any:
     """Return an end of the travel, rad; infinite if it is not given, or too far away to matter."""
     none = -math.inf if name == "position_lower" else math.inf
-    value = _section(parameters, "limits").get(name, none)
+    value = section_of(parameters, "limits").get(name, none)
     return none if isinstance(value, float) and abs(value) >= NO_LIMIT else value
-
-
-def _values(part: Validated) -> dict[str, Any]:
-    return {name: getattr(part, name) for name in quantities(type(part))}
-
-
-def _own(kind: type[Validated], section: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the quantities of ``kind`` in a section of the file; unknown names are refused."""
-    unknown = sorted(set(section) - set(quantities(kind)))
-    if unknown:
-        raise ValueError(f"{kind.section}.{unknown[0]} is no parameter; there are {sorted(quantities(kind))}")
-    return dict(section)

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from backlash_ros.analysis.certificate.subject import Subject
-from backlash_ros.analysis.evaluation.drive_file import Axis, axis_of, in_sections, read_axis
+from backlash_ros.analysis.evaluation.drive_file import Axis, axis_of, read_axis
 from backlash_ros.analysis.recordings.bag_topics import Topics, read_topics
 from backlash_ros.analysis.recordings.csv_file import ColumnNames, is_table, read_csv
 from backlash_ros.analysis.recordings.drive_text import drive_text
@@ -17,6 +17,7 @@ from backlash_ros.analysis.recordings.samples import Columns, Reading, began, dr
 from backlash_ros.analysis.staging import staging
 from backlash_ros.control import HysteresisSettings
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
+from backlash_ros.drivetrain.reading.parameter_files import in_sections
 from backlash_ros.identification.recordings.identify import Identified, identify
 from backlash_ros.identification.recordings.places import map_findings
 from backlash_ros.identification.recordings.slow_torque import hysteresis_findings, hysteresis_of

@@ -13,10 +13,10 @@ import numpy as np
 
 from backlash_ros.analysis.bag import Series
 from backlash_ros.analysis.jsonable import jsonable
-from backlash_ros.analysis.markup import text_of
 from backlash_ros.analysis.report.library import chart_library
-from backlash_ros.analysis.style import DARK, LIGHT, PRINT
+from backlash_ros.drivetrain.markup import text_of
 from backlash_ros.drivetrain.signals import Array
+from backlash_ros.simulation.colours import DARK, LIGHT, PRINT
 
 MOST, FEW, BUDGET = 4000, 1000, 500_000
 """Largest number of points of a curve, which keeps the least and the largest of every few; the same on a page that

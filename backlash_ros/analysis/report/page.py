@@ -7,13 +7,14 @@ from typing import Any
 from backlash_ros.analysis.certificate.rounding import brief, counted, shown
 from backlash_ros.analysis.certificate.subject import PACKAGE, version_of_package
 from backlash_ros.analysis.judging import SETTLED
-from backlash_ros.analysis.markup import document, pairs, paragraph, text_of
+from backlash_ros.analysis.markup import document, paragraph
 from backlash_ros.analysis.report import charts, pictures
 from backlash_ros.analysis.report.charts import ChartBook
 from backlash_ros.analysis.report.report import AxisReport, Report
 from backlash_ros.analysis.report.steps import NEAR, Step
 from backlash_ros.analysis.report.timing import SETTLING, TAIL, Timing
 from backlash_ros.control.tick import MISSING
+from backlash_ros.drivetrain.markup import pairs, text_of
 
 DOUBTFUL = 0.01
 """Share of samples missing or late above which the page warns."""

@@ -14,11 +14,8 @@ from rich.console import Console
 
 from backlash_ros.analysis.evaluation.drive_file import (
     axis_of,
-    in_sections,
     law_named,
     law_parameters_of,
-    merged,
-    named,
     read_parameters,
     surroundings_of,
 )
@@ -29,9 +26,8 @@ from backlash_ros.analysis.replay.what_if import Changes
 from backlash_ros.analysis.staging import staging
 from backlash_ros.control import AUTO, LAWS, GainSet, ServoSettings
 from backlash_ros.control.laws import BEST, UNTIL_THEN, law_of
-from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain.reading.parameter_files import in_sections, merged, named
 from backlash_ros.drivetrain.sensors import POSITIONS
-from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M
 from backlash_ros.simulation import Run, Scenario, run
 from backlash_ros.simulation.simulated_drive import largest_load_torque
 
@@ -65,8 +61,6 @@ _OURS = (
     *("gains", "gain_set", "gain_set_names", "gain_sets"),
 )
 """Parameters of a file that a simulation uses, in addition to those of its law."""
-_COLUMNS = ("time", "reference", "load", "load_velocity", "motor", "motor_velocity", "command", "region")
-"""Those that `backlash identify` reads have the names that it expects."""
 
 
 def add_simulate(parser: argparse.ArgumentParser) -> None:
@@ -104,8 +98,8 @@ def _check(name: str, value: float, least: float, most: float, unit: str) -> Non
         raise ValueError(f"{name} must be >= {least:g} and <= {most:g} {unit}, got {value!r}")
 
 
-def _simulated(given: argparse.Namespace) -> tuple[Run, Drive, str]:
-    """Return the requested run, its drive and its law; ValueError names what is wrong."""
+def _simulated(given: argparse.Namespace) -> Run:
+    """Return the requested run; ValueError names what is wrong."""
     _check("--seconds", given.seconds, 0.1, _LONGEST, "s")
     _check("--reference", abs(given.reference), 1e-6, 1e3, "rad, either way")
     try:
@@ -132,18 +126,19 @@ def _simulated(given: argparse.Namespace) -> tuple[Run, Drive, str]:
         raise ValueError(str(error)) from error
     reference = np.full(max(1, round(given.seconds * around.rate)), given.reference)
     scenario = Scenario(reference, np.array(given.load_torque), sensors=around.sensors, delay=around.delay)
-    return run(axis.drive, settings, scenario), axis.drive, law
+    return run(axis.drive, settings, scenario)
 
 
-def _figures(result: Run, drive: Drive, reference: float) -> dict[str, Any]:
-    b = drive.gear.backlash_angle
+def _figures(result: Run, reference: float) -> dict[str, Any]:
+    gear = result.drive.gear
+    b = gear.backlash_angle
     settled = settling_time(result.time, result.load_angle, reference, 0.25 * b)
     judged = step_response(
         result.time,
         result.load_angle,
-        result.gap(drive),
+        result.gap,
         target=reference,
-        backlash=drive.gear.backlash,
+        backlash=gear.backlash,
         backlash_angle=b,
     )
     return {
@@ -159,20 +154,23 @@ def _figures(result: Run, drive: Drive, reference: float) -> dict[str, Any]:
     }
 
 
-def _write_table(result: Run, reference: float, place: Path) -> None:
-    count = result.command.size
-    state = result.state[:count]
-    columns = [
-        result.time[:count],
-        np.full(count, reference),
-        *(state[:, k] for k in (THETA_L, OMEGA_L, THETA_M, OMEGA_M)),
-        result.command,
-        result.region,
-    ]
+def _write_table(result: Run, place: Path) -> None:
+    table = result.table()
     with place.open("w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(_COLUMNS)
-        writer.writerows(zip(*(column.tolist() for column in columns), strict=True))
+        writer.writerow(table)
+        writer.writerows(zip(*(values.tolist() for _, values in table.values()), strict=True))
+
+
+def _write_picture(result: Run, title: str, place: Path) -> None:
+    import matplotlib  # noqa: PLC0415 - takes a second
+    import matplotlib.pyplot as plt  # noqa: PLC0415
+
+    matplotlib.use("Agg")
+    figure = result.plot()
+    figure.suptitle(title, fontsize="medium")
+    figure.savefig(place, dpi=110)
+    plt.close(figure)
 
 
 def simulate(given: argparse.Namespace, console: Console) -> int:
@@ -199,23 +197,21 @@ def simulate(given: argparse.Namespace, console: Console) -> int:
     files = named(given.drive)
     if given.case is not None:
         raise ValueError(f"--case is of the nominal drive: leave it or {files} out")
-    result, drive, law = _simulated(given)
+    result = _simulated(given)
     with ExitStack() as stack:
         places = {name: place for name in WRITTEN if (place := getattr(given, name)) is not None}
         staged = {name: stack.enter_context(staging(place)) / place.name for name, place in places.items()}
         if "csv" in staged:
-            _write_table(result, given.reference, staged["csv"])
+            _write_table(result, staged["csv"])
         if "plot" in staged:
-            from backlash_ros.analysis.simulating.picture import draw  # noqa: PLC0415 - matplotlib takes a second
-
-            draw(result, drive, given.reference, f"{files}, law {law}", staged["plot"])
+            _write_picture(result, files, staged["plot"])
         for name, place in places.items():
             staged[name].replace(place)
     content = {
-        "law": law,
+        "law": result.law,
         "drive": files,
         "set": given.set,
-        **_figures(result, drive, given.reference),
+        **_figures(result, given.reference),
     }
     console.print_json(json.dumps(jsonable(content)))
     return 1 if result.fault else 0

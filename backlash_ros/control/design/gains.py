@@ -69,6 +69,11 @@ class GainSet:
     fast: Gains
     overdamped: Gains
 
+    @classmethod
+    def of(cls, drive: Drive) -> "GainSet":
+        """Return the gains of the default weights, `DEFAULT_WEIGHTS`, for a drive; ValueError if there are none."""
+        return cls(**{region: design_gains(region, drive, weights) for region, weights in DEFAULT_WEIGHTS.items()})
+
 
 def design_gains(name: str, drive: Drive, weights: Sequence[float]) -> Gains:
     """Design gains that minimize eq 14 on the rigid model (eq 9), control weight 1, with python-control's ``lqr``.

@@ -1,1 +1,1 @@
-"""The plant in time: its equations of motion, their integration with error control, and friction that sticks."""
+"""The plant in time: equations of motion, linear models, integration with error control, friction that sticks."""

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from backlash_ros.analysis.bag import Series
-from backlash_ros.analysis.evaluation.drive_file import axis_of, in_sections, read_axis
+from backlash_ros.analysis.evaluation.drive_file import axis_of, read_axis
 from backlash_ros.analysis.recordings.encoder import Encoder
 from backlash_ros.analysis.recordings.samples import LARGEST
 from backlash_ros.analysis.report.reading.axis import Axis
 from backlash_ros.analysis.report.reading.contents import Contents, Numbers, Sample
 from backlash_ros.analysis.report.reading.options import EFFORT_UNITS, VELOCITY_UNITS, Options
+from backlash_ros.drivetrain.reading.parameter_files import in_sections
 from backlash_ros.drivetrain.signals import Array
 
 CLOCKS_DIFFER = 10.0
