@@ -31,7 +31,7 @@ from backlash_ros.nodes.parameters import declare_controller, refuse_unknown
 from backlash_ros.nodes.reports import ControllerReport, NodeFacts
 from backlash_ros.nodes.start_lines import margins_line, stands_in, untold_drive
 from backlash_ros.nodes.tunables import Tunables
-from backlash_ros.ros.diagnostics import ERROR, OK, status
+from backlash_ros.ros.diagnostics import ERROR, OK, UNSTAMPED, status
 from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.messages import Answer, answer, to_stamp
 from backlash_ros.ros.overrides import values_given
@@ -212,9 +212,15 @@ class Controller(ManagedNode):
         if judged.action is not Action.IGNORE:
             self._command.publish(self._answer.to(message.header.stamp, command))
         answered, clock = now_ns(), self.get_clock()
-        age = 1e-9 * (clock.now().nanoseconds - stamp)
         self._report.step_time.add(1e-9 * (answered - began))
-        self._report.age.add(age)
+        if stamp:
+            age = 1e-9 * (clock.now().nanoseconds - stamp)
+            self._report.age.add(age)
+        else:
+            age, stamp = math.inf, clock.now().nanoseconds
+            if not self._report.unstamped:
+                self._report.unstamped = True
+                self.get_logger().warning(f"{UNSTAMPED}: they are taken by the time of their arrival")
         if judged.action is Action.TAKE:
             # In simulated time, or if time stands still until the answer, no answer is late.
             if abs(age) < self._state_timeout and not clock.ros_time_is_active:

@@ -23,7 +23,7 @@ from backlash_ros.drivetrain.messages import BadSampleError, NotOurJointsError, 
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Array, Measurement
 from backlash_ros.gates.faults import Fault
 
-_OF_GATE = {Fault.NO_SAMPLES, Fault.SECOND_DRIVE}
+_OF_GATE = {Fault.NO_SAMPLES, Fault.SECOND_DRIVE, Fault.JOINTS_APART}
 """Faults after which the gate passes no more samples."""
 _ACTS = ("parameters_version", "fault", "experiment", "reference")
 """Values of ``~/state`` that may change between two samples without following from them."""
