@@ -15,7 +15,7 @@ _PORT = 8080
 _IN_STEP = ["-p", "lockstep:=true"]
 """For the simulator: time waits for the answers, so that a busy machine does not affect the motion."""
 _PATIENT = ["-p", "use_sim_time:=true", "-p", "state_timeout:=10.0"]
-"""For the controller, whose watchdog goes by the wall clock: as patient as it can be, since no time passes meanwhile and
+"""For the controller, whose watchdog goes by the wall clock: as patient as it can be, as no time passes meanwhile and
 the drive is simulated."""
 
 

@@ -43,16 +43,13 @@ class PublisherWatch:
 
     def look(self) -> str:
         """Return which joint two publishers send, and their names; empty if none."""
-        several = self.count > 1
+        if self.count < 2:
+            self._publishers.forget()
+            return ""
         while (taken := self._take()) is not None:
             message, info = taken
-            if several and (
-                joint := self._publishers.heard(message.name, info["publication_sequence_number"], now_ns())
-            ):
+            if joint := self._publishers.heard(message.name, info["publication_sequence_number"], now_ns()):
                 return f"two publishers on joint_states send joint {joint!r}: {self._names()}"
-            if not several:
-                self._publishers.forget()
-                break
         return ""
 
     def _take(self) -> tuple[JointState, dict[str, int | None]] | None:
