@@ -9,6 +9,8 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,6 +23,8 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
+from backlash_ros.analysis.evaluation.drive_file import Axis, read_axis, read_parameters
+from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.ros.isolation import isolated
 
 START_LIMIT = 60.0
@@ -38,8 +42,17 @@ REACH = {"voltage": 3.0, "current": 6.0}
 A sound motor that takes a current coasts at 0 A, after a move and a command timeout, for at most 4.5 travels.
 """
 
+TEST_VALUE = {"voltage": 1.0, "current": 0.05}
+"""Default command of the test moves, V or A."""
+
+RATE = 250.0
+"""Default rate of the samples, Hz."""
+
 FEWEST = 10
 """Smallest number of samples for judging a stretch."""
+
+_MORE_THAN_A_TURN = 1.05 * 2 * math.pi
+"""Travel that passes the angle at which a position begins again, wherever that is, rad."""
 
 ATTEMPTS = 3
 """Attempts at a move if samples are missing for so long that the drive may have missed commands."""
@@ -101,6 +114,42 @@ class Expected:
     def ideal_travel(self, joint: str) -> float:
         """Travel of a motor without losses during a move, at the shaft of ``joint``, rad."""
         return self.ideal_speed(joint) * self.move * (0.5 if self.takes_current else 1.0)
+
+
+def described(
+    files: Sequence[Path],
+    command: str,
+    *,
+    value: float | None,
+    command_timeout: float,
+    interface: str | None = None,
+    rate: float | None = None,
+    motor_joint: str | None = None,
+    load_joint: str | None = None,
+) -> Expected:
+    """Return the drive of parameter files, by default the nominal one; what is not None overrides the files.
+
+    Raises
+    ------
+    OSError, ValueError
+        If a file cannot be read or used.
+    """
+    axis = read_axis(*files) if files else Axis(NOMINAL_DRIVE)
+    drive = axis.drive
+    interface = interface or drive.command_interface
+    return Expected(
+        command=command,
+        interface=interface,
+        rate=rate or (float(read_parameters(*files).get("rate", RATE)) if files else RATE),
+        value=value or TEST_VALUE[interface],
+        motor_joint=axis.motor_joint if motor_joint is None else motor_joint,
+        load_joint=axis.load_joint if load_joint is None else load_joint,
+        gear_ratio=drive.gear.ratio,
+        torque_constant=drive.motor.torque_constant,
+        resistance=drive.motor.resistance,
+        inertia=drive.motor.inertia + drive.gear.ratio**2 * drive.load.inertia,
+        command_timeout=command_timeout,
+    )
 
 
 @dataclass(frozen=True)
@@ -310,6 +359,33 @@ class Bench:
             if not self.stalled(stretch):
                 return
             self.rest("rest before another attempt")
+
+    def turn(self, stretch: str) -> None:
+        """Turn each joint by more than a turn, at about the speed of a move; give up after four times what it takes."""
+        expected = self._expected
+        start = done = len(self.recording.messages)
+        ways = dict.fromkeys(expected.joints, 0.0)
+        slowest = min(expected.ideal_speed(joint) for joint in ways)
+        samples = max(1, round(0.05 * expected.rate))
+
+        def far() -> bool:
+            nonlocal done
+            messages = self.recording.messages
+            for before, after in pairwise(messages[max(done - 1, 0) :]):
+                for joint in ways:
+                    then, now = (
+                        dict(zip(m.name, m.position, strict=False)).get(joint, math.nan) for m in (before, after)
+                    )
+                    if abs(now - then) < math.pi:
+                        ways[joint] += now - then
+            done = len(messages)
+            speed = (self._position() - self._position(min(samples, done - 1))) * expected.rate / samples
+            self._command = [expected.value if abs(speed) < expected.ideal_speed(expected.joints[0]) else 0.0]
+            return all(abs(way) > _MORE_THAN_A_TURN for way in ways.values())
+
+        self._stamped, self._reach, self._moved = False, math.inf, expected.value
+        self._spin_until(far, 2.0 + 4.0 * _MORE_THAN_A_TURN / slowest)
+        self.recording.stretches[stretch] = slice(start, len(self.recording.messages))
 
     def stalled(self, stretch: str) -> bool:
         """Whether samples were missing, from just before the stretch on, for so long that commands may be missing."""

@@ -11,6 +11,7 @@ import os
 import shlex
 import shutil
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -43,25 +44,58 @@ def pytest_load_initial_conftests(parser: pytest.Parser, args: list[str]) -> Non
         group.addoption(name, type=kind, default=default, help=f"{text} (default {default!r})")
 
     group.addoption("--drive-command", help="command line that starts the drive; required")
-    add("--drive-rate", 250.0, "rate of joint_states, Hz")
+    group.addoption(
+        "--params-file",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="parameters of the drive, as the controller takes them (default: the nominal drive)",
+    )
+    group.addoption("--drive-rate", type=_positive, help="rate of joint_states, Hz (default: rate of the file)")
     group.addoption(
         "--command-interface",
         choices=("voltage", "current"),
-        default="voltage",
-        help="what a command sets (default %(default)r)",
+        help="what a command sets (default: command_interface of the file)",
     )
     group.addoption(
         "--drive-value",
         type=_positive,
         help="command of the test moves; once doubled (default 1.0 V, or 0.05 A)",
     )
-    add("--motor-joint", "motor", "name of the motor's joint; '' if the drive has none")
-    add("--load-joint", "load", "name of the load's joint; '' if the drive has none")
-    add("--gear-ratio", 0.1, "load angle divided by motor angle")
-    add("--torque-constant", 0.05, "torque constant of the motor, N m/A")
-    add("--resistance", 2.0, "resistance of the motor's winding, ohm")
-    add("--inertia", 2.5e-5, "inertia of the motor and its load, at the motor's shaft, kg m^2; used with a current")
+    group.addoption("--motor-joint", help="name of the motor's joint; '' if the drive has none (default: of the file)")
+    group.addoption("--load-joint", help="name of the load's joint; '' if the drive has none (default: of the file)")
+    group.addoption(
+        "--whole-turn",
+        action="store_true",
+        help="move each joint by more than a turn, to see whether its position goes on: the load must be free to turn",
+    )
     add("--command-timeout", 0.1, "time without a command after which the motor gets 0 V or 0 A, s")
+
+
+def expected_of(config: pytest.Config) -> Any:
+    """Return the description of the drive, `backlash_ros.contract.bench.Expected`, from the options.
+
+    Raises
+    ------
+    OSError, ValueError
+        If a parameter file cannot be read or used.
+    """
+    # Imported only in a run of the kit.
+    from backlash_ros.contract.bench import described  # noqa: PLC0415
+
+    def option(name: str) -> Any:
+        return config.getoption(name)
+
+    return described(
+        [Path(file) for file in option("--params-file")],
+        option("--drive-command"),
+        value=option("--drive-value"),
+        command_timeout=option("--command-timeout"),
+        interface=option("--command-interface"),
+        rate=option("--drive-rate"),
+        motor_joint=option("--motor-joint"),
+        load_joint=option("--load-joint"),
+    )
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -73,5 +107,9 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         raise pytest.UsageError('the drive contract kit needs --drive-command "ros2 run my_package my_drive"')
     if shutil.which(command[0]) is None:
         raise pytest.UsageError(f"--drive-command: no such program: {command[0]!r}")
-    if not (session.config.getoption("--motor-joint") or session.config.getoption("--load-joint")):
+    try:
+        expected = expected_of(session.config)
+    except (OSError, ValueError) as error:
+        raise pytest.UsageError(f"--params-file: {error}") from error
+    if not expected.joints:
         raise pytest.UsageError("--motor-joint and --load-joint must not both be ''")

@@ -15,38 +15,24 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 from backlash_ros.contract.bench import ATTEMPTS, END_LIMIT, FEWEST, REACH, REST, Bench, Expected, Recording, running
+from backlash_ros.contract.plugin import expected_of
+from backlash_ros.gates.positions import Position
 
 SIDES = ("motor", "load")
 STAMP_AGE = 0.1
 """Largest median age of a sample when it arrives, s."""
 
-TEST_VALUE = {"voltage": 1.0, "current": 0.05}
-"""Default of --drive-value, V or A."""
-
 
 @pytest.fixture(scope="module")
 def expected(pytestconfig: pytest.Config) -> Expected:
     """Return the description from the options."""
-    option = pytestconfig.getoption
-    interface = option("--command-interface")
-    return Expected(
-        command=option("--drive-command"),
-        interface=interface,
-        rate=option("--drive-rate"),
-        value=option("--drive-value") or TEST_VALUE[interface],
-        motor_joint=option("--motor-joint"),
-        load_joint=option("--load-joint"),
-        gear_ratio=option("--gear-ratio"),
-        torque_constant=option("--torque-constant"),
-        resistance=option("--resistance"),
-        inertia=option("--inertia"),
-        command_timeout=option("--command-timeout"),
-    )
+    described: Expected = expected_of(pytestconfig)
+    return described
 
 
 @pytest.fixture(scope="module")
-def recording(expected: Expected) -> Recording:
-    """Return the drive's samples before, during and between four small moves."""
+def recording(expected: Expected, pytestconfig: pytest.Config) -> Recording:
+    """Return the drive's samples before, during and between four small moves, and a whole turn where it is allowed."""
     value = expected.value
     with running(expected) as bench:
         bench.hold("silence", None, REST)
@@ -59,6 +45,9 @@ def recording(expected: Expected) -> Recording:
         bench.rest("double rest")
         bench.move("stamped", [-value, 3.0, 7.0], expected.move, stamped=True)
         bench.rest("stamped rest")
+        if pytestconfig.getoption("--whole-turn"):
+            bench.turn("turn")
+            bench.rest("turn rest")
         return bench.recording
 
 
@@ -215,6 +204,21 @@ def test_position_is_in_radians(recording: Recording, expected: Expected, joint:
         f"joint {joint!r} reached {top:.4g} rad/s by its positions at {expected.value:g} {expected.unit},"
         f" between {ideal / 4:.4g} and {most:.4g} rad/s is expected of it"
     )
+
+
+def test_position_goes_on_beyond_a_turn(recording: Recording, expected: Expected, joint: str) -> None:
+    """It does not begin again at a turn, nor where a counter overflows."""
+    motion = recording.motion(joint, *recording.stretches)
+    position, side = Position(), "motor" if joint == expected.motor_joint else "load"
+    for angle, elapsed in zip(motion.position.tolist(), np.diff(motion.time, prepend=motion.time[0]), strict=True):
+        position.take(angle, round(1e9 * elapsed), 4.0 * expected.ideal_speed(joint))
+        assert not position.jump, f"joint {joint!r} {position.jump}: publish it continuously, or set {side}_wrap"
+    travel = float(np.ptp(motion.position))
+    if travel < 2 * math.pi:
+        pytest.skip(
+            f"joint {joint!r} moved by {travel:.3g} rad, less than a turn, and so may begin again unseen; if the load"
+            " may turn freely, --whole-turn moves it far enough"
+        )
 
 
 def test_velocity_is_the_rate_of_the_position(recording: Recording, expected: Expected, joint: str) -> None:

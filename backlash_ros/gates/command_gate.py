@@ -45,6 +45,7 @@ class CommandGate:
         self._lockstep = lockstep
         self.rejected = self.answered = self.answered_late = 0
         self._first: int | None = None
+        self._last = 0
         self.fault = Fault.NONE
         self.why = ""
         self.open()
@@ -77,6 +78,7 @@ class CommandGate:
         self._sent[sample] = _Sent(now)
         self._newest, self.waiting = sample, True
         self._first = sample if self._first is None else min(self._first, sample)
+        self._last = max(self._last, sample)
         while len(self._sent) > _KEPT and next(iter(self._sent.values())).at < now - self._timeout:
             self._sent.popitem(last=False)
 
@@ -162,11 +164,8 @@ class CommandGate:
         self.fail(Fault.SECOND_CONTROLLER, "two controllers publish command: one sample was answered twice")
 
     def _forgotten(self, answers: int | None) -> bool:
-        """Return whether the named sample is too old to be remembered; any other unknown name means nothing."""
-        oldest = next(iter(self._sent), None)
-        return (
-            answers is not None and self._first is not None and oldest is not None and self._first <= answers < oldest
-        )
+        """Return whether the named sample is too old to be remembered; a name outside of all stamps means nothing."""
+        return answers is not None and self._first is not None and self._first <= answers <= self._last
 
     def _between_answers(self, now: int) -> bool:
         return self._last_answer is not None and now - self._last_answer < self._timeout

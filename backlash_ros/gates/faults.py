@@ -26,6 +26,7 @@ class Fault(IntEnum):
     # Found by the controller's gate between samples.
     NO_SAMPLES = 20
     SECOND_DRIVE = 21
+    JOINTS_APART = 22
     # Found by the drive's gate between commands.
     NO_COMMANDS = 30
     BAD_COMMAND = 31
@@ -44,11 +45,11 @@ class Meaning(NamedTuple):
 FAULTS = {
     Fault.MOTOR_JUMP: Meaning(
         "The motor's encoder moved further between two samples than the motor can.",
-        "Look at the encoder's cable and counts.",
+        "If its position begins again, publish it continuously or set motor_wrap; else look at its cable and counts.",
     ),
     Fault.LOAD_JUMP: Meaning(
         "The load's encoder moved further between two samples than the load can.",
-        "Look at the encoder's cable and counts.",
+        "If its position begins again, publish it continuously or set load_wrap; else look at its cable and counts.",
     ),
     Fault.MOTOR_OVERSPEED: Meaning(
         "The motor turns faster than faults.velocity allows.", "Look for what drives it, or raise faults.velocity."
@@ -88,8 +89,12 @@ FAULTS = {
         "No usable joint states came for state_timeout.", "Look at the drive and at the network; see messages_dropped."
     ),
     Fault.SECOND_DRIVE: Meaning(
-        "Two drives publish joint states with the same joint names, or the stamps of one drive stand still.",
-        "Stop one, or give it its own namespace; look at the stamps.",
+        "Two publishers send joint states with the same joint names, or the stamps of one drive stand still.",
+        "Stop one, or give it its own namespace or joint names; look at the stamps.",
+    ),
+    Fault.JOINTS_APART: Meaning(
+        "Motor and load come in separate messages that cannot be put together.",
+        "Send both in one message, or give both the stamp of one measurement.",
     ),
     Fault.NO_COMMANDS: Meaning(
         "No usable command came for command_timeout while the motor had power.", "Look at the controller."

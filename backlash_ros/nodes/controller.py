@@ -6,9 +6,10 @@ services of learning.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import MutableSequence, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -30,19 +31,23 @@ from backlash_ros.nodes.parameters import declare_controller, refuse_unknown
 from backlash_ros.nodes.reports import ControllerReport, NodeFacts
 from backlash_ros.nodes.start_lines import margins_line, stands_in, untold_drive
 from backlash_ros.nodes.tunables import Tunables
-from backlash_ros.ros.diagnostics import ERROR, OK, status
+from backlash_ros.ros.diagnostics import ERROR, OK, UNSTAMPED, status
 from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.messages import Answer, answer, to_stamp
 from backlash_ros.ros.overrides import values_given
+from backlash_ros.ros.publisher_watch import PublisherWatch
 from backlash_ros.ros.run import run
 from backlash_ros.ros.timer import Timer, in_ns, now, now_ns
-from backlash_ros.ros.topics import HISTORY, TRANSIENT_LOCAL
+from backlash_ros.ros.topics import HISTORY, RECEIVE_PAIR, TRANSIENT_LOCAL
 
 _SHOWN = ("law", "gain_set", "gains.fast.k", "gains.overdamped.k", "backlash_angle")
 """Parameters that the diagnostics repeat; all of them are in ~/parameters_in_use."""
 
 _LAW = {"law", "backlash_angle", "identified"}
 """Parameters that determine which law acts."""
+
+_WATCH = 0.02
+"""Time between two looks at who publishes joint states, s."""
 
 _ACKNOWLEDGED = Duration(seconds=0.02)
 """Longest wait for acknowledgements of the last command: a stalled reader must not stop the other axes' loops."""
@@ -62,8 +67,11 @@ class Controller(ManagedNode):
         _, drive, _, settings, limits = self._tunables.in_use
         self._servo = Servo(drive, settings, limits)
         self._tunables.rejection_reason, self._tunables.changed = self._servo.rejection_reason, self._use
-        self._gate = SampleGate(in_ns(self._state_timeout), in_ns(MISSING / self._rate), self._joints)
+        timeout, late_after = in_ns(self._state_timeout), in_ns(MISSING / self._rate)
+        self._gate = SampleGate(timeout, late_after, self._joints, wraps=given.wraps, angles=(THETA_M, THETA_L))
+        self._set_fastest()
         self._measured, self._answer = Measurement(np.empty(5)), Answer()
+        self._values = cast("MutableSequence[float]", memoryview(self._measured))  # the same, as the gate takes it
         self._told, self._said = Fault.NONE, (False, False, Fault.NONE)
         self._estimated = self._changed = False
         self._owed = False  # whether a message was sent between samples, so that the next sample must repeat it
@@ -72,11 +80,11 @@ class Controller(ManagedNode):
         self._state = self.speak(DiagnosticArray, "~/state")
         self._estimate = self.speak(Float64, "~/backlash_estimate", TRANSIENT_LOCAL)
         self._in_use = self.speak(ParameterEvent, "~/parameters_in_use", HISTORY)
-        self.listen(JointState, "joint_states", self._on_joint_states)
+        self.listen(JointState, "joint_states", self._on_joint_states, RECEIVE_PAIR)
         self.listen(Float64, "reference", self._on_reference)
         self._learning = Learning(self, self._servo, self._tunables, given)
         self._watchdog = Timer(0.5 * self._state_timeout, self._watch)
-        self.own_timers.append(self._watchdog)
+        self.own_timers += [self._watchdog, Timer(_WATCH, self._watch_publishers)]
 
     # The lifecycle.
 
@@ -99,6 +107,7 @@ class Controller(ManagedNode):
 
         So a change of the law never stalls the loop. A law that needs an identified drive is compiled for one.
         """
+        self._neighbours = self.held(PublisherWatch(self, "joint_states", self._joints), PublisherWatch.close)
         self._learning.configure()
         self._tell_margins()
         ActingLaw(IDLE)
@@ -117,13 +126,18 @@ class Controller(ManagedNode):
 
     def activate(self) -> None:
         """Hold the position of the first sample received once ``command`` has a subscriber."""
-        self._gate.open()
+        self._open_gate()
         self._learning.wear.forget()  # the drive may have been repaired
         self._watchdog.due = now() + 0.5 * self._state_timeout
         gain_set = self._tunables.values["gain_set"]
         self.get_logger().info(f"ready at {self._rate:g} Hz with gain set {gain_set!r}: waiting for the drive")
         if text := stands_in(self._servo.drive, self._servo.settings):
             self.get_logger().info(text)
+
+    def _open_gate(self) -> None:
+        self._gate.open()
+        if self.configured:
+            self._neighbours.forget()
 
     def deactivate(self) -> None:
         """Command 0 V and wait until it is sent."""
@@ -147,6 +161,7 @@ class Controller(ManagedNode):
     def _use(self, names: set[str]) -> None:
         _, drive, _, settings, limits = self._tunables.in_use
         self._servo.use(settings, limits, drive)
+        self._set_fastest()
         self._changed = True
         if self.configured:
             self._publish_in_use()
@@ -154,6 +169,12 @@ class Controller(ManagedNode):
             self._publish_estimate()
         if _LAW & names and (text := stands_in(drive, settings)):
             self.get_logger().info(text)
+
+    def _set_fastest(self) -> None:
+        """Tell the gate beyond which speeds no motion explains a jump."""
+        drive, settings = self._servo.drive, self._servo.settings
+        load = settings.thresholds_of(drive).velocity
+        self._gate.fastest = load / drive.gear.ratio, load
 
     def _publish_in_use(self) -> None:
         self._in_use.publish(self._tunables.message())
@@ -181,17 +202,25 @@ class Controller(ManagedNode):
             stamp or None,
             began,
             joints=(not math.isnan(self._measured[THETA_M]), not math.isnan(self._measured[THETA_L])),
+            values=None if unusable else self._values,
             content=None if unusable else self._measured.tobytes(),
             unusable=unusable,
             heard=self._gate.begun or self._heard,
+            publishers=1 if self._gate.begun else self._neighbours.count,
         )
         command = self._act(judged.action, 1e-9 * judged.elapsed)
         if judged.action is not Action.IGNORE:
             self._command.publish(self._answer.to(message.header.stamp, command))
         answered, clock = now_ns(), self.get_clock()
-        age = 1e-9 * (clock.now().nanoseconds - stamp)
         self._report.step_time.add(1e-9 * (answered - began))
-        self._report.age.add(age)
+        if stamp:
+            age = 1e-9 * (clock.now().nanoseconds - stamp)
+            self._report.age.add(age)
+        else:
+            age, stamp = math.inf, clock.now().nanoseconds
+            if not self._report.unstamped:
+                self._report.unstamped = True
+                self.get_logger().warning(f"{UNSTAMPED}: they are taken by the time of their arrival")
         if judged.action is Action.TAKE:
             # In simulated time, or if time stands still until the answer, no answer is late.
             if abs(age) < self._state_timeout and not clock.ros_time_is_active:
@@ -254,14 +283,25 @@ class Controller(ManagedNode):
             dropped = self._gate.dropped
             self.get_logger().warning(f"{refusal}; {dropped} messages dropped so far", throttle_duration_sec=1.0)
 
+    def _watch_publishers(self) -> None:
+        if self.active and not self._gate.fault and (why := self._neighbours.look()):
+            self._gate.fail(Fault.SECOND_DRIVE, why)
+            self._fail()
+
+    def _fail(self) -> None:
+        """Command 0 for a fault that the gate has found between samples."""
+        self._servo.fail(self._gate.fault, self._gate.why)
+        self._command.publish(answer(0.0))  # first, since the rest takes a while
+        self._tell_fault()
+
     def _watch(self) -> None:
         if not self.active:
             return
         at = now_ns()
         if self._gate.silent(at):
-            self._servo.fail(self._gate.fault, self._gate.why)
-        self._command.publish(answer(0.0))  # first, since the rest takes a while
-        self._tell_fault()
+            self._fail()
+        else:
+            self._command.publish(answer(0.0))
         silence = "command has no subscriber" if self._gate.unheard else "no joint_states"
         self._learning.waited(at, silence)
         if self._news:
@@ -300,7 +340,7 @@ class Controller(ManagedNode):
         fault, text = self._servo.latched, self._servo.fault
         if not fault:
             return True, "no fault was latched"
-        self._gate.open()
+        self._open_gate()
         self._servo.reset()
         self._told = Fault.NONE
         return True, f"reset {fault.name}: {text}"

@@ -71,6 +71,7 @@ class ControllerParameters:
 
     drive: dict[str, Any]
     joints: tuple[str, str]
+    wraps: tuple[float, float]
     rate: float
     state_timeout: float
     telemetry_rate: float
@@ -94,16 +95,22 @@ def _declare_estimate_file(node: Node) -> tuple[str, bool]:
     return file, use
 
 
+def _declare_wrap(node: Node, side: str) -> float:
+    text = f"range after which the {side}'s position in joint_states begins again, 2 pi for a turn; 0: it goes on"
+    return float(declare_number(node, f"{side}_wrap", 0.0, Quantity(text, "rad", 0.0, 1e9)))
+
+
 def declare_controller(node: Node) -> ControllerParameters:
     """Declare the controller's parameters except the tunable ones; ValueError names a refused one."""
     drive, joints, rate = declare_drive(node, FOUND), declare_joints(node), declare_rate(node)
+    wraps = _declare_wrap(node, "motor"), _declare_wrap(node, "load")
     text = "time without joint_states after which the command is 0 V and a fault is latched"
     timeout = declare_timeout(node, "state_timeout", text, 1.0 / rate)
     described = Quantity(
         "rate of ~/state, at most the sample rate; changes are also sent at once", "Hz", 0.0, rate, True
     )
     telemetry_rate = declare_number(node, "telemetry_rate", min(50.0, rate), described)
-    return ControllerParameters(drive, joints, rate, timeout, telemetry_rate, *_declare_estimate_file(node))
+    return ControllerParameters(drive, joints, wraps, rate, timeout, telemetry_rate, *_declare_estimate_file(node))
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ class NodeFacts:
 
 
 class ControllerReport:
-    """Timing of the samples and their answers.
+    """Timing of the samples and their answers; ``unstamped``: whether samples without a stamp have come.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class ControllerReport:
     def __init__(self, rate: float, timeout: float) -> None:
         self._rate, self._timeout = rate, timeout
         self.step_time, self.age, self._since = Window(), Window(), Since()
-        self._came = False
+        self._came = self.unstamped = False
 
     def statuses(
         self, facts: NodeFacts, joints: Sequence[str], servo: Servo, gate: SampleGate, shown: dict[str, Any]
@@ -92,7 +92,7 @@ class ControllerReport:
         timing = [rate_level(rate, self._rate)] if steady and grown["taken"] else [(OK, facts.state)]
         if grown["late"]:
             timing.append((WARN, f"{grown['late']} samples late within {grown['at']:.1f} s"))
-        timing.append(age_level(age, self._timeout))
+        timing.append(age_level(age, self._timeout, unstamped=self.unstamped))
         if step[1] > 1.0 / self._rate:
             timing.append((ERROR, f"one step takes {step[1]:.3g} s, longer than a period"))
         paced = {

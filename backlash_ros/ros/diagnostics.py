@@ -59,8 +59,13 @@ def rate_level(measured: float, nominal: float) -> tuple[bytes, str]:
     return level, f"{measured:.1f} Hz, nominal {nominal:g} Hz"
 
 
-def age_level(age: Sequence[float], longest: float) -> tuple[bytes, str]:
-    """Return level and text for the age of samples, s: mean, 99th percentile and maximum."""
+UNSTAMPED = "the drive does not stamp its samples"
+
+
+def age_level(age: Sequence[float], longest: float, *, unstamped: bool = False) -> tuple[bytes, str]:
+    """Return level and text for the age of samples, s: mean, 99th percentile and maximum; nan if unknown."""
+    if unstamped and math.isnan(age[0]):
+        return WARN, UNSTAMPED
     if abs(age[0]) > CLOCKS_DIFFER:
         return WARN, f"joint_states are {age[0]:.3g} s old: the clocks or use_sim_time differ"
     return (WARN if age[1] > longest else OK), f"joint_states are {age[1]:.3g} s old"

@@ -139,16 +139,16 @@ class ManagedNode(LifecycleNode):
         outlet.open(made)
         self.held(outlet, Outlet.close)
 
-    def listen(self, kind: type, topic: str, callback: Callable[[Any], None]) -> None:
+    def listen(self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile = RECEIVE) -> None:
         """Subscribe to control data while configured; publishers with an incompatible QoS are reported."""
-        self._topics.append(lambda: self._hear(kind, topic, callback))
+        self._topics.append(lambda: self._hear(kind, topic, callback, qos))
 
-    def _hear(self, kind: type, topic: str, callback: Callable[[Any], None]) -> None:
+    def _hear(self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile) -> None:
         made = self.create_subscription(
             kind,
             topic,
             callback,
-            RECEIVE,
+            qos,
             qos_overriding_options=overridable(),
             event_callbacks=self._mismatch_events(topic),
         )

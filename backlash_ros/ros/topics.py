@@ -35,6 +35,12 @@ SEND = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.
 RECEIVE = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1)
 """QoS of every subscription to control data: the newest sample, no resending of old ones."""
 
+RECEIVE_PAIR = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=2)
+"""The same for joint states: motor and load may come in messages of their own, one right after the other."""
+
+WATCH = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=8)
+"""QoS of who looks at the newest joint states now and then."""
+
 TRANSIENT_LOCAL = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,

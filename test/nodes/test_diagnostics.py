@@ -194,6 +194,21 @@ def test_clocks_that_differ_are_told(start: Start, peer: Peer) -> None:
     assert Parameters(peer, "controller").get("use_sim_time") == [False]
 
 
+def test_samples_without_a_stamp_are_told_once(start: Start, peer: Peer) -> None:
+    diagnostics = Diagnostics(peer)
+    process = start("controller", **PATIENT)
+    drive = LockstepDrive(peer).matched()
+
+    def told() -> bool:
+        assert drive.exchange(drive.sample(header=Header())) == 0.0
+        texts = [s.message for s in diagnostics.heard if s.name == "/controller: timing" and s.level >= WARN]
+        return any("the drive does not stamp its samples" in text for text in texts)
+
+    peer.wait("a warning", told)
+    assert process.output().count("the drive does not stamp its samples") == 1
+    assert "clocks" not in process.output()
+
+
 def test_node_that_is_not_active_says_its_state(start: Start, peer: Peer) -> None:
     diagnostics = Diagnostics(peer)
     for node, status in (("controller", "servo"), ("plant_simulator", "drive")):

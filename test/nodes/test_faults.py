@@ -13,6 +13,8 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from lockstep_drive import LockstepDrive
 from pair import TIMEOUT, Pair, stamp_of
+from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
@@ -398,6 +400,68 @@ def test_second_drive_on_joint_states__0_v_at_once__stop_it_and_reset_the_contro
     watched.latched("a second drive: joint_states")
     drive.load_torque = 0.0
     watched.recovers()
+
+
+def test_second_publisher_of_the_joints__no_position_is_held__stop_it_and_reset_the_controller(
+    start: Start, peer: Peer, measure: Measure
+) -> None:
+    """A joint_state_publisher that fills in zeros, beside a drive at rest at 0."""
+    other = Node("joint_state_publisher", context=peer.context)
+    zeros = other.create_publisher(JointState, "joint_states", 10)
+    start("plant_simulator", lockstep=True)
+    controller = start("controller", use_sim_time=True, state_timeout=10.0)
+
+    def found() -> bool:
+        message = JointState(name=["load", "motor"], position=[0.0, 0.0])
+        message.header.stamp = other.get_clock().now().to_msg()
+        zeros.publish(message)
+        peer.spin(0.05)
+        return "until reset_fault" in controller.output()
+
+    peer.wait("the fault", found)
+    assert "SECOND_DRIVE: two publishers on joint_states send joint" in controller.output()
+    assert "/joint_state_publisher, /plant_simulator: command 0 V until" in controller.output()
+    other.destroy_node()
+    names = peer.node.get_publishers_info_by_topic
+    peer.wait("it to be gone", lambda: len(names("joint_states")) == 1)
+    response = peer.call(Trigger, "controller/reset_fault", Trigger.Request())
+    assert response.message.startswith("reset SECOND_DRIVE")
+
+
+class OfTwoDrivers:
+    """Publishes each joint in a message of its own, its position between -pi and pi."""
+
+    def __init__(self, publisher: Publisher) -> None:
+        self._publisher = publisher
+        self.get_subscription_count = publisher.get_subscription_count
+        self._swap = False
+
+    def publish(self, message: JointState) -> None:
+        self._swap = not self._swap
+        for k in (1, 0) if self._swap else (0, 1):
+            joint = JointState(header=message.header, name=[message.name[k]])
+            joint.velocity, joint.effort = [message.velocity[k]], [message.effort[k]]
+            joint.position = [(message.position[k] + math.pi) % (2 * math.pi) - math.pi]
+            self._publisher.publish(joint)
+
+
+def test_joints_in_messages_of_their_own_and_positions_that_begin_again__nothing__none_needed(
+    start: Start, peer: Peer, measure: Measure
+) -> None:
+    """With motor_wrap and load_wrap: the loop is that of whole samples whose positions go on."""
+    angles = []
+    for apart in (False, True):
+        turn = 2 * math.pi * apart
+        process = start("controller", state_timeout=10.0, motor_wrap=turn, load_wrap=turn)
+        drive = LockstepDrive(peer)
+        if apart:
+            drive._states = OfTwoDrivers(drive._states)
+        drive.matched().set_reference(4.0)
+        angles.append(drive.run(400))
+        assert "until reset_fault" not in process.output()
+        process.stop()
+    assert angles[0][-1] == pytest.approx(4.0, abs=0.1)
+    assert angles[1] == pytest.approx(angles[0], abs=1e-6)
 
 
 def test_only_messages_of_another_machine__the_controller_commands_0_v__mend_it_and_reset_the_controller(

@@ -52,6 +52,7 @@ DEFECTS = {
     "load_before_gear": "measures the load at the motor's shaft",
     "degrees": "gives positions and velocities in degrees",
     "revolutions": "gives positions and velocities in revolutions",
+    "load_wraps": "gives the load's position between -pi and pi",
     "velocity_in_rpm": "gives velocities in revolutions per minute",
     "effort_in_amperes": "gives the motor's current as effort",
     "effort_sign_flipped": "gives the torque on the motor's housing",
@@ -67,6 +68,7 @@ DEFECTS = {
     "leaves_child": "ends at SIGTERM, its child goes on",
 }
 MISSING = {"missing_positions": "position", "missing_velocities": "velocity", "missing_efforts": "effort"}
+LOAD = {"load_sign_flipped": -1.0, "load_before_gear": 1.0 / RATIO}
 RADIAN = {"degrees": 180 / math.pi, "revolutions": 0.5 / math.pi}
 
 
@@ -186,13 +188,13 @@ class BrokenDrive(Node):
             setattr(message, MISSING[defect], getattr(message, MISSING[defect])[:1])
         elif defect == "nan_in_states" and self._periods % 50 == 0:
             message.velocity[0] = math.nan
-        elif defect == "load_sign_flipped":
-            message.position[1], message.velocity[1] = -servo.load_angle, -servo.load_speed
-        elif defect == "load_before_gear":
-            message.position[1], message.velocity[1] = servo.load_angle / RATIO, servo.load_speed / RATIO
+        elif defect in LOAD:
+            message.position[1], message.velocity[1] = LOAD[defect] * servo.load_angle, LOAD[defect] * servo.load_speed
         elif defect in RADIAN:
             message.position = [angle * RADIAN[defect] for angle in message.position]
             message.velocity = [speed * RADIAN[defect] for speed in message.velocity]
+        elif defect == "load_wraps":
+            message.position[1] = (servo.load_angle + math.pi) % (2 * math.pi) - math.pi
         elif defect == "velocity_in_rpm":
             message.velocity = [speed * 30 / math.pi for speed in message.velocity]
         elif defect == "effort_in_amperes":

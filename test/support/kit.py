@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
-CHECKS = 29
+CHECKS = 31
 
 
 class Verdict(NamedTuple):

@@ -9,7 +9,7 @@ import pytest
 from kit import CHECKS, judge, kit
 from sensor_msgs.msg import JointState
 
-from backlash_ros.contract.bench import Recording
+from backlash_ros.contract.bench import Recording, described
 from backlash_ros.contract.test_drive import not_finite
 
 ROOT = Path(__file__).parents[2]
@@ -61,3 +61,23 @@ def test_is_not_collected_unless_a_drive_is_named(tmp_path: Path) -> None:
     words = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-o", "addopts=", "backlash_ros"]
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == pytest.ExitCode.NO_TESTS_COLLECTED, done.stdout + done.stderr
+
+
+def test_parameter_file_describes_the_drive_and_options_override_it(tmp_path: Path) -> None:
+    file = tmp_path / "my_drive.yaml"
+    motor = "{torque_constant: 0.1, resistance: 0.5, inertia: 1.0e-4}"
+    parameters = f"rate: 500.0, load_joint: arm, command_interface: current, motor: {motor}, gear: {{reduction: 100.0}}"
+    file.write_text(f"/**: {{ros__parameters: {{{parameters}, load: {{inertia: 1.0}}}}}}\n")
+    told = described([file], "true", value=None, command_timeout=0.1, motor_joint="")
+    assert (told.gear_ratio, told.torque_constant, told.resistance) == (0.01, 0.1, 0.5)
+    assert told.inertia == pytest.approx(2e-4)
+    assert (told.rate, told.joints, told.unit, told.value) == (500.0, ["arm"], "A", 0.05)
+    assert described([file], "true", value=2.0, command_timeout=0.1, rate=250.0).rate == 250.0
+
+
+def test_refuses_a_parameter_file_that_it_cannot_use(tmp_path: Path) -> None:
+    file = tmp_path / "my_drive.yaml"
+    file.write_text("/**: {ros__parameters: {gear: {reduction: -10.0}}}\n")
+    done = kit(tmp_path, "--drive-command", "true", "--params-file", str(file))
+    assert done.returncode == pytest.ExitCode.USAGE_ERROR
+    assert "gear.reduction must be" in done.stderr

@@ -15,7 +15,7 @@ BELOW: dict[str, set[str]] = {
     "analysis": {"simulation", "control", "gates", "identification", "drivetrain"},
     "ros": {"gates", "drivetrain"},
     "nodes": {"ros", "gates", "analysis", "simulation", "control", "identification", "drivetrain"},
-    "contract": {"ros", "gates", "drivetrain"},
+    "contract": {"ros", "analysis", "simulation", "control", "gates", "identification", "drivetrain"},
     "measure": {"ros", "analysis", "simulation", "control", "gates", "identification", "drivetrain"},
     "dashboard": {
         "nodes",

@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("diagnostic_msgs", reason="needs ROS messages")
 
-from backlash_ros.ros.diagnostics import ERROR, OK, WARN, Window, milliseconds, rate_level, status
+from backlash_ros.ros.diagnostics import ERROR, OK, WARN, Window, age_level, milliseconds, rate_level, status
 
 
 def window(*values: float) -> Window:
@@ -64,3 +64,8 @@ def test_status_is_as_bad_as_the_worst_and_says_what_is_not_good(
     assert (made.level, made.message) == (level, message)
     assert (made.name, made.hardware_id) == ("servo", "drive")
     assert [(entry.key, entry.value) for entry in made.values] == [("fault", ""), ("period", "0.004")]
+
+
+def test_age_of_samples_without_a_stamp_is_not_half_a_century() -> None:
+    assert age_level(window().take(), 0.1, unstamped=True) == (WARN, "the drive does not stamp its samples")
+    assert age_level(window(0.01).take(), 0.1, unstamped=True) == (OK, "joint_states are 0.01 s old")

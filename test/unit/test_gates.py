@@ -399,6 +399,15 @@ def test_answers_are_obeyed_when_the_clock_of_the_stamps_is_set_back() -> None:
     assert gate.rejected == 0
 
 
+def test_answer_from_before_the_clock_of_the_stamps_was_set_back_is_not_obeyed_later() -> None:
+    gate, now = CommandGate(TIMEOUT), 0
+    for second in (*range(100, 120), *range(20, 40)):
+        now += 10**9
+        gate.sent(second * 10**9, now)
+    assert "older than command_timeout" in gate.command([1.0], 110 * 10**9, now)
+    assert gate.output(now) == 0.0
+
+
 def test_every_fault_is_in_the_table_with_a_meaning_and_a_remedy() -> None:
     assert set(FAULTS) == set(Fault) - {Fault.NONE}
     for meaning, remedy in FAULTS.values():

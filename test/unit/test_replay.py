@@ -15,6 +15,7 @@ from backlash_ros.analysis.replay.what_if import Changes
 from backlash_ros.cli import main
 from backlash_ros.control.design.choice import dynamic_names
 from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.drivetrain.signals import THETA_L, THETA_M
 
 
 def replayed(bag: Path, **changes: Any) -> list[Replayed]:
@@ -84,6 +85,40 @@ def test_an_experiment_that_ends_by_itself_is_replayed(tmp_path: Path) -> None:
     (done,) = replayed(node.write(tmp_path / "bag"))
     assert done.equal
     assert len(done.stamps) > 500
+
+
+def in_halves(node: NodeOffline, wrap: float = 0.0) -> NodeOffline:
+    """Give each joint a message of its own, and let positions begin again."""
+    other = NodeOffline()
+    other.messages = []
+    for received, topic, content in node.messages:
+        if topic == "/joint_states" and not content[2]:
+            stamp, measured, _ = content
+            measured = measured.copy()
+            if wrap:
+                angles = measured[[THETA_M, THETA_L]]
+                measured[[THETA_M, THETA_L]] = (angles + wrap / 2) % wrap - wrap / 2
+            other.messages += [(received, topic, (stamp, measured, without)) for without in ("load", "motor")]
+        elif topic == "/controller/parameters_in_use":
+            version, values = content
+            other.messages.append((received, topic, (version, {**values, "motor_wrap": wrap, "load_wrap": wrap})))
+        else:
+            other.messages.append((received, topic, content))
+    return other
+
+
+def test_joints_in_messages_of_their_own_are_replayed_as_one_sample(node: NodeOffline, tmp_path: Path) -> None:
+    first, second = replayed(in_halves(node).write(tmp_path / "bag"))
+    assert (first.equal, first.lost, first.notes, second.equal) == (True, 0, (), True)
+
+
+def test_positions_that_begin_again_are_replayed_as_they_went_on(tmp_path: Path) -> None:
+    node = NodeOffline(nominal_values(backlash_angle=0.02)).run(20)
+    node.refer(1.0)
+    node.run(100)
+    (done,) = replayed(in_halves(node, 2 * np.pi).write(tmp_path / "bag"))
+    assert np.ptp(done.recorded) > 20.0
+    assert done.replayed == pytest.approx(done.recorded, abs=1e-6)
 
 
 def test_one_bit_of_one_command_is_seen(node: NodeOffline, tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +21,10 @@ from backlash_ros.control.telemetry import IDENTIFYING
 from backlash_ros.drivetrain.messages import BadSampleError, NotOurJointsError, read_joint_state
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Array, Measurement
 from backlash_ros.gates.faults import Fault
+from backlash_ros.gates.positions import Position
 
-_OF_GATE = {Fault.NO_SAMPLES, Fault.SECOND_DRIVE}
+_ANGLES = [THETA_M, THETA_L]
+_OF_GATE = {Fault.NO_SAMPLES, Fault.SECOND_DRIVE, Fault.JOINTS_APART}
 """Faults after which the gate passes no more samples."""
 _ACTS = ("parameters_version", "fault", "experiment", "reference")
 """Values of ``~/state`` that may change between two samples without following from them."""
@@ -72,6 +73,8 @@ class _Run:
         choice = self._choice(self._version, first.received)
         values = choice.values
         self._joint_names = values["motor_joint"], values["load_joint"]
+        wraps = (values.get(f"{side}_wrap", 0.0) for side in ("motor", "load"))  # older bags have none
+        self._positions = [Position(wrap, round(0.5e9 / values["rate"])) for wrap in wraps]
         self._timeout = round(1e9 * values["state_timeout"])
         self._servo = Servo(choice.drive, choice.settings, choice.limits)
         self._wear = WearWatch(self._servo)
@@ -123,6 +126,8 @@ class _Run:
         self._fault = fault
         if before and not fault:
             servo.reset()
+            for position in self._positions:
+                position.forget()
             self._before, self._joints, self._gated = None, None, False
         elif fault in _OF_GATE and not before:
             servo.fail(fault, fault.name)
@@ -139,17 +144,24 @@ class _Run:
 
     # A sample.
 
-    def _read(self, message: Any) -> bool:
-        """Read a sample; return whether the gate passes it."""
+    def _read(self, answered: Answered) -> bool:
+        """Read a sample, of the messages that have its stamp; return whether the gate passes it."""
         constant = self._servo.drive.motor.torque_constant
-        try:
-            read_joint_state(message, *self._joint_names, constant, out=self._measured)
-        except (BadSampleError, NotOurJointsError):
+        self._measured.fill(math.nan)
+        found = sorted(self._all.samples[answered.stamp], key=lambda each: abs(each[0] - answered.received))
+        for _, message in found:
+            try:
+                part = read_joint_state(message, *self._joint_names, constant)
+            except NotOurJointsError:
+                continue
+            except BadSampleError:
+                return False
+            if np.any(np.isnan(self._measured[_ANGLES]) & ~np.isnan(part[_ANGLES])):
+                np.copyto(self._measured, part, where=np.isnan(self._measured))
+        motor, load = (~np.isnan(self._measured[_ANGLES])).tolist()
+        if not (motor or load) or self._joints not in (None, (motor, load)):
             return False
-        joints = (not math.isnan(self._measured[THETA_M]), not math.isnan(self._measured[THETA_L]))
-        if self._joints not in (None, joints):
-            return False
-        self._joints = joints
+        self._joints = motor, load
         return True
 
     def _elapsed(self, answered: Answered, told: Mapping[str, float] | None) -> float:
@@ -168,17 +180,18 @@ class _Run:
         """Return the command that answers a sample; nan if the bag lacks the sample."""
         if self._before is not None and answered.stamp == self._before.stamp and not self._gated:
             return self._in_force  # it was sent again
-        message = nearest(self._all.samples, answered.stamp, answered.received)
-        if message is None:
+        if answered.stamp not in self._all.samples:
             self._lost += 1
             return math.nan
         if self._gated:
             return 0.0
         servo = self._servo
-        if not self._read(message):
+        if not self._read(answered):
             servo.command = 0.0
             return 0.0
         elapsed = self._elapsed(answered, told)
+        for position, angle in zip(self._positions, _ANGLES, strict=True):
+            self._measured[angle] = position.take(float(self._measured[angle]), round(1e9 * elapsed))
         self._before = answered
         self._taken += 1
         command = servo.update(self._measured, elapsed)
