@@ -19,7 +19,7 @@ from backlash_ros import __version__
 from backlash_ros.analysis.checking.command import add_check, check_and_show
 from backlash_ros.analysis.design import command as designer
 from backlash_ros.analysis.evaluation.command import evaluate, replay
-from backlash_ros.analysis.evaluation.drive_file import named, read_axis, read_drive, read_parameters
+from backlash_ros.analysis.evaluation.drive_file import named, read_axis, read_drive, read_parameters, read_start
 from backlash_ros.analysis.evaluation.population import ENCODERS, MODELS, POPULATIONS
 from backlash_ros.analysis.evaluation.task import DESIGNED, Task
 from backlash_ros.analysis.export import FORMATS
@@ -34,6 +34,7 @@ from backlash_ros.analysis.report.library import NoLibraryError
 from backlash_ros.analysis.simulating import command as simulating
 from backlash_ros.analysis.staging import staging, write_text
 from backlash_ros.control import AUTO, EXPERIMENTS, LAWS
+from backlash_ros.control.design.start import CannotStartError
 from backlash_ros.simulation.batch import CannotRunError
 
 T = TypeVar("T")
@@ -226,6 +227,9 @@ def _evaluate(parser: argparse.ArgumentParser, given: argparse.Namespace, consol
         if given.drive:
             _refuse_misspelled(given.drive)
             around = read_drive(given.drive)
+            read_start(given.drive)  # refused like the controller
+    except CannotStartError as error:
+        parser.exit(1, f"{parser.prog}: {error}\n")
     except (OSError, ValueError) as error:
         parser.error(f"argument --drive: {error}")
     laws = tuple(dict.fromkeys(given.laws))
@@ -283,6 +287,8 @@ def _work(
         if files := [drive] if isinstance(drive, Path) else drive:
             _refuse_misspelled(*files)
         return work(given, console)
+    except CannotStartError as error:
+        parser.exit(1, f"{parser.prog}: {error}\n")
     except ValueError as error:
         parser.error(str(error))
 

@@ -1,12 +1,13 @@
 """The parameters of each node, declared by functions, so that each node knows all names without creating the others."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
+from backlash_ros.analysis.evaluation.drive_file import by_name
 from backlash_ros.drivetrain import Drive, Quantity
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.parameters import FOUND, drive_of
@@ -166,16 +167,8 @@ def all_names(given: Mapping[str, Any]) -> set[str]:
 
 def refuse_misspelled(parameters: Mapping[str, Any]) -> None:
     """Refuse misspelled parameters in sections, as files have them; ValueError as `check_known`."""
-    given = dict(_by_name(parameters))
+    given = by_name(parameters)
     check_known(given, [], lambda: all_names(given))
-
-
-def _by_name(parameters: Mapping[str, Any], section: str = "") -> Iterator[tuple[str, Any]]:
-    for name, value in parameters.items():
-        if isinstance(value, Mapping):
-            yield from _by_name(value, f"{section}{name}.")
-        else:
-            yield f"{section}{name}", value
 
 
 def refuse_unknown(node: Node) -> None:

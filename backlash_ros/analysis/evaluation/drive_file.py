@@ -9,8 +9,9 @@ from typing import Any, TypeVar
 
 import yaml
 
-from backlash_ros.control import AUTO, DEFAULT_WEIGHTS, LAWS, Gains, design_gains
-from backlash_ros.control.design.gain_sets import CUSTOM
+from backlash_ros.control import AUTO, LAWS
+from backlash_ros.control.design.choice import Choice, Tuning, given_sets
+from backlash_ros.control.design.start import RATE, CannotStartError
 from backlash_ros.control.limits import NO_LIMIT
 from backlash_ros.drivetrain import (
     CONTACTS,
@@ -20,7 +21,6 @@ from backlash_ros.drivetrain import (
     Gear,
     Load,
     Motor,
-    Quantity,
     Validated,
     quantities,
 )
@@ -28,9 +28,6 @@ from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import Sensors
 
 T = TypeVar("T")
-
-RATE = Quantity("samples per second", "Hz", 0.0, 2000.0, True)
-"""Of a controller."""
 
 
 @dataclass(frozen=True)
@@ -68,17 +65,39 @@ class Axis:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a drive file says in addition to the drive: rate, Hz, sensors, delay, and the first gains."""
+    """What a drive file says in addition to the drive: rate, Hz, sensors and delay."""
 
     rate: float
     sensors: Sensors
     delay: Delay
-    fast: Gains
-    overdamped: Gains
 
 
-def read_surroundings(drive: Drive, *paths: Path) -> Surroundings:
-    """Return the surroundings of ``drive`` from its parameter files, with the nodes' defaults.
+def read_start(*paths: Path) -> Choice:
+    """Return what a controller starts with that is given parameter files and knows the delay of the drive.
+
+    Raises
+    ------
+    CannotStartError
+        If gains are unstable, as the controller would say.
+    OSError, ValueError
+        As `read_axis`.
+    """
+
+    def take(parameters: Mapping[str, Any]) -> Choice:
+        drive = axis_of(parameters).drive
+        return start_of(parameters, drive, surroundings_of(parameters))
+
+    return _read(paths, take)
+
+
+def start_of(parameters: Mapping[str, Any], drive: Drive, around: Surroundings) -> Choice:
+    """Return what a controller starts with that is given parameters in sections; raises as `read_start`."""
+    given = {**by_name(parameters), "loop_delay": around.delay.mean}
+    return Tuning(given_sets(given), around.rate).start(given, drive)
+
+
+def read_surroundings(*paths: Path) -> Surroundings:
+    """Return the surroundings of a drive from its parameter files, with the nodes' defaults.
 
     The delay is that of the simulated drive, ``delay``, or if it has none, ``loop_delay``.
 
@@ -87,11 +106,11 @@ def read_surroundings(drive: Drive, *paths: Path) -> Surroundings:
     OSError, ValueError
         As `read_axis`.
     """
-    return _read(paths, lambda parameters: surroundings_of(parameters, drive))
+    return _read(paths, surroundings_of)
 
 
-def surroundings_of(parameters: Mapping[str, Any], drive: Drive) -> Surroundings:
-    """Return the surroundings of ``drive`` from parameters in sections; ValueError or TypeError names the fault."""
+def surroundings_of(parameters: Mapping[str, Any]) -> Surroundings:
+    """Return the surroundings of a drive from parameters in sections; ValueError or TypeError names the fault."""
     rate = parameters.get("rate", 250.0)
     RATE.check("rate", rate)
     given = dict(_section(parameters, "sensors"))
@@ -103,8 +122,7 @@ def surroundings_of(parameters: Mapping[str, Any], drive: Drive) -> Surroundings
         late = parameters.get("loop_delay", 0.0)
         quantities(Delay)["command"].check("loop_delay", late)
         delay = Delay(command=late)
-    gains = {region: _gains(parameters, drive, region) for region in DEFAULT_WEIGHTS}
-    return Surroundings(rate, Sensors(**_own(Sensors, given), **signals), delay, **gains)
+    return Surroundings(rate, Sensors(**_own(Sensors, given), **signals), delay)
 
 
 def law_parameters_of(parameters: Mapping[str, Any], law: str) -> Validated:
@@ -112,23 +130,6 @@ def law_parameters_of(parameters: Mapping[str, Any], law: str) -> Validated:
     default = LAWS[law].parameters
     given = _own(type(default), _section(_section(parameters, "laws"), law))
     return replace(default, **given)
-
-
-def _gains(parameters: Mapping[str, Any], drive: Drive, region: str) -> Gains:
-    """Return the gains a controller starts with: ``gains``, or those of its gain set, or of the default weights."""
-    names = _list("gain_set_names", parameters.get("gain_set_names", ["nominal"]))
-    chosen = parameters.get("gain_set", names[0])
-    if chosen not in (*names, CUSTOM):
-        raise ValueError(f"gain_set must be one of {[*names, CUSTOM]}, got {chosen!r}")
-    start = chosen if chosen in names else names[0]
-    of_set = _section(_section(parameters, "gain_sets"), start)
-    for section, place in (("gains", _section(parameters, "gains")), (f"gain_sets.{start}", of_set)):
-        given = _section(place, region)
-        for kind in ("k", "q"):
-            where = f"{section}.{region}.{kind}"
-            if kind in given and any(values := _list(where, given[kind])):  # zeros: not given
-                return Gains.from_sequence(where, values) if kind == "k" else design_gains(where, drive, values)
-    return design_gains(f"gain_sets.{start}.{region}.q", drive, DEFAULT_WEIGHTS[region])
 
 
 def read_drive(*paths: Path) -> Drive:
@@ -205,6 +206,8 @@ def _read(paths: Sequence[Path], take: Callable[[Mapping[str, Any]], T]) -> T:
         if not set(parameters) & {"motor", "gear", "load"}:
             raise ValueError("must have ROS parameters of motor, gear or load")
         return take(parameters)
+    except CannotStartError:
+        raise
     except (ValueError, TypeError, yaml.YAMLError) as error:
         reason = " ".join(str(error).split())
         raise ValueError(f"{at}: {reason}") from error
@@ -243,6 +246,14 @@ def in_sections(parameters: Mapping[str, Any]) -> dict[str, Any]:
             place = place.setdefault(section, {})
         place[last] = value
     return content
+
+
+def by_name(parameters: Mapping[str, Any], section: str = "") -> dict[str, Any]:
+    """Return parameters in sections with the names that a running node gives them: the inverse of `in_sections`."""
+    named: dict[str, Any] = {}
+    for name, value in parameters.items():
+        named |= by_name(value, f"{section}{name}.") if isinstance(value, Mapping) else {f"{section}{name}": value}
+    return named
 
 
 def _parameters(content: Any) -> Mapping[str, Any]:

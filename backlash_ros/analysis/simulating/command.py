@@ -20,6 +20,7 @@ from backlash_ros.analysis.evaluation.drive_file import (
     merged,
     named,
     read_parameters,
+    start_of,
     surroundings_of,
 )
 from backlash_ros.analysis.jsonable import jsonable
@@ -27,7 +28,8 @@ from backlash_ros.analysis.metrics import settling_time, step_response
 from backlash_ros.analysis.paper import CASES, SECONDS, judge, respond
 from backlash_ros.analysis.replay.what_if import Changes
 from backlash_ros.analysis.staging import staging
-from backlash_ros.control import AUTO, LAWS, GainSet, ServoSettings
+from backlash_ros.control import AUTO, LAWS, ServoSettings, design_law
+from backlash_ros.control.design.start import CannotStartError
 from backlash_ros.control.laws import BEST, UNTIL_THEN, law_of
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.sensors import POSITIONS
@@ -103,22 +105,27 @@ def _simulated(given: argparse.Namespace) -> tuple[Run, Drive, str]:
         law = given.law or law_named(parameters)
         parameters = merged(parameters, _changes(given.set, law))
         axis = axis_of(parameters)
-        around = surroundings_of(parameters, axis.drive)
+        around = surroundings_of(parameters)
+        start = start_of(parameters, axis.drive, around)
         settings = ServoSettings(
-            GainSet(around.fast, around.overdamped),
+            start.settings.gains,
             law=law,
             period=1.0 / around.rate,
             loop_delay=around.delay.mean,
             identified=set(POSITIONS) <= set(around.sensors.measured),
             backlash_angle=axis.drive.gear.backlash_angle,
         )
-        law = law_of(axis.drive, settings)
+        law = law_of(start.drive, settings)
         settings = settings.with_law(law, law_parameters_of(parameters, law))
+        try:
+            design_law(start.drive, settings)
+        except ValueError as error:
+            raise CannotStartError(str(error)) from error
     except TypeError as error:
         raise ValueError(str(error)) from error
     reference = np.full(max(1, round(given.seconds * around.rate)), given.reference)
     scenario = Scenario(reference, np.array(given.load_torque), sensors=around.sensors, delay=around.delay)
-    return run(axis.drive, settings, scenario), axis.drive, law
+    return run(axis.drive, settings, scenario, model=start.drive), axis.drive, law
 
 
 def _figures(result: Run, drive: Drive, reference: float) -> dict[str, Any]:
