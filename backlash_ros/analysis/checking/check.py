@@ -15,7 +15,7 @@ from backlash_ros.analysis.evaluation.drive_file import (
 )
 from backlash_ros.control import AUTO, DEFAULT_WEIGHTS, Margins
 from backlash_ros.control.design.choice import Choice, chosen_for_rate
-from backlash_ros.control.design.start import CannotStartError, emulated
+from backlash_ros.control.design.start import CannotStartError
 from backlash_ros.drivetrain import Drive
 
 LOWER = "lower the weights (gain_sets.*.q; the first is the square of k1), raise rate, or shorten the delay"
@@ -68,9 +68,8 @@ def check_drive(*paths: Path) -> Checked:
     try:
         start = read_start(*paths)
     except CannotStartError as error:
-        described = replace(axis, drive=emulated(axis.drive, 1.0 / around.rate, around.delay.mean))
-        warnings = tuple(_warnings(described, around, None, {}))
-        return Checked(_figures(described, around, {}), warnings, error.why, error.remedy)
+        warnings = tuple(_warnings(axis, around, None, {}))
+        return Checked(_figures(axis, around, {}), warnings, error.why, error.remedy)
     margins = start.settings.margins(start.drive)
     chosen = {"chosen for the rate": "; ".join(said)} if (said := chosen_for_rate(start)) else {}
     axis = replace(axis, drive=start.drive)

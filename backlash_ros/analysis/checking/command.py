@@ -39,7 +39,7 @@ def check_and_show(given: argparse.Namespace, console: Console) -> int:
     for warning in found.warnings:
         say(f"warning: {warning.what}\n  -> {warning.remedy}")
     if found.fails:
-        say(f"fails: {found.fails}\n  -> {found.remedy}")
+        say(f"fails: {found.fails}" + (f"\n  -> {found.remedy}" if found.remedy else ""))
         return 1
     many = counted(len(found.warnings), "warning") if found.warnings else "no warnings"
     say(f"{named(given.drive)}: the loop is stable, {many}")

@@ -20,8 +20,10 @@ from backlash_ros.drivetrain import Drive, Quantity
 
 RATE = Quantity("sample rate, the same for drive and controller", "Hz", 0.0, 2000.0, True)
 
-_RESERVE = 2.0
+_RESERVE = 3.0
 """Emulated winding over the least one, where the motor's own is less than that."""
+_WEAKEST = 0.05
+"""Least share of the largest current that an emulated winding lets through."""
 _QUARTERS = 20
 """How often default weights are divided by four, at most."""
 _TRIES, _ROUNDS = 30, 6
@@ -55,12 +57,18 @@ def least_winding(drive: Drive, period: float, delay: float) -> float:
 def emulated(drive: Drive, period: float, delay: float = 0.0) -> Drive:
     """Return the drive with the winding that its controller emulates; the drive itself where it takes a voltage.
 
-    It is the motor's own, or if that is less than the `least_winding`, twice that. One period of delay more than the
-    drive has is what speeds that are derived from positions cause.
+    It is the motor's own, or if that is less than the `least_winding`, three times that. One period of delay more than
+    the drive has is what speeds that are derived from positions cause; with three times the least a load behind a gap
+    of a few counts stays quiet, with twice it does not always.
 
     Parameters
     ----------
     period, delay : of the samples, and from a measurement to when its command acts, s
+
+    Raises
+    ------
+    CannotStartError
+        If that winding lets less than a twentieth of ``motor.current_limit`` through.
 
     Examples
     --------
@@ -68,12 +76,29 @@ def emulated(drive: Drive, period: float, delay: float = 0.0) -> Drive:
     >>> motor = replace(NOMINAL_DRIVE.motor, inertia=1e-6)
     >>> light = replace(NOMINAL_DRIVE, motor=motor, command_interface="current")
     >>> [emulated(light, period).motor.resistance for period in (0.004, 0.002, 0.0005)]
-    [20.0, 10.0, 2.0]
+    [30.0, 15.0, 2.0]
     """
     least = least_winding(drive, period, delay)
     if not drive.takes_current or drive.motor.resistance >= least:
         return drive
+    through = _through(drive, period, delay)
+    if through < _WEAKEST * drive.motor.current_limit:
+
+        def strong(rate: float) -> bool:
+            return _through(drive, 1.0 / rate, delay) >= _WEAKEST * drive.motor.current_limit
+
+        rate = _least(strong, 1.0 / period, RATE.upper)
+        raise CannotStartError(
+            f"rate = {1.0 / period:g} Hz is too low for the motor inside the gap: it needs an emulated winding of "
+            f"{_RESERVE * least:.2g} ohm, which lets {through:.2g} A of {drive.motor.current_limit:g} A through",
+            f"it starts with a rate of {math.ceil(rate):g} Hz" if rate else "",
+        )
     return with_winding(drive, float(f"{_RESERVE * least:.2g}"))
+
+
+def _through(drive: Drive, period: float, delay: float) -> float:
+    """Return the current that `motor.voltage_limit` drives through a winding with the reserve, A."""
+    return drive.motor.voltage_limit / (_RESERVE * least_winding(drive, period, delay))
 
 
 @lru_cache(maxsize=64)
