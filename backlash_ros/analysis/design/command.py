@@ -15,6 +15,7 @@ from backlash_ros.analysis.design.trial import Loop
 from backlash_ros.analysis.design.uncertainty import Uncertainty
 from backlash_ros.analysis.evaluation.drive_file import axis_of, read_parameters, start_of, surroundings_of
 from backlash_ros.analysis.staging import staging
+from backlash_ros.control.design.stability import LONGEST_DELAY
 from backlash_ros.control.design.start import RATE
 from backlash_ros.drivetrain.delay import Delay
 
@@ -73,6 +74,8 @@ def loop_of(given: argparse.Namespace) -> Loop:
     RATE.check("--rate", rate)
     delay = around.delay if given.delay is None else Delay(command=given.delay)
     delay.check_line(1.0 / rate)
+    if not delay.mean <= (longest := LONGEST_DELAY / rate):
+        raise ValueError(f"delay must be >= 0 s and at most {LONGEST_DELAY} periods, {longest:g} s, got {delay.mean!r}")
     start = start_of(parameters, axis_of(parameters).drive, replace(around, rate=rate, delay=delay))
     return Loop(start.drive, start.settings.gains.fast, rate, around.sensors, delay)
 

@@ -80,8 +80,7 @@ def _parameters_of(registry: Mapping[str, Any], values: Mapping[str, Any]) -> tu
 
 def check_set_names(names: Any) -> None:
     """Raise ValueError unless there are names of gain sets, all different and none of them `CUSTOM`."""
-    if not isinstance(names, (list, tuple)) or not names:
-        raise ValueError(f"gain_set_names must be a list with something in it, got {names!r}")
+    _listed("gain_set_names", names)
     if CUSTOM in names or len(set(names)) < len(names):
         raise ValueError(f"gain_set_names must be different from each other and from {CUSTOM!r}, got {list(names)}")
 
@@ -100,10 +99,17 @@ def given_sets(given: Mapping[str, Any]) -> dict[str, dict[str, dict[str, list[f
     for name in names:
         sets[name] = {}
         for region in REGIONS:
-            k = given.get(f"gain_sets.{name}.{region}.k", [0.0, 0.0, 0.0])
+            where = f"gain_sets.{name}.{region}"
+            k = _listed(f"{where}.k", given.get(f"{where}.k", [0.0, 0.0, 0.0]))
             q = NO_WEIGHTS if name != "nominal" or any(k) else DEFAULT_WEIGHTS[region]
-            sets[name][region] = {"k": k, "q": given.get(f"gain_sets.{name}.{region}.q", q)}
+            sets[name][region] = {"k": k, "q": _listed(f"{where}.q", given.get(f"{where}.q", q))}
     return sets
+
+
+def _listed(name: str, value: Any) -> list[float]:
+    if not isinstance(value, (list, tuple)) or not value:
+        raise ValueError(f"{name} must be a list with something in it, got {value!r}")
+    return list(value)
 
 
 def chosen_for_rate(choice: Choice) -> list[str]:
@@ -171,12 +177,11 @@ class Tuning:
         """
         sets = self.sets(drive, delay)
         first = next(iter(sets))
-        start: dict[str, Any] = dict(sets[first])
-        changed = {name: given[name] for name in start if name in given and given[name] != start[name]}
+        start = sets[first]
+        changed = {name: _listed(name, given[name]) for name in start if given.get(name, start[name]) != start[name]}
         asked = given.get("gain_set", first)
-        if changed and asked == first:
-            asked = CUSTOM
-        return start | expand({"gain_set": asked, **changed}, sets, emulated(drive, 1.0 / self._rate, delay))
+        full = {"gain_set": CUSTOM if changed else asked, **changed}
+        return sets.get(asked, start) | expand(full, sets, emulated(drive, 1.0 / self._rate, delay))
 
     def choice(self, values: dict[str, Any]) -> Choice:
         """Return what parameters stand for; ValueError names what is out of bounds, unstable or cannot be designed."""
