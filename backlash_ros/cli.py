@@ -19,7 +19,7 @@ from backlash_ros import __version__
 from backlash_ros.analysis.checking.command import add_check, check_and_show
 from backlash_ros.analysis.design import command as designer
 from backlash_ros.analysis.evaluation.command import evaluate, replay
-from backlash_ros.analysis.evaluation.drive_file import read_axis, read_parameters
+from backlash_ros.analysis.evaluation.drive_file import read_axis, read_parameters, read_start
 from backlash_ros.analysis.evaluation.population import ENCODERS, MODELS, POPULATIONS
 from backlash_ros.analysis.evaluation.task import DESIGNED, Task
 from backlash_ros.analysis.export import FORMATS
@@ -36,6 +36,7 @@ from backlash_ros.analysis.report.library import NoLibraryError
 from backlash_ros.analysis.simulating import command as simulating
 from backlash_ros.analysis.staging import staging, write_text
 from backlash_ros.control import AUTO, EXPERIMENTS, LAWS
+from backlash_ros.control.design.start import CannotStartError
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.motion.integrator import IntegrationError
 from backlash_ros.drivetrain.reading.parameter_files import named
@@ -248,6 +249,8 @@ def _evaluate(given: argparse.Namespace, console: Console) -> None:
             if getattr(given, name):
                 raise ValueError(f"argument --{name}: has no use with --only, which prints one drive")
     around = Drive.read(given.drive) if given.drive else None
+    if given.drive:
+        read_start(given.drive)  # refused like the controller
     laws = tuple(dict.fromkeys(given.laws))
     experiments = tuple(dict.fromkeys(given.experiments))
     task = Task(given.seed, given.population, given.model, given.encoders, experiments, laws, around)
@@ -379,6 +382,9 @@ def main(args: Sequence[str] | None = None) -> int:
         return given.run(given, Console()) or 0
     except KeyboardInterrupt:
         parser.exit(STOPPED, "\nstopped\n")
+    except CannotStartError as error:
+        print(f"{parser.prog}: {error}", file=sys.stderr)
+        return NOTHING
     except IntegrationError as error:
         print(f"{parser.prog}: cannot be simulated: {error}", file=sys.stderr)
         return NOTHING

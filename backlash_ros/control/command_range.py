@@ -59,18 +59,17 @@ def voltage_range(constants: RangeConstants, estimate: Estimate) -> tuple[float,
     """Return the least and the largest voltage that the drive can follow at this sample, V.
 
     Towards an end of the travel the range fades to 0 V over the soft zone; beyond the end only the way back is allowed.
-    For a drive that takes a current, 0 V is the braking current of a motor with short-circuited terminals, not 0 A. If
-    the motor is too fast for the supply to make any allowed current, the nearest allowed current is used.
+    For a drive that takes a current, 0 V is the braking current of a motor with short-circuited terminals, not 0 A, and
+    any allowed current may be had up to the speed that the supply allows. If the motor is too fast for the supply to
+    make any allowed current, the nearest allowed current is used.
     """
     angle = estimate[THETA_L]
-    reach = min(constants.voltage_limit, constants.resistance * constants.limit)
-    high = clamp((constants.upper_end - angle) / constants.soft_zone, 0.0, 1.0) * reach
-    low = -clamp((angle - constants.lower_end) / constants.soft_zone, 0.0, 1.0) * reach
-    induced = constants.back_emf * estimate[OMEGA_M]
-    if induced == 0.0:
-        return low, high
-    least, largest = induced - constants.resistance * constants.limit, induced + constants.resistance * constants.limit
-    return clamp(low, least, largest), clamp(high, least, largest)
+    induced, reach = constants.back_emf * estimate[OMEGA_M], constants.resistance * constants.limit
+    up = clamp((constants.upper_end - angle) / constants.soft_zone, 0.0, 1.0)
+    down = clamp((angle - constants.lower_end) / constants.soft_zone, 0.0, 1.0)
+    high = up * min(constants.voltage_limit, max(induced, 0.0) + reach)
+    low = -down * min(constants.voltage_limit, max(-induced, 0.0) + reach)
+    return clamp(low, induced - reach, induced + reach), clamp(high, induced - reach, induced + reach)
 
 
 @compiled

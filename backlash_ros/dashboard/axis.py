@@ -23,6 +23,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from backlash_ros.control import Gains, Margins, stability_margins
+from backlash_ros.control.design.start import emulated
 from backlash_ros.dashboard.rows import STATE_COLUMNS, JointReader, Table, state_rows
 from backlash_ros.drivetrain.parameters import drive_of
 from backlash_ros.ros.aside import give_way
@@ -152,8 +153,8 @@ class Axis:
         told = read_told(message)
         values = told.values
         try:
-            drive = drive_of(values)
             period, delay = 1.0 / values["rate"], values["loop_delay"]
+            drive = emulated(drive_of(values), period, delay)
             self.margins = {
                 region: stability_margins(drive, Gains(*values[f"gains.{region}.k"]), period, delay)
                 for region in ("fast", "overdamped")

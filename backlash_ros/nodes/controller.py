@@ -20,6 +20,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.control import AUTO, LAWS, Servo
 from backlash_ros.control.acting import IDLE, ActingLaw
+from backlash_ros.control.design.choice import chosen_for_rate
 from backlash_ros.control.telemetry import telemetry
 from backlash_ros.control.tick import MISSING
 from backlash_ros.drivetrain import NOMINAL_DRIVE
@@ -72,6 +73,7 @@ class Controller(ManagedNode):
         self._set_fastest()
         self._measured, self._answer = Measurement(np.empty(5)), Answer()
         self._values = cast("MutableSequence[float]", memoryview(self._measured))  # the same, as the gate takes it
+        self._told_chosen: set[str] = set()
         self._told, self._said = Fault.NONE, (False, False, Fault.NONE)
         self._estimated = self._changed = False
         self._owed = False  # whether a message was sent between samples, so that the next sample must repeat it
@@ -102,6 +104,13 @@ class Controller(ManagedNode):
             else:
                 self.get_logger().info(text)
 
+    def _tell_chosen(self) -> None:
+        """Say what was chosen for the rate and the delay, once."""
+        for text in chosen_for_rate(self._tunables.in_use):
+            if text not in self._told_chosen:
+                self.get_logger().info(text)
+                self._told_chosen.add(text)
+
     def configure(self) -> None:
         """Read the estimate file; compile every law, also the one of experiments that act alone.
 
@@ -110,6 +119,7 @@ class Controller(ManagedNode):
         self._neighbours = self.held(PublisherWatch(self, "joint_states", self._joints), PublisherWatch.close)
         self._learning.configure()
         self._tell_margins()
+        self._tell_chosen()
         ActingLaw(IDLE)
         at_rest = Measurement(np.zeros(5))
         gap = NOMINAL_DRIVE.gear.backlash_angle
@@ -167,6 +177,7 @@ class Controller(ManagedNode):
             self._publish_in_use()
         if self.configured and "backlash_angle" in names:
             self._publish_estimate()
+        self._tell_chosen()
         if _LAW & names and (text := stands_in(drive, settings)):
             self.get_logger().info(text)
 

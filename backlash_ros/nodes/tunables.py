@@ -23,8 +23,9 @@ from backlash_ros.control import (
     ServoSettings,
     stability_margins,
 )
-from backlash_ros.control.design.choice import APPLY_BOUND, Choice, Tuning, delay_bound
-from backlash_ros.control.design.gain_sets import CUSTOM, NO_WEIGHTS, REGIONS, expand
+from backlash_ros.control.design.choice import APPLY_BOUND, Choice, Tuning, check_set_names, delay_bound
+from backlash_ros.control.design.gain_sets import CUSTOM, NO_WEIGHTS, REGIONS
+from backlash_ros.control.design.start import emulated, explained
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.parameters import drive_of
 from backlash_ros.ros.parameters import (
@@ -55,10 +56,7 @@ def _set_names(node: Node) -> list[str]:
         read_only=True,
     )
     names: list[str] = declare(node, "gain_set_names", ["nominal"], text)
-    if not names:
-        raise ValueError("gain_set_names must name at least one gain set")
-    if CUSTOM in names or len(set(names)) < len(names):
-        raise ValueError(f"gain_set_names must be different from each other and from {CUSTOM!r}, got {names}")
+    check_set_names(names)
     return names
 
 
@@ -72,7 +70,8 @@ def _declare_parameters_of(node: Node, registry: Mapping[str, Any]) -> dict[str,
 
 def _declare_beside_gains(node: Node, drive: Drive, rate: float) -> dict[str, Any]:
     """Declare the dynamic parameters other than the gains and the drive, and return what the user set."""
-    values: dict[str, Any] = {"loop_delay": declare_number(node, "loop_delay", 0.0, delay_bound(rate), read_only=False)}
+    delay = declare_number(node, "loop_delay", 0.0, delay_bound(rate), read_only=False)
+    drive, values = emulated(drive, 1.0 / rate, delay), {"loop_delay": delay}
     text = describe(
         "control law; auto: two_encoder once backlash and drive are identified, until then two_region",
         constraint=f"one of {sorted([AUTO, *LAWS])}",
@@ -154,40 +153,31 @@ def declare_tunables(node: Node, drive_values: Mapping[str, Any], rate: float) -
     """
     tuning, drive = Tuning(_declare_gain_sets(node), rate), drive_of(drive_values)
     values = {**drive_values, **_declare_beside_gains(node, drive, rate)}
-    sets = tuning.sets(drive, values["loop_delay"])
-    first = next(iter(sets))
-    # Gains given beside a set at the start make the set custom, as they do later.
-    given: dict[str, Any] = {}
-    start = sets[first]
-    names = describe("gain set in use; setting it sets the gains", constraint=f"one of {[*sets, CUSTOM]}")
-    asked = {"gain_set": declare(node, "gain_set", first, names)}
-    for region in REGIONS:
-        for kind, text in (
-            ("k", describe(f"{_K}, in use", unit=_K_UNIT, constraint=_K_BOUND)),
-            (
-                "q",
-                describe(
-                    "LQR weights [Q11, Q22] from which the gains in use were designed; [0, 0]: none",
-                    unit=_Q_UNIT,
-                    constraint=_Q_BOUND,
-                ),
-            ),
-        ):
-            name = f"gains.{region}.{kind}"
-            value = declare(node, name, start[name], text)
-            if value != start[name]:
-                given[name] = value
-    if given and asked["gain_set"] == first:
-        asked = {"gain_set": CUSTOM}
-    values |= start | expand({**asked, **given}, sets, drive)
-    changed = [
-        Parameter(name, value=value)
-        for name, value in values.items()
-        if name.startswith("gain") and node.get_parameter(name).value != value
-    ]
-    if changed:
-        node.set_parameters_atomically(changed)
-    return tuning, tuning.choice(values)
+    delay = values["loop_delay"]
+    with explained(drive, 1.0 / rate, delay):
+        sets = tuning.sets(drive, delay)
+        first = next(iter(sets))
+        names = describe("gain set in use; setting it sets the gains", constraint=f"one of {[*sets, CUSTOM]}")
+        given = {"gain_set": declare(node, "gain_set", first, names)}
+        for region in REGIONS:
+            k, q = f"gains.{region}.k", f"gains.{region}.q"
+            text = describe(f"{_K}, in use", unit=_K_UNIT, constraint=_K_BOUND)
+            given[k] = declare(node, k, sets[first][k], text)
+            text = describe(
+                "LQR weights [Q11, Q22] from which the gains in use were designed; [0, 0]: none",
+                unit=_Q_UNIT,
+                constraint=_Q_BOUND,
+            )
+            given[q] = declare(node, q, sets[first][q], text)
+        values |= tuning.gains_at_start(given, drive, delay)
+        changed = [
+            Parameter(name, value=value)
+            for name, value in values.items()
+            if name.startswith("gain") and node.get_parameter(name).value != value
+        ]
+        if changed:
+            node.set_parameters_atomically(changed)
+        return tuning, tuning.choice(values)
 
 
 class Tunables:

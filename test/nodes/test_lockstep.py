@@ -8,12 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from graph import Parameters, Peer, Process
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
+from backlash_ros.analysis.evaluation.drive_file import read_axis
+from backlash_ros.analysis.judging import judge_move
 from backlash_ros.analysis.metrics import step_response
 from backlash_ros.control import GainSet, ServoSettings, design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE
@@ -23,6 +26,7 @@ from backlash_ros.drivetrain.sensors import Sensors
 from backlash_ros.ros.messages import answer, stamp_label, to_stamp
 from backlash_ros.simulation import Scenario, run
 
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 Start = Callable[..., Process]
 DEEP = QoSProfile(depth=100_000)
 TARGETS = (1.0, -0.5, 0.25, 2.0)
@@ -207,6 +211,49 @@ def test_two_region_law_is_as_fast_as_the_fast_gains_which_rattle(start: Start, 
     assert both.impacts <= 2
     assert max(both.residual, slow.residual) <= 0.02
     assert 0.7 <= fast.residual <= 1.0
+
+
+AXES = {"low": ("low_resistance_actuator", 0.5, 2.5), "harmonic": ("harmonic_drive", 0.05, 4.5)}
+"""Drive file, step in rad, and how long it is watched, s."""
+
+
+@pytest.mark.parametrize("rate", [250.0, 1000.0])
+def test_an_actuator_of_low_resistance_and_a_harmonic_drive_step_and_hold_quietly(
+    rate: float, start: Start, peer: Peer, tmp_path: Path
+) -> None:
+    """With the values of their data sheets, the gains that the controller chooses, and nothing learned."""
+    recorded, nodes, counts = {axis: Recorded(peer, axis) for axis in AXES}, {}, 2**21
+    for axis, (name, _, _) in AXES.items():
+        told = yaml.safe_load((EXAMPLES / f"{name}.yaml").read_text())["/**"]["ros__parameters"] | {"rate": rate}
+        seen = {"measured": ["theta_m", "theta_l"], "motor_counts": 16384.0, "load_counts": float(counts)}
+        nodes[f"/{axis}/controller"] = {"ros__parameters": told | {"state_timeout": 10.0}}
+        nodes[f"/{axis}/plant_simulator"] = {"ros__parameters": told | {"sensors": seen}}
+    file = tmp_path / "axes.yaml"
+    file.write_text(json.dumps(nodes))
+    controller = start("controller", "--params-file", str(file), non_ros=["--axes", *AXES], **kept(*AXES))
+    for axis in AXES:
+        peer.wait("the controllers", lambda a=axis: recorded[a].reference.get_subscription_count() > 0)
+    drives = ("plant_simulator", "--params-file", str(file))
+    start(*drives, non_ros=["--axes", *AXES], lockstep=True, real_time_factor=0.0, **kept(*AXES))
+    peer.wait(
+        "samples and answers", lambda: all(len(axis.positions) > 50 and axis.answers for axis in recorded.values())
+    )
+    before = {axis: len(recorded[axis].positions) for axis in AXES}
+    for axis, (_, step, _) in AXES.items():
+        recorded[axis].reference.publish(Float64(data=step))
+    ends = {axis: before[axis] + round(seconds * rate) for axis, (_, _, seconds) in AXES.items()}
+    peer.wait("simulated time", lambda: all(len(recorded[axis].positions) > end for axis, end in ends.items()), 400)
+    for axis, (name, step, seconds) in AXES.items():
+        b = read_axis(EXAMPLES / f"{name}.yaml").drive.gear.backlash_angle
+        load = np.array([recorded[axis].positions[stamp][1] for stamp in sorted(recorded[axis].positions)])
+        load = load[before[axis] : ends[axis]]
+        count = 2.0 * math.pi / counts
+        move = judge_move(np.arange(len(load)) / rate, load, step, b, count)
+        assert move.swing <= max(0.05, count / b), axis
+        assert move.error <= 0.25, axis
+        assert move.settle < seconds, axis
+    assert ("a winding of 1.7 ohm is emulated" in controller.output()) == (rate < 1000.0)
+    assert "until reset_fault" not in controller.output()
 
 
 def test_two_controllers_are_found_out_in_lockstep(start: Start, peer: Peer) -> None:

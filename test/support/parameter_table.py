@@ -56,7 +56,10 @@ GAINS = """`gains.<region>.k` are always the gains in use. They come from one of
 
 The last two make `gain_set` `custom`; setting `custom` itself changes no gains. A request that contradicts itself,
 such as a set together with other gains, is refused. So are gains with which the sampled loop would be unstable even
-without backlash.
+without backlash, or inside the gap, where the motor turns alone; at the start the refusal names values that are stable.
+
+The default weights, [1000, 1] and [4, 0], are divided by four until the loop is stable at the rate and with the delay;
+where they are stable they stay. Other weights are taken as they are given.
 """
 
 LIMITS = """Limits that clamp or refuse. The default of `command` follows from the drive; the table shows the nominal

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
+from backlash_ros.analysis.checking import check_drive
 from backlash_ros.analysis.design.report import closed_loop_poles, content_of, gain_text
 from backlash_ros.analysis.design.search import (
     Design,
@@ -22,7 +23,7 @@ from backlash_ros.analysis.design.search import (
 )
 from backlash_ros.analysis.design.trial import Choice, Loop, Outcome, attempt, simulate
 from backlash_ros.analysis.design.uncertainty import Uncertainty
-from backlash_ros.analysis.evaluation.drive_file import read_surroundings
+from backlash_ros.analysis.evaluation.drive_file import read_start, read_surroundings
 from backlash_ros.analysis.judging import PRECISE, QUIET
 from backlash_ros.cli import main
 from backlash_ros.control import OVERDAMPED_REGION, Gains, design_gains
@@ -152,7 +153,7 @@ def test_a_delay_is_seen_by_poles() -> None:
 
 def test_a_cycle_is_predicted_where_there_is_one_and_dry_friction_ends_it() -> None:
     """As simulated: the default gains rattle under four times the load; 14 mN m of dry friction stop the fast ones."""
-    heavy, choice = loaded(4.0), default_choice(NOMINAL_DRIVE)
+    heavy, choice = loaded(4.0), default_choice(loop_for(NOMINAL_DRIVE))
     cycle = predicted_cycle(loop_for(heavy, rate=1000.0), heavy, choice)
     assert cycle is not None
     assert 0.5 < cycle.amplitude / B < 0.9
@@ -164,7 +165,7 @@ def test_a_cycle_is_predicted_where_there_is_one_and_dry_friction_ends_it() -> N
 def test_the_width_is_where_the_gains_change() -> None:
     loop, case = loop_for(NOMINAL_DRIVE, rate=1000.0), SURE.cases(NOMINAL_DRIVE)[0]
     for width in (0.5, 1.0, 3.0):
-        done = simulate(loop, Choice(default_choice(NOMINAL_DRIVE).gains, width), case)
+        done = simulate(loop, Choice(default_choice(loop_for(NOMINAL_DRIVE)).gains, width), case)
         first = int(np.flatnonzero(done.region == OVERDAMPED_REGION)[0])
         error = 1.0 - done.load_angle[:: (done.time.size - 1) // done.region.size]
         assert abs(error[first]) < width * B <= abs(error[first - 1])
@@ -186,9 +187,14 @@ def test_a_drive_that_rattles_with_the_default_gains_is_quiet_with_those_designe
     drive = loaded(4.0)
     loop = loop_for(drive)
     case = SURE.cases(drive)[0]
-    before = attempt(loop, default_choice(drive), case)
+    before = attempt(loop, default_choice(loop), case)
     assert before.swing > 0.3
-    found = design(loop, SURE)
+    shares: list[float] = []
+    found = design(loop, SURE, lambda _what, share: shares.append(share))
+    assert found.refusal == ""
+    assert 0.0 < shares[0] < 0.01
+    assert shares == sorted(shares)
+    assert shares[-1] <= 1.0
     after = attempt(loop, found.choice, case)
     assert after.swing < 0.5 * QUIET
     assert after.error < 0.5 * PRECISE
@@ -219,10 +225,10 @@ def test_surroundings_are_the_files(tmp_path: Path) -> None:
     file = tmp_path / "drive.yaml"
     file.write_text(
         "gear: {}\nrate: 500\nsensors: {measured: [theta_l], load_counts: 4096.0}\nloop_delay: 0.002\n"
-        "gain_set_names: [own]\ngain_sets: {own: {fast: {k: [20.0, 0.6, 0.1]}}}\n"
+        "gain_sets: {nominal: {fast: {k: [20.0, 0.6, 0.1]}}}\n"
     )
-    around = read_surroundings(NOMINAL_DRIVE, file)
-    assert (around.rate, around.delay, around.fast) == (500, Delay(command=0.002), Gains(20.0, 0.6, 0.1))
+    around, gains = read_surroundings(file), read_start(file).settings.gains
+    assert (around.rate, around.delay, gains.fast) == (500, Delay(command=0.002), Gains(20.0, 0.6, 0.1))
     assert around.sensors == Sensors(measured=("theta_l",), load_counts=4096.0)
 
 
@@ -286,12 +292,15 @@ def test_a_request_that_cannot_be_used_is_refused_and_writes_nothing(
     assert not out.parent.exists()
 
 
-def test_where_nothing_is_quiet_the_worst_drive_is_named_and_nothing_written(
+def test_where_nothing_is_quiet_the_best_is_written_and_marked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A load that hardly stops by itself."""
-    drive, out = tmp_path / "drive.yaml", tmp_path / "new" / "gains.yaml"
+    """A load that hardly stops by itself: the worst drive is named."""
+    drive, out, figures = tmp_path / "drive.yaml", tmp_path / "new" / "gains.yaml", tmp_path / "figures.json"
     drive.write_text("load: {inertia: 0.01, viscous_friction: 0.0005}\n")
-    assert main(["design", str(drive), *QUICK, "--out", str(out)]) == 1
-    assert "no gains are quiet on every drive of the range: with as described" in capsys.readouterr().out
-    assert not out.parent.exists()
+    assert main(["design", str(drive), *QUICK, "--out", str(out), "--json", str(figures)]) == 1
+    why = "no gains are quiet on every drive of the range: with as described"
+    assert f"not quiet: {why}" in capsys.readouterr().out
+    assert f"# NOT QUIET: {why}" in out.read_text()
+    assert why in json.loads(figures.read_text())["not_quiet"]
+    assert check_drive(drive, out).fails == ""

@@ -191,7 +191,7 @@ def test_a_law_that_cannot_be_simulated_or_designed_has_its_verdict(monkeypatch:
     def refused(*_args: Any) -> None:
         raise ValueError("unstable")
 
-    monkeypatch.setattr(task_module, "check_stable", refused)
+    monkeypatch.setattr(task_module.Tuning, "start", refused)
     value = evaluate_drive(Task(1), 3)
     assert value["learned"]["reason"] == "unstable"
     assert {law["failure"] for law in value["laws"].values()} == {"unstable"}

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from backlash_ros.analysis.evaluation.drive_file import (
@@ -10,9 +10,12 @@ from backlash_ros.analysis.evaluation.drive_file import (
     Surroundings,
     read_axis,
     read_law,
+    read_start,
     read_surroundings,
 )
-from backlash_ros.control import DEFAULT_WEIGHTS, Margins, design_gains, stability_margins
+from backlash_ros.control import AUTO, DEFAULT_WEIGHTS, Margins
+from backlash_ros.control.design.choice import Choice, chosen_for_rate
+from backlash_ros.control.design.start import CannotStartError
 from backlash_ros.drivetrain import Drive
 
 LOWER = "lower the weights (gain_sets.*.q; the first is the square of k1), raise rate, or shorten the delay"
@@ -27,6 +30,8 @@ HEAVY = 0.5
 """J_l/J_r above which the two-region law more often keeps a slow limit cycle: docs/evaluation.md."""
 COASTS = 1.0
 """J_l/B_l, s, above which a load without dry friction drifts in the gap for long: docs/evaluation.md."""
+LOSSY = 0.9
+"""Efficiency of a gear below which learning is more often refused: docs/learning.md."""
 COARSE = 20
 """Counts of the load's encoder in the gap below which the load swings more often: docs/evaluation.md."""
 
@@ -41,11 +46,12 @@ class Warned:
 
 @dataclass(frozen=True)
 class Checked:
-    """Figures of a drive by name, each with its unit, and the warnings; ``fails``: why its gains are refused."""
+    """Figures of a drive by name, each with its unit, and the warnings; ``fails``: why a controller does not start."""
 
     figures: Mapping[str, str]
     warnings: tuple[Warned, ...]
     fails: str = ""
+    remedy: str = ""
 
 
 def check_drive(*paths: Path) -> Checked:
@@ -58,14 +64,16 @@ def check_drive(*paths: Path) -> Checked:
     """
     read_law(*paths)  # refuses one that there is not
     axis = read_axis(*paths)
-    around = read_surroundings(axis.drive, *paths)
-    margins, fails = {}, ""
+    around = read_surroundings(*paths)
     try:
-        for name, gains in {"fast": around.fast, "overdamped": around.overdamped}.items():
-            margins[name] = stability_margins(axis.drive, gains, 1.0 / around.rate, around.delay.mean)
-    except ValueError as error:
-        fails = str(error)
-    return Checked(_figures(axis, around, margins), tuple(_warnings(axis, around, margins)), fails)
+        start = read_start(*paths)
+    except CannotStartError as error:
+        warnings = tuple(_warnings(axis, around, None, {}))
+        return Checked(_figures(axis, around, {}), warnings, error.why, error.remedy)
+    margins = start.settings.margins(start.drive)
+    chosen = {"chosen for the rate": "; ".join(said)} if (said := chosen_for_rate(start)) else {}
+    axis = replace(axis, drive=start.drive)
+    return Checked(_figures(axis, around, margins) | chosen, tuple(_warnings(axis, around, start, margins)))
 
 
 def _counts_in_gap(drive: Drive, around: Surroundings) -> dict[str, float]:
@@ -77,6 +85,7 @@ def _counts_in_gap(drive: Drive, around: Surroundings) -> dict[str, float]:
 
 
 def _figures(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) -> dict[str, str]:
+    """Return the figures of a drive with the winding that its controller emulates."""
     drive = axis.drive
     motor, gear, load = drive.motor, drive.gear, drive.load
     reflected = drive.reflected_inertia
@@ -123,7 +132,59 @@ def _units(drive: Drive) -> Iterator[Warned]:
         )
 
 
-def _warnings(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) -> Iterator[Warned]:
+def _torque_to_lift(drive: Drive) -> float:
+    """Return the torque at the output against weight, dry friction and the losses of the gear, N m."""
+    load, gear = drive.load, drive.gear
+    behind = (load.gravity_torque + load.coulomb_friction) / gear.efficiency_forward
+    return behind + drive.motor.coulomb_friction / gear.ratio
+
+
+def sag(drive: Drive, start: Choice, torque: float) -> float:
+    """Return how far off its target the gains alone hold the load against a torque at the output, rad.
+
+    The voltage k1 e - k3 i drives the current n torque/K_m through the winding: the fast gains everywhere, until a gap
+    is learned; the over-damped ones within the region of the two-region law, at whose edge the fast ones go on.
+    """
+    current = torque * drive.gear.ratio / drive.motor.torque_constant
+    gains = start.settings.gains
+    near, far = (
+        current * (drive.motor.resistance + each.current) / each.position for each in (gains.overdamped, gains.fast)
+    )
+    width = start.values["laws.two_region.width"] * drive.gear.backlash_angle
+    law = start.values["law"]
+    if law == "fast":
+        return far
+    return near if law == "overdamped" or near <= width else max(far, width)
+
+
+def _sag(drive: Drive, around: Surroundings, start: Choice) -> Iterator[Warned]:
+    """Yield how far the load stays off its target where nothing estimates the torque on it."""
+    sees, estimates = "theta_m" in around.sensors.measured, start.settings.torque_bandwidth > 0.0
+    torque = _torque_to_lift(drive)
+    if (sees and estimates) or torque == 0.0 or start.values["law"] not in (AUTO, "two_region", "fast", "overdamped"):
+        return
+    b, off = drive.gear.backlash_angle, sag(drive, start, torque)
+    causes = {
+        "weight": drive.load.gravity_torque,
+        "friction": drive.load.coulomb_friction + drive.motor.coulomb_friction,
+        "the losses of the gear": 1.0 - drive.gear.efficiency_forward,
+    }
+    what = " and ".join(name for name, there in causes.items() if there)
+    alone = "with torque_bandwidth 0" if sees else "with the load's encoder alone"
+    remedy = "" if sees else "measure the motor's shaft as well: the torque is then estimated and compensated; or "
+    remedy += "" if estimates else "set torque_bandwidth to 40; or "
+    k1 = torque * drive.gear.ratio * drive.motor.resistance / drive.motor.torque_constant / (0.25 * b)
+    yield Warned(
+        f"{alone} {what} hold{'' if ' and ' in what else 's'} the load up to {1e3 * off:.3g} mrad, "
+        f"{math.degrees(60.0 * off):.3g} arcmin or {off / b:.2g} b, off its target",
+        f"{remedy}choose higher gains.*.q, as far as the loop stays stable: within b/4 needs k1 = {k1:.3g} V/rad, "
+        "the root of the first weight; or balance the load",
+    )
+
+
+def _warnings(
+    axis: Axis, around: Surroundings, start: Choice | None, margins: Mapping[str, Margins]
+) -> Iterator[Warned]:
     drive = axis.drive
     load, stall = drive.load, drive.standstill_torque()
     tight = [name for name, margin in margins.items() if margin.tight(1.0 / around.rate)]
@@ -134,8 +195,8 @@ def _warnings(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) 
         )
     yield from _units(drive)
     ratio = load.inertia / drive.reflected_inertia
-    chosen = around.overdamped != design_gains("overdamped", drive, DEFAULT_WEIGHTS["overdamped"])
-    if ratio > HEAVY and not chosen:
+    default = start is not None and start.values["gains.overdamped.q"] == DEFAULT_WEIGHTS["overdamped"]
+    if ratio > HEAVY and default:
         yield Warned(
             f"the load has {ratio:.2g} times the motor's inertia, seen from the output: "
             "the two-region law may keep a slow limit cycle",
@@ -158,6 +219,14 @@ def _warnings(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) 
                 f"check sensors.{name}_counts, per turn (14 bit are 16384); use a finer encoder, "
                 "or choose wider regions: backlash design DRIVE --out gains.yaml",
             )
+    if start is not None:
+        yield from _sag(drive, around, start)
+    if (least := min(drive.gear.efficiency_forward, drive.gear.efficiency_backward)) < LOSSY:
+        yield Warned(
+            f"the gear lets through {100.0 * least:.3g} % of the torque in one direction: learning has no such losses "
+            "in its model and may be refused",
+            "if ~/learn is refused, set backlash_angle by hand, from the gear's data sheet or a dial gauge",
+        )
     if "theta_l" not in around.sensors.measured:
         yield Warned(
             "the load has no encoder: its position in the gap is unknown",
@@ -168,10 +237,9 @@ def _warnings(axis: Axis, around: Surroundings, margins: Mapping[str, Margins]) 
             f"the load's weight turns it with up to {load.gravity_torque:.3g} N m, and a command of 0 does not hold it",
             "use a mechanical brake that the drive engages when commands stop",
         )
-    if load.gravity_torque + load.coulomb_friction > 0.8 * stall:
+    if (needed := _torque_to_lift(drive)) > 0.8 * stall:
         yield Warned(
-            f"weight and friction of the load take up to {load.gravity_torque + load.coulomb_friction:.3g} N m of "
-            f"{stall:.3g} N m at standstill",
+            f"weight and friction of the load take up to {needed:.3g} N m of {stall:.3g} N m at standstill",
             "check motor.torque_constant, motor.voltage_limit and gear.reduction, or use a stronger motor",
         )
     if not axis.has_ends:

@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from backlash_ros.analysis.certificate.rounding import counted
-from backlash_ros.analysis.checking.check import LOWER, check_drive
+from backlash_ros.analysis.checking.check import check_drive
 from backlash_ros.drivetrain.reading.parameter_files import named
 
 DESCRIPTION = "Checks a drive file and its loop: prints figures, and warnings with remedies. Nothing moves."
@@ -21,7 +21,7 @@ def add_check(parser: argparse.ArgumentParser) -> None:
 
 
 def check_and_show(given: argparse.Namespace, console: Console) -> int:
-    """Print figures and warnings; return 1 if a controller would refuse the gains for that drive, else 0.
+    """Print figures and warnings; return 1 if a controller would not start with that drive, else 0.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def check_and_show(given: argparse.Namespace, console: Console) -> int:
     for warning in found.warnings:
         say(f"warning: {warning.what}\n  -> {warning.remedy}")
     if found.fails:
-        say(f"fails: {found.fails}\n  -> {LOWER}")
+        say(f"fails: {found.fails}" + (f"\n  -> {found.remedy}" if found.remedy else ""))
         return 1
     many = counted(len(found.warnings), "warning") if found.warnings else "no warnings"
     say(f"{named(given.drive)}: the loop is stable, {many}")

@@ -3,18 +3,20 @@
 import argparse
 import json
 from contextlib import ExitStack
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from backlash_ros.analysis.design.report import content_of, gain_text, show
-from backlash_ros.analysis.design.search import NothingQuietError, design
+from backlash_ros.analysis.design.search import Design, NothingQuietError, design
 from backlash_ros.analysis.design.trial import Loop
 from backlash_ros.analysis.design.uncertainty import Uncertainty
-from backlash_ros.analysis.evaluation.drive_file import RATE, read_surroundings
+from backlash_ros.analysis.evaluation.drive_file import read_axis, read_parameters, read_surroundings, start_of
 from backlash_ros.analysis.staging import staging
-from backlash_ros.drivetrain import Drive
+from backlash_ros.control.design.stability import LONGEST_DELAY
+from backlash_ros.control.design.start import RATE
 from backlash_ros.drivetrain.delay import Delay
 
 DESIGNED, REFUSED = 0, 1
@@ -66,19 +68,21 @@ def loop_of(given: argparse.Namespace) -> Loop:
     OSError, ValueError
         If the file cannot be read or is no drive file, or if an option is out of bounds.
     """
-    drive = Drive.read(given.drive)
-    around = read_surroundings(drive, given.drive)
+    parameters, axis, around = read_parameters(given.drive), read_axis(given.drive), read_surroundings(given.drive)
     rate = around.rate if given.rate is None else given.rate
     RATE.check("--rate", rate)
     delay = around.delay if given.delay is None else Delay(command=given.delay)
     delay.check_line(1.0 / rate)
-    return Loop(drive, around.fast, rate, around.sensors, delay)
+    if not delay.mean <= (longest := LONGEST_DELAY / rate):
+        raise ValueError(f"delay must be >= 0 s and at most {LONGEST_DELAY} periods, {longest:g} s, got {delay.mean!r}")
+    start = start_of(parameters, axis.drive, replace(around, rate=rate, delay=delay))
+    return Loop(start.drive, start.settings.gains.fast, rate, around.sensors, delay)
 
 
 def design_gains_for(given: argparse.Namespace, console: Console) -> int:
     """Design, print and write; return the exit code: 0 if gains were found, 1 if none are quiet.
 
-    If none are quiet, nothing is written; files appear complete or not at all.
+    If none are quiet, the best of them are written, and the file says so. Files appear complete or not at all.
 
     Raises
     ------
@@ -91,15 +95,15 @@ def design_gains_for(given: argparse.Namespace, console: Console) -> int:
         places = [place for name in WRITTEN if (place := getattr(given, name)) is not None]
         staged = {place: stack.enter_context(staging(place)) / place.name for place in places}
         try:
-            with console.status("designing, which takes a minute or a few"):
-                found = design(loop, uncertainty)
+            found = _designed(loop, uncertainty)
         except NothingQuietError as error:
             console.print(str(error), highlight=False, markup=False, soft_wrap=True)
             return REFUSED
         content = content_of(found, str(given.drive))
         show(content, console)
         if given.out is not None:
-            staged[given.out].write_text(gain_text(loop, found.choice, str(given.drive)), encoding="utf-8")
+            text = gain_text(loop, found.choice, str(given.drive), found.refusal)
+            staged[given.out].write_text(text, encoding="utf-8")
         if given.json is not None:
             staged[given.json].write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
         if given.plot is not None:
@@ -110,4 +114,18 @@ def design_gains_for(given: argparse.Namespace, console: Console) -> int:
             made.replace(place)
     if places:
         console.print(f"written: {'; '.join(map(str, places))}", highlight=False, markup=False, soft_wrap=True)
+    if found.refusal:
+        console.print(f"not quiet: {found.refusal}", highlight=False, markup=False, soft_wrap=True)
+        return REFUSED
     return DESIGNED
+
+
+def _designed(loop: Loop, uncertainty: Uncertainty) -> Design:
+    """Design; show on the terminal what is done, for how long, and the time left if the search takes its longest."""
+    columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("left, at most:")
+    bar = Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), speed_estimate_period=600)
+    with bar:
+        shown = bar.add_task("trying gains", total=1.0)
+        found = design(loop, uncertainty, lambda what, share: bar.update(shown, description=what, completed=share))
+        bar.update(shown, description="designed", completed=1.0)
+    return found

@@ -89,6 +89,7 @@ def content_of(design: Design, source: str) -> dict[str, Any]:
             "drives": len(design.outcomes),
         },
         "gains": {"fast": loop.fast.as_array().tolist(), "overdamped": design.choice.gains.as_array().tolist()},
+        "not_quiet": design.refusal,
         "width": design.choice.width,
         "width_angle": design.choice.width * b,
         "poles": [[pole.real, pole.imag] for pole in poles],
@@ -151,20 +152,23 @@ def _pole(real: float, imaginary: float) -> str:
     return f"{real:.3g}" if abs(imaginary) < 1e-6 * abs(real) else f"{real:.3g} {imaginary:+.3g}j"
 
 
-def gain_text(loop: Loop, choice: Choice, source: str) -> str:
+def gain_text(loop: Loop, choice: Choice, source: str, refusal: str = "") -> str:
     """Return the parameter file with the gains and the width, for a controller's start or while it runs.
 
     Parameters
     ----------
     source : the drive that it was designed for, in words
+    refusal : why it is not quiet, if it is not
     """
+    mark = (f"# NOT QUIET: {_printable(refusal)}",) if refusal else ()
 
     def row(gains: Gains) -> str:
         return f"[{', '.join(_number(value) for value in gains.as_array())}]"
 
     return "\n".join(
         (
-            f"# Gains of the two-region law by `backlash design` for {re.sub(r'[^ -~]', '?', source)}. SI units.",
+            f"# Gains of the two-region law by `backlash design` for {_printable(source)}. SI units.",
+            *mark,
             "/**:",
             "  ros__parameters:",
             "    law: two_region",
@@ -176,6 +180,10 @@ def gain_text(loop: Loop, choice: Choice, source: str) -> str:
             "",
         )
     )
+
+
+def _printable(text: str) -> str:
+    return re.sub(r"[^ -~]", "?", text)
 
 
 def _number(value: float) -> str:

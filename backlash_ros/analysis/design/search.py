@@ -17,8 +17,9 @@ from backlash_ros.analysis.design.trial import AIM, LENGTH, MARGIN, Choice, Loop
 from backlash_ros.analysis.design.uncertainty import Case, Uncertainty
 from backlash_ros.analysis.judging import PRECISE, QUIET, SETTLED, TAIL
 from backlash_ros.analysis.metrics import Array
-from backlash_ros.control import DEFAULT_WEIGHTS, Gains, check_stable, design_gains
+from backlash_ros.control import Gains, check_stable, design_gains
 from backlash_ros.control.design.describing_function import PredictedCycle, predict_limit_cycle
+from backlash_ros.control.design.start import default_weights
 from backlash_ros.drivetrain import Drive, rigid_model
 
 _SAMPLES, _BATCHES = 64, 4
@@ -48,12 +49,15 @@ _GEOMETRIC = _LOWER > 0
 
 
 class NothingQuietError(ValueError):
-    """No choice is quiet on every drive of the range; says which drive is the worst."""
+    """No choice could be tried to the end: each is unstable, or oscillates in contact."""
 
 
 @dataclass(frozen=True)
 class Design:
-    """The choice, and its outcome and that of the default choice on each drive of the range."""
+    """The choice, and its outcome and that of the default choice on each drive of the range.
+
+    ``refusal``: the worst drive in words if the choice, the best that was found, is not quiet on all of them.
+    """
 
     loop: Loop
     uncertainty: Uncertainty
@@ -61,11 +65,13 @@ class Design:
     outcomes: tuple[tuple[Case, Outcome], ...]
     default: Choice
     default_outcomes: tuple[tuple[Case, Outcome], ...]
+    refusal: str = ""
 
 
-def default_choice(drive: Drive) -> Choice:
+def default_choice(loop: Loop) -> Choice:
     """Return the default gains and width of a controller."""
-    return Choice(design_gains("overdamped", drive, DEFAULT_WEIGHTS["overdamped"]), 1.0)
+    weights = default_weights(loop.drive, 1.0 / loop.rate, loop.delay.mean)["overdamped"]
+    return Choice(design_gains("overdamped", loop.drive, weights), 1.0)
 
 
 def flank_rate(drive: Drive) -> float:
@@ -142,17 +148,26 @@ def _point(drive: Drive, choice: Choice, scale: float) -> Array:
 class _Search:
     """Points of the search, shape (4,), with their cost on the trial drives."""
 
-    def __init__(self, loop: Loop, trials: list[Case]) -> None:
+    def __init__(self, loop: Loop, trials: list[Case], progress: Callable[[str, float], None], most: int) -> None:
         self._loop, self._trials = loop, trials
+        self._progress, self._done, self._most = progress, 0, most
         slowest = min(flank_rate(case.drive) for case in trials)
         self.scale = min(slowest, 0.25 * braking_rate(loop.drive))  # above that it oscillates in contact
         self._length = min(LENGTH, TAIL + _CREEPS / slowest + 1.0)
         self._outcomes: dict[tuple[Choice, int], float] = {}
         self._cycles: dict[Choice, bool] = {}
         self.found: list[tuple[float, Array, Choice]] = []
+        self.swinging: tuple[float, Choice] | None = None
+        """Cost and choice of the best one with a predicted limit cycle, which is never among those found."""
+
+    def tell(self, what: str) -> None:
+        """Report one more trial, and what it is, with the share of all trials that there can be."""
+        self._done += 1
+        self._progress(what, min(1.0, self._done / self._most))
 
     def try_point(self, point: Array) -> None:
         """Try a point, and keep it if it is among the best."""
+        self.tell("trying gains")
         choice = _choice(self._loop, self.scale, point)
         if choice is not None:
             self._keep(point, choice)
@@ -160,7 +175,12 @@ class _Search:
     def _keep(self, point: Array, choice: Choice) -> None:
         bound = self.found[-1][0] if len(self.found) >= 4 * _BEST else math.inf
         cost = self._cost(choice, bound)
-        if cost < bound and not self._swings(choice):
+        if cost >= bound:
+            return
+        if self._swings(choice):
+            if self.swinging is None or cost < self.swinging[0]:
+                self.swinging = cost, choice
+        else:
             self.found.append((cost, point, choice))
             self.found.sort(key=lambda each: each[0])
             del self.found[4 * _BEST :]
@@ -233,7 +253,9 @@ def cost_of(loop: Loop, case: Case, outcome: Outcome) -> float:
     return outcome.settle + 10.0 * outcome.excess(b, loop.count, AIM) + 2.0 * outcome.overrun(b, loop.count)
 
 
-def design(loop: Loop, uncertainty: Uncertainty, progress: Callable[[str], None] = lambda _what: None) -> Design:
+def design(
+    loop: Loop, uncertainty: Uncertainty, progress: Callable[[str, float], None] = lambda _what, _share: None
+) -> Design:
     """Choose over-damped gains and width.
 
     Choices are tried on a few drives: the one as described, the least damped load and the most damped one. The best
@@ -241,12 +263,16 @@ def design(loop: Loop, uncertainty: Uncertainty, progress: Callable[[str], None]
 
     Parameters
     ----------
-    progress : called with what is done next
+    progress : called with what is done next, and with the share done, from 0 to 1, of the longest search there can be
+
+    Returns
+    -------
+    The best choice that was found; if it is not quiet and precise on all drives of the range, its ``refusal`` says so.
 
     Raises
     ------
     NothingQuietError
-        If no choice is quiet and precise on all drives of the range. The text names the worst drive.
+        If there is no choice at all.
     ValueError
         If the load has no encoder, which the region needs, or if the fast gains are unstable.
     """
@@ -258,9 +284,18 @@ def design(loop: Loop, uncertainty: Uncertainty, progress: Callable[[str], None]
     cases = uncertainty.cases(loop.drive)
     by_flank = sorted((case for case in cases if not case.load_torque), key=lambda case: flank_rate(case.drive))
     trials = list(dict.fromkeys([by_flank[0], cases[0], by_flank[-1]]))
-    search = _Search(loop, trials)
-    progress("trying gains")
-    search.try_point(_point(loop.drive, default_choice(loop.drive), search.scale))
+    refinement = 8 * _BEST
+    most = _BATCHES * _SAMPLES + len(_SIZES) * refinement + _MOST_ROUNDS * (len(cases) + refinement) + len(cases)
+    search = _Search(loop, trials, progress, most)
+
+    def judged(choice: Choice) -> tuple[tuple[Case, Outcome], ...]:
+        outcomes = []
+        for case in cases:
+            search.tell("judging the range")
+            outcomes.append((case, attempt(loop, choice, case)))
+        return tuple(outcomes)
+
+    search.try_point(_point(loop.drive, default_choice(loop), search.scale))
     from scipy.stats import qmc  # noqa: PLC0415 - slow to load, and most who import this need it not
 
     sampler = qmc.Sobol(4, scramble=False)
@@ -270,24 +305,30 @@ def design(loop: Loop, uncertainty: Uncertainty, progress: Callable[[str], None]
         if search.found and search.found[0][0] < LENGTH:
             break
     search.refine(*_SIZES)
+    best: tuple[float, Choice, tuple[tuple[Case, Outcome], ...], str] | None = None
     for number in range(_MOST_ROUNDS):
         if not search.found:
-            raise NothingQuietError(f"no gains are without a limit cycle: with {trials[0].label} {_ADVICE}")
-        progress("judging the range")
-        cost, _, choice = search.found[0]
-        outcomes = tuple((case, attempt(loop, choice, case)) for case in cases)
-        refusal = _refusal(loop, outcomes)
-        worst, outcome = max(outcomes, key=lambda each: cost_of(loop, *each))
-        if not refusal and (number >= _ROUNDS - 1 or cost_of(loop, worst, outcome) <= _SLACK * cost):
             break
-        progress("trying gains")
-        search.add_trial(worst)
+        cost, _, choice = search.found[0]
+        outcomes = judged(choice)
+        refusal = _refusal(loop, outcomes)
+        costs = [cost_of(loop, *each) for each in outcomes]
+        good = not refusal and (number >= _ROUNDS - 1 or max(costs) <= _SLACK * cost)
+        if good or best is None or (bool(refusal), max(costs)) < (bool(best[3]), best[0]):
+            best = max(costs), choice, outcomes, refusal
+        if good:
+            break
+        search.add_trial(outcomes[int(np.argmax(costs))][0])
         search.refine(_SIZES[-1])
-    if refusal:
-        raise NothingQuietError(refusal)
-    default = default_choice(loop.drive)
-    before = tuple((case, attempt(loop, default, case)) for case in cases)
-    return Design(loop, uncertainty, choice, outcomes, default, before)
+    if best is None:
+        if search.swinging is None:
+            raise NothingQuietError(f"no gains can be tried: all are unstable, or oscillate in contact; {_ADVICE}")
+        choice = search.swinging[1]
+        refusal = f"no gains are without a limit cycle: with {trials[0].label}; {_ADVICE}"
+        best = 0.0, choice, judged(choice), refusal
+    _, choice, outcomes, refusal = best
+    default = default_choice(loop)
+    return Design(loop, uncertainty, choice, outcomes, default, judged(default), refusal)
 
 
 def _refusal(loop: Loop, outcomes: tuple[tuple[Case, Outcome], ...]) -> str:

@@ -6,17 +6,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from backlash_ros.control import AUTO, DEFAULT_WEIGHTS, LAWS, Gains, design_gains
-from backlash_ros.control.design.gain_sets import CUSTOM
+from backlash_ros.control import AUTO, LAWS
+from backlash_ros.control.design.choice import Choice, Tuning, given_sets
+from backlash_ros.control.design.start import RATE, CannotStartError
 from backlash_ros.control.limits import NO_LIMIT
-from backlash_ros.drivetrain import Drive, Quantity, Validated, quantities
+from backlash_ros.drivetrain import Drive, Validated, quantities
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.parameters import drive_in
-from backlash_ros.drivetrain.reading.parameter_files import own, read_files, section_of
+from backlash_ros.drivetrain.reading.parameter_files import by_name, named, own, read_files, section_of
 from backlash_ros.drivetrain.sensors import Sensors
-
-RATE = Quantity("samples per second", "Hz", 0.0, 2000.0, True)
-"""Of a controller."""
 
 
 @dataclass(frozen=True)
@@ -54,17 +52,40 @@ class Axis:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a drive file says in addition to the drive: rate, Hz, sensors, delay, and the first gains."""
+    """What a drive file says in addition to the drive: rate, Hz, sensors and delay."""
 
     rate: float
     sensors: Sensors
     delay: Delay
-    fast: Gains
-    overdamped: Gains
 
 
-def read_surroundings(drive: Drive, *paths: Path) -> Surroundings:
-    """Return the surroundings of ``drive`` from its parameter files, with the nodes' defaults.
+def read_start(*paths: Path) -> Choice:
+    """Return what a controller starts with that is given parameter files and knows the delay of the drive.
+
+    Raises
+    ------
+    CannotStartError
+        If gains are unstable, as the controller would say.
+    OSError, ValueError
+        As `read_axis`.
+    """
+    parameters = read_parameters(*paths)
+    try:
+        return start_of(parameters, drive_in(parameters), surroundings_of(parameters))
+    except CannotStartError:
+        raise
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{named(paths)}: {error}") from error
+
+
+def start_of(parameters: Mapping[str, Any], drive: Drive, around: Surroundings) -> Choice:
+    """Return what a controller starts with that is given parameters in sections; raises as `read_start`."""
+    given = {**by_name(parameters), "loop_delay": around.delay.mean}
+    return Tuning(given_sets(given), around.rate).start(given, drive)
+
+
+def read_surroundings(*paths: Path) -> Surroundings:
+    """Return the surroundings of a drive from its parameter files, with the nodes' defaults.
 
     The delay is that of the simulated drive, ``delay``, or if it has none, ``loop_delay``.
 
@@ -73,11 +94,11 @@ def read_surroundings(drive: Drive, *paths: Path) -> Surroundings:
     OSError, ValueError
         As `read_axis`.
     """
-    return read_files(paths, lambda parameters: surroundings_of(parameters, drive))
+    return read_files(paths, surroundings_of)
 
 
-def surroundings_of(parameters: Mapping[str, Any], drive: Drive) -> Surroundings:
-    """Return the surroundings of ``drive`` from parameters in sections; ValueError or TypeError names the fault."""
+def surroundings_of(parameters: Mapping[str, Any]) -> Surroundings:
+    """Return the surroundings of a drive from parameters in sections; ValueError or TypeError names the fault."""
     rate = parameters.get("rate", 250.0)
     RATE.check("rate", rate)
     given = dict(section_of(parameters, "sensors"))
@@ -89,8 +110,7 @@ def surroundings_of(parameters: Mapping[str, Any], drive: Drive) -> Surroundings
         late = parameters.get("loop_delay", 0.0)
         quantities(Delay)["command"].check("loop_delay", late)
         delay = Delay(command=late)
-    gains = {region: _gains(parameters, drive, region) for region in DEFAULT_WEIGHTS}
-    return Surroundings(rate, Sensors(**own(Sensors, given), **signals), delay, **gains)
+    return Surroundings(rate, Sensors(**own(Sensors, given), **signals), delay)
 
 
 def law_parameters_of(parameters: Mapping[str, Any], law: str) -> Validated:
@@ -98,23 +118,6 @@ def law_parameters_of(parameters: Mapping[str, Any], law: str) -> Validated:
     default = LAWS[law].parameters
     given = own(type(default), section_of(section_of(parameters, "laws"), law))
     return replace(default, **given)
-
-
-def _gains(parameters: Mapping[str, Any], drive: Drive, region: str) -> Gains:
-    """Return the gains a controller starts with: ``gains``, or those of its gain set, or of the default weights."""
-    names = _list("gain_set_names", parameters.get("gain_set_names", ["nominal"]))
-    chosen = parameters.get("gain_set", names[0])
-    if chosen not in (*names, CUSTOM):
-        raise ValueError(f"gain_set must be one of {[*names, CUSTOM]}, got {chosen!r}")
-    start = chosen if chosen in names else names[0]
-    of_set = section_of(section_of(parameters, "gain_sets"), start)
-    for section, place in (("gains", section_of(parameters, "gains")), (f"gain_sets.{start}", of_set)):
-        given = section_of(place, region)
-        for kind in ("k", "q"):
-            where = f"{section}.{region}.{kind}"
-            if kind in given and any(values := _list(where, given[kind])):  # zeros: not given
-                return Gains.from_sequence(where, values) if kind == "k" else design_gains(where, drive, values)
-    return design_gains(f"gain_sets.{start}.{region}.q", drive, DEFAULT_WEIGHTS[region])
 
 
 def read_axis(*paths: Path) -> Axis:

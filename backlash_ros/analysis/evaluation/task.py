@@ -22,15 +22,13 @@ from backlash_ros.analysis.judging import (
 from backlash_ros.analysis.metrics import Array
 from backlash_ros.control import (
     AUTO,
-    DEFAULT_WEIGHTS,
     BacklashEstimate,
-    GainSet,
     Servo,
     ServoSettings,
-    check_stable,
-    design_gains,
 )
+from backlash_ros.control.design.choice import Tuning, given_sets
 from backlash_ros.control.design.stability import LONGEST_DELAY
+from backlash_ros.control.design.start import emulated
 from backlash_ros.control.laws import BEST, UNTIL_THEN
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.delay import Delay
@@ -140,13 +138,16 @@ def settings_for(model: Drive, member: Member, delay: float | None = None) -> Se
     Raises
     ------
     ValueError
-        If the gains are unstable at that rate, so that the node would refuse them.
+        If a controller does not start, such as one with gains that are unstable at that rate.
     """
     period, delay = 1.0 / member.rate, member.delay.mean if delay is None else delay
-    gains = {region: design_gains(region, model, weights) for region, weights in DEFAULT_WEIGHTS.items()}
-    for region, designed in gains.items():
-        check_stable(f"gains.{region}.k", model, designed, period, delay)
-    return ServoSettings(GainSet(**gains), period=period, loop_delay=delay)
+    start = Tuning(given_sets({}), member.rate).start({"loop_delay": delay}, model)
+    return ServoSettings(start.settings.gains, period=period, loop_delay=delay)
+
+
+def _known(model: Drive, settings: ServoSettings) -> Drive:
+    """Return the drive as a controller with these settings treats it."""
+    return emulated(model, settings.period, settings.loop_delay)
 
 
 def designed_settings(model: Drive, member: Member, settings: ServoSettings) -> ServoSettings:
@@ -155,12 +156,14 @@ def designed_settings(model: Drive, member: Member, settings: ServoSettings) -> 
     Rate and counts are known from the data sheet. If no quiet gains are found, the default gains stay.
     """
     sensors = replace(member.sensors, load_eccentricity=0.0, motor_eccentricity=0.0)
-    loop = Loop(model, settings.gains.fast, member.rate, sensors, Delay(command=settings.loop_delay))
+    loop = Loop(_known(model, settings), settings.gains.fast, member.rate, sensors, Delay(command=settings.loop_delay))
     try:
-        chosen = loop.settings(design(loop, Uncertainty()).choice)
+        found = design(loop, Uncertainty())
     except NothingQuietError:
         return settings
-    return replace(chosen, backlash_angle=settings.backlash_angle)
+    if found.refusal:
+        return settings
+    return replace(loop.settings(found.choice), backlash_angle=settings.backlash_angle)
 
 
 def first_reading(member: Member) -> float:
@@ -291,7 +294,7 @@ def perform(task: Task, number: int, laws: tuple[str, ...]) -> tuple[Learned, di
     except ValueError as error:
         failed = Verdict(failure=str(error))
         return Learned(reason=str(error)), dict.fromkeys(laws, failed), runs
-    learned, found = learn(member, model, settings, task.experiments)
+    learned, found = learn(member, _known(model, settings), settings, task.experiments)
     if identify and found is not None:
         try:
             model, delay = identified_drive(model, found), found.delay
@@ -309,7 +312,7 @@ def perform(task: Task, number: int, laws: tuple[str, ...]) -> tuple[Learned, di
                 chosen = designed_settings(model, member, settings) if learned.valid else settings
             else:
                 chosen = settings.with_law(law)
-            runs[law] = run(member.drive, chosen, scenario, model=model)
+            runs[law] = run(member.drive, chosen, scenario, model=_known(model, settings))
             verdicts[law] = judge_run(member, scenario, runs[law])
         except (ValueError, IntegrationError) as error:  # noqa: PERF203 - a law that fails has its verdict
             verdicts[law] = Verdict(failure=str(error))

@@ -17,6 +17,7 @@ from backlash_ros.analysis.evaluation.drive_file import (
     law_named,
     law_parameters_of,
     read_parameters,
+    start_of,
     surroundings_of,
 )
 from backlash_ros.analysis.jsonable import jsonable
@@ -24,7 +25,8 @@ from backlash_ros.analysis.metrics import settling_time, step_response
 from backlash_ros.analysis.paper import CASES, SECONDS, judge, respond
 from backlash_ros.analysis.replay.what_if import Changes
 from backlash_ros.analysis.staging import staging
-from backlash_ros.control import AUTO, LAWS, GainSet, ServoSettings
+from backlash_ros.control import AUTO, LAWS, ServoSettings, design_law
+from backlash_ros.control.design.start import CannotStartError
 from backlash_ros.control.laws import BEST, UNTIL_THEN, law_of
 from backlash_ros.drivetrain.reading.parameter_files import in_sections, merged, named
 from backlash_ros.drivetrain.sensors import POSITIONS
@@ -111,22 +113,27 @@ def _simulated(given: argparse.Namespace) -> Run:
         _check(
             "--load-torque", abs(given.load_torque), 0.0, heaviest, "N m, either way, ten times what the motor holds"
         )
-        around = surroundings_of(parameters, axis.drive)
+        around = surroundings_of(parameters)
+        start = start_of(parameters, axis.drive, around)
         settings = ServoSettings(
-            GainSet(around.fast, around.overdamped),
+            start.settings.gains,
             law=law,
             period=1.0 / around.rate,
             loop_delay=around.delay.mean,
             identified=set(POSITIONS) <= set(around.sensors.measured),
             backlash_angle=axis.drive.gear.backlash_angle,
         )
-        law = law_of(axis.drive, settings)
+        law = law_of(start.drive, settings)
         settings = settings.with_law(law, law_parameters_of(parameters, law))
+        try:
+            design_law(start.drive, settings)
+        except ValueError as error:
+            raise CannotStartError(str(error)) from error
     except TypeError as error:
         raise ValueError(str(error)) from error
     reference = np.full(max(1, round(given.seconds * around.rate)), given.reference)
     scenario = Scenario(reference, np.array(given.load_torque), sensors=around.sensors, delay=around.delay)
-    return run(axis.drive, settings, scenario)
+    return run(axis.drive, settings, scenario, model=start.drive)
 
 
 def _figures(result: Run, reference: float) -> dict[str, Any]:

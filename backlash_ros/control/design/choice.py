@@ -3,12 +3,33 @@
 Without ROS: used by the node and by readers of a bag's parameters in use.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from backlash_ros.control import AUTO, EXPERIMENTS, LAWS, FaultThresholds, Limits, ServoSettings, design_law
-from backlash_ros.control.design.gain_sets import REGIONS, expand, gain_set_of, resolve_set, what_stays
+from backlash_ros.control import (
+    AUTO,
+    DEFAULT_WEIGHTS,
+    EXPERIMENTS,
+    LAWS,
+    FaultThresholds,
+    Gains,
+    GainSet,
+    Limits,
+    ServoSettings,
+    design_law,
+)
+from backlash_ros.control.design.gain_sets import (
+    CUSTOM,
+    NO_WEIGHTS,
+    REGIONS,
+    expand,
+    gain_set_of,
+    resolve_set,
+    what_stays,
+)
 from backlash_ros.control.design.stability import LONGEST_DELAY
+from backlash_ros.control.design.start import CannotStartError, default_weights, emulated, explained
 from backlash_ros.control.estimates import APPLY
 from backlash_ros.drivetrain import CONTACTS, Drive, Quantity, Validated, quantities
 from backlash_ros.drivetrain.parameters import FOUND, drive_of, values_of
@@ -24,7 +45,7 @@ GivenSets = Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]
 
 
 class Choice(NamedTuple):
-    """All relevant parameters by name, and what they stand for."""
+    """All relevant parameters by name, and what they stand for; ``drive`` has the winding that is emulated."""
 
     values: dict[str, Any]
     drive: Drive
@@ -57,8 +78,74 @@ def _parameters_of(registry: Mapping[str, Any], values: Mapping[str, Any]) -> tu
     return tuple((name, take(type(registry[name].parameters), values)) for name in sorted(registry))
 
 
+def check_set_names(names: Any) -> None:
+    """Raise ValueError unless there are names of gain sets, all different and none of them `CUSTOM`."""
+    _listed("gain_set_names", names)
+    if CUSTOM in names or len(set(names)) < len(names):
+        raise ValueError(f"gain_set_names must be different from each other and from {CUSTOM!r}, got {list(names)}")
+
+
+def given_sets(given: Mapping[str, Any]) -> dict[str, dict[str, dict[str, list[float]]]]:
+    """Return how each region of each gain set is given by parameters by name, with the defaults of a controller.
+
+    Raises
+    ------
+    ValueError
+        If names of gain sets are missing, taken or given twice.
+    """
+    names = given.get("gain_set_names", ["nominal"])
+    check_set_names(names)
+    sets: dict[str, dict[str, dict[str, list[float]]]] = {}
+    for name in names:
+        sets[name] = {}
+        for region in REGIONS:
+            where = f"gain_sets.{name}.{region}"
+            k = _listed(f"{where}.k", given.get(f"{where}.k", [0.0, 0.0, 0.0]))
+            q = NO_WEIGHTS if name != "nominal" or any(k) else DEFAULT_WEIGHTS[region]
+            sets[name][region] = {"k": k, "q": _listed(f"{where}.q", given.get(f"{where}.q", q))}
+    return sets
+
+
+def _listed(name: str, value: Any) -> list[float]:
+    if not isinstance(value, (list, tuple)) or not value:
+        raise ValueError(f"{name} must be a list with something in it, got {value!r}")
+    return list(value)
+
+
+def chosen_for_rate(choice: Choice) -> list[str]:
+    """Return in words what was chosen for rate and delay: another winding than the motor's, weights below the default.
+
+    Nothing where the drive is controlled as it is described.
+    """
+    said, described, drive = [], drive_of(choice.values).motor, choice.drive
+    rate, motor = 1.0 / choice.settings.period, drive.motor
+    if motor.resistance != described.resistance:
+        line = (
+            f"a winding of {motor.resistance:g} ohm is emulated, since that of motor.resistance = "
+            f"{described.resistance:g} ohm would brake the motor too late inside the gap at {rate:g} Hz"
+        )
+        through = motor.voltage_limit / motor.resistance
+        if through < motor.current_limit:
+            full = math.ceil(rate * motor.current_limit / through)
+            line += f"; it lets {through:.3g} A of {motor.current_limit:g} A through, all from {full:g} Hz on"
+        said.append(line)
+    lowered = default_weights(choice.drive, choice.settings.period, choice.settings.loop_delay)
+    for region, default in DEFAULT_WEIGHTS.items():
+        weights = list(choice.values[f"gains.{region}.q"])
+        if weights == lowered[region] != default:
+            said.append(
+                f"gains.{region}.q is [{', '.join(f'{weight:g}' for weight in weights)}], since the default "
+                f"[{', '.join(f'{weight:g}' for weight in default)}] would be unstable at {rate:g} Hz"
+                + (f" with a delay of {1e3 * choice.settings.loop_delay:g} ms" if choice.settings.loop_delay else "")
+            )
+    return said
+
+
 class Tuning:
-    """The rules that turn values into a `Choice`.
+    """The rules that turn values into a `Choice`, and so decide whether a controller starts.
+
+    Weights that are the default ones are lowered as `default_weights` says. Drives are as described; the winding of one
+    whose current is imposed is replaced by that which the controller emulates.
 
     Parameters
     ----------
@@ -72,13 +159,35 @@ class Tuning:
     def sets(self, drive: Drive, delay: float) -> Sets:
         """Return the named sets for a drive; ValueError if one cannot be designed or is unstable."""
         period = 1.0 / self._rate
-        return {name: resolve_set(name, given, drive, period, delay) for name, given in self._given_sets.items()}
+        drive = emulated(drive, period, delay)
+        defaults = default_weights(drive, period, delay)
+        sets = {}
+        for name, given in self._given_sets.items():
+            regions = dict(given)
+            for region, default in DEFAULT_WEIGHTS.items():
+                if list(given[region]["q"]) == default:
+                    regions[region] = {**given[region], "q": defaults[region]}
+            sets[name] = resolve_set(name, regions, drive, period, delay)
+        return sets
+
+    def gains_at_start(self, given: Mapping[str, Any], drive: Drive, delay: float) -> dict[str, Any]:
+        """Return ``gain_set`` and ``gains.*`` at the start, from those of them that are ``given``.
+
+        Gains given beside a set make the set custom, as they do later.
+        """
+        sets = self.sets(drive, delay)
+        first = next(iter(sets))
+        start = sets[first]
+        changed = {name: _listed(name, given[name]) for name in start if given.get(name, start[name]) != start[name]}
+        asked = given.get("gain_set", first)
+        full = {"gain_set": CUSTOM if changed else asked, **changed}
+        return sets.get(asked, start) | expand(full, sets, emulated(drive, 1.0 / self._rate, delay))
 
     def choice(self, values: dict[str, Any]) -> Choice:
         """Return what parameters stand for; ValueError names what is out of bounds, unstable or cannot be designed."""
-        drive, delay, period = drive_of(values), values["loop_delay"], 1.0 / self._rate
+        described, delay, period = drive_of(values), values["loop_delay"], 1.0 / self._rate
         delay_bound(self._rate).check("loop_delay", delay)
-        sets = self.sets(drive, delay)
+        sets, drive = self.sets(described, delay), emulated(described, period, delay)
         settings = take(
             ServoSettings,
             values,
@@ -97,7 +206,10 @@ class Tuning:
             raise ValueError(f"learning.apply must be {APPLY_BOUND}, got {values['learning.apply']!r}")
         if settings.experiment != AUTO:
             EXPERIMENTS.choose("learning.experiment", settings.experiment, AUTO)
-        design_law(drive, settings)  # refuses what cannot be designed
+        try:
+            design_law(drive, settings)
+        except ValueError as error:
+            raise CannotStartError(str(error)) from error
         return Choice(values, drive, sets, settings, take(Limits, values))
 
     def completed(self, changes: Mapping[str, Any], before: Choice) -> dict[str, Any]:
@@ -109,11 +221,44 @@ class Tuning:
             If the request cannot be accepted, so that its consequences are unknown.
         """
         values = {**before.values, **changes}
-        drive, sets, full = drive_of(values), before.sets, dict(changes)
-        if drive != before.drive:
-            sets = self.sets(drive, values["loop_delay"])
+        delay = values["loop_delay"]
+        drive, sets, full = emulated(drive_of(values), 1.0 / self._rate, delay), before.sets, dict(changes)
+        if drive != before.drive or delay != before.settings.loop_delay:
+            sets = self.sets(drive, delay)
+        if drive != before.drive or sets != before.sets:
             full = {**_for_another(drive, changes, before), **changes}
         return expand(full, sets, drive)
+
+    def start(self, given: Mapping[str, Any], drive: Drive) -> Choice:
+        """Return what a controller of ``drive`` starts with from the parameters that are ``given``, by name.
+
+        Raises
+        ------
+        CannotStartError
+            If gains are unstable, with what would be stable, or if the law cannot be designed.
+        ValueError
+            For any other value with which it does not start.
+        """
+        period, delay = 1.0 / self._rate, given.get("loop_delay", 0.0)
+        delay_bound(self._rate).check("loop_delay", delay)
+        defaults = _defaults(emulated(drive, period, delay)) | values_of(drive)
+        values = defaults | {name: given[name] for name in defaults if name in given}
+        with explained(drive, period, delay):
+            return self.choice(values | self.gains_at_start(given, drive, delay))
+
+
+def _defaults(drive: Drive) -> dict[str, Any]:
+    """Return the defaults of the parameters that may change while a controller runs, beside gains and drive."""
+    no_gains = Gains(1.0, 0.0, 0.0)
+    parts: list[Validated] = [Limits.of(drive), FaultThresholds.of(drive), ServoSettings(GainSet(no_gains, no_gains))]
+    parts += [entry.parameters for room in (LAWS, EXPERIMENTS) for entry in room.values()]
+    values = {
+        f"{part.section}.{name}" if part.section else name: getattr(part, name)
+        for part in parts
+        for name in quantities(type(part))
+    }
+    fixed = {"law": AUTO, "loop_delay": 0.0, "identified": False, "learning.apply": APPLY[0]}
+    return values | fixed | {"learning.experiment": AUTO, "learning.renew": False}
 
 
 def _for_another(drive: Drive, changes: Mapping[str, Any], before: Choice) -> dict[str, Any]:

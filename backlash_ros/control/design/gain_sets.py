@@ -40,7 +40,7 @@ def resolve_set(
         if _given(q) == any(value != 0 for value in k):
             raise ValueError(f"{where}: give either k (gains) or q (LQR weights), got k = {list(k)} and q = {list(q)}")
         gains = design_gains(f"{where}.q", drive, q) if _given(q) else Gains.from_sequence(f"{where}.k", k)
-        check_stable(f"{where}.k", drive, gains, period, delay)
+        check_stable(f"{where}.k", drive, gains, period, delay, q if _given(q) else None)
         values[f"gains.{region}.k"] = gains.as_array().tolist()
         values[f"gains.{region}.q"] = list(q)
     return values
@@ -111,5 +111,5 @@ def gain_set_of(
             raise ValueError(
                 f"{k} = {list(values[k])} does not follow from {q} = {list(values[q])}; set only one of them"
             )
-        check_stable(k, drive, gains[region], period, delay)
+        check_stable(k, drive, gains[region], period, delay, values[q] if _given(values[q]) else None)
     return GainSet(gains["fast"], gains["overdamped"])

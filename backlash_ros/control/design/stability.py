@@ -6,6 +6,7 @@ that instant, the current just before a new command acts. The lag of speeds deri
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -106,8 +107,23 @@ def _label(gains: Gains, period: float, delay: float) -> str:
     return f"[{gains.position:g}, {gains.velocity:g}, {gains.current:g}] is unstable at {1 / period:g} Hz{late}"
 
 
-def check_stable(name: str, drive: Drive, gains: Gains, period: float, delay: float = 0.0) -> None:
-    """Raise ValueError unless the sampled loop is stable in contact and inside the gap.
+class UnstableError(ValueError):
+    """``gains``, called ``name``, make the sampled loop unstable; ``weights`` are those they were designed from."""
+
+    def __init__(self, name: str, gains: Gains, why: str, weights: Sequence[float] | None = None) -> None:
+        super().__init__(f"{name} = {why}")
+        self.name, self.gains, self.weights = name, gains, weights
+
+
+def check_stable(
+    name: str,
+    drive: Drive,
+    gains: Gains,
+    period: float,
+    delay: float = 0.0,
+    weights: Sequence[float] | None = None,
+) -> None:
+    """Raise `UnstableError` unless the sampled loop is stable in contact and inside the gap.
 
     In contact the drive is the rigid model (eq 9); inside the gap the motor turns alone, and only the current gain acts
     on it. The loop is that of the drive's command interface: if the current is imposed, the current gain sees the
@@ -119,6 +135,7 @@ def check_stable(name: str, drive: Drive, gains: Gains, period: float, delay: fl
     period : of the samples, s
     delay : from the instant of a measurement to that at which its command acts on the motor, s, >= 0 and at most 10
         periods; whole periods and parts of one are exact
+    weights : from which the gains were designed, for whoever catches the error
 
     Examples
     --------
@@ -126,14 +143,13 @@ def check_stable(name: str, drive: Drive, gains: Gains, period: float, delay: fl
     >>> check_stable("fast", NOMINAL_DRIVE, Gains(31.6, 0.872, 0.167), period=0.004, delay=0.016)
     >>> check_stable("fast", NOMINAL_DRIVE, Gains(31.6, 0.872, 0.167), period=0.004, delay=0.022)
     Traceback (most recent call last):
-    ValueError: fast = [31.6, 0.872, 0.167] is unstable at 250 Hz with a delay of 0.022 s even without backlash: ...
+    backlash_ros.control.design.stability.UnstableError: fast = [31.6, ...] is unstable at 250 Hz with a delay of ...
     """
     _check_delay(name, period, delay)
     for where, worst in _slowest_poles(drive, gains, period, delay).items():
         if not worst < 1.0:
-            raise ValueError(
-                f"{name} = {_label(gains, period, delay)} {where}: pole magnitude must be < 1, got {worst:.4g}"
-            )
+            why = f"{_label(gains, period, delay)} {where}: pole magnitude must be < 1, got {worst:.4g}"
+            raise UnstableError(name, gains, why, weights)
 
 
 @lru_cache(maxsize=64)
@@ -143,6 +159,11 @@ def _slowest_poles(drive: Drive, gains: Gains, period: float, delay: float) -> d
         "even without backlash": _spectral_radius(_rigid_loop(drive, gains, period, delay)),
         "inside the gap, where the motor turns alone": _spectral_radius(_motor_loop(drive, gains, period, delay)),
     }
+
+
+def is_stable(drive: Drive, gains: Gains, period: float, delay: float) -> bool:
+    """Return whether `check_stable` accepts the gains, for a delay of any length."""
+    return max(_slowest_poles(drive, gains, period, delay).values()) < 1.0
 
 
 @lru_cache(maxsize=64)

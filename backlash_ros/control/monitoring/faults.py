@@ -21,8 +21,8 @@ def describe_fault(fault: Fault, details: Array, limits: Limits, thresholds: Fau
         "limits.command; the motor does not follow its command, the load is blocked, or encoders stand still or count "
         "backwards",
         Fault.TRACKING: f"the load left its reference: within a second it went {a:.3g} rad further away than "
-        f"the reference's motion explains, more than {b:.3g} rad by faults.tracking, backlash and load torque; something drives the "
-        "load, or law, gains or units are wrong",
+        f"the reference's motion explains, more than {b:.3g} rad by faults.tracking, backlash and load torque; "
+        "something drives the load, or law, gains or units are wrong",
         Fault.RATE: f"samples come every {a:.3g} s, but rate says every {b:g} s: set rate as the drive has it",
         Fault.NOT_FINITE: "the joint states give no finite command",
         Fault.MOTOR_CURRENT: f"motor current of {a:.3g} A, which the command cannot cause: it allows {b:.3g} to "

@@ -90,8 +90,8 @@ _LOWER_END, _UPPER_END = int(Fault.LOWER_END), int(Fault.UPPER_END)
 class MonitorConstants(NamedTuple):
     """Thresholds and ends as the compiled step reads them (rad, rad/s, N m); the torque's filter is in rad/s.
 
-    ``gives_way``: how far a sudden load torque moves the load until the law holds it, rad per N m; ``sags``: the same for
-    good, where the load's encoder alone is there, so that no load torque is found.
+    ``gives_way``: how far a sudden load torque moves the load until the law holds it, rad per N m; ``sags``: how far it
+    does for good, where the load's encoder alone is there, so that no load torque is found.
     """
 
     velocity: float
@@ -131,8 +131,9 @@ def monitor_constants(
 ) -> MonitorConstants:
     """Return the monitor of one drive.
 
-    ``least_gain``: the smaller one of both regions on the position, V/rad. A learned backlash (rad, > 0) lowers the gap threshold to 1.5 times the larger of it and the drive's own (because of
+    A learned backlash (rad, > 0) lowers the gap threshold to 1.5 times the larger of it and the drive's own (because of
     eccentric encoders and a varying gap), plus the teeth's wind-up and two counts. With ``may_grow`` the factor is 6.
+    ``least_gain``: the smaller one of both regions on the position, V/rad.
     """
     share = _GROWS if may_grow else 1.5
     known = share * max(backlash_angle, drive.gear.backlash_angle) + 2.0 * pressed(drive) + 2.0 * _COUNT
