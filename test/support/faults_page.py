@@ -88,6 +88,23 @@ The name is beside the text in `/diagnostics` (`fault_name`) and in the answer o
 | name | number | meaning | what to do |
 |---|---|---|---|
 {chr(10).join(rows)}
+
+### When the load leaves its reference
+
+`TRACKING` watches the result instead of a cause. Let e be the distance between setpoint and load. Within any second e
+may grow by the sum of
+
+- the way that the setpoint itself went in that second,
+- the way on which a load that moves can stop: w_l^2/(2 a), with a tenth of the acceleration at standstill for a,
+- what a load torque explains: the unexplained torque times the speed that 1 N m gives the motor, times its mechanical
+  time constant plus 25 ms (0.36 rad per N m for the nominal drive). With the load's encoder alone, where no load torque
+  is estimated, it is the error that the smaller k1 leaves, if that is more,
+- `faults.tracking`: by default twice `gear.backlash_angle`, at least 0.05 rad; never less than twice the learned gap.
+
+More latches the fault. A second law, or gains, plans or estimates that are wrong, cannot take the load further than
+that. A drift of less than `faults.tracking` a second is not seen, nor is anything while an experiment moves the load:
+experiments have bounds of their own. For an axis without sudden load torques `faults.tracking` may be as small as its
+overshoot.
 """
 
 
