@@ -14,7 +14,7 @@ from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitoring.faults import describe_fault
 from backlash_ros.control.monitoring.monitor import forget_ends, keep_torque, monitor_constants, unexplained_torque
 from backlash_ros.control.monitoring.plausibility import plausibility_constants
-from backlash_ros.control.motion.moving_reference import motion_constants
+from backlash_ros.control.motion.moving_reference import motion_constants, taken_reference
 from backlash_ros.control.motion.setpoint import DURATION, AtRest, Source, extent, plan_rejection
 from backlash_ros.control.observer import estimate_of, keep_estimate
 from backlash_ros.control.settings import AUTO, ServoSettings
@@ -243,7 +243,9 @@ class Servo:
         ):
             if hindered:
                 return f"reference {end:g} rad came {why}"
-        if reason := plan_rejection(segments, self.limits, self._position):
+        # References that keep coming are ahead of the setpoint: each counts from the one that was taken before.
+        taken = taken_reference(self.memory.motion)
+        if reason := plan_rejection(segments, self.limits, self._position if math.isnan(taken) else taken):
             return reason
         self.segments, self._end = segments, end
         self._reach = least, largest

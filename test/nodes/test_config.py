@@ -38,7 +38,7 @@ def test_what_follows_from_the_drive_is_not_given_in_the_file_to_copy() -> None:
     given = flatten(yaml.safe_load(CONFIG.read_text())["/**"]["ros__parameters"])
     assert set(documented()) - set(given) == {
         "limits.command",
-        *(f"faults.{x}" for x in ("velocity", "load_torque", "gap")),
+        *(f"faults.{x}" for x in ("velocity", "load_torque", "gap", "tracking")),
     }
 
 

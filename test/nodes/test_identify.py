@@ -149,7 +149,7 @@ def test_a_drive_is_told_by_hand_while_it_moves(rig: Callable[..., Rig]) -> None
         ({"load__inertia": -1.0}, "load.inertia must be >= 1e-09 kg m^2 and <= 100000 kg m^2, got -1.0"),
         ({"load__inertia": math.nan}, "load.inertia must be >= 1e-09 kg m^2 and <= 100000 kg m^2, got nan"),
         ({"loop_delay": 0.05}, "loop_delay must be >= 0 s and <= 0.04 s, got 0.05"),
-        ({"loop_delay": 0.04}, "gain_sets.nominal.fast.k = "),
+        ({"loop_delay": 0.04, "gains__fast__k": told["gains.fast.k"]}, "gains.fast.k = "),
         ({"contact__law": "glue"}, "contact.law must be one of ['elastic', 'power', 'power_no_pull', 'restitution']"),
         ({"contact__power__exponent": 20}, "contact.power.exponent must be an odd"),
         ({"motor__resistance": 1.0}, "motor.resistance is read-only"),

@@ -99,12 +99,15 @@ may grow by the sum of
 - what a load torque explains: the unexplained torque times the speed that 1 N m gives the motor, times its mechanical
   time constant plus 25 ms (0.36 rad per N m for the nominal drive). With the load's encoder alone, where no load torque
   is estimated, it is the error that the smaller k1 leaves, if that is more,
-- `faults.tracking`: by default twice `gear.backlash_angle`, at least 0.05 rad; never less than twice the learned gap.
+- `faults.tracking`: by default the way at 1.5 times the no-load speed in the mechanical time constant and 25 ms (3.24
+  rad for the nominal drive). Healthy loops at their limits go as far: steps of 10 rad at 100 Hz need 1.5 rad
+  (`elastic_lqg`) and 0.7 rad (`two_encoder`), a load torque of 3.3 N m at full speed 2 rad. At least 0.05 rad and twice
+  `gear.backlash_angle`, and never less than twice the learned gap.
 
-More latches the fault. A second law, or gains, plans or estimates that are wrong, cannot take the load further than
-that. A drift of less than `faults.tracking` a second is not seen, nor is anything while an experiment moves the load:
-experiments have bounds of their own. For an axis without sudden load torques `faults.tracking` may be as small as its
-overshoot.
+More latches the fault, so law, gains, plans or estimates that are wrong cannot take the load further. A drift of less
+than `faults.tracking` a second is not seen, nor is anything while an experiment moves the load: experiments have bounds
+of their own. **Set `faults.tracking` to what your axis bears**: where nothing knocks on the load, 0.05 rad or twice the
+gap is enough. With that bound no law faulted in the steps and changes of load torque of 12 drives of `core`.
 """
 
 

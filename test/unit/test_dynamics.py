@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import types
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -94,12 +95,13 @@ CONTACTS = {"cubic": CubicContact}
 
 
 @pytest.fixture(scope="module")
-def cubic(tmp_path_factory: pytest.TempPathFactory) -> type[Contact]:
-    if "cubic" not in CONTACTS:
-        file: Path = tmp_path_factory.mktemp("teeth") / "cubic.py"
-        file.write_text(CUBIC)
-        assert CONTACTS.add(file) == ["cubic"]
-    return CONTACTS["cubic"]
+def cubic(tmp_path_factory: pytest.TempPathFactory) -> Iterator[type[Contact]]:
+    before = list(CONTACTS)
+    file: Path = tmp_path_factory.mktemp("teeth") / "cubic.py"
+    file.write_text(CUBIC)
+    assert CONTACTS.add(file) == ["cubic"]
+    yield CONTACTS["cubic"]
+    CONTACTS.keep(before)
 
 
 LAWS = ["power", "power_no_pull", "elastic", "restitution", "cubic"]

@@ -516,8 +516,11 @@ def test_a_drive_from_a_parameter_file(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("motor: {resistance: -1.0}", "motor.resistance must be > 0 ohm"),
-        ("motor: {resistence: 1.0}", "motor.resistence is no parameter"),
-        ("gear: 3", "gear must have parameters by name, got 3"),
+        (
+            "motor: {resistence: 1.0}",
+            "'motor.resistence', got 1.0: did you mean 'motor.resistance'?",
+        ),
+        ("gear: 3", "there is no parameter 'gear', got 3"),
         ("load: {}\ncontact: {law: rubber}", "contact.law must be one of"),
         ("nothing: here", "must have ROS parameters of motor, gear or load"),
         ("motor: {", "expected the node content"),

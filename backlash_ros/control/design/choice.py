@@ -206,6 +206,8 @@ class Tuning:
             raise ValueError(f"learning.apply must be {APPLY_BOUND}, got {values['learning.apply']!r}")
         if settings.experiment != AUTO:
             EXPERIMENTS.choose("learning.experiment", settings.experiment, AUTO)
+        if settings.law != AUTO:
+            LAWS.choose("law", settings.law, AUTO)
         try:
             design_law(drive, settings)
         except ValueError as error:

@@ -30,6 +30,7 @@ import numpy as np
 from backlash_ros.control import observer as observing
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitoring.thresholds import (
+    FOUND,
     GAPS_AWAY,
     FaultThresholds,
     mechanical_time_constant,
@@ -63,9 +64,6 @@ _FOLLOWS = 0.05
 _RATIO_ERROR = 0.02
 """Tolerance of the gear ratio: share of the travel by which the shafts may drift apart."""
 
-
-_FOUND = 0.025
-"""Time in which a load torque is found, s: that of the default torque_bandwidth."""
 
 _GROWS = 6.0
 """Factor by which a gap that will be learned again may have grown."""
@@ -115,7 +113,7 @@ def _gives_way(drive: Drive) -> float:
     """
     motor = drive.motor
     speed = drive.gear.ratio * motor.voltage_limit / motor.torque_constant / drive.standstill_torque()
-    return float(speed * (mechanical_time_constant(drive) + _FOUND))
+    return float(speed * (mechanical_time_constant(drive) + FOUND))
 
 
 def monitor_constants(

@@ -19,6 +19,10 @@ _LEAST_TRACKING, GAPS_AWAY = 0.05, 2.0
 """Smallest default of faults.tracking, rad, for overshoot with coarse encoders and late commands; and the least that it
 may be in gaps, in which the load falls or rattles."""
 
+_DRIVEN, FOUND = 1.5, 0.025
+"""Speed to which a knock, a load torque or an overshoot drives a healthy load, in no-load speeds, in the default of
+faults.tracking; and time in which the cause is found, s: that of the default torque_bandwidth."""
+
 
 def mechanical_time_constant(drive: Drive) -> float:
     """Return the time in which the drive without friction reaches 63 % of its speed at a constant voltage, s."""
@@ -69,16 +73,17 @@ class FaultThresholds(Validated):
 
         Load: 60 % of the standstill torque. Speed: a load torque as large as the drive's own doubles the no-load speed
         and accelerates the load through the gap; plus a quarter. Gap: five times the backlash of ``drive`` plus the
-        wind-up of the teeth (`pressed`) to either side; at least 0.1 rad. Tracking: twice the backlash, at
-        least 0.05 rad.
+        wind-up of the teeth (`pressed`) to either side; at least 0.1 rad. Tracking: the way at 1.5 times
+        the no-load speed in the mechanical time constant and 25 ms; at least twice the backlash and 0.05 rad.
         """
         motor, gear = drive.motor, drive.gear
         torque = drive.standstill_torque()
         fall = math.sqrt(2 * torque * gear.backlash_angle / drive.load.inertia)
         no_load = gear.ratio * motor.voltage_limit / motor.torque_constant
+        driven = _DRIVEN * no_load * (mechanical_time_constant(drive) + FOUND)
         return cls(
             velocity=float(f"{1.25 * (2 * no_load + fall):.3g}"),
             load_torque=float(f"{_EXPECTED * torque:.3g}"),
             gap=float(f"{max(_LEAST_GAP, 5 * gear.backlash_angle + 2 * pressed(drive)):.3g}"),
-            tracking=float(f"{max(_LEAST_TRACKING, GAPS_AWAY * gear.backlash_angle):.3g}"),
+            tracking=float(f"{max(_LEAST_TRACKING, GAPS_AWAY * gear.backlash_angle, driven):.3g}"),
         )

@@ -19,6 +19,9 @@ _BLOCK, _BLOCKS = 0.1, 10
 _BRAKES = 1.0 / 3.0
 """Share of its acceleration with which a drive surely brakes a load: a plan made in flight lets it coast at first."""
 
+_UNKNOWN = 0.05
+"""Time after the start in which the load's speed may not be known yet, s."""
+
 _REFERENCE, _WAY, _TIME, _AT, _LEAST = range(5)
 """Of the memory: the reference of the sample before, rad; the way that it went, rad; time in the present block, s; its
 index; then the least of each block, rad."""
@@ -27,14 +30,14 @@ index; then the least of each block, rad."""
 def tracking_memory() -> Array:
     """Return the initial memory."""
     memory = np.zeros(_LEAST + _BLOCKS + 1)
-    memory[_REFERENCE], memory[_LEAST:] = math.nan, math.inf
+    forget_tracking(memory)
     return memory
 
 
 @compiled
 def forget_tracking(memory: Array) -> None:
     """Begin anew: the load moves for another reason, such as an experiment."""
-    memory[_REFERENCE], memory[_WAY], memory[_LEAST:] = math.nan, 0.0, math.inf
+    memory[_REFERENCE], memory[_WAY], memory[_TIME], memory[_LEAST:] = math.nan, 0.0, -_UNKNOWN, math.inf
 
 
 @compiled
@@ -56,6 +59,8 @@ def departure(memory: Array, reference: float, estimate: Estimate, acceleration:
         memory[_TIME] = 0.0
         memory[_AT] = (memory[_AT] + 1.0) % (_BLOCKS + 1)
         memory[_LEAST + int(memory[_AT])] = math.inf
+    if memory[_TIME] < 0.0:
+        return 0.0
     beyond = abs(reference - estimate[THETA_L]) - memory[_WAY]
     stops = 0.5 * estimate[OMEGA_L] ** 2 / (_BRAKES * acceleration)
     at = _LEAST + int(memory[_AT])

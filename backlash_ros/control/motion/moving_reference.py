@@ -80,6 +80,11 @@ def motion_memory() -> Array:
     return memory
 
 
+def taken_reference(memory: Array) -> float:
+    """Return the newest reference that a sample has taken, rad; nan if there is none, or another plan since."""
+    return float(memory[_REFERENCE])
+
+
 @compiled
 def forget_path(memory: Array) -> None:
     """Take the next reference for a step."""

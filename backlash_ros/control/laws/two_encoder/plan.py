@@ -59,6 +59,9 @@ _LONGEST, _OF_WAY, _CROSSES_IN = 0.3, 0.25, 3.0
 """Longest time to catch a load, s; share of its travel and least number of periods for the motor's crossing to it."""
 _NEAR, _STOPS = 0.92, 0.3
 """g, in half gaps, above which a flank is reached; speed, rad/s, below which a load may be carried from rest."""
+_FALLS = 8.0
+"""Gaps, doubled, through which a load torque would pull the load while the motor approaches it, from which on the load
+lies on the motor's flank already."""
 _QUICKER, _SHORT = 0.9, 0.03
 _UNSURE = 0.06
 """Shortest time, s, for each half of a shift if friction hides the load torque, so that the shift shows it."""
@@ -209,6 +212,8 @@ def _press(
     """
     length = _approach(law, g)
     edge = contact(law, _TOUCH)
+    if slows * length * length > _FALLS * law[GAP]:
+        length = 0.0  # such a load torque has long laid the load on that flank, wherever the middle is thought to be
     if length > 0.0:
         segment(state, length, x, v, -slows, -slows, 0.0, g, edge, way, closing, 2)
         x, v = x + v * length - 0.5 * slows * length * length, v - slows * length
