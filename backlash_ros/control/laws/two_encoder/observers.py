@@ -102,6 +102,9 @@ what is too far off for that, and what g may be beyond the gap, as shares of it.
 _TURNS, _LONG, _DISPROVED = 0.2, 0.05, 2.0
 """Smallest speed, rad/s, and time, s, for which a flight shows the load torque; and how many times as far off it shows
 the load torque with the expected slope as without, if the slope is wrong."""
+_FALLS, _LIES = 8e-3, 0.5
+"""A load torque that pulls the load through the gap within this time, s, has laid it on its flank, up to this speed of
+the load, rad/s."""
 _SLIDES = 0.05
 """Speed of the motor, rad/s, above which its dry friction is all there."""
 _SLOWLY, _PATIENT, _STANDS = 0.05, 0.1, 0.02
@@ -325,7 +328,11 @@ def rests_on(law: Array, state: Array, pull: float) -> None:
 @compiled
 def see_middle(law: Array, state: Array) -> None:
     """Learn the middle of the gap from teeth that push or hold, and from the fact that no teeth are beyond the gap."""
-    if state[PHASE] == HOLD and state[WAITED] > _PATIENT and abs(state[LOAD_SPEED]) < _STANDS:
+    sure = min(state[PULL] * state[PULL_SLOW], state[PULL_SLOW] ** 2)
+    strong = 2.0 * law[INERTIA] * law[GAP] / _FALLS**2
+    if state[PHASE] == HOLD and sure > strong * strong and abs(state[LOAD_SPEED]) < _LIES:
+        rests_on(law, state, state[PULL_SLOW])  # it would fall through the gap at once
+    elif state[PHASE] == HOLD and state[WAITED] > _PATIENT and abs(state[LOAD_SPEED]) < _STANDS:
         rests_on(law, state, state[PULL_SLOW])
     carried = state[CARRIED + int(law[WHOLE])]
     between = state[MOTOR] - state[LOAD] - state[MIDDLE]
