@@ -147,7 +147,7 @@ def verdicts(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
             checks = f"not {RATE}"
         return judge(tmp_path_factory.mktemp("kit"), command, *options, "-k", checks)
 
-    with ThreadPoolExecutor(4) as pool:
+    with ThreadPoolExecutor(2) as pool:
         yield {drive: pool.submit(judged, drive) for drive in asked}
 
 
