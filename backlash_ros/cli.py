@@ -24,6 +24,7 @@ from backlash_ros.analysis.evaluation.population import ENCODERS, MODELS, POPULA
 from backlash_ros.analysis.evaluation.task import DESIGNED, Task
 from backlash_ros.analysis.export import FORMATS
 from backlash_ros.analysis.jsonable import jsonable
+from backlash_ros.analysis.locked_output import command as locked
 from backlash_ros.analysis.page import write_page
 from backlash_ros.analysis.paper import PARTS, reproduce
 from backlash_ros.analysis.parser import Parser
@@ -347,6 +348,8 @@ def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
     add("params", text, _params, _add_params, written=["out"], epilog="example: backlash params --out my_drive.yaml")
     text = "identify a drive from a recording, with uncertainties"
     add("identify", text, identify, add_identification, written=IDENTIFICATION)
+    text = "measure the lost motion of a locked output from ramps of its torque"
+    add("lost-motion", text, locked.measure, locked.add_lost_motion, written=locked.WRITTEN)
     text = "write a page about a recording: steps, faults, backlash, timing, charts"
     add("report", text, write_report, add_report, written=REPORT)
     text = "design over-damped gains and their region's width for a range of drives"

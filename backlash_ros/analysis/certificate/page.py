@@ -74,7 +74,7 @@ def certificate(subject: Subject, found: Identified) -> str:
         *([] if subject.sheet else [paragraph(_NO_SHEET, "verdict bad")]),
     ]
     if rows:
-        parts += ["<h2>Results</h2>", _results(rows), *_about(subject, found)]
+        parts += ["<h2>Results</h2>", results_table(rows), *_about(subject, found)]
     parts += ["<h2>Pictures</h2>", '<div class="pictures">', *_pictures(subject, found), "</div>"]
     if found.score is not None:
         parts += ["<h2>Held out</h2>", _held_out(found.score)]
@@ -130,7 +130,8 @@ def _verdict(subject: Subject, found: Identified) -> str:
     return paragraph(f"{'. '.join([*told, *untold])}.", "verdict" if told else "verdict bad")
 
 
-def _results(rows: list[Row]) -> str:
+def results_table(rows: list[Row]) -> str:
+    """Return a table of results."""
     lines = [
         "<table>",
         '<thead><tr><th scope="col">quantity</th><th scope="col">value \u00b1 standard uncertainty</th>'

@@ -14,6 +14,7 @@ from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.fit import motor_side
 from backlash_ros.identification.hysteresis import measure_lost_motion
 from backlash_ros.identification.lost_motion import Curve, LostMotion
+from backlash_ros.identification.ramps import Figure, Ramps
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.plausible import wrong_command
@@ -55,6 +56,29 @@ def turns_of(torque: Array) -> list[int]:
     return [turn for turn in turns if turn > 0]
 
 
+def torque_of(drive: Drive, time: Array, motor: Array, command: Array) -> tuple[Array, Array]:
+    """Return the motor's torque, N m at the output, and its speed there, rad/s.
+
+    Parameters
+    ----------
+    time, motor : s; n theta_m, rad
+    command : that acted, V or A
+    """
+    side = motor_side(drive)
+    near = max(1, round(_DIFFERENCE / float(np.median(np.diff(time)))))
+    speed = np.zeros_like(motor)
+    speed[near:-near] = (motor[2 * near :] - motor[: -2 * near]) / (time[2 * near :] - time[: -2 * near])
+    return side.gain * command - side.braking * speed, speed
+
+
+def movement(load: Array, travel: Array) -> str:
+    """Return by how much a load that should be at rest moved, if that is too much; empty if not. Both in rad."""
+    moved, way = float(np.nanmax(load) - np.nanmin(load)), float(np.ptp(travel))
+    if moved > (allowed := max(_MOVEMENT, _OF_WAY * way)):
+        return f"the load moved by {moved:.2g} rad; an output at rest may move by {allowed:.2g} rad"
+    return ""
+
+
 def curve_of(drive: Drive, recording: Recording) -> tuple[Curve, float]:
     """Return the curve of a recording without holes, and the speed at which its motor crosses the gap, rad/s.
 
@@ -66,11 +90,8 @@ def curve_of(drive: Drive, recording: Recording) -> tuple[Curve, float]:
     time, motor, load, command, _ = recording.part(read)
     known = np.maximum.accumulate(np.where(np.isfinite(command), np.arange(command.size), 0))
     command = np.nan_to_num(command[known])
-    period, side = float(np.median(np.diff(time))), motor_side(drive)
-    near = max(1, round(_DIFFERENCE / period))
-    speed = np.zeros_like(motor)
-    speed[near:-near] = (motor[2 * near :] - motor[: -2 * near]) / (time[2 * near :] - time[: -2 * near])
-    torque = side.gain * np.append(command[:1], command[:-1]) - side.braking * speed
+    torque, speed = torque_of(drive, time, motor, np.append(command[:1], command[:-1]))
+    period = float(np.median(np.diff(time)))
     size = max(1, round(_SMOOTH / period))
     padded = np.pad(torque, (size // 2, size - 1 - size // 2), mode="edge")
     smooth = np.convolve(padded, np.full(size, 1.0 / size), mode="valid")
@@ -102,9 +123,8 @@ def _no_curve(drive: Drive, recording: Recording) -> str:
     time, load = recording.time, recording.load
     if why := wrong_command(drive, recording):
         return why
-    moved, way = float(np.nanmax(load) - np.nanmin(load)), float(np.ptp(recording.travel))
-    if moved > (allowed := max(_MOVEMENT, _OF_WAY * way)):
-        return f"the load moved by {moved:.2g} rad; an output at rest may move by {allowed:.2g} rad"
+    if why := movement(load, recording.travel):
+        return why
     if np.max(np.diff(time)) >= HOLE * np.median(np.diff(time)):
         return f"the recording has a hole of more than {HOLE} periods"
     return ""
@@ -167,4 +187,33 @@ def hysteresis_findings(found: LostMotion) -> tuple[Finding, ...]:
     # The teeth's loss is hard to separate from friction: its part at half of the torque could be either.
     unsure = math.hypot(found.friction_uncertainty, 0.5 * found.loss * found.torque, _FRICTION * found.friction)
     friction = "friction of motor and gear, at the output"
-    return (*rows, Finding("", "friction", friction, "N m", found.friction, unsure))
+    measured = ramps_findings(found.ramps)[:-4] if found.ramps is not None else ()
+    return (*rows, Finding("", "friction", friction, "N m", found.friction, unsure), *measured)
+
+
+def ramps_findings(ramps: Ramps) -> tuple[Finding, ...]:
+    """Return the findings of valid ramps; the last four are the stiffness by branch."""
+
+    def row(symbol: str, what: str, unit: str, figure: Figure, why: str) -> Finding:
+        if figure.found:
+            return Finding("", symbol, what, unit, figure.mean, figure.uncertainty)
+        return Finding("", symbol, what, unit, why=why)
+
+    at, few = f"+-{ramps.at:.3g} N m", "fewer than two ramps show it"
+    beyond = few if ramps.at <= ramps.torque else f"the torque reaches only {ramps.torque:.3g} N m"
+    rows = [
+        row("lost motion 0", "lost motion at zero torque, between the branches", "rad", ramps.at_zero, few),
+        row("lost motion T", f"lost motion at {at}, on the ways back", "rad", ramps.at_torque, beyond),
+        row("lost motion T, C", f"the same without friction, at {at}", "rad", ramps.without_friction, beyond),
+        row("width", "width of the hysteresis, the largest distance of the branches", "rad", ramps.width, few),
+    ]
+    for sign, figure in zip(("negative", "positive"), ramps.breakaway, strict=True):
+        symbol = f"T {'-+'[sign == 'positive']}"
+        rows.append(row(symbol, f"breakaway torque in {sign} direction", "N m", figure, few))
+    ways = [(way, side) for way in ("out", "back") for side in "-+"]
+    for (way, side), figure in zip(ways, ramps.stiffness, strict=True):
+        flank = "positive" if side == "+" else "negative"
+        what = f"stiffness of the {flank} flank on the way {way}"
+        seen = figure if figure.uncertainty < _SEEN * figure.mean else Figure()
+        rows.append(row(f"k {way} {side}", what, "N m/rad", seen, "more, or less even, than the ramps show"))
+    return tuple(rows)
