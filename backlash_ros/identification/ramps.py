@@ -105,8 +105,8 @@ class Ramps:
         first = f"; the first ramp, which does not count, is {zero.first / degree:+.2g} deg off" if apart else ""
         return (
             f"{self.number} ramps to +-{self.torque:.3g} N m: {zero.mean / degree:.4g} +- "
-            f"{zero.uncertainty / degree:.2g} deg are lost at zero torque; repeatability {zero.spread / degree:.2g} deg "
-            f"between the ramps{first}"
+            f"{zero.uncertainty / degree:.2g} deg are lost at zero torque; repeatability "
+            f"{zero.spread / degree:.2g} deg between the ramps{first}"
         )
 
     @property
@@ -199,7 +199,9 @@ def _slope(torque: Array, angle: Array, low: float, high: float) -> float:
     inside = (torque >= low) & (torque <= high)
     if np.sum(inside) < _FEW or not np.ptp(torque[inside]) > 0.5 * (high - low) > 0.0:
         return math.nan
-    return float(np.polyfit(torque[inside], angle[inside], 1)[0])
+    share = torque[inside] / high
+    share -= np.mean(share)
+    return float(share @ angle[inside] / (share @ share) / high)
 
 
 def _stiffness(give: Figure) -> Figure:
@@ -210,7 +212,7 @@ def _stiffness(give: Figure) -> Figure:
     stiffness = 1.0 / give.mean
     used = np.array(values[1:] if math.isfinite(give.first) else values)
     first = values[0] - stiffness if math.isfinite(give.first) else math.nan
-    return Figure(stiffness, give.uncertainty * stiffness**2, _range(used), first, values)
+    return Figure(stiffness, give.uncertainty * stiffness * stiffness, _range(used), first, values)
 
 
 def _range(values: Array) -> float:
@@ -358,6 +360,16 @@ def _unusable(found: Ramps, plus: list[_Branch], minus: list[_Branch]) -> str:
     swing = float(np.mean(ends[0]) - np.mean(ends[1]))
     if not float(np.ptp(found.angles)) > 0.0:
         return "the angle stands still under the torque: its encoder does, or the torque is too small"
+    why = _loose(swing, lost, ends, plus, minus)
+    if why or not swing > 0.0:
+        return why or "the angle falls while the torque rises: one of them has the wrong sign"
+    if not lost > 0.5 * resolution:
+        return f"the branches meet at zero torque: nothing is lost that the angle's steps of {resolution:.2g} rad show"
+    return ""
+
+
+def _loose(swing: float, lost: float, ends: list[Array], plus: list[_Branch], minus: list[_Branch]) -> str:
+    """Return why the output is not locked; empty if it may be."""
     drift = max(float(np.median(np.abs(np.diff(each[len(each) > 2 :])))) for each in ends)
     if drift > _DRIFT * abs(swing):
         return (
@@ -365,15 +377,13 @@ def _unusable(found: Ramps, plus: list[_Branch], minus: list[_Branch]) -> str:
             "output is not locked, or something slips"
         )
     if not swing > 0.0:
-        return "the angle falls while the torque rises: one of them has the wrong sign"
+        return ""
     on = [float(np.nanmedian([b.side * (b.at(0.0) - b.angle[0]) for b in each])) for each in (plus, minus)]
     if min(on) > _ON * lost:
         return (
             f"the angle goes on by {min(on):.3g} rad while the torque falls to zero, on both sides: the output is not "
             "locked, or the torque changes too fast"
         )
-    if not lost > 0.5 * resolution:
-        return f"the branches meet at zero torque: nothing is lost that the angle's steps of {resolution:.2g} rad show"
     return ""
 
 

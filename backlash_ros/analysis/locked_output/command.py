@@ -36,8 +36,8 @@ _NAMES = ColumnNames(command="torque", kinds=("time", "motor", "load", "torque")
 _OF_TABLES = ("time_column", "motor_column", "load_column", "torque_column", "time_unit")
 _DESCRIPTION = (
     "The lost motion of a gear whose output is locked while a torque goes slowly up and down on its motor: at zero "
-    "torque and at +-3 % of the rated torque, with breakaway torque, stiffness, and how well the ramps repeat. An angle "
-    "on one side is enough."
+    "torque and at +-3 % of the rated torque, with breakaway torque, stiffness, and how well the ramps repeat. An "
+    "angle on one side is enough."
 )
 _EXAMPLE = """example: a table of a test bench, the angle from the motor's encoder computed at the output
 
@@ -64,7 +64,9 @@ def add_lost_motion(parser: argparse.ArgumentParser) -> None:
     add("--to", type=above, default=math.inf, dest="end", metavar="S", help="use samples up to here, s")
     add("--reversed", action="store_true", help="the torque is positive where the angle falls")
     units = add_angles(parser, "angles and torque")
-    text = "Nm at the output, or the motor's voltage or current; by default Nm in a table, and in a bag that of the drive"
+    text = (
+        "Nm at the output, or the motor's voltage or current; by default Nm in a table, and in a bag that of the drive"
+    )
     units.add_argument("--torque-unit", choices=["Nm", "V", "A"], default="", help=text)
     table = parser.add_argument_group("tables")
     for kind, name in zip(_NAMES.kinds, _NAMES.all(), strict=True):
@@ -90,7 +92,9 @@ def _drive(given: argparse.Namespace, reading: Reading) -> Drive | None:
     if given.drive is not None:
         return drive_for(read_axis(given.drive).drive, reading)
     if reading.command_unit:
-        raise ValueError(f"argument --drive: must be given, for the motor whose torque is recorded in {reading.command_unit}")
+        raise ValueError(
+            f"argument --drive: must be given, for the motor whose torque is recorded in {reading.command_unit}"
+        )
     if given.reduction:
         return replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, reduction=given.reduction))
     return None

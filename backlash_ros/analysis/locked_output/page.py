@@ -15,9 +15,9 @@ from backlash_ros.identification.recordings.slow_torque import ramps_findings
 
 _UNCERTAINTY = (
     "Values are means over the ramps. Their standard uncertainties come from the scatter of the ramps and the angle's "
-    "resolution: the mean of more such ramps is within two of them in 95 of 100 cases. They hold if the scales of torque "
-    "and angle, the zero of the torque and the gear ratio are right. Repeatability is the largest difference between "
-    "the ramps of the mean."
+    "resolution: the mean of more such ramps is within two of them in 95 of 100 cases. They hold if the scales of "
+    "torque and angle, the zero of the torque and the gear ratio are right. Repeatability is the largest difference "
+    "between the ramps of the mean."
 )
 _CAPTION = "Angle over torque. Lines: the ramps, the first one paler. Arrow: the lost motion at zero torque."
 
@@ -29,10 +29,11 @@ def page(source: str, found: Sequence[Ramps], notes: Sequence[str], command: str
         if not ramps.valid:
             parts.append(paragraph(f"Nothing can be told: {ramps.reason}.", "verdict bad"))
             continue
+        curve = draw(ramps_picture, ramps, f"ramps{number}")
         parts += [
             paragraph(f"{ramps.in_words().replace('+-', chr(177))}.", "verdict"),
             results_table(_rows(ramps)),
-            f"<figure>{draw(ramps_picture, ramps, f'ramps{number}')}<figcaption>{text_of(_CAPTION)}</figcaption></figure>",
+            f"<figure>{curve}<figcaption>{text_of(_CAPTION)}</figcaption></figure>",
         ]
     if any(ramps.valid for ramps in found):
         parts.append(paragraph(_UNCERTAINTY))

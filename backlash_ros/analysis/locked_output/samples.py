@@ -20,8 +20,10 @@ def evenly(time: Array) -> Array:
     return np.interp(np.arange(time.size), [*firsts, time.size], [*time[firsts], last])
 
 
-def curve_of(columns: Columns, reading: Reading, drive: Drive | None, path: Path) -> tuple[Array, Array, list[str], str]:
-    """Return torque and angle, N m and rad at the output, and in words how they were made and what stood.
+def curve_of(
+    columns: Columns, reading: Reading, drive: Drive | None, path: Path
+) -> tuple[Array, Array, list[str], str]:
+    """Return torque and angle, N m and rad at the output, and in words how they were made.
 
     Parameters
     ----------
@@ -44,9 +46,16 @@ def curve_of(columns: Columns, reading: Reading, drive: Drive | None, path: Path
     if not columns.time.size:
         raise ValueError(f"{path}: there must be a row of numbers, and is none")
     if not seen["motor"] and not seen["load"]:
-        raise ValueError(f"{path}: there must be {columns.names[1]} or {columns.names[2]}, and there are no numbers of either")
+        raise ValueError(
+            f"{path}: there must be {columns.names[1]} or {columns.names[2]}, and there are no numbers of either"
+        )
     if not seen["time"] and (reading.command_unit == "V" or reading.start > 0.0 or np.isfinite(reading.end)):
         raise ValueError(f"{path}: there must be {columns.names[0]}, for --from, --to and for a voltage")
+    if seen["motor"] and reading.motor_at == "motor" and drive is None:
+        raise ValueError(
+            "argument --reduction: must be given, or --drive, since the motor's angle is before the gear; if it is not: "
+            "--motor-at output"
+        )
     used = replace(columns, **{name: nothing for name in ("motor", "load") if not seen[name]})
     time = evenly(times_of(used, reading)) if seen["time"] else np.arange(nothing.size, dtype=float)
     kept = (time >= reading.start) & (time <= reading.end)
@@ -69,21 +78,21 @@ def curve_of(columns: Columns, reading: Reading, drive: Drive | None, path: Path
     time = time[kept][whole]
     used = replace(used, motor=used.motor[whole], load=used.load[whole], command=used.command[whole])
     angles = []
-    for encoder, values, name in zip((reading.motor, reading.load), (used.motor, used.load), used.names[1:3], strict=True):
+    for encoder, values, name in zip(
+        (reading.motor, reading.load), (used.motor, used.load), used.names[1:3], strict=True
+    ):
         angle, note = encoder.radians(time, values, name, lambda k: used.place(int(np.flatnonzero(whole)[k])))
         angles.append(angle)
         notes += [note] if note else []
     motor, load = angles
-    if seen["motor"] and reading.motor_at == "motor":
-        assert drive is not None
+    if drive is not None and reading.motor_at == "motor":
         motor = motor * drive.gear.ratio
     torque = used.command
-    if reading.command_unit in {"V", "A"}:
-        assert drive is not None
+    if drive is not None and reading.command_unit:
         torque, _ = torque_of(drive, time, motor, torque)
     if not (seen["motor"] and seen["load"]):
         return torque, motor + load, notes, ""
     if np.ptp(load) > np.ptp(motor):
         notes.append("the motor stood and the output moved: the torque is taken for one on the output")
-        return torque, load - motor, notes, movement(motor, load - motor).replace("load", "motor").replace("output", "motor")
+        return torque, load - motor, notes, movement(motor, load - motor, "motor")
     return torque, motor - load, notes, movement(load, motor - load)

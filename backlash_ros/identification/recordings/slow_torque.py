@@ -71,11 +71,12 @@ def torque_of(drive: Drive, time: Array, motor: Array, command: Array) -> tuple[
     return side.gain * command - side.braking * speed, speed
 
 
-def movement(load: Array, travel: Array) -> str:
-    """Return by how much a load that should be at rest moved, if that is too much; empty if not. Both in rad."""
-    moved, way = float(np.nanmax(load) - np.nanmin(load)), float(np.ptp(travel))
+def movement(held: Array, travel: Array, side: str = "load") -> str:
+    """Return by how much a ``side`` that should be at rest moved, if that is too much; empty if not. Both in rad."""
+    moved, way = float(np.nanmax(held) - np.nanmin(held)), float(np.ptp(travel))
     if moved > (allowed := max(_MOVEMENT, _OF_WAY * way)):
-        return f"the load moved by {moved:.2g} rad; an output at rest may move by {allowed:.2g} rad"
+        what = "an output" if side == "load" else f"a {side}"
+        return f"the {side} moved by {moved:.2g} rad; {what} at rest may move by {allowed:.2g} rad"
     return ""
 
 
