@@ -253,6 +253,8 @@ def measure_lost_motion(
         )
     elif best.values[_C] + best.values[_MU] * top > _MOST_LOSS * float(np.max(points.torque)):
         why = "friction takes about half of the torque: the motor does not feel the tooth load of a self-locking gear"
+    elif not lost.found:
+        why = f"the curve does not show the lost motion at +-{at:.3g} N m without friction"
     elif not spread <= max(_REPEATS * gap, 2.0 * count):
         why = (
             f"the cycles differ by {spread:.2g} rad; the limit is {max(_REPEATS * gap, 2.0 * count):.2g} rad: "

@@ -161,8 +161,7 @@ def _peaks(torque: Array, band: float) -> list[int]:
     return peaks
 
 
-def _branch(torque: Array, angle: Array, start: int, end: int) -> _Branch:
-    side = math.copysign(1.0, float(torque[start]))
+def _branch(torque: Array, angle: Array, side: float, start: int, end: int) -> _Branch:
     falling = np.minimum.accumulate(side * torque[start:end])
     levels = np.flatnonzero(np.diff(falling, prepend=math.inf))
     # In a ramp a torque counts where it comes; of a few long steps, the angle that has settled counts.
@@ -229,7 +228,7 @@ def _sets(torque: Array, angle: Array, peaks: list[int]) -> list[list[_Branch]]:
         before = abs(float(torque[sets[-1][-1].start])) if sets else math.inf
         if min(here, before) < _ALIKE * max(here, before):
             sets.append([])
-        sets[-1].append(_branch(torque, angle, start, end))
+        sets[-1].append(_branch(torque, angle, math.copysign(1.0, float(torque[start])), start, end))
     return sets
 
 
@@ -272,7 +271,7 @@ def _measured(torque: Array, angle: Array, branches: list[_Branch], at: float, s
     shortest = min(branch.end - branch.start for branch in branches)
     size = max(1, min(math.ceil((noise / (_SMOOTH_RAMP * level)) ** 2), shortest // _MOST_OF_RAMP))
     smooth = _smoothed(torque, size)
-    branches = [_branch(smooth, angle, branch.start, branch.end) for branch in branches[: len(branches) // 2 * 2]]
+    branches = [_branch(smooth, angle, *branch[:3]) for branch in branches[: len(branches) // 2 * 2]]
     plus = [branch for branch in branches if branch.side > 0.0]
     minus = [branch for branch in branches if branch.side < 0.0]
     at = at or share * level
@@ -286,7 +285,8 @@ def _measured(torque: Array, angle: Array, branches: list[_Branch], at: float, s
     low, high = (_figure([_breakaway(b, zero.mean) for b in each]) for each in (plus, minus))
     friction, stiffness = 0.5 * (high.mean - low.mean), _flanks(smooth, angle, branches, level, (low.mean, high.mean))
     within = at <= _REACH * level
-    step = float(np.median([np.median(-np.diff(branch.torque)) for branch in branches]))
+    steps = np.concatenate([-np.diff(branch.torque) for branch in branches])
+    step = float(np.median(steps)) if steps.size else level
     fine = at > _FINE * max(noise / math.sqrt(size), step)
     free = between(at - friction) if within and fine and math.isfinite(friction) else Figure()
     if within and not fine:
@@ -339,7 +339,7 @@ def _flanks(
         come = slice(branches[k - 1].start if k else 0, branch.start + 1)
         there = slice(branch.start, branch.end)
         out[side].append(_slope(side * torque[come], side * angle[come], low, _LOADING[1] * level) if k else math.nan)
-        until = branch.start + int(np.argmax(side * torque[there] < 0.0))
+        until = branch.start + int(np.argmax(np.append(side * torque[there] < 0.0, True)))
         there = slice(branch.start, until)
         back[side].append(_slope(side * torque[there], side * angle[there], *(s * level for s in _UNLOADING)))
     return tuple(_stiffness(_figure(each[side])) for each in (out, back) for side in (-1.0, 1.0))

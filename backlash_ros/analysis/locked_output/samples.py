@@ -53,7 +53,7 @@ def curve_of(
         raise ValueError(f"{path}: there must be {columns.names[0]}, for --from, --to and for a voltage")
     if seen["motor"] and reading.motor_at == "motor" and drive is None:
         raise ValueError(
-            "argument --reduction: must be given, or --drive, since the motor's angle is before the gear; if it is not: "
+            "argument --reduction: must be given, or --drive, since the motor's angle is before the gear; if not: "
             "--motor-at output"
         )
     used = replace(columns, **{name: nothing for name in ("motor", "load") if not seen[name]})

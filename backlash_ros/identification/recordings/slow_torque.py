@@ -188,8 +188,9 @@ def hysteresis_findings(found: LostMotion) -> tuple[Finding, ...]:
     # The teeth's loss is hard to separate from friction: its part at half of the torque could be either.
     unsure = math.hypot(found.friction_uncertainty, 0.5 * found.loss * found.torque, _FRICTION * found.friction)
     friction = "friction of motor and gear, at the output"
-    measured = ramps_findings(found.ramps)[:-4] if found.ramps is not None else ()
-    return (*rows, Finding("", "friction", friction, "N m", found.friction, unsure), *measured)
+    rows.append(Finding("", "friction", friction, "N m", found.friction, unsure))
+    shown = ramps_findings(found.ramps)[:-4] if found.ramps is not None else ()
+    return (*rows, *(row for row in shown if row.symbol != "lost motion T, C"))  # that is the lost motion above
 
 
 def ramps_findings(ramps: Ramps) -> tuple[Finding, ...]:
