@@ -17,6 +17,8 @@ from backlash_ros.identification.recordings.identify import Identified
 
 def _figures(finding: Finding) -> tuple[str, str]:
     """Return value and uncertainty with as many digits as the uncertainty justifies."""
+    if not finding.uncertainty > 0.0:
+        return f"{finding.value:.6g}", "0"
     if abs(finding.value) < 1e-3 * finding.uncertainty:
         return "0", f"{finding.uncertainty:.2g}"
     digits = max(0, math.floor(math.log10(max(abs(finding.value), finding.uncertainty))) - _place(finding) + 2)
