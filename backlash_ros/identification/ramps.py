@@ -40,6 +40,8 @@ _NEAR, _FINE = 0.01, 3.0
 noise or steps that the flank's end must be away."""
 _LEAST = 1e-9
 """Least range of a torque, N m."""
+_BEYOND = 1.1
+"""Multiple of the torque of the ramps up to which the curve of the last one is kept."""
 _QUARTER = 0.25
 """Share of the way to the other flank at which the motor has broken away."""
 _REACH, _WIDE = 0.95, 0.8
@@ -292,7 +294,10 @@ def _measured(torque: Array, angle: Array, branches: list[_Branch], at: float, s
     if within and not fine:
         give = sum(1.0 / flank.mean for flank in stiffness[:2])
         free = _less(zero, (min(friction, level - friction) - at) * give)
-    begins = [*(branch.start for branch in branches), branches[-1].end]
+    low_flank, high_flank = (_figure([branch.at(0.0) for branch in each]).mean for each in (minus, plus))
+    last = branches[-1]  # it may go on to larger ramps
+    beyond = last.side * smooth[last.start : last.end] < -_BEYOND * level
+    begins = [*(branch.start for branch in branches), last.start + int(np.argmax(np.append(beyond, True)))]
     rows = slice(begins[0], begins[-1])
     found = Ramps(
         valid=True,
@@ -309,7 +314,7 @@ def _measured(torque: Array, angle: Array, branches: list[_Branch], at: float, s
         torques=smooth[rows],
         angles=angle[rows],
         begins=tuple(begin - begins[0] for begin in begins[:-1:2]),
-        flanks=tuple(_figure([branch.at(0.0) for branch in each]).mean for each in (minus, plus)),
+        flanks=(low_flank, high_flank),
     )
     why = _unusable(found, plus, minus)
     return replace(found, valid=not why, reason=why)

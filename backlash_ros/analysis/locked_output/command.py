@@ -82,7 +82,10 @@ def _columns(given: argparse.Namespace) -> Columns:
     names = {kind: getattr(given, f"{kind}_column") for kind in _NAMES.kinds}
     by_default = {kind for kind, name in zip(_NAMES.kinds, _NAMES.all(), strict=True) if names[kind] == name}
     optional = frozenset(by_default & {"time", "motor", "load"})
-    return read_csv(given.recording, ColumnNames(*names.values(), kinds=_NAMES.kinds, optional=optional))
+    return read_csv(
+        given.recording,
+        ColumnNames(names["time"], names["motor"], names["load"], names["torque"], _NAMES.kinds, optional),
+    )
 
 
 def _drive(given: argparse.Namespace, reading: Reading) -> Drive | None:

@@ -17,7 +17,7 @@ def evenly(time: Array) -> Array:
     if firsts.size == time.size or firsts.size < 2:
         return time
     last = time[firsts[-1]] + (time[firsts[-1]] - time[firsts[-2]])
-    return np.interp(np.arange(time.size), [*firsts, time.size], [*time[firsts], last])
+    return np.asarray(np.interp(np.arange(time.size), [*firsts, time.size], [*time[firsts], last]))
 
 
 def curve_of(
@@ -56,7 +56,8 @@ def curve_of(
             "argument --reduction: must be given, or --drive, since the motor's angle is before the gear; if not: "
             "--motor-at output"
         )
-    used = replace(columns, **{name: nothing for name in ("motor", "load") if not seen[name]})
+    motor, load = (getattr(columns, name) if seen[name] else nothing for name in ("motor", "load"))
+    used = replace(columns, motor=motor, load=load)
     time = evenly(times_of(used, reading)) if seen["time"] else np.arange(nothing.size, dtype=float)
     kept = (time >= reading.start) & (time <= reading.end)
     if np.sum(kept) < 2:
@@ -67,7 +68,8 @@ def curve_of(
     rows = np.flatnonzero(kept)
     used = replace(
         used,
-        **{name: getattr(used, name)[kept] for name in ("motor", "load")},
+        motor=motor[kept],
+        load=load[kept],
         command=used.command[kept],
         place=lambda k: columns.place(int(rows[k])),
     )
