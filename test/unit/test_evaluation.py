@@ -391,7 +391,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return (folder / "result.json").read_bytes()
 
 
-@pytest.mark.population
+@pytest.mark.grid
 def test_a_batch_that_was_killed_ends_in_the_same_file(tmp_path: Path, undisturbed: bytes) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     killed = tmp_path / "killed"
