@@ -7,8 +7,7 @@ With x = n theta_m - theta_l, the motor's torque T and the teeth's torque tau, b
 
 Half the gap h, its middle x0, the Coulomb friction C, the teeth's loss mu and, of a spring, its compliance are found by
 least squares of x. The branches up and down are 2 (C + mu abs(tau)) apart, which separates friction from wind-up.
-Samples at speed, in the gap and just after it, do not count. Lost motion and stiffness are those of the curve itself,
-without a law: see `identification.ramps`.
+Samples at speed, in the gap and just after it, do not count. Slopes and angles at a torque are found without a law.
 """
 
 import math
@@ -28,7 +27,7 @@ from backlash_ros.identification.fit import count_of, motor_side
 from backlash_ros.identification.gap import contacts_of
 from backlash_ros.identification.lost_motion import Curve, LostMotion
 from backlash_ros.identification.newey_west import newey_west
-from backlash_ros.identification.ramps import Figure, Ramps, ramps_of
+from backlash_ros.identification.ramps import Ramps, ramps_of
 
 _BLOCK, _SETTLED, _FAST = 0.008, 0.06, 0.5
 """Averaging time of the samples, s; time for which the motor must have been slow before they count, s: slower than this
@@ -161,19 +160,37 @@ def _fit(drive: Drive, contact: Contact, points: _Points, count: float) -> _Foun
     return _Found(contact, found.x, _covariance(jacobian, off, together), rms, teeth)
 
 
-def _ramps(points: _Points, at: float) -> Ramps:
-    """Return what the curve itself shows, from the first peak that counts on."""
+def _slope(points: _Points, teeth: Array, side: float, count: float) -> tuple[float, float]:
+    """Return the stiffness of a flank from half its torque on, N m/rad, and its standard uncertainty."""
+    pressed = side * teeth
+    chosen = points.counts & (points.side == side) & (pressed > 0.5 * np.max(pressed))
+    design = np.column_stack((np.ones(np.sum(chosen)), pressed[chosen]))
+    angle = side * points.x[chosen]
+    best = np.linalg.lstsq(design, angle, rcond=None)[0]
+    deviation = math.sqrt(_covariance(design, angle - design @ best, max(2, angle.size // 12))[1, 1])
+    give = max(float(best[1]), 1e-12)
+    share = math.hypot(_NOISE * deviation / give, _GIVE_MODEL, _GIVE_COUNT * count / (give * np.ptp(pressed[chosen])))
+    return 1.0 / give, share / give
+
+
+def _cycle_travels(points: _Points, teeth: Array) -> Array:
+    """Return for each cycle the distance between both flanks at about half the torque, rad."""
+    share = np.abs(teeth) / np.max(np.abs(teeth))
+    there = points.counts & (share > 0.4) & (share < 0.6)
+    travels = []
+    cycles = (points.branch - _WARM_UP) // 2
+    for cycle in np.unique(cycles[points.counts]):
+        flanks = [points.x[there & (cycles == cycle) & (points.side == side)] for side in (1.0, -1.0)]
+        if min(map(np.size, flanks)) > 0:
+            travels.append(float(np.mean(flanks[0]) - np.mean(flanks[1])))
+    return np.array(travels)
+
+
+def _ramps(points: _Points, at: float) -> Ramps | None:
+    """Return what the curve shows without a model, from the first peak that counts on; None if it shows nothing."""
     rows = points.branch > _WARM_UP
-    return max(ramps_of(points.torque[rows], points.x[rows], at), key=lambda each: each.number)
-
-
-def _stiffness(slope: Figure, torque: float, count: float) -> tuple[float, float]:
-    """Return the stiffness of a flank, N m/rad, and its standard uncertainty; 0 and inf where it is not seen."""
-    if not slope.found:
-        return 0.0, math.inf
-    share = slope.uncertainty / slope.mean
-    travel = 0.5 * torque / slope.mean
-    return slope.mean, slope.mean * math.hypot(share, _GIVE_MODEL, _GIVE_COUNT * count / travel)
+    found = max(ramps_of(points.torque[rows], points.x[rows], at), key=lambda each: each.number)
+    return found if found.valid else None
 
 
 def _refused(reason: str) -> LostMotion:
@@ -200,16 +217,12 @@ def measure_lost_motion(
         return _refused("the motor hardly moved, or did not come to rest on both flanks: check its encoder and command")
     if np.ptp(points.x[points.counts]) < 3.0 * max(count_m, 1e-7):
         return _refused("the motor hardly moved under the torque: its encoder stands still, or there is no gap")
-    ramps = _ramps(points, at)
-    if not ramps.valid:
-        return _refused(ramps.reason)
     tried = [_fit(drive, contact, points, count) for contact in contacts or contacts_of(drive)]
     best = min(tried, key=lambda each: each.rms)
     if tried[0].rms * _BETTER <= best.rms:
         best = tried[0]
     gap = 2.0 * float(best.values[_H])
-    lost = ramps.without_friction
-    travels = np.array([each for each in lost.values if math.isfinite(each)])
+    travels = _cycle_travels(points, best.teeth)
     spread = float(np.ptp(travels)) if travels.size > 1 else math.inf
     repeat = float(np.std(travels, ddof=1)) / math.sqrt(travels.size) if travels.size > 1 else math.inf
     others = [2.0 * float(each.values[_H]) for each in tried if each.rms <= _AS_GOOD * best.rms]
@@ -217,7 +230,8 @@ def measure_lost_motion(
     deviation = math.hypot(_NOISE * 2.0 * math.sqrt(best.covariance[_H, _H]), repeat, unsure)
     floor = math.hypot(_MODEL * gap, _COUNT * count_m, _COUNT * count_l)
     uncertainty = math.hypot(deviation, floor)
-    flanks = [_stiffness(slope, ramps.torque, count) for slope in ramps.stiffness[:2]]
+    lost, lost_deviation = _lost_motion(drive, best, at)
+    flanks = [_slope(points, best.teeth, side, count) for side in (-1.0, 1.0)]
     top = min(float(np.max(best.teeth)), -float(np.min(best.teeth)))
     edge = 0.0 if isinstance(best.contact, SpringContact) else _edge_torque(drive, best)
     every = max(1, points.x.size // 600)
@@ -229,8 +243,8 @@ def measure_lost_motion(
         reason="",
         gap=gap,
         gap_uncertainty=uncertainty,
-        lost_motion=lost.mean,
-        lost_motion_uncertainty=math.hypot(lost.uncertainty, floor),
+        lost_motion=lost,
+        lost_motion_uncertainty=math.hypot(_NOISE * lost_deviation, repeat, floor),
         at=at,
         stiffness=(flanks[0][0], flanks[1][0]),
         stiffness_uncertainty=(flanks[0][1], flanks[1][1]),
@@ -243,7 +257,7 @@ def measure_lost_motion(
         torques=points.torque[::every],
         angles=points.x[::every] - best.values[_X0],
         modelled=modelled[::every],
-        ramps=ramps,
+        ramps=_ramps(points, at),
     )
     why = ""
     if not best.rms <= max(_FITS * gap, _FITS_COUNTS * count):
@@ -253,8 +267,6 @@ def measure_lost_motion(
         )
     elif best.values[_C] + best.values[_MU] * top > _MOST_LOSS * float(np.max(points.torque)):
         why = "friction takes about half of the torque: the motor does not feel the tooth load of a self-locking gear"
-    elif not lost.found:
-        why = f"the curve does not show the lost motion at +-{at:.3g} N m without friction"
     elif not spread <= max(_REPEATS * gap, 2.0 * count):
         why = (
             f"the cycles differ by {spread:.2g} rad; the limit is {max(_REPEATS * gap, 2.0 * count):.2g} rad: "
@@ -271,3 +283,20 @@ def _edge_torque(drive: Drive, found: _Found) -> float:
     radius, half_gap = drive.gear.load_radius, drive.gear.load_radius * float(found.values[_H])
     constants = found.contact.constants(radius, drive.contact_mass)
     return radius * found.contact.force(constants, half_gap, half_gap, 0.0)[3]
+
+
+def _lost_motion(drive: Drive, found: _Found, at: float) -> tuple[float, float]:
+    """Return the angle between plus and minus ``at`` (N m), rad, and its standard deviation."""
+
+    def of(values: Array) -> float:
+        half_gap = float(values[_H])
+        if isinstance(found.contact, SpringContact):
+            return 2.0 * (half_gap + float(values[_GIVE]) * at)
+        return 2.0 * static_place(drive, found.contact, half_gap, at)
+
+    here, slopes = of(found.values), np.zeros(found.values.size)
+    for k in range(slopes.size):
+        step = np.zeros(slopes.size)
+        step[k] = 1e-4 * max(abs(float(found.values[k])), 1e-9)
+        slopes[k] = (of(found.values + step) - here) / step[k]
+    return here, math.sqrt(max(float(slopes @ found.covariance @ slopes), 0.0))
