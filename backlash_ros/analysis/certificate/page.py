@@ -24,7 +24,7 @@ from backlash_ros.analysis.markup import document, paragraph
 from backlash_ros.drivetrain.markup import pairs, text_of
 from backlash_ros.identification.fit import FITS
 from backlash_ros.identification.gap_map import GapMap
-from backlash_ros.identification.lost_motion import LostMotion
+from backlash_ros.identification.locked_output.lost_motion import LostMotion
 from backlash_ros.identification.recordings.held_out import Score
 from backlash_ros.identification.recordings.identify import Identified
 from backlash_ros.identification.recordings.places import map_findings

@@ -19,8 +19,8 @@ from backlash_ros.analysis.certificate.subject import Subject
 from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.fit import Fit
 from backlash_ros.identification.gap_map import GapMap
-from backlash_ros.identification.lost_motion import LostMotion
-from backlash_ros.identification.ramps import Ramps
+from backlash_ros.identification.locked_output.lost_motion import LostMotion
+from backlash_ros.identification.locked_output.ramps import Ramps
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.held_out import Score, free_simulations

@@ -26,7 +26,7 @@ from backlash_ros.analysis.recordings.report import show_findings
 from backlash_ros.analysis.recordings.samples import TIME_UNITS, Columns, Reading, drive_for
 from backlash_ros.analysis.staging import write_text
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
-from backlash_ros.identification.ramps import Ramps, ramps_of
+from backlash_ros.identification.locked_output.ramps import Ramps, ramps_of
 from backlash_ros.identification.recordings.slow_torque import ramps_findings
 from backlash_ros.identification.teeth import LOST_MOTION_SHARE
 

@@ -10,7 +10,7 @@ from backlash_ros.analysis.certificate.rows import Row
 from backlash_ros.analysis.certificate.subject import PACKAGE, version_of_package
 from backlash_ros.analysis.markup import document, paragraph
 from backlash_ros.drivetrain.markup import text_of
-from backlash_ros.identification.ramps import Figure, Ramps
+from backlash_ros.identification.locked_output.ramps import Figure, Ramps
 from backlash_ros.identification.recordings.slow_torque import ramps_findings
 
 _UNCERTAINTY = (

@@ -2,7 +2,7 @@
 
 The experiment `hysteresis` records such a curve, and so may a user by hand. The torque comes from the command and the
 motor's speed, its branches from its reversals; the results come from the experiment's own code: see
-`identification.hysteresis`.
+`identification.locked_output.hysteresis`.
 """
 
 import math
@@ -12,9 +12,9 @@ import numpy as np
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.fit import motor_side
-from backlash_ros.identification.hysteresis import measure_lost_motion
-from backlash_ros.identification.lost_motion import Curve, LostMotion
-from backlash_ros.identification.ramps import Figure, Ramps
+from backlash_ros.identification.locked_output.hysteresis import measure_lost_motion
+from backlash_ros.identification.locked_output.lost_motion import Curve, LostMotion
+from backlash_ros.identification.locked_output.ramps import Figure, Ramps
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.plausible import wrong_command

@@ -44,6 +44,8 @@ _BEYOND = 1.1
 """Multiple of the torque of the ramps up to which the curve of the last one is kept."""
 _QUARTER = 0.25
 """Share of the way to the other flank at which the motor has broken away."""
+_JUMP = 0.1
+"""Share of a branch's way between two rows that is no wind-up."""
 _REACH, _WIDE = 0.95, 0.8
 """Largest torque between which a lost motion is taken, as a share of the ramps' torque."""
 _LOADING, _CLEAR, _UNLOADING = (0.5, 0.97), 1.1, (0.1, 0.5)
@@ -132,7 +134,14 @@ class _Branch(NamedTuple):
         least = float(self.torque[-1])
         if not self.side * torque > least - _NEAR * float(self.torque[0]):
             return math.nan
-        return float(np.interp(-max(self.side * torque, least), -self.torque, self.angle, left=math.nan))
+        level = max(self.side * torque, least)
+        k = int(np.searchsorted(-self.torque, -level, side="right"))
+        if 0 < k < self.torque.size and self.torque[k] < 0.0 and self._jumps(k):
+            return float(self.angle[k - 1])  # the motor broke away between both rows
+        return float(np.interp(-level, -self.torque, self.angle, left=math.nan))
+
+    def _jumps(self, k: int) -> bool:
+        return abs(float(self.angle[k] - self.angle[k - 1])) > _JUMP * float(np.ptp(self.angle))
 
 
 def _smoothed(values: Array, size: int) -> Array:

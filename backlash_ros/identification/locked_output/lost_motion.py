@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.ramps import Ramps
+from backlash_ros.identification.locked_output.ramps import Ramps
 
 ARCMIN = math.pi / 10800.0
 """rad."""

@@ -25,9 +25,9 @@ from backlash_ros.drivetrain.contacts.elastic import SpringContact
 from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.fit import count_of, motor_side
 from backlash_ros.identification.gap import contacts_of
-from backlash_ros.identification.lost_motion import Curve, LostMotion
+from backlash_ros.identification.locked_output.lost_motion import Curve, LostMotion
+from backlash_ros.identification.locked_output.ramps import Ramps, ramps_of
 from backlash_ros.identification.newey_west import newey_west
-from backlash_ros.identification.ramps import Ramps, ramps_of
 
 _BLOCK, _SETTLED, _FAST = 0.008, 0.06, 0.5
 """Averaging time of the samples, s; time for which the motor must have been slow before they count, s: slower than this
