@@ -50,7 +50,7 @@ def effects_filled(content: dict[str, Any]) -> str:
 
 
 def main(folder: Path, page: Path) -> None:
-    """Fill ``page`` from ``evaluation.json`` and the pictures in ``folder``, and from ``effects.json`` if it is there."""
+    """Fill ``page`` from ``evaluation.json`` and the pictures in ``folder``, and from an ``effects.json``."""
     if (effects := folder / "effects.json").exists():
         text = effects_filled(json.loads(effects.read_text()))
         page.write_text(_EFFECTS.sub(lambda m: m[1] + "\n" + text + "\n" + m[2], page.read_text()))

@@ -47,8 +47,8 @@ When the controller's drive changes, gains from weights are designed again, `fau
 defaults become the new one's, and every gain set must be stable.
 """
 
-SIMULATOR = """`effects.*` are what real axes have and the equations of the drive lack. By default there are none, and no
-controller is told of them; [evaluation.md](evaluation.md#the-effects-of-real-axes) has a name and the usual size of each.
+SIMULATOR = """`effects.*` are what real axes have and the equations of the drive lack. By default there are none, and
+no controller is told of them. [evaluation.md](evaluation.md#the-effects-of-real-axes) has the usual size of each.
 """
 
 GAINS = """`gains.<region>.k` are always the gains in use. They come from one of three places:
