@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 import numba
 
 from backlash_ros.drivetrain.contact import Constants, as_constants
-from backlash_ros.drivetrain.effects.constants import EffectConstants, effect_constants
+from backlash_ros.drivetrain.effects.constants import effect_constants, effect_row
 from backlash_ros.drivetrain.parameters import NOMINAL_DRIVE, Drive
+from backlash_ros.drivetrain.signals import Array
 
 _numba: Any = numba
 
@@ -54,7 +55,7 @@ class PlantConstants(NamedTuple):
     per_speed_m: float
     per_speed_l: float
     per_current: float
-    effects: EffectConstants
+    effects: Array
 
 
 def plant_constants(drive: Drive) -> PlantConstants:
@@ -104,7 +105,7 @@ def plant_constants(drive: Drive) -> PlantConstants:
         per_speed_m=1.0 / speed,
         per_speed_l=1.0 / (speed * gear.ratio),
         per_current=1.0 / stall_current,
-        effects=effects,
+        effects=effect_row(drive),
     )
 
 

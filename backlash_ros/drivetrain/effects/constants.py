@@ -3,7 +3,11 @@
 import math
 from typing import NamedTuple
 
+import numpy as np
+
+from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.parameters import Drive
+from backlash_ros.drivetrain.signals import Array
 
 
 class EffectConstants(NamedTuple):
@@ -38,8 +42,41 @@ class EffectConstants(NamedTuple):
     per_drift_time: float
 
 
+def effect_row(drive: Drive) -> Array:
+    """Return the effects as a row of numbers, which Python hands to compiled code faster than a named tuple."""
+    return np.array(effect_constants(drive))
+
+
+@compiled
+def effects_in(row: Array) -> EffectConstants:
+    """Return the named tuple of a row."""
+    return EffectConstants(
+        row[0],
+        row[1],
+        row[2],
+        row[3],
+        row[4],
+        row[5],
+        row[6],
+        row[7],
+        row[8],
+        row[9],
+        row[10],
+        row[11],
+        row[12],
+        row[13],
+        row[14],
+        row[15],
+        row[16],
+        row[17],
+        row[18],
+        row[19],
+        row[20],
+    )
+
+
 def effect_constants(drive: Drive) -> EffectConstants:
-    """Return the named tuple that the compiled functions take."""
+    """Return the effects of a drive as constants."""
     effects, limit = drive.effects, drive.command_limit
     outer, omega = effects.outer_share * drive.load.inertia, 2.0 * math.pi * effects.outer_frequency
     return EffectConstants(

@@ -31,6 +31,7 @@ from backlash_ros.drivetrain.contact import (
     ToothForce,
 )
 from backlash_ros.drivetrain.effects.amplifier import sagged
+from backlash_ros.drivetrain.effects.constants import effects_in
 from backlash_ros.drivetrain.effects.friction import drifted, dry_friction, held, left_of_friction
 from backlash_ros.drivetrain.effects.motor import cogging_energy, cogging_torque, torque_constant
 from backlash_ros.drivetrain.effects.state import AGE, OMEGA_OUTER, OMEGA_WHEEL, OUTER, WHEEL, WHOLE
@@ -46,7 +47,7 @@ _contact_piece: PieceFunction = unbound
 @compiled
 def grown(plant: PlantConstants, age: float) -> float:
     """Return the half gap after ``age`` seconds over that at the start."""
-    return 1.0 + plant.effects.growth * drifted(plant, age)
+    return 1.0 + effects_in(plant.effects).growth * drifted(plant, age)
 
 
 Gaps = tuple[float, float, float, float, float, float]
@@ -58,7 +59,7 @@ def gaps_of(plant: PlantConstants, state: Array) -> Gaps:
     """Return the gaps of both stages; with one stage, twice its own."""
     half_gap, _, _ = half_gap_of(plant, state[THETA_L])
     half_gap *= grown(plant, state[AGE])
-    share = plant.effects.first_gap
+    share = effects_in(plant.effects).first_gap
     theta_m, omega_m = plant.R1 * state[THETA_M], plant.R1 * state[OMEGA_M]
     theta_l, omega_l = plant.R2 * state[THETA_L], plant.R2 * state[OMEGA_L]
     if share == 1.0:
@@ -82,10 +83,10 @@ def rate_of(plant: PlantConstants, state: Array) -> float:
     stiffness, damping = abs(tooth[1]), abs(tooth[2])
     per_mass = plant.R1 * plant.R1 * plant.per_inertia_m * max(1.0, plant.forward)
     lighter = plant.R2 * plant.R2 * plant.per_inertia_l
-    if plant.effects.first_gap != 1.0:
+    if effects_in(plant.effects).first_gap != 1.0:
         tooth = _contact_force(plant.contact, second_half, second, second_rate)
         stiffness, damping = max(stiffness, abs(tooth[1])), max(damping, abs(tooth[2]))
-        lighter += plant.R2 * plant.R2 / plant.effects.J_wheel
+        lighter += plant.R2 * plant.R2 / effects_in(plant.effects).J_wheel
     per_mass += lighter
     return float(max(plant.rate, damping * per_mass, math.sqrt(stiffness * per_mass)))
 
@@ -97,17 +98,17 @@ def gap_torques(
     plant: PlantConstants, state: Array, gaps: Gaps, first: ToothForce, second: ToothForce
 ) -> tuple[float, float]:
     """Return dU/dh h', which brakes the load where the gap narrows (N m), and the power lost as the gap grows, W."""
-    moves, grows = plant.variation != 0.0, plant.effects.growth != 0.0
+    moves, grows = plant.variation != 0.0, effects_in(plant.effects).growth != 0.0
     if not (moves or grows):
         return 0.0, 0.0
     half_gap, slope, _ = half_gap_of(plant, state[THETA_L])
     by_half_gap = _contact_slopes(plant.contact, gaps[2], gaps[0], first)[0]
-    share = plant.effects.first_gap
+    share = effects_in(plant.effects).first_gap
     if share != 1.0:
         second_slope = _contact_slopes(plant.contact, gaps[5], gaps[3], second)[0]
         by_half_gap = share * by_half_gap + (1.0 - share) * second_slope
-    growth = plant.effects.growth * plant.effects.per_drift_time
-    if state[AGE] * plant.effects.per_drift_time >= 1.0:
+    growth = effects_in(plant.effects).growth * effects_in(plant.effects).per_drift_time
+    if state[AGE] * effects_in(plant.effects).per_drift_time >= 1.0:
         growth = 0.0
     return by_half_gap * slope * grown(plant, state[AGE]), -by_half_gap * half_gap * growth
 
@@ -130,7 +131,7 @@ def held_torque(plant: PlantConstants, state: Array, load_torque: float) -> Held
 @compiled
 def twist_torque(plant: PlantConstants, state: Array) -> float:
     """Return the torque T that the outer part of the load takes from the rest, N m."""
-    effects = plant.effects
+    effects = effects_in(plant.effects)
     if effects.J_outer == 0.0:
         return 0.0
     return effects.k_outer * (state[THETA_L] - state[OUTER]) + effects.c_outer * (state[OMEGA_L] - state[OMEGA_OUTER])
@@ -146,7 +147,7 @@ def derivative(
     out: Array,
 ) -> float:
     """Write d(state)/dt into ``out``, both of shape (WHOLE,); return the largest force of the teeth, N."""
-    effects = plant.effects
+    effects = effects_in(plant.effects)
     omega_m, omega_l, current = state[OMEGA_M], state[OMEGA_L], state[CURRENT]
     constant, left = torque_constant(plant, state[THETA_M]), left_of_friction(plant, state[AGE])
     voltage = sagged(plant, command, current)
@@ -204,14 +205,14 @@ def piece_of(plant: PlantConstants, state: Array, slip_m: float) -> int:
     piece = 2 * _contact_piece(plant.contact, half_gap, gap, gap_rate)
     if plant.forward != 1.0 or plant.backward != 1.0:
         piece += 1 if _contact_force(plant.contact, half_gap, gap, gap_rate)[0] * slip_m > 0.0 else 0
-    if plant.effects.first_gap != 1.0:
+    if effects_in(plant.effects).first_gap != 1.0:
         piece += 100 * _contact_piece(plant.contact, second_half, second, second_rate)
     return piece
 
 
 def stored_energy(plant: PlantConstants, state: Array) -> float:
     """Return the kinetic, magnetic, elastic and potential energy, J: as `dynamics.stored_energy`."""
-    effects = plant.effects
+    effects = effects_in(plant.effects)
     gap, _, half_gap, second, _, second_half = gaps_of(plant, state)
     energy = 0.5 * (plant.J_m * state[OMEGA_M] ** 2 + plant.J_l * state[OMEGA_L] ** 2)
     energy += 0.0 if math.isinf(plant.L) else 0.5 * plant.L * state[CURRENT] ** 2

@@ -10,24 +10,25 @@ import math
 
 from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.constants import PlantConstants
+from backlash_ros.drivetrain.effects.constants import effects_in
 
 
 @compiled
 def drifted(plant: PlantConstants, age: float) -> float:
     """Return the share of the drift that has come after ``age`` seconds."""
-    return min(age * plant.effects.per_drift_time, 1.0)
+    return min(age * effects_in(plant.effects).per_drift_time, 1.0)
 
 
 @compiled
 def left_of_friction(plant: PlantConstants, age: float) -> float:
     """Return the share of all friction that is left after ``age`` seconds."""
-    return 1.0 - plant.effects.fall * drifted(plant, age)
+    return 1.0 - effects_in(plant.effects).fall * drifted(plant, age)
 
 
 @compiled
 def dry_friction(plant: PlantConstants, coulomb: float, per_stribeck: float, omega: float, slip: float) -> float:
     """Return the dry friction against the ``slip`` of a shaft at a speed (rad/s), N m, before it drifts."""
-    effects = plant.effects
+    effects = effects_in(plant.effects)
     size = coulomb * (1.0 + slip * effects.asymmetry)
     if effects.excess > 0.0:
         ratio = omega * per_stribeck
@@ -38,6 +39,6 @@ def dry_friction(plant: PlantConstants, coulomb: float, per_stribeck: float, ome
 @compiled
 def held(plant: PlantConstants, coulomb: float, age: float) -> tuple[float, float]:
     """Return the least and the largest torque that dry friction holds at rest, N m."""
-    effects = plant.effects
+    effects = effects_in(plant.effects)
     size = coulomb * (1.0 + effects.excess) * left_of_friction(plant, age)
     return -size * (1.0 - effects.asymmetry), size * (1.0 + effects.asymmetry)

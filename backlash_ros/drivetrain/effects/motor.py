@@ -8,12 +8,13 @@ import math
 
 from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.constants import PlantConstants
+from backlash_ros.drivetrain.effects.constants import effects_in
 
 
 @compiled
 def cogging_torque(plant: PlantConstants, theta_m: float) -> float:
     """Return the torque by which cogging brakes the motor, N m."""
-    effects = plant.effects
+    effects = effects_in(plant.effects)
     if effects.cogging == 0.0:
         return 0.0
     return effects.cogging * math.sin(effects.cogging_cycles * theta_m + effects.cogging_phase)
@@ -22,7 +23,7 @@ def cogging_torque(plant: PlantConstants, theta_m: float) -> float:
 @compiled
 def cogging_energy(plant: PlantConstants, theta_m: float) -> float:
     """Return the potential of the cogging torque, J."""
-    effects = plant.effects
+    effects = effects_in(plant.effects)
     return (
         effects.cogging
         / effects.cogging_cycles
@@ -33,7 +34,7 @@ def cogging_energy(plant: PlantConstants, theta_m: float) -> float:
 @compiled
 def torque_constant(plant: PlantConstants, theta_m: float) -> float:
     """Return the torque constant where the motor stands, N m/A."""
-    effects = plant.effects
+    effects = effects_in(plant.effects)
     if effects.ripple == 0.0:
         return plant.K_m
     return plant.K_m * (1.0 + effects.ripple * math.cos(effects.ripple_cycles * theta_m + effects.ripple_phase))

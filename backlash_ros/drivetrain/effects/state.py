@@ -5,6 +5,7 @@ The integrator's memory keeps the rest, so that a drive with effects is played a
 
 from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.constants import PlantConstants
+from backlash_ros.drivetrain.effects.constants import effects_in
 from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array
 
 WHEEL, OMEGA_WHEEL, OUTER, OMEGA_OUTER, AGE = range(7, 12)
@@ -20,7 +21,7 @@ def begin(plant: PlantConstants, state: Array, whole: Array) -> None:
     The wheel stands where both gaps are taken up alike; the outer part of the load is at rest on its spring.
     """
     whole[:7] = state
-    share, ratio = plant.effects.first_gap, plant.R1 / plant.R2
+    share, ratio = effects_in(plant.effects).first_gap, plant.R1 / plant.R2
     whole[WHEEL] = (1.0 - share) * ratio * state[THETA_M] + share * state[THETA_L]
     whole[OMEGA_WHEEL] = (1.0 - share) * ratio * state[OMEGA_M] + share * state[OMEGA_L]
     whole[OUTER], whole[OMEGA_OUTER], whole[AGE] = state[THETA_L], state[OMEGA_L], 0.0
