@@ -134,7 +134,9 @@ def twist_torque(plant: PlantConstants, state: Array) -> float:
     effects = effects_in(plant.effects)
     if effects.J_outer == 0.0:
         return 0.0
-    return effects.k_outer * (state[THETA_L] - state[OUTER]) + effects.c_outer * (state[OMEGA_L] - state[OMEGA_OUTER])
+    return float(
+        effects.k_outer * (state[THETA_L] - state[OUTER]) + effects.c_outer * (state[OMEGA_L] - state[OMEGA_OUTER])
+    )
 
 
 def derivative(
@@ -224,7 +226,7 @@ def stored_energy(plant: PlantConstants, state: Array) -> float:
     if effects.J_outer != 0.0:
         twist = state[THETA_L] - state[OUTER]
         energy += 0.5 * (effects.J_outer * state[OMEGA_OUTER] ** 2 + effects.k_outer * twist * twist)
-    return energy
+    return float(energy)
 
 
 class RealEquations(NamedTuple):
