@@ -3,6 +3,7 @@
 from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.contacts import CONTACTS
+from backlash_ros.drivetrain.effects.parameters import Effects
 from backlash_ros.drivetrain.motion.integrator import IntegrationError
 from backlash_ros.drivetrain.motion.linear import (
     command_from_voltage,
@@ -30,6 +31,7 @@ __all__ = [
     "NOMINAL_DRIVE",
     "Contact",
     "Drive",
+    "Effects",
     "Gear",
     "IntegrationError",
     "Load",
