@@ -184,7 +184,9 @@ def test_energy_supplied_is_stored_or_lost(law: str, interface: str) -> None:
         effects, **RUBS, gear_efficiency_forward=0.8, gear_efficiency_backward=0.6, gear_backlash_variation=0.3
     )
     drive = replace(drive, command_interface=interface, gear=replace(drive.gear, contact=CONTACTS[law]()))
-    plant = Plant(drive, [0.0, 50.0, 0.0, -2.0, 0.3], tolerance=1e-11, account=True)
+    # Damped teeth on both sides of a light wheel: finer than this, the steps get too many, and the run says so.
+    tolerance = 1e-9 if law == "restitution" else 1e-11
+    plant = Plant(drive, [0.0, 50.0, 0.0, -2.0, 0.3], tolerance=tolerance, account=True)
     before, turnover = plant.energy_stored, 0.0
     for voltage, torque in pieces(40):
         supplied, lost = plant.energy_supplied, plant.energy_lost
