@@ -110,17 +110,6 @@ def delay_memory(state: PlantState) -> DelayMemory:
 
 
 @compiled
-def taken_at(delay: DelayConstants, sample: int) -> float:
-    """Return when a sample was taken, s from the start."""
-    late = delay.sample
-    if delay.sample_jitter > 0.0:
-        late += delay.sample_jitter * (0.5 + 0.5 * uniform(delay.seed, sample, _SAMPLE_STREAM))
-    if delay.stamp_jitter > 0.0:  # no sample is taken after it has arrived
-        late += delay.stamp_jitter * (1.0 + uniform(delay.seed, sample, _STAMP_STREAM))
-    return sample * delay.period - late
-
-
-@compiled
 def stamped_at(delay: DelayConstants, sample: int) -> float:
     """Return when a sample was taken by its stamp, s from the start."""
     late = delay.sample
@@ -129,6 +118,15 @@ def stamped_at(delay: DelayConstants, sample: int) -> float:
     if delay.stamp_jitter > 0.0:
         late += delay.stamp_jitter
     return sample * delay.period - late
+
+
+@compiled
+def taken_at(delay: DelayConstants, sample: int) -> float:
+    """Return when a sample was taken, s from the start: about its stamp, but never after it has arrived."""
+    stamp = stamped_at(delay, sample)
+    if delay.stamp_jitter > 0.0:
+        stamp -= delay.stamp_jitter * uniform(delay.seed, sample, _STAMP_STREAM)
+    return stamp
 
 
 @compiled

@@ -30,8 +30,8 @@ def give_way() -> None:
 class Aside(Executor):
     """Runs each job in its own process, which ends with the job, when cancelled, or with this process.
 
-    In real time the process gives way to the loop. In simulated time samples wait for the loop, not the loop for them:
-    with ``kind=False`` the job gets its share of a core that the loop would fill.
+    The process gives way to the loop, unless ``kind`` is false: a loop in lockstep goes as fast as it can, and would
+    leave nothing to a job that gives way.
     """
 
     def __init__(self, *, kind: bool = True) -> None:

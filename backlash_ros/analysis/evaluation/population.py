@@ -148,8 +148,8 @@ def told_model(member: Member, model: str, around: Drive | None = None) -> Drive
     """Return the drive that the controller assumes: one of `MODELS`.
 
     It always knows the data sheet: motor and reduction. ``nominal``, and ``identified`` at first, have gap, contact and
-    load of the population's centre and no dry friction; ``true`` is the drive itself,
-    as it is built; no controller knows its effects.
+    load of the population's centre and no dry friction; ``true`` is the drive as it is built. No controller knows the
+    effects.
     """
     if model == "true":
         return replace(member.drive.as_built, effects=Effects())

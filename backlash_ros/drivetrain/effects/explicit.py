@@ -1,6 +1,5 @@
 """One step of the explicit method for a drive with effects: DOP853, as in `motion.explicit`, on arrays."""
 
-import math
 from functools import cache
 
 import numpy as np
@@ -11,7 +10,7 @@ from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.effects.equations import Derivative, real_equations
 from backlash_ros.drivetrain.effects.state import OMEGA_OUTER, OMEGA_WHEEL, OUTER, WHEEL, WHOLE
-from backlash_ros.drivetrain.motion.explicit import Step
+from backlash_ros.drivetrain.motion.explicit import Step, judged
 from backlash_ros.drivetrain.signals import CURRENT, LOST, OMEGA_L, OMEGA_M, SUPPLIED, THETA_L, THETA_M, Array
 
 _STAGES = 12
@@ -76,11 +75,7 @@ def _step(
         out[k] = state[k] + h * change
         fifth += (weights[k] * by_fifth) ** 2
         third += (weights[k] * by_third) ** 2
-    fifth *= 0.2
-    both = fifth + 0.2 * 0.01 * third
-    if both == 0.0:
-        return 0.0, force
-    return (h * fifth / (math.sqrt(both) * tolerance) if both < math.inf else math.inf), force
+    return judged(h, 0.2 * fifth, 0.2 * third, tolerance), force  # of the five states of every drive, as there
 
 
 @cache

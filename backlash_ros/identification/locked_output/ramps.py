@@ -144,7 +144,8 @@ class _Branch(NamedTuple):
         return abs(float(self.angle[k] - self.angle[k - 1])) > _JUMP * float(np.ptp(self.angle))
 
 
-def _smoothed(values: Array, size: int) -> Array:
+def smoothed(values: Array, size: int) -> Array:
+    """Return moving averages over ``size`` values, as many as there are values."""
     padded = np.pad(values, (size // 2, size - 1 - size // 2), mode="edge")
     return np.asarray(np.convolve(padded, np.full(size, 1.0 / size), mode="valid"))
 
@@ -263,7 +264,7 @@ def ramps_of(torque: Array, angle: Array, at: float = 0.0, share: float = 0.0) -
     if not whole > _LEAST:
         return [_refused(f"the torque stays at {torque[0]:.3g} N m")]
     size = max(1, min(math.ceil((noise / (_SMOOTH * whole)) ** 2), torque.size // _MOST_ROWS))
-    rough = _smoothed(torque, size)
+    rough = smoothed(torque, size)
     peaks = _peaks(rough, max(_BAND_NOISE * noise / math.sqrt(size), _BAND * whole))
     sets = [each for each in _sets(rough, angle, peaks) if len(each) > 3] if len(peaks) > 3 else []
     if not sets:
@@ -281,7 +282,7 @@ def _measured(torque: Array, angle: Array, branches: list[_Branch], at: float, s
     level = float(np.median([abs(branch.torque[0]) for branch in branches]))
     shortest = min(branch.end - branch.start for branch in branches)
     size = max(1, min(math.ceil((noise / (_SMOOTH_RAMP * level)) ** 2), shortest // _MOST_OF_RAMP))
-    smooth = _smoothed(torque, size)
+    smooth = smoothed(torque, size)
     branches = [_branch(smooth, angle, *branch[:3]) for branch in branches[: len(branches) // 2 * 2]]
     plus = [branch for branch in branches if branch.side > 0.0]
     minus = [branch for branch in branches if branch.side < 0.0]

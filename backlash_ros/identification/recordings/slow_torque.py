@@ -14,7 +14,7 @@ from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.fit import motor_side
 from backlash_ros.identification.locked_output.hysteresis import measure_lost_motion
 from backlash_ros.identification.locked_output.lost_motion import Curve, LostMotion
-from backlash_ros.identification.locked_output.ramps import Figure, Ramps
+from backlash_ros.identification.locked_output.ramps import Figure, Ramps, smoothed
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.plausible import wrong_command
@@ -94,8 +94,7 @@ def curve_of(drive: Drive, recording: Recording) -> tuple[Curve, float]:
     torque, speed = torque_of(drive, time, motor, np.append(command[:1], command[:-1]))
     period = float(np.median(np.diff(time)))
     size = max(1, round(_SMOOTH / period))
-    padded = np.pad(torque, (size // 2, size - 1 - size // 2), mode="edge")
-    smooth = np.convolve(padded, np.full(size, 1.0 / size), mode="valid")
+    smooth = smoothed(torque, size)
     branch = np.searchsorted(turns_of(smooth), np.arange(time.size), side="right").astype(float)
     between = motor - load
     off = np.abs(between - 0.5 * (np.max(between) + np.min(between)))
@@ -189,33 +188,39 @@ def hysteresis_findings(found: LostMotion) -> tuple[Finding, ...]:
     unsure = math.hypot(found.friction_uncertainty, 0.5 * found.loss * found.torque, _FRICTION * found.friction)
     friction = "friction of motor and gear, at the output"
     rows.append(Finding("", "friction", friction, "N m", found.friction, unsure))
-    shown = ramps_findings(found.ramps)[:-4] if found.ramps is not None else ()
+    shown = _lost_motions(found.ramps) if found.ramps is not None else ()
     return (*rows, *(row for row in shown if row.symbol != "lost motion T, C"))  # that is the lost motion above
 
 
-def ramps_findings(ramps: Ramps) -> tuple[Finding, ...]:
-    """Return the findings of valid ramps; the last four are the stiffness by branch."""
+def _row(symbol: str, what: str, unit: str, figure: Figure, why: str) -> Finding:
+    if figure.found:
+        return Finding("", symbol, what, unit, figure.mean, figure.uncertainty)
+    return Finding("", symbol, what, unit, why=why)
 
-    def row(symbol: str, what: str, unit: str, figure: Figure, why: str) -> Finding:
-        if figure.found:
-            return Finding("", symbol, what, unit, figure.mean, figure.uncertainty)
-        return Finding("", symbol, what, unit, why=why)
 
+def _lost_motions(ramps: Ramps) -> list[Finding]:
+    """Return what is lost between the branches of valid ramps, and the torques that end it."""
     at, few = f"+-{ramps.at:.3g} N m", "fewer than two ramps show it"
     beyond = few if ramps.at <= ramps.torque else f"the torque reaches only {ramps.torque:.3g} N m"
     rows = [
-        row("lost motion 0", "lost motion at zero torque, between the branches", "rad", ramps.at_zero, few),
-        row("lost motion T", f"lost motion at {at}, on the ways back", "rad", ramps.at_torque, beyond),
-        row("lost motion T, C", f"the same without friction, at {at}", "rad", ramps.without_friction, beyond),
-        row("width", "width of the hysteresis, the largest distance of the branches", "rad", ramps.width, few),
+        _row("lost motion 0", "lost motion at zero torque, between the branches", "rad", ramps.at_zero, few),
+        _row("lost motion T", f"lost motion at {at}, on the ways back", "rad", ramps.at_torque, beyond),
+        _row("lost motion T, C", f"the same without friction, at {at}", "rad", ramps.without_friction, beyond),
+        _row("width", "width of the hysteresis, the largest distance of the branches", "rad", ramps.width, few),
     ]
     for sign, figure in zip(("negative", "positive"), ramps.breakaway, strict=True):
         symbol = f"T {'-+'[sign == 'positive']}"
-        rows.append(row(symbol, f"breakaway torque in {sign} direction", "N m", figure, few))
+        rows.append(_row(symbol, f"breakaway torque in {sign} direction", "N m", figure, few))
+    return rows
+
+
+def ramps_findings(ramps: Ramps) -> tuple[Finding, ...]:
+    """Return the findings of valid ramps."""
+    rows = _lost_motions(ramps)
     ways = [(way, side) for way in ("out", "back") for side in "-+"]
     for (way, side), figure in zip(ways, ramps.stiffness, strict=True):
         flank = "positive" if side == "+" else "negative"
         what = f"stiffness of the {flank} flank on the way {way}"
         seen = figure if figure.uncertainty < _SEEN * figure.mean else Figure()
-        rows.append(row(f"k {way} {side}", what, "N m/rad", seen, "more, or less even, than the ramps show"))
+        rows.append(_row(f"k {way} {side}", what, "N m/rad", seen, "more, or less even, than the ramps show"))
     return tuple(rows)
