@@ -275,7 +275,7 @@ def test_a_drive_that_goes_and_comes_is_said_and_watched_again(
     page.click("Step forward")
     page.wait("that it is not sent", lambda: "the controller holds no position" in page.said("move-answer"))
     start("plant_simulator", lockstep=True)
-    page.wait("its return", lambda: "not there" not in page.said("lifecycle"))
+    page.wait("its return", lambda: "no joint states" not in page.said("lifecycle"))
     page.click("Reset the fault")
     page.wait("no fault", lambda: page.said("fact-fault") == "none")
     page.wait("a held position", lambda: "no position" not in page.said("fact-law-acts"))
