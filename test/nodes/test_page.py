@@ -48,7 +48,11 @@ class Page:
         return str(self.run(f"return document.querySelector('[data-name={name}]')?.textContent ?? ''"))
 
     def click(self, words: str) -> None:
-        """Click on a button that stays where it is: while cards fill, they move."""
+        """Click on a button that stays where it is: while cards fill, they move, and a click may meet what came there."""
+        self.run(
+            "window.met = null; addEventListener('click',"
+            " event => { window.met = event.target.closest('button')?.innerText.trim() }, {capture: true, once: true})"
+        )
         script = """
             const buttons = [...document.querySelectorAll('button:enabled')];
             const found = buttons.find(button => button.innerText.trim() === arguments[0]);
@@ -63,8 +67,7 @@ class Page:
                 return False
             with suppress(ElementClickInterceptedException, StaleElementReferenceException):
                 button.click()
-                return True
-            return False
+            return self.run("return window.met") == words
 
         self.wait(f"a click on the button {words!r}", clicked)
 
