@@ -1,11 +1,10 @@
 """A drive as a fit found it, for the controller's design and for simulation."""
 
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.drivetrain.contact import Contact
-from backlash_ros.identification.filter import COULOMB_L, COULOMB_M, LN_INERTIA, LN_TEETH, LN_VISCOUS
+from backlash_ros.identification.filter import COULOMB_L, COULOMB_M, LN_INERTIA, LN_VISCOUS
 from backlash_ros.identification.fit import Fit
 
 
@@ -21,7 +20,7 @@ def identified_drive(drive: Drive, found: Fit) -> Drive:
     return replace(
         drive,
         motor=replace(drive.motor, coulomb_friction=x[COULOMB_M] * drive.gear.ratio),
-        gear=replace(drive.gear, backlash_angle=found.gap, contact=_scaled(found.contact, math.exp(x[LN_TEETH]))),
+        gear=replace(drive.gear, backlash_angle=found.gap, contact=found.contact),
         load=replace(
             drive.load,
             inertia=math.exp(x[LN_INERTIA]),
@@ -29,14 +28,3 @@ def identified_drive(drive: Drive, found: Fit) -> Drive:
             coulomb_friction=x[COULOMB_L],
         ),
     )
-
-
-def _scaled(contact: Contact, force: float) -> Contact:
-    """Return teeth with the force scaled by a factor."""
-    powers = {"stiffness": 1, "damping": 1, "wind_up": -1}
-    changes = {
-        part.name: getattr(contact, part.name) * force ** powers[part.name]
-        for part in fields(contact)
-        if part.name in powers
-    }
-    return replace(contact, **changes)

@@ -235,7 +235,7 @@ def test_a_gap_that_is_not_told_has_its_reason_in_place_of_a_number(made: Made) 
     gap = replace(found.gap, angle=0.0, uncertainty=0.0, valid=False, reason="the far flank was not seen")
     rows = tuple(findings_of(about.told, gap, found.fit, found.period))
     unsure = replace(found, gap=gap, findings=rows)
-    derived = lost_motion_of(about.told, unsure, about.told.standstill_torque())
+    derived = lost_motion_of(unsure, about.told.standstill_torque())
     page = Parsed(certificate(replace(about, derived=derived), unsure))
     assert "The recording does not show the gap: the far flank was not seen" in page.text
     assert [row.why for row in derived] == [gap.reason] * 2
@@ -329,7 +329,7 @@ def test_pictures_show_what_was_judged(made: Made) -> None:
     assert np.sqrt(np.mean(np.square(np.concatenate(misses)))) == pytest.approx(found.score.error)
     loop = loop_of(about.told, found.fit, found.recording)
     assert np.min(loop.torque) >= found.fit.torques[0] - 0.2 * np.ptp(loop.torque)
-    law = static_torque(about.told, found.fit, np.array([-1.0, -0.49, 0.0, 0.49, 1.0]) * found.fit.gap)
+    law = static_torque(found.fit, np.array([-1.0, -0.49, 0.0, 0.49, 1.0]) * found.fit.gap)
     half = 0.5 * found.fit.gap / found.of("wind-up").value
     assert law == pytest.approx([-half, 0.0, 0.0, 0.0, half])
 

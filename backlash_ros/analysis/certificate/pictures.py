@@ -167,7 +167,7 @@ def loop_picture(told: Subject, recording: Recording, found: Fit, width: Finding
         axes.text(0.0, 0.96, f"gap\n{in_gear_units(width)}", **place)
     axes.plot(*_thin(1e3 * loop.twist, loop.torque), color=MOTOR, markersize=4, label="by the samples", **_DOT)
     twist = np.linspace(float(np.min(loop.twist)), float(np.max(loop.twist)), 201)
-    axes.plot(1e3 * twist, static_torque(told.told, found, twist), color=MODEL, linewidth=1.4, label="law, at rest")
+    axes.plot(1e3 * twist, static_torque(found, twist), color=MODEL, linewidth=1.4, label="law, at rest")
     axes.set(xlabel="motor's angle through the gear less the load's, mrad", ylabel="torque of the teeth, N m")
     top = axes.secondary_xaxis("top", functions=(_times(1e-3 * factor), _times(1e3 / factor)))
     top.set_xlabel("arcmin")

@@ -6,8 +6,8 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.identification.drive import identified_drive
-from backlash_ros.identification.fit import FITS, Fit, fit
-from backlash_ros.identification.gap import SCALE, Gap, contacts_of, delays_of, measure_gap
+from backlash_ros.identification.fit import Fit, fit
+from backlash_ros.identification.gap import Gap, delays_of, measure_gap
 from backlash_ros.identification.gap_map import FEWEST_PLACES, Mapped
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding, findings_of
@@ -76,23 +76,19 @@ def identify(drive: Drive, recording: Recording, *, hold_out: bool = True) -> Id
         return replace(refused, reason=why)
     gap = measure_gap(drive, chosen, drive.standstill_torque())
     found = gap.fit
-    assert found is not None
-    if why := _unexplained(drive, chosen, gap, found):
-        return replace(refused, reason=why, gap=gap, fit=found)
+    if found is None or not gap.sound:
+        return replace(refused, reason=_unexplained(drive, chosen, gap), gap=gap, fit=found)
     rows = findings_of(drive, gap, found, period)
     fitted, replaced = _replaced(drive, found, rows)
     result = replace(refused, drive=fitted, replaced=replaced, findings=tuple(rows), gap=gap, fit=found)
     if not hold_out:
         return result
-    before = fit(drive, first_part(chosen), contacts_of(drive), delays_of(period), drive.standstill_torque())
-    return replace(result, score=score(drive, before, chosen), before=before)
+    before = fit(drive, first_part(chosen), drive.standstill_torque(), delays_of(period))
+    return result if before is None else replace(result, score=score(drive, before, chosen), before=before)
 
 
-def _unexplained(drive: Drive, recording: Recording, gap: Gap, found: Fit) -> str:
-    """Return why a fit as a whole, not only its gap, cannot be believed; empty if it can."""
-    misfits = not max(found.rms) <= FITS
-    if not misfits:
-        return gap.reason if found.exhausted or abs(found.scale) > SCALE else ""
+def _unexplained(drive: Drive, recording: Recording, gap: Gap) -> str:
+    """Return why a fit as a whole cannot be believed, with what would explain the recording better."""
     suspected = suspicion(drive, recording, delays_of(float(np.median(np.diff(recording.time)))))
     return f"{suspected}: {gap.reason}" if suspected else gap.reason
 
