@@ -46,6 +46,7 @@ from backlash_ros.identification.problem import (
     KNEE,
     LEAST_NOISE,
     MOST_NOISE,
+    TEETH_NOISE,
     Beliefs,
     Effort,
     Point,
@@ -70,9 +71,14 @@ _KEPT, _APART, _HOPELESS = 3, 0.03, 3000.0
 """Starts that are improved; by how much, as ln, two gaps differ; cost by which one is worse and still improved."""
 _TOLD = 0.02
 """Cost for each sample by which the told law must be better than the free one."""
+_MOST_TEETH = 0.06
+"""Largest unexplained share of the teeth's torque with which the told law is believed."""
+_MOST_LOSS, _SOME_LOSS = 0.95, 0.02
 _ELSEWHERE = 12
 _QUIETER = np.array([[0.0, 0.0, 1.4, 0.0], [1.0, 1.0, 1.4, 1.4]])
 """What the noise is lowered by, as logarithms, to look for a better model."""
+_LOUDER = 0.7
+"""By how much, as logarithm, a noise is above its least for that."""
 _TOGETHER = 13
 """Number of samples beyond which innovations are uncorrelated."""
 _STANDS_OUT = 4.0
@@ -267,7 +273,6 @@ class Search:
                 COULOMB_L: guess.coulomb_l,
                 TORQUE: guess.load_torque,
                 COULOMB_M: guess.coulomb_m,
-                LOSS: 0.02,
                 DELAY: delay,
             },
             0.0,
@@ -305,7 +310,7 @@ class Search:
         low |= dict.fromkeys((COULOMB_L, COULOMB_M, LOSS, DELAY), 0.0) | dict.fromkeys((LN_GAIN, LN_BRAKING), -1.0)
         high = {LN_HALF_GAP: math.log(3.0 * self.travel), LN_STIFFNESS: stiffness + (12.0 if free else 1.0)}
         high |= {LN_DAMPING: start[LN_DAMPING] + 7.0, LN_REBOUND: start[LN_REBOUND] + 6.0, LN_EXPONENT: 0.9}
-        high |= {LN_INERTIA: inertia + 7.0, LN_VISCOUS: math.log(1e2 * torque), TORQUE: 20.0 * torque, LOSS: 0.95}
+        high |= {LN_INERTIA: inertia + 7.0, LN_VISCOUS: math.log(1e2 * torque), TORQUE: 20.0 * torque, LOSS: 0.0}
         high |= {DELAY: 20.0 * self._period} | dict.fromkeys((LN_GAIN, LN_BRAKING), 1.0)
         largest = {LN_HALF_GAP: 0.3, GAP_SLOPE: 0.1, LN_STIFFNESS: 0.7, LN_DAMPING: 0.7, LN_REBOUND: 1.0}
         largest |= {LN_EXPONENT: 0.2, LN_INERTIA: 0.7, LN_VISCOUS: 1.0, LOSS: 0.1, ECCENTRICITY: 0.01}
@@ -345,7 +350,16 @@ class Search:
             begun = problem.tune(problem.solve(point, 4, 1.0), 2, 1.0)
             found.append(Found(problem.settle(begun, 3, 3, 2.0), problem))
         point, problem = min(found, key=_cost)
-        return Found(problem.settle(point, 6, 4, 2.0), problem)
+        return self.with_losses(Found(problem.settle(point, 6, 4, 2.0), problem))
+
+    def with_losses(self, found: Found) -> Found:
+        """Return where the search ends with a gear that may lose torque: from the start, losses lead it astray."""
+        high = found.problem.beliefs.high.copy()
+        high[LOSS] = _MOST_LOSS
+        problem = replace(found.problem, beliefs=found.problem.beliefs._replace(high=high))
+        start = found.point.parameters.copy()
+        start[LOSS] = _SOME_LOSS
+        return Found(problem.settle(found.point._replace(parameters=start), 3, 4, 2.0), problem)
 
     def of_told(self, free: Point) -> Found:
         """Return the told law's end, from where the free law ended."""
@@ -355,7 +369,8 @@ class Search:
         tried = [resized(start, 0.0, factor * half_gap_of(start)) for factor in (0.9, 1.0, 1.12, 1.25)]
         costs = [problem.cost(parameters, free.noise) for parameters in tried]
         begun = Point(_INF, tried[int(np.argmin(costs))], free.noise)
-        return Found(problem.settle(problem.solve(begun, 5, 1.0), 2, 3, 2.0), problem)
+        end = problem.settle(problem.solve(begun, 5, 1.0), 2, 3, 2.0)
+        return Found(end, problem) if end.cost > free.cost else self.with_losses(Found(end, problem))
 
     def elsewhere(self, found: Found) -> Found:
         """Return a likelier point with another gap, if there is one."""
@@ -383,7 +398,7 @@ class Search:
         best, problem = found
         for lower in _QUIETER:
             noise = np.maximum(best.noise - lower, LEAST_NOISE)
-            if self.effort.spent or np.all(best.noise - noise < 0.3):
+            if self.effort.spent or np.all(best.noise - noise < _LOUDER):
                 continue
             end = problem.solve(Point(_INF, best.parameters, noise), 6, 2.0)
             if math.isfinite(end.cost):
@@ -507,7 +522,8 @@ def search_all(
         return None
     told = search.of_told(free.point)
     laws = [Law(2.0 * half_gap_of(f.point.parameters), f.point.cost / search.size) for f in (free, told)]
-    best = told if laws[1].cost < laws[0].cost - _TOLD else free
+    better = laws[1].cost < laws[0].cost - _TOLD and told.point.noise[TEETH_NOISE] < math.log(_MOST_TEETH)
+    best = told if better else free
     best = search.quieter(search.elsewhere(best))
     return search, Found(best.problem.settle(best.point, 6, 8, 0.5), best.problem), laws
 

@@ -37,6 +37,8 @@ _COARSE = 0.4
 """Cost of a pass in coarse steps, in passes in fine ones."""
 _APART, _FARTHEST = 0.2, 1.6
 """Difference of the logarithms by which derivatives are taken, and the largest step."""
+_LOWER = 0.7
+"""What the noise is lowered by, as logarithm, for the parameters to go on."""
 _FIRST, _MOVING = 0.02, 0.3
 """Time from which the first speeds are taken, s, and speed below which they count as 0, rad/s."""
 
@@ -258,11 +260,20 @@ class Problem:
         return gradient, matrix + np.diag(1e-2 * np.diag(matrix) + 1e-3)
 
     def settle(self, start: Point, rounds: int, most: int, enough: float) -> Point:
-        """Improve parameters and noise in turn, until a round gains less than ``enough`` or all are done."""
-        point = start
+        """Improve parameters and noise in turn, until a round gains less than ``enough`` or all are done.
+
+        With the likeliest noise both creep: the parameters need to explain no more than that noise leaves. So they are
+        improved with less noise, as long as this pays.
+        """
+        best, lower = start, _LOWER
         for _ in range(rounds):
-            before = point.cost
-            point = self.tune(self.solve(point, most, 0.3 * enough), 1, 0.3 * enough)
-            if self.effort.spent or not point.cost < before - enough:
+            noise = np.maximum(best.noise - lower, LEAST_NOISE)
+            point = self.tune(self.solve(best._replace(noise=noise), most, 0.3 * enough), 1, 0.3 * enough)
+            gain = best.cost - point.cost
+            if gain > 0.0:
+                best = point
+            if self.effort.spent or not (gain > enough or lower > 0.0):
                 break
-        return point
+            if not gain > enough:
+                lower = 0.0
+        return best
