@@ -4,8 +4,8 @@ import math
 from dataclasses import replace
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.identification.filter import COULOMB_L, COULOMB_M, LN_INERTIA, LN_VISCOUS
-from backlash_ros.identification.fit import Fit
+from backlash_ros.identification.fitting.filter import COULOMB_L, COULOMB_M, LN_INERTIA, LN_VISCOUS
+from backlash_ros.identification.fitting.fit import Fit
 
 
 def identified_drive(drive: Drive, found: Fit) -> Drive:

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.identification.filter import GAP_SLOPE
-from backlash_ros.identification.fit import PASSES, Fit, Found, Search, search_all
+from backlash_ros.identification.fitting.filter import GAP_SLOPE
+from backlash_ros.identification.fitting.fit import PASSES, Fit, Found, Search, search_all
 from backlash_ros.identification.recording import Recording
 
 _FLANK = 0.04

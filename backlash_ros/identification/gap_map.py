@@ -13,8 +13,8 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.filter import GAP_SLOPE, OFFSET
-from backlash_ros.identification.fit import Fit
+from backlash_ros.identification.fitting.filter import GAP_SLOPE, OFFSET
+from backlash_ros.identification.fitting.fit import Fit
 from backlash_ros.identification.gap import Gap, measure_gap
 from backlash_ros.identification.recording import Recording
 

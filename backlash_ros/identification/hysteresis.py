@@ -23,10 +23,10 @@ from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.contact import Contact, gap_at_rest, law_name
 from backlash_ros.drivetrain.contacts.elastic import SpringContact
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.candidates import contacts_of
+from backlash_ros.identification.fitting.candidates import contacts_of
+from backlash_ros.identification.fitting.problem import count_of, motor_side
 from backlash_ros.identification.lost_motion import Curve, LostMotion
 from backlash_ros.identification.newey_west import newey_west
-from backlash_ros.identification.problem import count_of, motor_side
 
 _BLOCK, _SETTLED, _FAST = 0.008, 0.06, 0.5
 """Averaging time of the samples, s; time for which the motor must have been slow before they count, s: slower than this

@@ -24,9 +24,9 @@ from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array, Measurement
 from backlash_ros.identification import gap_map
-from backlash_ros.identification.candidates import free_teeth
-from backlash_ros.identification.filter import LN_HALF_GAP, OFFSET, PARAMETERS
-from backlash_ros.identification.fit import Fit
+from backlash_ros.identification.fitting.candidates import free_teeth
+from backlash_ros.identification.fitting.filter import LN_HALF_GAP, OFFSET, PARAMETERS
+from backlash_ros.identification.fitting.fit import Fit
 from backlash_ros.identification.gap import Gap
 from backlash_ros.identification.gap_map import incomplete, map_gaps
 from backlash_ros.identification.recording import Recording

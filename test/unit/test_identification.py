@@ -16,12 +16,12 @@ from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.contacts.restitution import RestitutionContact
 from backlash_ros.drivetrain.signals import THETA_L
-from backlash_ros.identification import fit as fit_module
 from backlash_ros.identification.drive import identified_drive
-from backlash_ros.identification.filter import LN_GAIN, LN_INERTIA, PARAMETERS
-from backlash_ros.identification.fit import LOUD, Search
+from backlash_ros.identification.fitting import fit as fit_module
+from backlash_ros.identification.fitting.filter import LN_GAIN, LN_INERTIA, PARAMETERS
+from backlash_ros.identification.fitting.fit import LOUD, Search
+from backlash_ros.identification.fitting.problem import count_of, motor_side
 from backlash_ros.identification.gap import Gap, measure_gap
-from backlash_ros.identification.problem import count_of, motor_side
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.regression import guess_of
 from backlash_ros.simulation import SimulatedDrive

@@ -12,8 +12,8 @@ from recorded import probed, stepped, true_gap, without
 
 from backlash_ros.analysis.evaluation.population import Member, told_model
 from backlash_ros.analysis.recordings.samples import Columns, Reading, recording_of
-from backlash_ros.identification.filter import COULOMB_L, LN_VISCOUS
-from backlash_ros.identification.problem import motor_side
+from backlash_ros.identification.fitting.filter import COULOMB_L, LN_VISCOUS
+from backlash_ros.identification.fitting.problem import motor_side
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import SPEEDS, findings_of
 from backlash_ros.identification.recordings.identify import Identified, identify

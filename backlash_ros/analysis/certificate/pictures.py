@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from backlash_ros.analysis.certificate.rounding import GEAR_UNITS, in_gear_units
 from backlash_ros.analysis.certificate.subject import Subject
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.fit import Fit
+from backlash_ros.identification.fitting.fit import Fit
 from backlash_ros.identification.gap_map import GapMap
 from backlash_ros.identification.lost_motion import LostMotion
 from backlash_ros.identification.recording import Recording

@@ -21,9 +21,9 @@ from backlash_ros.control.monitoring.thresholds import FaultThresholds
 from backlash_ros.control.observer import low_pass_gain
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.signals import CURRENT, THETA_L, THETA_M, Estimate, Measurement
+from backlash_ros.identification.fitting.problem import motor_side
 from backlash_ros.identification.hysteresis import measure_lost_motion
 from backlash_ros.identification.lost_motion import Curve
-from backlash_ros.identification.problem import motor_side
 
 _GENTLE, _BEFORE, _AFTER = 0.25, 0.75, math.sqrt(0.5)
 """Shares of the torque before and after the cycles; the first one shows whether the load stands still. The speed that a

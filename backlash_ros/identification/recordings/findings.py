@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.filter import (
+from backlash_ros.identification.fitting.filter import (
     COULOMB_L,
     COULOMB_M,
     DELAY,
@@ -20,7 +20,7 @@ from backlash_ros.identification.filter import (
     OFFSET,
     TORQUE,
 )
-from backlash_ros.identification.fit import Fit
+from backlash_ros.identification.fitting.fit import Fit
 from backlash_ros.identification.gap import Gap
 
 NOISE, MODEL, LEAST, LEAST_DELAY = 2.0, 0.005, 1e-4, 0.005

@@ -7,8 +7,8 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.candidates import Candidate, told_teeth
-from backlash_ros.identification.filter import (
+from backlash_ros.identification.fitting.candidates import Candidate, told_teeth
+from backlash_ros.identification.fitting.filter import (
     COULOMB_L,
     COULOMB_M,
     LN_HALF_GAP,
@@ -17,8 +17,8 @@ from backlash_ros.identification.filter import (
     OFFSET,
     PARAMETERS,
 )
-from backlash_ros.identification.fit import Fit, row_of
-from backlash_ros.identification.problem import Beliefs, Problem, motor_side
+from backlash_ros.identification.fitting.fit import Fit, row_of
+from backlash_ros.identification.fitting.problem import Beliefs, Problem, motor_side
 from backlash_ros.identification.recording import Recording
 
 SHARE = 0.75

@@ -6,7 +6,7 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.identification.drive import identified_drive
-from backlash_ros.identification.fit import Fit, fit
+from backlash_ros.identification.fitting.fit import Fit, fit
 from backlash_ros.identification.gap import Gap, delays_of, measure_gap
 from backlash_ros.identification.gap_map import FEWEST_PLACES, Mapped
 from backlash_ros.identification.recording import Recording

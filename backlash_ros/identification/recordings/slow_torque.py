@@ -11,9 +11,9 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.signals import Array
+from backlash_ros.identification.fitting.problem import motor_side
 from backlash_ros.identification.hysteresis import measure_lost_motion
 from backlash_ros.identification.lost_motion import Curve, LostMotion
-from backlash_ros.identification.problem import motor_side
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.plausible import wrong_command

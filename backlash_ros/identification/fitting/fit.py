@@ -16,8 +16,8 @@ from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.candidates import Candidate, Shape, free_teeth, told_contact, told_teeth
-from backlash_ros.identification.filter import (
+from backlash_ros.identification.fitting.candidates import Candidate, Shape, free_teeth, told_contact, told_teeth
+from backlash_ros.identification.fitting.filter import (
     COARSE,
     COULOMB_L,
     COULOMB_M,
@@ -41,8 +41,7 @@ from backlash_ros.identification.filter import (
     PARAMETERS,
     TORQUE,
 )
-from backlash_ros.identification.newey_west import newey_west
-from backlash_ros.identification.problem import (
+from backlash_ros.identification.fitting.problem import (
     KNEE,
     LEAST_NOISE,
     MOST_NOISE,
@@ -55,6 +54,7 @@ from backlash_ros.identification.problem import (
     loss_of,
     motor_side,
 )
+from backlash_ros.identification.newey_west import newey_west
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.regression import Guess, guess_of
 

@@ -23,7 +23,7 @@ import numpy as np
 from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.contact import Constants, Contact
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.candidates import Shape, TorqueFunction, torque_by
+from backlash_ros.identification.fitting.candidates import Shape, TorqueFunction, torque_by
 
 (
     LN_HALF_GAP,

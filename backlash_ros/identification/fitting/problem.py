@@ -14,8 +14,8 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.candidates import Candidate
-from backlash_ros.identification.filter import FINE, PARAMETERS, STATES, MotorSide, Noise, Steps, filter_with
+from backlash_ros.identification.fitting.candidates import Candidate
+from backlash_ros.identification.fitting.filter import FINE, PARAMETERS, STATES, MotorSide, Noise, Steps, filter_with
 from backlash_ros.identification.recording import Recording
 
 MOTOR_NOISE, LOAD_NOISE, TEETH_NOISE, TIMING_NOISE = range(4)
