@@ -116,7 +116,7 @@ class Candidate(NamedTuple):
 
     def torque(self, shape: Shape, half_gap: float, twist: float, rate: float = 0.0) -> float:
         """Return the torque of the teeth, N m, for a twist from the middle of the gap, rad, and its rate, rad/s."""
-        return torque_by(self.law)(self.constants, shape, half_gap, twist, rate)[0]
+        return torque_by(self.law)(self.constants, shape, half_gap, twist, rate)[0]  # type: ignore[arg-type]
 
     def twist(self, shape: Shape, half_gap: float, torque: float) -> float:
         """Return the twist from the middle of the gap at which teeth at rest bear a torque > 0 (N m), rad."""

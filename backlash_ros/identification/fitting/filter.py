@@ -452,4 +452,4 @@ Predict = Callable[
 @cache
 def filter_with(law: type[Contact] | None) -> Predict:
     """Return `_predict` compiled for a contact law, or for the free law for None."""
-    return specialize(_predict, fused=True, _torque=torque_by(law))
+    return specialize(_predict, fused=True, _torque=torque_by(law))  # type: ignore[arg-type]

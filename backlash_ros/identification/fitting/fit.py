@@ -93,8 +93,10 @@ def row_of(values: dict[int, float], default: float) -> Array:
 
 def shape_of(teeth: Candidate, parameters: Array) -> Shape:
     """Return the shape of the teeth by the parameters."""
-    factors = (math.exp(parameters[k]) for k in (LN_STIFFNESS, LN_DAMPING, LN_REBOUND, LN_EXPONENT))
-    return Shape(*factors, teeth.depth)
+    stiffness, damping, rebound, exponent = (
+        math.exp(parameters[k]) for k in (LN_STIFFNESS, LN_DAMPING, LN_REBOUND, LN_EXPONENT)
+    )
+    return Shape(stiffness, damping, rebound, exponent, teeth.depth)
 
 
 class Law(NamedTuple):
@@ -376,7 +378,7 @@ class Search:
         """Return a likelier point with another gap, if there is one."""
         best, problem = found
         loud = np.minimum(best.noise + 1.15, MOST_NOISE)
-        scan = []
+        scan: list[tuple[float, int, Array]] = []
         for half in np.geomspace(0.05, 0.6, _ELSEWHERE) * self.travel:
             if abs(math.log(half / half_gap_of(best.parameters))) > 3.0 * _APART:
                 for way in (1.0, -1.0):

@@ -158,7 +158,8 @@ class Problem:
         """Run the filter and return the cost."""
         cost = (1.0 if derive else _CHEAP) * (1.0 if steps is FINE else _COARSE)
         self.effort.left -= cost * self._share
-        logs = filter_with(self.teeth.law)(
+        predict = filter_with(self.teeth.law)  # type: ignore[arg-type]
+        logs = predict(
             self.side,
             self.teeth.constants,
             self.teeth.depth,
@@ -227,7 +228,7 @@ class Problem:
                 break
             gradient, matrix = self._slopes_by_noise(cost, parameters, noise, least)
             least |= (noise <= LEAST_NOISE) & (gradient > 0.0)
-            free = ~least
+            free = np.logical_not(least)
             if not free.any() or not np.all(np.isfinite(gradient)):
                 break
             step, gain = np.zeros(NOISES), 0.0
@@ -247,7 +248,7 @@ class Problem:
         innovations, logs = self.innovations[1:].ravel().copy(), self.logs[1:].ravel().copy()
         gradient = np.zeros(NOISES)
         by_logs, by_innovations = np.zeros((NOISES, logs.size)), np.zeros((NOISES, logs.size))
-        for k in np.flatnonzero(~least):
+        for k in np.flatnonzero(least == 0):
             apart = -_APART if noise[k] > MOST_NOISE[k] - _APART else _APART
             other = noise.copy()
             other[k] += apart
