@@ -361,7 +361,8 @@ class Search:
         problem = replace(found.problem, beliefs=found.problem.beliefs._replace(high=high))
         start = found.point.parameters.copy()
         start[LOSS] = _SOME_LOSS
-        return Found(problem.settle(found.point._replace(parameters=start), 3, 4, 2.0), problem)
+        end = problem.settle(Point(_INF, start, found.point.noise), 3, 4, 2.0)
+        return Found(min(found.point, end, key=lambda point: point.cost), problem)
 
     def of_told(self, free: Point) -> Found:
         """Return the told law's end, from where the free law ended."""
