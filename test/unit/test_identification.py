@@ -18,7 +18,19 @@ from backlash_ros.drivetrain.contacts.restitution import RestitutionContact
 from backlash_ros.drivetrain.signals import THETA_L
 from backlash_ros.identification.drive import identified_drive
 from backlash_ros.identification.fitting import fit as fit_module
-from backlash_ros.identification.fitting.filter import LN_GAIN, LN_INERTIA, PARAMETERS
+from backlash_ros.identification.fitting.filter import (
+    COULOMB_L,
+    DELAY,
+    ECCENTRICITY,
+    GAP_SLOPE,
+    GRAVITY,
+    LN_EXPONENT,
+    LN_GAIN,
+    LN_HALF_GAP,
+    LN_INERTIA,
+    LN_STIFFNESS,
+    TORQUE,
+)
 from backlash_ros.identification.fitting.fit import LOUD, Search
 from backlash_ros.identification.fitting.problem import count_of, motor_side
 from backlash_ros.identification.gap import Gap, measure_gap
@@ -88,7 +100,11 @@ def test_an_estimate_says_how_sure_it_is() -> None:
     assert np.mean(within) >= 0.8
 
 
-@pytest.mark.parametrize("column", range(PARAMETERS))
+SEEN = (LN_HALF_GAP, GAP_SLOPE, LN_STIFFNESS, LN_EXPONENT, COULOMB_L, TORQUE, GRAVITY, ECCENTRICITY, DELAY, LN_GAIN)
+"""Parameters that change what is predicted more than they change the filter's gains."""
+
+
+@pytest.mark.parametrize("column", SEEN)
 def test_derivatives_are_those_of_the_innovations(column: int) -> None:
     """By finite differences, before the teeth have met often; the filter takes its gains as fixed, so not quite."""
     member, whole, _ = probed(DRIVES[0])
@@ -121,7 +137,7 @@ def lively(drive: Drive) -> Drive:
 
 
 def soft(drive: Drive) -> Drive:
-    return with_contact(drive, ElasticContact(wind_up=0.06 * drive.gear.backlash_angle, damping=20.0))
+    return with_contact(drive, ElasticContact(wind_up=0.2 * drive.gear.backlash_angle, damping=20.0))
 
 
 def warm(drive: Drive) -> Drive:

@@ -326,6 +326,11 @@ def _predict(
             )
             on_motor = 1.0 + loss * side_m * math.copysign(1.0, torque)
             if derive:
+                # The step takes the teeth at its half, linearly from its start.
+                rate_halfway = 0.5 * (r + w1 - v1)
+                slowed = rate_halfway / r if r != 0.0 else 1.0
+                by_k += (0.5 * dt * k) * rate_halfway
+                by_c, by_d = slowed * by_c, slowed * by_d
                 widening = by_gap * h
                 for column, by in (
                     (5 + LN_HALF_GAP, widening),

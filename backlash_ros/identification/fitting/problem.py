@@ -204,10 +204,14 @@ class Problem:
             # A parameter that is pressed against its bound stays there.
             free = ~((parameters <= low) & (gradient > 0.0) | (parameters >= high) & (gradient < 0.0))
             curved = matrix[np.ix_(free, free)]
-            for _ in range(_TRIES):
+            for tried in range(_TRIES):
                 step = np.zeros(PARAMETERS)
                 step[free] = np.linalg.solve(curved + damping * np.diag(np.diag(curved)), -gradient[free])
                 new = np.clip(parameters + np.clip(step, -largest, largest), low, high)
+                # After a step that was too long, the next one is first looked at without derivatives.
+                if tried and not self.cost(new, start.noise, steps) < cost:
+                    damping = 10.0 * max(damping, 1e-4)
+                    continue
                 found = self.look(new, start.noise, steps)
                 if found[0] < cost:
                     gain, parameters = cost - found[0], new
