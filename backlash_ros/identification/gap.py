@@ -27,9 +27,9 @@ _APART, _SIGMAS = 0.1, 3.0
 """Largest difference of a flank between both halves of the recording: a share of the gap, or standard deviations."""
 MOTOR_UNEXPLAINED, LOAD_UNEXPLAINED = 0.06, 0.03
 """Largest unexplained torque on motor and load, as a share of the stall torque."""
-_NOISE, _MODEL, _SHARE = 2.0, 0.005, 0.1
-"""Components of the uncertainty: a factor on the standard deviation by the noise, a share of the gap, and the part of
-the teeth's unexplained torque by which the gap may be off."""
+_NOISE, _MODEL, _SHARE, _COUNTS = 2.0, 0.005, 0.1, 0.1
+"""Components of the uncertainty: a factor on the standard deviation by the noise, a share of the gap, the part of the
+teeth's unexplained torque by which the gap may be off, and counts of the coarser encoder."""
 _LAWS = 0.05
 """Cost for each sample by which a law must be worse for its gap to count by 1/e."""
 _CHANGES, _CURVED = 0.1, 0.05
@@ -76,6 +76,7 @@ def uncertainty_of(found: Fit, way: float) -> float:
         _NOISE * found.gap_deviation,
         _MODEL * gap,
         _SHARE * found.noise[2] * gap,
+        _COUNTS * max(found.counts),
         found.scale * gap,
         other,
         _CHANGES * change,
