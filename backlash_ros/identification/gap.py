@@ -104,7 +104,12 @@ def measure_gap(drive: Drive, recording: Recording, torque: float) -> Gap:
     found = search.result(point, laws)
     way = float(np.nanmax(recording.load) - np.nanmin(recording.load))
     uncertainty = uncertainty_of(found, way)
-    doubt = _unbelievable(found) or _doubt(found, uncertainty, torque) or _second_thoughts(search, point, found)
+    doubt = (
+        _unbelievable(found)
+        or _slipped(search, point, found)
+        or _doubt(found, uncertainty, torque)
+        or _one_flank(search, point)
+    )
     if doubt:
         return Gap(0.0, 0.0, False, _with_late_commands(doubt, recording), found, sound=not doubt.all)
     told = (
@@ -167,8 +172,8 @@ def _doubt(found: Fit, uncertainty: float, torque: float) -> _Doubt | None:
     return None
 
 
-def _second_thoughts(search: Search, point: Found, found: Fit) -> _Doubt | None:
-    """Return why other fits say that the gap cannot be used."""
+def _slipped(search: Search, point: Found, found: Fit) -> _Doubt | None:
+    """Return that a flank is elsewhere in the other half of the recording."""
     gap, count = found.gap, max(found.counts)
     for apart, deviation in search.flanks_by_halves(point):
         if not apart <= max(_APART * gap, count, _SIGMAS * deviation):
@@ -177,8 +182,13 @@ def _second_thoughts(search: Search, point: Found, found: Fit) -> _Doubt | None:
                 "freezes; check both, and that nothing else moves the load",
                 all=True,
             )
-    worse = search.without_far_flank(point, _ONE_FLANK * search.size)
-    if worse < _ONE_FLANK * search.size:
+    return None
+
+
+def _one_flank(search: Search, point: Found) -> _Doubt | None:
+    """Return that a model without the far flank explains the motion as well."""
+    least = _ONE_FLANK * search.size
+    if search.without_far_flank(point, least) < least:
         return _Doubt(
             "the motion is explained as well without the far flank, which was hardly met, or not at all: the load "
             "torque may be more than the motor can outrun within the swing; allow more swing and torque"

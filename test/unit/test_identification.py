@@ -163,7 +163,7 @@ def rubbing(drive: Drive) -> Drive:
 
 @pytest.mark.corners(3)
 @pytest.mark.population
-@pytest.mark.parametrize("number", DRIVES[:2])
+@pytest.mark.parametrize("number", [DRIVES[0], DRIVES[2]])
 @pytest.mark.parametrize("other", [lively, soft, warm, lossy, rubbing])
 def test_a_drive_that_is_not_as_told_is_measured(number: int, other: Callable[[Drive], Drive]) -> None:
     """Misfit makes a gap less certain, and is no reason to refuse it."""
@@ -175,8 +175,8 @@ def test_a_drive_that_is_not_as_told_is_measured(number: int, other: Callable[[D
     assert found.angle == pytest.approx(gap, abs=max(0.05 * gap, member.load_count))
     assert abs(found.angle - gap) <= 3.0 * found.uncertainty
     assert found.fit is not None
-    ratio = math.exp(found.fit.parameters[LN_INERTIA])
-    assert ratio == pytest.approx(true.load.inertia, rel=0.1)
+    inertia = math.exp(found.fit.parameters[LN_INERTIA])
+    assert inertia == pytest.approx(true.load.inertia, abs=0.03 * true.effective_inertia)
     if other is warm:
         assert math.exp(found.fit.parameters[LN_GAIN]) == pytest.approx(0.95 / 1.15, rel=0.03)
 

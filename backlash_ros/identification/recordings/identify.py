@@ -76,8 +76,10 @@ def identify(drive: Drive, recording: Recording, *, hold_out: bool = True) -> Id
         return replace(refused, reason=why)
     gap = measure_gap(drive, chosen, drive.standstill_torque())
     found = gap.fit
-    if found is None or not gap.sound:
-        return replace(refused, reason=_unexplained(drive, chosen, gap), gap=gap, fit=found)
+    suspected = "" if gap.valid else _suspicion(drive, chosen)
+    if found is None or not gap.sound or suspected:
+        why = f"{suspected}: {gap.reason}" if suspected else gap.reason
+        return replace(refused, reason=why, gap=gap, fit=found)
     rows = findings_of(drive, gap, found, period)
     fitted, replaced = _replaced(drive, found, rows)
     result = replace(refused, drive=fitted, replaced=replaced, findings=tuple(rows), gap=gap, fit=found)
@@ -87,10 +89,9 @@ def identify(drive: Drive, recording: Recording, *, hold_out: bool = True) -> Id
     return result if before is None else replace(result, score=score(drive, before, chosen), before=before)
 
 
-def _unexplained(drive: Drive, recording: Recording, gap: Gap) -> str:
-    """Return why a fit as a whole cannot be believed, with what would explain the recording better."""
-    suspected = suspicion(drive, recording, delays_of(float(np.median(np.diff(recording.time)))))
-    return f"{suspected}: {gap.reason}" if suspected else gap.reason
+def _suspicion(drive: Drive, recording: Recording) -> str:
+    """Return what would explain a recording better than what was given; empty if nothing would."""
+    return suspicion(drive, recording, delays_of(float(np.median(np.diff(recording.time)))))
 
 
 def _replaced(drive: Drive, found: Fit, rows: list[Finding]) -> tuple[Drive, frozenset[str]]:
