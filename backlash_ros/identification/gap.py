@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.identification.fitting.filter import GAP_SLOPE
+from backlash_ros.identification.fitting.filter import GAP_SLOPE, LN_GAIN
 from backlash_ros.identification.fitting.fit import PASSES, Fit, Found, Search, search_all
 from backlash_ros.identification.recording import Recording
 
@@ -21,6 +21,8 @@ _ONE_FLANK = 0.2
 """Cost for each sample by which a model without the far flank must be worse."""
 SCALE = 0.015
 """Largest relative scale error of the load's encoder, such as an eccentric disk causes."""
+_GAIN = 0.5
+"""Largest difference of the motor's gain from its data sheet, as a logarithm."""
 _SURE, _OF_COUNT = 0.08, 0.7
 """Largest uncertainty of a gap to be used: a share of it, or counts."""
 _APART, _SIGMAS = 0.1, 3.0
@@ -131,6 +133,12 @@ def _unbelievable(found: Fit) -> _Doubt | None:
         return _Doubt(
             f"the search for a model that explains the motion had not ended after {PASSES:g} passes of the filter; "
             "try again with more motion across the gap",
+            all=True,
+        )
+    if abs(off := float(found.parameters[LN_GAIN])) > _GAIN:
+        return _Doubt(
+            f"the command accelerates the motor {math.exp(off):.2g} times as much as its data sheet says: check the "
+            "sign and the unit of the command, the motor's values, and its supply",
             all=True,
         )
     if abs(scale := found.scale) > SCALE:
