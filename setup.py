@@ -43,7 +43,6 @@ setup(
     ],
     python_requires=">=3.10",
     install_requires=[
-        "control>=0.10",
         "matplotlib>=3.6",
         "numba>=0.58",
         "numpy>=1.26",

@@ -18,12 +18,14 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from backlash_ros import __version__
 from backlash_ros.analysis.checking.command import add_check, check_and_show
 from backlash_ros.analysis.design import command as designer
+from backlash_ros.analysis.evaluation.by_effect import EFFECT_NAMES, evaluate_effects, with_effect
 from backlash_ros.analysis.evaluation.command import evaluate, replay
 from backlash_ros.analysis.evaluation.drive_file import read_axis, read_parameters, read_start
 from backlash_ros.analysis.evaluation.population import ENCODERS, MODELS, POPULATIONS
 from backlash_ros.analysis.evaluation.task import DESIGNED, Task
 from backlash_ros.analysis.export import FORMATS
 from backlash_ros.analysis.jsonable import jsonable
+from backlash_ros.analysis.locked_output import command as locked
 from backlash_ros.analysis.page import write_page
 from backlash_ros.analysis.paper import PARTS, reproduce
 from backlash_ros.analysis.parser import Parser
@@ -125,9 +127,18 @@ def _add_evaluation(parser: argparse.ArgumentParser) -> None:
     add("--drives", type=_whole(1), metavar="N", help="number of drives to judge, from the first on")
     add("--json", type=Path, metavar="FILE", help="file for the summary")
     add("--experiments", nargs="+", type=_entry_of(EXPERIMENTS, AUTO), default=default.experiments, metavar="NAME")
-    add("--laws", nargs="+", type=_entry_of(LAWS, DESIGNED, AUTO), default=default.laws, metavar="NAME")
+    add(
+        "--laws",
+        nargs="+",
+        type=_entry_of(LAWS, DESIGNED, AUTO),
+        default=(),
+        metavar="NAME",
+        help="by default the three of the paper and the default law, which comes last and is judged",
+    )
     add("--model", choices=MODELS, default=default.model, help="the drive as the controller knows it")
-    add("--population", choices=POPULATIONS, default=default.population)
+    add("--population", choices=POPULATIONS, help="by default full; core with --effects")
+    text = "put each of these effects of real axes alone on every drive; without a NAME, each that there is"
+    add("--effects", nargs="*", choices=EFFECT_NAMES, metavar="NAME", help=f"{text}: {', '.join(EFFECT_NAMES)}")
     add("--encoders", choices=list(ENCODERS), default=default.encoders)
     add("--drive", type=Path, metavar="FILE", help="draw the population around the drive of a ROS parameter file")
     add("--out", type=Path, metavar="DIR", help="folder for the table of all runs and the pictures")
@@ -237,7 +248,8 @@ def _refuse_unusable(given: argparse.Namespace) -> None:
         _refuse_misspelled(*files)
 
 
-def _evaluate(given: argparse.Namespace, console: Console) -> None:
+def _refuse_contradictions(given: argparse.Namespace) -> None:
+    """Refuse options of `backlash evaluate` that have no use together; ValueError names the option."""
     if given.only is None:
         for name in ("drives", "json"):
             if getattr(given, name) is None:
@@ -248,18 +260,32 @@ def _evaluate(given: argparse.Namespace, console: Console) -> None:
         for name in ("drives", "json", "out", "scheduler"):
             if getattr(given, name):
                 raise ValueError(f"argument --{name}: has no use with --only, which prints one drive")
+        if given.effects is not None and len(given.effects) != 1:
+            raise ValueError(f"argument --effects: needs one name with --only, got {len(given.effects)}")
+    if given.effects is not None and given.out is not None:
+        raise ValueError("argument --out: has no use with --effects, which writes a report for each effect")
+
+
+def _evaluate(given: argparse.Namespace, console: Console) -> None:
+    _refuse_contradictions(given)
     around = Drive.read(given.drive) if given.drive else None
     if given.drive:
         read_start(given.drive)  # refused like the controller
     laws = tuple(dict.fromkeys(given.laws))
     experiments = tuple(dict.fromkeys(given.experiments))
-    task = Task(given.seed, given.population, given.model, given.encoders, experiments, laws, around)
+    population = given.population or ("full" if given.effects is None else "core")
+    task = Task(given.seed, population, given.model, given.encoders, experiments, laws, around)
     if given.only is not None:
-        replay(task, given.only, given.plot, console)
+        alone = task if given.effects is None else with_effect(task, *given.effects)
+        replay(alone, given.only, given.plot, console)
         return
-    drive = str(given.drive or "")
+    drive, scheduler = str(given.drive or ""), given.scheduler
     try:
-        evaluate(task, given.drives, given.json, given.out, console, scheduler=given.scheduler, drive=drive)
+        if given.effects is None:
+            evaluate(task, given.drives, given.json, given.out, console, scheduler=scheduler, drive=drive)
+        else:
+            names = list(dict.fromkeys(given.effects or EFFECT_NAMES))
+            evaluate_effects(task, names, given.drives, given.json, console, scheduler=scheduler, drive=drive)
     except KeyboardInterrupt:
         given.parser.exit(STOPPED, "\nstopped: run the same command to continue\n")
 
@@ -347,6 +373,8 @@ def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
     add("params", text, _params, _add_params, written=["out"], epilog="example: backlash params --out my_drive.yaml")
     text = "identify a drive from a recording, with uncertainties"
     add("identify", text, identify, add_identification, written=IDENTIFICATION)
+    text = "measure the lost motion of a locked output from ramps of its torque"
+    add("lost-motion", text, locked.measure, locked.add_lost_motion, written=locked.WRITTEN)
     text = "write a page about a recording: steps, faults, backlash, timing, charts"
     add("report", text, write_report, add_report, written=REPORT)
     text = "design over-damped gains and their region's width for a range of drives"

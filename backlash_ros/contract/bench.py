@@ -54,7 +54,7 @@ FEWEST = 10
 _MORE_THAN_A_TURN = 1.05 * 2 * math.pi
 """Travel that passes the angle at which a position begins again, wherever that is, rad."""
 
-ATTEMPTS = 3
+ATTEMPTS = 10
 """Attempts at a move if samples are missing for so long that the drive may have missed commands."""
 
 

@@ -319,6 +319,8 @@ def stops(command: list[float] | None, recording: Recording, expected: Expected)
         # If samples were missing, the watchdog may have stopped the motor, not the command.
         if command is None or bench.runaway or code is not None or not bench.stalled("after"):
             break
+    else:
+        pytest.fail(f"samples were missing in each of {ATTEMPTS} attempts: the drive or this machine stood still")
     heard = bench.recording.stretches["after"]
     assert heard.stop - heard.start >= FEWEST, (
         f"the drive fell silent on {what}: {heard.stop - heard.start} samples in {expected.command_timeout + REST:g} s"

@@ -3,8 +3,8 @@
 from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.contacts import CONTACTS
-from backlash_ros.drivetrain.motion.integrator import IntegrationError
-from backlash_ros.drivetrain.motion.linear import (
+from backlash_ros.drivetrain.effects.parameters import Effects
+from backlash_ros.drivetrain.linear import (
     command_from_voltage,
     discretize,
     discretize_from_command,
@@ -12,6 +12,7 @@ from backlash_ros.drivetrain.motion.linear import (
     rigid_model,
     without_inductance,
 )
+from backlash_ros.drivetrain.motion.integrator import IntegrationError
 from backlash_ros.drivetrain.motion.plant import Plant
 from backlash_ros.drivetrain.parameters import (
     COMMAND_INTERFACES,
@@ -30,6 +31,7 @@ __all__ = [
     "NOMINAL_DRIVE",
     "Contact",
     "Drive",
+    "Effects",
     "Gear",
     "IntegrationError",
     "Load",

@@ -6,7 +6,9 @@ from typing import Any, NamedTuple
 import numba
 
 from backlash_ros.drivetrain.contact import Constants, as_constants
+from backlash_ros.drivetrain.effects.constants import effect_constants, effect_row
 from backlash_ros.drivetrain.parameters import NOMINAL_DRIVE, Drive
+from backlash_ros.drivetrain.signals import Array
 
 _numba: Any = numba
 
@@ -18,6 +20,7 @@ class PlantConstants(NamedTuple):
     ``backward`` are torque at the motor's shaft over R1 F while power flows to the load and to the motor. ``rate`` is
     the fastest of the drive's own rates, 1/s, teeth apart. ``per_*`` are reciprocals: of J_m, J_l and L, and of what
     errors are judged by: the narrowest gap as an angle at either shaft, speeds without load, the current at standstill.
+    ``J_l`` is without the outer part of a load that is not rigid.
     """
 
     R: float
@@ -52,18 +55,23 @@ class PlantConstants(NamedTuple):
     per_speed_m: float
     per_speed_l: float
     per_current: float
+    effects: Array
 
 
 def plant_constants(drive: Drive) -> PlantConstants:
-    """Return the named tuple that the compiled functions take."""
-    motor, gear, load = drive.motor, drive.gear, drive.load
+    """Return the named tuple that the compiled functions take, of the drive as it is built."""
+    drive = drive.as_built
+    motor, gear, load, effects = drive.motor, drive.gear, drive.load, effect_constants(drive)
+    inertia = load.inertia - effects.J_outer
     speed = motor.voltage_limit / motor.torque_constant
     stall_current = motor.voltage_limit / motor.resistance
     narrowest = gear.backlash_angle * (1.0 - gear.backlash_variation)
-    rates = [motor.viscous_friction / motor.inertia, load.viscous_friction / load.inertia]
+    rates = [motor.viscous_friction / motor.inertia, load.viscous_friction / inertia]
     if not drive.takes_current:
         rates.append(motor.resistance / motor.inductance)
         rates.append(motor.torque_constant / math.sqrt(motor.inductance * motor.inertia))
+    if effects.J_outer > 0.0:
+        rates.append(math.sqrt(effects.k_outer * (1.0 / effects.J_outer + 1.0 / inertia)))
     return PlantConstants(
         R=float(motor.resistance),
         L=math.inf if drive.takes_current else float(motor.inductance),
@@ -80,7 +88,7 @@ def plant_constants(drive: Drive) -> PlantConstants:
         contact=as_constants(*gear.contact.constants(gear.load_radius, drive.contact_mass)),
         forward=1.0 / gear.efficiency_forward,
         backward=float(gear.efficiency_backward),
-        J_l=float(load.inertia),
+        J_l=float(inertia),
         B_l=float(load.viscous_friction),
         coulomb_l=float(load.coulomb_friction),
         gravity=float(load.gravity_torque),
@@ -90,13 +98,14 @@ def plant_constants(drive: Drive) -> PlantConstants:
         energy_scale=0.5 * motor.inertia * speed**2,
         rate=max(rates),
         per_inertia_m=1.0 / motor.inertia,
-        per_inertia_l=1.0 / load.inertia,
+        per_inertia_l=1.0 / inertia,
         per_inductance=0.0 if drive.takes_current else 1.0 / motor.inductance,
         per_angle_m=gear.ratio / narrowest,
         per_angle_l=1.0 / narrowest,
         per_speed_m=1.0 / speed,
         per_speed_l=1.0 / (speed * gear.ratio),
         per_current=1.0 / stall_current,
+        effects=effect_row(drive),
     )
 
 

@@ -1,7 +1,8 @@
 """A drive with delay: its samples are old when they arrive, and its commands act some time after they were sent.
 
 Sample k arrives at k T and was taken at k T - d_s; the command that answers it acts from k T + d_c on. Both delays may
-be any number of periods, also fractions, with uniform jitter. A command never acts before an older one.
+be any number of periods, also fractions, with uniform jitter. A command never acts before an older one. With jitter of
+the stamps a sample was taken earlier or later than its stamp says.
 """
 
 from collections.abc import Callable
@@ -23,7 +24,7 @@ from backlash_ros.drivetrain.signals import Array, PlantState, at_rest
 LINE = 64
 """Largest number of samples and commands in transit."""
 
-_SAMPLE_STREAM, _COMMAND_STREAM = NOISE_STREAMS, NOISE_STREAMS + 1
+_SAMPLE_STREAM, _COMMAND_STREAM, _STAMP_STREAM = range(NOISE_STREAMS, NOISE_STREAMS + 3)
 
 
 @dataclass(frozen=True)
@@ -41,15 +42,23 @@ class Delay(Validated):
         "largest extra delay of a command, uniformly distributed", "s", at_most=1.0, default=0.0
     )
 
+    stamp_jitter: float = quantity(
+        "largest time between the measurement and its stamp, uniformly distributed both ways; stamps are older by it",
+        "s",
+        at_most=1.0,
+        default=0.0,
+    )
+
     @property
     def mean(self) -> float:
         """Mean of both together, s: what a design takes into account."""
-        return self.sample + self.command + 0.5 * (self.sample_jitter + self.command_jitter)
+        return self.sample + self.command + 0.5 * (self.sample_jitter + self.command_jitter) + self.stamp_jitter
 
     def check_line(self, period: float) -> None:
         """Raise ValueError if more would be in transit than a simulation stores, at a period in s."""
         for way in ("sample", "command"):
             longest = getattr(self, way) + getattr(self, f"{way}_jitter")
+            longest += 2.0 * self.stamp_jitter if way == "sample" else 0.0
             if longest > (LINE - 2) * period:
                 raise ValueError(
                     f"delay.{way} + delay.{way}_jitter must be <= {LINE - 2} periods, {(LINE - 2) * period:g} s, "
@@ -65,6 +74,7 @@ class DelayConstants(NamedTuple):
     command: float
     sample_jitter: float
     command_jitter: float
+    stamp_jitter: float
     seed: int
 
 
@@ -77,6 +87,7 @@ def delay_constants(delay: Delay, period: float, seed: int = 0) -> DelayConstant
         float(delay.command),
         float(delay.sample_jitter),
         float(delay.command_jitter),
+        float(delay.stamp_jitter),
         int(seed),
     )
 
@@ -99,12 +110,23 @@ def delay_memory(state: PlantState) -> DelayMemory:
 
 
 @compiled
-def taken_at(delay: DelayConstants, sample: int) -> float:
-    """Return when a sample was taken, s from the start."""
+def stamped_at(delay: DelayConstants, sample: int) -> float:
+    """Return when a sample was taken by its stamp, s from the start."""
     late = delay.sample
     if delay.sample_jitter > 0.0:
         late += delay.sample_jitter * (0.5 + 0.5 * uniform(delay.seed, sample, _SAMPLE_STREAM))
+    if delay.stamp_jitter > 0.0:
+        late += delay.stamp_jitter
     return sample * delay.period - late
+
+
+@compiled
+def taken_at(delay: DelayConstants, sample: int) -> float:
+    """Return when a sample was taken, s from the start: about its stamp, but never after it has arrived."""
+    stamp = stamped_at(delay, sample)
+    if delay.stamp_jitter > 0.0:
+        stamp -= delay.stamp_jitter * uniform(delay.seed, sample, _STAMP_STREAM)
+    return stamp
 
 
 @compiled
@@ -145,7 +167,7 @@ def _play_period(
     memory.force[2] = k + 1
     begin, substeps = k * delay.period, rows.shape[0]
     memory.sent[k % LINE, 0], memory.sent[k % LINE, 1] = command, acts_at(delay, k)
-    ahead = 2 + int((delay.sample + delay.sample_jitter) / delay.period)
+    ahead = 2 + int((delay.sample + delay.sample_jitter + 2.0 * delay.stamp_jitter) / delay.period)
     slack = 1e-9 * delay.period
     now, row = 0.0, 0
     while True:

@@ -6,7 +6,7 @@ is its n = R1/R2 and the exponent of `contacts.power` the n of its eq 11.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar
@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 from backlash_ros.drivetrain.contact import Contact, law_name
 from backlash_ros.drivetrain.contacts import CONTACTS
 from backlash_ros.drivetrain.contacts.power import PowerContact
+from backlash_ros.drivetrain.effects.parameters import Effects
 from backlash_ros.drivetrain.markup import pairs
 from backlash_ros.drivetrain.quantity import Validated, quantities, quantity, take
 from backlash_ros.drivetrain.reading.misspelled import check_known
@@ -157,12 +158,16 @@ class Load(Validated):
 
 @dataclass(frozen=True)
 class Drive:
-    """A geared servo: motor, gear and load, and which of `COMMAND_INTERFACES` it takes."""
+    """A geared servo: motor, gear and load, which of `COMMAND_INTERFACES` it takes, and the `Effects` of real axes.
+
+    ``motor`` is what its data sheet says: see `as_built`. Only a simulation has effects.
+    """
 
     motor: Motor
     gear: Gear
     load: Load
     command_interface: str = "voltage"
+    effects: Effects = field(default_factory=Effects)
 
     def __post_init__(self) -> None:
         if self.command_interface not in COMMAND_INTERFACES:
@@ -201,12 +206,20 @@ class Drive:
     def _repr_html_(self) -> str:
         """Return the parameters as a table, for notebooks, without those that are at their defaults."""
         rows = [("command_interface", self.command_interface), ("contact.law", law_name(self.gear.contact))]
-        for part in (self.motor, self.gear, self.load, self.gear.contact):
+        for part in (self.motor, self.gear, self.load, self.gear.contact, self.effects):
             defaults = {each.name: each.default for each in fields(part)}
             for name, described in quantities(type(part)).items():
                 if (value := getattr(part, name)) != defaults[name]:
                     rows.append((f"{part.section}.{name}", f"{value:.6g} {described.unit}".rstrip()))
         return pairs(rows)
+
+    @property
+    def as_built(self) -> "Drive":
+        """The drive with the motor as it is built, which is what a simulation moves."""
+        motor = self.effects.built(self.motor)
+        if motor is self.motor:
+            return self
+        return replace(self, motor=motor, effects=self.effects.without_errors)
 
     @property
     def takes_current(self) -> bool:
@@ -267,17 +280,22 @@ IDENTIFIED = {"load.inertia", "load.coulomb_friction"}
 
 
 def values_of(drive: Drive) -> dict[str, float | int | str]:
-    """Return the parameters of a drive by name, the contact's own alone."""
+    """Return the parameters of a drive by name, the contact's own alone, without its effects."""
     parts = (drive.motor, drive.gear, drive.load, drive.gear.contact)
     numbers = {f"{part.section}.{name}": getattr(part, name) for part in parts for name in quantities(type(part))}
     return {**numbers, "contact.law": law_name(drive.gear.contact), "command_interface": drive.command_interface}
 
 
 def drive_of(values: Mapping[str, Any]) -> Drive:
-    """Return the drive that a set of parameters stands for; ValueError names the one that is out of bounds."""
+    """Return the drive that a set of parameters stands for; ValueError names the one that is out of bounds.
+
+    It has the effects that are among them, or none.
+    """
     contact = take(CONTACTS.choose("contact.law", values["contact.law"]), values)
     gear = take(Gear, values, contact=contact)
-    return Drive(take(Motor, values), gear, take(Load, values), values["command_interface"])
+    named = {f"{Effects.section}.{name}": getattr(Effects(), name) for name in quantities(Effects)}
+    effects = take(Effects, {**named, **values})
+    return Drive(take(Motor, values), gear, take(Load, values), values["command_interface"], effects)
 
 
 def drive_in(parameters: Mapping[str, Any]) -> Drive:
@@ -301,12 +319,13 @@ def drive_in(parameters: Mapping[str, Any]) -> Drive:
         Gear(**values(NOMINAL_DRIVE.gear), contact=teeth),
         Load(**values(NOMINAL_DRIVE.load)),
         str(parameters.get("command_interface", NOMINAL_DRIVE.command_interface)),
+        Effects(**own(Effects, section_of(parameters, Effects.section))),
     )
 
 
 def _names() -> set[str]:
     """Return the names of all parameters of drives, with those of every contact law."""
-    parts: tuple[type[Validated], ...] = (Motor, Gear, Load, *CONTACTS.values())
+    parts: tuple[type[Validated], ...] = (Motor, Gear, Load, Effects, *CONTACTS.values())
     numbers = {f"{part.section}.{name}" for part in parts for name in quantities(part)}
     return numbers | {"contact.law", "command_interface"}
 

@@ -1,4 +1,4 @@
-"""What a drive's sensors show of its state: which signals there are, counts, zero, eccentricity, noise, speeds.
+"""What a drive's sensors show of its state: which signals there are, counts, zero, errors of a turn, noise, speeds.
 
 Offline runs, experiments and the simulator share it. Every random number is a function of seed, sample and signal
 alone, so that a run does not depend on what ran before it or beside it.
@@ -56,8 +56,15 @@ class Sensors(Validated):
     load_eccentricity: float = quantity(
         "amplitude of the load encoder's once-per-turn error", "rad", at_most=1.0, default=0.0
     )
+    load_ellipticity: float = quantity(
+        "amplitude of the load encoder's twice-per-turn error", "rad", at_most=1.0, default=0.0
+    )
     eccentricity_phase: float = quantity(
-        "phase of both once-per-turn errors at theta = 0", "rad", at_least=-_TURN, at_most=_TURN, default=0.0
+        "phase of the once-per-turn and twice-per-turn errors at theta = 0",
+        "rad",
+        at_least=-_TURN,
+        at_most=_TURN,
+        default=0.0,
     )
     motor_noise: float = quantity(
         "noise on the motor's angle, uniform within +- this value", "rad", at_most=1e3, default=0.0
@@ -77,7 +84,8 @@ class Sensors(Validated):
     def load_zero(self, theta_l: Array) -> Array:
         """Return what a perfect encoder with the same zero and eccentricity would read at load angles, rad."""
         phase = theta_l + self.eccentricity_phase
-        return np.asarray(theta_l + self.load_offset + self.load_eccentricity * np.sin(phase))
+        once = theta_l + self.load_offset + self.load_eccentricity * np.sin(phase)
+        return np.asarray(once + self.load_ellipticity * np.sin(theta_l + phase) if self.load_ellipticity else once)
 
 
 class SensorConstants(NamedTuple):
@@ -95,6 +103,7 @@ class SensorConstants(NamedTuple):
     load_offset: float
     motor_eccentricity: float
     load_eccentricity: float
+    load_ellipticity: float
     eccentricity_phase: float
     motor_noise: float
     load_noise: float
@@ -122,6 +131,7 @@ def sensor_constants(sensors: Sensors, torque_constant: float, seed: int = 0) ->
         load_offset=float(sensors.load_offset),
         motor_eccentricity=float(sensors.motor_eccentricity),
         load_eccentricity=float(sensors.load_eccentricity),
+        load_ellipticity=float(sensors.load_ellipticity),
         eccentricity_phase=float(sensors.eccentricity_phase),
         motor_noise=float(sensors.motor_noise),
         load_noise=float(sensors.load_noise),
@@ -172,6 +182,8 @@ def read_sensors(
     noise_m = sensors.motor_noise * uniform(sensors.seed, sample, 0) if sensors.motor_noise > 0.0 else 0.0
     noise_l = sensors.load_noise * uniform(sensors.seed, sample, 1) if sensors.load_noise > 0.0 else 0.0
     phase = sensors.eccentricity_phase
+    if sensors.load_ellipticity > 0.0:
+        noise_l += sensors.load_ellipticity * math.sin(2.0 * state[THETA_L] + phase)
     motor = _read(state[THETA_M], sensors.motor_offset, sensors.motor_eccentricity, phase, noise_m, sensors.motor_count)
     load = _read(state[THETA_L], sensors.load_offset, sensors.load_eccentricity, phase, noise_l, sensors.load_count)
     speed_m, speed_l = state[OMEGA_M], state[OMEGA_L]

@@ -36,7 +36,7 @@ class Learning:
 
     def __init__(self, node: ManagedNode, servo: Servo, tunables: Tunables, given: ControllerParameters) -> None:
         self._node, self._tunables, self._given = node, tunables, given
-        self._requests = LearnRequests(servo, Aside())
+        self._requests = LearnRequests(servo, Aside(kind=not node.get_clock().ros_time_is_active))
         self._estimates = Estimates(self._put_in_use, InTurn())
         self.wear, self._noticed = WearWatch(servo), (False, False)
         self._services = {name: LaterTrigger(node, f"~/{name}", partial(self._ask, name)) for name in EXPERIMENT_OF}

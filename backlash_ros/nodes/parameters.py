@@ -7,7 +7,7 @@ from typing import Any
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
-from backlash_ros.drivetrain import Drive, Quantity
+from backlash_ros.drivetrain import Drive, Effects, Quantity
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.parameters import FOUND, drive_of
 from backlash_ros.drivetrain.quantity import take
@@ -48,7 +48,8 @@ class SimulatorParameters:
 
 def declare_simulator(node: Node) -> SimulatorParameters:
     """Declare the plant simulator's parameters and return them; ValueError names a refused one."""
-    drive, joints, rate = drive_of(declare_drive(node)), declare_joints(node), declare_rate(node)
+    values = declare_drive(node) | declare_quantities(node, Effects(), dynamic=NONE)
+    drive, joints, rate = drive_of(values), declare_joints(node), declare_rate(node)
     text = "simulated time divided by real time; with lockstep an upper limit, and 0: as fast as possible"
     factor = declare_number(node, "real_time_factor", 1.0, Quantity(text, "", 0.0, 100.0))
     text = "wait for the answer to each sample; the simulated time is then published on /clock"

@@ -28,14 +28,21 @@ def give_way() -> None:
 
 
 class Aside(Executor):
-    """Runs each job in its own process, which ends with the job, when cancelled, or with this process."""
+    """Runs each job in its own process, which ends with the job, when cancelled, or with this process.
+
+    The process gives way to the loop, unless ``kind`` is false: a loop in lockstep goes as fast as it can, and would
+    leave nothing to a job that gives way.
+    """
+
+    def __init__(self, *, kind: bool = True) -> None:
+        self._kind = kind
 
     def submit(self, work: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Start ``work``, which must be picklable, as must its result; return the future of the result."""
         future: Future[T] = Future()
         context = get_context("spawn")
         receiver, sender = context.Pipe(duplex=False)
-        process = context.Process(target=_do, args=(sender, work, args, kwargs), daemon=True)
+        process = context.Process(target=_do, args=(sender, self._kind, work, args, kwargs), daemon=True)
         # Ctrl-C is for the node: the process inherits the blocked signal.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
@@ -48,8 +55,11 @@ class Aside(Executor):
         return future
 
 
-def _do(sender: Connection, work: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
-    os.nice(KINDER)
+def _do(
+    sender: Connection, kind: bool, work: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]
+) -> None:
+    if kind:
+        os.nice(KINDER)
     try:
         done = ForkingPickler.dumps((work(*args, **kwargs), None))
     except Exception as error:

@@ -6,7 +6,8 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.constants import plant_constants
-from backlash_ros.drivetrain.motion.dynamics import equations_of, gap_of
+from backlash_ros.drivetrain.effects.views import force_view
+from backlash_ros.drivetrain.motion.dynamics import gap_of
 from backlash_ros.drivetrain.motion.integrator import (
     DEFAULT_TOLERANCE,
     DONE,
@@ -38,7 +39,7 @@ def drive_with_torque(drive: Drive, torque: Array, load_torque: float, period: f
     The current is imposed, with any command interface, and not limited.
     """
     plant = plant_constants(replace(drive, command_interface="current"))
-    advance, contact_of = integrator_for(drive), equations_of(drive).contact_of
+    advance, force_of = integrator_for(drive), force_view(drive)
     state, step = at_rest(), integration_memory()
     rows = np.zeros((torque.size + 1, 3))
     for k, value in enumerate(torque):
@@ -47,7 +48,7 @@ def drive_with_torque(drive: Drive, torque: Array, load_torque: float, period: f
         if status != DONE:
             raise IntegrationError(REASONS[status], k * period + passed, state)
         gap, rate = gap_of(plant, state)
-        rows[k + 1] = contact_of(plant, state)[0], gap, rate
+        rows[k + 1] = force_of(plant, state, step), gap, rate
     time = np.arange(torque.size + 1, dtype=np.float64) * period
     forces, gaps, gap_rates = np.ascontiguousarray(rows.T)
     return OpenLoop(time, forces, gaps, gap_rates, torque, load_torque)

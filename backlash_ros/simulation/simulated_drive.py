@@ -15,9 +15,9 @@ from backlash_ros.drivetrain.delay import (
     delay_constants,
     delay_memory,
     player_for,
-    taken_at,
+    stamped_at,
 )
-from backlash_ros.drivetrain.motion.dynamics import equations_of
+from backlash_ros.drivetrain.effects.views import force_view
 from backlash_ros.drivetrain.motion.integrator import (
     DEFAULT_TOLERANCE,
     DONE,
@@ -51,8 +51,8 @@ def take_sample(
     sample: int,
     out: Measurement,
 ) -> float:
-    """Write the sample that arrives now into ``out``; return the time since the previous one was taken, s."""
-    elapsed = delay.period if sample == 0 else taken_at(delay, sample) - taken_at(delay, sample - 1)
+    """Write the sample that arrives now into ``out``; return the time since the previous one, by their stamps, s."""
+    elapsed = delay.period if sample == 0 else stamped_at(delay, sample) - stamped_at(delay, sample - 1)
     read_sensors(sensors, sensed, memory.taken[sample % LINE], sample, elapsed, out)
     return elapsed
 
@@ -89,7 +89,7 @@ class SimulatedDrive:
         self._sample = 0
         self._seed = seed
         self._plant: PlantConstants = plant_constants(drive)
-        self._equations = equations_of(drive)
+        self._force = force_view(drive)
         self._play = player_for(drive)
         self._step = integration_memory()
         self._sensed = sensor_memory()
@@ -112,12 +112,12 @@ class SimulatedDrive:
     @property
     def gear_torque(self) -> float:
         """Present torque of the teeth on the load, N m; no sensor shows it."""
-        return self.drive.gear.load_radius * float(self._equations.contact_of(self._plant, self.state)[0])
+        return self.drive.gear.load_radius * self._force(self._plant, self.state, self._step)
 
     @property
     def age(self) -> float:
-        """Age of the sample that arrives now, s."""
-        return self.time - taken_at(self._delay, self._sample)
+        """Age of the sample that arrives now, by its stamp, s."""
+        return self.time - stamped_at(self._delay, self._sample)
 
     def use(self, sensors: Sensors) -> None:
         """Measure with other sensors from the next sample on."""

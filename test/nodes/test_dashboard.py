@@ -16,7 +16,7 @@ from backlash_ros.dashboard.rows import JOINT_COLUMNS
 class TestOneDrive:
     """What leaves the nodes whole, beside the same ones."""
 
-    @pytest.mark.parametrize("seconds", [5.0, pytest.param(60.0, marks=pytest.mark.grid)])
+    @pytest.mark.parametrize("seconds", [2.0, pytest.param(60.0, marks=pytest.mark.grid)])
     def test_ten_pages_get_every_sample_and_none_stops_another(self, system: System, seconds: float) -> None:
         served = system.served
         for _ in range(10):

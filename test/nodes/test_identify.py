@@ -150,7 +150,10 @@ def test_a_drive_is_told_by_hand_while_it_moves(rig: Callable[..., Rig]) -> None
         ({"load__inertia": math.nan}, "load.inertia must be >= 1e-09 kg m^2 and <= 100000 kg m^2, got nan"),
         ({"loop_delay": 0.05}, "loop_delay must be >= 0 s and <= 0.04 s, got 0.05"),
         ({"loop_delay": 0.04, "gains__fast__k": told["gains.fast.k"]}, "gains.fast.k = "),
-        ({"contact__law": "glue"}, "contact.law must be one of ['elastic', 'power', 'power_no_pull', 'restitution']"),
+        (
+            {"contact__law": "glue"},
+            "contact.law must be one of ['elastic', 'hunt_crossley', 'power', 'power_no_pull', 'restitution']",
+        ),
         ({"contact__power__exponent": 20}, "contact.power.exponent must be an odd"),
         ({"motor__resistance": 1.0}, "motor.resistance is read-only"),
         ({"gear__reduction": 1.0}, "gear.reduction is read-only"),

@@ -217,7 +217,7 @@ AXES = {"low": ("low_resistance_actuator", 0.5, 2.5), "harmonic": ("harmonic_dri
 """Drive file, step in rad, and how long it is watched, s."""
 
 
-@pytest.mark.parametrize("rate", [250.0, 1000.0])
+@pytest.mark.parametrize("rate", [250.0, pytest.param(1000.0, marks=pytest.mark.grid)])
 def test_an_actuator_of_low_resistance_and_a_harmonic_drive_step_and_hold_quietly(
     rate: float, start: Start, peer: Peer, tmp_path: Path
 ) -> None:

@@ -89,6 +89,11 @@ def test_every_parameter_is_described_and_every_number_bounded(start: Start, pee
     }
     without_unit |= {"laws.switched_linear.reduction", "laws.elastic_lqg.lead", "laws.dual_loop.least_torque"}
     without_unit |= {"sensors.motor_counts", "sensors.load_counts", "seed"}
+    shares = {"torque_ripple", "friction_asymmetry", "dead_band", "supply_sag", "outer_share", "gap_growth"}
+    shares |= {"first_gap", "wheel_inertia", "friction_fall", "static_friction", "outer_damping"}
+    shares |= {f"{value}_error" for value in ("resistance", "inductance", "torque_constant", "inertia")}
+    without_unit |= {f"effects.{name}" for name in (*shares, "cogging_cycles", "torque_ripple_cycles")}
+    without_unit |= {"contact.hunt_crossley.exponent"}
     for name, descriptor in described.items():
         assert descriptor.description, name
         assert descriptor.additional_constraints, name

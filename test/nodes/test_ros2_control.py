@@ -44,7 +44,7 @@ def controller_arguments() -> list[str]:
     return shlex.split(line)
 
 
-@pytest.fixture(params=["voltage", "current"])
+@pytest.fixture(params=["voltage", pytest.param("current", marks=pytest.mark.grid)])
 def control(start: Start, peer: Peer, tmp_path: Path, request: pytest.FixtureRequest) -> Ros2Control:
     """The guide's configuration, and the same one with the other interface; the controller answers."""
     config = tmp_path / "ros2_control.yaml"

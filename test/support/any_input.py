@@ -92,6 +92,20 @@ OPTIONS: dict[str, Sequence[str]] = {
         *("--from", "--to", "--motor-unit", "--load-unit", "--motor-counts", "--load-wraps", "--motor-at", "--supply"),
         *("--command-unit", "--time-unit", "--time-column", "--joint-topic", "--stamps", "--rated-torque"),
     ),
+    "lost-motion": (
+        *(
+            "--from",
+            "--to",
+            "--motor-unit",
+            "--load-unit",
+            "--motor-at",
+            "--reduction",
+            "--rated-torque",
+            "--time-unit",
+        ),
+        *("--torque-unit", "--torque-column", "--time-column", "--load-column"),
+        *("--load-joint", "--command-topic", "--stamps"),
+    ),
     "report": (
         *("--reference-topic", "--joint-topic", "--motor-joint", "--motor-unit", "--load-counts", "--velocity-unit"),
         *("--effort-unit", "--reference-unit", "--backlash-angle", "--command-index", "--stamps"),
@@ -118,6 +132,7 @@ OUTPUTS = {
     "design": "--out",
     "export": "--out",
     "identify": "--json",
+    "lost-motion": "--certificate",
     "report": "--out",
     "replay": "--json",
 }
@@ -226,9 +241,11 @@ def command(seed: int, folder: Path, originals: Sequence[Path]) -> list[str]:
     words = [name]
     if name in {"simulate", "check", "design", "export"}:
         words += [str(_drive_file(folder, chance))] if name != "simulate" or chance.random() < 0.9 else []
-    if name in {"identify", "report", "replay"}:
+    if name in {"identify", "lost-motion", "report", "replay"}:
         words += [str(_recording(folder, originals, chance))]
         words += ["--drive", str(_drive_file(folder, chance))] if name != "replay" and chance.random() < 0.4 else []
+    if name == "lost-motion" and chance.random() < 0.6:
+        words += ["--torque-column=command"]
     if name == "simulate" and len(words) > 1:
         words += ["--seconds", "0.1"]
     if name == "export":

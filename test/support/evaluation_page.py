@@ -8,9 +8,11 @@ from pathlib import Path
 from shutil import copyfile
 from typing import Any
 
+from backlash_ros.analysis.evaluation.by_effect import effects_table
 from backlash_ros.analysis.evaluation.command import learning_of, table_of
 
 PAGE = Path(__file__).parents[2] / "docs" / "evaluation.md"
+_EFFECTS = re.compile(r"(<!-- effects: begin -->\n).*(<!-- effects: end -->)", re.DOTALL)
 _FILLED = re.compile(r"(<!-- filled: begin -->\n).*(<!-- filled: end -->)", re.DOTALL)
 
 
@@ -38,8 +40,20 @@ def filled(content: dict[str, Any]) -> str:
     return text
 
 
+def effects_filled(content: dict[str, Any]) -> str:
+    """Return the table of what `backlash evaluate --effects` wrote."""
+    head, *rows = effects_table(content)
+    laws = {f"`{report['judged_law']}`" for report in content["effects"].values()}
+    text = f"{content['drives']} drives of `{content['population']}` an effect, of seed {content['seed']}, "
+    text += f"`--model {content['model']}`; the law is {', '.join(sorted(laws))}.\n\n"
+    return text + _row(head) + _row(["---"] * len(head)) + "".join(_row([f"`{name}`", *rest]) for name, *rest in rows)
+
+
 def main(folder: Path, page: Path) -> None:
-    """Fill ``page`` from ``evaluation.json`` and the pictures in ``folder``."""
+    """Fill ``page`` from ``evaluation.json`` and the pictures in ``folder``, and from an ``effects.json``."""
+    if (effects := folder / "effects.json").exists():
+        text = effects_filled(json.loads(effects.read_text()))
+        page.write_text(_EFFECTS.sub(lambda m: m[1] + "\n" + text + "\n" + m[2], page.read_text()))
     content = json.loads((folder / "evaluation.json").read_text())
     text, count = _FILLED.subn(lambda m: m[1] + "\n" + filled(content) + "\n" + m[2], page.read_text())
     if count != 1:

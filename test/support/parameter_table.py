@@ -47,6 +47,10 @@ When the controller's drive changes, gains from weights are designed again, `fau
 defaults become the new one's, and every gain set must be stable.
 """
 
+SIMULATOR = """`effects.*` are what real axes have and the equations of the drive lack. By default there are none, and
+no controller is told of them. [evaluation.md](evaluation.md#the-effects-of-real-axes) has the usual size of each.
+"""
+
 GAINS = """`gains.<region>.k` are always the gains in use. They come from one of three places:
 
 - `gain_set` names a set from `gain_set_names`; choosing it sets both regions' gains. Sets are defined in the parameter
@@ -145,7 +149,7 @@ def parameter_table() -> str:
                 BOTH,
                 shared,
             ),
-            _section("Simulator", "", {name: simulator[name] for name in simulator if name not in shared}),
+            _section("Simulator", SIMULATOR, {name: simulator[name] for name in simulator if name not in shared}),
             _section("Controller", "", rest),
             _section("Laws", LAW_PARAMETERS, part("laws.")),
             _section("Gains", GAINS, gains),

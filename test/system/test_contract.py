@@ -136,7 +136,7 @@ def expected_failures(drive: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def verdicts(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Future]]:
-    """Judge the drives that tests of this run ask for, a few at a time: they wait more than they compute."""
+    """Judge the drives that tests of this run ask for, one after the other, while tests that need none go on."""
     parameters = [getattr(item, "callspec", None) for item in request.session.items]
     asked = [p.params["drive"] for p in parameters if p and "drive" in p.params]
 
@@ -147,7 +147,7 @@ def verdicts(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
             checks = f"not {RATE}"
         return judge(tmp_path_factory.mktemp("kit"), command, *options, "-k", checks)
 
-    with ThreadPoolExecutor(2) as pool:
+    with ThreadPoolExecutor(1) as pool:
         yield {drive: pool.submit(judged, drive) for drive in asked}
 
 

@@ -80,6 +80,7 @@ def faults_of(
     "words",
     [
         *(["check"], ["design"], ["simulate"], ["export", "--format=sdf"], ["identify"], ["report"], ["replay"]),
+        ["lost-motion"],
         *(["evaluate", "--seed=1", "--only=0", "--drive"], ["identify", "nowhere", "--drive"]),
     ],
 )

@@ -13,13 +13,18 @@ from threading import Event
 
 import pytest
 
-from backlash_ros.ros.aside import Aside, InTurn
+from backlash_ros.ros.aside import KINDER, Aside, InTurn
 
 PATIENCE = 60.0
 
 
 def test_a_result_comes_from_another_process() -> None:
     assert Aside().submit(os.getpid).result(PATIENCE) not in (os.getpid(), 0)
+
+
+@pytest.mark.parametrize("kind", [True, False])
+def test_a_job_gives_way_to_a_loop_in_real_time(kind: bool) -> None:
+    assert Aside(kind=kind).submit(os.nice, 0).result(PATIENCE) == min(os.nice(0) + KINDER * kind, 19)
 
 
 def test_an_error_comes_back() -> None:

@@ -144,7 +144,7 @@ def test_a_kill_loses_the_runs_in_flight_alone(tmp_path: Path) -> None:
     assert sum(times) <= 40 + 2  # at most the two in flight were done again
 
 
-@pytest.mark.population
+@pytest.mark.grid
 def test_a_cluster_that_loses_a_worker_loses_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A real scheduler and two workers as processes; one of them is killed in the middle."""
     distributed = pytest.importorskip("distributed")

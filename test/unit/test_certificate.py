@@ -26,7 +26,7 @@ from backlash_ros.analysis.recordings.samples import Columns, Reading, began
 from backlash_ros.cli import main
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.identification.gap_map import GapMap, Mapped
-from backlash_ros.identification.lost_motion import LostMotion
+from backlash_ros.identification.locked_output.lost_motion import LostMotion
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding, findings_of
 from backlash_ros.identification.recordings.held_out import free_simulations

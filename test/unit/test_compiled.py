@@ -247,7 +247,12 @@ def test_processes_that_start_together_compile_each_function_once(tmp_path: Path
     ended = [process.communicate(timeout=600) for process in started]
     assert [process.returncode for process in started] == [0, 0]
     compiled_by = [printed.split() for printed, _ in ended]
-    once = ["delay.acts_at", "delay.taken_at", "sensors.uniform", "sensors.uniform"]  # one `uniform` for each caller
+    once = [
+        "delay.acts_at",
+        "delay.stamped_at",
+        "delay.taken_at",
+        *["sensors.uniform"] * 3,
+    ]  # one `uniform` for each call
     assert sorted(compiled_by[0] + compiled_by[1]) == [f"backlash_ros.drivetrain.{name}" for name in once]
     assert all(said.count("compiling, once") == bool(own) for (_, said), own in zip(ended, compiled_by, strict=True))
     again = subprocess.run(

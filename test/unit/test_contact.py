@@ -14,9 +14,10 @@ from scipy.integrate import solve_ivp
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Plant
 from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.contact import ToothForce, law_name
+from backlash_ros.drivetrain.contacts.hunt_crossley import dissipation_for
 from backlash_ros.drivetrain.contacts.restitution import damping_ratio_of, restitution_of
 
-LAWS = ["power", "power_no_pull", "elastic", "restitution"]
+LAWS = ["power", "power_no_pull", "elastic", "restitution", "hunt_crossley"]
 HALF = 0.5e-3
 
 
@@ -44,6 +45,10 @@ def force_of(drive: Drive, gap: float, rate: float) -> float:
         force = teeth.stiffness * s**n + teeth.damping * rate * s ** (n + 1)
         return 0.0 if law == "power_no_pull" and force * s < 0 else force
     depth, side = max(abs(gap) - half, 0.0), math.copysign(1.0, gap)
+    if law == "hunt_crossley":
+        radius = drive.gear.load_radius
+        spring = teeth.torque / radius * (depth / radius / teeth.wind_up) ** teeth.exponent
+        return side * spring * max(0.0, 1 + teeth.dissipation * rate / radius * side)
     stiffness = 1 / (teeth.wind_up * drive.gear.load_radius**2)
     spring = stiffness * depth
     if law == "elastic":
@@ -77,7 +82,7 @@ def test_force_and_its_derivatives(law: str, s: float, rate: float) -> None:
     assert elastic_stiffness >= 0
 
 
-@pytest.mark.parametrize("law", ["power_no_pull", "elastic", "restitution"])
+@pytest.mark.parametrize("law", ["power_no_pull", "elastic", "restitution", "hunt_crossley"])
 def test_laws_that_do_not_pull_never_pull(law: str) -> None:
     drive = drive_with(law)
     for gap in np.linspace(-6e-4, 6e-4, 41):
@@ -85,7 +90,7 @@ def test_laws_that_do_not_pull_never_pull(law: str) -> None:
             assert contact(drive, gap, rate)[0] * gap >= 0
 
 
-@pytest.mark.parametrize("law", ["elastic", "restitution"])
+@pytest.mark.parametrize("law", ["elastic", "restitution", "hunt_crossley"])
 def test_dead_zone_has_no_force(law: str) -> None:
     assert contact(drive_with(law), 0.999 * HALF, 5.0)[0] == 0.0
 
@@ -161,7 +166,24 @@ def test_load_moves_by_its_momentum_share_of_the_gap(law: str, ratio: float) -> 
 @pytest.mark.parametrize("speed", [0.05, 2.0])
 def test_restitution_is_what_remains_of_the_speed(restitution: float, speed: float) -> None:
     """At any speed of impact, which the power law does not give."""
-    drive = drive_with("restitution", restitution=restitution)
+    assert_left_of_an_impact(drive_with("restitution", restitution=restitution), restitution, speed)
+
+
+@pytest.mark.parametrize("restitution", [0.3, 0.75, 0.95])
+@pytest.mark.parametrize("speed", [0.05, 2.0])
+@pytest.mark.parametrize("exponent", [1.0, 1.5, 2.2])
+def test_dissipation_leaves_the_share_of_the_speed_that_it_is_made_for(
+    restitution: float, speed: float, exponent: float
+) -> None:
+    """Whatever the exponent and the wind-up."""
+    dissipation = dissipation_for(restitution, speed)
+    assert_left_of_an_impact(
+        drive_with("hunt_crossley", exponent=exponent, dissipation=dissipation), restitution, speed
+    )
+
+
+def assert_left_of_an_impact(drive: Drive, restitution: float, speed: float) -> None:
+    """Let a load at a ``speed`` (rad/s) hit a motor at rest without friction, and look at what is left."""
     drive = replace(
         drive,
         motor=replace(drive.motor, viscous_friction=0.0, torque_constant=1e-12),

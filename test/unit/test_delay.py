@@ -18,6 +18,7 @@ from backlash_ros.drivetrain.delay import (
     delay_constants,
     delay_memory,
     player_for,
+    stamped_at,
     taken_at,
 )
 from backlash_ros.drivetrain.motion.integrator import DEFAULT_TOLERANCE, DONE, integration_memory
@@ -115,8 +116,39 @@ def test_jitter_stays_within_its_bound_and_is_even(jitter: float, seed: int) -> 
         assert np.var(share) == pytest.approx(1 / 12, abs=5 * math.sqrt(1 / 180 / k.size))
 
 
+@pytest.mark.parametrize("seed", [0, 7])
+def test_stamps_with_jitter_are_as_often_too_early_as_too_late(seed: int) -> None:
+    """And no sample is taken after it has arrived."""
+    delay, jitter = Delay(0.5 * PERIOD, stamp_jitter=0.1 * PERIOD), 0.1 * PERIOD
+    constants, k = delay_constants(delay, PERIOD, seed), np.arange(5000)
+    taken = np.array([taken_at(constants, each) for each in k])
+    stamped = np.array([stamped_at(constants, each) for each in k])
+    np.testing.assert_allclose(k * PERIOD - stamped, 0.6 * PERIOD, rtol=1e-9)
+    assert np.all(taken <= k * PERIOD - 0.5 * PERIOD + 1e-12)
+    share = (taken - stamped) / jitter
+    assert np.max(np.abs(share)) <= 1 + 1e-9
+    assert np.mean(share) == pytest.approx(0.0, abs=5 * math.sqrt(1 / 3 / k.size))
+    assert np.var(share) == pytest.approx(1 / 3, rel=0.05)
+
+
+def test_sample_whose_stamp_errs_shows_the_state_at_the_time_at_which_it_was_taken() -> None:
+    drive = SimulatedDrive(NOMINAL_DRIVE, PERIOD, delay=Delay(stamp_jitter=0.4 * PERIOD), seed=3)
+    constants, plant = delay_constants(Delay(stamp_jitter=0.4 * PERIOD), PERIOD, 3), Plant(NOMINAL_DRIVE)
+    for k, command in enumerate(COMMANDS[:40]):
+        drive.advance(float(command), TORQUE)
+        shown = drive.sample()
+        assert drive.elapsed == pytest.approx(PERIOD)
+        assert drive.age == pytest.approx(0.4 * PERIOD)
+        at, begin = taken_at(constants, k + 1), plant.time
+        if at > k * PERIOD:  # else it is from the period before
+            plant.advance(float(command), TORQUE, at - begin)
+            np.testing.assert_allclose(shown, plant.state, rtol=1e-9, atol=1e-9)
+        plant.advance(float(command), TORQUE, (k + 1) * PERIOD - plant.time)
+
+
 def test_mean_delay_counts_both_ways_and_half_the_jitter() -> None:
     assert Delay(0.001, 0.002, 0.0004, 0.0006).mean == pytest.approx(0.0035)
+    assert Delay(0.001, 0.002, stamp_jitter=0.0004).mean == pytest.approx(0.0034)
 
 
 @pytest.mark.parametrize("jitter", [0.4, 3.3])

@@ -1,6 +1,8 @@
 """One list of dependencies in three places: package.xml for rosdep, setup.py for pip, requirements/ for the locks."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -59,3 +61,15 @@ def test_floors_are_what_setup_asks_for() -> None:
     for name, version in setup_requirements().items():
         if not name.startswith("ros-"):
             assert floors[name].startswith(version), name
+
+
+def test_designing_gains_loads_nothing_that_plots() -> None:
+    """A controller that starts would wait for it, seconds on a small computer."""
+    code = (
+        "import sys; from backlash_ros.control import design_gains, stability_margins\n"
+        "from backlash_ros.drivetrain import NOMINAL_DRIVE\n"
+        "stability_margins(NOMINAL_DRIVE, design_gains('q', NOMINAL_DRIVE, [4.0, 0.0]), 0.004)\n"
+        "print({'matplotlib', 'scipy.signal', 'control'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout == "set()\n"

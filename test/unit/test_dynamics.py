@@ -104,7 +104,7 @@ def cubic(tmp_path_factory: pytest.TempPathFactory) -> Iterator[type[Contact]]:
     CONTACTS.keep(before)
 
 
-LAWS = ["power", "power_no_pull", "elastic", "restitution", "cubic"]
+LAWS = ["power", "power_no_pull", "elastic", "hunt_crossley", "restitution", "cubic"]
 
 
 def everything(law: str, interface: str = "voltage") -> Drive:

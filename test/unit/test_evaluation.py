@@ -16,6 +16,7 @@ import pytest
 from evaluation_page import PAGE, filled
 
 from backlash_ros.analysis.evaluation import task as task_module
+from backlash_ros.analysis.evaluation.by_effect import effects_table, with_effect
 from backlash_ros.analysis.evaluation.command import report_of, table_of
 from backlash_ros.analysis.evaluation.failures import group_failures, worst_drives
 from backlash_ros.analysis.evaluation.population import Member, draw_member
@@ -235,7 +236,8 @@ def test_the_summary_has_every_key() -> None:
     summary = summarize(collected_from([value_of()]), "two_region")
     assert set(summary) == {
         *("learned", "learned_interval", "learned_within_5", "learned_within_5_interval", "wrong_valid"),
-        *("all_close", "all_close_interval", "laws", "default_law"),
+        *("covered", "covered_interval", "all_close", "all_close_interval", "ratio_close", "ratio_close_interval"),
+        *("laws", "default_law"),
     }
     assert set(summary["laws"]["fast"]) == KEYS
     assert summary["all_close"] is None
@@ -345,6 +347,57 @@ def test_the_page_is_filled_from_a_report(tmp_path: Path) -> None:
     assert PAGE.read_text().count("<!-- filled: ") == 2
 
 
+def test_the_default_law_is_judged_unless_others_are_named() -> None:
+    assert Task(1).laws == ("fast", "overdamped", "two_region")
+    assert Task(1, model="identified").laws == ("fast", "overdamped", "two_region", "two_encoder")
+    assert Task(1, model="identified", laws=("fast",)).laws == ("fast",)
+    task = Task(1, model="identified")
+    collected = Collected(task.laws)
+    collected.add(EASY, {"learned": asdict(GOOD_LEARNED), "laws": dict.fromkeys(task.laws, asdict(GOOD))})
+    report = report_of(task, 1, collected, [], "")
+    assert report["judged_law"] == report["summary"]["default_law"] == "two_encoder"
+    assert all("--laws" not in each["command"] for each in report["worst"])
+
+
+@pytest.mark.parametrize(("uncertainty", "covered"), [(0.00004, 0.0), (0.00006, 1.0), (0.0, 0.0)])
+def test_covered_is_a_gap_within_two_of_its_standard_uncertainties(uncertainty: float, covered: float) -> None:
+    """The learned one is off by 0.0001 rad."""
+    value = value_of(learned=replace(GOOD_LEARNED, uncertainty=uncertainty))
+    assert summarize(collected_from([value]), "two_region")["covered"] == covered
+
+
+def test_each_effect_is_a_row() -> None:
+    reports = {}
+    for name in ("none", "cogging"):
+        task = with_effect(Task(4, "core", laws=("fast", "two_region")), name)
+        assert task.effects == (() if name == "none" else ("cogging",))
+        reports[name] = report_of(task, 1, collected_from([value_of()]), [], "")
+    head, *rows = effects_table({"effects": reports})
+    assert [row[0] for row in rows] == ["none", "cogging"]
+    assert dict(zip(head, rows[1], strict=True))["quiet, %"] == "100"
+
+
+def test_replayed_drive_has_its_effect() -> None:
+    task = with_effect(Task(4, "core", laws=("fast", "two_region")), "cogging")
+    report = report_of(task, 1, collected_from([value_of(replace(GOOD, faulted=True))]), [], "")
+    assert "--population core --laws fast two_region --effects cogging --only 0" in report["worst"][0]["command"]
+
+
+@pytest.mark.parametrize(
+    ("more", "text"),
+    [
+        (["--effects", "coging"], "--effects: invalid choice: 'coging'"),
+        (["--effects", "cogging", "--out", "x"], "--out: has no use with --effects"),
+    ],
+)
+def test_effects_that_make_no_sense_are_refused(
+    more: list[str], text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(command(tmp_path, *more))
+    assert text in " ".join(capsys.readouterr().err.split())
+
+
 # The command.
 
 
@@ -391,7 +444,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return (folder / "result.json").read_bytes()
 
 
-@pytest.mark.population
+@pytest.mark.grid
 def test_a_batch_that_was_killed_ends_in_the_same_file(tmp_path: Path, undisturbed: bytes) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     killed = tmp_path / "killed"

@@ -23,8 +23,8 @@ from backlash_ros.drivetrain.contacts.power import PowerContact
 from backlash_ros.drivetrain.contacts.restitution import RestitutionContact
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement
-from backlash_ros.identification.hysteresis import static_place
-from backlash_ros.identification.lost_motion import LostMotion
+from backlash_ros.identification.locked_output.hysteresis import static_place
+from backlash_ros.identification.locked_output.lost_motion import LostMotion
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.slow_torque import hysteresis_findings, hysteresis_of
 from backlash_ros.simulation import SimulatedDrive, run_experiment

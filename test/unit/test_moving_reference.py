@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from backlash_ros.analysis.evaluation.population import draw_member
 from backlash_ros.analysis.evaluation.task import first_reading, settings_for, true_reading
 from backlash_ros.control import LAWS, Gains, GainSet, Limits, Servo, ServoSettings
-from backlash_ros.control.monitoring.monitor import unexplained_torque
+from backlash_ros.control.monitoring.monitor import gives_way, unexplained_torque
 from backlash_ros.control.monitoring.thresholds import FaultThresholds
 from backlash_ros.control.monitoring.tracking import departure, tracking_memory
 from backlash_ros.control.motion.moving_reference import (
@@ -310,7 +310,8 @@ def farthest(law: str, learned: bool, torque: float, sequence: list[tuple[float,
         load, setpoint = plant.state[THETA_L], float(servo.memory.setpoint[POSITION])
         away = departure(memory, setpoint, estimated(load, float(plant.state[OMEGA_L])), 3.0 * stops, PERIOD)
         found = unexplained_torque(servo.memory.monitor)  # more than there is, for a moment
-        allowed = 2.5 * B + 0.36 * max(abs(torque), abs(found)) + B
+        unseen = max(B, PERIOD * abs(float(plant.state[OMEGA_L])))  # a fault is found at the next sample
+        allowed = 2.5 * B + gives_way(NOMINAL_DRIVE) * max(abs(torque), abs(found)) + unseen
         worst = max(worst, away - allowed)
     return worst
 

@@ -90,7 +90,7 @@ def test_pages_have_commands_of_both_kinds() -> None:
     assert sum(c.startswith("ros2 run backlash_ros ") for c in commands()) > 8
 
 
-@pytest.mark.parametrize("name", re.findall(r"^    (\w+) ", parser_of([]).format_help(), re.MULTILINE))
+@pytest.mark.parametrize("name", re.findall(r"^    ([\w-]+) ", parser_of([]).format_help(), re.MULTILINE))
 def test_help_of_each_command_has_an_example(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     if name in {"demo", "live"}:
         pytest.importorskip("rclpy", reason="needs rclpy")

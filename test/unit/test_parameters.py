@@ -13,7 +13,10 @@ from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.contacts.power import PowerContact
 
 CONTACT_VALUES = [kind() for kind in CONTACTS.values()]
-PARTS = [NOMINAL_DRIVE.motor, NOMINAL_DRIVE.gear, NOMINAL_DRIVE.load, *CONTACT_VALUES, LimitCycleSettings()]
+PARTS = [
+    *(NOMINAL_DRIVE.motor, NOMINAL_DRIVE.gear, NOMINAL_DRIVE.load, NOMINAL_DRIVE.effects),
+    *(*CONTACT_VALUES, LimitCycleSettings()),
+]
 FIELDS = [(part, name) for part in PARTS for name in quantities(type(part))]
 
 

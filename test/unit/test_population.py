@@ -1,13 +1,18 @@
 """The population: reproducible, within its documented ranges, and told to the controller as the model says."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
+from backlash_ros.analysis.evaluation.effects import EFFECTS, MIXTURES, TEETH
 from backlash_ros.analysis.evaluation.population import Member, draw_member, told_model
-from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Effects
+from backlash_ros.drivetrain.contacts.hunt_crossley import HuntCrossleyContact
 
 MEMBERS = [draw_member(1, number) for number in range(1500)]
 
@@ -132,6 +137,149 @@ def test_the_nominal_model_is_the_data_sheet_and_the_nominal_load() -> None:
     assert model.motor == replace(member.drive.motor, coulomb_friction=0.0)
     assert model.gear == replace(NOMINAL_DRIVE.gear, reduction=member.drive.gear.reduction)
     assert told_model(member, "true") == member.drive
+
+
+def test_no_controller_is_told_of_an_effect() -> None:
+    """Nor of the motor as it is built, unless it is told everything."""
+    member = draw_member(1, 3, "core", effects=("datasheet", "cogging"))
+    plain = draw_member(1, 3, "core")
+    assert told_model(member, "nominal") == told_model(plain, "nominal")
+    true = told_model(member, "true")
+    assert true.effects == Effects()
+    assert true.motor == member.drive.as_built.motor
+    assert true.motor != plain.drive.motor
+
+
+def quarter(member: Member) -> float:
+    """Return how far T_s/4 winds the teeth up, as a share of the gap."""
+    drive = member.drive
+    return drive.gear.wind_up(0.25 * drive.standstill_torque()) / drive.gear.backlash_angle
+
+
+def left(member: Member) -> float:
+    """Return which share of its speed an impact leaves, at the speed that T_s/4 gives the motor over the gap."""
+    drive, contact = member.drive, cast("HuntCrossleyContact", member.drive.gear.contact)
+    speed = math.sqrt(0.5 * drive.gear.backlash_angle * drive.standstill_torque() / drive.reflected_inertia)
+    x = contact.dissipation * speed
+    return float(brentq(lambda y: x - math.log1p(x) + y + math.log1p(-y), 1e-9, 1 - 1e-12)) / x
+
+
+SIZES: dict[str, list[tuple[Callable[[Member], float], float, float]]] = {
+    "lively": [(quarter, 0.02, 0.1), (left, 0.6, 0.9)],
+    "hertz": [(quarter, 0.05, 0.2), (left, 0.6, 0.9)],
+    "soft": [(quarter, 0.3, 0.3)],
+    "cogging": [
+        (lambda m: m.drive.effects.cogging / m.drive.gear.ratio / m.drive.standstill_torque(), 0.005, 0.015),
+        (lambda m: m.drive.effects.cogging_cycles, 7, 24),
+    ],
+    "ripple": [(lambda m: m.drive.effects.torque_ripple, 0.015, 0.045)],
+    "stribeck": [
+        (lambda m: m.drive.effects.static_friction, 1.2, 2.0),
+        (lambda m: m.drive.effects.stribeck_speed, 0.05, 0.2),
+        (lambda m: m.drive.load.coulomb_friction / m.drive.standstill_torque(), 0.003, 0.03),
+        (
+            lambda m: m.drive.motor.coulomb_friction / m.drive.gear.ratio / m.drive.standstill_torque(),
+            *(0.003, 0.03),
+        ),
+    ],
+    "direction": [(lambda m: m.drive.effects.friction_asymmetry, -0.3, 0.3)],
+    "datasheet": [
+        (lambda m: m.drive.effects.resistance_error, -0.05, 0.2),
+        (lambda m: m.drive.effects.torque_constant_error, -0.07, 0.05),
+        (lambda m: m.drive.effects.inertia_error, -0.05, 0.15),
+        (lambda m: m.drive.effects.inductance_error, -0.2, 0.2),
+    ],
+    "dead_band": [(lambda m: m.drive.effects.dead_band, 0.003, 0.01)],
+    "supply": [
+        (lambda m: m.drive.effects.supply_sag, 0.03, 0.09),
+        (lambda m: m.drive.effects.command_bits, 8, 12),
+    ],
+    "encoders": [
+        (lambda m: m.sensors.motor_eccentricity, 2e-3, 2e-3),
+        (lambda m: m.sensors.load_eccentricity, 3e-4, 5e-4),
+        (lambda m: m.sensors.load_ellipticity, 3e-4, 5e-4),
+    ],
+    "losses": [
+        (lambda m: m.drive.gear.efficiency_forward, 0.7, 0.97),
+        (lambda m: m.drive.gear.efficiency_backward, 2 - 1 / 0.7, 2 - 1 / 0.97),
+    ],
+    "worm": [
+        (lambda m: m.drive.gear.efficiency_forward, 0.35, 0.35),
+        (lambda m: m.drive.gear.efficiency_backward, 0.0, 0.0),
+    ],
+    "flexible": [
+        (lambda m: m.drive.effects.outer_share, 0.4, 0.4),
+        (lambda m: m.drive.effects.outer_frequency, 15.0, 60.0),
+    ],
+    "two_stages": [(lambda m: m.drive.effects.first_gap, 0.6, 0.6)],
+    "jitter": [(lambda m: m.delay.stamp_jitter * m.rate, 0.1, 0.1)],
+    "drift": [
+        (lambda m: m.drive.effects.gap_growth, 0.1, 0.1),
+        (lambda m: m.drive.effects.friction_fall, 0.3, 0.3),
+    ],
+}
+"""What an effect sets, and in which bounds: the table of docs/evaluation.md."""
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_effects_are_as_large_as_the_page_says(name: str) -> None:
+    members = [draw_member(2, number, "core", effects=(name,)) for number in range(200)]
+    for size, low, high in SIZES[name]:
+        drawn = np.array([size(member) for member in members], dtype=float)
+        assert np.all(drawn >= low - 1e-9 * abs(low))
+        assert np.all(drawn <= high + 1e-9 * abs(high))
+        assert np.ptp(drawn) >= 0.9 * (high - low)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_an_effect_changes_nothing_else(name: str) -> None:
+    """Drawn by itself: the same alone, beside another effect, and whatever the others draw."""
+    other = "drift" if name != "drift" else "cogging"
+    alone, both = (draw_member(2, 7, "core", effects=names) for names in ((name,), (other, name)))
+    for size, _, _ in SIZES[name]:
+        assert size(alone) == size(both)
+    plain = draw_member(2, 7, "core")
+    assert (alone.load_torque, alone.rate, alone.drive.load.inertia) == (
+        *(plain.load_torque, plain.rate),
+        plain.drive.load.inertia,
+    )
+
+
+@pytest.mark.parametrize("population", MIXTURES)
+def test_half_of_a_mixture_has_each_effect_and_at_most_one_kind_of_teeth(population: str) -> None:
+    members = [draw_member(3, number, population) for number in range(600)]
+    for name in MIXTURES[population]:
+        share = float(np.mean([name in member.effects for member in members]))
+        rivals = sum(teeth in MIXTURES[population] for teeth in TEETH)
+        expected = (1 - 0.5**rivals) / rivals if name in TEETH else 0.5
+        assert share == pytest.approx(expected, abs=0.07)
+    assert {name for member in members for name in member.effects} == set(MIXTURES[population])
+    assert max(sum(name in TEETH for name in member.effects) for member in members) == 1
+    base = "full" if population == "wild" else "core"
+    for member in members[:50]:
+        assert member.drive.load.inertia == draw_member(3, member.number, base).drive.load.inertia
+
+
+def test_unknown_populations_and_effects_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"population must be one of .*, got 'tame'"):
+        draw_member(1, 0, "tame")
+    with pytest.raises(ValueError, match=r"effects must be of .*, got 'coging'"):
+        draw_member(1, 0, "core", effects=("coging",))
+
+
+def test_gap_that_is_judged_is_the_one_that_has_grown() -> None:
+    member = draw_member(1, 0, "core", effects=("drift",))
+    angle = member.drive.gear.backlash_angle
+    assert member.gap_at(0.3, 0.0) == pytest.approx(angle)
+    assert member.gap_at(0.3, 300.0) == pytest.approx(1.05 * angle)
+    assert member.gap_at(0.3, 6000.0) == pytest.approx(1.1 * angle)
+
+
+def test_motor_that_is_built_is_the_one_that_outruns() -> None:
+    member = replace(MEMBERS[0], drive=NOMINAL_DRIVE, load_torque=1.14)
+    weaker = replace(member, drive=replace(NOMINAL_DRIVE, effects=Effects(resistance_error=0.2)))
+    assert member.can_outrun
+    assert not weaker.can_outrun
 
 
 def test_which_encoders_there_are() -> None:

@@ -88,8 +88,22 @@ def test_eccentricity_is_an_error_once_per_turn(theta: float, amplitude: float, 
         assert math.hypot(errors[0], errors[1]) == pytest.approx(size, abs=1e-12)
 
 
+@settings(deadline=None)  # compiles
+@given(ANGLES, st.floats(1e-4, 0.1), st.floats(-math.pi, math.pi))
+def test_ellipticity_is_an_error_of_the_load_twice_per_turn(theta: float, amplitude: float, phase: float) -> None:
+    turn = [at(theta + part * math.pi, theta + part * math.pi) for part in (0.0, 0.25, 0.5, 1.0)]
+    shown = read(Sensors(load_ellipticity=amplitude, eccentricity_phase=phase), turn)
+    errors = shown - np.array([[state[k] for k in range(5)] for state in turn])
+    assert np.all(errors[:, THETA_M] == 0.0)
+    load = errors[:, THETA_L]
+    assert load[0] == pytest.approx(amplitude * math.sin(2 * theta + phase), abs=1e-12)
+    assert load[2] == pytest.approx(-load[0], abs=1e-12)
+    assert load[3] == pytest.approx(load[0], abs=1e-12)
+    assert math.hypot(load[0], load[1]) == pytest.approx(amplitude, abs=1e-12)
+
+
 def test_perfect_encoder_of_the_same_zero_is_what_noise_and_counts_are_held_against() -> None:
-    sensors = Sensors(load_offset=0.3, load_eccentricity=0.01, eccentricity_phase=0.7)
+    sensors = Sensors(load_offset=0.3, load_eccentricity=0.01, load_ellipticity=0.003, eccentricity_phase=0.7)
     angles = np.linspace(-7.0, 7.0, 50)
     shown = read(sensors, [at(0.0, angle) for angle in angles])[:, THETA_L]
     np.testing.assert_allclose(sensors.load_zero(angles), shown, rtol=0, atol=1e-14)

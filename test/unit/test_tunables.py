@@ -31,7 +31,10 @@ class Given(Declarations):
         ({"rate": "quick"}, "rate must be a number, > 0 Hz and <= 2000 Hz, got 'quick'"),
         ({"motor.resistance": 0.0}, "motor.resistance must be > 0 ohm and <= 1e+06 ohm, got 0.0"),
         ({"gear.backlash_angle": 0.0}, "gear.backlash_angle must be >= 1e-09 rad and <= 3.2 rad, got 0.0"),
-        ({"contact.law": "soft"}, "contact.law must be one of ['elastic', 'power', 'power_no_pull', 'restitution']"),
+        (
+            {"contact.law": "soft"},
+            "contact.law must be one of ['elastic', 'hunt_crossley', 'power', 'power_no_pull', 'restitution']",
+        ),
         (
             {"contact.elastic.wind_up": 0.0},
             "contact.elastic.wind_up must be >= 1e-09 rad/(N m) and <= 1000 rad/(N m)",

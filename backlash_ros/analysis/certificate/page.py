@@ -23,7 +23,7 @@ from backlash_ros.analysis.certificate.subject import PACKAGE, Subject, version_
 from backlash_ros.analysis.markup import document, paragraph
 from backlash_ros.drivetrain.markup import pairs, text_of
 from backlash_ros.identification.gap_map import GapMap
-from backlash_ros.identification.lost_motion import LostMotion
+from backlash_ros.identification.locked_output.lost_motion import LostMotion
 from backlash_ros.identification.recordings.held_out import Score
 from backlash_ros.identification.recordings.identify import Identified
 from backlash_ros.identification.recordings.places import map_findings
@@ -76,7 +76,7 @@ def certificate(subject: Subject, found: Identified) -> str:
         *([] if subject.sheet else [paragraph(_NO_SHEET, "verdict bad")]),
     ]
     if rows:
-        parts += ["<h2>Results</h2>", _results(rows), *_about(subject, found)]
+        parts += ["<h2>Results</h2>", results_table(rows), *_about(subject, found)]
     parts += ["<h2>Pictures</h2>", '<div class="pictures">', *_pictures(subject, found), "</div>"]
     if found.score is not None:
         parts += ["<h2>Held out</h2>", _held_out(found.score)]
@@ -132,7 +132,8 @@ def _verdict(subject: Subject, found: Identified) -> str:
     return paragraph(f"{'. '.join([*told, *untold])}.", "verdict" if told else "verdict bad")
 
 
-def _results(rows: list[Row]) -> str:
+def results_table(rows: list[Row]) -> str:
+    """Return a table of results."""
     lines = [
         "<table>",
         '<thead><tr><th scope="col">quantity</th><th scope="col">value \u00b1 standard uncertainty</th>'

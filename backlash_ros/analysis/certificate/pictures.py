@@ -19,7 +19,8 @@ from backlash_ros.analysis.certificate.subject import Subject
 from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.fitting.fit import Fit
 from backlash_ros.identification.gap_map import GapMap
-from backlash_ros.identification.lost_motion import LostMotion
+from backlash_ros.identification.locked_output.lost_motion import LostMotion
+from backlash_ros.identification.locked_output.ramps import Ramps
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.held_out import Score, free_simulations
@@ -229,6 +230,29 @@ def hysteresis_picture(found: LostMotion) -> str:
     right.set_ylabel(unit)
     _legend(figure, axes, 2)
     return _svg(figure, "hysteresis", "The angle between the shafts over a torque that goes slowly up and down.")
+
+
+def ramps_picture(found: Ramps, name: str) -> str:
+    """Return the curve of angle over torque, ramp by ramp, with the lost motion at zero torque."""
+    figure, axes = plt.subplots(figsize=(_WIDTH, 4.4), constrained_layout=True)
+    degree = math.pi / 180.0
+    middle = 0.5 * (float(np.max(found.angles)) + float(np.min(found.angles)))
+    angles = (found.angles - middle) / degree
+    every = max(1, angles.size // (4 * _MOST))
+    ends = [*found.begins[1:], angles.size]
+    for k, (begin, end) in enumerate(zip(found.begins, ends, strict=True)):
+        first = k == 0 and math.isfinite(found.at_zero.first)
+        rows = slice(begin, end + every, every)
+        label = "first ramp" if first else "other ramps" if k == 1 and math.isfinite(found.at_zero.first) else None
+        axes.plot(found.torques[rows], angles[rows], color=FAINT if first else MOTOR, linewidth=0.9, label=label)
+    low, high = ((place - middle) / degree for place in found.flanks)
+    arrow: dict[str, Any] = {"arrowstyle": "<->", "color": LOAD, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", (0.0, high), (0.0, low), arrowprops=arrow)
+    axes.text(0.0, 0.5 * (low + high), f"  {found.at_zero.mean / degree:.3g} deg", color=LOAD, va="center")
+    axes.set(xlabel="torque at the output, N m", ylabel="angle at the output from its middle, deg")
+    if math.isfinite(found.at_zero.first):
+        _legend(figure, axes, 2)
+    return _svg(figure, name, "The angle over the torque, ramp by ramp.")
 
 
 def _times(factor: float) -> Any:

@@ -13,7 +13,8 @@ GEAR_UNITS = {
 }
 """Factor of a unit to that of gear makers' catalogues, and its name there."""
 _IN_CATALOGUES = {"b", "b min", "b mean", "b max", "b at rest", "lost motion", "wind-up", "J_l"}
-_IN_CATALOGUES |= {"stiffness", "stiffness -", "stiffness +"}
+_IN_CATALOGUES |= {"stiffness", "stiffness -", "stiffness +", "k out -", "k out +", "k back -", "k back +"}
+_IN_CATALOGUES |= {"lost motion 0", "lost motion T", "lost motion T, C", "width"}
 _FIXED = -9, 15
 """Powers of ten of the last digit between which a number is written without an exponent."""
 _SUPERSCRIPT = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")

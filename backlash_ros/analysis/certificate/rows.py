@@ -17,6 +17,7 @@ from backlash_ros.identification.teeth import loop_of
 _BY_TEETH = {"b", "wind-up", "J_l", "lost motion", "stiffness"}
 _AROUND = {"b min", "b mean", "b max", "e"}
 _BY_CURVE = {"b at rest", "stiffness -", "stiffness +", "friction"}
+_BY_CURVE |= {"lost motion 0", "lost motion T", "width", "T -", "T +"}
 _BY_SPEED = {"B_l", "c_l", "c_m", "1 B_l + c_l", "10 B_l + c_l"}
 
 

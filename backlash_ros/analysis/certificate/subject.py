@@ -6,7 +6,7 @@ from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.identification.lost_motion import LostMotion
+from backlash_ros.identification.locked_output.lost_motion import LostMotion
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding
 

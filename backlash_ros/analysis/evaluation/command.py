@@ -49,8 +49,8 @@ def evaluate(
     if scheduler and find_spec("distributed") is None:
         raise ImportError("--scheduler needs Dask distributed: pip install 'backlash_ros[cluster]'")
     with ExitStack() as stack:
-        journal = stack.enter_context(_journal(task, target))
-        _run(task, drives, journal, scheduler, console)
+        journal = stack.enter_context(open_journal(task, target))
+        run_drives(task, drives, journal, scheduler, console)
         staged = {stack.enter_context(staging(target)): target.parent}
         report = next(iter(staged)) / target.name
         collected = Collected(task.laws)
@@ -58,13 +58,13 @@ def evaluate(
         if out is not None:
             folder = stack.enter_context(staging(out / "runs.parquet"))
             staged = {folder: out, **staged}  # the report comes last
-            write_table(_rows(task, drives, journal, collected, failures), folder / "runs.parquet")
+            write_table(rows_in(task, drives, journal, collected, failures), folder / "runs.parquet")
             from backlash_ros.analysis.evaluation.pictures import draw_settling, draw_shares  # noqa: PLC0415 - matplotlib takes a second
 
             draw_shares(collected, folder / "shares.png")
             draw_settling(collected, folder / "settling.png")
         else:
-            for _ in _rows(task, drives, journal, collected, failures):
+            for _ in rows_in(task, drives, journal, collected, failures):
                 pass
         content = report_of(task, drives, collected, failures, drive)
         report.write_text(json.dumps(jsonable(content), indent=1) + "\n")
@@ -96,14 +96,15 @@ def replay(task: Task, number: int, plot: Path | None, console: Console) -> None
     console.print_json(json.dumps(jsonable(content)))
 
 
-def _journal(task: Task, target: Path) -> Journal:
+def open_journal(task: Task, target: Path) -> Journal:
     """Return the journal of a task, beside its result; its name depends on the arguments and on the code."""
     target.parent.mkdir(parents=True, exist_ok=True)
     digest = hashlib.sha256(f"{task!r} {code_digest()}".encode()).hexdigest()
     return Journal(target.with_name(f".{target.name}.{digest[:12]}.journal"))
 
 
-def _run(task: Task, drives: int, journal: Journal, scheduler: str, console: Console) -> None:
+def run_drives(task: Task, drives: int, journal: Journal, scheduler: str, console: Console) -> None:
+    """Evaluate the drives that the journal does not have yet, and show the progress."""
     done = sum(number in journal for number in range(drives))
     if done:
         console.print(f"{done} of {drives} drives are in {journal.path} already", highlight=False, soft_wrap=True)
@@ -117,7 +118,7 @@ def _run(task: Task, drives: int, journal: Journal, scheduler: str, console: Con
         run_batch(job, range(drives), journal, scheduler=scheduler, ended=lambda _entry: bar.advance(shown))
 
 
-def _rows(
+def rows_in(
     task: Task, drives: int, journal: Journal, collected: Collected, failures: list[dict[str, Any]]
 ) -> Iterator[dict[str, Any]]:
     """Yield the rows of the table by drive; add each drive to ``collected`` and failed runs to ``failures``."""
@@ -143,6 +144,7 @@ def report_of(
         each["command"] = _replay_command(task, each["number"], drive)
     return {
         **{name: getattr(task, name) for name in ("seed", "population", "model", "encoders")},
+        "effects": list(task.effects),
         "drives": drives,
         "drive": drive or None,
         "experiments": list(task.experiments),
@@ -156,15 +158,17 @@ def report_of(
 
 
 def _replay_command(task: Task, number: int, drive: str) -> str:
-    default = replace(Task(task.seed), laws=task.laws)
+    default = Task(task.seed)
     words = ["backlash", "evaluate", "--seed", str(task.seed)]
     for name in ("population", "model", "encoders"):
         if getattr(task, name) != getattr(default, name):
             words += [f"--{name}", getattr(task, name)]
     if task.experiments != default.experiments:
         words += ["--experiments", *task.experiments]
-    if task.laws != Task(task.seed).laws:
+    if task.laws != replace(task, laws=()).laws:
         words += ["--laws", *task.laws]
+    if task.effects:
+        words += ["--effects", *task.effects]
     if drive:
         words += ["--drive", drive]
     return shlex.join([*words, "--only", str(number), "--plot", f"drive_{number}.png"])
@@ -176,7 +180,8 @@ def _percent(share: float | None, interval: list[float] | None) -> str:
     return f"{100 * share:.1f} ({100 * interval[0]:.1f} to {100 * interval[1]:.1f})"
 
 
-def _number(value: float | None) -> str:
+def number_text(value: float | None) -> str:
+    """Return a figure as text, "-" if there is none."""
     return "-" if value is None else f"{value:.3g}"
 
 
@@ -200,7 +205,7 @@ def table_of(summary: dict[str, Any]) -> list[list[str]]:
     for name, title in _SHARES.items():
         rows.append([f"{title}, %", *(_percent(law[name], law[f"{name}_interval"]) for law in laws.values())])
     for name, title in _FIGURES.items():
-        rows.append([title, *(_number(law[name]) for law in laws.values())])
+        rows.append([title, *(number_text(law[name]) for law in laws.values())])
     return rows
 
 
@@ -210,11 +215,15 @@ def learning_of(summary: dict[str, Any]) -> list[str]:
         f"learned, of the drives whose load the motor can outrun: "
         f"{_percent(summary['learned'], summary['learned_interval'])} %",
         f"within 5 %, of the learned: {_percent(summary['learned_within_5'], summary['learned_within_5_interval'])} %",
+        f"within two standard uncertainties, of the learned: "
+        f"{_percent(summary['covered'], summary['covered_interval'])} %",
         f"said to be valid, but wrong: {summary['wrong_valid']}",
         *(
             [
                 f"load, friction, gap and delay close to the truth: "
-                f"{_percent(summary['all_close'], summary['all_close_interval'])} %"
+                f"{_percent(summary['all_close'], summary['all_close_interval'])} %",
+                f"J_l/J_r within 5 %, of the learned: "
+                f"{_percent(summary['ratio_close'], summary['ratio_close_interval'])} %",
             ]
             if summary["all_close"] is not None
             else []

@@ -1,13 +1,13 @@
 """What parameter files say in addition to the drive, without ROS: joints, ends, sensors, delay, rate, gains, law."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from backlash_ros.control import AUTO, LAWS
-from backlash_ros.control.design.choice import Choice, Tuning, given_sets
+from backlash_ros.control.design.choice import Choice, Tuning, given_sets, listed
 from backlash_ros.control.design.start import RATE, CannotStartError
 from backlash_ros.control.limits import NO_LIMIT
 from backlash_ros.drivetrain import Drive, Validated, quantities
@@ -104,7 +104,7 @@ def surroundings_of(parameters: Mapping[str, Any]) -> Surroundings:
     given = dict(section_of(parameters, "sensors"))
     signals = {name: given.pop(name) for name in ("measured", "speeds_from_positions") if name in given}
     if "measured" in signals:
-        signals["measured"] = tuple(_list("sensors.measured", signals["measured"]))
+        signals["measured"] = tuple(listed("sensors.measured", signals["measured"]))
     delay = Delay(**own(Delay, section_of(parameters, "delay")))
     if not delay.mean:
         late = parameters.get("loop_delay", 0.0)
@@ -160,12 +160,6 @@ def axis_of(parameters: Mapping[str, Any]) -> Axis:
     lower, upper = (_end(parameters, name) for name in ("position_lower", "position_upper"))
     names = {name: parameters[name] for name in ("motor_joint", "load_joint") if name in parameters}
     return Axis(drive_in(parameters), **names, position_lower=lower, position_upper=upper)
-
-
-def _list(name: str, value: Any) -> Sequence[Any]:
-    if not isinstance(value, (list, tuple)) or not value:
-        raise ValueError(f"{name} must be a list with something in it, got {value!r}")
-    return value
 
 
 def _end(parameters: Mapping[str, Any], name: str) -> Any:

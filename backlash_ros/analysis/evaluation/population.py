@@ -2,99 +2,40 @@
 
 Drive k of a seed does not depend on the number of drives. `core` and `full` share their draws: drive k of `core` is
 drive k of `full` without motor friction, eccentricity, varying gap and gravity, and with motor and reduction of the
-drive that the population is drawn around. The ranges are in `draw_member`, and in docs/evaluation.md.
+drive that the population is drawn around. The ranges are in `draw_member`, and in docs/evaluation.md. `wild` is `full`
+with the effects of real axes, `mild` and `all` are `core` with some and with most of them: see `effects`.
 """
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
-from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Validated
+from backlash_ros.analysis.evaluation.effects import MIXTURES, draw_mixture, put_on
+from backlash_ros.analysis.evaluation.member import Member
+from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Effects
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 
-POPULATIONS = ("full", "core")
+__all__ = ["ENCODERS", "MODELS", "POPULATIONS", "Member", "draw_member", "told_model"]
+
+POPULATIONS = ("full", "core", "wild", "mild", "all")
 ENCODERS = {"both": POSITIONS, "load": ("theta_l",), "motor": ("theta_m",)}
 """The measured angles for each value of ``--encoders``."""
 MODELS = ("nominal", "true", "identified")
 
 _DRAWS = 64
 """Numbers drawn for each drive: more than are used, so that a new quantity does not change the others."""
-_TURN = 2.0 * math.pi
-
-
-@dataclass(frozen=True)
-class Member:
-    """One drive of a population, with its surroundings.
-
-    ``rate`` in Hz. ``load_torque``, N m, always acts on the output shaft; ``torque_change``, N m, is added from the
-    middle of the hold on. ``delay`` acts on the command.
-    """
-
-    number: int
-    drive: Drive
-    sensors: Sensors
-    delay: Delay
-    rate: float
-    load_torque: float
-    torque_change: float
-
-    @property
-    def load_count(self) -> float:
-        """One count of the load's encoder, rad at the output; of the motor's if the load has none."""
-        sensors = self.sensors
-        if "theta_l" in sensors.measured:
-            return _TURN / sensors.load_counts
-        return _TURN / sensors.motor_counts * self.drive.gear.ratio
-
-    @property
-    def standing_torque(self) -> float:
-        """The torque on the load at an angle of 0, N m: load torque and weight."""
-        load = self.drive.load
-        return self.load_torque - load.gravity_torque * math.sin(load.gravity_offset)
-
-    @property
-    def can_outrun(self) -> bool:
-        """Whether the motor can outrun the load, so that the teeth part: 1.2 J_r a + 0.5 N m within the stall torque.
-
-        a is the acceleration of the load alone under the `standing_torque`, without friction.
-        """
-        drive = self.drive
-        needed = 1.2 * drive.reflected_inertia * abs(self.standing_torque) / drive.load.inertia + 0.5
-        return needed <= drive.standstill_torque()
-
-    @property
-    def free(self) -> bool:
-        """Whether only viscous friction acts on the load: no load torque, no weight, no dry friction."""
-        load, motor = self.drive.load, self.drive.motor
-        return not (self.load_torque or load.gravity_torque or load.coulomb_friction or motor.coulomb_friction)
-
-    def parameters(self) -> dict[str, Any]:
-        """Return everything that was drawn, as columns: each parameter of the drive, its sensors and its delay."""
-        drive = self.drive
-        columns: dict[str, Any] = {"number": self.number, "rate": self.rate}
-        columns |= {"load_torque": self.load_torque, "torque_change": self.torque_change}
-        columns |= {"can_outrun": self.can_outrun, "free": self.free, "contact": drive.gear.contact.section}
-        for part in (drive.motor, drive.gear, drive.load, self.sensors, self.delay):
-            columns |= dict(_columns(part))
-        return columns
-
-
-def _columns(part: Validated) -> Iterator[tuple[str, Any]]:
-    """Yield the fields of a value as columns, each named after its section."""
-    for field in fields(part):
-        value = getattr(part, field.name)
-        if isinstance(value, tuple):
-            yield f"{part.section}_{field.name}", " ".join(value)
-        elif not isinstance(value, Validated):
-            yield f"{part.section}_{field.name}", value
 
 
 def draw_member(
-    seed: int, number: int, population: str = "full", encoders: str = "both", around: Drive | None = None
+    seed: int,
+    number: int,
+    population: str = "full",
+    encoders: str = "both",
+    around: Drive | None = None,
+    effects: tuple[str, ...] = (),
 ) -> Member:
     """Return one drive of a population.
 
@@ -105,6 +46,12 @@ def draw_member(
     encoders : one of `ENCODERS`
     around : the drive at the centre; the nominal one by default. If it is given, all drives have its motor, reduction
         and contact, and torques scale with its stall torque
+    effects : of `effects.EFFECTS`, which the drive has in any case
+
+    Raises
+    ------
+    ValueError
+        If there is no such population or effect.
 
     Examples
     --------
@@ -113,7 +60,9 @@ def draw_member(
     >>> draw_member(1, 7).drive.gear.reduction == draw_member(1, 8).drive.gear.reduction
     False
     """
-    full, centre = population == "full", around or NOMINAL_DRIVE
+    if population not in POPULATIONS:
+        raise ValueError(f"population must be one of {list(POPULATIONS)}, got {population!r}")
+    full, centre = population in ("full", "wild"), around or NOMINAL_DRIVE
     # Plain doubles of PCG64 are the same with every version of numpy; what is made of them is said here.
     random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(number,))))
     draws: Iterator[float] = iter(random.random(_DRAWS).tolist())
@@ -189,17 +138,21 @@ def draw_member(
         load_eccentricity=eccentricity if full else 0.0,
         eccentricity_phase=phase if full else 0.0,
     )
-    return Member(number, drive, sensors, Delay(command=late / rate), rate, load_torque, change)
+    member = Member(number, drive, sensors, Delay(command=late / rate), rate, load_torque, change)
+    if population in MIXTURES:
+        member = draw_mixture(member, seed, population)
+    return put_on(member, seed, effects) if effects else member
 
 
 def told_model(member: Member, model: str, around: Drive | None = None) -> Drive:
     """Return the drive that the controller assumes: one of `MODELS`.
 
     It always knows the data sheet: motor and reduction. ``nominal``, and ``identified`` at first, have gap, contact and
-    load of the population's centre and no dry friction; ``true`` is the drive itself.
+    load of the population's centre and no dry friction; ``true`` is the drive as it is built. No controller knows the
+    effects.
     """
     if model == "true":
-        return member.drive
+        return replace(member.drive.as_built, effects=Effects())
     centre, drive = around or NOMINAL_DRIVE, member.drive
     return Drive(
         replace(drive.motor, coulomb_friction=0.0),

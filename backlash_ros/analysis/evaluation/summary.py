@@ -18,12 +18,14 @@ from backlash_ros.analysis.metrics import Array
 CLOSE, WRONG = 0.05, 0.2
 """Relative errors of a learned gap: good up to the first, wrong beyond the second."""
 WRONG_COUNTS = 2.0
+COVERAGE = 2.0
+"""Standard uncertainties within which the true gap should be, for 95 % of the drives."""
 SHARES = ("quiet", "precise", "overshoot_ok", "faulted")
 _Z = 1.959963984540054
 """Of the normal distribution, for 95 %."""
 
 _DRIVE = (
-    *("number", "conditions", "can_outrun", "free", "learned", "close", "wrong", "all_close"),
+    *("number", "conditions", "can_outrun", "free", "learned", "close", "covered", "wrong", "all_close", "ratio_close"),
     *("inertia_ratio", "friction_share"),
 )
 _LAW = (*SHARES, "settle", "rise", "force", "recover", "severity")
@@ -54,8 +56,10 @@ class Collected:
             "free": member.free,
             "learned": valid,
             "close": valid and error <= max(CLOSE * gap, member.load_count),
+            "covered": valid and error <= COVERAGE * learned["uncertainty"],
             "wrong": valid and error > WRONG * gap and error > WRONG_COUNTS * member.load_count,
             "all_close": learned["all_close"],
+            "ratio_close": learned["ratio_close"],
             "inertia_ratio": drive.load.inertia / drive.reflected_inertia,
             "friction_share": friction_share(member),
         }
@@ -141,10 +145,14 @@ def summarize(collected: Collected, default_law: str, *, identified: bool = Fals
     summary: dict[str, Any] = {
         **_share("learned", learned[can_outrun]),
         **_share("learned_within_5", collected.drives("close")[learned]),
+        **_share("covered", collected.drives("covered")[learned]),
         "wrong_valid": int(np.count_nonzero(collected.drives("wrong"))),
         "all_close": None,
         "all_close_interval": None,
+        "ratio_close": None,
+        "ratio_close_interval": None,
         **(_share("all_close", collected.drives("all_close") > 0) if identified else {}),
+        **(_share("ratio_close", collected.drives("ratio_close")[learned]) if identified else {}),
         "laws": {},
         "default_law": default_law,
     }

@@ -46,6 +46,7 @@ SHORT_STEP = 5.0
 """In mean backlashes."""
 INERTIA_NEAR, GAP_NEAR, EFFORT_NEAR, DELAY_NEAR = 0.05, 0.03, 0.1, 0.25
 """Largest errors that count as close: shares of inertia, gap and friction, and of a period; or one count."""
+PAPERS_LAWS = ("fast", "overdamped", "two_region")
 DESIGNED = "designed"
 """The two-region law with gains and width by `backlash design`; accepted like the name of a law."""
 SPEEDS = 1.0, 10.0
@@ -57,15 +58,24 @@ _GRID = 1e-3
 
 @dataclass(frozen=True)
 class Task:
-    """Everything that the evaluation of one drive depends on, except the drive's number."""
+    """Everything that the evaluation of one drive depends on, except the drive's number.
+
+    ``laws``: by default the paper's and the default law, which comes last and is judged. ``effects``: what every drive
+    has, of `effects.EFFECTS`, in addition to what the population draws.
+    """
 
     seed: int
     population: str = "full"
     model: str = "nominal"
     encoders: str = "both"
     experiments: tuple[str, ...] = (AUTO,)
-    laws: tuple[str, ...] = ("fast", "overdamped", "two_region")
+    laws: tuple[str, ...] = ()
     around: Drive | None = None
+    effects: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.laws:
+            object.__setattr__(self, "laws", tuple(dict.fromkeys((*PAPERS_LAWS, self.default_law))))
 
     @property
     def default_law(self) -> str:
@@ -79,7 +89,7 @@ class Task:
 
     def member(self, number: int) -> Member:
         """Return the drive with a number."""
-        return draw_member(self.seed, number, self.population, self.encoders, self.around)
+        return draw_member(self.seed, number, self.population, self.encoders, self.around, self.effects)
 
 
 @dataclass(frozen=True)
@@ -89,7 +99,7 @@ class Learned:
     ``angle``: the learned gap with its standard ``uncertainty``; ``gap``: the true one at that place, rad;
     ``experiment``: the one that found it, or the last that was tried; ``time``: of all experiments, s; ``swing``:
     largest distance of the load from its start, rad. If the drive was identified, also what was found, and whether all
-    of it is close to the truth.
+    of it, and the ratio of both inertias, is close to the truth.
     """
 
     valid: bool = False
@@ -103,6 +113,7 @@ class Learned:
     time: float = math.nan
     swing: float = math.nan
     all_close: bool = False
+    ratio_close: bool = False
     inertia: float = math.nan
     viscous_friction: float = math.nan
     coulomb_friction: float = math.nan
@@ -210,7 +221,7 @@ def learn(
             return Learned(experiment=name, reason=f"not simulated: {error}", time=spent + plant.time), None
         spent, swing = spent + plant.time, max(swing, plant.swing)
         result = Learned(
-            gap=member.drive.gear.backlash_at(float(plant.state[THETA_L])),
+            gap=member.gap_at(float(plant.state[THETA_L]), plant.time),
             experiment=name,
             reason=outcome.reason,
             fault=servo.fault,
@@ -228,6 +239,8 @@ def learn(
 def _judge_identified(member: Member, result: Learned, found: Drive, delay: float) -> Learned:
     """Return what was identified in addition to the gap, and whether all of it is close to the truth."""
     load, truth = found.load, member.drive.load
+    ratio = load.inertia / found.reflected_inertia
+    true_ratio = truth.inertia / member.drive.as_built.reflected_inertia
     viscous, dry = load.viscous_friction, load.coulomb_friction
     near = [
         abs(load.inertia / truth.inertia - 1.0) <= INERTIA_NEAR,
@@ -238,7 +251,13 @@ def _judge_identified(member: Member, result: Learned, found: Drive, delay: floa
         effort = truth.viscous_friction * speed + truth.coulomb_friction
         near.append(abs(viscous * speed + dry - effort) <= EFFORT_NEAR * effort)
     return replace(
-        result, all_close=all(near), inertia=load.inertia, viscous_friction=viscous, coulomb_friction=dry, delay=delay
+        result,
+        all_close=all(near),
+        ratio_close=abs(ratio / true_ratio - 1.0) <= INERTIA_NEAR,
+        inertia=load.inertia,
+        viscous_friction=viscous,
+        coulomb_friction=dry,
+        delay=delay,
     )
 
 

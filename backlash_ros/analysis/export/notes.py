@@ -1,6 +1,6 @@
 """Notes on what a file for a simulator leaves out of a drive."""
 
-from backlash_ros.drivetrain import Drive
+from backlash_ros.drivetrain import Drive, Effects
 
 LINKS = "Inertia: kg m^2 about the axis; the rotor at its own speed. Masses (kg) without a weight stand for nothing."
 JOINTS = "damping: N m s/rad. friction: N m. effort: torque at standstill, N m. velocity: without a load, rad/s."
@@ -19,6 +19,8 @@ def unsaid(drive: Drive) -> tuple[str, ...]:
             f"* The teeth let through {gear.efficiency_forward!r} of the power forward, {gear.efficiency_backward!r} "
             "backward: here all of it."
         )
+    if drive.effects != Effects():
+        lines.append("* The effects of real axes, effects.*: here there are none.")
     return (
         *lines,
         "* Encoders: counts, offsets, eccentricity and noise. Angles are exact here.",

@@ -3,7 +3,7 @@
 import argparse
 import math
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -102,7 +102,16 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
 
 def add_units(parser: argparse.ArgumentParser) -> Any:
     """Add the arguments for units of angles and commands; return their group."""
-    units = parser.add_argument_group("angles and command")
+    units = add_angles(parser, "angles and command")
+    add = units.add_argument
+    add("--command-unit", choices=COMMAND_UNITS, default="", help="by default that of the drive")
+    add("--supply", type=number_of(0.0, above=True), default=0.0, metavar="V", help="voltage of a duty cycle of 1")
+    return units
+
+
+def add_angles(parser: argparse.ArgumentParser, title: str) -> Any:
+    """Add the arguments for units of angles; return their group, which has a title."""
+    units = parser.add_argument_group(title)
     add = units.add_argument
     for shaft in ("motor", "load"):
         add(f"--{shaft}-unit", choices=list(UNITS), default="rad")
@@ -117,8 +126,6 @@ def add_units(parser: argparse.ArgumentParser) -> Any:
         add(f"--{shaft}-wraps", type=number_of(0.0, above=True), default=0.0, metavar="X", help=text)
     text = "shaft at which the motor's angle is measured; motor (the default) is before the gear"
     add("--motor-at", choices=["motor", "output"], default="motor", help=text)
-    add("--command-unit", choices=COMMAND_UNITS, default="", help="by default that of the drive")
-    add("--supply", type=number_of(0.0, above=True), default=0.0, metavar="V", help="voltage of a duty cycle of 1")
     return units
 
 
@@ -167,10 +174,10 @@ def topics_of(given: argparse.Namespace) -> Topics:
     )
 
 
-def _refuse_unused(given: argparse.Namespace) -> None:
+def refuse_unused(given: argparse.Namespace, of_tables: Sequence[str] = _OF_TABLES) -> None:
     """Raise ValueError for an option of tables if a bag is read, and the other way round."""
     table = is_table(given.recording)
-    for name in _OF_BAGS if table else _OF_TABLES:
+    for name in _OF_BAGS if table else of_tables:
         if getattr(given, name) != given.parser.get_default(name):
             kind, other = ("bags", "table") if table else ("tables", "bag")
             raise ValueError(f"argument --{name.replace('_', '-')}: is for {kind}, and {given.recording} is a {other}")
@@ -180,7 +187,7 @@ def request_of(given: argparse.Namespace) -> Request:
     """Return the request; OSError without a recording, ValueError for contradicting arguments."""
     answer = given.command_row == "answer"
     reading = reading_of(given, time_unit=given.time_unit, answer=answer, start=given.start, end=given.end)
-    _refuse_unused(given)
+    refuse_unused(given)
     return Request(
         given.recording,
         reading,

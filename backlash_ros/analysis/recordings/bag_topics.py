@@ -174,7 +174,7 @@ def columns_of(found: Messages, source: str, target: str, topics: Topics, path: 
         empty = source if not found.stamps else target
         raise ValueError(f"{path}: there is no message on '{empty}'")
     for joint in (topics.motor_joint, topics.load_joint):
-        if joint not in found.joints:
+        if joint and joint not in found.joints:
             raise ValueError(f"{path}: '{source}' has no joint '{joint}'; it has {sorted(found.joints)}")
     meanwhile = sum(found.received[0] <= received <= found.received[-1] for received, *_ in found.commands)
     if meanwhile > _FASTER * len(found.stamps):  # a recorder may hear one of both topics long before the other

@@ -38,16 +38,22 @@ _DECIMAL_COMMA = re.compile(r"[-+]?(\d+,\d*|,\d+)([eE][-+]?\d+)?", re.ASCII)
 
 @dataclass(frozen=True)
 class ColumnNames:
-    """Names of the columns to read."""
+    """Names of the columns to read; ``kinds`` name them in options, ``optional`` are those a table need not have."""
 
     time: str = "time"
     motor: str = "motor"
     load: str = "load"
     command: str = "command"
+    kinds: tuple[str, str, str, str] = ("time", "motor", "load", "command")
+    optional: frozenset[str] = frozenset()
 
     def all(self) -> tuple[str, str, str, str]:
         """Return them in their order."""
         return self.time, self.motor, self.load, self.command
+
+    def required(self) -> dict[str, str]:
+        """Return the names that a table must have, by kind."""
+        return {kind: name for kind, name in zip(self.kinds, self.all(), strict=True) if kind not in self.optional}
 
 
 def is_table(path: Path) -> bool:
@@ -131,21 +137,22 @@ def _clock(text: str) -> tuple[float, float] | None:
 
 def _head(lines: Sequence[str], names: ColumnNames, path: Path) -> tuple[int, str, list[str]]:
     """Return the index of the header, which has all columns and may be a comment, the separator, and all names."""
+    required = names.required()
     for k, line in enumerate(lines[:_HEAD]):
         for separator in _SEPARATORS:
             header = _cells(line.lstrip("# "), separator)
-            if all(header.count(name) == 1 for name in names.all()):
+            if all(header.count(name) == 1 for name in required.values()):
                 return k, separator, header
     used = [(k, line) for k, line in enumerate(lines[:_HEAD]) if line.strip() and not line.lstrip().startswith("#")]
     if not used:
         raise ValueError(f"{path}: there is nothing in it")
     split = [(k, _cells(line, max(_SEPARATORS, key=line.count))) for k, line in used]
-    at, header = max(split, key=lambda each: (len(set(each[1]) & set(names.all())), len(each[1]), -each[0]))
+    at, header = max(split, key=lambda each: (len(set(each[1]) & set(required.values())), len(each[1]), -each[0]))
     if all(map(_is_number, header)):
         raise ValueError(
             f"{path}, row {at + 1}: must be a header with the names of the columns above it, got {header}: add one"
         )
-    what, name = next((f"--{kind}-column", name) for kind, name in vars(names).items() if header.count(name) != 1)
+    what, name = next((f"--{kind}-column", name) for kind, name in required.items() if header.count(name) != 1)
     raise ValueError(
         f"{path}, row {at + 1}: must have one column '{name}', has {header.count(name)}; columns: {header}: "
         f"{what} names another; a comma, a semicolon or a tab separates them"
@@ -196,7 +203,7 @@ class _Reader:
 
 
 def read_csv(path: Path, names: ColumnNames) -> Columns:
-    """Return four columns of a table.
+    """Return four columns of a table; one that it need not have, and has not, is nan.
 
     A comma, a semicolon or a tab separates; with the last two, numbers may have a decimal comma. ``#`` begins a
     comment; lines before the header and a row of units below it are passed over. Times may be numbers or ISO 8601.
@@ -213,7 +220,7 @@ def read_csv(path: Path, names: ColumnNames) -> Columns:
     if above := sum(1 for line in lines[:head] if line.strip() and not line.lstrip().startswith("#")):
         were = "line before the header, in row {}, was" if above == 1 else "lines before the header, in row {}, were"
         notes.append(f"{above} {were.format(head + 1)} passed over")
-    places = [header.index(name) for name in names.all()]
+    places = [header.index(name) if header.count(name) == 1 else -1 for name in names.all()]
     used = [(k, line) for k, line in enumerate(lines[head + 1 :], head + 2) if line.strip() and line.lstrip()[0] != "#"]
     rows = []
     for k, line in used:
@@ -224,8 +231,9 @@ def read_csv(path: Path, names: ColumnNames) -> Columns:
                 f"{path}, row {k}: must have {len(header)} cells as the header, has {len(row)}: {remedy}, or begin it "
                 "with # if it is no sample"
             )
-        rows.append([row[place] for place in places])
-    if rows and not any(_is_number(cell) or _clock(cell) for cell in rows[0]):
+        rows.append([row[place] if place >= 0 else "" for place in places])
+    filled = [cell for cell, place in zip(rows[0], places, strict=True) if place >= 0] if rows else []
+    if rows and not any(_is_number(cell) or _clock(cell) for cell in filled):
         notes.append(f"row {used[0][0]}, which has no number, was taken for units")
         rows, used = rows[1:], used[1:]
     numbers = [k for k, _ in used]

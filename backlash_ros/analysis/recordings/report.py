@@ -1,7 +1,7 @@
 """The results of an identification, as a table for people and as JSON for programs."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -17,6 +17,8 @@ from backlash_ros.identification.recordings.identify import Identified
 
 def _figures(finding: Finding) -> tuple[str, str]:
     """Return value and uncertainty with as many digits as the uncertainty justifies."""
+    if not finding.uncertainty > 0.0:
+        return f"{finding.value:.6g}", "0"
     if abs(finding.value) < 1e-3 * finding.uncertainty:
         return "0", f"{finding.uncertainty:.2g}"
     digits = max(0, math.floor(math.log10(max(abs(finding.value), finding.uncertainty))) - _place(finding) + 2)
@@ -62,28 +64,29 @@ def show(subject: Subject, found: Identified, console: Console) -> None:
         told = found.around.map is not None or subject.slow.valid
         say(f"Nothing {'else ' if told else ''}can be told: {found.reason}.")
         return
-    _show_findings(found, console, say)
+    show_findings(found.findings, console)
     if found.gap is not None and found.gap.valid:
         say(f"The gap comes from {found.gap.reason}.")
     if found.score is not None:
         say(_scored(found.score))
 
 
-def _show_findings(found: Identified, console: Console, say: Callable[[str], None]) -> None:
+def show_findings(findings: Sequence[Finding], console: Console) -> None:
+    """Print findings as a table, and why others have no value."""
     table = Table(box=None, pad_edge=False, header_style="")
     for name, style in (("", ""), ("value", ""), ("+-", ""), ("unit", ""), ("", "")):
         table.add_column(name, style=style, justify="right" if name in {"value", "+-"} else "left", no_wrap=name != "")
     reasons: dict[str, list[str]] = {}
-    for finding in found.findings:
+    for finding in findings:
         if finding.told:
             table.add_row(finding.symbol, *_figures(finding), finding.unit, finding.what)
         else:
             reasons.setdefault(finding.why, []).append(finding.symbol)
     console.print(table, highlight=False, markup=False)
     if reasons:
-        say("The recording cannot tell:")
+        console.print("The recording cannot tell:", highlight=False)
     for why, symbols in reasons.items():
-        say(f"  {', '.join(symbols)}: {why}")
+        console.print(f"  {', '.join(symbols)}: {why}", highlight=False, markup=False, soft_wrap=True)
 
 
 def content_of(subject: Subject, found: Identified) -> dict[str, Any]:

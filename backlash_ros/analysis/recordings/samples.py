@@ -77,7 +77,8 @@ class Reading:
             raise ValueError(f"the part that is used must end after it starts, got {self.start:g} to {self.end:g} s")
 
 
-def _times(columns: Columns, reading: Reading) -> Array:
+def times_of(columns: Columns, reading: Reading) -> Array:
+    """Return the times from the first row on, s; ValueError where one is missing or goes back."""
     name, time = columns.names[0], columns.time
     if columns.dated and reading.time_unit != "s":
         raise ValueError(f"{name} has dates or stamps, which need no unit: leave --time-unit {reading.time_unit} out")
@@ -110,7 +111,8 @@ def _without_repeats(columns: Columns, time: Array, notes: list[str]) -> NDArray
     return kept
 
 
-def _check_numbers(columns: Columns, notes: list[str]) -> None:
+def check_numbers(columns: Columns, notes: list[str]) -> None:
+    """Raise ValueError for a column with too large or too few numbers; add to ``notes`` how many are missing."""
     for values, name in zip((columns.motor, columns.load, columns.command), columns.names[1:], strict=True):
         if (beyond := np.flatnonzero(np.abs(values) > LARGEST)).size:
             k = int(beyond[0])
@@ -183,7 +185,7 @@ def recording_of(columns: Columns, reading: Reading, drive: Drive) -> tuple[Reco
     notes = list(columns.notes)
     if columns.time.size < 2:
         raise ValueError(f"there must be two samples at least, got {columns.time.size}")
-    time = _times(columns, reading)
+    time = times_of(columns, reading)
     kept = _without_repeats(columns, time, notes) & (time >= reading.start) & (time <= reading.end)
     if np.sum(kept) < 2:
         raise ValueError(
@@ -205,7 +207,7 @@ def recording_of(columns: Columns, reading: Reading, drive: Drive) -> tuple[Reco
             f"{columns.names[0]} steps by {period:.3g} s (median), and must by {_PERIODS[0]:g} to {_PERIODS[1]:g} s: "
             "check the unit of the time"
         )
-    _check_numbers(used, notes)
+    check_numbers(used, notes)
     angles = []
     for encoder, values, name in ((reading.motor, used.motor, used.names[1]), (reading.load, used.load, used.names[2])):
         angle, note = encoder.radians(used.time, values, name, used.place)

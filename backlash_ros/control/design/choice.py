@@ -80,7 +80,7 @@ def _parameters_of(registry: Mapping[str, Any], values: Mapping[str, Any]) -> tu
 
 def check_set_names(names: Any) -> None:
     """Raise ValueError unless there are names of gain sets, all different and none of them `CUSTOM`."""
-    _listed("gain_set_names", names)
+    listed("gain_set_names", names)
     if CUSTOM in names or len(set(names)) < len(names):
         raise ValueError(f"gain_set_names must be different from each other and from {CUSTOM!r}, got {list(names)}")
 
@@ -100,13 +100,14 @@ def given_sets(given: Mapping[str, Any]) -> dict[str, dict[str, dict[str, list[f
         sets[name] = {}
         for region in REGIONS:
             where = f"gain_sets.{name}.{region}"
-            k = _listed(f"{where}.k", given.get(f"{where}.k", [0.0, 0.0, 0.0]))
+            k = listed(f"{where}.k", given.get(f"{where}.k", [0.0, 0.0, 0.0]))
             q = NO_WEIGHTS if name != "nominal" or any(k) else DEFAULT_WEIGHTS[region]
-            sets[name][region] = {"k": k, "q": _listed(f"{where}.q", given.get(f"{where}.q", q))}
+            sets[name][region] = {"k": k, "q": listed(f"{where}.q", given.get(f"{where}.q", q))}
     return sets
 
 
-def _listed(name: str, value: Any) -> list[float]:
+def listed(name: str, value: Any) -> list[Any]:
+    """Return a parameter's list; ValueError, which calls it ``name``, if it is none or empty."""
     if not isinstance(value, (list, tuple)) or not value:
         raise ValueError(f"{name} must be a list with something in it, got {value!r}")
     return list(value)
@@ -178,7 +179,7 @@ class Tuning:
         sets = self.sets(drive, delay)
         first = next(iter(sets))
         start = sets[first]
-        changed = {name: _listed(name, given[name]) for name in start if given.get(name, start[name]) != start[name]}
+        changed = {name: listed(name, given[name]) for name in start if given.get(name, start[name]) != start[name]}
         asked = given.get("gain_set", first)
         full = {"gain_set": CUSTOM if changed else asked, **changed}
         return sets.get(asked, start) | expand(full, sets, emulated(drive, 1.0 / self._rate, delay))

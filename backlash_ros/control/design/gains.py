@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.linalg import solve_continuous_are
 
 from backlash_ros.drivetrain import Drive, rigid_model, without_inductance
 from backlash_ros.drivetrain.signals import Array
@@ -76,7 +77,7 @@ class GainSet:
 
 
 def design_gains(name: str, drive: Drive, weights: Sequence[float]) -> Gains:
-    """Design gains that minimize eq 14 on the rigid model (eq 9), control weight 1, with python-control's ``lqr``.
+    """Design gains that minimize eq 14 on the rigid model (eq 9), control weight 1.
 
     If the drive takes a current, it handles the electrical pole itself: the model has L = 0, and the current gain is 0.
 
@@ -112,12 +113,10 @@ def design_gains(name: str, drive: Drive, weights: Sequence[float]) -> Gains:
 
 @lru_cache(maxsize=64)  # a request for other parameters is validated with the same gains
 def _optimal(drive: Drive, q11: float, q22: float) -> Gains:
-    import control  # noqa: PLC0415 - takes more than a second
-
     a, b = rigid_model(drive)
     b = b[:, :1]
     if drive.takes_current:
         a, b = without_inductance(a, b)
     with np.errstate(invalid="ignore"):  # scipy casts non-finite values before it reports them
-        k, _, _ = control.lqr(a, b, np.diag([q11, q22, 0.0][: len(a)]), np.eye(1), method="scipy")
-    return Gains(*(float(value) for value in (*np.asarray(k)[0], 0.0)[:3]))
+        cost = solve_continuous_are(a, b, np.diag([q11, q22, 0.0][: len(a)]), np.eye(1))
+    return Gains(*(float(value) for value in (*(b.T @ cost)[0], 0.0)[:3]))

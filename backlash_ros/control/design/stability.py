@@ -6,9 +6,9 @@ that instant, the current just before a new command acts. The lag of speeds deri
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -189,12 +189,11 @@ def stability_margins(drive: Drive, gains: Gains, period: float, delay: float = 
 
     Notes
     -----
-    Crossings are those of python-control's ``stability_margins``, from the frequency response up to half the sample
-    rate. A fraction of a period does not delay exactly like exp(-jwd), since the hold is split. Up to 100 periods the
-    margin is therefore found from the poles of the loop with that delay; beyond, from the lag at each crossover: within
-    1 %, and more exact the longer the delay. A slowly sampled loop may become unstable around a whole period, where no
-    hold is split, and stable again a little later: such a range of delays is found if it begins at a whole period or is
-    wider than a sixteenth of one.
+    Crossings are looked for in the frequency response up to half the sample rate. A fraction of a period does not delay
+    exactly like exp(-jwd), since the hold is split. Up to 100 periods the margin is therefore found from the poles of
+    the loop with that delay; beyond, from the lag at each crossover: within 1 %, and more exact the longer the delay. A
+    slowly sampled loop may become unstable around a whole period, where no hold is split, and stable again a little
+    later: such a range of delays is found if it begins at a whole period or is wider than a sixteenth of one.
 
     Examples
     --------
@@ -203,22 +202,18 @@ def stability_margins(drive: Drive, gains: Gains, period: float, delay: float = 
     >>> print(f"{margins.phase:.2f} rad at {margins.crossover:.0f} rad/s, {1e3 * margins.delay:.1f} ms")
     1.57 rad at 81 rad/s, 19.5 ms
     """
-    import control  # noqa: PLC0415 - takes more than a second
-
     _check_delay("stability_margins", period, delay)
     matrices = _rigid_loop(drive, gains, period, delay)
     poles = _closed_poles(matrices)
     if not np.max(np.abs(poles)) < 1.0:
         raise ValueError(f"no margins: {_label(gains, period, delay)} even without backlash")
-    loop = control.ss(*matrices, [[0.0]], period)
-    omega = _frequencies(loop, poles, period)
-    response = np.asarray(loop(np.exp(1j * period * omega)))
-    data = (np.abs(response), np.angle(response, deg=True), omega)
-    factors, phases, _, _, crossovers, _ = control.stability_margins(data, returnall=True)
-    at_half_rate = response[-1].real  # real there; it crosses at the end of the range
-    if at_half_rate < 0:
-        factors = np.append(factors, -1.0 / at_half_rate)
-    lags = np.radians(np.remainder(phases, 360.0))
+    response = partial(_response, matrices, period)
+    omega = _frequencies(response, poles, period)
+    at_180 = response(_crossings(omega, lambda at: response(at).imag)).real
+    at_half_rate = response(omega[-1:]).real  # real there; it crosses at the end of the range
+    factors = -1.0 / np.array([at for at in (*at_180, *at_half_rate) if at < 0.0])
+    crossovers = _crossings(omega, lambda at: np.abs(response(at)) - 1.0)
+    lags = np.remainder(np.angle(-response(crossovers)), 2.0 * math.pi)
     nearest = int(np.argmin(lags)) if lags.size else None
     return Margins(
         phase=math.inf if nearest is None else float(lags[nearest]),
@@ -228,11 +223,26 @@ def stability_margins(drive: Drive, gains: Gains, period: float, delay: float = 
     )
 
 
-def _frequencies(loop: object, poles: NDArray[np.complex128], period: float) -> Array:
+def _response(loop: tuple[Array, Array, Array], period: float, omega: Array) -> NDArray[np.complex128]:
+    """Return L(z) at frequencies, rad/s, shape (n,)."""
+    a, b, c = loop
+    z = np.exp(1j * period * omega)[:, None, None]
+    states = np.linalg.solve(z * np.eye(len(a)) - a, np.broadcast_to(b, (len(z), *b.shape)))
+    return np.asarray((c @ states)[:, 0, 0])
+
+
+def _crossings(omega: Array, function: Callable[[Array], Array]) -> Array:
+    """Return where a function of the frequency is 0, between those of ``omega`` where its sign changes."""
+    ends = np.flatnonzero(np.diff(np.sign(function(omega))))
+    return np.array([brentq(lambda at: function(np.array([at]))[0], omega[k], omega[k + 1]) for k in ends])
+
+
+def _frequencies(
+    response: Callable[[Array], NDArray[np.complex128]], poles: NDArray[np.complex128], period: float
+) -> Array:
     """Return frequencies from one at which the integrator makes the loop's gain large up to half the sample rate."""
-    assert callable(loop)
     lowest = min(1.0, *np.abs(np.log(poles[poles != 0]))) / period
-    while abs(loop(np.exp(1j * period * lowest))) < 10.0:
+    while abs(response(np.array([lowest]))[0]) < 10.0:
         lowest /= 10.0
     highest = math.pi / period
     return np.geomspace(lowest, highest, math.ceil(_POINTS_PER_DECADE * math.log10(highest / lowest)) + 1)

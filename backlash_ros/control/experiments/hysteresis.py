@@ -5,7 +5,7 @@ after cycle. One loop on the motor's own encoder does it: while the motor stands
 its torque changes at a given rate; while it turns, the torque is what keeps its speed. So the gap is crossed at that
 speed, whatever the friction is, without a plan of where the teeth are; and a position of the motor that goes to and fro
 would have to know where they are, or press at the rate that its loop's stiffness gives. What the curve of angle over
-torque says is in `identification.hysteresis`.
+torque says is in `identification.locked_output.hysteresis`.
 """
 
 import math
@@ -22,8 +22,8 @@ from backlash_ros.control.observer import low_pass_gain
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.signals import CURRENT, THETA_L, THETA_M, Estimate, Measurement
 from backlash_ros.identification.fitting.problem import motor_side
-from backlash_ros.identification.hysteresis import measure_lost_motion
-from backlash_ros.identification.lost_motion import Curve
+from backlash_ros.identification.locked_output.hysteresis import measure_lost_motion
+from backlash_ros.identification.locked_output.lost_motion import Curve
 
 _GENTLE, _BEFORE, _AFTER = 0.25, 0.75, math.sqrt(0.5)
 """Shares of the torque before and after the cycles; the first one shows whether the load stands still. The speed that a

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, ControlLaw, NamedLaw
@@ -109,26 +110,31 @@ def _elastic_model(drive: Drive) -> tuple[Array, Array]:
     return a, np.array([[0.0], [0.0], [0.0], [0.0], [1.0 / motor.inductance]])
 
 
+def _discrete_gain(a: Array, b: Array, q: Array, r: Array) -> Array:
+    """Return the gain that minimizes the sum of x'Qx + u'Ru, u = -gain x, by the discrete Riccati equation."""
+    cost = solve_discrete_are(a, b, q, r)
+    return np.asarray(np.linalg.solve(b.T @ cost @ b + r, b.T @ cost @ a))
+
+
 def elastic_lqg(drive: Drive, settings: "ServoSettings", parameters: ElasticLqgParameters) -> ControlLaw:
-    """Design the compensator for ``drive`` at the sample period, with python-control's ``dlqr`` and ``dlqe``.
+    """Design the compensator for ``drive`` at the sample period: a linear quadratic regulator with a Kalman filter.
 
     Raises
     ------
     ValueError
         If a Riccati equation is too ill-conditioned for the drive.
     """
-    import control  # noqa: PLC0415 - takes more than a second
-
     a, b = discretize(drive, *_elastic_model(drive), settings.period)
     angle = np.array([[0.0, 0.0, 1.0, 0.0, 0.0]])
     torque = np.array([[0.0], [settings.period / drive.motor.inertia], [0.0], [0.0], [0.0]])
     weight, noise = np.diag([0.0, 0.0, parameters.position_weight, 0.0, 0.0]), np.eye(1) * parameters.angle_noise**2
     try:
-        k, _, poles = control.dlqr(a, b, weight, np.eye(1), method="scipy")
-        predictor, _, _ = control.dlqe(a, torque, angle, np.eye(1) * parameters.torque_noise**2, noise, method="scipy")
+        k = _discrete_gain(a, b, weight, np.eye(1))
+        poles = np.linalg.eigvals(a - b @ k)
+        predictor = _discrete_gain(a.T, angle.T, parameters.torque_noise**2 * (torque @ torque.T), noise).T
         # Its steady state per volt with the load at rest.
         held = np.linalg.solve(np.eye(_STATES) - a + predictor @ angle, b)
-    except (ValueError, control.ControlArgument) as error:
+    except ValueError as error:
         raise ValueError(f"law = 'elastic_lqg' cannot be designed for this drive: {error}") from error
     slowest = -settings.period / np.log(np.max(np.abs(poles)))
     reference = [

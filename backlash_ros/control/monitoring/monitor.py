@@ -105,7 +105,7 @@ class MonitorConstants(NamedTuple):
     start_time: float
 
 
-def _gives_way(drive: Drive) -> float:
+def gives_way(drive: Drive) -> float:
     """Return how far a sudden load torque moves the load until the law holds it, rad per N m.
 
     It drives the motor back as far as it goes at the speed that the torque makes, in its mechanical time constant and
@@ -143,7 +143,7 @@ def monitor_constants(
         held_torque=float(min(thresholds.load_torque, _HELD * drive.standstill_torque(limits.command))),
         gap=float(gap if backlash_angle > 0 else thresholds.gap),
         tracking=float(max(thresholds.tracking, GAPS_AWAY * backlash_angle)),
-        gives_way=_gives_way(drive),
+        gives_way=gives_way(drive),
         sags=float(max(drive.gear.ratio * drive.motor.resistance / drive.motor.torque_constant / least_gain, 0.0)),
         lower_end=float(limits.position_lower),
         upper_end=float(limits.position_upper),

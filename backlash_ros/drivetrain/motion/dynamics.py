@@ -93,13 +93,16 @@ def contact_of(plant: PlantConstants, state: Array) -> ToothForce:
     return _contact_force(plant.contact, half_gap, gap, gap_rate)
 
 
-def held_torque(plant: PlantConstants, state: Array, load_torque: float) -> tuple[float, float, float, float]:
-    """Return the torque that friction must hold to keep the shafts at rest, and the torque it can hold at the motor.
+Held = tuple[float, float, float, float, float, float]
+
+
+def held_torque(plant: PlantConstants, state: Array, load_torque: float) -> Held:
+    """Return the torques that friction must hold to keep the shafts at rest, and those that it can hold.
 
     Returns
     -------
-    (motor, least, most, load) : N m. Torque on the motor's shaft without the teeth, and its least and largest values at
-        which the shaft sticks; torque on the load with the teeth: it sticks up to its Coulomb friction
+    (motor, least, most, load, load_least, load_most) : N m. Torque on the motor's shaft without the teeth, and its
+        least and largest values at which the shaft sticks; the same of the load, with the teeth
     """
     gap, gap_rate = gap_of(plant, state)
     half_gap, slope, _ = half_gap_of(plant, state[THETA_L])
@@ -112,7 +115,7 @@ def held_torque(plant: PlantConstants, state: Array, load_torque: float) -> tupl
     teeth = plant.R1 * tooth[0]
     forward, backward = plant.forward * teeth, plant.backward * teeth
     least, most = min(forward, backward) - plant.coulomb_m, max(forward, backward) + plant.coulomb_m
-    return plant.K_m * state[CURRENT], least, most, on_load
+    return plant.K_m * state[CURRENT], least, most, on_load, -plant.coulomb_l, plant.coulomb_l
 
 
 Motion = tuple[float, float, float, float, float]
@@ -360,7 +363,7 @@ def stored_energy(plant: PlantConstants, state: Array) -> float:
 
 
 ContactOf = Callable[[PlantConstants, Array], ToothForce]
-HeldTorque = Callable[[PlantConstants, Array, float], tuple[float, float, float, float]]
+HeldTorque = Callable[[PlantConstants, Array, float], Held]
 Derivative = Callable[[PlantConstants, Array, float, float, float, float, Array], None]
 Linearize = Callable[[PlantConstants, Array, float, float], Slopes]
 
@@ -384,11 +387,11 @@ def equations_of(drive: Drive) -> Equations:
 
 
 def is_plain(drive: Drive) -> bool:
-    """Return whether ``drive`` has no dry friction, no gravity and a gap that does not vary."""
+    """Return whether ``drive`` has no dry friction, no gravity, a gap that does not vary, and no effects."""
     gear = drive.gear
     rubs = drive.motor.coulomb_friction or drive.load.coulomb_friction
     loses = gear.efficiency_forward != 1.0 or gear.efficiency_backward != 1.0
-    return not (rubs or loses or gear.backlash_variation or drive.load.gravity_torque)
+    return not (rubs or loses or gear.backlash_variation or drive.load.gravity_torque or drive.effects.acts)
 
 
 @cache

@@ -58,7 +58,7 @@ def _third(x0: float, x8: float, x11: float) -> float:
 
 
 @fused
-def _judged(h: float, fifth: float, third: float, tolerance: float) -> float:
+def judged(h: float, fifth: float, third: float, tolerance: float) -> float:
     """Return the error of a step over ``tolerance`` from its squared differences to the solutions of orders 5 and 3."""
     both = fifth + 0.01 * third
     if both == 0.0:
@@ -222,16 +222,16 @@ def _step(
         sum_s = _sum(_B, s0, s5, s6, s7, s8, s9, s10, s11)
         sum_t = _sum(_B, t0, t5, t6, t7, t8, t9, t10, t11)
         out[SUPPLIED], out[LOST] = state[SUPPLIED] + h * sum_s, state[LOST] + h * sum_t
-    error = _judged(h, 0.2 * fifth, 0.2 * third, tolerance)
+    error = judged(h, 0.2 * fifth, 0.2 * third, tolerance)
     if account:
         per_supplied = 1.0 / (plant.energy_scale + abs(out[SUPPLIED]))
         fifth = per_supplied * _sum(_E5, s0, s5, s6, s7, s8, s9, s10, s11)
         third = per_supplied * (sum_s - _third(s0, s8, s11))
-        error = max(error, _judged(h, fifth**2, third**2, tolerance))
+        error = max(error, judged(h, fifth**2, third**2, tolerance))
         per_lost = 1.0 / (plant.energy_scale + abs(out[LOST]))
         fifth = per_lost * _sum(_E5, t0, t5, t6, t7, t8, t9, t10, t11)
         third = per_lost * (sum_t - _third(t0, t8, t11))
-        error = max(error, _judged(h, fifth**2, third**2, tolerance))
+        error = max(error, judged(h, fifth**2, third**2, tolerance))
     # The force is often largest between the ends of a step; late stages are close to the solution there.
     return error, max(abs(f0), abs(f7), abs(f8), abs(f10))
 

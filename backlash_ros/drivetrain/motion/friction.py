@@ -17,6 +17,7 @@ from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.motion.dynamics import (
     SLIDES,
+    Held,
     HeldTorque,
     SpeedSlopes,
     equations_with,
@@ -89,14 +90,12 @@ _held_torque: HeldTorque = unbound
 
 
 @compiled
-def _allowances(
-    plant: PlantConstants, held: tuple[float, float, float, float], tolerance: float
-) -> tuple[float, float]:
+def _allowances(plant: PlantConstants, held: Held, tolerance: float) -> tuple[float, float]:
     """Return the tolerance of the torque at which motor and load break away, N m, from `dynamics.held_torque`."""
-    torque_m, least, most, torque_l = held
+    torque_m, least, most, torque_l, _, load_most = held
     stall = plant.K_m * plant.current_scale
     allowance_m = tolerance * (1e-3 * stall + max(abs(torque_m), abs(least), abs(most)))
-    allowance_l = tolerance * (1e-3 * stall * plant.R2 / plant.R1 + max(abs(torque_l), plant.coulomb_l))
+    allowance_l = tolerance * (1e-3 * stall * plant.R2 / plant.R1 + max(abs(torque_l), load_most))
     return allowance_m, allowance_l
 
 
@@ -108,12 +107,12 @@ def slips(plant: PlantConstants, state: Array, load_torque: float, tolerance: fl
     rests_l = load_rubs(plant) and state[OMEGA_L] == 0.0
     if rests_m or rests_l:
         held = _held_torque(plant, state, load_torque)
-        torque_m, least, most, torque_l = held
+        torque_m, least, most, torque_l, load_least, load_most = held
         allowance_m, allowance_l = _allowances(plant, held, tolerance)
         if rests_m:
             slip_m = rest_slip(torque_m, least, most, allowance_m)
         if rests_l:
-            slip_l = rest_slip(torque_l, -plant.coulomb_l, plant.coulomb_l, allowance_l)
+            slip_l = rest_slip(torque_l, load_least, load_most, allowance_l)
     return slip_m, slip_l
 
 
@@ -139,11 +138,11 @@ def first_event(
     """
     allowance_m = allowance_l = excess_m = excess_l = beyond_m = beyond_l = 0.0
     if slip_m == 0.0 or slip_l == 0.0:
-        torque, least, most, load = _held_torque(plant, before, load_torque)
-        excess_m, excess_l = max(torque - most, least - torque), abs(load) - plant.coulomb_l
+        torque, least, most, load, load_least, load_most = _held_torque(plant, before, load_torque)
+        excess_m, excess_l = max(torque - most, least - torque), max(load - load_most, load_least - load)
         held = _held_torque(plant, after, load_torque)
-        torque, least, most, load = held
-        beyond_m, beyond_l = max(torque - most, least - torque), abs(load) - plant.coulomb_l
+        torque, least, most, load, load_least, load_most = held
+        beyond_m, beyond_l = max(torque - most, least - torque), max(load - load_most, load_least - load)
         allowance_m, allowance_l = _allowances(plant, held, tolerance)
     speed = 1e-3 * tolerance * plant.speed_scale
     share_m = share_l = 2.0
@@ -187,12 +186,12 @@ def switch(
         state[LOST] += 0.5 * plant.J_l * state[OMEGA_L] ** 2
         state[OMEGA_L] = 0.0
     held = _held_torque(plant, state, load_torque)
-    torque, least, most, load = held
+    torque, least, most, load, load_least, load_most = held
     allowance_m, allowance_l = _allowances(plant, held, tolerance)
     if come_m:
         slip_m = rest_slip(torque, least, most, allowance_m)
     if come_l:
-        slip_l = rest_slip(load, -plant.coulomb_l, plant.coulomb_l, allowance_l)
+        slip_l = rest_slip(load, load_least, load_most, allowance_l)
     return slip_m, slip_l
 
 
@@ -215,7 +214,12 @@ class Friction(NamedTuple):
 @cache
 def friction_with(law: type[Contact]) -> Friction:
     """Return the events of friction, compiled for a contact law."""
-    held: dict[str, Any] = {"_held_torque": equations_with(law).held_torque}  # type: ignore[arg-type]
+    return friction_by(equations_with(law).held_torque)  # type: ignore[arg-type]
+
+
+def friction_by(held_torque: HeldTorque) -> Friction:
+    """Return the events of friction, compiled with the torques that it must hold."""
+    held: dict[str, Any] = {"_held_torque": held_torque}
     return Friction(
         slips=specialize(slips, inlined=True, **held),
         first_event=specialize(first_event, inlined=True, **held),

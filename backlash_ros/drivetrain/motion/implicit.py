@@ -27,8 +27,8 @@ from backlash_ros.drivetrain.signals import (
     Array,
 )
 
-_GAMMA = 0.25
-_A = np.array(
+GAMMA = 0.25
+STAGES = np.array(
     [
         [0.0, 0.0, 0.0, 0.0, 0.0],
         [3.0, 0.0, 0.0, 0.0, 0.0],
@@ -38,7 +38,7 @@ _A = np.array(
         [-7.170454962423024, -4.741636671481785, -16.31002631330971, -1.062004044111401, 1.0],
     ]
 )
-_C = np.array(
+COUPLINGS = np.array(
     [
         [0.0, 0.0, 0.0, 0.0, 0.0],
         [-12.0, 0.0, 0.0, 0.0, 0.0],
@@ -132,18 +132,18 @@ def _step(
     """
     stages = np.empty((6, 7))
     residual = np.empty(7)
-    g = 1.0 / (h * _GAMMA)
+    g = 1.0 / (h * GAMMA)
     slopes = _linearize(plant, state, slip_m, slip_l)
     for j in range(6):
         for k in range(7):
             value = state[k]
             for m in range(j):
-                value += _A[j, m] * stages[m, k]
+                value += STAGES[j, m] * stages[m, k]
             out[k] = value
         _derivative(plant, out, command, load_torque, slip_m, slip_l, residual)
         for k in range(7):
             for m in range(j):
-                residual[k] += _C[j, m] / h * stages[m, k]
+                residual[k] += COUPLINGS[j, m] / h * stages[m, k]
         _solve_stage(plant, slopes, g, state[CURRENT], command, load_torque, residual, stages[j])
     for k in range(7):
         out[k] += stages[5, k]

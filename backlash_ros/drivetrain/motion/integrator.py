@@ -7,6 +7,8 @@ there a power `series` gives a practically exact solution.
 Dry friction changes the equations when a shaft comes to rest, reverses or breaks away. No step crosses such an event:
 `friction` finds it within the step, and the step is taken again up to there. A shaft that sticks has a speed of
 exactly 0.
+
+A drive with effects is integrated in the same way, with the equations of `effects.equations`, in its whole state.
 """
 
 import math
@@ -20,6 +22,12 @@ import numpy as np
 from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.constants import PLANT_TYPE, PlantConstants
 from backlash_ros.drivetrain.contact import Contact, nowhere_linear, one_piece
+from backlash_ros.drivetrain.effects.amplifier import amplified
+from backlash_ros.drivetrain.effects.equations import real_equations
+from backlash_ros.drivetrain.effects.explicit import real_explicit
+from backlash_ros.drivetrain.effects.implicit import real_implicit
+from backlash_ros.drivetrain.effects.kinks import real_kinks
+from backlash_ros.drivetrain.effects.state import WHOLE, begin
 from backlash_ros.drivetrain.motion.dynamics import (
     SLIDES,
     ContactOf,
@@ -30,7 +38,7 @@ from backlash_ros.drivetrain.motion.dynamics import (
     motor_rubs,
 )
 from backlash_ros.drivetrain.motion.explicit import Step, explicit_with
-from backlash_ros.drivetrain.motion.friction import FirstEvent, Slips, Switch, friction_with
+from backlash_ros.drivetrain.motion.friction import FirstEvent, Friction, Slips, Switch, friction_by, friction_with
 from backlash_ros.drivetrain.motion.implicit import implicit_with
 from backlash_ros.drivetrain.motion.kinks import FirstKink, kinks_with
 from backlash_ros.drivetrain.motion.series import ROOM, SeriesStep, series_with
@@ -46,8 +54,11 @@ the stall current, of energies to their own size and the motor's kinetic energy 
 
 DONE, STEP_TOO_SMALL, TOO_MANY_STEPS = range(3)
 
-STEP_SIZE, PEAK_FORCE, _STIFF, _ACCOUNT, _TRIAL = range(5)
-"""What `advance` stores from call to call; room for the states of a step follows."""
+STEP_SIZE, PEAK_FORCE, _STIFF, _ACCOUNT, _BEGUN, _TRIAL = range(6)
+"""What `advance` stores from call to call; room for the states of a step follows, for the whole state of a drive with
+effects, and for numbers to work with."""
+_WHOLE = _TRIAL + WHOLE
+_WORK = _WHOLE + WHOLE
 
 Advance = Callable[[PlantConstants, PlantState, Array, float, float, float, float], tuple[int, float]]
 ADVANCE_SIGNATURE: Any = _types.Tuple((_types.int64, _types.float64))(
@@ -61,6 +72,10 @@ _KINKS = False
 """Whether its contact law has kinks: `integrator_with` binds it."""
 _HAS_SERIES = False
 """Whether it also has linear pieces: `integrator_with` binds it."""
+_EFFECTS = False
+"""Whether the drive has effects: `integrator_with` binds it."""
+_STATES = 7
+"""How many states it has: `integrator_with` binds it."""
 
 _STEPS_AT_MOST = 200_000
 _SHORTEST = 1e-13
@@ -96,7 +111,7 @@ def integration_memory(*, account: bool = False) -> Array:
 
     With ``account`` the energies are integrated, too, by an integrator made for it: see `signals.PlantState`.
     """
-    memory = np.zeros(_TRIAL + 7 + ROOM)
+    memory = np.zeros(_WORK + ROOM)
     memory[_ACCOUNT] = account
     return memory
 
@@ -120,6 +135,16 @@ _slips: Slips = unbound
 _first_event: FirstEvent = unbound
 _switch: Switch = unbound
 _first_kink: FirstKink = unbound
+
+
+@compiled
+def whole_state(plant: PlantConstants, state: Array, memory: Array) -> Array:
+    """Return the whole state, shape (WHOLE,), of a drive with effects: a view of the integrator's memory."""
+    whole = memory[_WHOLE:_WORK]
+    if memory[_BEGUN] == 0.0:
+        begin(plant, state, whole)
+    whole[:7] = state
+    return whole
 
 
 def _rate(plant: PlantConstants, state: Array) -> float:
@@ -157,7 +182,11 @@ def _advance(
     """
     if duration <= 0.0:
         return DONE, 0.0
-    trial, work = step[_TRIAL : _TRIAL + 7], step[_TRIAL + 7 :]
+    trial, work, given = step[_TRIAL : _TRIAL + _STATES], step[_WORK:], state
+    if _EFFECTS:
+        state = whole_state(plant, given, step)  # type: ignore[assignment]
+        step[_BEGUN] = 1.0
+        command = amplified(plant, command)
     if math.isinf(plant.L):
         state[CURRENT] = command
     rubs = not _PLAIN and (motor_rubs(plant) or load_rubs(plant))
@@ -233,7 +262,7 @@ def _advance(
                 if h <= 2.0 * _SHORTEST * duration:
                     h, tries = 2.0 * _SHORTEST * duration, _TRIES
                 continue
-        for j in range(7):
+        for j in range(_STATES):
             state[j] = trial[j]
         peak = max(peak, force)
         if looks:  # the next step begins where this one ends
@@ -263,6 +292,9 @@ def _advance(
                     stiff, held = True, 0
     step[STEP_SIZE], step[_STIFF] = h, stiff
     step[PEAK_FORCE] = max(peak, abs(_contact_of(plant, state)[0]))
+    if _EFFECTS:
+        for j in range(7):
+            given[j] = state[j]
     return status, time
 
 
@@ -271,20 +303,23 @@ def integrator_for(drive: Drive, *, account: bool = False) -> Advance:
 
     The quicker one for plain drives has no energy account and is not used with ``account``.
     """
-    return integrator_with(type(drive.gear.contact), is_plain(drive) and not account)  # type: ignore[arg-type]
+    law = type(drive.gear.contact)
+    if drive.effects.acts:
+        return real_integrator_with(law)  # type: ignore[arg-type]
+    return integrator_with(law, is_plain(drive) and not account)  # type: ignore[arg-type]
 
 
 @cache
 def integrator_with(law: type[Contact], plain: bool = False) -> Advance:
     """Return `_advance` compiled for a contact law and for drives that are ``plain``: see `dynamics.is_plain`."""
     equations = equations_with(law)  # type: ignore[arg-type]
-    friction = friction_with(law)  # type: ignore[arg-type]
     contact_of: dict[str, Any] = {"_contact_of": equations.contact_of}
     return specialize(
         _advance,
         ADVANCE_SIGNATURE,
         fused=True,
         **contact_of,
+        **_events(friction_with(law)),  # type: ignore[arg-type]
         _PLAIN=plain,
         _HAS_SERIES=plain and law.linear is not nowhere_linear,
         _series=series_with(law),  # type: ignore[arg-type]
@@ -292,9 +327,31 @@ def integrator_with(law: type[Contact], plain: bool = False) -> Advance:
         _implicit=implicit_with(law),  # type: ignore[arg-type]
         _rate=specialize(_rate, **contact_of),
         _speed_slopes=equations.speed_slopes,
-        _slips=friction.slips,
-        _first_event=friction.first_event,
         _first_kink=kinks_with(law),  # type: ignore[arg-type]
         _KINKS=law.piece is not one_piece,
-        _switch=friction.switch,
     )
+
+
+@cache
+def real_integrator_with(law: type[Contact]) -> Advance:
+    """Return `_advance` compiled for a contact law and for drives with effects."""
+    equations = real_equations(law)  # type: ignore[arg-type]
+    return specialize(
+        _advance,
+        ADVANCE_SIGNATURE,
+        **_events(friction_by(equations.held_torque)),
+        _series=series_with(law),  # type: ignore[arg-type]
+        _EFFECTS=True,
+        _STATES=WHOLE,
+        _contact_of=equations.contact_of,
+        _explicit=real_explicit(law),  # type: ignore[arg-type]
+        _implicit=real_implicit(law),  # type: ignore[arg-type]
+        _rate=equations.rate_of,
+        _speed_slopes=equations.speed_slopes,
+        _first_kink=real_kinks(law),  # type: ignore[arg-type]
+        _KINKS=law.piece is not one_piece,
+    )
+
+
+def _events(friction: Friction) -> dict[str, Any]:
+    return {"_slips": friction.slips, "_first_event": friction.first_event, "_switch": friction.switch}

@@ -21,7 +21,7 @@ _NEARBY = 1e-3
 
 
 @compiled
-def _between(before: float, after: float, slope_before: float, slope_after: float, share: float) -> float:
+def between(before: float, after: float, slope_before: float, slope_after: float, share: float) -> float:
     """Return the cubic through values and slopes at the ends of a step; slopes are changes over the whole step."""
     rise = after - before
     bend, twist = 3.0 * rise - 2.0 * slope_before - slope_after, slope_before + slope_after - 2.0 * rise
@@ -46,13 +46,13 @@ def _piece(
     theta_m, theta_l, omega_m, omega_l = after[THETA_M], after[THETA_L], after[OMEGA_M], after[OMEGA_L]
     if share < 1.0:
         start, end = used * before[OMEGA_M], used * after[OMEGA_M]
-        theta_m = _between(before[THETA_M], after[THETA_M], start, end, share)
+        theta_m = between(before[THETA_M], after[THETA_M], start, end, share)
         start, end = used * before[OMEGA_L], used * after[OMEGA_L]
-        theta_l = _between(before[THETA_L], after[THETA_L], start, end, share)
+        theta_l = between(before[THETA_L], after[THETA_L], start, end, share)
         start, end = used * slopes_before[0], used * slopes_after[0]
-        omega_m = _between(before[OMEGA_M], after[OMEGA_M], start, end, share)
+        omega_m = between(before[OMEGA_M], after[OMEGA_M], start, end, share)
         start, end = used * slopes_before[1], used * slopes_after[1]
-        omega_l = _between(before[OMEGA_L], after[OMEGA_L], start, end, share)
+        omega_l = between(before[OMEGA_L], after[OMEGA_L], start, end, share)
     gap, gap_rate = plant.R1 * theta_m - plant.R2 * theta_l, plant.R1 * omega_m - plant.R2 * omega_l
     half_gap, _, _ = half_gap_of(plant, theta_l)
     piece = 2 * _contact_piece(plant.contact, half_gap, gap, gap_rate)

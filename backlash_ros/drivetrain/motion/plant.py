@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from backlash_ros.drivetrain.constants import plant_constants
-from backlash_ros.drivetrain.motion.dynamics import equations_of
+from backlash_ros.drivetrain.effects.views import energy_view, force_view
 from backlash_ros.drivetrain.motion.integrator import (
     DEFAULT_TOLERANCE,
     DONE,
@@ -58,7 +58,8 @@ class Plant:
     ) -> None:
         self.drive = drive
         self.time = 0.0
-        self._constants, self._equations = plant_constants(drive), equations_of(drive)
+        self._constants = plant_constants(drive)
+        self._energy, self._force = energy_view(drive), force_view(drive)
         self._advance = integrator_for(drive, account=account)
         motion = np.zeros(5) if state is None else np.array(state, dtype=float)
         if motion.shape != (5,) or not np.all(np.isfinite(motion)):
@@ -125,7 +126,7 @@ class Plant:
     @property
     def energy_stored(self) -> float:
         """Kinetic, magnetic, elastic and potential energy, J; no magnetic one where the current is imposed."""
-        return float(self._equations.stored_energy(self._constants, self._state))
+        return self._energy(self._constants, self._state, self._step)
 
     @property
     def energy_supplied(self) -> float:
@@ -145,4 +146,4 @@ class Plant:
     @property
     def gear_torque(self) -> float:
         """Torque R2 F that the teeth put on the load, N m."""
-        return self.drive.gear.load_radius * self._equations.contact_of(self._constants, self._state)[0]
+        return self.drive.gear.load_radius * self._force(self._constants, self._state, self._step)

@@ -2,7 +2,7 @@
 
 The experiment `hysteresis` records such a curve, and so may a user by hand. The torque comes from the command and the
 motor's speed, its branches from its reversals; the results come from the experiment's own code: see
-`identification.hysteresis`.
+`identification.locked_output.hysteresis`.
 """
 
 import math
@@ -12,8 +12,9 @@ import numpy as np
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.fitting.problem import motor_side
-from backlash_ros.identification.hysteresis import measure_lost_motion
-from backlash_ros.identification.lost_motion import Curve, LostMotion
+from backlash_ros.identification.locked_output.hysteresis import measure_lost_motion
+from backlash_ros.identification.locked_output.lost_motion import Curve, LostMotion
+from backlash_ros.identification.locked_output.ramps import Figure, Ramps, smoothed
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.plausible import wrong_command
@@ -55,6 +56,30 @@ def turns_of(torque: Array) -> list[int]:
     return [turn for turn in turns if turn > 0]
 
 
+def torque_of(drive: Drive, time: Array, motor: Array, command: Array) -> tuple[Array, Array]:
+    """Return the motor's torque, N m at the output, and its speed there, rad/s.
+
+    Parameters
+    ----------
+    time, motor : s; n theta_m, rad
+    command : that acted, V or A
+    """
+    side = motor_side(drive)
+    near = max(1, round(_DIFFERENCE / float(np.median(np.diff(time)))))
+    speed = np.zeros_like(motor)
+    speed[near:-near] = (motor[2 * near :] - motor[: -2 * near]) / (time[2 * near :] - time[: -2 * near])
+    return side.gain * command - side.braking * speed, speed
+
+
+def movement(held: Array, travel: Array, side: str = "load") -> str:
+    """Return by how much a ``side`` that should be at rest moved, if that is too much; empty if not. Both in rad."""
+    moved, way = float(np.nanmax(held) - np.nanmin(held)), float(np.ptp(travel))
+    if moved > (allowed := max(_MOVEMENT, _OF_WAY * way)):
+        what = "an output" if side == "load" else f"a {side}"
+        return f"the {side} moved by {moved:.2g} rad; {what} at rest may move by {allowed:.2g} rad"
+    return ""
+
+
 def curve_of(drive: Drive, recording: Recording) -> tuple[Curve, float]:
     """Return the curve of a recording without holes, and the speed at which its motor crosses the gap, rad/s.
 
@@ -66,14 +91,10 @@ def curve_of(drive: Drive, recording: Recording) -> tuple[Curve, float]:
     time, motor, load, command, _ = recording.part(read)
     known = np.maximum.accumulate(np.where(np.isfinite(command), np.arange(command.size), 0))
     command = np.nan_to_num(command[known])
-    period, side = float(np.median(np.diff(time))), motor_side(drive)
-    near = max(1, round(_DIFFERENCE / period))
-    speed = np.zeros_like(motor)
-    speed[near:-near] = (motor[2 * near :] - motor[: -2 * near]) / (time[2 * near :] - time[: -2 * near])
-    torque = side.gain * np.append(command[:1], command[:-1]) - side.braking * speed
+    torque, speed = torque_of(drive, time, motor, np.append(command[:1], command[:-1]))
+    period = float(np.median(np.diff(time)))
     size = max(1, round(_SMOOTH / period))
-    padded = np.pad(torque, (size // 2, size - 1 - size // 2), mode="edge")
-    smooth = np.convolve(padded, np.full(size, 1.0 / size), mode="valid")
+    smooth = smoothed(torque, size)
     branch = np.searchsorted(turns_of(smooth), np.arange(time.size), side="right").astype(float)
     between = motor - load
     off = np.abs(between - 0.5 * (np.max(between) + np.min(between)))
@@ -102,9 +123,8 @@ def _no_curve(drive: Drive, recording: Recording) -> str:
     time, load = recording.time, recording.load
     if why := wrong_command(drive, recording):
         return why
-    moved, way = float(np.nanmax(load) - np.nanmin(load)), float(np.ptp(recording.travel))
-    if moved > (allowed := max(_MOVEMENT, _OF_WAY * way)):
-        return f"the load moved by {moved:.2g} rad; an output at rest may move by {allowed:.2g} rad"
+    if why := movement(load, recording.travel):
+        return why
     if np.max(np.diff(time)) >= HOLE * np.median(np.diff(time)):
         return f"the recording has a hole of more than {HOLE} periods"
     return ""
@@ -167,4 +187,40 @@ def hysteresis_findings(found: LostMotion) -> tuple[Finding, ...]:
     # The teeth's loss is hard to separate from friction: its part at half of the torque could be either.
     unsure = math.hypot(found.friction_uncertainty, 0.5 * found.loss * found.torque, _FRICTION * found.friction)
     friction = "friction of motor and gear, at the output"
-    return (*rows, Finding("", "friction", friction, "N m", found.friction, unsure))
+    rows.append(Finding("", "friction", friction, "N m", found.friction, unsure))
+    shown = _lost_motions(found.ramps) if found.ramps is not None else ()
+    return (*rows, *(row for row in shown if row.symbol != "lost motion T, C"))  # that is the lost motion above
+
+
+def _row(symbol: str, what: str, unit: str, figure: Figure, why: str) -> Finding:
+    if figure.found:
+        return Finding("", symbol, what, unit, figure.mean, figure.uncertainty)
+    return Finding("", symbol, what, unit, why=why)
+
+
+def _lost_motions(ramps: Ramps) -> list[Finding]:
+    """Return what is lost between the branches of valid ramps, and the torques that end it."""
+    at, few = f"+-{ramps.at:.3g} N m", "fewer than two ramps show it"
+    beyond = few if ramps.at <= ramps.torque else f"the torque reaches only {ramps.torque:.3g} N m"
+    rows = [
+        _row("lost motion 0", "lost motion at zero torque, between the branches", "rad", ramps.at_zero, few),
+        _row("lost motion T", f"lost motion at {at}, on the ways back", "rad", ramps.at_torque, beyond),
+        _row("lost motion T, C", f"the same without friction, at {at}", "rad", ramps.without_friction, beyond),
+        _row("width", "width of the hysteresis, the largest distance of the branches", "rad", ramps.width, few),
+    ]
+    for sign, figure in zip(("negative", "positive"), ramps.breakaway, strict=True):
+        symbol = f"T {'-+'[sign == 'positive']}"
+        rows.append(_row(symbol, f"breakaway torque in {sign} direction", "N m", figure, few))
+    return rows
+
+
+def ramps_findings(ramps: Ramps) -> tuple[Finding, ...]:
+    """Return the findings of valid ramps."""
+    rows = _lost_motions(ramps)
+    ways = [(way, side) for way in ("out", "back") for side in "-+"]
+    for (way, side), figure in zip(ways, ramps.stiffness, strict=True):
+        flank = "positive" if side == "+" else "negative"
+        what = f"stiffness of the {flank} flank on the way {way}"
+        seen = figure if figure.uncertainty < _SEEN * figure.mean else Figure()
+        rows.append(_row(f"k {way} {side}", what, "N m/rad", seen, "more, or less even, than the ramps show"))
+    return tuple(rows)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from scipy.linalg import expm
+from scipy.linalg import expm, solve_discrete_are
 
 from backlash_ros.control.law import FAST_REGION, REGION, ControlLaw, NamedLaw
 from backlash_ros.control.laws.two_encoder.layout import (
@@ -145,8 +145,6 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
     ValueError
         If the motor's observer cannot be designed, the expected load torque is too steep, or the delay too long.
     """
-    import control  # noqa: PLC0415 - takes more than a second
-
     motor, gear, load, n = drive.motor, drive.gear, drive.load, drive.gear.ratio
     period, delay, inertia, b = settings.period, settings.loop_delay, drive.reflected_inertia, settings.backlash_angle
     if delay > (KEPT - 2) * period * (1.0 + 1e-9):
@@ -160,8 +158,8 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
     unforeseen = np.diag([0.0, (_ACCELERATION * period) ** 2, 0.0, _CHANGE**2 * period])
     angle, off = np.array([[1.0, 0.0, 0.0, 0.0]]), _READING**2
     try:
-        _, spread, _ = control.dlqe(full[:4, :4], np.eye(4), angle, unforeseen, np.array([[off]]), method="scipy")
-    except (ValueError, control.ControlArgument) as error:
+        spread = solve_discrete_are(full[:4, :4].T, angle.T, unforeseen, [[off]])
+    except ValueError as error:
         raise ValueError(f"law = 'two_encoder' cannot be designed for this drive: {error}") from error
     slope, at = settings.expected_load_torque_slope, settings.expected_load_torque_angle
     if abs(slope) > _STEEPEST * drive.standstill_torque():

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from backlash_ros.drivetrain.signals import Array
+from backlash_ros.identification.locked_output.ramps import Ramps
 
 ARCMIN = math.pi / 10800.0
 """rad."""
@@ -27,9 +28,10 @@ class LostMotion:
     """Results of the curve, at the output: rad, N m and N m/rad, with standard uncertainties; 0 if not found.
 
     ``gap`` is that of ``contact``, which holds where the teeth bear ``gap_torque``, 0 for a spring; ``lost_motion`` is
-    between plus and minus ``at``; ``stiffness`` of the negative and the positive flank, from half of ``torque`` on;
-    ``friction`` of the motor and ``loss``, a share of the teeth's torque, are half the width of the hysteresis.
-    ``angles`` over ``torques`` is the curve itself, ``modelled`` the fit, nan where the teeth bear little.
+    between plus and minus ``at``, without friction; ``stiffness`` of the negative and the positive flank, from half of
+    ``torque`` on; ``friction`` of the motor and ``loss``, a share of the teeth's torque, are half the width of the
+    hysteresis. ``angles`` over ``torques`` is the curve itself, ``modelled`` the fit, nan where the teeth bear little;
+    ``ramps`` is what the curve shows without a model.
     """
 
     valid: bool
@@ -50,6 +52,7 @@ class LostMotion:
     torques: Array = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
     angles: Array = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
     modelled: Array = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
+    ramps: Ramps | None = field(default=None, repr=False, compare=False)
 
     def in_words(self) -> str:
         """Return the figures as gearbox makers state them."""

@@ -25,7 +25,8 @@ from backlash_ros.drivetrain.contacts.elastic import SpringContact
 from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.fitting.candidates import contacts_of
 from backlash_ros.identification.fitting.problem import count_of, motor_side
-from backlash_ros.identification.lost_motion import Curve, LostMotion
+from backlash_ros.identification.locked_output.lost_motion import Curve, LostMotion
+from backlash_ros.identification.locked_output.ramps import Ramps, ramps_of
 from backlash_ros.identification.newey_west import newey_west
 
 _BLOCK, _SETTLED, _FAST = 0.008, 0.06, 0.5
@@ -55,12 +56,12 @@ _X0, _H, _C, _MU, _GIVE = range(5)
 
 
 class _Points(NamedTuple):
-    """Means over a few samples, and which of them count: angle, torque, side of the middle, cycle."""
+    """Means over a few samples: angle, torque, side of the middle, branch; and which of them count for the fit."""
 
     x: Array
     torque: Array
     side: Array
-    cycle: Array
+    branch: Array
     counts: NDArray[np.bool_]
 
 
@@ -92,7 +93,7 @@ def _points(curve: Curve, drive: Drive, speed: float) -> _Points:
     branch = curve.branch[:n:size]
     middle = 0.5 * (np.max(x) + np.min(x))
     counts = (branch >= _WARM_UP) & (branch <= branch[-1] - _END) & ~lately & ~fast
-    return _Points(x, torque, np.sign(x - middle), (branch - _WARM_UP) // 2, counts)
+    return _Points(x, torque, np.sign(x - middle), branch, counts)
 
 
 def _teeth_torque(torque: Array, friction: float, loss: float) -> Array:
@@ -177,11 +178,19 @@ def _cycle_travels(points: _Points, teeth: Array) -> Array:
     share = np.abs(teeth) / np.max(np.abs(teeth))
     there = points.counts & (share > 0.4) & (share < 0.6)
     travels = []
-    for cycle in np.unique(points.cycle[points.counts]):
-        flanks = [points.x[there & (points.cycle == cycle) & (points.side == side)] for side in (1.0, -1.0)]
+    cycles = (points.branch - _WARM_UP) // 2
+    for cycle in np.unique(cycles[points.counts]):
+        flanks = [points.x[there & (cycles == cycle) & (points.side == side)] for side in (1.0, -1.0)]
         if min(map(np.size, flanks)) > 0:
             travels.append(float(np.mean(flanks[0]) - np.mean(flanks[1])))
     return np.array(travels)
+
+
+def _ramps(points: _Points, at: float) -> Ramps | None:
+    """Return what the curve shows without a model, from the first peak that counts on; None if it shows nothing."""
+    rows = points.branch > _WARM_UP
+    found = max(ramps_of(points.torque[rows], points.x[rows], at), key=lambda each: each.number)
+    return found if found.valid else None
 
 
 def _refused(reason: str) -> LostMotion:
@@ -248,6 +257,7 @@ def measure_lost_motion(
         torques=points.torque[::every],
         angles=points.x[::every] - best.values[_X0],
         modelled=modelled[::every],
+        ramps=_ramps(points, at),
     )
     why = ""
     if not best.rms <= max(_FITS * gap, _FITS_COUNTS * count):

@@ -1,0 +1,62 @@
+"""Where in a step the equations of a drive with effects have a kink: as in `motion.kinks`, in both stages."""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+
+from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
+from backlash_ros.drivetrain.constants import PlantConstants
+from backlash_ros.drivetrain.contact import Contact
+from backlash_ros.drivetrain.effects.equations import real_equations
+from backlash_ros.drivetrain.effects.state import AGE, OMEGA_WHEEL, WHEEL, WHOLE
+from backlash_ros.drivetrain.motion.dynamics import SpeedSlopes
+from backlash_ros.drivetrain.motion.kinks import FirstKink, between, first_kink
+from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array
+
+
+@compiled
+def _angle(before: Array, after: Array, angle: int, speed: int, used: float, share: float) -> float:
+    return between(before[angle], after[angle], used * before[speed], used * after[speed], share)
+
+
+@compiled
+def _wheel_speed(before: Array, after: Array, used: float, share: float) -> float:
+    """Return the slope of the cubic through the wheel's angles and speeds."""
+    rise = after[WHEEL] - before[WHEEL]
+    start, end = used * before[OMEGA_WHEEL], used * after[OMEGA_WHEEL]
+    bend, twist = 3.0 * rise - 2.0 * start - end, start + end - 2.0 * rise
+    return float((start + share * (2.0 * bend + 3.0 * share * twist)) / used)
+
+
+_piece_of: Callable[[object, Array, float], int] = unbound
+
+
+def _piece(
+    plant: PlantConstants,
+    before: Array,
+    after: Array,
+    slopes_before: SpeedSlopes,
+    slopes_after: SpeedSlopes,
+    slip_m: float,
+    used: float,
+    share: float,
+) -> int:
+    """Return in which smooth piece of the equations the drive is at a share of a step."""
+    if share >= 1.0:
+        return _piece_of(plant, after, slip_m)
+    state = np.zeros(WHOLE)
+    state[THETA_M] = _angle(before, after, THETA_M, OMEGA_M, used, share)
+    state[THETA_L] = _angle(before, after, THETA_L, OMEGA_L, used, share)
+    state[OMEGA_M] = between(before[OMEGA_M], after[OMEGA_M], used * slopes_before[0], used * slopes_after[0], share)
+    state[OMEGA_L] = between(before[OMEGA_L], after[OMEGA_L], used * slopes_before[1], used * slopes_after[1], share)
+    state[WHEEL] = _angle(before, after, WHEEL, OMEGA_WHEEL, used, share)
+    state[OMEGA_WHEEL] = _wheel_speed(before, after, used, share)
+    state[AGE] = before[AGE] + share * used
+    return _piece_of(plant, state, slip_m)
+
+
+@cache
+def real_kinks(law: type[Contact]) -> FirstKink:
+    """Return `kinks.first_kink` for drives with effects, compiled for a contact law."""
+    return specialize(first_kink, _piece=specialize(_piece, _piece_of=real_equations(law).piece_of))  # type: ignore[arg-type]
