@@ -48,7 +48,7 @@ class Page:
         return str(self.run(f"return document.querySelector('[data-name={name}]')?.textContent ?? ''"))
 
     def click(self, words: str) -> None:
-        """Click on a button that stays where it is: while cards fill, they move, and a click may meet what came there."""
+        """Click on a button that stays where it is: while cards fill, they move, and a click meets what came there."""
         self.run(
             "window.met = null; addEventListener('click',"
             " event => { window.met = event.target.closest('button')?.innerText.trim() }, {capture: true, once: true})"
