@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.identification.fitting.filter import GAP_SLOPE, LN_GAIN
+from backlash_ros.identification.fitting.filter import GAP_SLOPE, LN_EXPONENT, LN_GAIN
 from backlash_ros.identification.fitting.fit import PASSES, Fit, Found, Search, search_all
 from backlash_ros.identification.recording import Recording
 
@@ -29,9 +29,15 @@ _APART, _SIGMAS = 0.1, 3.0
 """Largest difference of a flank between both halves of the recording: a share of the gap, or standard deviations."""
 MOTOR_UNEXPLAINED, LOAD_UNEXPLAINED = 0.06, 0.03
 """Largest unexplained torque on motor and load, as a share of the stall torque."""
-_NOISE, _MODEL, _SHARE, _COUNTS = 2.0, 0.005, 0.1, 0.1
-"""Components of the uncertainty: a factor on the standard deviation by the noise, a share of the gap, the part of the
-teeth's unexplained torque by which the gap may be off, and counts of the coarser encoder."""
+_NOISE, _MODEL, _COUNTS = 2.0, 0.008, 0.25
+"""Components of the uncertainty: a factor on the standard deviation by the noise, a share of the gap, and counts of the
+coarser encoder."""
+_SHARE, _UNEXPLAINED = 0.1, 1.5
+"""Further ones, shares of the gap for what the model does not explain: the teeth's torque, as a share of it; and the
+torques on motor and load, as shares of the stall torque."""
+_HERTZ, _STEEP = math.log(1.5), 0.5
+"""Teeth steeper than Hertz's are hardly only teeth: part of their wind-up by which the gap may be off, times by how
+much, as a logarithm, their exponent is larger."""
 _LAWS = 0.05
 """Cost for each sample by which a law must be worse for its gap to count by 1/e."""
 _CHANGES, _CURVED = 0.1, 0.05
@@ -72,13 +78,20 @@ def uncertainty_of(found: Fit, way: float) -> float:
     """Return the standard uncertainty of a fit's gap, rad, where the load went over a ``way``, rad."""
     gap = found.gap
     first, second = found.laws
-    other = abs(first.gap - second.gap) * math.exp(-abs(first.cost - second.cost) / _LAWS)
+    steep = 0.0
+    if found.teeth.free:
+        above = max(float(found.parameters[LN_EXPONENT]) - _HERTZ, 0.0)
+        steep = _STEEP * above * 2.0 * found.bearing * found.wind_up()[0]
+    worse = 0.0 if found.pressed else abs(first.cost - second.cost)
+    other = abs(first.gap - second.gap) * math.exp(-worse / _LAWS)
     change = gap * float(found.parameters[GAP_SLOPE]) * way
     return math.hypot(
         _NOISE * found.gap_deviation,
         _MODEL * gap,
-        _SHARE * found.noise[2] * gap,
         _COUNTS * max(found.counts),
+        _SHARE * found.noise[2] * gap,
+        _UNEXPLAINED * (found.noise[0] + found.noise[1]) * gap,
+        steep,
         found.scale * gap,
         other,
         _CHANGES * change,

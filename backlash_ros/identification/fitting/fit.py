@@ -72,7 +72,9 @@ _KEPT, _APART, _HOPELESS = 3, 0.03, 3000.0
 _TOLD = 0.02
 """Cost for each sample by which the told law must be better than the free one."""
 _MOST_TEETH = 0.06
-"""Largest unexplained share of the teeth's torque with which the told law is believed."""
+"""Largest unexplained share of the teeth's torque with which the told law is believed, if the free law has it, too."""
+_EXPONENTS = -0.1, 0.9
+"""Smallest and largest exponent of the free law, as logarithms."""
 _MOST_LOSS, _SOME_LOSS = 0.95, 0.02
 _ELSEWHERE = 12
 _QUIETER = np.array([[0.0, 0.0, 1.4, 0.0], [1.0, 1.0, 1.4, 1.4]])
@@ -150,6 +152,11 @@ class Fit:
         return shape_of(self.teeth, self.parameters)
 
     @property
+    def pressed(self) -> bool:
+        """Whether the free law would be steeper if it might: teeth that it does not contain."""
+        return pressed(self.teeth, self.parameters)
+
+    @property
     def bearing(self) -> float:
         """Half of what the less loaded flank bore, N m: where the wind-up of the free law is stated."""
         return 0.5 * max(min(-self.torques[0], self.torques[1]), 1e-6)
@@ -202,6 +209,11 @@ def _scaled(contact: Contact, force: float) -> Contact:
         if part.name in powers
     }
     return replace(contact, **changes)
+
+
+def pressed(teeth: Candidate, parameters: Array) -> bool:
+    """Return whether the free law would be steeper if it might: teeth that it does not contain."""
+    return teeth.free and bool(parameters[LN_EXPONENT] > _EXPONENTS[1] - 0.05)
 
 
 def half_gap_of(parameters: Array) -> float:
@@ -307,11 +319,11 @@ class Search:
         spread |= {LOSS: 0.1, ECCENTRICITY: 0.005, DELAY: 2.0 * self._period, LN_GAIN: 0.15, LN_BRAKING: 0.15}
         stiffness = math.log(torque / self.travel) if free else 0.0
         low = {LN_HALF_GAP: math.log(1e-3 * self.travel), LN_STIFFNESS: stiffness - (3.0 if free else 1.0)}
-        low |= {LN_DAMPING: start[LN_DAMPING] - 12.0, LN_REBOUND: start[LN_REBOUND] - 7.0, LN_EXPONENT: -0.1}
+        low |= {LN_DAMPING: start[LN_DAMPING] - 12.0, LN_REBOUND: start[LN_REBOUND] - 7.0, LN_EXPONENT: _EXPONENTS[0]}
         low |= {LN_INERTIA: inertia - 9.0, LN_VISCOUS: math.log(1e-7 * torque), TORQUE: -20.0 * torque}
         low |= dict.fromkeys((COULOMB_L, COULOMB_M, LOSS, DELAY), 0.0) | dict.fromkeys((LN_GAIN, LN_BRAKING), -1.0)
         high = {LN_HALF_GAP: math.log(3.0 * self.travel), LN_STIFFNESS: stiffness + (12.0 if free else 1.0)}
-        high |= {LN_DAMPING: start[LN_DAMPING] + 7.0, LN_REBOUND: start[LN_REBOUND] + 6.0, LN_EXPONENT: 0.9}
+        high |= {LN_DAMPING: start[LN_DAMPING] + 7.0, LN_REBOUND: start[LN_REBOUND] + 6.0, LN_EXPONENT: _EXPONENTS[1]}
         high |= {LN_INERTIA: inertia + 7.0, LN_VISCOUS: math.log(1e2 * torque), TORQUE: 20.0 * torque, LOSS: 0.0}
         high |= {DELAY: 20.0 * self._period} | dict.fromkeys((LN_GAIN, LN_BRAKING), 1.0)
         largest = {LN_HALF_GAP: 0.3, GAP_SLOPE: 0.1, LN_STIFFNESS: 0.7, LN_DAMPING: 0.7, LN_REBOUND: 1.0}
@@ -373,7 +385,8 @@ class Search:
         costs = [problem.cost(parameters, free.noise) for parameters in tried]
         begun = Point(_INF, tried[int(np.argmin(costs))], free.noise)
         end = problem.settle(problem.solve(begun, 5, 1.0), 2, 3, 2.0)
-        return Found(end, problem) if end.cost > free.cost else self.with_losses(Found(end, problem))
+        found, steeper = Found(end, problem), pressed(self.free, free.parameters)
+        return self.with_losses(found) if end.cost < free.cost or steeper else found
 
     def elsewhere(self, found: Found) -> Found:
         """Return a likelier point with another gap, if there is one."""
@@ -525,7 +538,8 @@ def search_all(
         return None
     told = search.of_told(free.point)
     laws = [Law(2.0 * half_gap_of(f.point.parameters), f.point.cost / search.size) for f in (free, told)]
-    better = laws[1].cost < laws[0].cost - _TOLD and told.point.noise[TEETH_NOISE] < math.log(_MOST_TEETH)
+    explains = told.point.noise[TEETH_NOISE] < math.log(_MOST_TEETH) or pressed(search.free, free.point.parameters)
+    better = laws[1].cost < laws[0].cost - _TOLD and explains
     best = told if better else free
     best = search.quieter(search.elsewhere(best))
     return search, Found(best.problem.settle(best.point, 6, 8, 0.5), best.problem), laws
