@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from backlash_ros.drivetrain import Drive
+from backlash_ros.identification.counts import stuck_bit
 from backlash_ros.identification.fitting.filter import GAP_SLOPE, LN_EXPONENT, LN_GAIN
 from backlash_ros.identification.fitting.fit import PASSES, Fit, Found, Search, search_all
 from backlash_ros.identification.recording import Recording
@@ -107,6 +108,8 @@ def measure_gap(drive: Drive, recording: Recording, torque: float) -> Gap:
     drive : for its motor and gear ratio, and its contact law, which is tried beside the free one
     torque : of the motor at standstill, N m at the output
     """
+    if doubt := _wrong_readings(recording):
+        return Gap(0.0, 0.0, False, doubt.reason)
     period = float(np.median(np.diff(recording.time)))
     searched = search_all(drive, recording, torque, delays_of(period))
     if searched is None:
@@ -120,7 +123,8 @@ def measure_gap(drive: Drive, recording: Recording, torque: float) -> Gap:
     way = float(np.nanmax(recording.load) - np.nanmin(recording.load))
     uncertainty = uncertainty_of(found, way)
     doubt = (
-        _unbelievable(found)
+        _reversed(search, point)
+        or _unbelievable(found)
         or _slipped(search, point, found)
         or _doubt(found, uncertainty, torque)
         or _one_flank(search, point)
@@ -132,6 +136,18 @@ def measure_gap(drive: Drive, recording: Recording, torque: float) -> Gap:
         f"{found.torques[0]:.2g} to {found.torques[1]:.2g} N m"
     )
     return Gap(found.gap, uncertainty, True, told, found, sound=True)
+
+
+def _wrong_readings(recording: Recording) -> _Doubt | None:
+    """Return why the readings of an encoder cannot be right."""
+    for who, angle in (("motor", recording.motor), ("load", recording.load)):
+        if bit := stuck_bit(angle):
+            return _Doubt(
+                f"the {who}'s encoder leaps over {bit} of each {2 * bit} counts, as if one of its bits were stuck: "
+                "check the encoder and its lines",
+                all=True,
+            )
+    return None
 
 
 def _with_late_commands(doubt: _Doubt, recording: Recording) -> str:
@@ -189,6 +205,17 @@ def _doubt(found: Fit, uncertainty: float, torque: float) -> _Doubt | None:
         return _Doubt(
             f"the gap is {gap:.3g} rad with a standard uncertainty of {uncertainty:.2g} rad, too large to be used: "
             "allow more time, swing or torque"
+        )
+    return None
+
+
+def _reversed(search: Search, point: Found) -> _Doubt | None:
+    """Return that the command turns the motor backwards."""
+    if search.reversed(point):
+        return _Doubt(
+            "the command seems to turn the motor backwards, or both encoders to count so: check the sign of the "
+            "command, the motor's wires and the direction of both encoders",
+            all=True,
         )
     return None
 

@@ -16,6 +16,7 @@ from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.contacts.restitution import RestitutionContact
 from backlash_ros.drivetrain.signals import THETA_L
+from backlash_ros.identification.counts import count_of
 from backlash_ros.identification.drive import identified_drive
 from backlash_ros.identification.fitting import fit as fit_module
 from backlash_ros.identification.fitting.filter import (
@@ -32,7 +33,7 @@ from backlash_ros.identification.fitting.filter import (
     TORQUE,
 )
 from backlash_ros.identification.fitting.fit import LOUD, Search
-from backlash_ros.identification.fitting.problem import count_of, motor_side
+from backlash_ros.identification.fitting.problem import motor_side
 from backlash_ros.identification.gap import Gap, measure_gap
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.regression import guess_of

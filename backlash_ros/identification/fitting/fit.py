@@ -16,6 +16,7 @@ from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.signals import Array
+from backlash_ros.identification.counts import count_of
 from backlash_ros.identification.fitting.candidates import Candidate, Shape, free_teeth, told_contact, told_teeth
 from backlash_ros.identification.fitting.filter import (
     COARSE,
@@ -50,7 +51,6 @@ from backlash_ros.identification.fitting.problem import (
     Effort,
     Point,
     Problem,
-    count_of,
     loss_of,
     motor_side,
 )
@@ -76,6 +76,8 @@ _MOST_TEETH = 0.06
 _EXPONENTS = -0.1, 0.9
 """Smallest and largest exponent of the free law, as logarithms."""
 _MOST_LOSS, _SOME_LOSS = 0.95, 0.02
+_OPPOSITE = 60.0
+"""Cost for each sample by which the command of the other sign is worse, at least, where it is not looked into."""
 _ELSEWHERE = 12
 _QUIETER = np.array([[0.0, 0.0, 1.4, 0.0], [1.0, 1.0, 1.4, 1.4]])
 """What the noise is lowered by, as logarithms, to look for a better model."""
@@ -421,6 +423,16 @@ class Search:
                 end = problem.settle(problem.tune(end, 1, 2.0), 2, 4, 2.0)
                 best = min(best, end, key=lambda point: point.cost)
         return Found(best, problem)
+
+    def reversed(self, found: Found) -> bool:
+        """Return whether the motion is explained better by the command of the other sign."""
+        recording = self.recording._replace(command=-self.recording.command)
+        problem = replace(found.problem, recording=recording, effort=Effort())
+        least = found.point.cost + _OPPOSITE * self.size
+        if problem.cost(found.point.parameters, found.point.noise) > least:
+            return False
+        other = Search(self._drive, recording, self.torque, [delay for _, delay in self._guesses]).of_free()
+        return other is not None and other.point.cost < found.point.cost
 
     def without_far_flank(self, found: Found, enough: float) -> float:
         """Return by how much a model without a far flank is worse.

@@ -56,12 +56,6 @@ def motor_side(drive: Drive) -> MotorSide:
     )
 
 
-def count_of(angle: Array) -> float:
-    """Return an encoder's count, rad: the smallest difference of its readings; close to 0 without quantization."""
-    steps = np.diff(np.unique(np.round(angle[np.isfinite(angle)], 11)))
-    return float(np.min(steps[steps > 1e-9], initial=1e-2))
-
-
 def first_states(recording: Recording) -> Array:
     """Return room for the filter's states, shape (N, `STATES`), with initial speeds if it starts in motion."""
     states = np.zeros((recording.time.size, STATES))

@@ -16,6 +16,7 @@ from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.contacts.elastic import SpringContact
 from backlash_ros.drivetrain.signals import Array
+from backlash_ros.identification.counts import count_of
 from backlash_ros.identification.fitting.candidates import contacts_of, told_teeth
 from backlash_ros.identification.fitting.filter import (
     COULOMB_L,
@@ -31,7 +32,7 @@ from backlash_ros.identification.fitting.filter import (
     TORQUE,
 )
 from backlash_ros.identification.fitting.fit import Fit, Found, fit_of, row_of
-from backlash_ros.identification.fitting.problem import Beliefs, Point, Problem, count_of, loss_of, motor_side
+from backlash_ros.identification.fitting.problem import Beliefs, Point, Problem, loss_of, motor_side
 from backlash_ros.identification.gap import Gap
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.regression import Guess, guess_of
