@@ -30,6 +30,8 @@ _APART, _SIGMAS = 0.1, 3.0
 """Largest difference of a flank between both halves of the recording: a share of the gap, or standard deviations."""
 MOTOR_UNEXPLAINED, LOAD_UNEXPLAINED = 0.06, 0.03
 """Largest unexplained torque on motor and load, as a share of the stall torque."""
+_TEETH_UNEXPLAINED = 0.5
+"""Largest unexplained share of the teeth's torque."""
 _NOISE, _MODEL, _COUNTS = 2.0, 0.008, 0.25
 """Components of the uncertainty: a factor on the standard deviation by the noise, a share of the gap, and counts of the
 coarser encoder."""
@@ -184,6 +186,12 @@ def _unbelievable(found: Fit) -> _Doubt | None:
                 "direction of the gear and with its ratio, that couplings hold, and that nothing else moves the load",
                 all=True,
             )
+    if (share := found.noise[2]) > _TEETH_UNEXPLAINED:
+        return _Doubt(
+            f"no teeth pass on a torque between motor and load as recorded: {100 * share:.2g} % of it is unexplained, "
+            f"and {100 * _TEETH_UNEXPLAINED:g} % may be; check both encoders and the couplings",
+            all=True,
+        )
     return None
 
 

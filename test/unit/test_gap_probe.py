@@ -61,7 +61,7 @@ def test_a_gear_with_losses_is_measured(gains: GainSet, forward: float, backward
     drive = replace(NOMINAL_DRIVE, gear=gear)
     estimate = run_experiment(drive, ServoSettings(gains), "gap_probe", model=NOMINAL_DRIVE, sensors=sensors)
     assert estimate.valid, estimate.reason
-    assert estimate.angle == pytest.approx(drive.gear.backlash_angle, rel=0.05)
+    assert estimate.angle == pytest.approx(drive.gear.backlash_angle, rel=0.02)
     assert abs(estimate.angle - drive.gear.backlash_angle) < 2.0 * estimate.uncertainty
 
 

@@ -204,6 +204,10 @@ def stuck_bit(recording: Recording) -> Recording:
     return recording._replace(load=count * (whole | 16))
 
 
+def reversed_command(recording: Recording) -> Recording:
+    return recording._replace(command=-recording.command)
+
+
 def stretched(recording: Recording) -> Recording:
     return recording._replace(motor=1.05 * recording.motor)
 
@@ -211,7 +215,7 @@ def stretched(recording: Recording) -> Recording:
 @pytest.mark.corners(3)
 @pytest.mark.population
 @pytest.mark.parametrize("number", DRIVES[:1])
-@pytest.mark.parametrize("broken", [reversed_motor, frozen_load, slipping, stuck_bit, stretched])
+@pytest.mark.parametrize("broken", [reversed_motor, reversed_command, frozen_load, slipping, stuck_bit, stretched])
 def test_a_broken_encoder_gives_no_gap(number: int, broken: Callable[[Recording], Recording]) -> None:
     member, recording, _ = probed(number)
     found = measure_gap(told_model(member, "nominal"), broken(recording), STALL)

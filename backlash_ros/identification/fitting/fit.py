@@ -506,10 +506,13 @@ def _calm(recording: Recording) -> int:
 def fit_of(found: Found, laws: Sequence[Law], drive: Drive) -> Fit:
     """Return the result at a point, and its uncertainty by Huber's sandwich with Newey and West's scores."""
     point, problem = found
-    _, _, matrix = problem.look(point.parameters, point.noise)
+    _, gradient, matrix = problem.look(point.parameters, point.noise)
     innovations = problem.innovations[1:]
     weighed = innovations / np.sqrt(1.0 + (innovations / KNEE) ** 2)
-    bent = np.linalg.inv(matrix)
+    # What is pressed against a bound, such as a loss of 0, is there, and makes nothing else uncertain.
+    held = problem.pressed(point.parameters, gradient)
+    apart = np.diag(np.diag(matrix))
+    bent = np.linalg.inv(np.where(held[:, None] | held, apart, matrix))
     scores = newey_west(np.einsum("ki,kij->kj", weighed, problem.derivatives[1:]), _TOGETHER)
     least, largest = np.sort(problem.states[1:, LEAST]), np.sort(problem.states[1:, LARGEST])
     few = min(2, least.size - 1)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.signals import Array
@@ -186,6 +187,11 @@ class Problem:
         gradient = weighed.T @ innovations + (parameters - mean) / spread**2
         return cost, gradient, weighed.T @ slopes + np.diag(1.0 / spread**2)
 
+    def pressed(self, parameters: Array, gradient: Array) -> NDArray[np.bool_]:
+        """Return which parameters are pressed against a bound, where they stay."""
+        low, high = self.beliefs[2:4]
+        return (parameters <= low) & (gradient > 0.0) | (parameters >= high) & (gradient < 0.0)
+
     def solve(self, start: Point, most: int, enough: float, steps: Steps = FINE) -> Point:
         """Improve the parameters until a step gains less than ``enough`` or ``most`` steps are done."""
         damping, parameters = 1e-3, start.parameters
@@ -195,8 +201,7 @@ class Problem:
             if self.effort.spent or not math.isfinite(cost):
                 break
             gain = 0.0
-            # A parameter that is pressed against its bound stays there.
-            free = ~((parameters <= low) & (gradient > 0.0) | (parameters >= high) & (gradient < 0.0))
+            free = ~self.pressed(parameters, gradient)
             curved = matrix[np.ix_(free, free)]
             for tried in range(_TRIES):
                 step = np.zeros(PARAMETERS)

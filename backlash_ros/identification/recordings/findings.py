@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.signals import Array
 from backlash_ros.identification.fitting.filter import (
@@ -26,19 +28,24 @@ from backlash_ros.identification.gap import Gap
 NOISE, MODEL, LEAST, LEAST_DELAY = 2.0, 0.005, 1e-4, 0.005
 """Components of an uncertainty: a factor on the standard deviation from the noise; in addition a share of the value, a
 share of the standstill torque for torques, and of the period for the delay."""
-UNEXPLAINED = 20.0
-"""Component of the inertia's uncertainty, a share: times the load's unexplained torque as a share of the standstill
-torque. A load that is not rigid, or that something else moves, shows as such a torque."""
+UNEXPLAINED, OF_MOTOR, OF_TEETH = 20.0, 10.0, 1.0
+"""Components of the inertia's uncertainty, shares: times the load's and the motor's unexplained torque as shares of the
+standstill torque, and the teeth's, as a share of it. A load that is not rigid, or that something else moves, shows as
+such a torque."""
+MOST_LOSS = 0.5
+"""Largest loss of the gear with which the load's inertia is told: a worm passes on less of it than of the torque."""
 UNSEEN = 3.0
 """Factor on all other uncertainties if the gap is unknown: unknown teeth bias everything that acts through them."""
 SURE_INERTIA, SURE_FRICTION, SURE_RESISTANCE, SURE_TORQUE = 0.05, 0.25, 0.1, 0.1
 """Largest standard uncertainty of a finding, as a share of its value; except for the inertia, `SMALL` also suffices."""
 SMALL = 1e-3
 """Torque that hardly matters, as a share of the standstill torque."""
-SURE_DELAY, SURE_SLOPE, SURE_TEETH, SURE_SCALE, SURE_MOTOR = 0.25, 0.1, 0.2, 2.5e-3, 0.05
+SURE_DELAY, SURE_SLOPE, SURE_TEETH, SURE_SCALE, SURE_MOTOR, SURE_LOSS = 0.25, 0.1, 0.2, 2.5e-3, 0.05, 0.05
 """Largest standard uncertainty: of the delay, in periods; of what the gap changes by, in gaps for each rad; of the
-teeth's stiffness, as a share; of the share by which the load's encoder reads too much; of the motor's gain and braking
-relative to its data sheet, and of the gear's loss."""
+teeth's stiffness, as a share; of the share by which the load's encoder reads too much; of the motor's constant and
+resistance, as shares; of the gear's loss, itself a share."""
+_CONSTANT, _RESISTANCE = {LN_BRAKING: 1.0, LN_GAIN: -1.0}, {LN_BRAKING: 1.0, LN_GAIN: -2.0}
+"""K_m and R by the gain K/R and the braking K^2/R, as powers."""
 SPEEDS = 1.0, 10.0
 """Speed of the load, rad/s, at which its total friction is given, viscous and dry."""
 
@@ -100,7 +107,9 @@ class _Rules:
 
     def _unexplained(self) -> str:
         """Return what to say of an inertia that is uncertain because something else moves the load."""
-        share = self.found.noise[1]
+        share, loss = self.found.noise[1], self.x[LOSS]
+        if loss > MOST_LOSS:
+            return f": the gear loses {100.0 * loss:.0f} % of the torque, and what the motor feels of the load differs"
         if UNEXPLAINED * share < SURE_INERTIA:
             return ""
         return (
@@ -109,7 +118,8 @@ class _Rules:
         )
 
     def load(self) -> list[Finding]:
-        x, small = self.x, SMALL * self.stall
+        x, small, (motor, load, teeth) = self.x, SMALL * self.stall, self.found.noise[:3]
+        lost = math.inf if x[LOSS] > MOST_LOSS else 0.0
         inertia, viscous, dry = math.exp(x[LN_INERTIA]), math.exp(x[LN_VISCOUS]), float(x[COULOMB_L])
         both = [
             self.decide(
@@ -124,7 +134,8 @@ class _Rules:
             self.decide(
                 Finding("load.inertia", "J_l", "the load's inertia", "kg m^2"),
                 inertia,
-                math.hypot(self.deviation(LN_INERTIA), UNEXPLAINED * self.found.noise[1]) * inertia,
+                math.hypot(self.deviation(LN_INERTIA), UNEXPLAINED * load, OF_MOTOR * motor, OF_TEETH * teeth, lost)
+                * inertia,
                 SURE_INERTIA * inertia,
                 self._unexplained(),
             ),
@@ -182,22 +193,31 @@ class _Rules:
         ]
 
     def motor(self) -> list[Finding]:
-        """Return how motor and gear differ from the data sheet, which sets the unit of all torques by its inertia."""
+        """Return what the data sheet says of motor and gear, as found: the rotor's inertia sets the unit of torque."""
+        motor = self.drive.motor
+        constant, resistance = ({LN_GAIN: 1.0}, {}) if self.drive.takes_current else (_CONSTANT, _RESISTANCE)
         rows = [
-            self.decide(
-                Finding("", symbol, f"{what}, relative to the data sheet", ""),
-                math.exp(self.x[index]),
-                self.deviation(index) * math.exp(self.x[index]),
-                SURE_MOTOR,
-            )
-            for symbol, what, index in (
-                ("K/(R J_m)", "acceleration of the motor by the command", LN_GAIN),
-                ("K^2/(R J_m)", "braking of the motor by its back-EMF", LN_BRAKING),
-            )
+            self._of_logarithms(
+                Finding("motor.torque_constant", "K_m", "the motor's torque constant, by its inertia", "N m/A"),
+                motor.torque_constant,
+                constant,
+            ),
+            self._of_logarithms(
+                Finding("motor.resistance", "R", "the motor's resistance, by its inertia", "ohm"),
+                motor.resistance,
+                resistance,
+            ),
         ]
         rows = rows[:1] if self.drive.takes_current else rows
         loss = Finding("", "loss", "loss of the gear, a share of the teeth's torque", "")
-        return [*rows, self.decide(loss, float(self.x[LOSS]), self.deviation(LOSS), SURE_MOTOR)]
+        return [*rows, self.decide(loss, float(self.x[LOSS]), self.deviation(LOSS), SURE_LOSS)]
+
+    def _of_logarithms(self, row: Finding, told: float, powers: dict[int, float]) -> Finding:
+        """Return the row of a ``told`` value times the exponential of parameters with factors."""
+        factors = np.array([powers.get(index, 0.0) for index in range(self.x.size)])
+        value = told * math.exp(float(factors @ self.x))
+        deviation = NOISE * math.sqrt(max(float(factors @ self.covariance @ factors), 0.0))
+        return self.decide(row, value, deviation * value, SURE_MOTOR * value)
 
     def encoder(self) -> Finding:
         """Return the relative scale error of the load's encoder at its position, an effect of eccentricity."""

@@ -17,6 +17,7 @@ from backlash_ros.identification.recordings.plausible import implausible, suspic
 from backlash_ros.identification.recordings.stretch import informative
 
 FRICTION = "load.viscous_friction", "load.coulomb_friction"
+MOTOR = frozenset({"motor.torque_constant", "motor.resistance"})
 _TEETH = "gear.backlash_angle"
 
 
@@ -108,8 +109,14 @@ def _replaced(drive: Drive, found: Fit, rows: list[Finding]) -> tuple[Drive, fro
         if f"load.{name}" in told
     }
     result = replace(drive, load=replace(drive.load, **load))
-    if "motor.coulomb_friction" in told:
-        result = replace(result, motor=fitted.motor)
+    if not told >= MOTOR and not drive.takes_current:
+        told -= MOTOR  # gain and braking come from both
+    motor = {
+        name: getattr(fitted.motor, name)
+        for name in ("coulomb_friction", "torque_constant", "resistance")
+        if f"motor.{name}" in told
+    }
+    result = replace(result, motor=replace(drive.motor, **motor))
     if _TEETH in told:
         result = replace(result, gear=fitted.gear)
         told |= {"contact"}
