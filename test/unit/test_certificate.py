@@ -344,7 +344,8 @@ def test_lost_motion_is_the_gap_and_the_twist_of_both_sides(made: Made) -> None:
     wind_up = fit.bearing * rows["wind-up"].value * (torque / fit.bearing) ** (1.0 / fit.shape.exponent)
     assert rows["lost motion"].value == pytest.approx(rows["b"].value + 2.0 * wind_up, rel=1e-5)
     assert rows["stiffness"].value == pytest.approx(1.0 / rows["wind-up"].value)
-    assert rows["b"].uncertainty < rows["lost motion"].uncertainty < 1.2 * rows["b"].uncertainty
+    # Both flanks at a torque that the teeth bore are surer than what they leave at none; the gap's has more to it.
+    assert 0.8 * rows["b"].uncertainty < rows["lost motion"].uncertainty < 1.2 * rows["b"].uncertainty
     assert rows["lost motion"].value == pytest.approx(
         TRUE_GAP + 2e-3 * torque, abs=2.0 * rows["lost motion"].uncertainty
     )

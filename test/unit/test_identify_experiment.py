@@ -71,8 +71,9 @@ def test_all_that_is_told_has_its_uncertainty_and_teeth_come_as_a_whole() -> Non
     assert found.fit is not None
     assert max(found.fit.rms) <= 1.15
     teeth = {"contact.law", "contact.elastic.wind_up", "contact.elastic.damping", "gear.backlash_angle"}
-    load = {"load.inertia", "load.viscous_friction", "load.coulomb_friction", "motor.coulomb_friction"}
-    assert set(found.parameters) == {*teeth, *load, "backlash_angle", "loop_delay", *EXPECTED}
+    load = {"load.inertia", "load.viscous_friction", "load.coulomb_friction"}
+    motor = {"motor.coulomb_friction", "motor.torque_constant", "motor.resistance"}
+    assert set(found.parameters) == {*teeth, *load, *motor, "backlash_angle", "loop_delay", *EXPECTED}
     assert found.parameters["backlash_angle"] == found.parameters["gear.backlash_angle"] == found.angle
     assert set(found.uncertainties) == {*found.parameters} - {"contact.law", "contact.elastic.damping", EXPECTED[1]}
     assert all(0.0 < value < math.inf for value in found.uncertainties.values())
