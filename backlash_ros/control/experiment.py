@@ -14,7 +14,7 @@ from backlash_ros.control.monitoring.thresholds import FaultThresholds
 from backlash_ros.drivetrain import Drive, Validated
 from backlash_ros.drivetrain.markup import pairs
 from backlash_ros.drivetrain.signals import Estimate, Measurement
-from backlash_ros.identification.fit import Fit
+from backlash_ros.identification.fitting.fit import Fit
 from backlash_ros.identification.gap_map import GapMap
 from backlash_ros.identification.locked_output.lost_motion import LostMotion
 from backlash_ros.identification.recordings.findings import Finding

@@ -273,7 +273,14 @@ class Drive:
         return self.reflected_inertia / self.effective_inertia
 
 
-FOUND = "load.", "contact.", "gear.backlash_angle", "motor.coulomb_friction"
+FOUND = (
+    "load.",
+    "contact.",
+    "gear.backlash_angle",
+    "motor.coulomb_friction",
+    "motor.torque_constant",
+    "motor.resistance",
+)
 """Beginnings of the names of what is found of a drive once it is there; the rest is on data sheets."""
 IDENTIFIED = {"load.inertia", "load.coulomb_friction"}
 """Parameters with which a drive counts as identified, so that a law may plan with it."""

@@ -1,47 +1,75 @@
-"""The gap from a recording of both encoders, with its uncertainty, or the reason why it is unknown."""
+"""The gap from a recording of both encoders, with its uncertainty, or the reason why it is unknown.
+
+That a model misses some of what was seen is no reason to refuse: it makes the gap less certain. Refused is what cannot
+be known, or not well enough to be used.
+"""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from backlash_ros.drivetrain import CONTACTS, Drive
-from backlash_ros.drivetrain.contact import Contact, law_name
-from backlash_ros.identification.filter import GAP_SLOPE
-from backlash_ros.identification.fit import FITS, PASSES, Fit, fit
+from backlash_ros.drivetrain import Drive
+from backlash_ros.identification.counts import stuck_bit
+from backlash_ros.identification.fitting.filter import GAP_SLOPE, LN_EXPONENT, LN_GAIN
+from backlash_ros.identification.fitting.fit import PASSES, Fit, Found, Search, search_all
 from backlash_ros.identification.recording import Recording
 
 _FLANK = 0.04
 """Share of the standstill torque that a flank must have borne to count as seen."""
+_ONE_FLANK = 0.2
+"""Cost for each sample by which a model without the far flank must be worse."""
 SCALE = 0.015
 """Largest relative scale error of the load's encoder, such as an eccentric disk causes."""
-_SURE, _OF_COUNT = 0.04, 0.4
-"""Largest standard deviation by the noise: share of the gap, or counts."""
-_MODEL, _CHANGES, _CURVED = 5e-4, 0.1, 0.05
-"""Components of the uncertainty beside the noise: a share of the gap; a share of its change over the load's travel as
-fitted, which need not be a straight line; and another share of the gap per square radian of this travel, for a change
-that is too curved to be fitted."""
+_GAIN = 0.5
+"""Largest difference of the motor's gain from its data sheet, as a logarithm."""
+_SURE, _OF_COUNT = 0.08, 0.7
+"""Largest uncertainty of a gap to be used: a share of it, or counts."""
+_APART, _SIGMAS = 0.1, 3.0
+"""Largest difference of a flank between both halves of the recording: a share of the gap, or standard deviations."""
+MOTOR_UNEXPLAINED, LOAD_UNEXPLAINED = 0.06, 0.03
+"""Largest unexplained torque on motor and load, as a share of the stall torque."""
+_TEETH_UNEXPLAINED = 0.5
+"""Largest unexplained share of the teeth's torque."""
+_NOISE, _MODEL, _COUNTS = 2.0, 0.008, 0.25
+"""Components of the uncertainty: a factor on the standard deviation by the noise, a share of the gap, and counts of the
+coarser encoder."""
+_SHARE, _UNEXPLAINED = 0.1, 1.5
+"""Further ones, shares of the gap for what the model does not explain: the teeth's torque, as a share of it; and the
+torques on motor and load, as shares of the stall torque."""
+_HERTZ, _STEEP = math.log(1.5), 0.5
+"""Teeth steeper than Hertz's are hardly only teeth: part of their wind-up by which the gap may be off, times by how
+much, as a logarithm, their exponent is larger."""
+_LAWS = 0.05
+"""Cost for each sample by which a law must be worse for its gap to count by 1/e."""
+_CHANGES, _CURVED = 0.1, 0.05
+"""Other components: a share of the gap's change over the load's travel as fitted, which need not be a straight line;
+and a share of the gap per square radian of this travel, for a change that is too curved to be fitted."""
 _HALF_PERIODS = 5
 """Number of starting values for the delay, half a period apart."""
 
 
 @dataclass(frozen=True)
 class Gap:
-    """The gap from a recording: ``angle`` and standard ``uncertainty``, rad at the output, 0 unless valid."""
+    """The gap from a recording: ``angle`` and standard ``uncertainty``, rad at the output, 0 unless valid.
+
+    ``sound``: whether the rest of the fit can be believed, even if the gap is not valid.
+    """
 
     angle: float
     uncertainty: float
     valid: bool
     reason: str
     fit: Fit | None = None
+    sound: bool = False
 
 
-def contacts_of(drive: Drive) -> list[Contact]:
-    """Return the contact laws to try: the drive's own, then `power` and `elastic` unless it is one of them."""
-    own = drive.gear.contact
-    names = [name for name in ("power", "elastic") if name != law_name(own)]
-    return [own, *(CONTACTS[name]() for name in names)]
+class _Doubt(NamedTuple):
+    """Why a gap is refused; ``all``: the whole fit is."""
+
+    reason: str
+    all: bool = False
 
 
 def delays_of(period: float) -> list[float]:
@@ -49,65 +77,176 @@ def delays_of(period: float) -> list[float]:
     return [0.5 * period * k for k in range(_HALF_PERIODS)]
 
 
-def measure_gap(drive: Drive, recording: Recording, torque: float, contacts: Sequence[Contact] = ()) -> Gap:
+def uncertainty_of(found: Fit, way: float) -> float:
+    """Return the standard uncertainty of a fit's gap, rad, where the load went over a ``way``, rad."""
+    gap = found.gap
+    first, second = found.laws
+    steep = 0.0
+    if found.teeth.free:
+        above = max(float(found.parameters[LN_EXPONENT]) - _HERTZ, 0.0)
+        steep = _STEEP * above * 2.0 * found.bearing * found.wind_up()[0]
+    worse = 0.0 if found.pressed else abs(first.cost - second.cost)
+    other = abs(first.gap - second.gap) * math.exp(-worse / _LAWS)
+    change = gap * float(found.parameters[GAP_SLOPE]) * way
+    return math.hypot(
+        _NOISE * found.gap_deviation,
+        _MODEL * gap,
+        _COUNTS * max(found.counts),
+        _SHARE * found.noise[2] * gap,
+        _UNEXPLAINED * (found.noise[0] + found.noise[1]) * gap,
+        steep,
+        found.scale * gap,
+        other,
+        _CHANGES * change,
+        _CURVED * way**2 * gap,
+    )
+
+
+def measure_gap(drive: Drive, recording: Recording, torque: float) -> Gap:
     """Return the gap at the load's start position.
 
     Parameters
     ----------
-    drive : for its motor and gear ratio, which are taken as given, and its contact law, which is tried first
+    drive : for its motor and gear ratio, and its contact law, which is tried beside the free one
     torque : of the motor at standstill, N m at the output
-    contacts : the laws to try, see `contacts_of`
     """
+    if doubt := _wrong_readings(recording):
+        return Gap(0.0, 0.0, False, doubt.reason)
     period = float(np.median(np.diff(recording.time)))
-    found = fit(drive, recording, contacts or contacts_of(drive), delays_of(period), torque)
-    gap, (count_m, count_l) = found.gap, found.counts
-    deviation = found.gap_deviation
+    searched = search_all(drive, recording, torque, delays_of(period))
+    if searched is None:
+        why = (
+            "no drive with this motor and gear moves as recorded: check the units, the motor's parameters, and that "
+            "both encoders and the command belong to this drive"
+        )
+        return Gap(0.0, 0.0, False, why)
+    search, point, laws = searched
+    found = search.result(point, laws)
     way = float(np.nanmax(recording.load) - np.nanmin(recording.load))
-    change = gap * float(found.parameters[GAP_SLOPE]) * way
-    uncertainty = math.hypot(deviation, _MODEL * gap, _CHANGES * change, _CURVED * way**2 * gap)
-    why = ""
-    if not max(found.rms) <= FITS:
-        why = (
-            f"no model of teeth, friction and load explains what was seen: its errors are {max(found.rms):.2g} times "
-            f"as large as the encoders' counts allow, the limit is {FITS:g} times; check that both encoders count in "
-            "the direction of the gear and with its ratio, that couplings hold, and that nothing else moves the load; "
-            "a gear that loses a quarter of the torque or more is not modelled"
-        )
-        if late := np.count_nonzero(recording.doubt > 0.0):
-            why += f"; {late} of {recording.time.size} commands were late: if the machine was busy, try again"
-        if found.exhausted:
-            why += f"; the search stopped after {PASSES} passes of the filter"
-    elif found.exhausted:
-        why = f"the search for a model that explains the motion found none in {PASSES} passes of the filter"
-    elif abs(scale := found.scale) > SCALE:
-        why = (
-            f"the load's angle differs from the motor's through the gear by {100 * scale:+.1f} %, and may by "
-            f"{100 * SCALE:g} %: check gear.reduction, and that the encoders are the right ones"
-        )
-    elif not found.torques[0] < -_FLANK * torque < _FLANK * torque < found.torques[1]:
-        side = "negative" if found.torques[0] >= -_FLANK * torque else "positive"
-        why = (
-            f"the teeth never bore a {side} torque, so the far flank was not seen: the load torque is larger than "
-            "the motor can outrun within the swing"
-        )
-    elif gap <= (count := max(count_m, count_l)):
-        why = (
-            f"the gap is {gap:.2g} rad, no more than one encoder count, {count:.2g} rad: it may be wind-up "
-            "alone, or the teeth never left a flank under the load torque"
-        )
-    elif found.rival > 0.0:
-        why = (
-            f"a gap of {found.rival:.3g} rad explains the motion as well as one of {gap:.3g} rad, so the far flank was "
-            "hardly met, or not at all: the load torque may be more than the motor can outrun within the swing; allow "
-            "more swing and torque"
-        )
-    elif not deviation <= max(_SURE * gap, _OF_COUNT * count_l):
-        why = f"the gap is {gap:.3g} rad with a standard uncertainty of {uncertainty:.2g} rad, too large to be used"
-    if why:
-        return Gap(0.0, 0.0, False, why, found)
+    uncertainty = uncertainty_of(found, way)
+    doubt = (
+        _reversed(search, point)
+        or _unbelievable(found)
+        or _slipped(search, point, found)
+        or _doubt(found, uncertainty, torque)
+        or _one_flank(search, point)
+    )
+    if doubt:
+        return Gap(0.0, 0.0, False, _with_late_commands(doubt, recording), found, sound=not doubt.all)
     told = (
-        f"{recording.time[-1] - recording.time[0]:.1f} s of motion, with teeth by the {law_name(found.contact)} law "
-        "that bore "
+        f"{recording.time[-1] - recording.time[0]:.1f} s of motion, with teeth by {found.teeth.name} law that bore "
         f"{found.torques[0]:.2g} to {found.torques[1]:.2g} N m"
     )
-    return Gap(gap, uncertainty, True, told, found)
+    return Gap(found.gap, uncertainty, True, told, found, sound=True)
+
+
+def _wrong_readings(recording: Recording) -> _Doubt | None:
+    """Return why the readings of an encoder cannot be right."""
+    for who, angle in (("motor", recording.motor), ("load", recording.load)):
+        if bit := stuck_bit(angle):
+            return _Doubt(
+                f"the {who}'s encoder leaps over {bit} of each {2 * bit} counts, as if one of its bits were stuck: "
+                "check the encoder and its lines",
+                all=True,
+            )
+    return None
+
+
+def _with_late_commands(doubt: _Doubt, recording: Recording) -> str:
+    late = int(np.count_nonzero(recording.doubt > 0.0))
+    hint = f"; {late} of {recording.time.size} commands were late: if the machine was busy, try again"
+    return doubt.reason + (hint if doubt.all and late else "")
+
+
+def _unbelievable(found: Fit) -> _Doubt | None:
+    """Return why nothing of a fit can be believed."""
+    if found.exhausted:
+        return _Doubt(
+            f"the search for a model that explains the motion had not ended after {PASSES:g} passes of the filter; "
+            "try again with more motion across the gap",
+            all=True,
+        )
+    if abs(off := float(found.parameters[LN_GAIN])) > _GAIN:
+        return _Doubt(
+            f"the command accelerates the motor {math.exp(off):.2g} times as much as its data sheet says: check the "
+            "sign and the unit of the command, the motor's values, and its supply",
+            all=True,
+        )
+    if abs(scale := found.scale) > SCALE:
+        return _Doubt(
+            f"the load's angle differs from the motor's through the gear by {100 * scale:+.1f} %, and may by "
+            f"{100 * SCALE:g} %: check gear.reduction, and that the encoders are the right ones",
+            all=True,
+        )
+    for who, share, most in zip(("motor", "load"), found.noise, (MOTOR_UNEXPLAINED, LOAD_UNEXPLAINED), strict=False):
+        if share > most:
+            return _Doubt(
+                f"something moves the {who} that is neither the command nor the gear: {100 * share:.2g} % of the "
+                f"standstill torque is unexplained, and {100 * most:g} % may be; check that both encoders count in the "
+                "direction of the gear and with its ratio, that couplings hold, and that nothing else moves the load",
+                all=True,
+            )
+    if (share := found.noise[2]) > _TEETH_UNEXPLAINED:
+        return _Doubt(
+            f"no teeth pass on a torque between motor and load as recorded: {100 * share:.2g} % of it is unexplained, "
+            f"and {100 * _TEETH_UNEXPLAINED:g} % may be; check both encoders and the couplings",
+            all=True,
+        )
+    return None
+
+
+def _doubt(found: Fit, uncertainty: float, torque: float) -> _Doubt | None:
+    """Return why the fit itself says that its gap cannot be used."""
+    gap, count = found.gap, max(found.counts)
+    if not found.torques[0] < -_FLANK * torque < _FLANK * torque < found.torques[1]:
+        side = "negative" if found.torques[0] >= -_FLANK * torque else "positive"
+        return _Doubt(
+            f"the teeth never bore a {side} torque, so the far flank was not seen: the load torque may be more than "
+            "the motor can outrun within the swing; allow more swing and torque, or take load off"
+        )
+    if gap <= count:
+        return _Doubt(
+            f"the gap is {gap:.2g} rad, no more than one encoder count, {count:.2g} rad: it may be wind-up "
+            "alone, or the teeth never left a flank under the load torque; a finer encoder would tell"
+        )
+    if not uncertainty <= max(_SURE * gap, _OF_COUNT * count):
+        return _Doubt(
+            f"the gap is {gap:.3g} rad with a standard uncertainty of {uncertainty:.2g} rad, too large to be used: "
+            "allow more time, swing or torque"
+        )
+    return None
+
+
+def _reversed(search: Search, point: Found) -> _Doubt | None:
+    """Return that the command turns the motor backwards."""
+    if search.reversed(point):
+        return _Doubt(
+            "the command seems to turn the motor backwards, or both encoders to count so: check the sign of the "
+            "command, the motor's wires and the direction of both encoders",
+            all=True,
+        )
+    return None
+
+
+def _slipped(search: Search, point: Found, found: Fit) -> _Doubt | None:
+    """Return that a flank is elsewhere in the other half of the recording."""
+    gap, count = found.gap, max(found.counts)
+    for apart, deviation in search.flanks_by_halves(point):
+        if not apart <= max(_APART * gap, count, _SIGMAS * deviation):
+            return _Doubt(
+                f"a flank is {apart:.2g} rad off in the second half of the motion: an encoder or a coupling slips or "
+                "freezes; check both, and that nothing else moves the load",
+                all=True,
+            )
+    return None
+
+
+def _one_flank(search: Search, point: Found) -> _Doubt | None:
+    """Return that a model without the far flank explains the motion as well."""
+    least = _ONE_FLANK * search.size
+    if search.without_far_flank(point, least) < least:
+        return _Doubt(
+            "the motion is explained as well without the far flank, which was hardly met, or not at all: the load "
+            "torque may be more than the motor can outrun within the swing; allow more swing and torque"
+        )
+    return None

@@ -12,10 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.filter import GAP_SLOPE, OFFSET
-from backlash_ros.identification.fit import Fit
+from backlash_ros.identification.fitting.filter import GAP_SLOPE, OFFSET
+from backlash_ros.identification.fitting.fit import Fit
 from backlash_ros.identification.gap import Gap, measure_gap
 from backlash_ros.identification.recording import Recording
 
@@ -128,7 +127,7 @@ def map_gaps(drive: Drive, recordings: Sequence[Recording], torque: float, place
     reached = [k < len(recordings) for k in range(places)]
     if incomplete(reached, closed=closed):
         return Mapped(None, f"only {len(recordings)} of {places} places were reached")
-    found = _measured(drive, recordings, torque)
+    found = [measure_gap(drive, recording, torque) for recording in recordings]
     measured = [k < len(found) and found[k].valid for k in range(places)]
     told = f"{sum(measured)} of {places} places"
     surest = min((gap for gap in found if gap.valid), key=lambda gap: gap.uncertainty / gap.angle, default=found[0])
@@ -152,20 +151,6 @@ def map_gaps(drive: Drive, recordings: Sequence[Recording], torque: float, place
         uncertainty,
     )
     return Mapped(result, f"{told}: {result}", surest.fit)
-
-
-def _measured(drive: Drive, recordings: Sequence[Recording], torque: float) -> list[Gap]:
-    """Return the gap at each place, with the contact law of the previous place, or else any law."""
-    found: list[Gap] = []
-    laws: list[Contact] = []
-    for recording in recordings:
-        gap = measure_gap(drive, recording, torque, laws)
-        if laws and not gap.valid:
-            gap = measure_gap(drive, recording, torque)
-        if gap.valid and gap.fit is not None:
-            laws = [gap.fit.contact]
-        found.append(gap)
-    return found
 
 
 def _uncertainties(readings: Array, pairs: Sequence[tuple[Recording, Gap]], *, closed: bool) -> tuple[float, ...]:

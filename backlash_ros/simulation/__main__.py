@@ -11,7 +11,7 @@ import numpy as np
 
 from backlash_ros.control import LAWS, GainSet, ServoSettings
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Plant
-from backlash_ros.identification.fit import compile_filters
+from backlash_ros.identification.fitting.fit import compile_filters
 from backlash_ros.simulation import Scenario, run
 
 

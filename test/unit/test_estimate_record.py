@@ -171,7 +171,7 @@ def test_anything_at_all_is_refused(content: bytes) -> None:
         ),
         (
             "    backlash_angle: 0.0199",
-            "    motor.resistance: 1.0",
+            "    motor.inertia: 1.0",
             "estimates[0].parameters must be of ['contact.law',",
         ),
         ("\n    backlash_angle: 0.0199", " {}", "estimates[0].parameters must have at least one value, got none"),

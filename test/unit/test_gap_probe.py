@@ -54,19 +54,15 @@ def test_the_gap_is_measured_whatever_acts_on_the_load(gains: GainSet, drive: Dr
 
 
 @pytest.mark.population
-@pytest.mark.parametrize(("forward", "backward", "valid"), [(0.9, 0.9, True), (0.75, 0.6, False)])
-def test_a_gear_with_losses_is_measured_or_refused_with_a_hint(
-    gains: GainSet, forward: float, backward: float, valid: bool
-) -> None:
+@pytest.mark.parametrize(("forward", "backward"), [(0.9, 0.9), (0.75, 0.6)])
+def test_a_gear_with_losses_is_measured(gains: GainSet, forward: float, backward: float) -> None:
     gear = replace(NOMINAL_DRIVE.gear, efficiency_forward=forward, efficiency_backward=backward)
     sensors = Sensors(measured=POSITIONS, motor_counts=4096.0, load_counts=65536.0)
     drive = replace(NOMINAL_DRIVE, gear=gear)
     estimate = run_experiment(drive, ServoSettings(gains), "gap_probe", model=NOMINAL_DRIVE, sensors=sensors)
-    assert estimate.valid == valid, estimate.reason
-    if valid:
-        assert estimate.angle == pytest.approx(drive.gear.backlash_angle, rel=0.02)
-    else:
-        assert "a gear that loses a quarter of the torque or more is not modelled" in estimate.reason
+    assert estimate.valid, estimate.reason
+    assert estimate.angle == pytest.approx(drive.gear.backlash_angle, rel=0.02)
+    assert abs(estimate.angle - drive.gear.backlash_angle) < 2.0 * estimate.uncertainty
 
 
 def test_a_gap_of_no_more_than_a_count_is_refused() -> None:

@@ -1,6 +1,7 @@
 """The fit against the plant: drives drawn at random, found again from what their encoders showed."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -11,28 +12,30 @@ from backlash_ros.analysis.evaluation.population import Member, draw_member, tol
 from backlash_ros.analysis.evaluation.task import settings_for
 from backlash_ros.control import Servo
 from backlash_ros.control.experiment import Deferred
-from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
+from backlash_ros.drivetrain.contacts.elastic import ElasticContact
+from backlash_ros.drivetrain.contacts.restitution import RestitutionContact
 from backlash_ros.drivetrain.signals import THETA_L
-from backlash_ros.identification import fit as fit_module
+from backlash_ros.identification.counts import count_of
 from backlash_ros.identification.drive import identified_drive
-from backlash_ros.identification.filter import (
+from backlash_ros.identification.fitting import fit as fit_module
+from backlash_ros.identification.fitting.filter import (
     COULOMB_L,
-    COULOMB_M,
     DELAY,
+    ECCENTRICITY,
+    GAP_SLOPE,
+    GRAVITY,
+    LN_EXPONENT,
+    LN_GAIN,
     LN_HALF_GAP,
     LN_INERTIA,
-    LN_VISCOUS,
-    OFFSET,
-    PARAMETERS,
-    STATES,
+    LN_STIFFNESS,
     TORQUE,
-    Noise,
-    filter_with,
 )
-from backlash_ros.identification.fit import FITS, PASSES, Problem, Stage, count_of, motor_side
+from backlash_ros.identification.fitting.fit import LOUD, Search
+from backlash_ros.identification.fitting.problem import motor_side
 from backlash_ros.identification.gap import Gap, measure_gap
 from backlash_ros.identification.recording import Recording
-from backlash_ros.identification.recordings.identify import identify
 from backlash_ros.identification.regression import guess_of
 from backlash_ros.simulation import SimulatedDrive
 
@@ -40,20 +43,25 @@ SEED = 20261122
 STALL = 6.0
 
 
-@cache
-def probed(number: int) -> tuple[Member, Recording, float]:
-    """Return a drive, what the probe recorded of it, and the gap where the load was then, rad."""
-    member = draw_member(SEED, number, "core")
-    model = told_model(member, "nominal")
-    settings = settings_for(model, member)
-    servo = Servo(model, settings)
+def recorded(member: Member) -> tuple[Recording, float]:
+    """Return what the probe recorded of a drive whose motor and gear alone are told, and the gap there, rad."""
+    told = told_model(draw_member(SEED, member.number, "core"), "nominal")
+    settings = settings_for(told, member)
+    servo = Servo(told, settings, watched=False)
     plant = SimulatedDrive(member.drive, settings.period, sensors=member.sensors, delay=member.delay)
     servo.start_experiment("gap_probe")
     while (outcome := servo.take_outcome()) is None:
         plant.advance(servo.update(plant.sample(), plant.elapsed), member.load_torque)
     assert isinstance(outcome, Deferred), outcome
     recording: Recording = outcome.work.args[1]  # type: ignore[attr-defined]
-    return member, recording, member.drive.gear.backlash_at(float(plant.state[THETA_L]))
+    return recording, member.drive.gear.backlash_at(float(plant.state[THETA_L]))
+
+
+@cache
+def probed(number: int) -> tuple[Member, Recording, float]:
+    """Return a drive, what the probe recorded of it, and the gap where the load was then, rad."""
+    member = draw_member(SEED, number, "core")
+    return member, *recorded(member)
 
 
 @cache
@@ -93,53 +101,85 @@ def test_an_estimate_says_how_sure_it_is() -> None:
     assert np.mean(within) >= 0.8
 
 
-def true_parameters(member: Member, gap: float) -> np.ndarray:
-    drive, x = member.drive, np.zeros(PARAMETERS)
-    x[LN_HALF_GAP] = math.log(0.5 * gap)
-    x[OFFSET] = member.sensors.motor_offset * drive.gear.ratio - member.sensors.load_offset
-    x[LN_INERTIA], x[LN_VISCOUS] = math.log(drive.load.inertia), math.log(drive.load.viscous_friction)
-    x[COULOMB_L], x[TORQUE], x[DELAY] = drive.load.coulomb_friction, member.standing_torque, member.delay.command
-    x[COULOMB_M] = drive.motor.coulomb_friction / drive.gear.ratio
-    return x
+SEEN = (LN_HALF_GAP, GAP_SLOPE, LN_STIFFNESS, LN_EXPONENT, COULOMB_L, TORQUE, GRAVITY, ECCENTRICITY, DELAY, LN_GAIN)
+"""Parameters that change what is predicted more than they change the filter's gains."""
 
 
-def predicted(member: Member, recording: Recording, x: np.ndarray, teeth: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return innovations and their derivatives."""
-    contact, count = member.drive.gear.contact, recording.time.size
-    readings = (count_of(angle) ** 2 / 12.0 for angle in (recording.motor, recording.load))
-    innovations, derivatives = np.zeros((count, 2)), np.zeros((count, 2, PARAMETERS))
-    noise = Noise(*readings, 0.03, 0.12, teeth**2)
-    side = motor_side(told_model(member, "nominal"), contact)
-    filter_with(type(contact))(side, noise, x, *recording, innovations, derivatives, np.zeros((count, STATES)))
-    return innovations[1:], derivatives[1:]
-
-
-@pytest.mark.corners(2)
-@pytest.mark.parametrize("number", DRIVES[:4])
-def test_the_truth_explains_what_was_seen(number: int) -> None:
-    """The innovations are no larger than counts and noise allow: the filter's plant is the plant."""
-    member, recording, gap = probed(number)
-    innovations, _ = predicted(member, recording, true_parameters(member, gap), 0.013)
-    assert np.all(np.sqrt(np.mean(np.minimum(innovations**2, 25.0), axis=0)) < 1.3)
-
-
-@pytest.mark.parametrize("column", range(PARAMETERS))
+@pytest.mark.parametrize("column", SEEN)
 def test_derivatives_are_those_of_the_innovations(column: int) -> None:
     """By finite differences, before the teeth have met often; the filter takes its gains as fixed, so not quite."""
-    member, whole, gap = probed(DRIVES[0])
+    member, whole, _ = probed(DRIVES[0])
     recording = whole.part(slice(round(0.45 * member.rate)))
-    x = true_parameters(member, gap)
-    x[COULOMB_L] += 0.01
-    x[COULOMB_M] += 0.01
-    step = np.zeros(PARAMETERS)
-    step[column] = 1e-6
-    _, derivatives = predicted(member, recording, x, 0.05)
-    (after, _), (before, _) = (predicted(member, recording, x + side * step, 0.05) for side in (1, -1))
-    wanted = (after - before) / 2e-6
-    found = derivatives[:, :, column]
+    search = Search(told_model(member, "nominal"), recording, STALL, [member.delay.command])
+    start = search.start(0.75)
+    problem = search.problem(search.free, start)
+
+    def innovations(step: float) -> np.ndarray:
+        other = start.copy()
+        other[column] += step
+        problem.look(other, LOUD)
+        return problem.innovations[1:].copy()
+
+    wanted = (innovations(1e-6) - innovations(-1e-6)) / 2e-6
+    innovations(0.0)
+    found = problem.derivatives[1:, :, column]
     cosine = np.sum(found * wanted) / (np.linalg.norm(found) * np.linalg.norm(wanted))
     assert cosine > 0.9
     assert 0.5 < np.linalg.norm(found) / np.linalg.norm(wanted) < 2.0
+
+
+def with_contact(drive: Drive, contact: object) -> Drive:
+    return replace(drive, gear=replace(drive.gear, contact=contact))  # type: ignore[arg-type]
+
+
+def lively(drive: Drive) -> Drive:
+    """Teeth of steel, that part with most of the speed with which they met."""
+    return with_contact(drive, RestitutionContact(wind_up=2e-4, restitution=0.8))
+
+
+def soft(drive: Drive) -> Drive:
+    return with_contact(drive, ElasticContact(wind_up=0.2 * drive.gear.backlash_angle, damping=20.0))
+
+
+def warm(drive: Drive) -> Drive:
+    """A motor that is warmer and weaker than its data sheet says."""
+    motor = drive.motor
+    return replace(
+        drive, motor=replace(motor, resistance=1.15 * motor.resistance, torque_constant=0.95 * motor.torque_constant)
+    )
+
+
+def lossy(drive: Drive) -> Drive:
+    return replace(drive, gear=replace(drive.gear, efficiency_forward=0.85, efficiency_backward=0.82))
+
+
+def rubbing(drive: Drive) -> Drive:
+    motor, load = drive.motor, drive.load
+    return replace(
+        drive,
+        motor=replace(motor, coulomb_friction=0.01 * STALL * drive.gear.ratio),
+        load=replace(load, coulomb_friction=0.01 * STALL),
+    )
+
+
+@pytest.mark.corners(3)
+@pytest.mark.population
+@pytest.mark.parametrize("number", [DRIVES[0], DRIVES[2]])
+@pytest.mark.parametrize("other", [lively, soft, warm, lossy, rubbing])
+def test_a_drive_that_is_not_as_told_is_measured(number: int, other: Callable[[Drive], Drive]) -> None:
+    """Misfit makes a gap less certain, and is no reason to refuse it."""
+    member = draw_member(SEED, number, "core")
+    true = other(member.drive)
+    recording, gap = recorded(replace(member, drive=true))
+    found = measure_gap(told_model(member, "nominal"), recording, STALL)
+    assert found.valid, found.reason
+    assert found.angle == pytest.approx(gap, abs=max(0.05 * gap, member.load_count))
+    assert abs(found.angle - gap) <= 3.0 * found.uncertainty
+    assert found.fit is not None
+    inertia = math.exp(found.fit.parameters[LN_INERTIA])
+    assert inertia == pytest.approx(true.load.inertia, abs=0.03 * true.effective_inertia)
+    if other is warm:
+        assert math.exp(found.fit.parameters[LN_GAIN]) == pytest.approx(0.95 / 1.15, rel=0.03)
 
 
 def reversed_motor(recording: Recording) -> Recording:
@@ -164,6 +204,10 @@ def stuck_bit(recording: Recording) -> Recording:
     return recording._replace(load=count * (whole | 16))
 
 
+def reversed_command(recording: Recording) -> Recording:
+    return recording._replace(command=-recording.command)
+
+
 def stretched(recording: Recording) -> Recording:
     return recording._replace(motor=1.05 * recording.motor)
 
@@ -171,66 +215,37 @@ def stretched(recording: Recording) -> Recording:
 @pytest.mark.corners(3)
 @pytest.mark.population
 @pytest.mark.parametrize("number", DRIVES[:1])
-@pytest.mark.parametrize("broken", [reversed_motor, frozen_load, slipping, stuck_bit, stretched])
-def test_a_broken_encoder_gives_no_gap(number: int, broken: object) -> None:
+@pytest.mark.parametrize("broken", [reversed_motor, reversed_command, frozen_load, slipping, stuck_bit, stretched])
+def test_a_broken_encoder_gives_no_gap(number: int, broken: Callable[[Recording], Recording]) -> None:
     member, recording, _ = probed(number)
-    found = measure_gap(told_model(member, "nominal"), broken(recording), STALL)  # type: ignore[operator]
+    found = measure_gap(told_model(member, "nominal"), broken(recording), STALL)
     assert not found.valid
     assert (found.angle, found.uncertainty) == (0.0, 0.0)
     assert "check" in found.reason or "flank" in found.reason or "too large to be used" in found.reason
 
 
-@pytest.mark.parametrize("most", [5, 150, pytest.param(1_000_000, marks=pytest.mark.grid)])
-def test_a_search_ends_after_so_many_passes_and_says_so(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
-    """Of a recording that nothing explains, all laws, delays and widths are tried; without a bound that ends, too."""
-    member, whole, _ = probed(DRIVES[0])
-    recording = slipping(whole.part(slice(whole.time.size // 2)))
-    passed = []
-    look = Problem.look
-
-    def counting(problem: Problem, x: np.ndarray, stage: Stage) -> tuple[float, np.ndarray, np.ndarray]:
-        passed.append(problem.recording.time.size / recording.time.size)
-        return look(problem, x, stage)
-
-    monkeypatch.setattr(Problem, "look", counting)
+@pytest.mark.parametrize("most", [5.0, 60.0])
+def test_a_search_ends_after_so_many_passes_and_says_so(monkeypatch: pytest.MonkeyPatch, most: float) -> None:
+    """What was found before the search had ended is not believed, even if it explains all that was seen."""
+    member, recording, _ = probed(DRIVES[0])
     monkeypatch.setattr(fit_module, "PASSES", most)
     found = measure_gap(told_model(member, "nominal"), recording, STALL)
     assert not found.valid
-    assert sum(passed) < most + 200
+    assert not found.sound
     assert found.fit is not None
-    assert found.fit.exhausted == (most < PASSES)
-    assert ("passes of the filter" in found.reason) == (most < PASSES)
+    assert found.fit.exhausted
+    assert "passes of the filter" in found.reason
 
 
 @pytest.mark.parametrize("late", [0, 3])
 def test_a_refusal_says_that_commands_were_late(monkeypatch: pytest.MonkeyPatch, late: int) -> None:
-    member, whole, _ = probed(DRIVES[0])
-    recording = slipping(whole.part(slice(whole.time.size // 2)))
+    member, recording, _ = probed(DRIVES[0])
     doubt = np.zeros(recording.time.size)
     doubt[10 : 10 + late] = 1e-3
-    monkeypatch.setattr(fit_module, "PASSES", 5)
+    monkeypatch.setattr(fit_module, "PASSES", 5.0)
     found = measure_gap(told_model(member, "nominal"), recording._replace(doubt=doubt), STALL)
     assert not found.valid
-    assert "no model of teeth, friction and load explains" in found.reason
     assert (f"{late} of {recording.time.size} commands were late" in found.reason) == (late > 0)
-
-
-@pytest.mark.population
-def test_what_was_found_before_the_search_had_ended_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Even if it explains all that was seen, on the way to the bottom."""
-    member, recording, _ = probed(DRIVES[0])
-    ends = []
-    for most in range(100, 500, 50):
-        monkeypatch.setattr(fit_module, "PASSES", most)
-        found = measure_gap(told_model(member, "nominal"), recording, STALL)
-        assert found.fit is not None
-        assert found.valid != found.fit.exhausted, found.reason
-        ends.append((found.fit.exhausted, max(found.fit.rms) <= FITS))
-        if ends[-1] == (True, True):
-            everything = identify(told_model(member, "nominal"), recording, hold_out=False)
-            assert not everything.valid
-            assert f"found none in {PASSES} passes" in everything.reason
-    assert (True, True) in ends
 
 
 def test_a_regression_finds_inertia_and_torque_without_a_derivative() -> None:
@@ -259,14 +274,14 @@ def test_friction_that_cannot_be_told_apart_is_guessed_right_in_sum(counts: tupl
 
 
 def test_teeth_that_give_more_are_found_so() -> None:
-    """Stiffness is fitted for a spring, in place of that of the contact's defaults."""
+    """Stiffness is fitted, in place of that of the contact's defaults."""
     number = next(k for k in DRIVES if draw_member(SEED, k, "core").drive.gear.contact.section == "contact.elastic")
-    member, recording, gap = probed(number)
-    contact = CONTACTS["elastic"]()
-    soft = replace(contact, wind_up=2.0 * contact.wind_up, damping=0.5 * contact.damping)
-    found = measure_gap(told_model(member, "nominal"), recording, STALL, [soft])
+    member = draw_member(SEED, number, "core")
+    soft_teeth = ElasticContact(wind_up=2e-3, damping=25.0)
+    recording, gap = recorded(replace(member, drive=with_contact(member.drive, soft_teeth)))
+    found = measure_gap(told_model(member, "nominal"), recording, STALL)
     assert found.valid, found.reason
     assert found.angle == pytest.approx(gap, rel=0.03)
     assert found.fit is not None
-    drive: Drive = identified_drive(told_model(member, "nominal"), found.fit)
-    assert drive.gear.contact.wind_up == pytest.approx(contact.wind_up, rel=0.2)  # type: ignore[attr-defined]
+    teeth = identified_drive(told_model(member, "nominal"), found.fit).gear.contact
+    assert teeth.wind_up == pytest.approx(2e-3, rel=0.2)  # type: ignore[attr-defined]

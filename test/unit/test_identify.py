@@ -12,7 +12,8 @@ from recorded import probed, stepped, true_gap, without
 
 from backlash_ros.analysis.evaluation.population import Member, told_model
 from backlash_ros.analysis.recordings.samples import Columns, Reading, recording_of
-from backlash_ros.identification.fit import motor_side
+from backlash_ros.identification.fitting.filter import COULOMB_L, LN_VISCOUS
+from backlash_ros.identification.fitting.problem import motor_side
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import SPEEDS, findings_of
 from backlash_ros.identification.recordings.identify import Identified, identify
@@ -104,10 +105,11 @@ def test_friction_told_apart_poorly_is_told_together() -> None:
     assert found.fit is not None
     assert found.gap is not None
     blurred = found.fit.covariance.copy()
-    viscous = float(np.exp(found.fit.parameters[5]))
+    v, c = LN_VISCOUS, COULOMB_L
+    viscous = float(np.exp(found.fit.parameters[v]))
     # As when one speed alone was seen, 5 rad/s: what one friction gains the other loses.
-    blurred[5, 5], blurred[6, 6] = 0.5**2, (5.0 * viscous * 0.5) ** 2
-    blurred[5, 6] = blurred[6, 5] = -0.99 * 0.5 * 5.0 * viscous * 0.5
+    blurred[v, v], blurred[c, c] = 0.5**2, (5.0 * viscous * 0.5) ** 2
+    blurred[v, c] = blurred[c, v] = -0.99 * 0.5 * 5.0 * viscous * 0.5
     rows = findings_of(found.drive, found.gap, replace(found.fit, covariance=blurred), 1e-3)
     by_symbol = {row.symbol: row for row in rows}
     assert "told apart poorly" in by_symbol["B_l"].why or not by_symbol["10 B_l + c_l"].told

@@ -12,7 +12,6 @@ from backlash_ros.control import Servo
 from backlash_ros.control.estimates.requests import describe_outcome
 from backlash_ros.control.experiment import Deferred, DriveEstimate, Outcome
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Measurement
-from backlash_ros.identification.fit import FITS
 from backlash_ros.simulation import SimulatedDrive
 
 pytestmark = pytest.mark.population
@@ -41,22 +40,20 @@ def sound(population: str, number: int) -> Outcome:
 
 
 def test_what_cannot_be_told_is_not_set_and_the_answer_says_why() -> None:
-    """The motor cannot outrun this load: the far flank is not seen, so neither gap nor teeth are known."""
+    """The motor never leaves this load: gap and teeth are unknown, and the inertia apart from the motor's gain."""
     member = draw_member(SEED, 18, "full")
     found = sound("full", 18)
     assert isinstance(found, DriveEstimate)
     assert found.valid
-    assert {"load.inertia", "loop_delay"} <= set(found.uncertainties) <= set(found.parameters)
-    assert EXPECTED[1] in found.parameters.keys() - found.uncertainties.keys() <= {*EXPECTED[1:]}
-    assert not [name for name in found.parameters if name.startswith(("backlash", "contact", "gear"))]
-    assert found.parameters["load.inertia"] == pytest.approx(member.drive.load.inertia, rel=0.05)
+    assert {"motor.coulomb_friction", "loop_delay"} <= set(found.uncertainties) <= set(found.parameters)
+    assert not [name for name in found.parameters if name.startswith(("backlash", "contact", "gear", "load."))]
     assert found.parameters["loop_delay"] == pytest.approx(member.delay.command, abs=0.25 / member.rate)
     text = describe_outcome(found)
     assert "; not told: b: the teeth never bore a positive torque" in text
-    assert text.startswith("J_l = ")
+    assert "J_l: its standard uncertainty is" in text
 
 
-@pytest.mark.parametrize(("population", "number"), [("full", 18), ("core", 4)])
+@pytest.mark.parametrize(("population", "number"), [("full", 4), ("core", 4)])
 def test_a_weight_shows_as_the_slope_of_the_load_torque_where_the_load_was(population: str, number: int) -> None:
     member = draw_member(SEED, number, population)
     found, load = sound(population, number), member.drive.load
@@ -69,13 +66,14 @@ def test_a_weight_shows_as_the_slope_of_the_load_torque_where_the_load_was(popul
 
 
 def test_all_that_is_told_has_its_uncertainty_and_teeth_come_as_a_whole() -> None:
-    found = sound("core", 4)
+    found = sound("core", 1)
     assert isinstance(found, DriveEstimate)
     assert found.fit is not None
-    assert max(found.fit.rms) <= FITS
+    assert max(found.fit.rms) <= 1.15
     teeth = {"contact.law", "contact.elastic.wind_up", "contact.elastic.damping", "gear.backlash_angle"}
-    load = {"load.inertia", "load.viscous_friction", "load.coulomb_friction", "motor.coulomb_friction"}
-    assert set(found.parameters) == {*teeth, *load, "backlash_angle", "loop_delay", *EXPECTED}
+    load = {"load.inertia", "load.viscous_friction", "load.coulomb_friction"}
+    motor = {"motor.coulomb_friction", "motor.torque_constant", "motor.resistance"}
+    assert set(found.parameters) == {*teeth, *load, *motor, "backlash_angle", "loop_delay", *EXPECTED}
     assert found.parameters["backlash_angle"] == found.parameters["gear.backlash_angle"] == found.angle
     assert set(found.uncertainties) == {*found.parameters} - {"contact.law", "contact.elastic.damping", EXPECTED[1]}
     assert all(0.0 < value < math.inf for value in found.uncertainties.values())

@@ -22,7 +22,6 @@ from backlash_ros.analysis.certificate.rows import (
 from backlash_ros.analysis.certificate.subject import PACKAGE, Subject, version_of_package
 from backlash_ros.analysis.markup import document, paragraph
 from backlash_ros.drivetrain.markup import pairs, text_of
-from backlash_ros.identification.fit import FITS
 from backlash_ros.identification.gap_map import GapMap
 from backlash_ros.identification.locked_output.lost_motion import LostMotion
 from backlash_ros.identification.recordings.held_out import Score
@@ -32,15 +31,18 @@ from backlash_ros.identification.teeth import LOST_MOTION_SHARE
 
 _UNCERTAINTY = (
     "Values of the motion come from fits to all samples that were used, those around the turn from one fit at each "
-    "place: a Kalman filter on the equations of motor, teeth and load, whose prediction errors are minimised. "
-    "Uncertainties are standard uncertainties: the true value is within two of them in 95 of 100 cases. They combine "
-    "the encoders' noise, counted twice, with a share for the model, and hold if what was given is right."
+    "place: a Kalman filter on the equations of motor, teeth and load, whose prediction errors are minimised, and "
+    "whose noise is what these equations do not explain. Uncertainties are standard uncertainties: the true value is "
+    "within two of them in 95 of 100 cases. They combine that noise, counted twice, with a share for the model, and "
+    "hold if the motor's inertia and the gear ratio that were given are right."
 )
 _CURVE_UNCERTAINTY = (
     "The hysteresis curve is fitted with teeth and friction. Its standard uncertainties include the scatter of the "
     "residuals and the cycles, other laws of the teeth that explain the curve equally well, and a share for the "
     "model and the encoders' counts."
 )
+_AS_WELL = 1.15
+"""Largest rms of prediction errors that is as expected."""
 _SLOW = (
     "A hysteresis curve, with lost motion and stiffness from a slow torque: {}. A run of the experiment hysteresis on "
     "an output that is locked, braked or heavy tells them, and so does any recording of a torque that goes slowly up "
@@ -222,9 +224,7 @@ def _around(found: GapMap) -> str:
 
 
 def _held_out(score: Score) -> str:
-    verdict = (
-        "as well as the encoders' counts allow" if score.rms <= FITS else "less well than the encoders' counts allow"
-    )
+    verdict = "as well as" if score.rms <= _AS_WELL else "less well than"
     head = '<thead><tr><th scope="col"></th><th scope="col">as found</th><th scope="col">as told</th></tr></thead>'
     rows = (
         ("each sample against its prediction, in standard deviations (1 is as expected)", score.rms, score.told_rms),
@@ -240,7 +240,8 @@ def _held_out(score: Score) -> str:
     ]
     text = (
         f"A second fit saw the first {score.start:.2f} s alone. From one sample to the next it predicts the "
-        f"{score.length:.2f} s after {verdict}; from the command alone its errors add up. Beside it the drive as told."
+        f"{score.length:.2f} s after {verdict} those that it saw; from the command alone its errors add up. Beside it "
+        "the drive as told."
     )
     return "\n".join([paragraph(text), "<table>", head, "<tbody>", *cells, "</tbody>", "</table>"])
 

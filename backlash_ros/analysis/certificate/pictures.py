@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from backlash_ros.analysis.certificate.rounding import GEAR_UNITS, in_gear_units
 from backlash_ros.analysis.certificate.subject import Subject
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.fit import Fit
+from backlash_ros.identification.fitting.fit import Fit
 from backlash_ros.identification.gap_map import GapMap
 from backlash_ros.identification.locked_output.lost_motion import LostMotion
 from backlash_ros.identification.locked_output.ramps import Ramps
@@ -168,7 +168,7 @@ def loop_picture(told: Subject, recording: Recording, found: Fit, width: Finding
         axes.text(0.0, 0.96, f"gap\n{in_gear_units(width)}", **place)
     axes.plot(*_thin(1e3 * loop.twist, loop.torque), color=MOTOR, markersize=4, label="by the samples", **_DOT)
     twist = np.linspace(float(np.min(loop.twist)), float(np.max(loop.twist)), 201)
-    axes.plot(1e3 * twist, static_torque(told.told, found, twist), color=MODEL, linewidth=1.4, label="law, at rest")
+    axes.plot(1e3 * twist, static_torque(found, twist), color=MODEL, linewidth=1.4, label="law, at rest")
     axes.set(xlabel="motor's angle through the gear less the load's, mrad", ylabel="torque of the teeth, N m")
     top = axes.secondary_xaxis("top", functions=(_times(1e-3 * factor), _times(1e3 / factor)))
     top.set_xlabel("arcmin")

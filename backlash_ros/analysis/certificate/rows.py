@@ -75,7 +75,7 @@ def ranges_of(subject: Subject, found: Identified) -> Ranges:
     return Ranges(
         around,
         slow,
-        teeth=f"teeth by the {law_name(fit.contact)} law that bore {least} to {largest} N\u00a0m",
+        teeth=f"teeth by {fit.teeth.name} law that bore {least} to {largest} N\u00a0m",
         speed=f"load at up to {brief(speed)}\u00a0rad/s",
         angle=f"load from {brief(low)} to {brief(high)}\u00a0rad",
         delay=f"samples {brief(1e3 * found.period)}\u00a0ms apart",
@@ -127,7 +127,7 @@ def told_rows(subject: Subject, found: Identified) -> list[tuple[str, str]]:
     rows += [_quantity(drive.motor, name) for name in quantities(type(drive.motor)) if name not in unused]
     rows.append(_quantity(drive.gear, "reduction"))
     if found.fit is not None:
-        rows.append(("law of the teeth", law_name(found.fit.contact)))
+        rows.append(("law of the teeth", "free" if found.fit.teeth.free else law_name(found.fit.contact)))
     return rows
 
 

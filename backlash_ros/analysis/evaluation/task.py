@@ -34,7 +34,7 @@ from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M
 from backlash_ros.identification.drive import identified_drive
-from backlash_ros.identification.fit import Fit
+from backlash_ros.identification.fitting.fit import Fit
 from backlash_ros.simulation import Run, Scenario, SimulatedDrive, excite, run
 
 STAND, STEP, SHORT, HOLD = 1.0, 6.0, 6.0, 10.0

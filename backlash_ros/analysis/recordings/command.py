@@ -105,7 +105,7 @@ def identify_recording(request: Request, console: Console) -> int:
     found = identify(drive, recording)
     rated = request.rated_torque or HysteresisSettings().rated(drive)
     around, slow = found.around.map, hysteresis_of(drive, recording, LOST_MOTION_SHARE * rated)
-    derived = hysteresis_findings(slow) if slow.valid else lost_motion_of(drive, found, rated)
+    derived = hysteresis_findings(slow) if slow.valid else lost_motion_of(found, rated)
     counts = counts_of(found, request.reading, drive)
     subject = Subject(
         str(request.recording),

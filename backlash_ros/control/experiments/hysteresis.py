@@ -21,7 +21,7 @@ from backlash_ros.control.monitoring.thresholds import FaultThresholds
 from backlash_ros.control.observer import low_pass_gain
 from backlash_ros.drivetrain import Drive, Validated, quantity
 from backlash_ros.drivetrain.signals import CURRENT, THETA_L, THETA_M, Estimate, Measurement
-from backlash_ros.identification.fit import motor_side
+from backlash_ros.identification.fitting.problem import motor_side
 from backlash_ros.identification.locked_output.hysteresis import measure_lost_motion
 from backlash_ros.identification.locked_output.lost_motion import Curve
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from backlash_ros.control.observer import low_pass_gain
 from backlash_ros.drivetrain import Drive
-from backlash_ros.identification.fit import motor_side
+from backlash_ros.identification.fitting.problem import motor_side
 
 
 @dataclass(frozen=True)

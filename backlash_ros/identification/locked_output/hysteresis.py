@@ -23,8 +23,9 @@ from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.contact import Contact, gap_at_rest, law_name
 from backlash_ros.drivetrain.contacts.elastic import SpringContact
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.fit import count_of, motor_side
-from backlash_ros.identification.gap import contacts_of
+from backlash_ros.identification.counts import count_of
+from backlash_ros.identification.fitting.candidates import contacts_of
+from backlash_ros.identification.fitting.problem import motor_side
 from backlash_ros.identification.locked_output.lost_motion import Curve, LostMotion
 from backlash_ros.identification.locked_output.ramps import Ramps, ramps_of
 from backlash_ros.identification.newey_west import newey_west

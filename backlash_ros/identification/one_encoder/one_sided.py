@@ -8,41 +8,46 @@ without encoder; each impact shows its position.
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.drivetrain.contact import Contact, law_name
+from backlash_ros.drivetrain.contact import Contact
+from backlash_ros.drivetrain.contacts.elastic import SpringContact
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.filter import (
+from backlash_ros.identification.counts import count_of
+from backlash_ros.identification.fitting.candidates import contacts_of, told_teeth
+from backlash_ros.identification.fitting.filter import (
     COULOMB_L,
     COULOMB_M,
     DELAY,
     ECCENTRICITY,
+    GAP_SLOPE,
+    GRAVITY,
     LN_HALF_GAP,
     LN_INERTIA,
-    LN_TEETH,
+    LN_STIFFNESS,
     LN_VISCOUS,
-    OFFSET,
-    PARAMETERS,
     TORQUE,
 )
-from backlash_ros.identification.fit import (
-    STAGES,
-    Fit,
-    Minimum,
-    Problem,
-    Stage,
-    believed,
-    cost_of,
-    count_of,
-    fit_of,
-    motor_side,
-)
-from backlash_ros.identification.gap import Gap, contacts_of
+from backlash_ros.identification.fitting.fit import Fit, Found, fit_of, row_of
+from backlash_ros.identification.fitting.problem import Beliefs, Point, Problem, loss_of, motor_side
+from backlash_ros.identification.gap import Gap
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.regression import Guess, guess_of
 
+
+class Stage(NamedTuple):
+    """Noise that is assumed: variance of both shafts' speeds per second, rad^2/s^3; share of the teeth's torque."""
+
+    motor: float
+    load: float
+    teeth: float
+
+
+STAGES = (Stage(1.0, 4.0, 0.05), Stage(0.3, 1.0, 0.035), Stage(0.09, 0.25, 0.02), Stage(0.03, 0.12, 0.013))
+"""One encoder does not show the noise apart from the other shaft's motion, so it is lowered from stage to stage."""
 _UNREAD_LOAD, _UNREAD_MOTOR = 0.01, 0.1
 """Shares of the noise between the samples for the shaft that is not read: no reading would correct it."""
 _HOT = 10.0
@@ -56,6 +61,9 @@ is enough to find the way; finer ones make it rugged."""
 _WIDTHS = np.geomspace(0.003, 0.13, 12)
 _INERTIAS, _OTHER = (0.1, 0.35, 1.0), 0.6
 """Gaps, rad, and inertias of the load over that of the motor, that are tried; ln by which these differ from a guess."""
+_FIXED, _STIFF, _SPRING, _PUNCTUAL = 1e-6, 0.02, 0.7, 1e-5
+"""Standard deviation of what is not fitted; of the force of the teeth, as ln, and of a spring; and of the times of the
+samples, in periods."""
 _LEAST_INERTIA, _LARGEST_INERTIA = 0.06, 1.2
 _VISCOUS = 2.5e-3
 _STARTS, _KEPT = 6, 3
@@ -80,6 +88,21 @@ _SURE = 0.06
 _NOISE, _MODEL, _CURVED = 1.5, 0.01, 0.05
 """Largest standard uncertainty, a share; what it is made of: times the standard deviation by the noise, a share of the
 gap, another one for each square radian of the way, since a gap varies."""
+
+
+class Minimum(NamedTuple):
+    """The end of a minimisation: cost, parameters, problem, contact, and the rms of both innovations."""
+
+    cost: float
+    x: Array
+    problem: Problem
+    contact: Contact
+    sizes: tuple[float, float]
+
+
+def cost_of(found: Minimum) -> float:
+    """Return the cost, to sort by."""
+    return found.cost
 
 
 def _pinned(recording: Recording) -> tuple[Recording, Array, bool]:
@@ -123,20 +146,51 @@ class _Search:
         self._calm = self._thin.part(slice(math.ceil(_CALM * time.size)))
 
     def _problem(self, contact: Contact, recording: Recording) -> Problem:
-        prior, spread = believed(
-            self._start(0.02, 0.3 * self._side.inertia, 0.0, 0.0), contact, self._torque, self._period
+        torque, start = self._torque, self._start(0.02, 0.3 * self._side.inertia, 0.0, 0.0)
+        mean = start.copy()
+        mean[TORQUE], mean[LN_VISCOUS] = 0.0, math.log(2.0 * _VISCOUS)
+        teeth = _SPRING if isinstance(contact, SpringContact) else _STIFF
+        spread = {LN_HALF_GAP: 3.0, GAP_SLOPE: 0.2, LN_STIFFNESS: teeth, LN_INERTIA: 1.5, LN_VISCOUS: 3.0}
+        spread |= dict.fromkeys((COULOMB_L, TORQUE, COULOMB_M), 0.2 * torque)
+        spread |= {GRAVITY: 0.05 * torque, DELAY: 2.0 * self._period}
+        spread |= {ECCENTRICITY: _FIXED if self.by_motor else 0.005}
+        # Where one shaft is in the gap is the filter's to find; motor and gear are taken as given.
+        low = {LN_HALF_GAP: -14.0, LN_STIFFNESS: -5.0, LN_INERTIA: -25.0, LN_VISCOUS: -18.0}
+        low |= dict.fromkeys((COULOMB_L, COULOMB_M, DELAY), 0.0)
+        high = {LN_HALF_GAP: 1.0, LN_STIFFNESS: 5.0, LN_INERTIA: 12.0, LN_VISCOUS: 12.0}
+        largest = {LN_HALF_GAP: 0.3, GAP_SLOPE: 0.1, LN_STIFFNESS: 0.5, LN_INERTIA: 0.7, LN_VISCOUS: 1.0}
+        largest |= {ECCENTRICITY: 0.01}
+        beliefs = Beliefs(
+            mean, row_of(spread, _FIXED), row_of(low, -math.inf), row_of(high, math.inf), row_of(largest, math.inf)
         )
-        prior[[TORQUE]] = 0.0
-        prior[LN_VISCOUS] = math.log(2.0 * _VISCOUS)
-        spread[OFFSET] = 1e-6  # where one shaft is in the gap, is the filter's to find
-        spread[[COULOMB_L, TORQUE, COULOMB_M]] = 0.2 * self._torque
-        spread[LN_INERTIA] = 1.5
-        if self.by_motor:
-            spread[ECCENTRICITY] = 1e-6
-        return Problem(motor_side(self._drive, contact), contact, recording, prior, spread, self._counts, self.stages)
+        return Problem(self._side, told_teeth(self._drive, contact), recording, torque, beliefs, self._counts)
+
+    def _noise(self, stage: Stage) -> Array:
+        """Return the noise of a stage as a `Problem` takes it."""
+        unit = 0.1 * self._torque / self._side.inertia
+        motor, load = math.sqrt(stage.motor) / unit, math.sqrt(stage.load) / unit
+        return np.log([motor, load, stage.teeth, _PUNCTUAL])
+
+    def solve(self, problem: Problem, contact: Contact, x: Array, stage: Stage, most: int, enough: float) -> Minimum:
+        """Minimise from ``x`` with the noise of a stage until a step gains less than ``enough``."""
+        point = problem.solve(Point(math.inf, x, self._noise(stage)), most, enough)
+        sizes = np.sqrt(np.mean(loss_of(problem.innovations[1:]), axis=0))
+        found = (float(sizes[0]), float(sizes[1])) if math.isfinite(point.cost) else (math.inf, math.inf)
+        return Minimum(point.cost, point.parameters, problem, contact, found)
+
+    def descend(self, problem: Problem, contact: Contact, x: Array) -> Minimum:
+        """Minimise through all stages."""
+        for stage in self.stages:
+            x = self.solve(problem, contact, x, stage, 8, 0.5).x
+        return self.solve(problem, contact, x, self.stages[-1], 20, 0.02)
+
+    def fit(self, found: Minimum) -> Fit:
+        """Return the fit at a minimum."""
+        point = Point(found.cost, found.x, self._noise(self.stages[-1]))
+        return fit_of(Found(point, found.problem), (), self._drive)
 
     def _start(self, gap: float, inertia: float, coulomb_l: float, coulomb_m: float) -> Array:
-        x = np.zeros(PARAMETERS)
+        x = row_of({}, 0.0)
         x[LN_HALF_GAP], x[LN_INERTIA], x[LN_VISCOUS] = math.log(0.5 * gap), math.log(inertia), math.log(_VISCOUS)
         x[COULOMB_L], x[COULOMB_M] = coulomb_l, coulomb_m
         x[TORQUE], x[DELAY] = self._guess.load_torque, 0.5 * self._period
@@ -160,18 +214,19 @@ class _Search:
         calm = self._problem(contact, self._calm)
         nearest: dict[float, tuple[float, int, Array]] = {}
         for k, x in enumerate(self._starts()):
-            looked = calm.look(x, warmer)[0], k, x
+            looked = calm.cost(x, self._noise(warmer)), k, x
             nearest[x[LN_HALF_GAP]] = min(looked, nearest.get(x[LN_HALF_GAP], looked), key=lambda each: each[:2])
-        ends = sorted((calm.solve(x, warmer, 5, 1.0) for _, _, x in nearest.values()), key=cost_of)
-        ends = sorted((calm.solve(end.x, warm, 5, 1.0) for end in ends[:_STARTS]), key=cost_of)
+        ends = sorted((self.solve(calm, contact, x, warmer, 5, 1.0) for _, _, x in nearest.values()), key=cost_of)
+        ends = sorted((self.solve(calm, contact, end.x, warm, 5, 1.0) for end in ends[:_STARTS]), key=cost_of)
         for stage in self.stages[:2]:
-            ends = sorted((calm.solve(end.x, stage, 12, 1.0) for end in ends[:_KEPT]), key=cost_of)
+            ends = sorted((self.solve(calm, contact, end.x, stage, 12, 1.0) for end in ends[:_KEPT]), key=cost_of)
         return ends
 
     def go_on(self, begun: Minimum) -> Minimum:
         """Minimise with the whole recording, thinned out."""
         whole = replace(begun.problem, recording=self._thin)
-        return whole.descend(whole.solve(begun.x, _warmer(self.stages[0], math.sqrt(_HOT)), 5, 0.5).x)
+        warm = _warmer(self.stages[0], math.sqrt(_HOT))
+        return self.descend(whole, begun.contact, self.solve(whole, begun.contact, begun.x, warm, 5, 0.5).x)
 
     def widths(self, found: Minimum) -> list[Minimum]:
         """Return the minima reached from other widths of the gap."""
@@ -189,20 +244,20 @@ class _Search:
         """
         ends = []
         for contact in contacts:
-            if type(contact) is not type(found.problem.contact):
+            if type(contact) is not type(found.contact):
                 problem = self._problem(contact, self.recording)
                 for factor in _SOFTER:
                     x = found.x.copy()
                     x[LN_HALF_GAP] += math.log(factor)
-                    x[LN_TEETH] = 0.0
-                    ends.append(self.go_on(found._replace(x=x, problem=problem)))
+                    x[LN_STIFFNESS] = 0.0
+                    ends.append(self.go_on(found._replace(x=x, problem=problem, contact=contact)))
         return ends
 
     def finish(self, found: Minimum) -> Minimum:
         """Continue with every reading, if that converges: fast readings make the cost rugged."""
         if self._thin is self.recording:
             return found
-        end = replace(found.problem, recording=self.recording).descend(found.x)
+        end = self.descend(replace(found.problem, recording=self.recording), found.contact, found.x)
         return end if max(end.sizes) <= _FITS else found
 
 
@@ -229,11 +284,11 @@ def fit_one_sided(
             break
     ends = sorted([*ends, *search.other_laws(ends[0], laws)], key=cost_of)
     if max(ends[0].sizes) > _HOPELESS * _FITS:
-        return fit_of(ends[0]), 0.0
+        return search.fit(ends[0]), 0.0
     ends = sorted([*ends, *search.widths(ends[0])], key=cost_of)
     best = ends[0]
     others = [end.cost - best.cost for end in ends if abs(end.x[LN_HALF_GAP] - best.x[LN_HALF_GAP]) > _APART]
-    return fit_of(search.finish(best)), min(others, default=math.inf)
+    return search.fit(search.finish(best)), min(others, default=math.inf)
 
 
 def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> Gap:
@@ -268,7 +323,7 @@ def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> 
     if why:
         return Gap(0.0, 0.0, False, why, found)
     told = (
-        f"{recording.time[-1] - recording.time[0]:.1f} s of motion of one encoder, with teeth by the "
-        f"{law_name(found.contact)} law that bore {found.torques[0]:.2g} to {found.torques[1]:.2g} N m"
+        f"{recording.time[-1] - recording.time[0]:.1f} s of motion of one encoder, with teeth by "
+        f"{found.teeth.name} law that bore {found.torques[0]:.2g} to {found.torques[1]:.2g} N m"
     )
     return Gap(gap, uncertainty, True, told, found)

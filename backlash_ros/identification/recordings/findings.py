@@ -3,37 +3,49 @@
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from backlash_ros.drivetrain import Drive
-from backlash_ros.drivetrain.contacts.elastic import SpringContact
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.filter import (
+from backlash_ros.identification.fitting.filter import (
     COULOMB_L,
     COULOMB_M,
     DELAY,
     ECCENTRICITY,
     GAP_SLOPE,
     GRAVITY,
+    LN_BRAKING,
+    LN_GAIN,
     LN_INERTIA,
-    LN_TEETH,
     LN_VISCOUS,
+    LOSS,
     OFFSET,
     TORQUE,
 )
-from backlash_ros.identification.fit import Fit
+from backlash_ros.identification.fitting.fit import Fit
 from backlash_ros.identification.gap import Gap
 
 NOISE, MODEL, LEAST, LEAST_DELAY = 2.0, 0.005, 1e-4, 0.005
 """Components of an uncertainty: a factor on the standard deviation from the noise; in addition a share of the value, a
 share of the standstill torque for torques, and of the period for the delay."""
+UNEXPLAINED, OF_MOTOR, OF_TEETH = 20.0, 10.0, 1.0
+"""Components of the inertia's uncertainty, shares: times the load's and the motor's unexplained torque as shares of the
+standstill torque, and the teeth's, as a share of it. A load that is not rigid, or that something else moves, shows as
+such a torque."""
+MOST_LOSS = 0.5
+"""Largest loss of the gear with which the load's inertia is told: a worm passes on less of it than of the torque."""
 UNSEEN = 3.0
 """Factor on all other uncertainties if the gap is unknown: unknown teeth bias everything that acts through them."""
 SURE_INERTIA, SURE_FRICTION, SURE_RESISTANCE, SURE_TORQUE = 0.05, 0.25, 0.1, 0.1
 """Largest standard uncertainty of a finding, as a share of its value; except for the inertia, `SMALL` also suffices."""
 SMALL = 1e-3
 """Torque that hardly matters, as a share of the standstill torque."""
-SURE_DELAY, SURE_SLOPE, SURE_TEETH, SURE_SCALE = 0.25, 0.1, 0.2, 2.5e-3
+SURE_DELAY, SURE_SLOPE, SURE_TEETH, SURE_SCALE, SURE_MOTOR, SURE_LOSS = 0.25, 0.1, 0.2, 2.5e-3, 0.05, 0.05
 """Largest standard uncertainty: of the delay, in periods; of what the gap changes by, in gaps for each rad; of the
-teeth's stiffness, as a share; of the share by which the load's encoder reads too much."""
+teeth's stiffness, as a share; of the share by which the load's encoder reads too much; of the motor's constant and
+resistance, as shares; of the gear's loss, itself a share."""
+_CONSTANT, _RESISTANCE = {LN_BRAKING: 1.0, LN_GAIN: -1.0}, {LN_BRAKING: 1.0, LN_GAIN: -2.0}
+"""K_m and R by the gain K/R and the braking K^2/R, as powers."""
 SPEEDS = 1.0, 10.0
 """Speed of the load, rad/s, at which its total friction is given, viscous and dry."""
 
@@ -64,6 +76,7 @@ class _Rules:
     """A fit, and the bounds for its findings."""
 
     drive: Drive
+    found: Fit
     x: Array
     covariance: Array
     period: float
@@ -92,8 +105,21 @@ class _Rules:
         deviation = NOISE * math.sqrt(max(float(variance), 0.0))
         return viscous + float(self.x[c]), math.hypot(deviation, LEAST * self.stall)
 
+    def _unexplained(self) -> str:
+        """Return what to say of an inertia that is uncertain because something else moves the load."""
+        share, loss = self.found.noise[1], self.x[LOSS]
+        if loss > MOST_LOSS:
+            return f": the gear loses {100.0 * loss:.0f} % of the torque, and what the motor feels of the load differs"
+        if UNEXPLAINED * share < SURE_INERTIA:
+            return ""
+        return (
+            f": {100.0 * share:.2g} % of the standstill torque on the load is unexplained, as if it were not rigid, or "
+            "something else moved it"
+        )
+
     def load(self) -> list[Finding]:
-        x, small = self.x, SMALL * self.stall
+        x, small, (motor, load, teeth) = self.x, SMALL * self.stall, self.found.noise[:3]
+        lost = math.inf if x[LOSS] > MOST_LOSS else 0.0
         inertia, viscous, dry = math.exp(x[LN_INERTIA]), math.exp(x[LN_VISCOUS]), float(x[COULOMB_L])
         both = [
             self.decide(
@@ -108,8 +134,10 @@ class _Rules:
             self.decide(
                 Finding("load.inertia", "J_l", "the load's inertia", "kg m^2"),
                 inertia,
-                self.deviation(LN_INERTIA) * inertia,
+                math.hypot(self.deviation(LN_INERTIA), UNEXPLAINED * load, OF_MOTOR * motor, OF_TEETH * teeth, lost)
+                * inertia,
                 SURE_INERTIA * inertia,
+                self._unexplained(),
             ),
             self.decide(
                 Finding("load.viscous_friction", "B_l", "the load's viscous friction", "N m s/rad"),
@@ -164,12 +192,39 @@ class _Rules:
             ),
         ]
 
+    def motor(self) -> list[Finding]:
+        """Return what the data sheet says of motor and gear, as found: the rotor's inertia sets the unit of torque."""
+        motor = self.drive.motor
+        constant, resistance = ({LN_GAIN: 1.0}, {}) if self.drive.takes_current else (_CONSTANT, _RESISTANCE)
+        rows = [
+            self._of_logarithms(
+                Finding("motor.torque_constant", "K_m", "the motor's torque constant, by its inertia", "N m/A"),
+                motor.torque_constant,
+                constant,
+            ),
+            self._of_logarithms(
+                Finding("motor.resistance", "R", "the motor's resistance, by its inertia", "ohm"),
+                motor.resistance,
+                resistance,
+            ),
+        ]
+        rows = rows[:1] if self.drive.takes_current else rows
+        loss = Finding("", "loss", "loss of the gear, a share of the teeth's torque", "")
+        return [*rows, self.decide(loss, float(self.x[LOSS]), self.deviation(LOSS), SURE_LOSS)]
+
+    def _of_logarithms(self, row: Finding, told: float, powers: dict[int, float]) -> Finding:
+        """Return the row of a ``told`` value times the exponential of parameters with factors."""
+        factors = np.array([powers.get(index, 0.0) for index in range(self.x.size)])
+        value = told * math.exp(float(factors @ self.x))
+        deviation = NOISE * math.sqrt(max(float(factors @ self.covariance @ factors), 0.0))
+        return self.decide(row, value, deviation * value, SURE_MOTOR * value)
+
     def encoder(self) -> Finding:
         """Return the relative scale error of the load's encoder at its position, an effect of eccentricity."""
         row = Finding("", "eccentricity", "relative scale error of the load's encoder here", "")
         return self.decide(row, float(self.x[ECCENTRICITY]), self.deviation(ECCENTRICITY), SURE_SCALE)
 
-    def teeth(self, contact: object) -> list[Finding]:
+    def teeth(self) -> list[Finding]:
         """Return the other properties of the gap if both flanks were seen."""
         x = self.x
         rows = [
@@ -187,15 +242,16 @@ class _Rules:
                 SURE_SLOPE,
             ),
         ]
-        if isinstance(contact, SpringContact):
-            give = contact.wind_up * math.exp(-x[LN_TEETH])
-            row = Finding("contact.elastic.wind_up", "wind-up", "wind-up of the teeth at the output", "rad/(N m)")
-            rows.append(self.decide(row, give, self.deviation(LN_TEETH) * give, SURE_TEETH * give))
+        if self.found.teeth.free:
+            give, deviation = self.found.wind_up()
+            what = f"wind-up of the teeth at the output, up to {self.found.bearing:.2g} N m"
+            row = Finding("contact.elastic.wind_up", "wind-up", what, "rad/(N m)")
+            rows.append(self.decide(row, give, NOISE * deviation, SURE_TEETH * give))
         return rows
 
 
 def findings_of(drive: Drive, gap: Gap, found: Fit, period: float) -> list[Finding]:
-    """Return all findings of a fit, in a fixed order: load, external torques, gap, encoders.
+    """Return all findings of a fit, in a fixed order: load, external torques, gap, motor, encoders.
 
     Parameters
     ----------
@@ -204,11 +260,11 @@ def findings_of(drive: Drive, gap: Gap, found: Fit, period: float) -> list[Findi
     period : of the samples, s
     """
     covariance = found.covariance * (1.0 if gap.valid else UNSEEN**2)
-    rules = _Rules(drive, found.parameters, covariance, period, drive.standstill_torque())
-    teeth = rules.teeth(found.contact)
+    rules = _Rules(drive, found, found.parameters, covariance, period, drive.standstill_torque())
+    teeth = rules.teeth()
     width = Finding("gear.backlash_angle", "b", "the gap at the load's start position", "rad")
     if gap.valid:
         width = Finding(width.key, width.symbol, width.what, width.unit, gap.angle, gap.uncertainty)
     else:
         width, *teeth = (Finding(r.key, r.symbol, r.what, r.unit, why=gap.reason) for r in (width, *teeth))
-    return [width, *rules.load(), *rules.around(), *teeth, rules.encoder()]
+    return [width, *rules.load(), *rules.around(), *teeth, *rules.motor(), rules.encoder()]

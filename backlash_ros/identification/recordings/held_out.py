@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.filter import (
+from backlash_ros.identification.fitting.candidates import Candidate, told_teeth
+from backlash_ros.identification.fitting.filter import (
     COULOMB_L,
     COULOMB_M,
     LN_HALF_GAP,
@@ -16,9 +16,9 @@ from backlash_ros.identification.filter import (
     LN_VISCOUS,
     OFFSET,
     PARAMETERS,
-    filter_with,
 )
-from backlash_ros.identification.fit import STAGES, Fit, first_states, motor_side, noise_of
+from backlash_ros.identification.fitting.fit import Fit, row_of
+from backlash_ros.identification.fitting.problem import Beliefs, Problem, motor_side
 from backlash_ros.identification.recording import Recording
 
 SHARE = 0.75
@@ -57,30 +57,41 @@ def told_parameters(drive: Drive, recording: Recording) -> Array:
 
 def follow(
     drive: Drive,
-    contact: Contact,
-    x: Array,
+    found: Fit,
     recording: Recording,
-    counts: tuple[float, float],
     state: Array | None = None,
+    told: tuple[Candidate, Array] | None = None,
 ) -> tuple[Array, Array]:
-    """Return innovations and states of one pass of the filter, from a ``state`` on where there is one."""
-    size = recording.time.size
-    innovations, states = np.full((size, 2), math.nan), first_states(recording)
+    """Return innovations and states of one pass of the filter with a fit's noise, from a ``state`` on if there is one.
+
+    Parameters
+    ----------
+    told : other teeth and parameters than those of the fit
+    """
+    teeth, parameters = told or (found.teeth, found.parameters)
+    none = row_of({}, 0.0)
+    beliefs = Beliefs(none, none + 1.0, none, none, none)
+    problem = Problem(motor_side(drive), teeth, recording, drive.standstill_torque(), beliefs, found.counts)
     if state is not None:
-        states[0] = state
-    predict = filter_with(type(contact))  # type: ignore[arg-type]
-    noise, slopes = noise_of(counts, STAGES[-1]), np.zeros((size, 2, PARAMETERS))
-    logs = predict(motor_side(drive, contact), noise, x, *recording, innovations, slopes, states)
-    if math.isinf(logs):
-        innovations[:], states[:] = math.inf, math.inf
-    return innovations, states
+        problem.states[0] = state
+    motor, load, share, timing = found.noise
+    load *= problem.side.inertia / math.exp(found.parameters[LN_INERTIA])
+    if math.isinf(problem.cost(parameters, np.log([motor, load, share, timing]))):
+        problem.innovations[:], problem.states[:] = math.inf, math.inf
+    read = np.isfinite(np.stack((recording.motor, recording.load), axis=1))
+    read[0] = False
+    return np.where(read, problem.innovations, math.nan), problem.states
+
+
+def _as_told(drive: Drive, parameters: Array) -> tuple[Candidate, Array]:
+    return told_teeth(drive, drive.gear.contact), parameters
 
 
 def _rms(
-    drive: Drive, contact: Contact, x: Array, recording: Recording, start: float, counts: tuple[float, float]
+    drive: Drive, found: Fit, recording: Recording, start: float, told: tuple[Candidate, Array] | None = None
 ) -> float:
     """Return the rms of `Score` from ``start`` on; infinite if the model cannot follow."""
-    innovations, _ = follow(drive, contact, x, recording, counts)
+    innovations, _ = follow(drive, found, recording, told=told)
     rest = innovations[recording.time >= start]
     return math.sqrt(max(float(np.nanmean(np.square(rest[:, column]))) for column in (0, 1)))
 
@@ -103,7 +114,7 @@ def _free(drive: Drive, found: Fit, recording: Recording, begin: float) -> tuple
     for angle in unseen:
         angle[first:] = math.nan
     blind = recording.part(slice(end))._replace(motor=unseen[0], load=unseen[1])
-    _, states = follow(drive, found.contact, found.parameters, blind, found.counts)
+    _, states = follow(drive, found, blind)
     return first, end, states[first:]
 
 
@@ -133,7 +144,7 @@ def _errors(drive: Drive, found: Fit, recording: Recording, start: float) -> tup
         inside = min(max(state[0] - state[3] - found.parameters[OFFSET], -0.9 * half), 0.9 * half)
         x[OFFSET] = state[0] - state[3] - inside
         alone = recording.part(slice(first, end))._replace(motor=angles[0], load=angles[1])
-        _, states = follow(drive, drive.gear.contact, x, alone, found.counts, state)
+        _, states = follow(drive, found, alone, state, _as_told(drive, x))
         other.append(states[:, 3] - load[first:end])
     return _error(own), _error(other)
 
@@ -154,7 +165,6 @@ def score(drive: Drive, found: Fit, recording: Recording) -> Score:
     first, last = float(recording.time[0]), float(recording.time[-1])
     start = first + SHARE * (last - first)
     error, told_error = _errors(drive, found, recording, start)
-    rms = _rms(drive, found.contact, found.parameters, recording, start, found.counts)
-    as_told = told_parameters(drive, recording)
-    told_rms = _rms(drive, drive.gear.contact, as_told, recording, start, found.counts)
+    rms = _rms(drive, found, recording, start)
+    told_rms = _rms(drive, found, recording, start, _as_told(drive, told_parameters(drive, recording)))
     return Score(start - first, last - start, min(_FREE, last - start), rms, error, told_rms, told_error)

@@ -6,8 +6,8 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.identification.drive import identified_drive
-from backlash_ros.identification.fit import FITS, Fit, fit
-from backlash_ros.identification.gap import SCALE, Gap, contacts_of, delays_of, measure_gap
+from backlash_ros.identification.fitting.fit import Fit, fit
+from backlash_ros.identification.gap import Gap, delays_of, measure_gap
 from backlash_ros.identification.gap_map import FEWEST_PLACES, Mapped
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding, findings_of
@@ -17,6 +17,7 @@ from backlash_ros.identification.recordings.plausible import implausible, suspic
 from backlash_ros.identification.recordings.stretch import informative
 
 FRICTION = "load.viscous_friction", "load.coulomb_friction"
+MOTOR = frozenset({"motor.torque_constant", "motor.resistance"})
 _TEETH = "gear.backlash_angle"
 
 
@@ -76,25 +77,22 @@ def identify(drive: Drive, recording: Recording, *, hold_out: bool = True) -> Id
         return replace(refused, reason=why)
     gap = measure_gap(drive, chosen, drive.standstill_torque())
     found = gap.fit
-    assert found is not None
-    if why := _unexplained(drive, chosen, gap, found):
+    suspected = "" if gap.valid else _suspicion(drive, chosen)
+    if found is None or not gap.sound or suspected:
+        why = f"{suspected}: {gap.reason}" if suspected else gap.reason
         return replace(refused, reason=why, gap=gap, fit=found)
     rows = findings_of(drive, gap, found, period)
     fitted, replaced = _replaced(drive, found, rows)
     result = replace(refused, drive=fitted, replaced=replaced, findings=tuple(rows), gap=gap, fit=found)
     if not hold_out:
         return result
-    before = fit(drive, first_part(chosen), contacts_of(drive), delays_of(period), drive.standstill_torque())
-    return replace(result, score=score(drive, before, chosen), before=before)
+    before = fit(drive, first_part(chosen), drive.standstill_torque(), delays_of(period))
+    return result if before is None else replace(result, score=score(drive, before, chosen), before=before)
 
 
-def _unexplained(drive: Drive, recording: Recording, gap: Gap, found: Fit) -> str:
-    """Return why a fit as a whole, not only its gap, cannot be believed; empty if it can."""
-    misfits = not max(found.rms) <= FITS
-    if not misfits:
-        return gap.reason if found.exhausted or abs(found.scale) > SCALE else ""
-    suspected = suspicion(drive, recording, delays_of(float(np.median(np.diff(recording.time)))))
-    return f"{suspected}: {gap.reason}" if suspected else gap.reason
+def _suspicion(drive: Drive, recording: Recording) -> str:
+    """Return what would explain a recording better than what was given; empty if nothing would."""
+    return suspicion(drive, recording, delays_of(float(np.median(np.diff(recording.time)))))
 
 
 def _replaced(drive: Drive, found: Fit, rows: list[Finding]) -> tuple[Drive, frozenset[str]]:
@@ -111,8 +109,14 @@ def _replaced(drive: Drive, found: Fit, rows: list[Finding]) -> tuple[Drive, fro
         if f"load.{name}" in told
     }
     result = replace(drive, load=replace(drive.load, **load))
-    if "motor.coulomb_friction" in told:
-        result = replace(result, motor=fitted.motor)
+    if not told >= MOTOR and not drive.takes_current:
+        told -= MOTOR  # gain and braking come from both
+    motor = {
+        name: getattr(fitted.motor, name)
+        for name in ("coulomb_friction", "torque_constant", "resistance")
+        if f"motor.{name}" in told
+    }
+    result = replace(result, motor=replace(drive.motor, **motor))
     if _TEETH in told:
         result = replace(result, gear=fitted.gear)
         told |= {"contact"}

@@ -7,7 +7,8 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.signals import Array
-from backlash_ros.identification.fit import count_of, motor_side
+from backlash_ros.identification.counts import count_of
+from backlash_ros.identification.fitting.problem import motor_side
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.regression import guess_of
 
