@@ -155,7 +155,7 @@ def test_a_drive_is_told_by_hand_while_it_moves(rig: Callable[..., Rig]) -> None
             "contact.law must be one of ['elastic', 'hunt_crossley', 'power', 'power_no_pull', 'restitution']",
         ),
         ({"contact__power__exponent": 20}, "contact.power.exponent must be an odd"),
-        ({"motor__resistance": 1.0}, "motor.resistance is read-only"),
+        ({"motor__inertia": 1.0}, "motor.inertia is read-only"),
         ({"gear__reduction": 1.0}, "gear.reduction is read-only"),
         ({"gains__fast__k": [1e5, 0.0, 0.0]}, "gains.fast.k = [100000, 0, 0] is unstable"),
     ):

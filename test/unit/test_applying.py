@@ -113,6 +113,29 @@ def test_the_next_one_takes_the_place_of_the_one_on_offer(estimates: Estimates, 
     assert parameter.value == 0.03
 
 
+@pytest.mark.parametrize(("angle", "otherwise"), [(0.0203, False), (0.0205, True), (0.0195, True)])
+def test_an_estimate_that_contradicts_the_one_before_is_applied_and_says_so(
+    estimates: Estimates, parameter: Parameter, disk: Slow, path: Path, angle: float, otherwise: bool
+) -> None:
+    """By more than three times the standard uncertainty of both, 0.42 mrad, of this run or of the one before."""
+    estimates.begin(str(path), DRIVE, use=False)
+    for again in (False, True):
+        if again:
+            estimates.begin(str(path), DRIVE, use=False)
+        for value in (angle, 0.02) if again else (0.02, angle):
+            estimates.learned(estimate(value), "found", 0, apply=True)
+            disk.go_on()
+            answer = estimates.poll(0)
+            assert answer is not None
+            assert answer.success
+            said = "backlash_angle was" in answer.text
+            assert said == (otherwise and value != (angle if again else 0.02))
+    assert parameter.value == 0.02
+    if otherwise:
+        assert f"backlash_angle was {angle:.6g} rad by gap_probe at 2" in answer.text
+        assert "standard uncertainties off" in answer.text
+
+
 def test_what_the_parameter_refuses_stays_on_offer(estimates: Estimates, parameter: Parameter) -> None:
     parameter.refusal = "the law cannot be designed"
     estimates.learned(estimate(), "found", 0, apply=True)
@@ -200,7 +223,7 @@ def test_a_disk_that_hangs_holds_up_no_answer_for_long_and_no_end(estimates: Est
     assert estimates.poll(PATIENCE) == Answer("learn", True, f"found; it is still being written to {path}")
     assert not estimates.busy
     assert not estimates.finish(0.0)
-    estimates.learned(estimate(0.03), "found", 0, apply=True)
+    estimates.learned(estimate(0.0203), "found", 0, apply=True)
     assert estimates.poll(0, wait_no_more=True) == Answer("learn", True, f"found; it is still being written to {path}")
     with pytest.raises(ValueError, match="the previous estimate is still being written"):
         estimates.begin(str(path), DRIVE, use=True)
@@ -208,7 +231,7 @@ def test_a_disk_that_hangs_holds_up_no_answer_for_long_and_no_end(estimates: Est
     disk.go_on()
     assert estimates.finish(0.0)
     assert estimates.poll(0) is None
-    assert kept(path) == [(0.02, True), (0.03, True)]
+    assert kept(path) == [(0.02, True), (0.0203, True)]
 
 
 def test_a_write_that_fails_is_told_and_the_estimate_is_in_use(
@@ -224,11 +247,11 @@ def test_a_write_that_fails_is_told_and_the_estimate_is_in_use(
     assert estimates.trouble == why
     assert parameter.value == 0.02
     path.rmdir()
-    estimates.learned(estimate(0.03), "found", 0, apply=True)
+    estimates.learned(estimate(0.0203), "found", 0, apply=True)
     disk.go_on()
     assert estimates.poll(0) == Answer("learn", True, "found")
     assert estimates.trouble == ""
-    assert kept(path) == [(0.02, True), (0.03, True)]  # the one before too
+    assert kept(path) == [(0.02, True), (0.0203, True)]  # the one before too
 
 
 def test_a_failure_after_the_answer_is_seen(estimates: Estimates, disk: Slow, path: Path) -> None:

@@ -56,7 +56,8 @@ def test_every_command_of_the_page_works(here: Path, capsys: pytest.CaptureFixtu
     drive = Drive.read(here / "results" / "axis.yaml")
     assert drive.gear.backlash_angle == pytest.approx(told["b"]["value"], rel=1e-5)
     assert drive.load.inertia == pytest.approx(told["J_l"]["value"], rel=1e-5)
-    assert drive.motor.torque_constant == 0.09303
+    assert drive.motor.inertia == 6.924e-05
+    assert drive.motor.torque_constant == pytest.approx(0.09303, rel=0.01)
     file = yaml.safe_load((here / "results" / "axis.yaml").read_text())["/**"]["ros__parameters"]
     assert file["delay"]["command"] == file["loop_delay"] == pytest.approx(told["delay"]["value"], rel=1e-5)
     assert (file["rate"], file["sensors"]["motor_counts"], file["sensors"]["load_counts"]) == (250.0, 4096.0, 262144.0)

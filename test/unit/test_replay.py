@@ -205,7 +205,7 @@ def test_the_command_prints_writes_and_draws(bag: Path, tmp_path: Path, capsys: 
             "gains.fasst.q=[1.0, 1.0]",
             "there is no parameter 'gains.fasst.q', got [1.0, 1.0]: did you mean 'gains.fast.q'?",
         ),
-        ("motor.resistance=3.0", "motor.resistance cannot change while the controller runs: it was 2.0, got 3.0"),
+        ("motor.inductance=0.003", "motor.inductance cannot change while the controller runs: it was 0.002, got 0.003"),
         ("gains.fast.k=[-1.0, 0.0, 0.0]", "k1 (position) must be > 0 V/rad, got -1.0"),
         ("backlash_angle=5", "backlash_angle must be >= 0 rad and <= 3.2 rad, got 5.0"),
         ("learning.limit_cycle.cycles=2.5", "learning.limit_cycle.cycles must be a whole number, got 2.5"),

@@ -101,6 +101,8 @@ class Estimates:
         except ValueError as error:
             self._hold(Answer(service, False, f"{text}, but it was refused: {error}"), now)
             return
+        if (before := self._before) and (otherwise := kept.contradicts(before)):
+            text = f"{text}; {otherwise}"
         if apply:
             refusal = self._put_in_use(kept.parameters)
             kept = replace(kept, applied=not refusal)
@@ -113,6 +115,12 @@ class Estimates:
         elif not apply:
             text = f"{text}; call apply_estimate to use it"
         self._hold(Answer(service, not refusal, text), now)
+
+    @property
+    def _before(self) -> KeptEstimate | None:
+        """The newest estimate, of this run or in the file."""
+        kept = self._file.history.estimates[-1:] if self._file else ()
+        return self.newest or next(iter(kept), None)
 
     def apply(self, now: int) -> str:
         """Apply the offered estimate; return an empty text, or why not, in which case nothing changes."""

@@ -38,6 +38,10 @@ def _bounds() -> dict[str, Quantity]:
 
 _LAW = "contact.law"
 _DEVIATION = Quantity("a standard uncertainty", "", 0.0, 1e9, open_lower=True)
+_STAYS = "backlash_angle", "load.inertia"
+"""What a drive keeps from one estimate to the next."""
+_SIGMAS = 3.0
+"""Standard uncertainties of both by which two estimates of it differ at most."""
 _REDUCTION = quantities(Gear)["reduction"]
 _SAME_GEAR = 1e-6
 """Relative difference up to which two gear reductions count as equal."""
@@ -110,6 +114,19 @@ class KeptEstimate:
         """When it was learned, ISO 8601."""
         moment = self.learned_at.astimezone(timezone.utc).replace(tzinfo=None)
         return f"{moment.isoformat(timespec='seconds')}Z"
+
+    def contradicts(self, before: "KeptEstimate") -> str:
+        """Return in words what an estimate ``before`` says otherwise than the uncertainties allow; empty if nothing."""
+        found = []
+        for name in _STAYS:
+            sure = math.hypot(*(each.uncertainties.get(name, math.inf) for each in (self, before)))
+            apart = abs(self.parameters.get(name, 0.0) - before.parameters.get(name, 0.0)) / sure
+            if apart > _SIGMAS:
+                was = f"{before.parameters[name]:.6g} {_bounds()[name].unit} by {before.method.value} at {before.date}"
+                found.append(f"{name} was {was}, {apart:.2g} standard uncertainties off")
+        if not found:
+            return ""
+        return f"{', '.join(found)}: it differs along the turn, the drive has changed, or one of the estimates is wrong"
 
 
 @dataclass(frozen=True)
