@@ -59,7 +59,7 @@ _OF_DRIVES: dict[str, Any] = {
 """Options that need a drive file, and their defaults with one."""
 _PAPER = "two_region"
 _OURS = (
-    *("motor", "gear", "load", "contact", "sensors", "delay", "rate", "loop_delay", "command_interface"),
+    *("motor", "gear", "load", "contact", "effects", "sensors", "delay", "rate", "loop_delay", "command_interface"),
     *("gains", "gain_set", "gain_set_names", "gain_sets"),
 )
 """Parameters of a file that a simulation uses, in addition to those of its law."""
@@ -73,7 +73,7 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
     add("drive", type=Path, nargs="*", metavar="DRIVE", help=text)
     add("--law", choices=sorted([AUTO, *LAWS]), help=f"by default that of DRIVE, or {AUTO}; {_PAPER} without DRIVE")
     add("--case", choices=list(CASES), help="a condition of the paper, without DRIVE; by default nominal")
-    text = "with DRIVE, as often as needed: a parameter of drive, sensors, delay, gain sets or laws"
+    text = "with DRIVE, as often as needed: a parameter of drive, effects, sensors, delay, gain sets or laws"
     add("--set", action="append", default=[], metavar="NAME=VALUE", help=text)
     text = "with DRIVE: target of the load, which starts at 0; by default 1"
     add("--reference", type=float, metavar="RAD", help=text)
