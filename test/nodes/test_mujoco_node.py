@@ -1,6 +1,7 @@
-"""MuJoCo plays a drive of the population against the controller node, over DDS in lockstep.
+"""MuJoCo plays drives of the population against the controller node, over DDS in lockstep.
 
-One drive: `test/unit/test_mujoco_servo.py` plays ten against the same compiled servo without the node.
+One that the node knows: `test/unit/test_mujoco_servo.py` plays ten against the same compiled servo without the node. Ten
+of which it knows the data sheet go from unknown to quiet.
 """
 
 from collections.abc import Callable
@@ -10,21 +11,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from data_sheet import Rig
 from graph import Peer, Process
 from lockstep_drive import LockstepDrive
 
 if find_spec("mujoco") is None:
     pytest.skip("MuJoCo is not installed here; the locks in requirements have it", allow_module_level=True)
 
-from mujoco_servo import HAS_DC_MOTOR, SEED, MujocoServoDrive
+from mujoco_servo import HAS_DC_MOTOR, SEED, MujocoServoDrive, of_steel
 
 from backlash_ros.analysis.evaluation.population import draw_member
-from backlash_ros.analysis.evaluation.task import first_reading, true_reading
+from backlash_ros.analysis.evaluation.task import GAP_NEAR, STAND, first_reading, true_reading
 from backlash_ros.analysis.judging import PRECISE, QUIET, judge_move, threshold
 from backlash_ros.drivetrain.parameters import values_of
 
 NUMBER = 0
 """At 250 Hz, with friction on the load and a delay of half a period."""
+OUTRUN = [number for number in range(12) if of_steel(number).can_outrun]
+"""Drives whose far flank the motor can reach."""
 
 
 @pytest.mark.skipif(not HAS_DC_MOTOR, reason="needs MuJoCo 3.7: dcmotor")
@@ -47,3 +51,19 @@ def test_the_node_is_quiet_and_precise_in_mujoco(start: Callable[..., Process], 
     assert move.swing <= threshold(QUIET, b, count)
     assert move.error <= threshold(PRECISE, b, count)
     assert move.settle <= 0.5
+
+
+@pytest.mark.skipif(not HAS_DC_MOTOR, reason="needs MuJoCo 3.7: dcmotor")
+@pytest.mark.parametrize("number", [OUTRUN[0], *(pytest.param(k, marks=pytest.mark.grid) for k in OUTRUN[1:])])
+def test_a_drive_of_mujoco_goes_from_unknown_to_quiet(rig: Callable[..., Rig], number: int) -> None:
+    member = of_steel(number)
+    b, count = member.drive.gear.backlash_angle, member.load_count
+    made = rig(member, MujocoServoDrive(member))
+    answer = made.call("identify")
+    assert answer.success, answer.message
+    assert made.in_use()["backlash_angle"] == pytest.approx(b, abs=max(GAP_NEAR * b, count))
+    made.drive.run(round(STAND * member.rate))  # the load rattled before, so it comes to rest first
+    time, position = made.step(1.0, 4.0)
+    move = judge_move(time, position, made.start + 1.0, b, count)
+    assert move.swing <= threshold(QUIET, b, count)
+    assert move.error <= threshold(PRECISE, b, count)

@@ -28,9 +28,17 @@ NAMES = [*declare_drive(_NODE), *OTHERS]
 
 
 class Rig:
-    """A controller that was told a drive's data sheet, and that drive."""
+    """A controller that was told a drive's data sheet, and that drive: our simulator's, or another ``plant``."""
 
-    def __init__(self, start: Start, peer: Peer, folder: Path, member: Member, **parameters: Any) -> None:
+    def __init__(
+        self,
+        start: Start,
+        peer: Peer,
+        folder: Path,
+        member: Member,
+        plant: SimulatedDrive | None = None,
+        **parameters: Any,
+    ) -> None:
         self.member, self.peer = member, peer
         model = told_model(member, "identified")
         file = folder / "data_sheet.yaml"
@@ -39,8 +47,8 @@ class Rig:
         self.process = start("controller", "--params-file", str(file), **parameters)
         self.parameters = Parameters(peer, "controller")
         self.start = first_reading(member)
-        plant = SimulatedDrive(member.drive, 1.0 / member.rate, sensors=member.sensors, delay=member.delay)
-        self.drive = LockstepDrive(peer, member.rate, simulated=plant)
+        own = SimulatedDrive(member.drive, 1.0 / member.rate, sensors=member.sensors, delay=member.delay)
+        self.drive = LockstepDrive(peer, member.rate, simulated=plant or own)
         self.drive.load_torque = member.load_torque
         self.drive.matched()
 

@@ -11,10 +11,11 @@ import mujoco
 import numpy as np
 
 from backlash_ros.analysis.evaluation.drive_file import Axis
-from backlash_ros.analysis.evaluation.population import Member
+from backlash_ros.analysis.evaluation.population import Member, draw_member
 from backlash_ros.analysis.evaluation.task import settings_for
 from backlash_ros.analysis.export import mjcf
 from backlash_ros.control import ServoSettings
+from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.delay import LINE, Delay
 from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M
 from backlash_ros.simulation import SimulatedDrive
@@ -51,6 +52,20 @@ class MujocoServoDrive(SimulatedDrive):
         self.state[[THETA_M, THETA_L]], self.state[[OMEGA_M, OMEGA_L]] = data.qpos, data.qvel
         self._sample += 1
         self._line.taken[self._sample % LINE] = self.state
+
+
+def of_steel(number: int) -> Member:
+    """Return a drive of `core` with teeth that T_s/4 winds up by 0.02 to 0.1 b and that are damped by 0.05 to 1.
+
+    T_s is the stall torque. MuJoCo has them as a spring and a damper that also pulls.
+    """
+    member, rng = draw_member(SEED, number, "core"), np.random.default_rng([SEED, number])
+    drive, (share, damping) = member.drive, rng.random(2)
+    wind_up = 0.02 * 5.0**share * drive.gear.backlash_angle / (0.25 * drive.standstill_torque())
+    both = drive.load.inertia * drive.reflected_inertia / drive.effective_inertia
+    damper = 2.0 * (0.05 + 0.95 * damping) * math.sqrt(both / wind_up) / drive.gear.load_radius**2
+    contact = ElasticContact(wind_up=wind_up, damping=damper)
+    return replace(member, drive=replace(drive, gear=replace(drive.gear, contact=contact)))
 
 
 def known(member: Member) -> ServoSettings:

@@ -462,7 +462,9 @@ class Search:
         beliefs = found.problem.beliefs
         tight = row_of({LN_HALF_GAP: 3.0, OFFSET: 1.0}, 1e-7)
         places = []
-        for rows in (slice(0, middle + 1), slice(middle, self.size)):
+        found.problem.cost(best.parameters, best.noise)
+        states = found.problem.states[[0, middle]].copy()
+        for rows, state in zip((slice(0, middle + 1), slice(middle, self.size)), states, strict=True):
             part = replace(
                 found.problem,
                 recording=self.recording.part(rows),
@@ -470,6 +472,7 @@ class Search:
                 effort=Effort(40.0),
                 whole=self.size,
             )
+            part.states[0] = state
             end = part.solve(best, 10, 0.1)
             cost, _, matrix = part.look(end.parameters, best.noise)
             if not math.isfinite(cost):

@@ -77,7 +77,7 @@ def identify(drive: Drive, recording: Recording, *, hold_out: bool = True) -> Id
         return replace(refused, reason=why)
     gap = measure_gap(drive, chosen, drive.standstill_torque())
     found = gap.fit
-    suspected = "" if gap.valid else _suspicion(drive, chosen)
+    suspected = "" if gap.sound else _suspicion(drive, chosen)
     if found is None or not gap.sound or suspected:
         why = f"{suspected}: {gap.reason}" if suspected else gap.reason
         return replace(refused, reason=why, gap=gap, fit=found)
