@@ -1,7 +1,7 @@
 """MuJoCo plays drives of the population against the controller node, over DDS in lockstep.
 
-One that the node knows: `test/unit/test_mujoco_servo.py` plays ten against the same compiled servo without the node. Ten
-of which it knows the data sheet go from unknown to quiet.
+One that the node knows: `test/unit/test_mujoco_servo.py` plays ten against the same compiled servo without the node.
+Ten of which it knows the data sheet go from unknown to quiet.
 """
 
 from collections.abc import Callable
