@@ -145,7 +145,12 @@ def verdicts(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
         checks = " or ".join([f"not (test_stops or test_ends or {RATE})", *expected_failures(drive)])
         if drive in SOUND:
             checks = f"not {RATE}"
-        return judge(tmp_path_factory.mktemp("kit"), command, *options, "-k", checks)
+        meant = sorted(expected_failures(drive))
+        for _ in range(2):  # once more where the verdict is another one: this machine may have stood still
+            verdict = judge(tmp_path_factory.mktemp("kit"), command, *options, "-k", checks)
+            if sorted(verdict.failed) == meant:
+                break
+        return verdict
 
     with ThreadPoolExecutor(1) as pool:
         yield {drive: pool.submit(judged, drive) for drive in asked}
