@@ -50,8 +50,8 @@ from backlash_ros.drivetrain.signals import (
 from backlash_ros.gates.faults import Fault
 
 _OTHER, _SLOW = 3.0, 0.02
-"""Factor by which the inertia at the output may change while the load moves, and share of faults.velocity below which
-the load counts as at rest."""
+"""Factor by which what a command's size depends on may change while the load moves, and share of faults.velocity below
+which the load counts as at rest."""
 
 
 class Servo:
@@ -161,13 +161,16 @@ class Servo:
         """
         if not self.holding:
             return ""
-        factor = (drive or self.drive).effective_inertia / self.drive.effective_inertia
-        moves = abs(self.estimate[OMEGA_L]) > _SLOW * self.settings.thresholds_of(self.drive).velocity
-        if moves and not 1.0 / _OTHER <= factor <= _OTHER:
-            return (
-                f"load.inertia must change the inertia at the output by a factor of {_OTHER:g} at most "
-                f"while the load moves, got {factor:.3g}"
-            )
+        new, old = drive or self.drive, self.drive
+        factors = {
+            "load.inertia must change the inertia at the output": new.effective_inertia / old.effective_inertia,
+            "motor.torque_constant must change": new.motor.torque_constant / old.motor.torque_constant,
+            "motor.resistance must change": new.motor.resistance / old.motor.resistance,
+        }
+        moves = abs(self.estimate[OMEGA_L]) > _SLOW * self.settings.thresholds_of(old).velocity
+        for what, factor in factors.items():
+            if moves and not 1.0 / _OTHER <= factor <= _OTHER:
+                return f"{what} by a factor of {_OTHER:g} at most while the load moves, got {factor:.3g}"
         reasons = (
             limits.rejection_reason(each, each)
             for each in self._extremes

@@ -209,6 +209,11 @@ def times_as_heavy(drive: Drive, factor: float) -> Drive:
     return replace(drive, load=replace(drive.load, inertia=factor * drive.load.inertia))
 
 
+def with_motor(drive: Drive, name: str, factor: float) -> Drive:
+    """Return a drive with ``factor`` times a value of its motor."""
+    return replace(drive, motor=replace(drive.motor, **{name: factor * getattr(drive.motor, name)}))
+
+
 @pytest.mark.corners(12)
 @pytest.mark.parametrize("sensors", ["everything", "positions"])
 @pytest.mark.parametrize("drive", [NOMINAL_DRIVE, HEAVY], ids=["nominal", "heavy"])
@@ -237,6 +242,32 @@ def test_a_wrong_inertia_that_is_told_on_the_way_is_refused_or_does_not_drive_th
             rig.plant.advance(rig.servo.update(rig.plant.sample(), rig.plant.elapsed))
             farthest = max(farthest, rig.plant.state[THETA_L])
         assert farthest < 1.0 + (5.0 * B if wrong <= 3.0 else 0.4)
+
+
+@pytest.mark.corners(6)
+@pytest.mark.parametrize("name", ["torque_constant", "resistance"])
+@pytest.mark.parametrize("moved_for", [0.0, 0.02, 0.06, 0.15])
+@pytest.mark.parametrize("wrong", [1e-2, 0.34, 2.9, 100.0])
+def test_a_wrong_motor_that_is_told_on_the_way_is_refused_or_does_not_drive_the_load_on(
+    name: str, moved_for: float, wrong: float
+) -> None:
+    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, "two_region"), SENSORS["positions"], load_torque=0.0)
+    told = with_motor(NOMINAL_DRIVE, name, wrong)
+    rig.run(1.0)
+    assert rig.servo.rejection_reason(rig.servo.limits, told) == ""  # at rest
+    rig.servo.set_reference(1.0)
+    rig.run(moved_for)
+    why = rig.servo.rejection_reason(rig.servo.limits, told)
+    if abs(rig.servo.estimate[OMEGA_L]) > 4.0:
+        asked = f"motor.{name} must change by a factor of 3 at most while the load moves, got {wrong:g}"
+        assert why == (asked if wrong in {1e-2, 100.0} else "")
+    if not why:
+        rig.servo.use(settings_of(told, "two_region"), drive=told)
+        farthest = 0.0
+        for _ in range(round(3.0 / PERIOD)):
+            rig.plant.advance(rig.servo.update(rig.plant.sample(), rig.plant.elapsed))
+            farthest = max(farthest, rig.plant.state[THETA_L])
+        assert farthest < 1.0 + (5.0 * B if 0.3 < wrong < 3.0 else 0.4)
 
 
 def test_another_drive_moves_all_that_is_derived_from_it() -> None:
