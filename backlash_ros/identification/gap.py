@@ -20,7 +20,7 @@ _FLANK = 0.04
 """Share of the standstill torque that a flank must have borne to count as seen."""
 _ONE_FLANK = 0.2
 """Cost for each sample by which a model without the far flank must be worse."""
-SCALE = 0.015
+_SCALE = 0.015
 """Largest relative scale error of the load's encoder, such as an eccentric disk causes."""
 _GAIN = 0.5
 """Largest difference of the motor's gain from its data sheet, as a logarithm."""
@@ -28,7 +28,7 @@ _SURE, _OF_COUNT = 0.08, 0.7
 """Largest uncertainty of a gap to be used: a share of it, or counts."""
 _APART, _SIGMAS = 0.1, 3.0
 """Largest difference of a flank between both halves of the recording: a share of the gap, or standard deviations."""
-MOTOR_UNEXPLAINED, LOAD_UNEXPLAINED = 0.06, 0.03
+_MOTOR_UNEXPLAINED, _LOAD_UNEXPLAINED = 0.06, 0.03
 """Largest unexplained torque on motor and load, as a share of the stall torque."""
 _TEETH_UNEXPLAINED = 0.5
 """Largest unexplained share of the teeth's torque."""
@@ -85,7 +85,7 @@ def uncertainty_of(found: Fit, way: float) -> float:
     if found.teeth.free:
         above = max(float(found.parameters[LN_EXPONENT]) - _HERTZ, 0.0)
         steep = _STEEP * above * 2.0 * found.bearing * found.wind_up()[0]
-    worse = 0.0 if found.pressed else abs(first.cost - second.cost)
+    worse = 0.0 if found.steeper else abs(first.cost - second.cost)
     other = abs(first.gap - second.gap) * math.exp(-worse / _LAWS)
     change = gap * float(found.parameters[GAP_SLOPE]) * way
     return math.hypot(
@@ -172,13 +172,13 @@ def _unbelievable(found: Fit) -> _Doubt | None:
             "sign and the unit of the command, the motor's values, and its supply",
             all=True,
         )
-    if abs(scale := found.scale) > SCALE:
+    if abs(scale := found.scale) > _SCALE:
         return _Doubt(
             f"the load's angle differs from the motor's through the gear by {100 * scale:+.1f} %, and may by "
-            f"{100 * SCALE:g} %: check gear.reduction, and that the encoders are the right ones",
+            f"{100 * _SCALE:g} %: check gear.reduction, and that the encoders are the right ones",
             all=True,
         )
-    for who, share, most in zip(("motor", "load"), found.noise, (MOTOR_UNEXPLAINED, LOAD_UNEXPLAINED), strict=False):
+    for who, share, most in zip(("motor", "load"), found.noise, (_MOTOR_UNEXPLAINED, _LOAD_UNEXPLAINED), strict=False):
         if share > most:
             return _Doubt(
                 f"something moves the {who} that is neither the command nor the gear: {100 * share:.2g} % of the "

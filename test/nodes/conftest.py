@@ -89,7 +89,7 @@ def start(domain: int, tmp_path: Path, request: pytest.FixtureRequest) -> Iterat
 @pytest.fixture
 def rig(start: Callable[..., Process], peer: Peer, tmp_path: Path) -> Callable[..., Rig]:
     """Start a controller that is told the data sheet of a `Member`, and the drive; keyword arguments as for `start`."""
-    return lambda member, *plant, **parameters: Rig(start, peer, tmp_path, member, *plant, **parameters)
+    return lambda member, **parameters: Rig(start, peer, tmp_path, member, **parameters)
 
 
 @pytest.fixture

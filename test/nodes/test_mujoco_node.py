@@ -58,7 +58,7 @@ def test_the_node_is_quiet_and_precise_in_mujoco(start: Callable[..., Process], 
 def test_a_drive_of_mujoco_goes_from_unknown_to_quiet(rig: Callable[..., Rig], number: int) -> None:
     member = of_steel(number)
     b, count = member.drive.gear.backlash_angle, member.load_count
-    made = rig(member, MujocoServoDrive(member))
+    made = rig(member, plant=MujocoServoDrive(member))
     answer = made.call("identify")
     assert answer.success, answer.message
     assert made.in_use()["backlash_angle"] == pytest.approx(b, abs=max(GAP_NEAR * b, count))

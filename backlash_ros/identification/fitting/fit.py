@@ -154,9 +154,9 @@ class Fit:
         return shape_of(self.teeth, self.parameters)
 
     @property
-    def pressed(self) -> bool:
+    def steeper(self) -> bool:
         """Whether the free law would be steeper if it might: teeth that it does not contain."""
-        return pressed(self.teeth, self.parameters)
+        return steeper(self.teeth, self.parameters)
 
     @property
     def bearing(self) -> float:
@@ -213,7 +213,7 @@ def _scaled(contact: Contact, force: float) -> Contact:
     return replace(contact, **changes)
 
 
-def pressed(teeth: Candidate, parameters: Array) -> bool:
+def steeper(teeth: Candidate, parameters: Array) -> bool:
     """Return whether the free law would be steeper if it might: teeth that it does not contain."""
     return teeth.free and bool(parameters[LN_EXPONENT] > _EXPONENTS[1] - 0.05)
 
@@ -294,11 +294,6 @@ class Search:
             0.0,
         )
 
-    def start(self, share: float) -> Array:
-        """Return the free law's parameters by the best guess, with a gap of a ``share`` of the travel in its middle."""
-        guess, delay = self._guesses[0]
-        return self._start(guess, delay, self._clipped(guess.inertia), share, 0.0)
-
     def _clipped(self, inertia: float) -> float:
         return min(max(inertia, _LIGHTEST * self.side.inertia), _HEAVIEST * self.side.inertia)
 
@@ -333,7 +328,7 @@ class Search:
         largest |= {LN_GAIN: 0.2, LN_BRAKING: 0.2}
         return Beliefs(mean, row_of(spread, 1.0), row_of(low, -_INF), row_of(high, _INF), row_of(largest, _INF))
 
-    def _starts(self) -> Iterable[Array]:
+    def starts(self) -> Iterable[Array]:
         """Yield gaps of any width, in the middle of the travel or at its ends, with light and heavy loads."""
         unit = self.side.inertia
         for rank, (guess, delay) in enumerate(self._guesses[:2]):
@@ -347,7 +342,7 @@ class Search:
     def of_free(self) -> Found | None:
         """Return the free law's end; None if every start leaves all bounds."""
         tried = []
-        for k, start in enumerate(self._starts()):
+        for k, start in enumerate(self.starts()):
             problem = self.problem(self.free, start)
             tried.append((problem.cost(start, LOUD, COARSE), k, Found(Point(_INF, start, LOUD), problem)))
         best = sorted(each for each in tried if math.isfinite(each[0]))[:_KEPT]
@@ -387,8 +382,8 @@ class Search:
         costs = [problem.cost(parameters, free.noise) for parameters in tried]
         begun = Point(_INF, tried[int(np.argmin(costs))], free.noise)
         end = problem.settle(problem.solve(begun, 5, 1.0), 2, 3, 2.0)
-        found, steeper = Found(end, problem), pressed(self.free, free.parameters)
-        return self.with_losses(found) if end.cost < free.cost or steeper else found
+        found, outside = Found(end, problem), steeper(self.free, free.parameters)
+        return self.with_losses(found) if end.cost < free.cost or outside else found
 
     def elsewhere(self, found: Found) -> Found:
         """Return a likelier point with another gap, if there is one."""
@@ -556,7 +551,7 @@ def search_all(
         return None
     told = search.of_told(free.point)
     laws = [Law(2.0 * half_gap_of(f.point.parameters), f.point.cost / search.size) for f in (free, told)]
-    explains = told.point.noise[TEETH_NOISE] < math.log(_MOST_TEETH) or pressed(search.free, free.point.parameters)
+    explains = told.point.noise[TEETH_NOISE] < math.log(_MOST_TEETH) or steeper(search.free, free.point.parameters)
     better = laws[1].cost < laws[0].cost - _TOLD and explains
     best = told if better else free
     best = search.quieter(search.elsewhere(best))

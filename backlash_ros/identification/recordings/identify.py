@@ -17,7 +17,8 @@ from backlash_ros.identification.recordings.plausible import implausible, suspic
 from backlash_ros.identification.recordings.stretch import informative
 
 FRICTION = "load.viscous_friction", "load.coulomb_friction"
-MOTOR = frozenset({"motor.torque_constant", "motor.resistance"})
+_MOTOR = frozenset({"motor.torque_constant", "motor.resistance"})
+"""Both follow from gain and braking, which are of use only together."""
 _TEETH = "gear.backlash_angle"
 
 
@@ -77,7 +78,7 @@ def identify(drive: Drive, recording: Recording, *, hold_out: bool = True) -> Id
         return replace(refused, reason=why)
     gap = measure_gap(drive, chosen, drive.standstill_torque())
     found = gap.fit
-    suspected = "" if gap.sound else _suspicion(drive, chosen)
+    suspected = "" if gap.sound else suspicion(drive, chosen, delays_of(period))
     if found is None or not gap.sound or suspected:
         why = f"{suspected}: {gap.reason}" if suspected else gap.reason
         return replace(refused, reason=why, gap=gap, fit=found)
@@ -88,11 +89,6 @@ def identify(drive: Drive, recording: Recording, *, hold_out: bool = True) -> Id
         return result
     before = fit(drive, first_part(chosen), drive.standstill_torque(), delays_of(period))
     return result if before is None else replace(result, score=score(drive, before, chosen), before=before)
-
-
-def _suspicion(drive: Drive, recording: Recording) -> str:
-    """Return what would explain a recording better than what was given; empty if nothing would."""
-    return suspicion(drive, recording, delays_of(float(np.median(np.diff(recording.time)))))
 
 
 def _replaced(drive: Drive, found: Fit, rows: list[Finding]) -> tuple[Drive, frozenset[str]]:
@@ -109,8 +105,8 @@ def _replaced(drive: Drive, found: Fit, rows: list[Finding]) -> tuple[Drive, fro
         if f"load.{name}" in told
     }
     result = replace(drive, load=replace(drive.load, **load))
-    if not told >= MOTOR and not drive.takes_current:
-        told -= MOTOR  # gain and braking come from both
+    if not told >= _MOTOR and not drive.takes_current:
+        told -= _MOTOR
     motor = {
         name: getattr(fitted.motor, name)
         for name in ("coulomb_friction", "torque_constant", "resistance")
