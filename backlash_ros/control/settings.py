@@ -64,6 +64,22 @@ class ServoSettings(Validated):
         at_most=1e5,
         default=0.0,
     )
+    unexplained_motor_torque: float = quantity(
+        "torque on the motor, at the output, that the drive as identified does not explain, such as cogging; "
+        "law two_encoder lands short by what it may do; ~/identify sets it",
+        "N m",
+        at_least=0,
+        at_most=1e5,
+        default=0.0,
+    )
+    unexplained_load_torque: float = quantity(
+        "torque on the load that the drive as identified does not explain, such as that of a part on a spring; "
+        "law two_encoder lands short by what it may do; ~/identify sets it",
+        "N m",
+        at_least=0,
+        at_most=1e5,
+        default=0.0,
+    )
     velocity_bandwidth: float = quantity(
         "bandwidth of the low-pass filter for speeds derived from positions",
         "rad/s",

@@ -21,7 +21,8 @@ Start = Callable[..., Process]
 FAULTS = tuple(f"faults.{name}" for name in ("velocity", "load_torque", "gap"))
 GAINS = "gain_set", "gains.fast.k", "gains.overdamped.k"
 EXPECTED = tuple(f"expected_load_torque{part}" for part in ("", "_angle", "_slope"))
-OTHERS = "backlash_angle", *EXPECTED, "identified", "loop_delay", *FAULTS, *GAINS
+UNEXPLAINED = "unexplained_motor_torque", "unexplained_load_torque"
+OTHERS = "backlash_angle", *EXPECTED, *UNEXPLAINED, "identified", "loop_delay", *FAULTS, *GAINS
 _NODE: Any = Declarations()
 NAMES = [*declare_drive(_NODE), *OTHERS]
 """Parameters of the drive, and what follows from them or is found beside."""

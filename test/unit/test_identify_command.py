@@ -64,6 +64,8 @@ def test_every_command_of_the_page_works(here: Path, capsys: pytest.CaptureFixtu
     assert file["backlash_angle"] == file["gear"]["backlash_angle"]
     assert file["identified"] is True
     assert file["expected_load_torque"] == pytest.approx(told["tau_l"]["value"], rel=1e-5, abs=1e-9)
+    assert file["unexplained_motor_torque"] >= 0.0
+    assert file["unexplained_load_torque"] >= 0.0
     floats = [value for section in ("motor", "gear", "load") for value in file[section].values()]
     assert not any(isinstance(value, str) for value in floats)
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import pytest
@@ -12,12 +13,14 @@ from backlash_ros.control import Servo
 from backlash_ros.control.estimates.requests import describe_outcome
 from backlash_ros.control.experiment import Deferred, DriveEstimate, Outcome
 from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Measurement
+from backlash_ros.identification.fitting.filter import GRAVITY
 from backlash_ros.simulation import SimulatedDrive
 
 pytestmark = pytest.mark.population
 
 SEED = 20261122
 EXPECTED = tuple(f"expected_load_torque{part}" for part in ("", "_angle", "_slope"))
+UNEXPLAINED = "unexplained_motor_torque", "unexplained_load_torque"
 
 
 def identified(member: Member, spoil: Callable[[Measurement], None] = lambda _: None) -> Outcome:
@@ -65,6 +68,23 @@ def test_a_weight_shows_as_the_slope_of_the_load_torque_where_the_load_was(popul
     assert (slope == 0.0) == (load.gravity_torque == 0.0)
 
 
+def test_a_slope_too_steep_for_a_weight_is_none_and_what_nothing_explains_is_told_in_newton_metres() -> None:
+    found = sound("core", 4)
+    assert isinstance(found, DriveEstimate)
+    assert found.fit is not None
+    assert (stall := found.fit.standstill_torque) == pytest.approx(6.0)
+    parameters, covariance = found.fit.parameters.copy(), found.fit.covariance.copy()
+    covariance[GRAVITY, GRAVITY] = 1e-6
+    for slope, told in [(0.19 * stall, 0.19 * stall), (0.21 * stall, 0.0), (-0.21 * stall, 0.0), (1e-3, 0.0)]:
+        parameters[GRAVITY] = slope
+        fit = replace(found.fit, parameters=parameters, covariance=covariance)
+        assert fit.load_torque["expected_load_torque_slope"] == pytest.approx(told)
+    unexplained = replace(found.fit, noise=(2.3e-3, 1e-2, 0.0, 0.0)).unexplained
+    assert list(unexplained) == list(UNEXPLAINED)
+    assert [value / stall for value in unexplained.values()] == pytest.approx([2e-3, 1e-2])
+    assert replace(found.fit, noise=(3e-4, 0.0, 0.0, 0.0)).unexplained[UNEXPLAINED[0]] == pytest.approx(0.0, abs=1e-9)
+
+
 def test_all_that_is_told_has_its_uncertainty_and_teeth_come_as_a_whole() -> None:
     found = sound("core", 1)
     assert isinstance(found, DriveEstimate)
@@ -73,9 +93,10 @@ def test_all_that_is_told_has_its_uncertainty_and_teeth_come_as_a_whole() -> Non
     teeth = {"contact.law", "contact.elastic.wind_up", "contact.elastic.damping", "gear.backlash_angle"}
     load = {"load.inertia", "load.viscous_friction", "load.coulomb_friction"}
     motor = {"motor.coulomb_friction", "motor.torque_constant", "motor.resistance"}
-    assert set(found.parameters) == {*teeth, *load, *motor, "backlash_angle", "loop_delay", *EXPECTED}
+    assert set(found.parameters) == {*teeth, *load, *motor, "backlash_angle", "loop_delay", *EXPECTED, *UNEXPLAINED}
     assert found.parameters["backlash_angle"] == found.parameters["gear.backlash_angle"] == found.angle
-    assert set(found.uncertainties) == {*found.parameters} - {"contact.law", "contact.elastic.damping", EXPECTED[1]}
+    untold = {"contact.law", "contact.elastic.damping", EXPECTED[1], *UNEXPLAINED}
+    assert set(found.uncertainties) == {*found.parameters} - untold
     assert all(0.0 < value < math.inf for value in found.uncertainties.values())
 
 

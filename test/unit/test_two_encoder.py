@@ -116,6 +116,32 @@ def test_a_step_lands_at_once_and_rests(gains: GainSet) -> None:
     assert abs(np.mean(end) - 1.0) <= 0.1 * B
 
 
+@pytest.mark.parametrize("step", [0.3, 0.5, 1.0, -1.0])
+def test_a_free_load_that_has_landed_is_not_pushed_back(gains: GainSet, step: float) -> None:
+    """The paper's teeth push within the gap, too: so the motor leaves the load where it has come to rest."""
+    done = played(gains, np.r_[np.zeros(125), np.full(500, step)])
+    since, off = done.time - 0.5, np.abs(done.load_angle - step) / B
+    assert np.max(off[since >= 0.2]) <= 0.15
+    assert np.max(since[off > 0.25]) <= 0.2
+
+
+@pytest.mark.parametrize(("motor", "load"), [(0.05, 0.0), (0.0, 0.05), (1e5, 1e5)])
+def test_what_is_unexplained_makes_a_load_with_dry_friction_land_short_and_changes_nothing_for_a_free_one(
+    gains: GainSet, motor: float, load: float
+) -> None:
+    unknown = {"unexplained_motor_torque": motor, "unexplained_load_torque": load}
+    scenario = Scenario(np.r_[np.zeros(125), np.ones(1000)], sensors=ENCODERS)
+    drive = rough(coulomb_friction=0.05)
+    done = run(drive, settings_of(gains, **unknown), scenario, model=drive)
+    plain = run(drive, settings_of(gains), scenario, model=drive)
+    lands = slice(125 + 30, 125 + 45)  # before hold presses it on
+    assert np.max(done.load_angle[lands]) <= np.max(plain.load_angle[lands]) - 0.05 * B
+    assert np.max(done.load_angle) <= 1.0 + 0.25 * B
+    assert np.max(np.abs(done.load_angle[-250:] - 1.0)) <= 0.1 * B
+    free = [run(NOMINAL_DRIVE, settings_of(gains, **each), scenario, model=NOMINAL_DRIVE) for each in ({}, unknown)]
+    assert np.array_equal(free[0].command, free[1].command)
+
+
 @pytest.mark.parametrize("load_torque", [0.3, -0.3])
 def test_a_load_torque_leaves_no_error(gains: GainSet, load_torque: float) -> None:
     done = played(gains, np.r_[np.zeros(250), np.ones(500)], load_torque)
@@ -327,7 +353,7 @@ def overshoot(gains: GainSet, drive: Drive, pull: float, **changes: float) -> fl
 def test_a_load_torque_that_friction_hides_is_expected_as_it_was_found(gains: GainSet, pull: float) -> None:
     drive = rough(coulomb_friction=0.2)
     assert overshoot(gains, drive, pull, expected_load_torque=pull) <= 0.1
-    assert overshoot(gains, drive, pull) >= 0.5
+    assert overshoot(gains, drive, pull) >= 0.25
 
 
 @pytest.mark.parametrize("offset", [3.1416, -2.5, -1.0, 0.4, 2.0])

@@ -102,6 +102,8 @@ def drive_text(found: Identified, axis: Axis, counts: tuple[float, float], sourc
         lines.append(f"    loop_delay: {_number(min(late, LONGEST_DELAY * found.period))}")
     if found.replaced >= IDENTIFIED:
         lines.append("    identified: true")
+    if found.fit is not None:
+        lines += [f"    {name}: {_number(_rounded(value, None))}" for name, value in found.fit.unexplained.items()]
     torque = found.of("tau_l")
     if torque.told:
         assert found.fit is not None

@@ -31,7 +31,7 @@ def _bounds() -> dict[str, Quantity]:
     return {
         **{name: each for name, each in numbers.items() if name.startswith(FOUND)},
         "backlash_angle": replace(servo["backlash_angle"], open_lower=True),
-        **{name: servo[name] for name in servo if name.startswith("expected_load_torque")},
+        **{name: servo[name] for name in servo if name.startswith(("expected_load_torque", "unexplained_"))},
         "loop_delay": Quantity("delay of the drive, from the measurement to when its command acts", "s", 0.0, 10.0),
     }
 

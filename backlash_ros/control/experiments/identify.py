@@ -62,7 +62,8 @@ def _parameters_of(found: Identified) -> dict[str, float | int | str]:
     others = {_NAMES[each.key]: each.value for each in found.findings if each.told and each.key in _NAMES}
     if _EXPECTED in others and found.fit is not None:
         others |= found.fit.load_torque
-    return {**values, **others}
+    unexplained = found.fit.unexplained if found.fit is not None else {}
+    return {**values, **others, **unexplained}
 
 
 EXPERIMENTS = {

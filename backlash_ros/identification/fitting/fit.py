@@ -85,6 +85,8 @@ _LOUDER = 0.7
 """By how much, as logarithm, a noise is above its least for that."""
 _TOGETHER = 13
 """Number of samples beyond which innovations are uncorrelated."""
+_STEEPEST = 0.2
+"""Largest growth of the load torque with the load's angle that is a weight's, as a share of the stall torque, 1/rad."""
 _STANDS_OUT = 4.0
 """Smallest slope of the load torque, in its standard deviations by the noise, that counts as one."""
 _INF = math.inf
@@ -118,7 +120,8 @@ class Fit:
     of the teeth, as a share, and of the time, as a share of a period; ``rms`` of both innovations, in standard
     deviations by that noise; ``counts`` of both encoders, rad; ``torques``: smallest and largest torque of the teeth
     in a few samples, N m; ``start``: the first reading of the load, rad; ``laws``: the ends with each law;
-    ``exhausted``: whether the search ended after `PASSES` before it converged; ``load_radius`` R2 of the drive, m.
+    ``exhausted``: whether the search ended after `PASSES` before it converged; ``load_radius`` R2, m, and
+    ``standstill_torque``, N m, of the drive.
     """
 
     teeth: Candidate
@@ -129,6 +132,7 @@ class Fit:
     counts: tuple[float, float]
     torques: tuple[float, float]
     load_radius: float
+    standstill_torque: float
     start: float = 0.0
     laws: tuple[Law, ...] = ()
     exhausted: bool = False
@@ -187,13 +191,27 @@ class Fit:
     def load_torque(self) -> dict[str, Any]:
         """The load torque as `ServoSettings` expect it, by name: at the start, N m, there, rad, and its slope, N m/rad.
 
-        A slope that does not stand out is 0: most loads have none.
+        A slope that does not stand out is 0: most loads have none. So is one that is steeper than that of a weight
+        which the motor moves: a load that is not rigid shows such slopes.
         """
         slope, deviation = float(self.parameters[GRAVITY]), math.sqrt(max(self.covariance[GRAVITY, GRAVITY], 0.0))
+        weight = _STANDS_OUT * deviation < abs(slope) <= _STEEPEST * self.standstill_torque
         return {
             "expected_load_torque": float(self.parameters[TORQUE]),
             "expected_load_torque_angle": self.start,
-            "expected_load_torque_slope": slope if abs(slope) > _STANDS_OUT * deviation else 0.0,
+            "expected_load_torque_slope": slope if weight else 0.0,
+        }
+
+    @property
+    def unexplained(self) -> dict[str, float]:
+        """The torques that nothing explains as `ServoSettings` have them, by name, N m.
+
+        The motor's is what exceeds the errors of the filter itself.
+        """
+        motor, load = self.noise[0] - math.exp(LEAST_NOISE[0]), self.noise[1]
+        return {
+            "unexplained_motor_torque": max(motor, 0.0) * self.standstill_torque,
+            "unexplained_load_torque": load * self.standstill_torque,
         }
 
     @property
@@ -525,6 +543,7 @@ def fit_of(found: Found, laws: Sequence[Law], drive: Drive) -> Fit:
         counts=problem.counts,
         torques=(float(least[few]), float(largest[-1 - few])),
         load_radius=drive.gear.load_radius,
+        standstill_torque=drive.standstill_torque(),
         start=float(problem.recording.load[0]),
         laws=tuple(laws),
     )

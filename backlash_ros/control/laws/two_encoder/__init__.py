@@ -18,6 +18,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     BACK_EMF,
     BEFORE,
     BRAKE,
+    CLEAR,
     CONSTANTS,
     COULOMB,
     CROSSING,
@@ -33,10 +34,12 @@ from backlash_ros.control.laws.two_encoder.layout import (
     GAP,
     INERTIA,
     KEPT,
+    LOAD_UNEXPLAINED,
     MEMORY,
     MOTOR_COULOMB,
     MOTOR_FRICTION,
     MOTOR_INERTIA,
+    MOTOR_UNEXPLAINED,
     NO_LOAD,
     PARKED,
     PERIOD,
@@ -76,6 +79,8 @@ _STEEPEST = 0.2
 """Largest growth of the load torque with the load's angle, as a share of the standstill torque, 1/rad."""
 _LEAST, _STEP = 2e-3, 1.8
 """First torque of the table of the teeth, N m, and ratio of one torque to the next."""
+_PUSHES = 1e-6
+"""Torque of the teeth, as a share of the standstill torque, that moves no load."""
 
 
 @dataclass(frozen=True)
@@ -201,15 +206,19 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
         EXPECTED: settings.expected_load_torque,
         EXPECTED_SINE: slope * math.cos(at),
         EXPECTED_COSINE: -slope * math.sin(at),
+        MOTOR_UNEXPLAINED: settings.unexplained_motor_torque,
+        LOAD_UNEXPLAINED: settings.unexplained_load_torque,
     }
     law[list(values)] = list(values.values())
     constants, half_gap = gear.contact.constants(gear.load_radius, drive.contact_mass), 0.5 * b * gear.load_radius
+
+    def reach(torque: float) -> float:
+        return gap_at_rest(gear.contact, constants, half_gap, torque / gear.load_radius) / gear.load_radius
+
     torques = _LEAST * _STEP ** np.arange(POINTS)
     law[TEETH : TEETH + POINTS] = torques
-    law[TEETH + POINTS :] = [
-        gap_at_rest(gear.contact, constants, half_gap, torque / gear.load_radius) / gear.load_radius
-        for torque in torques
-    ]
+    law[TEETH + POINTS :] = [reach(torque) for torque in torques]
+    law[CLEAR] = reach(_PUSHES * drive.standstill_torque())
     state = np.zeros(MEMORY)
     state[REGION], state[PARKED] = FAST_REGION, -1.0
     return ControlLaw(two_encoder_step, law, state, begin, {"phase": PHASE, "flank": FLANK})

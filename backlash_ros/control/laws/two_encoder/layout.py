@@ -20,14 +20,16 @@ the gap. A torque is positive if it turns the load forward. A flank is 1 if the 
     TRUST,  # how far the disturbance that acts follows the one that is seen, each period
     CROSSING, PUSH, BRAKE,  # s
     EXPECTED, EXPECTED_SINE, EXPECTED_COSINE,  # the load torque as expected: constant, and with the load's angle, N m
-) = range(27)
+    MOTOR_UNEXPLAINED, LOAD_UNEXPLAINED,  # torques, N m
+    CLEAR,  # abs(g) within which the teeth do not push a load that is free, rad
+) = range(30)
 
-GAIN = 27
+GAIN = 30
 """Four gains of the motor's observer."""
-AFTER, BEFORE = 31, 55
+AFTER, BEFORE = 34, 58
 """Two models of the motor, 4 x 6, over the part of a period after a command begins to act, and over the part before:
 p, w, torque of the current and disturbance, from these, the command and the torque of the teeth."""
-TEETH, POINTS = 79, 16
+TEETH, POINTS = 82, 16
 """Torques that the teeth carry, N m, then where they do, as g, rad."""
 CONSTANTS = TEETH + 2 * POINTS
 

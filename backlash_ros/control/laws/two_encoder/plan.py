@@ -6,11 +6,11 @@ the load coasts. Everything is written for a move forward; a move backward is it
 
 The load needs the torque J a + B v + c, where c = tau_c - tau_l brakes it at any speed. The plans:
 
-    throw    approach the driving flank, push, cross while the load coasts, brake on the other flank; under a load
-             torque that goes against the move cross back while the load comes to rest
+    throw    approach the driving flank, push, cross while the load coasts, brake on the other flank, and leave it;
+             under a load torque that goes against the move cross back while the load comes to rest
     press    all on the driving flank: friction, or the load torque, brakes hard enough
     carry    all on the braking flank: the load torque carries the load
-    catch    cross to the braking flank and brake: the load is already too fast
+    catch    cross to the braking flank, brake, and leave it: the load is already too fast
     shift    all on the flank on which a load torque holds the load
 """
 
@@ -18,14 +18,18 @@ import math
 
 from backlash_ros.control.laws.two_encoder.layout import (
     BRAKE,
+    CLEAR,
     COLUMNS,
     COULOMB,
     CROSSING,
     FRICTION,
     GAP,
     INERTIA,
+    LOAD_UNEXPLAINED,
     MIDDLE,
+    MOTOR_COULOMB,
     MOTOR_INERTIA,
+    MOTOR_UNEXPLAINED,
     NO_LOAD,
     PERIOD,
     PLAN,
@@ -33,6 +37,7 @@ from backlash_ros.control.laws.two_encoder.layout import (
     REST_TORQUE,
     SEGMENTS,
     STALL,
+    STIFFNESS,
 )
 from backlash_ros.control.laws.two_encoder.observers import contact, holds, pull_at, pulls
 from backlash_ros.drivetrain.compiled import compiled
@@ -49,9 +54,10 @@ _SPEED, _EFFORT, _LEFT = 0.6, 0.75, 0.1
 """Shares of the no-load speed, and of the torque available at a speed, that a plan uses."""
 _TOUCH = 0.02
 """Torque with which teeth are touched, N m."""
-_BRAKES, _VISCOUS = 0.8, 0.3
-"""Share of what brakes the load by itself that a plan on one flank uses, so that the teeth stay in contact, and of its
-viscous friction at first in that."""
+_SOON, _PRESSED, _SHIFTED, _VISCOUS = 0.8, 0.5, 0.8, 0.3
+"""Share of the crossing time in which a flank is approached; of what brakes the load by itself, the shares that a plan
+on one flank uses, so that the teeth stay in contact, where friction brakes and where a load torque does; and the share
+of its viscous friction at first."""
 _OWN, _SHORTEST, _LEAST, _HARD = 1.33, 0.035, 0.02, 165.0
 """A brake is so short that the teeth do more than the load by itself: most of its time over that of the load's own; s
 below which one flank does it, s at least, and rad/s^2 of friction and load torque from which on one flank does it."""
@@ -70,6 +76,11 @@ _ABOUT, _ROUNDS = 0.35, 5
 """Share of a move at which the motor crosses, at first, and times that a flight is computed anew."""
 _AT_FIRST = 0.3
 """Share of a load torque that carries the load at first, but not all the way, that a plan uses."""
+_MOTOR_OFF, _LOAD_OFF, _MOST_SHORT = 3.0, 0.3, 0.2
+"""By how much a load with dry friction, which waits where it lands, is to land short: times the way that the motor's
+unexplained torque moves its loop, and that of the load moves the load in a crossing; at most this share of the move."""
+_LEAVES = 0.5
+"""Share of the crossing time in which the motor leaves a load that it has brought to rest."""
 _HIDDEN = 0.3
 """Share of its friction that resists a load at least, however large the torque that it hides."""
 
@@ -190,7 +201,7 @@ def _approach(law: Array, g: float) -> float:
     """Return the time that the motor takes from g to the driving flank, s; 0 if it is there."""
     if g >= _NEAR * 0.5 * law[GAP]:
         return 0.0
-    return float(_BRAKES * law[CROSSING] * max(0.3, math.sqrt(min(1.0, (0.5 * law[GAP] - g) / law[GAP]))))
+    return float(_SOON * law[CROSSING] * max(0.3, math.sqrt(min(1.0, (0.5 * law[GAP] - g) / law[GAP]))))
 
 
 @compiled
@@ -221,7 +232,7 @@ def _press(
     speed = cruise = 0.0
     brake = law[PUSH]
     for _ in range(6):
-        decelerates = _BRAKES * (c + _VISCOUS * law[FRICTION] * speed) / law[INERTIA]
+        decelerates = _PRESSED * (c + _VISCOUS * law[FRICTION] * speed) / law[INERTIA]
         needed = left - 0.5 * v * push
         if needed <= 0.0:
             speed = 0.0
@@ -398,6 +409,24 @@ def _throw(
 
 
 @compiled
+def _short(law: Array, way: float) -> float:
+    """Return by how much a move is to end short of its target, rad, signed like ``way``, the move."""
+    if law[COULOMB] == 0.0:
+        return 0.0
+    motor = _MOTOR_OFF * law[MOTOR_UNEXPLAINED] / law[STIFFNESS]
+    load = _LOAD_OFF * 0.5 * law[CROSSING] ** 2 * law[LOAD_UNEXPLAINED] / law[INERTIA]
+    return float(math.copysign(min(motor + load, _MOST_SHORT * abs(way)), way))
+
+
+@compiled
+def _leave(law: Array, state: Array, target: float, way: float) -> None:
+    """Let the motor leave a free load, which has come to rest, as far as the teeth would push it back."""
+    if state[REST_TORQUE] == 0.0 and law[COULOMB] + law[MOTOR_COULOMB] == 0.0:  # friction hides what may hold it
+        length, edge = _LEAVES * law[CROSSING], contact(law, _TOUCH)
+        segment(state, length, target, 0.0, 0.0, 0.0, 0.0, -edge, -law[CLEAR], way, 0.0, 2)
+
+
+@compiled
 def fly(law: Array, state: Array, to: float, load: float, speed_l: float, motor: float, speed_m: float) -> float:
     """Plan a move of the load from where it is to rest at ``to``; return the flank on which it ends.
 
@@ -408,6 +437,7 @@ def fly(law: Array, state: Array, to: float, load: float, speed_l: float, motor:
     motor : at the output, from the middle of the gap, rad
     """
     inertia, viscous, dry = law[INERTIA], law[FRICTION], law[COULOMB]
+    to -= _short(law, to - load)
     pull, rests = pull_at(state, load), pull_at(state, to)
     held, stops = holds(law, pull), stopping_way(law, speed_l)
     far = abs(to - load) > _GAP_WAYS * law[GAP] + abs(stops)
@@ -455,6 +485,7 @@ def fly(law: Array, state: Array, to: float, load: float, speed_l: float, motor:
             _carry(law, state, target, x, v, g, closing, most if most < 0.0 else _AT_FIRST * first, way, True)
         else:
             _catch(law, state, target, x, v, g, closing, way)
+            _leave(law, state, target, way)
         return -way
     if length > 0.0:
         segment(state, length, x, v, -slows, -slows, 0.0, g, edge, way, closing, 2)
@@ -471,6 +502,7 @@ def fly(law: Array, state: Array, to: float, load: float, speed_l: float, motor:
         at, slows = target - 0.5 * left * back, left / back
         segment(state, back, at, left, -slows, -slows, 0.0, -edge, edge, way, 0.0, 2)
         return way
+    _leave(law, state, target, way)
     return -way
 
 
@@ -480,7 +512,7 @@ def shift(law: Array, state: Array, to: float, load: float) -> float:
     way = 1.0 if to >= load else -1.0
     c, distance, at = resists(law, state, way, way * load), abs(to - load), way * load
     least = _UNSURE if law[COULOMB] > 0.0 else _SHORT
-    length = max(least, math.sqrt(_PEAK * distance * law[INERTIA] / (_BRAKES * max(abs(c), 1e-4))))
+    length = max(least, math.sqrt(_PEAK * distance * law[INERTIA] / (_SHIFTED * max(abs(c), 1e-4))))
     flank, speed = math.copysign(1.0, c), distance / length
     state[SEGMENTS], state[REST_TORQUE] = 0.0, -pull_at(state, to)
     segment(state, length, at, 0.0, 0.0, 0.0, speed / length, flank, flank, way, 0.0, 0)
