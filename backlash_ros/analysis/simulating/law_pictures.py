@@ -156,7 +156,8 @@ def flight(done: Trace) -> Figure:
     planned = done.state[np.flatnonzero(done.state[:, PHASE] == FLIGHT)[0]]
     ends = np.cumsum(planned[PLAN:].reshape(-1, COLUMNS)[: int(planned[SEGMENTS]), 0])
     moments = [0.0, *ends.tolist(), most]
-    _shade(panels, [*zip(moments[:-1], moments[1:], ("approach", "push", "cross", "brake", "hold"), strict=True)])
+    names = "approach", "push", "cross", "brake", "leave", "hold"
+    _shade(panels, [*zip(moments[:-1], moments[1:], names, strict=True)])
     whole.plot(time, done.load, **_LOAD)
     whole.axhline(_STEP, color="black", linewidth=0.8, linestyle=":")
     whole.set(ylabel="load, rad", ylim=(-0.1, 1.15))
