@@ -499,7 +499,9 @@ def combined(monkeypatch: pytest.MonkeyPatch, places: Array, seen: list[Seen | N
             return Gap(0.0, 0.0, False, "no flank")
         x = np.zeros(PARAMETERS)
         x[LN_HALF_GAP], x[OFFSET] = math.log(0.5 * place.gap), 0.4 + place.middle
-        fit = Fit(free_teeth(1e-3), x, 1e-10 * np.eye(PARAMETERS), (1e-3,) * 4, (1, 1), (1e-4, 1e-4), (-1, 1), 0.05, 6.0)
+        fit = Fit(
+            free_teeth(1e-3), x, 1e-10 * np.eye(PARAMETERS), (1e-3,) * 4, (1, 1), (1e-4, 1e-4), (-1, 1), 0.05, 6.0
+        )
         return Gap(place.gap, 1e-5, True, "", fit)
 
     monkeypatch.setattr(gap_map, "measure_gap", measure)

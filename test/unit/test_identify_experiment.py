@@ -72,7 +72,8 @@ def test_a_slope_too_steep_for_a_weight_is_none_and_what_nothing_explains_is_tol
     found = sound("core", 4)
     assert isinstance(found, DriveEstimate)
     assert found.fit is not None
-    assert (stall := found.fit.standstill_torque) == pytest.approx(6.0)
+    stall = found.fit.standstill_torque
+    assert stall == pytest.approx(6.0)
     parameters, covariance = found.fit.parameters.copy(), found.fit.covariance.copy()
     covariance[GRAVITY, GRAVITY] = 1e-6
     for slope, told in [(0.19 * stall, 0.19 * stall), (0.21 * stall, 0.0), (-0.21 * stall, 0.0), (1e-3, 0.0)]:

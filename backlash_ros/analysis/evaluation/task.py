@@ -319,7 +319,7 @@ def perform(task: Task, number: int, laws: tuple[str, ...]) -> tuple[Learned, di
             model, delay = identified_drive(model, found), found.delay
             learned = _judge_identified(member, learned, model, delay)
             settings = settings_for(model, member, min(delay, LONGEST_DELAY / member.rate))
-            settings = replace(settings, identified=True, **found.load_torque, **found.unexplained)
+            settings = replace(settings, identified=True, **{**found.load_torque, **found.unexplained})
         except ValueError as error:
             return learned, dict.fromkeys(laws, Verdict(failure=str(error))), runs
     if learned.valid:
