@@ -50,8 +50,8 @@ class Page:
     def click(self, words: str) -> None:
         """Click on a button that stays where it is: while cards fill, they move, and a click meets what came there."""
         self.run(
-            "window.met = null; addEventListener('click',"
-            " event => { window.met = event.target.closest('button')?.innerText.trim() }, {capture: true, once: true})"
+            "window.met = null; window.meets ??= addEventListener('click',"
+            " event => { window.met = event.target.closest('button')?.innerText.trim() }, {capture: true}) ?? true"
         )
         script = """
             const buttons = [...document.querySelectorAll('button:enabled')];
