@@ -52,6 +52,14 @@ class Rig:
         assert self.servo.fault == ""
         return np.array(angles), np.array(commands)
 
+    def farthest(self, time: float) -> float:
+        """Go on for ``time`` seconds, with a fault or without; return the largest angle of the load, 0 at least."""
+        farthest = 0.0
+        for _ in range(round(time / PERIOD)):
+            self.plant.advance(self.servo.update(self.plant.sample(), self.plant.elapsed), self.load_torque)
+            farthest = max(farthest, self.plant.state[THETA_L])
+        return farthest
+
 
 def beyond(angles: Array) -> float:
     """Return how far the load went beyond both where it was and where it comes to, rad."""
@@ -237,11 +245,7 @@ def test_a_wrong_inertia_that_is_told_on_the_way_is_refused_or_does_not_drive_th
         )
     if not why:
         rig.servo.use(settings_of(told, "two_region"), drive=told)
-        farthest = 0.0
-        for _ in range(round(3.0 / PERIOD)):
-            rig.plant.advance(rig.servo.update(rig.plant.sample(), rig.plant.elapsed))
-            farthest = max(farthest, rig.plant.state[THETA_L])
-        assert farthest < 1.0 + (5.0 * B if wrong <= 3.0 else 0.4)
+        assert rig.farthest(3.0) < 1.0 + (5.0 * B if wrong <= 3.0 else 0.4)
 
 
 @pytest.mark.corners(6)
@@ -263,11 +267,7 @@ def test_a_wrong_motor_that_is_told_on_the_way_is_refused_or_does_not_drive_the_
         assert why == (asked if wrong in {1e-2, 100.0} else "")
     if not why:
         rig.servo.use(settings_of(told, "two_region"), drive=told)
-        farthest = 0.0
-        for _ in range(round(3.0 / PERIOD)):
-            rig.plant.advance(rig.servo.update(rig.plant.sample(), rig.plant.elapsed))
-            farthest = max(farthest, rig.plant.state[THETA_L])
-        assert farthest < 1.0 + (5.0 * B if 0.3 < wrong < 3.0 else 0.4)
+        assert rig.farthest(3.0) < 1.0 + (5.0 * B if 0.3 < wrong < 3.0 else 0.4)
 
 
 def test_another_drive_moves_all_that_is_derived_from_it() -> None:
