@@ -60,10 +60,10 @@ def _parameters_of(found: Identified) -> dict[str, float | int | str]:
     wanted = tuple(f"{name}." if name == "contact" else name for name in found.replaced)
     values = {name: value for name, value in values_of(found.drive).items() if name.startswith(wanted)}
     others = {_NAMES[each.key]: each.value for each in found.findings if each.told and each.key in _NAMES}
-    if _EXPECTED in others and found.fit is not None:
-        others |= found.fit.load_torque
-    unexplained = found.fit.unexplained if found.fit is not None else {}
-    return {**values, **others, **unexplained}
+    if found.fit is not None:
+        others |= found.fit.load_torque if _EXPECTED in others else {}
+        others |= found.fit.unexplained
+    return {**values, **others}
 
 
 EXPERIMENTS = {

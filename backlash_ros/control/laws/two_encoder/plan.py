@@ -54,10 +54,11 @@ _SPEED, _EFFORT, _LEFT = 0.6, 0.75, 0.1
 """Shares of the no-load speed, and of the torque available at a speed, that a plan uses."""
 _TOUCH = 0.02
 """Torque with which teeth are touched, N m."""
-_SOON, _PRESSED, _SHIFTED, _VISCOUS = 0.8, 0.5, 0.8, 0.3
-"""Share of the crossing time in which a flank is approached; of what brakes the load by itself, the shares that a plan
-on one flank uses, so that the teeth stay in contact, where friction brakes and where a load torque does; and the share
-of its viscous friction at first."""
+_SOON = 0.8
+"""Share of the crossing time in which a flank is approached."""
+_PRESSED, _SHIFTED, _VISCOUS = 0.5, 0.8, 0.3
+"""Shares of what brakes the load by itself that a press and a shift use, so that the teeth stay in contact; and the
+share of the load's viscous friction that a press counts with."""
 _OWN, _SHORTEST, _LEAST, _HARD = 1.33, 0.035, 0.02, 165.0
 """A brake is so short that the teeth do more than the load by itself: most of its time over that of the load's own; s
 below which one flank does it, s at least, and rad/s^2 of friction and load torque from which on one flank does it."""
@@ -77,8 +78,9 @@ _ABOUT, _ROUNDS = 0.35, 5
 _AT_FIRST = 0.3
 """Share of a load torque that carries the load at first, but not all the way, that a plan uses."""
 _MOTOR_OFF, _LOAD_OFF, _MOST_SHORT = 3.0, 0.3, 0.2
-"""By how much a load with dry friction, which waits where it lands, is to land short: times the way that the motor's
-unexplained torque moves its loop, and that of the load moves the load in a crossing; at most this share of the move."""
+"""A load with dry friction, which waits where it lands, is to land short. By how much: these factors of the way by
+which the motor's unexplained torque deflects its loop, and by which the load's moves the load in a crossing; and at most,
+as a share of the move."""
 _LEAVES = 0.5
 """Share of the crossing time in which the motor leaves a load that it has brought to rest."""
 _HIDDEN = 0.3
