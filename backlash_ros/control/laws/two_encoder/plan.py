@@ -79,7 +79,7 @@ _AT_FIRST = 0.3
 """Share of a load torque that carries the load at first, but not all the way, that a plan uses."""
 _MOTOR_OFF, _LOAD_OFF, _MOST_SHORT = 3.0, 0.3, 0.2
 """A load with dry friction, which waits where it lands, is to land short. By how much: these factors of the way by
-which the motor's unexplained torque deflects its loop, and by which the load's moves the load in a crossing; and at most,
+which the motor's unexplained torque deflects its loop, and by which the load's moves the load in a crossing; at most,
 as a share of the move."""
 _LEAVES = 0.5
 """Share of the crossing time in which the motor leaves a load that it has brought to rest."""
