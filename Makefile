@@ -54,7 +54,7 @@ live: $(READY)
 # Tests that are judged in real time, or with a browser, run after the others, on two cores of their own; all others run
 # four at a time, each file by one process, which makes once what its tests share. Plain pytest runs all tests, the
 # grids too, one after the other.
-REAL_TIME := test/system/test_contract.py test/nodes/test_page.py test/nodes/test_transport.py
+REAL_TIME := test/system/test_contract.py test/nodes/test_transport.py
 SIDE_BY_SIDE := -n 4 --dist loadscope
 LONG_FIRST := --no-loadscope-reorder
 test: $(READY)

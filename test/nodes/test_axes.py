@@ -72,18 +72,16 @@ def lockstep(start: Start, peer: Peer) -> Callable[..., dict[str, Axis]]:
     return begin
 
 
-@pytest.mark.parametrize("names", [["axis4", "axis6"], pytest.param(list(SIX), marks=pytest.mark.grid)], ids=len)
-def test_axes_learn_at_once_each_its_own_backlash(
-    lockstep: Callable[..., dict[str, Axis]], peer: Peer, names: list[str]
-) -> None:
-    axes = lockstep(names, factor=0.4)  # so slow that the loops leave the cores to the fits
+@pytest.mark.grid
+def test_axes_learn_at_once_each_its_own_backlash(lockstep: Callable[..., dict[str, Axis]], peer: Peer) -> None:
+    axes = lockstep(["axis4", "axis6"], factor=0.4)  # so slow that the loops leave the cores to the fits
     for axis in axes.values():
         peer.wait("the services", axis.learn.service_is_ready)
     answers = [axis.learn.call_async(Trigger.Request()) for axis in axes.values()]
     peer.wait("all answers", lambda: all(answer.done() for answer in answers), 600.0)
     for answer in answers:
         assert answer.result().success, answer.result().message
-    for name in names:
+    for name in axes:
         backlash, inertia, law, gain_set, fast = SIX[name]
         gear, load = replace(NOMINAL_DRIVE.gear, backlash_angle=backlash), replace(NOMINAL_DRIVE.load, inertia=inertia)
         drive = replace(NOMINAL_DRIVE, gear=gear, load=load)
@@ -106,6 +104,7 @@ def test_a_fault_of_one_axis_leaves_the_others_running(lockstep: Callable[..., d
     assert "faults.velocity" in answer.message
 
 
+@pytest.mark.grid
 @pytest.mark.corners(1)
 @pytest.mark.parametrize("stops", ["axis1", "axis3"])
 def test_an_axis_that_is_deactivated_holds_up_neither_the_others_nor_the_clock(
@@ -137,7 +136,7 @@ def test_an_axis_that_is_deactivated_holds_up_neither_the_others_nor_the_clock(
     assert again[0] + 1e-9 * again[1] > clock[seen]  # its time has gone on with that of the others
 
 
-@pytest.mark.corners(3)
+@pytest.mark.corners(2)
 @pytest.mark.parametrize(
     ("axes", "arguments", "why"),
     [

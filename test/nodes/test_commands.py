@@ -10,7 +10,6 @@ import pytest
 from graph import Peer, Process
 from pages import ROOT, commands
 
-from backlash_ros.cli import main
 
 READY = r"ready at 250 Hz|simulating at 250 Hz|recording|^http://|waiting for the requests to configure"
 AXES = [f"axis{k}" for k in range(1, 7)]
@@ -29,8 +28,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize("command", commands("test_commands.py"))
 def test_the_node_starts(command: str, start: Callable[..., Process], peer: Peer, folder: Path) -> None:
     if "gains.yaml" in command:
-        quick = ["--inertia", "1", "1", "--viscous-friction", "1", "1", "--gap", "1", "1", "--load-torque", "0"]
-        assert main(["design", "config/nominal_drive.yaml", *quick, "--out", "gains.yaml"]) == 0
+        designed = "/**: {ros__parameters: {law: two_region, gains: {overdamped: {k: [4.0, 0.4, 0.1]}}}}"
+        (folder / "gains.yaml").write_text(designed)  # in the place of backlash design's
     command = command.replace("$(ros2 pkg prefix --share backlash_ros)", ".").replace("axis{1..6}", " ".join(AXES))
     name, *words = shlex.split(command)[3:]
     ros = words.index("--ros-args") if "--ros-args" in words else len(words)

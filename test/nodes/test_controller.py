@@ -5,7 +5,6 @@ import signal
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Header
 from std_srvs.srv import Trigger
 
-from backlash_ros.control import LAWS, Gains, GainSet, Limits, ServoSettings, design_gains
+from backlash_ros.control import Gains, GainSet, Limits, ServoSettings, design_gains
 from backlash_ros.control.laws.two_region import TwoRegionParameters
 from backlash_ros.control.telemetry import TELEMETRY
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
@@ -43,20 +42,15 @@ def gains() -> GainSet:
     )
 
 
-def laws(*few: str) -> list[Any]:
-    """All laws, most of them as a grid: tests by unit have each law the same in the node and offline."""
-    return [pytest.param(law, marks=[] if law in few else pytest.mark.grid) for law in sorted(LAWS)]
-
-
-@pytest.mark.parametrize("law", laws("two_region"))
-def test_closed_loop_over_dds_equals_the_offline_run(start: Start, peer: Peer, gains: GainSet, law: str) -> None:
-    start("controller", law=law, backlash_angle=0.02, identified=True, laws__two_region__min_dwell=0.0, **PATIENT)
+def test_closed_loop_over_dds_equals_the_offline_run(start: Start, peer: Peer, gains: GainSet) -> None:
+    names = {"law": "two_region", "laws__two_region__min_dwell": 0.0}
+    start("controller", backlash_angle=0.02, identified=True, **names, **PATIENT)
     drive = LockstepDrive(peer).matched()
     drive.set_reference(1.0)
     first = drive.plant.load_angle
     angles = np.concatenate([[0.0, first], drive.run(400)])
     settings = ServoSettings(gains, backlash_angle=0.02, identified=True)
-    settings = settings.with_law("two_region", TwoRegionParameters(min_dwell=0.0)).with_law(law)
+    settings = settings.with_law("two_region", TwoRegionParameters(min_dwell=0.0))
     offline = run(NOMINAL_DRIVE, settings, Scenario(np.ones(401)))
     np.testing.assert_allclose(angles, offline.load_angle, rtol=0, atol=1e-9)
 
@@ -72,11 +66,11 @@ REAL = Sensors(
 )
 LATE = Delay(sample=0.4 * 0.004, command=0.9 * 0.004, sample_jitter=0.2 * 0.004, command_jitter=0.2 * 0.004)
 ENDS = {"position_upper": 1.0, "soft_zone": 0.3, "command": 15.0}
-GENTLE = {"overdamped": (0.0, 2.0), "dual_loop": (4.0, 8.0)}
-"""Between which the largest command of laws is that do not jump with the reference, V."""
+LARGEST = {"overdamped": (0.0, 2.0), "elastic_lqg": (8.0, ENDS["command"]), "two_encoder": (8.0, ENDS["command"])}
+"""Between which the largest command is, V, of a law without memory, one with states and one with a plan."""
 
 
-@pytest.mark.parametrize("law", laws("overdamped", "elastic_lqg", "two_encoder"))  # no memory, states, a plan
+@pytest.mark.parametrize("law", LARGEST)  # tests by unit have each law the same in the node and offline
 def test_closed_loop_over_dds_with_counts_offsets_delay_and_limits_equals_the_offline_run(
     start: Start, peer: Peer, gains: GainSet, law: str
 ) -> None:
@@ -102,7 +96,7 @@ def test_closed_loop_over_dds_with_counts_offsets_delay_and_limits_equals_the_of
     offline = run(NOMINAL_DRIVE, settings, scenario, limits=replace(Limits.of(NOMINAL_DRIVE), **ENDS))
     assert offline.fault == ""
     largest = np.max(np.abs(offline.command))
-    least, most = GENTLE.get(law, (8.0, ENDS["command"]))
+    least, most = LARGEST[law]
     assert least < largest <= most
     np.testing.assert_allclose(angles, offline.load_angle, rtol=0, atol=1e-9)
 
@@ -113,12 +107,8 @@ def ask_to_learn(peer: Peer) -> Future:
     return client.call_async(Trigger.Request())
 
 
-@pytest.mark.parametrize(
-    ("experiment", "method", "near"),
-    [("auto", "gap_probe", 0.005), pytest.param("limit_cycle", "gap_travel", 0.05, marks=pytest.mark.grid)],
-)
-def test_learning_over_the_service(start: Start, peer: Peer, experiment: str, method: str, near: float) -> None:
-    start("controller", learning__experiment=experiment, **PATIENT)
+def test_learning_over_the_service(start: Start, peer: Peer) -> None:
+    start("controller", **BY_LIMIT_CYCLE)
     estimates: list[float] = []
     transient_local = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     peer.node.create_subscription(
@@ -129,9 +119,9 @@ def test_learning_over_the_service(start: Start, peer: Peer, experiment: str, me
     drive.until(answer.done)
     response = answer.result()
     assert response.success, response.message
-    assert f"by {method}" in response.message
+    assert "by gap_travel" in response.message
     (learned,) = Parameters(peer, "controller").get("backlash_angle")
-    assert learned == pytest.approx(0.02, rel=near)
+    assert learned == pytest.approx(0.02, rel=0.05)
     peer.wait("the estimate", lambda: estimates)
     assert estimates[-1] == learned
     assert Parameters(peer, "controller").set(backlash_angle=0.0) == (True, "")
@@ -153,6 +143,7 @@ def test_learning_where_the_other_joint_is_absent(start: Start, peer: Peer, meas
     assert learned == pytest.approx(0.02, rel=0.05)
 
 
+@pytest.mark.grid  # test_learning.py has it by unit
 def test_learning_under_a_load_torque_keeps_the_old_estimate(start: Start, peer: Peer) -> None:
     start("controller", backlash_angle=0.015, learning__limit_cycle__attempts=1, **BY_LIMIT_CYCLE)
     drive = LockstepDrive(peer).matched()

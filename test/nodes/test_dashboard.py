@@ -16,14 +16,12 @@ from backlash_ros.dashboard.rows import JOINT_COLUMNS
 class TestOneDrive:
     """What leaves the nodes whole, beside the same ones."""
 
-    @pytest.mark.parametrize("seconds", [2.0, pytest.param(60.0, marks=pytest.mark.grid)])
-    def test_ten_pages_get_every_sample_and_none_stops_another(self, system: System, seconds: float) -> None:
+    def test_pages_get_every_sample_and_none_stops_another(self, system: System) -> None:
         served = system.served
-        for _ in range(10):
-            assert served.ask("GET", "/")[0] == 200
-        readers = [Reader(served) for _ in range(10)]
+        assert served.ask("GET", "/")[0] == 200
+        readers = [Reader(served) for _ in range(4)]
         asleep = readers.pop()  # a browser that stands still
-        while min(reader.span for reader in readers) < seconds:
+        while min(reader.span for reader in readers) < 2.0:
             for reader in readers:
                 reader.read()
         for reader in readers:

@@ -113,6 +113,7 @@ def test_an_estimate_is_offered_and_applied_when_asked(start: Start, peer: Peer,
     assert "has already been applied" in answer.message
 
 
+@pytest.mark.grid
 def test_the_offer_outlives_a_failed_learning_and_deactivation_but_not_clean_up(start: Start, peer: Peer) -> None:
     start("controller", learning__limit_cycle__attempts=1, **ASK)
     parameters, drive = Parameters(peer, "controller"), LockstepDrive(peer).matched()
@@ -136,6 +137,7 @@ def test_the_offer_outlives_a_failed_learning_and_deactivation_but_not_clean_up(
     assert apply(peer).message.startswith("there is no estimate to apply")
 
 
+@pytest.mark.grid
 def test_applying_while_it_moves_is_setting_the_parameter(start: Start, peer: Peer) -> None:
     def moved(change: Callable[[], bool]) -> np.ndarray:
         process = start("controller", backlash_angle=0.1, **ASK)  # five times too wide, so that it matters, and quiet

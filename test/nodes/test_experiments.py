@@ -43,6 +43,7 @@ def test_the_gap_around_the_turn_is_found_and_the_largest_is_in_use(rig: Callabl
     assert np.ptp(rest[rest.size // 2 :]) < max(gaps)
 
 
+@pytest.mark.grid  # test_hysteresis.py has the experiment
 def test_the_gap_of_an_output_that_is_braked_is_found(rig: Callable[..., Rig]) -> None:
     member = braked(draw_member(SEED, 16, "full"))
     made = rig(member, learning__experiment="hysteresis", **QUICK)
@@ -56,12 +57,12 @@ def test_the_gap_of_an_output_that_is_braked_is_found(rig: Callable[..., Rig]) -
     assert abs(made.drive.load_angle) < 0.01 * gap
 
 
+@pytest.mark.grid
 @pytest.mark.parametrize(
     ("experiment", "number", "longest"),
     [
         ("identify", 14, 3.0),
-        pytest.param("identify", 4, 3.0, marks=pytest.mark.grid),
-        pytest.param("gap_map", 30, 15.0, marks=pytest.mark.grid),
+        ("gap_map", 30, 15.0),
         ("hysteresis", 16, 10.0),
     ],
 )

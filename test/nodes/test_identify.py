@@ -23,7 +23,8 @@ from backlash_ros.drivetrain.parameters import FOUND, drive_of
 SEED = 20261122
 
 
-@pytest.mark.parametrize(("population", "number"), [("full", 16), pytest.param("core", 10, marks=pytest.mark.grid)])
+@pytest.mark.grid  # the demo identifies a drive, too
+@pytest.mark.parametrize(("population", "number"), [("full", 16), ("core", 10)])
 def test_a_random_drive_is_found_and_quiet_from_then_on_and_at_the_next_start(
     rig: Callable[..., Rig], peer: Peer, tmp_path: Path, population: str, number: int
 ) -> None:
@@ -125,6 +126,7 @@ def test_with_ask_it_is_offered_and_applied_together(rig: Callable[..., Rig]) ->
     assert found["gains.fast.k"] != told["gains.fast.k"]
 
 
+@pytest.mark.grid  # test_applying.py has it by unit
 def test_what_would_make_the_design_refuse_is_refused_with_the_reason_and_changes_nothing(
     rig: Callable[..., Rig],
 ) -> None:

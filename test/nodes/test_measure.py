@@ -66,6 +66,7 @@ def test_a_running_drive_is_measured_and_certified(start: Start, peer: Peer, tmp
     assert parameters.get("learning.experiment", "backlash_angle") == ["auto", 0.0]
 
 
+@pytest.mark.grid
 @pytest.mark.corners(1)
 @pytest.mark.parametrize("terminal", [False, True], ids=["SIGTERM", "Ctrl-C, which the recorder gets, too"])
 def test_it_is_stopped_at_rest_and_leaves_nothing(start: Start, peer: Peer, tmp_path: Path, terminal: bool) -> None:
@@ -109,6 +110,7 @@ def test_an_experiment_that_acted_for_no_time_is_said_to_have() -> None:
         part(1, 1, 1, 1, 0)
 
 
+@pytest.mark.grid  # waits for ten seconds
 def test_without_a_controller_it_says_so(domain: int, tmp_path: Path) -> None:
     program = backlash("--out", tmp_path / "measured", "--namespace", "/nobody")
     said, _ = program.communicate(timeout=600)

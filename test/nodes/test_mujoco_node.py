@@ -54,7 +54,8 @@ def test_the_node_is_quiet_and_precise_in_mujoco(start: Callable[..., Process], 
 
 
 @pytest.mark.skipif(not HAS_DC_MOTOR, reason="needs MuJoCo 3.7: dcmotor")
-@pytest.mark.parametrize("number", [OUTRUN[0], *(pytest.param(k, marks=pytest.mark.grid) for k in OUTRUN[1:])])
+@pytest.mark.grid
+@pytest.mark.parametrize("number", OUTRUN)
 def test_a_drive_of_mujoco_goes_from_unknown_to_quiet(rig: Callable[..., Rig], number: int) -> None:
     member = of_steel(number)
     b, count = member.drive.gear.backlash_angle, member.load_count

@@ -125,6 +125,7 @@ class TestOneDrive:
         own = f"http://{served.host}/"
         assert all(url.startswith((own, f"ws://{served.host}/", "data:", "blob:")) for url in requests_of(browser))
 
+    @pytest.mark.grid
     def test_gains_that_are_refused_say_why_and_go_back(self, system: System, browser: Chrome) -> None:
         served, peer = system.served, system.peer
         page = Page(browser, served.address, peer)
@@ -197,6 +198,7 @@ class TestOneDrive:
         page.wait("the step", lambda: page.at_rest_at(references[0]))
         peer.node.destroy_subscription(subscription)
 
+    @pytest.mark.grid
     def test_a_page_that_hangs_moves_nothing_any_more(self, system: System, browser: Chrome) -> None:
         sent: list[float] = []
         subscription = system.peer.node.create_subscription(
@@ -215,6 +217,7 @@ class TestOneDrive:
         page.wait("no more words", lambda: page.said("move-answer") == "")
         system.peer.node.destroy_subscription(subscription)
 
+    @pytest.mark.grid
     def test_a_recording_is_made_and_ended(self, system: System, browser: Chrome) -> None:
         served, peer = system.served, system.peer
         page = Page(browser, served.address, peer)
@@ -236,6 +239,7 @@ class TestOneDrive:
         assert status == 200
         assert "<h1>" in text
 
+    @pytest.mark.grid
     def test_the_keyboard_alone_moves_the_drive(self, system: System, browser: Chrome) -> None:
         page = Page(browser, system.served.address, system.peer)
         seen: list[str] = []
@@ -248,7 +252,7 @@ class TestOneDrive:
         ActionChains(browser).send_keys(Keys.ENTER).perform()
         page.wait("the step", lambda: page.at_rest_at(0.5))
 
-    @pytest.mark.parametrize("scheme", ["light", "dark"])
+    @pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.grid)])
     def test_it_fits_a_telephone(self, system: System, browser: Chrome, scheme: str) -> None:
         size = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
         browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
@@ -263,6 +267,7 @@ class TestOneDrive:
         finally:
             browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
+    @pytest.mark.grid
     def test_faults_and_load_torque_are_injected_and_taken_back(self, system: System, browser: Chrome) -> None:
         served, peer = system.served, system.peer
         page = Page(browser, served.address, peer)
@@ -278,6 +283,7 @@ class TestOneDrive:
         assert Parameters(peer, "plant_simulator").get("sensors.load_offset") == [0.0]
 
 
+@pytest.mark.grid
 def test_a_drive_that_goes_and_comes_is_said_and_watched_again(
     start: Start, peer: Peer, serve: Callable[..., Served], browser: Chrome
 ) -> None:
@@ -300,6 +306,7 @@ def test_a_drive_that_goes_and_comes_is_said_and_watched_again(
     assert console_of(browser) == []
 
 
+@pytest.mark.grid
 def test_read_only_shows_everything_and_takes_nothing(
     start: Start, peer: Peer, serve: Callable[..., Served], browser: Chrome
 ) -> None:
@@ -316,6 +323,7 @@ def test_read_only_shows_everything_and_takes_nothing(
     assert Lifecycle(peer, "controller").state == "active"
 
 
+@pytest.mark.grid
 def test_axes_are_told_apart_by_name(start: Start, peer: Peer, serve: Callable[..., Served], browser: Chrome) -> None:
     names = ["arm/elbow", "wrist"]
     start("plant_simulator", non_ros=["--axes", *names], lockstep=True)
@@ -333,6 +341,7 @@ def test_axes_are_told_apart_by_name(start: Start, peer: Peer, serve: Callable[.
     assert abs(page.run("return window.live.joints.last('load')")) < B
 
 
+@pytest.mark.grid
 def test_make_live_shows_a_drive_that_ends_with_it(tmp_path: Path, peer: Peer, browser: Chrome) -> None:
     root = Path(__file__).parents[2]
     recipe = subprocess.run(

@@ -57,8 +57,7 @@ def descriptors(peer: Peer, node: str) -> dict[str, ParameterDescriptor]:
 
 def test_the_documented_table_is_what_the_code_makes(tmp_path: Path) -> None:
     made, committed = tmp_path / "parameters.md", Path(__file__).parents[2] / "docs" / "parameters.md"
-    command = [sys.executable, str(Path(parameter_table.__file__)), "--out", str(made)]
-    subprocess.run(command, check=True, timeout=PATIENCE)
+    parameter_table.main(["--out", str(made)])
     assert made.read_text() == committed.read_text(), "renew it: make docs"
 
 
@@ -254,6 +253,7 @@ LAWS = {"proportional": NamedLaw("proportional", design, Parameters())}
 '''
 
 
+@pytest.mark.grid  # test_plugins.py adds laws, too
 def test_a_law_that_is_added_brings_its_parameters(
     start: Start, peer: Peer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

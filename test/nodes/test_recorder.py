@@ -185,6 +185,7 @@ def test_what_is_sent_once_is_in_the_bag(start: Start, peer: Peer, tmp_path: Pat
     assert sorted(read_bag(tmp_path / "bag").scalars["/reference"].values.tolist()) == values
 
 
+@pytest.mark.grid
 def test_what_is_sent_once_to_controller_and_recorder_is_in_the_bag(start: Start, peer: Peer, tmp_path: Path) -> None:
     """As `ros2 topic pub --once -w 2 --keep-alive 1` sends it: one that waits for one listener reaches that one."""
     start("controller", state_timeout=10.0)

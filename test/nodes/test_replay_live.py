@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from graph import PATIENCE, Lifecycle, Parameters, Peer, Process
 from lifecycle_msgs.msg import Transition
@@ -58,6 +59,7 @@ class Session:
         self.wait(seconds)
 
 
+@pytest.mark.grid  # the demo is replayed, too
 def test_a_session_is_replayed_to_the_last_bit(start: Callable[..., Process], peer: Peer, tmp_path: Path) -> None:
     session = Session(peer)
     recorder = start("recorder", output=tmp_path / "bag")

@@ -86,6 +86,7 @@ def test_sample_is_as_joint_state_broadcaster_has_it(peer: Peer) -> None:
     assert np.isnan(sample.effort).tolist() == [True, True, False]
 
 
+@pytest.mark.grid
 def test_learns_and_lands_a_step_behind_ros2_control(control: Ros2Control, peer: Peer) -> None:
     client = peer.node.create_client(Trigger, "controller/learn")
     peer.wait("the service", client.service_is_ready)

@@ -18,6 +18,7 @@ WORN = replace(NOMINAL_DRIVE, gear=replace(NOMINAL_DRIVE.gear, backlash_angle=5 
 COUNTED = Sensors(measured=POSITIONS, motor_counts=4096.0, load_counts=65536.0)
 
 
+@pytest.mark.grid  # test_wear.py has it by unit
 def test_a_gap_that_has_grown_is_told_and_learned_anew(start: Callable[..., Process], peer: Peer) -> None:
     start("controller", backlash_angle=B, learning__renew=True, state_timeout=10.0)
     told: list[str] = []

@@ -121,8 +121,7 @@ BROKEN_DRIVES = {
 }
 """Drive to its command line and the kit's further options."""
 
-FEW = {"simulator", "adapter", "nan_in_states", "frozen_stamps", "sign_flipped", "degrees", "bang_bang"}
-FEW |= {"effort_in_amperes, current", "no_watchdog", "leaves_child"}
+FEW = {"simulator", "degrees", "no_watchdog"}
 """Drives that are judged with every change; the others are a grid."""
 
 

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from kit import CHECKS, judge, kit
+from kit import judge, kit
 from sensor_msgs.msg import JointState
 
 from backlash_ros.contract.bench import Recording, described
@@ -52,8 +52,8 @@ def test_refuses_a_number_that_is_out_of_bounds(tmp_path: Path) -> None:
 
 
 def test_says_that_the_drive_ended(tmp_path: Path) -> None:
-    verdict = judge(tmp_path, "false")
-    assert len(verdict.failed) == CHECKS
+    verdict = judge(tmp_path, "false", "-k", "joints")
+    assert list(verdict.failed) == ["test_samples_name_the_joints"]
     assert "the drive ended with code 1 while the kit waited for publisher on /joint_states" in verdict.output
 
 

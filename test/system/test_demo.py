@@ -180,6 +180,7 @@ def page(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return page
 
 
+@pytest.mark.grid  # its report takes half a minute
 def test_its_report_says_what_the_summary_says(page: Path, summary: dict) -> None:
     (axis,) = json.loads(page.with_suffix(".json").read_text())["axes"]
     assert axis["backlash_angle"] == pytest.approx(summary["learned"]["backlash_angle"], rel=0.005)  # identified
@@ -197,6 +198,7 @@ def test_its_report_says_what_the_summary_says(page: Path, summary: dict) -> Non
         assert not step["late_rest"]
 
 
+@pytest.mark.grid
 def test_its_report_is_drawn_and_zoomed(page: Path, browser: Chrome) -> None:
     charts = opened(browser, page)
     assert len(charts) >= 10  # all of it, seven steps, a learning run, the timing

@@ -5,17 +5,19 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from backlash_ros.analysis.staging import staging
-from backlash_ros.demo.__main__ import put_in_place
+from backlash_ros.demo.__main__ import main, put_in_place
 
 ROOT = Path(__file__).parents[2]
 DEMO = [sys.executable, "-m", "backlash_ros.demo"]
 
 
+@pytest.mark.grid
 @pytest.mark.corners(1)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_everything_and_leaves_nothing(tmp_path: Path, number: signal.Signals) -> None:
@@ -72,28 +74,41 @@ def test_new_results_replace_the_old_ones_whole_or_not_at_all(tmp_path: Path, mo
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
-def test_folder_of_somebody_else_is_not_replaced(tmp_path: Path) -> None:
+@pytest.fixture
+def signals() -> Iterator[None]:
+    """Put back the handlers that the command takes."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def test_folder_of_somebody_else_is_not_replaced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], signals: None
+) -> None:
     (tmp_path / "thesis.tex").write_text("precious")
-    done = subprocess.run([*DEMO, "--out", str(tmp_path)], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert "argument --out: must be a new or empty folder" in done.stderr
+    with pytest.raises(SystemExit, match="2"):
+        main(["--out", str(tmp_path)])
+    assert "argument --out: must be a new or empty folder" in capsys.readouterr().err
     assert (tmp_path / "thesis.tex").read_text() == "precious"
 
 
-@pytest.mark.corners(1)
 @pytest.mark.parametrize(
     ("out", "reason"),
     [("file", "must be a new or empty folder"), ("file/out", "File exists"), ("new/" + "x" * 300, "too long")],
     ids=["a_file", "no_folder", "long_name"],
 )
-def test_place_that_cannot_be_written_is_told_at_once(tmp_path: Path, out: str, reason: str) -> None:
+def test_place_that_cannot_be_written_is_told_at_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], signals: None, out: str, reason: str
+) -> None:
     (tmp_path / "file").write_text("precious")
-    done = subprocess.run([*DEMO, "--out", str(tmp_path / out)], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    (line,) = done.stderr.splitlines()
+    with pytest.raises(SystemExit, match="2"):
+        main(["--out", str(tmp_path / out)])
+    said = capsys.readouterr()
+    (line,) = said.err.splitlines()
     assert line.startswith("backlash demo: argument --out: ")
     assert reason in line
-    assert done.stdout == ""
+    assert said.out == ""
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"file": "precious"}
 
 

@@ -107,6 +107,7 @@ def test_colcon_build_installs_executables_that_talk(source: Path, tmp_path: Pat
     starts_and_talks(prefix / "lib" / "backlash_ros", variables, tmp_path / "colcon.log")
 
 
+@pytest.mark.grid  # half a minute, and colcon has installed it, too
 @pytest.mark.skipif(not ROS_WHEELS, reason="a fresh environment has no ROS but the wheels")
 def test_pip_install_in_a_fresh_environment_gives_executables_that_talk(
     source: Path, tmp_path: Path, clean: dict[str, str]

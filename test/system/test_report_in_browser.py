@@ -19,12 +19,11 @@ from backlash_ros.simulation.colours import DARK, LIGHT, PRINT
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Return the pages of an axis of ours, of six, and of somebody else's drive."""
+    """Return the pages of two axes of ours and of somebody else's drive."""
     folder = tmp_path_factory.mktemp("pages")
     drive = reported.write_drive(folder)
     made = {
-        "one": (reported.axes_bag([""]), []),
-        "six": (reported.axes_bag([f"/axis{k}" for k in range(1, 7)]), []),
+        "ours": (reported.axes_bag(["/axis1", "/axis2"]), []),
         "foreign": (reported.foreign_bag(), [*reported.FOREIGN, "--drive", str(drive)]),
     }
     for name, (bag, options) in made.items():
@@ -42,10 +41,10 @@ def plot(chart: WebElement) -> WebElement:
     return chart.find_element(By.CSS_SELECTOR, ".plot")
 
 
-@pytest.mark.parametrize("name", ["one", "six", "foreign"])
+@pytest.mark.parametrize("name", ["ours", "foreign"])
 def test_all_charts_are_drawn_and_nothing_is_loaded(browser: Chrome, pages: dict[str, Path], name: str) -> None:
     charts = opened(browser, pages[name])
-    assert len(charts) >= {"one": 4, "six": 24, "foreign": 4}[name]
+    assert len(charts) >= {"ours": 8, "foreign": 4}[name]
     for chart in charts:
         low, high = shown(chart)
         assert low < high
@@ -94,6 +93,7 @@ def colours_of(browser: Chrome, chart: WebElement) -> set[str]:
     return set(found)
 
 
+@pytest.mark.grid
 def test_colours_follow_the_scheme_and_paper_is_light(browser: Chrome, pages: dict[str, Path]) -> None:
     ground = "return getComputedStyle(document.body).backgroundColor"
     chart = opened(browser, pages["foreign"])[0]
@@ -110,8 +110,9 @@ def test_colours_follow_the_scheme_and_paper_is_light(browser: Chrome, pages: di
     assert DARK["load"] in colours_of(browser, chart)
 
 
+@pytest.mark.grid
 def test_it_prints_all_charts_even_those_that_nobody_scrolled_to(browser: Chrome, pages: dict[str, Path]) -> None:
-    browser.get(pages["six"].as_uri())
+    browser.get(pages["ours"].as_uri())
     wait(browser, "return document.documentElement.dataset.charts === 'ready'")
     drawn = "return document.querySelectorAll('figure.chart .plot:has(svg path)').length"
     assert browser.execute_script(drawn) < len(browser.find_elements(By.CSS_SELECTOR, "figure.chart"))
@@ -119,6 +120,7 @@ def test_it_prints_all_charts_even_those_that_nobody_scrolled_to(browser: Chrome
     assert browser.execute_script(drawn) == len(browser.find_elements(By.CSS_SELECTOR, "figure.chart"))
 
 
+@pytest.mark.grid
 def test_without_scripts_the_figures_are_there(browser: Chrome, pages: dict[str, Path]) -> None:
     browser.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
     try:

@@ -20,7 +20,7 @@ NEAR = st.floats(-1.0, 1.0).map(lambda x: math.copysign(10 ** (4 * abs(x) - 3), 
 
 
 @pytest.mark.population
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(
     kind=st.sampled_from(sorted(SENSORS)),
     name=st.sampled_from(sorted(SITUATIONS)),

@@ -116,6 +116,7 @@ def children_of(pid: int) -> set[int]:
     return found
 
 
+@pytest.mark.grid
 @pytest.mark.population
 def test_a_kill_loses_the_runs_in_flight_alone(tmp_path: Path) -> None:
     """The second time only what is missing is done, and the workers of the first have ended by themselves."""

@@ -194,6 +194,7 @@ def run_shapes(folder: Path, cache: Path) -> list[tuple[float, int]]:
     return [(float(value), int(hits)) for value, hits in (line.split() for line in output.splitlines())]
 
 
+@pytest.mark.grid
 def test_functions_bound_to_a_template_are_told_apart_and_compiled_again_when_edited(tmp_path: Path) -> None:
     """In one process, from the cache of a second one, and after a change of the same length."""
     shapes, cache = tmp_path / "shapes.py", tmp_path / "cache"
@@ -236,6 +237,7 @@ print(*sorted(f"{f.__module__}.{f.__qualname__}" for f in begun if f.__module__.
 """
 
 
+@pytest.mark.grid
 def test_processes_that_start_together_compile_each_function_once(tmp_path: Path) -> None:
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     started = [

@@ -292,6 +292,7 @@ def test_a_request_that_cannot_be_used_is_refused_and_writes_nothing(
     assert not out.parent.exists()
 
 
+@pytest.mark.grid
 def test_where_nothing_is_quiet_the_best_is_written_and_marked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

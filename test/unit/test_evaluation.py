@@ -541,6 +541,7 @@ def test_what_failed_is_in_the_report_with_its_parameters(
     assert "2 drives could not be run" in capsys.readouterr().out
 
 
+@pytest.mark.grid
 @pytest.mark.population
 def test_a_cluster_writes_the_same_file(tmp_path: Path, undisturbed: bytes) -> None:
     distributed = pytest.importorskip("distributed")

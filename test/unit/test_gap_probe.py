@@ -27,7 +27,7 @@ def loaded(friction: float = 0.0, inertia: float = 5e-4, backlash: float = 0.02)
     return replace(NOMINAL_DRIVE, load=load, gear=replace(NOMINAL_DRIVE.gear, backlash_angle=backlash))
 
 
-@pytest.mark.corners(3)
+@pytest.mark.corners(2)
 @pytest.mark.population
 @pytest.mark.parametrize(
     ("drive", "torque"),
@@ -53,6 +53,7 @@ def test_the_gap_is_measured_whatever_acts_on_the_load(gains: GainSet, drive: Dr
     assert 0.0 < estimate.uncertainty < 0.02 * estimate.angle
 
 
+@pytest.mark.corners(1)
 @pytest.mark.population
 @pytest.mark.parametrize(("forward", "backward"), [(0.9, 0.9), (0.75, 0.6)])
 def test_a_gear_with_losses_is_measured(gains: GainSet, forward: float, backward: float) -> None:
@@ -65,6 +66,7 @@ def test_a_gear_with_losses_is_measured(gains: GainSet, forward: float, backward
     assert abs(estimate.angle - drive.gear.backlash_angle) < 2.0 * estimate.uncertainty
 
 
+@pytest.mark.grid
 def test_a_gap_of_no_more_than_a_count_is_refused() -> None:
     """A load that cannot be outrun: a gap of less than a count fits best, where the true one has 27."""
     member = draw_member(515151, 5, "full")
@@ -81,6 +83,7 @@ def test_one_encoder_is_refused(gains: GainSet) -> None:
         assert estimate.reason == "no gap measured: measuring the gap needs two encoders, and one is missing"
 
 
+@pytest.mark.grid
 def test_auto_takes_what_the_encoders_allow(gains: GainSet) -> None:
     both = run_experiment(NOMINAL_DRIVE, ServoSettings(gains))
     assert both.method is Method.GAP_PROBE
@@ -136,7 +139,7 @@ def test_it_ends_when_its_time_is_over(gains: GainSet, time: float, torque: floa
     assert time <= plant.time <= time + 1.0
 
 
-@pytest.mark.corners(4)
+@pytest.mark.corners(2)
 @pytest.mark.population
 @pytest.mark.parametrize("torque", [0.0, 0.3])
 @pytest.mark.parametrize("start", [1, 400], ids=["from the start", "on the way"])

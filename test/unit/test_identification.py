@@ -34,7 +34,7 @@ from backlash_ros.identification.fitting.filter import (
 )
 from backlash_ros.identification.fitting.fit import LOUD, Search
 from backlash_ros.identification.fitting.problem import motor_side
-from backlash_ros.identification.gap import Gap, measure_gap
+from backlash_ros.identification.gap import Gap, _doubt, measure_gap
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.regression import guess_of
 from backlash_ros.simulation import SimulatedDrive
@@ -73,7 +73,7 @@ def measured(number: int) -> Gap:
 DRIVES = [k for k in range(6) if draw_member(SEED, k, "core").can_outrun]
 
 
-@pytest.mark.corners(3)
+@pytest.mark.corners(2)
 @pytest.mark.parametrize("number", DRIVES)
 def test_gap_load_and_delay_are_found_again(number: int) -> None:
     member, _, gap = probed(number)
@@ -93,12 +93,23 @@ def test_gap_load_and_delay_are_found_again(number: int) -> None:
     assert drive.gear.contact.section == truth.gear.contact.section
 
 
+@pytest.mark.grid
 def test_an_estimate_says_how_sure_it_is() -> None:
     """Next to the test of the same fits, so that one process mostly has both."""
     found = [measured(number) for number in DRIVES]
     errors = [abs(gap.angle - probed(number)[2]) for number, gap in zip(DRIVES, found, strict=True)]
     within = [error <= 2.0 * gap.uncertainty for error, gap in zip(errors, found, strict=True)]
     assert np.mean(within) >= 0.8
+
+
+def test_a_gap_of_no_more_than_a_count_is_none() -> None:
+    fit = measured(DRIVES[0]).fit
+    assert fit is not None
+    for counts in ((fit.gap, 0.0), (0.0, fit.gap)):
+        doubt = _doubt(replace(fit, counts=counts), 0.0, STALL)
+        assert doubt is not None
+        assert "no more than one encoder count" in doubt.reason
+        assert _doubt(replace(fit, counts=(0.9 * counts[0], 0.9 * counts[1])), 0.0, STALL) is None
 
 
 SEEN = (LN_HALF_GAP, GAP_SLOPE, LN_STIFFNESS, LN_EXPONENT, COULOMB_L, TORQUE, GRAVITY, ECCENTRICITY, DELAY, LN_GAIN)
@@ -162,7 +173,7 @@ def rubbing(drive: Drive) -> Drive:
     )
 
 
-@pytest.mark.corners(3)
+@pytest.mark.corners(2)
 @pytest.mark.population
 @pytest.mark.parametrize("number", [DRIVES[0], DRIVES[2]])
 @pytest.mark.parametrize("other", [lively, soft, warm, lossy, rubbing])
@@ -212,10 +223,10 @@ def stretched(recording: Recording) -> Recording:
     return recording._replace(motor=1.05 * recording.motor)
 
 
-@pytest.mark.corners(3)
+@pytest.mark.corners(1)
 @pytest.mark.population
 @pytest.mark.parametrize("number", DRIVES[:1])
-@pytest.mark.parametrize("broken", [reversed_motor, reversed_command, frozen_load, slipping, stuck_bit, stretched])
+@pytest.mark.parametrize("broken", [reversed_command, reversed_motor, frozen_load, slipping, stuck_bit, stretched])
 def test_a_broken_encoder_gives_no_gap(number: int, broken: Callable[[Recording], Recording]) -> None:
     member, recording, _ = probed(number)
     found = measure_gap(told_model(member, "nominal"), broken(recording), STALL)

@@ -48,6 +48,7 @@ def flat(value: Any, path: str = "") -> dict[str, Any]:
     return {path: value}
 
 
+@pytest.mark.grid  # half a minute: all of the paper, computed again
 @pytest.mark.population
 def test_committed_numbers_are_what_the_command_computes(fresh: Path) -> None:
     """Beyond numeric noise: limit cycles amplify rounding, so that sums over thousands of impacts differ a little."""
@@ -87,6 +88,7 @@ def test_what_the_encoder_says_is_the_true_angle_and_the_noise() -> None:
     assert np.std(noise) == pytest.approx(NOISY.load_noise / math.sqrt(3), rel=0.1)
 
 
+@pytest.mark.grid
 def test_every_figure_is_written_and_committed(fresh: Path) -> None:
     for name in FIGURES:
         for folder in (fresh, DOCS / "figures"):
@@ -95,6 +97,7 @@ def test_every_figure_is_written_and_committed(fresh: Path) -> None:
         assert f"figures/{name}.png" in (DOCS / "paper.md").read_text()
 
 
+@pytest.mark.grid
 def test_table_has_every_law_under_every_condition(fresh: Path) -> None:
     numbers = json.loads((fresh / "figures.json").read_text())
     assert set(numbers["table"]) == set(LAWS)
@@ -104,6 +107,7 @@ def test_table_has_every_law_under_every_condition(fresh: Path) -> None:
             assert all(value is None or math.isfinite(value) for value in cell.values())
 
 
+@pytest.mark.grid
 def test_what_the_paper_claims_of_its_law_holds_here(fresh: Path) -> None:
     table = json.loads((fresh / "figures.json").read_text())["table"]
     fast, both = table["fast"]["nominal"], table["two_region"]["nominal"]

@@ -60,7 +60,7 @@ def test_one_encoder_tells_the_gap(gains: GainSet, drive: Drive, torque: float, 
     assert abs(estimate.angle - drive.gear.backlash_angle) < 2.5 * estimate.uncertainty
 
 
-@pytest.mark.corners(1)
+@pytest.mark.corners(0)
 @pytest.mark.population
 @pytest.mark.parametrize("number", [83, 88])
 def test_each_contact_law_is_tried_from_what_the_other_has_found(number: int) -> None:
@@ -131,7 +131,7 @@ def test_a_load_that_is_held_is_refused_with_the_torque(gains: GainSet, encoder:
     assert "nothing moved under a torque of" in outcome.reason
 
 
-@pytest.mark.corners(4)
+@pytest.mark.corners(2)
 @pytest.mark.parametrize("encoder", ["load", "motor"])
 @pytest.mark.parametrize("since", [2, 300, 700, 1000])
 def test_an_encoder_that_freezes_ends_it_soon(gains: GainSet, encoder: str, since: int) -> None:
@@ -200,7 +200,7 @@ def test_wrong_samples_do_not_take_the_load_beyond_the_swing(
     assert run(servo, plant, 1200, 0.0, jumps) <= SWING + NOMINAL_DRIVE.gear.backlash_angle
 
 
-@pytest.mark.corners(4)
+@pytest.mark.corners(2)
 @pytest.mark.population
 @pytest.mark.parametrize(
     ("encoder", "number", "kind"),
