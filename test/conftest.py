@@ -1,7 +1,7 @@
 """What all tests share: which cases of a test are run where, and one browser for those of pages."""
 
 from collections.abc import Generator, Iterator
-from itertools import combinations_with_replacement
+from itertools import combinations_with_replacement, groupby
 from typing import Any
 
 import pytest
@@ -30,9 +30,21 @@ def pytest_pycollect_makeitem() -> Generator[None, Any, None]:
             item.add_marker("grid")
 
 
+def mixed(items: list[pytest.Item]) -> list[pytest.Item]:
+    """Spread the files with nodes evenly among the others: nodes take a core as long as they run, whatever they do."""
+    placed: list[tuple[float, list[pytest.Item]]] = []
+    live: dict[bool, list[list[pytest.Item]]] = {True: [], False: []}
+    for file, group in groupby(items, key=lambda item: item.path):
+        live[file.parent.name in {"nodes", "system"}].append(list(group))
+    for files in live.values():
+        placed += [((k + 0.5) / len(files), file) for k, file in enumerate(files)]
+    return [item for _, file in sorted(placed, key=lambda each: each[0]) for item in file]
+
+
 @pytest.hookimpl(trylast=True)  # after those that a marker deselects
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Keep one item of each function, where this is asked for."""
+    """Mix the files of kinds that are run side by side; keep one item of each function, where this is asked for."""
+    items[:] = mixed(items)
     if not config.getoption("--first-parameters"):
         return
     first: dict[str, pytest.Item] = {}

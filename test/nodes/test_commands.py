@@ -10,7 +10,6 @@ import pytest
 from graph import Peer, Process
 from pages import ROOT, commands
 
-
 READY = r"ready at 250 Hz|simulating at 250 Hz|recording|^http://|waiting for the requests to configure"
 AXES = [f"axis{k}" for k in range(1, 7)]
 

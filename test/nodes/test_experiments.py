@@ -96,6 +96,7 @@ def test_cancelled_at_any_sample_it_ends_at_rest_and_changes_nothing(
     assert (refused.success, refused.message) == (False, "there is no experiment to cancel")
 
 
+@pytest.mark.grid
 def test_cancelled_while_the_fit_runs_it_changes_nothing_and_the_next_one_is_answered(rig: Callable[..., Rig]) -> None:
     member = draw_member(SEED, 4, "core")
     made = rig(member)

@@ -81,6 +81,7 @@ def starts_and_talks(executables: Path, variables: dict[str, str], log: Path) ->
         print(log.read_text())
 
 
+@pytest.mark.grid
 def test_colcon_build_installs_executables_that_talk(source: Path, tmp_path: Path, clean: dict[str, str]) -> None:
     workspace = tmp_path / "workspace"
     colcon = [sys.executable, "-m", "colcon", "build", "--event-handlers", "console_direct+"]
@@ -107,7 +108,7 @@ def test_colcon_build_installs_executables_that_talk(source: Path, tmp_path: Pat
     starts_and_talks(prefix / "lib" / "backlash_ros", variables, tmp_path / "colcon.log")
 
 
-@pytest.mark.grid  # half a minute, and colcon has installed it, too
+@pytest.mark.grid
 @pytest.mark.skipif(not ROS_WHEELS, reason="a fresh environment has no ROS but the wheels")
 def test_pip_install_in_a_fresh_environment_gives_executables_that_talk(
     source: Path, tmp_path: Path, clean: dict[str, str]

@@ -17,6 +17,7 @@ from backlash_ros.simulation.batch import CannotRunError, Entry, Journal, run_ba
 SUPPORT = Path(__file__).parents[1] / "support"
 
 
+@pytest.mark.grid
 def test_the_result_does_not_depend_on_the_number_of_cores(tmp_path: Path) -> None:
     results = []
     for cores in (1, 2):

@@ -205,6 +205,7 @@ def test_late_answers_do_not_hide_that_a_coupling_slips(told: bool) -> None:
     assert not found.valid
 
 
+@pytest.mark.grid
 @pytest.mark.population
 def test_late_answers_of_which_nobody_tells_make_a_gap_less_certain() -> None:
     member = drive(0, "core")

@@ -58,7 +58,7 @@ def force_of(drive: Drive, gap: float, rate: float) -> float:
 
 
 @given(s=st.floats(-1.3, 1.3), rate=st.floats(-2, 2))
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=100)
 @pytest.mark.parametrize("law", LAWS)
 def test_force_and_its_derivatives(law: str, s: float, rate: float) -> None:
     drive = drive_with(law)

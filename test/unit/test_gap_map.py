@@ -218,7 +218,7 @@ def test_it_stays_within_its_range_and_speed_and_comes_back(
     assert abs(float(rig.plant.state[OMEGA_L])) < 0.01
 
 
-@examples(max_examples=25, deadline=None)
+@examples(max_examples=10, deadline=None)
 @given(
     after=st.integers(1, 7000),
     torque=st.sampled_from([0.0, 0.25, -0.1]),

@@ -87,7 +87,7 @@ def restitution(give: float) -> Contact:
     return RestitutionContact(wind_up=1e-3 * give)
 
 
-@pytest.mark.corners(3)
+@pytest.mark.corners(2)
 @pytest.mark.parametrize(
     ("held", "backlash", "contact", "friction", "bits", "period", "interface"),
     [
@@ -213,7 +213,7 @@ def test_a_load_that_slips_from_its_brake_on_the_way_ends_it(gains: GainSet) -> 
     assert servo.fault == ""
 
 
-@examples(max_examples=20, deadline=None)
+@examples(max_examples=8, deadline=None)
 @given(after=st.integers(1, 4000), held=st.sampled_from([BRAKED, HEAVY, {}]))
 def test_it_is_cancelled_at_any_sample_and_ends_at_rest(gains: GainSet, after: int, held: dict[str, float]) -> None:
     servo, plant = started(gains, standing(held, motor_friction=0.01))
@@ -237,7 +237,7 @@ def test_progress_grows_from_0_to_1(gains: GainSet) -> None:
     assert progress[-1] > 0.99
 
 
-@pytest.mark.corners(4)
+@pytest.mark.corners(2)
 @pytest.mark.population
 @pytest.mark.parametrize("held", [BRAKED, {}], ids=["braked", "free"])
 @pytest.mark.parametrize("start", [1, 1500], ids=["from the start", "on the way"])
@@ -424,6 +424,7 @@ def test_a_torque_that_is_too_small_for_the_lost_motion_is_refused() -> None:
     assert found.reason.startswith("the lost motion is wanted at +-3 N m, but the torque reaches only 2.")
 
 
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("motion", [probed, stepped], ids=["probe", "steps"])
 def test_free_motion_has_no_curve(motion: Any) -> None:
     for number in range(4):

@@ -47,13 +47,14 @@ EVALUATIONS = [c for c in commands("test_pages.py") if c.startswith("backlash ev
 """One with few options is enough for every change; the others are a grid of populations, models and encoders."""
 
 
+def is_long(command: str) -> bool:
+    return (command in EVALUATIONS and command != min(EVALUATIONS, key=len)) or command.startswith("backlash design ")
+
+
 @pytest.mark.population
 @pytest.mark.parametrize(
     "command",
-    [
-        pytest.param(c, marks=pytest.mark.grid if c in EVALUATIONS and c != min(EVALUATIONS, key=len) else [])
-        for c in commands("test_pages.py")
-    ],
+    [pytest.param(c, marks=pytest.mark.grid if is_long(c) else []) for c in commands("test_pages.py")],
 )
 def test_commands_do_what_they_say(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -32,7 +32,7 @@ def sensors_of(encoder: str) -> Sensors:
     return Sensors(measured=ENCODERS[encoder], motor_counts=4096.0, load_counts=16384.0)
 
 
-@pytest.mark.corners(2)
+@pytest.mark.corners(1)
 @pytest.mark.population
 @pytest.mark.parametrize("encoder", ["load", "motor"])
 @pytest.mark.parametrize(
@@ -165,7 +165,7 @@ def test_an_encoder_that_goes_missing_ends_it(gains: GainSet) -> None:
     assert "the encoder that the run started with is missing" in experiment.outcome.reason
 
 
-@examples(max_examples=20, deadline=None)
+@examples(max_examples=8, deadline=None)
 @given(
     after=st.integers(1, 1000),
     torque=st.sampled_from([0.0, -0.02]),
@@ -183,7 +183,7 @@ def test_it_is_cancelled_at_any_sample_and_ends_at_rest(
     assert abs(float(plant.state[OMEGA_L])) < 0.02
 
 
-@examples(max_examples=20, deadline=None)
+@examples(max_examples=8, deadline=None)
 @given(
     at=st.integers(1, 1000),
     samples=st.sampled_from([1, 3, 10]),
