@@ -31,13 +31,17 @@ def pytest_pycollect_makeitem() -> Generator[None, Any, None]:
 
 
 def mixed(items: list[pytest.Item]) -> list[pytest.Item]:
-    """Spread the files with nodes evenly among the others: nodes take a core as long as they run, whatever they do."""
+    """Spread the files with nodes among the others, so that some of both run at a time; the last ones are short.
+
+    A node takes part of a core as long as it runs, whatever it does.
+    """
     placed: list[tuple[float, list[pytest.Item]]] = []
     live: dict[bool, list[list[pytest.Item]]] = {True: [], False: []}
     for file, group in groupby(items, key=lambda item: item.path):
         live[file.parent.name in {"nodes", "system"}].append(list(group))
-    for files in live.values():
-        placed += [((k + 0.5) / len(files), file) for k, file in enumerate(files)]
+    for takes_long, files in live.items():
+        end = 0.8 if takes_long else 1.0
+        placed += [(end * (k + 0.5) / len(files), file) for k, file in enumerate(files)]
     return [item for _, file in sorted(placed, key=lambda each: each[0]) for item in file]
 
 

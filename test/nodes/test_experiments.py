@@ -24,25 +24,6 @@ def braked(member: Member) -> Member:
     return replace(member, drive=replace(member.drive, load=replace(member.drive.load, coulomb_friction=torque)))
 
 
-@pytest.mark.grid  # test_gap_map.py has the experiment
-def test_the_gap_around_the_turn_is_found_and_the_largest_is_in_use(rig: Callable[..., Rig]) -> None:
-    member = draw_member(SEED, 30, "full")
-    made = rig(member, learning__experiment="gap_map", **FEW)
-    told = made.in_use()
-    answer = made.call("learn")
-    assert answer.success, answer.message
-    gaps = [member.drive.gear.backlash_at(offset) for offset in MAP.offsets]
-    found = made.in_use()
-    near = max(GAP_NEAR * max(gaps), member.load_count)
-    assert found["backlash_angle"] == pytest.approx(max(gaps), abs=near)
-    assert max(gaps) - min(gaps) > 2.0 * near
-    smallest = float(answer.message.split("the gap is ")[1].split(" rad")[0])
-    assert smallest == pytest.approx(min(gaps), abs=near)
-    assert {name for name in NAMES if told[name] != found[name]} == {"backlash_angle"}
-    rest = made.drive.run(round(member.rate))
-    assert np.ptp(rest[rest.size // 2 :]) < max(gaps)
-
-
 @pytest.mark.grid  # test_hysteresis.py has the experiment
 def test_the_gap_of_an_output_that_is_braked_is_found(rig: Callable[..., Rig]) -> None:
     member = braked(draw_member(SEED, 16, "full"))
@@ -62,7 +43,6 @@ def test_the_gap_of_an_output_that_is_braked_is_found(rig: Callable[..., Rig]) -
     ("experiment", "number", "longest"),
     [
         ("identify", 14, 3.0),
-        ("gap_map", 30, 15.0),
         ("hysteresis", 16, 10.0),
     ],
 )

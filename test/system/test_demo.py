@@ -11,11 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from in_browser import console_of, requests_of
 from pages import commands
-from report_page import opened, shown
-from selenium.webdriver import Chrome
-from selenium.webdriver.common.by import By
 from viewers import foxglove_values, messages, plotjuggler_names
 
 from backlash_ros.analysis import read_bag
@@ -180,7 +176,6 @@ def page(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return page
 
 
-@pytest.mark.grid  # its report takes half a minute
 def test_its_report_says_what_the_summary_says(page: Path, summary: dict) -> None:
     (axis,) = json.loads(page.with_suffix(".json").read_text())["axes"]
     assert axis["backlash_angle"] == pytest.approx(summary["learned"]["backlash_angle"], rel=0.005)  # identified
@@ -196,18 +191,6 @@ def test_its_report_says_what_the_summary_says(page: Path, summary: dict) -> Non
         assert step["residual_b"] == pytest.approx(response["residual"], abs=0.02)
         assert not step["late_rising"]
         assert not step["late_rest"]
-
-
-@pytest.mark.grid
-def test_its_report_is_drawn_and_zoomed(page: Path, browser: Chrome) -> None:
-    charts = opened(browser, page)
-    assert len(charts) >= 10  # all of it, seven steps, a learning run, the timing
-    whole = shown(charts[1])
-    charts[1].find_element(By.CSS_SELECTOR, "[data-zoom=in]").click()
-    near = shown(charts[1])
-    assert near[1] - near[0] < 0.6 * (whole[1] - whole[0])
-    assert [address for address in requests_of(browser) if not address.startswith(("file:", "blob:"))] == []
-    assert console_of(browser) == []
 
 
 def test_figure_is_there(results: Path) -> None:

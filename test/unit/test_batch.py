@@ -27,6 +27,7 @@ def test_the_result_does_not_depend_on_the_number_of_cores(tmp_path: Path) -> No
     assert results[0] == results[1] == [Entry(number, number**2) for number in range(20)]
 
 
+@pytest.mark.grid
 def test_runs_that_fail_are_reported_and_the_rest_goes_on(tmp_path: Path) -> None:
     ended = []
     with Journal(tmp_path / "journal") as journal:

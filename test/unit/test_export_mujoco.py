@@ -76,7 +76,7 @@ def test_steps_are_followed(interface: str) -> None:
 @pytest.mark.population
 @pytest.mark.parametrize("interface", INTERFACES)
 @pytest.mark.parametrize("population", ["core", "full"])
-@pytest.mark.parametrize("number", range(10))
+@pytest.mark.parametrize("number", range(5))
 def test_random_commands_are_followed(number: int, population: str, interface: str) -> None:
     """With a weight and every friction, too."""
     drive, period = drive_of(number, interface, population)
@@ -179,7 +179,7 @@ def test_the_winding_is_the_drives() -> None:
 
 
 @pytest.mark.corners(3)
-@pytest.mark.parametrize("number", range(10))
+@pytest.mark.parametrize("number", range(5))
 def test_every_drive_loads(number: int) -> None:
     axis = Axis(draw_member(20090, number, "full").drive, 'a<b>&"c"', "é d", -1.0, 2.0)
     if HAS_DC_MOTOR:

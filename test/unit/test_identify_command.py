@@ -35,6 +35,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.grid
 @pytest.mark.population  # five fits; those of the other tests are enough for the oldest dependencies
 def test_every_command_of_the_page_works(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert len(COMMANDS) == 5
