@@ -2,8 +2,8 @@
 #
 #   make demo    learn the backlash and judge four laws, on real ROS 2 in lockstep, recorded: results in results/demo
 #   make live    a simulated drive, its controller and a page for the browser; prints the address
-#   make test    all tests but the grids, in about twenty minutes on two cores
-#   make test-grid  the grids: one claim over many drives, seeds, pairs of laws or options
+#   make test    all tests but the grids, in about twelve minutes on two cores
+#   make test-grid  the grids: one claim over many drives, seeds, pairs of laws or options; what takes long
 #   make faults  injects every fault and writes docs/faults.md; make test-repeat does it twenty times under load
 #   make bad-samples  effect of wrong samples on the load, at the end of docs/faults.md
 #   make lint    formatting, style, types, and the links of the pages
@@ -51,10 +51,11 @@ demo: $(READY)
 live: $(READY)
 	$(BIN)/python -m backlash_ros.dashboard.live
 
-# Tests that are judged in real time, or with a browser, run after the others, on two cores of their own; all others run
-# four at a time, each file by one process, which makes once what its tests share. Plain pytest runs all tests, the
-# grids too, one after the other.
+# Tests that are judged in real time run after the others, on two cores of their own; all others run four at a time, each
+# file by one process, which makes once what its tests share. The pages of the grid need those cores, too. Plain pytest
+# runs all tests, the grids too, one after the other.
 REAL_TIME := test/system/test_contract.py test/nodes/test_transport.py
+PAGE := test/nodes/test_page.py
 SIDE_BY_SIDE := -n 4 --dist loadscope
 LONG_FIRST := --no-loadscope-reorder
 test: $(READY)
@@ -64,8 +65,8 @@ test: $(READY)
 
 test-grid: $(READY)
 	$(BIN)/python -m backlash_ros.simulation
-	$(BIN)/python -m pytest -m grid $(SIDE_BY_SIDE) $(LONG_FIRST) $(REAL_TIME:%=--ignore=%)
-	$(BIN)/python -m pytest -m grid -n 2 --dist loadfile $(REAL_TIME)
+	$(BIN)/python -m pytest -m grid $(SIDE_BY_SIDE) $(LONG_FIRST) $(REAL_TIME:%=--ignore=%) --ignore=$(PAGE)
+	$(BIN)/python -m pytest -m grid -n 2 --dist loadfile $(REAL_TIME) $(PAGE)
 
 # Faults injected into live processes: once for the page; and twenty times, four at once, on a machine that this loads.
 FAULTS := test/nodes/test_faults.py test/nodes/test_parameter_storm.py test/nodes/test_recorder.py -k __

@@ -77,9 +77,9 @@ def perform(session: Session, say: Callable[[str], None]) -> dict[str, Any]:
     return script
 
 
-def perform_heavy(session: Session, learned: float, say: Callable[[str], None]) -> dict[str, Interval]:
-    """Step with the paper's law and ours with the backlash that was learned (rad): it is the same gear; return when."""
-    session.must_set({"backlash_angle": learned})
+def perform_heavy(session: Session, say: Callable[[str], None]) -> dict[str, Interval]:
+    """Learn the backlash with the heavy load and step with the paper's law and ours; return when."""
+    session.ask("learn", say)
     steps = {}
     for law in COMPARED:
         say(f"step 0 to 1 rad: {LABELS[law]}")
@@ -205,7 +205,7 @@ def record(folder: Path, console: Console) -> dict[str, Any]:
             script = perform(session, say)
         say(f"starting again with {HEAVY:g} times the load inertia, which the controller is told")
         with running(heavy, in_lockstep(heavy, f"load.inertia:={HEAVY * NOMINAL_DRIVE.load.inertia}")) as session:
-            script["heavy"] = perform_heavy(session, script["learned"][1], say)
+            script["heavy"] = perform_heavy(session, say)
         say("stepping to and fro in real time")
         with running(real_time, in_real_time) as session:
             rate = keep_the_rate(session, script["learned"][1])

@@ -111,7 +111,7 @@ def test_from_unknown_to_quiet_with_the_law_for_two_encoders(rig: Callable[..., 
 
 @pytest.mark.grid  # test_applying.py has it by unit, test_estimates.py with another experiment
 def test_with_ask_it_is_offered_and_applied_together(rig: Callable[..., Rig]) -> None:
-    made = rig(draw_member(SEED, 4, "core"), learning__apply="ask")
+    made = rig(draw_member(SEED, 1, "core"), learning__apply="ask")
     told = made.in_use()
     answer = made.call("identify")
     assert answer.success, answer.message

@@ -73,8 +73,15 @@ def test_what_is_told_is_right(case: tuple[int, str, str, float]) -> None:
     member, found = identified(*case)
     assert found.valid, found.reason
     told = {symbol: found.of(symbol) for symbol in truth_of(member)}
-    assert all(finding.told for finding in told.values()), [finding.why for finding in told.values()]
+    untold = {symbol: finding.why for symbol, finding in told.items() if not finding.told}
+    if case[2] == "probe":
+        assert untold == {}
+    # Steps alone may tell the load's inertia from the motor's gain too poorly.
+    assert set(untold) <= {"J_l"}
+    assert all("its standard uncertainty is" in why for why in untold.values())
     for symbol, (value, near) in truth_of(member).items():
+        if symbol in untold:
+            continue
         assert abs(told[symbol].value - value) <= near, (symbol, told[symbol], value)
         assert abs(told[symbol].value - value) <= 3.0 * told[symbol].uncertainty, (symbol, told[symbol], value)
 

@@ -174,6 +174,7 @@ def followed(
     [
         (0, ramp, 1000.0, 0.2, 0.0),
         (1, ramp, 83.0, None, None),
+        (2, ramp, 50.0, None, None),  # a load torque drives a light load on: it was thrown 18 b too far
         (2, sine, 1000.0, 0.0, 0.12),
         (3, sine, 10.0, 0.2, 0.0),
         (4, sine, 50.0, None, None),

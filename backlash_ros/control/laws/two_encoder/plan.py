@@ -66,6 +66,8 @@ _LONGEST, _OF_WAY, _CROSSES_IN = 0.3, 0.25, 3.0
 """Longest time to catch a load, s; share of its travel and least number of periods for the motor's crossing to it."""
 _NEAR, _STOPS = 0.92, 0.3
 """g, in half gaps, above which a flank is reached; speed, rad/s, below which a load may be carried from rest."""
+_GAINS = 1.0
+"""By how much of its speed a load torque may speed a load up while the motor crosses the gap to push it."""
 _FALLS = 8.0
 """Gaps, doubled, through which a load torque would pull the load while the motor approaches it, from which on the load
 lies on the motor's flank already."""
@@ -284,15 +286,19 @@ def _carry(
         run = brake = both
     if not must and run + brake >= _QUICKER * (2.0 * law[CROSSING] + law[PUSH] + law[BRAKE]):
         return False
-    speed, cruise, edge = left / (0.5 * (run + brake)), 0.0, contact(law, _TOUCH)
+    crosses = g > -0.9 * 0.5 * law[GAP]
+    begins = 0.0 if crosses or v < _STOPS else v
+    speed, cruise, edge = (left - 0.5 * begins * run) / (0.5 * (run + brake)), 0.0, contact(law, _TOUCH)
+    if speed <= 0.0:  # it is too fast for so short a way
+        return False
     if speed > _SPEED * law[NO_LOAD]:
         speed = _SPEED * law[NO_LOAD]
-        cruise = left / speed - 0.5 * (run + brake)
-    if g > -0.9 * 0.5 * law[GAP]:
+        cruise = (left - 0.5 * begins * run) / speed - 0.5 * (run + brake)
+    if crosses:
         segment(state, law[CROSSING], x, v, 0.0, 0.0, 0.0, g, -edge, way, closing, 2)
-    segment(state, run, x, 0.0, 0.0, 0.0, speed / run, -edge, -edge, way, 0.0, 0)
+    segment(state, run, x, begins, 0.0, 0.0, (speed - begins) / run, -edge, -edge, way, 0.0, 0)
     if cruise > 0.0:
-        segment(state, cruise, x + 0.5 * speed * run, speed, 0.0, 0.0, 0.0, -edge, -edge, way, 0.0, 0)
+        segment(state, cruise, x + 0.5 * (begins + speed) * run, speed, 0.0, 0.0, 0.0, -edge, -edge, way, 0.0, 0)
     segment(state, brake, target - 0.5 * speed * brake, speed, 0.0, 0.0, -speed / brake, -edge, -edge, way, 0.0, 0)
     return True
 
@@ -305,8 +311,9 @@ def _catch(law: Array, state: Array, target: float, x: float, v: float, g: float
     if v * length > _OF_WAY * (target - x):  # too fast for a soft crossing
         length = max(_OF_WAY * (target - x) / v, _CROSSES_IN * law[PERIOD])
     slows = min((law[FRICTION] * v + resists(law, state, way, x)) / inertia, v / length)
-    segment(state, length, x, v, -slows, -slows, 0.0, g, -edge, way, closing, 2)
-    x, v = x + v * length - 0.5 * slows * length * length, v - slows * length
+    if slows > 0.0 or g > -_NEAR * 0.5 * law[GAP]:  # else it lies on that side already
+        segment(state, length, x, v, -slows, -slows, 0.0, g, -edge, way, closing, 2)
+        x, v = x + v * length - 0.5 * slows * length * length, v - slows * length
     met, last = resists(law, state, way, x), resists(law, state, way, target)
     brake = _LONGEST
     if v > 0.0:
@@ -315,6 +322,32 @@ def _catch(law: Array, state: Array, target: float, x: float, v: float, g: float
     starts, ends = -(law[FRICTION] * v + max(met, 0.0)) / inertia, -max(last, 0.0) / inertia
     bump = min(-v / brake - 0.5 * (starts + ends), 0.0)
     segment(state, brake, x, v, starts, ends, bump, -edge, -edge, way, 0.0, 0)
+
+
+@compiled
+def _holds_back(
+    law: Array,
+    state: Array,
+    target: float,
+    x: float,
+    v: float,
+    g: float,
+    closing: float,
+    first: float,
+    most: float,
+    way: float,
+) -> bool:
+    """Plan to hold back a load that lies on the motor's braking flank and that a load torque drives on.
+
+    Were the motor to cross the gap to push it, the load would be gone. False, without a plan, where it would not.
+    ``first``, ``most``: what resists the load where it is, and at most, N m.
+    """
+    gains = -(law[FRICTION] * v + first) / law[INERTIA] * _approach(law, g)
+    if v < _STOPS or g > -_NEAR * 0.5 * law[GAP] or gains < _GAINS * v:
+        return False
+    if most >= 0.0 or not _carry(law, state, target, x, v, g, closing, most, way, True):
+        _catch(law, state, target, x, v, g, closing, way)
+    return True
 
 
 @compiled
@@ -450,7 +483,8 @@ def fly(law: Array, state: Array, to: float, load: float, speed_l: float, motor:
     between = resists(law, state, way, x + _ABOUT * (target - x))
     state[SEGMENTS], state[REST_TORQUE] = 0.0, -rests if holds(law, rests) else 0.0
     most = max(first, between, last)
-    if most < 0.0 and abs(v) < _STOPS and _carry(law, state, target, x, v, g, closing, most, way, False):
+    carries = most < 0.0 and abs(v) < _STOPS and _carry(law, state, target, x, v, g, closing, most, way, False)
+    if carries or _holds_back(law, state, target, x, v, g, closing, first, most, way):
         return -way
     # The load alone until it is touched: friction brakes it, and holds it once it stands.
     length = _approach(law, g)
