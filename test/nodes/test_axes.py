@@ -105,7 +105,6 @@ def test_a_fault_of_one_axis_leaves_the_others_running(lockstep: Callable[..., d
 
 
 @pytest.mark.grid
-@pytest.mark.corners(1)
 @pytest.mark.parametrize("stops", ["axis1", "axis3"])
 def test_an_axis_that_is_deactivated_holds_up_neither_the_others_nor_the_clock(
     lockstep: Callable[..., dict[str, Axis]], peer: Peer, stops: str

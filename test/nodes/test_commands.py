@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from graph import Peer, Process
-from pages import ROOT, commands
+from pages import DESIGNED, ROOT, commands
 
 READY = r"ready at 250 Hz|simulating at 250 Hz|recording|^http://|waiting for the requests to configure"
 AXES = [f"axis{k}" for k in range(1, 7)]
@@ -27,8 +27,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize("command", commands("test_commands.py"))
 def test_the_node_starts(command: str, start: Callable[..., Process], peer: Peer, folder: Path) -> None:
     if "gains.yaml" in command:
-        designed = "/**: {ros__parameters: {law: two_region, gains: {overdamped: {k: [4.0, 0.4, 0.1]}}}}"
-        (folder / "gains.yaml").write_text(designed)  # in the place of backlash design's
+        (folder / "gains.yaml").write_text(DESIGNED)
     command = command.replace("$(ros2 pkg prefix --share backlash_ros)", ".").replace("axis{1..6}", " ".join(AXES))
     name, *words = shlex.split(command)[3:]
     ros = words.index("--ros-args") if "--ros-args" in words else len(words)

@@ -129,9 +129,10 @@ def test_learning_over_the_service(start: Start, peer: Peer) -> None:
 
 
 @pytest.mark.grid  # by one encoder; test_relay.py has the experiment
-def test_learning_where_the_other_joint_is_absent(start: Start, peer: Peer) -> None:
+@pytest.mark.parametrize("measured", ["theta_l", "theta_m"])
+def test_learning_where_the_other_joint_is_absent(start: Start, peer: Peer, measured: str) -> None:
     start("controller", **PATIENT)
-    sensors = Sensors(measured=("theta_l",), load_counts=2**14)
+    sensors = Sensors(measured=(measured,), motor_counts=2**12, load_counts=2**14)
     drive = LockstepDrive(peer, simulated=SimulatedDrive(NOMINAL_DRIVE, 0.004, sensors=sensors)).matched()
     answer = ask_to_learn(peer)
     drive.until(answer.done)

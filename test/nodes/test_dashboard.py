@@ -48,7 +48,11 @@ class TestOneDrive:
         assert Lifecycle(peer, "controller").state == "inactive"
 
 
-def test_a_dashboard_that_freezes_stops_nobody(start: Start, peer: Peer, serve: Callable[..., Served]) -> None:
+@pytest.mark.corners(1)
+@pytest.mark.parametrize("how", [signal.SIGSTOP, signal.SIGKILL])
+def test_a_dashboard_that_freezes_or_dies_stops_nobody(
+    start: Start, peer: Peer, serve: Callable[..., Served], how: signal.Signals
+) -> None:
     begin(start)
     served = serve()
     reader = Reader(served)
@@ -56,12 +60,13 @@ def test_a_dashboard_that_freezes_stops_nobody(start: Start, peer: Peer, serve: 
     answered: list[float] = []
     peer.node.create_subscription(Float64MultiArray, "command", lambda _: answered.append(time.monotonic()), 1000)
     peer.wait("commands", lambda: len(answered) > 10)
-    served.process.signal(signal.SIGSTOP)
+    served.process.signal(how)
     count = len(answered)
     peer.wait("the loop to go on", lambda: len(answered) > count + 1000)
     gaps = np.diff(answered[count:])
     assert np.sum(gaps > 0.9) == 0  # shared memory would hold each publish up by 1 s
-    served.process.signal(signal.SIGCONT)
+    if how == signal.SIGSTOP:
+        served.process.signal(signal.SIGCONT)
 
 
 def test_another_address_wants_its_token(peer: Peer, serve: Callable[..., Served]) -> None:

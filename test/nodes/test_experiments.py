@@ -43,6 +43,7 @@ def test_the_gap_of_an_output_that_is_braked_is_found(rig: Callable[..., Rig]) -
     ("experiment", "number", "longest"),
     [
         ("identify", 14, 3.0),
+        ("gap_map", 30, 15.0),
         ("hysteresis", 16, 10.0),
     ],
 )

@@ -67,7 +67,6 @@ def test_a_running_drive_is_measured_and_certified(start: Start, peer: Peer, tmp
 
 
 @pytest.mark.grid
-@pytest.mark.corners(1)
 @pytest.mark.parametrize("terminal", [False, True], ids=["SIGTERM", "Ctrl-C, which the recorder gets, too"])
 def test_it_is_stopped_at_rest_and_leaves_nothing(start: Start, peer: Peer, tmp_path: Path, terminal: bool) -> None:
     parameters = begin(start, peer)

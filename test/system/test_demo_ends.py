@@ -18,7 +18,8 @@ DEMO = [sys.executable, "-m", "backlash_ros.demo"]
 
 
 @pytest.mark.grid
-def test_a_signal_ends_everything_and_leaves_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_everything_and_leaves_nothing(tmp_path: Path, number: signal.Signals) -> None:
     process = subprocess.Popen(
         [*DEMO, "--out", str(tmp_path / "out")],
         cwd=ROOT,
@@ -34,7 +35,7 @@ def test_a_signal_ends_everything_and_leaves_nothing(tmp_path: Path) -> None:
             break
     children = children_of(process.pid)
     assert len(children) >= 3, lines
-    process.send_signal(signal.SIGTERM)
+    process.send_signal(number)
     assert process.wait(timeout=60) == 130
     assert "stopped; nothing was written" in process.stdout.read()
     deadline = time.monotonic() + 30

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from pages import ROOT, commands, commands_of
+from pages import DESIGNED, ROOT, commands, commands_of
 from reported import axes_bag
 
 from backlash_ros.cli import main
@@ -73,8 +73,7 @@ def begin(command: str, environment: dict[str, str], folder: Path) -> subprocess
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with what the commands read."""
     (tmp_path / "config").symlink_to(ROOT / "config")
-    designed = "/**: {ros__parameters: {law: two_region, gains: {overdamped: {k: [4.0, 0.4, 0.1]}}}}"
-    (tmp_path / "gains.yaml").write_text(designed)  # in the place of backlash design's
+    (tmp_path / "gains.yaml").write_text(DESIGNED)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -92,10 +91,10 @@ def test_the_command_line_is_installed(folder: Path) -> None:
     if not (ENVIRONMENT / "backlash").exists():
         pytest.skip("needs the .venv that make makes")
     command = min((c for c in COMMANDS if c.startswith("backlash ")), key=len)
-    done = subprocess.run(
-        [ENVIRONMENT / command.split()[0], *shlex.split(command)[1:]], capture_output=True, check=False
-    )
+    words = [str(ENVIRONMENT / "backlash"), *shlex.split(command)[1:]]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr
+    assert SAID[words[1]] in done.stdout
 
 
 @pytest.mark.parametrize("command", [c for c in COMMANDS if " " not in c])

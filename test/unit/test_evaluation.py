@@ -3,7 +3,10 @@
 import json
 import math
 import os
+import signal
+import subprocess
 import sys
+import time
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -439,6 +442,26 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     folder = tmp_path_factory.mktemp("undisturbed")
     assert main(command(folder, *BRIEF, drives=8)) == 0
     return (folder / "result.json").read_bytes()
+
+
+@pytest.mark.grid
+def test_a_batch_that_was_killed_ends_in_the_same_file(tmp_path: Path, undisturbed: bytes) -> None:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    killed = tmp_path / "killed"
+    arguments = [sys.executable, "-m", "backlash_ros.cli", *command(killed, *BRIEF, drives=8)]
+    first = subprocess.Popen(arguments, env=environment, stdout=subprocess.DEVNULL)
+    end = time.monotonic() + 120
+    while not (journals := list(killed.glob(".result.json.*.journal"))) or journals[0].read_bytes().count(b"\n") < 2:
+        assert time.monotonic() < end
+        assert first.poll() is None
+        time.sleep(0.02)
+    first.send_signal(signal.SIGKILL)
+    first.wait()
+    assert not (killed / "result.json").exists()
+    resumed = subprocess.run(arguments, env=environment, capture_output=True, text=True, check=True, timeout=600)
+    assert "of 8 drives are in" in resumed.stdout
+    assert (killed / "result.json").read_bytes() == undisturbed
+    assert [path.name for path in killed.iterdir()] == ["result.json"]
 
 
 def test_one_drive_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

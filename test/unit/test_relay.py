@@ -60,7 +60,7 @@ def test_one_encoder_tells_the_gap(gains: GainSet, drive: Drive, torque: float, 
     assert abs(estimate.angle - drive.gear.backlash_angle) < 2.5 * estimate.uncertainty
 
 
-@pytest.mark.corners(0)
+@pytest.mark.grid
 @pytest.mark.population
 @pytest.mark.parametrize("number", [83, 88])
 def test_each_contact_law_is_tried_from_what_the_other_has_found(number: int) -> None:
