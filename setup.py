@@ -31,7 +31,7 @@ setup(
     maintainer="backlash_ros maintainers",
     maintainer_email="maintainers@backlash-ros.example.org",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={f"{NAME}.ros": ["*.xml"], f"{NAME}.analysis.report": ["*.js"], f"{NAME}.dashboard": ["static/*"]},
+    package_data={f"{NAME}.ros": ["*.xml"], f"{NAME}.pages.report": ["*.js"], f"{NAME}.dashboard": ["static/*"]},
     classifiers=[
         "Development Status :: 4 - Beta",
         "Intended Audience :: Manufacturing",

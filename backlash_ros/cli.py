@@ -16,33 +16,33 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from backlash_ros import __version__
-from backlash_ros.analysis.checking.command import add_check, check_and_show
-from backlash_ros.analysis.design import command as designer
-from backlash_ros.analysis.evaluation.by_effect import EFFECT_NAMES, evaluate_effects, with_effect
-from backlash_ros.analysis.evaluation.command import evaluate, replay
-from backlash_ros.analysis.evaluation.drive_file import read_axis, read_parameters, read_start
-from backlash_ros.analysis.evaluation.population import ENCODERS, MODELS, POPULATIONS
-from backlash_ros.analysis.evaluation.task import DESIGNED, Task
-from backlash_ros.analysis.export import FORMATS
-from backlash_ros.analysis.jsonable import jsonable
-from backlash_ros.analysis.locked_output import command as locked
-from backlash_ros.analysis.page import write_page
-from backlash_ros.analysis.paper import PARTS, reproduce
-from backlash_ros.analysis.parser import Parser
-from backlash_ros.analysis.recordings.arguments import WRITTEN as IDENTIFICATION
-from backlash_ros.analysis.recordings.arguments import add_identification, identify, number_of
-from backlash_ros.analysis.replay import command as replaying
-from backlash_ros.analysis.report.command import WRITTEN as REPORT
-from backlash_ros.analysis.report.command import add_report, write_report
-from backlash_ros.analysis.report.library import NoLibraryError
-from backlash_ros.analysis.simulating import command as simulating
-from backlash_ros.analysis.staging import staging, write_text
+from backlash_ros.commands import design as designer
+from backlash_ros.commands import lost_motion as locked
+from backlash_ros.commands import replay as replaying
+from backlash_ros.commands import simulate as simulating
+from backlash_ros.commands.check import add_check, check_and_show
+from backlash_ros.commands.evaluate import evaluate, replay
+from backlash_ros.commands.evaluate_effects import EFFECT_NAMES, evaluate_effects, with_effect
+from backlash_ros.commands.identify_arguments import WRITTEN as IDENTIFICATION
+from backlash_ros.commands.identify_arguments import add_identification, identify, number_of
+from backlash_ros.commands.report import WRITTEN as REPORT
+from backlash_ros.commands.report import add_report, write_report
 from backlash_ros.control import AUTO, EXPERIMENTS, LAWS
 from backlash_ros.control.design.start import CannotStartError
+from backlash_ros.drive_file.drive_file import read_axis, read_parameters, read_start
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.motion.integrator import IntegrationError
-from backlash_ros.drivetrain.reading.parameter_files import named
+from backlash_ros.export import FORMATS
+from backlash_ros.foundation.jsonable import jsonable
+from backlash_ros.foundation.parser import Parser
+from backlash_ros.foundation.reading.parameter_files import named
+from backlash_ros.foundation.staging import staging, write_text
+from backlash_ros.pages.paper import write_page
+from backlash_ros.pages.report.library import NoLibraryError
 from backlash_ros.simulation.batch import CannotRunError
+from backlash_ros.studies.evaluation.population import ENCODERS, MODELS, POPULATIONS
+from backlash_ros.studies.evaluation.task import DESIGNED, Task
+from backlash_ros.studies.paper import PARTS, reproduce
 
 T = TypeVar("T")
 
@@ -52,7 +52,7 @@ NOTHING, STOPPED = 1, 130
 
 def figures(out: Path, page: Path | None, console: Console) -> None:
     """Compute everything; write figures and figures.json into ``out``, and the page to ``page``: all or nothing."""
-    from backlash_ros.analysis.figures import FIGURES, draw  # noqa: PLC0415 - matplotlib takes a second
+    from backlash_ros.studies.figures import FIGURES, draw  # noqa: PLC0415 - matplotlib takes a second
 
     with ExitStack() as stack:
         drawn = stack.enter_context(staging(out / "figures.json"))
@@ -94,7 +94,7 @@ def _figures(given: argparse.Namespace, console: Console) -> None:
         return
     if given.page is not None:
         raise ValueError("argument --page: is about the paper's figures")
-    from backlash_ros.analysis.simulating.law_pictures import draw  # noqa: PLC0415 - matplotlib takes a second
+    from backlash_ros.studies.law_pictures import draw  # noqa: PLC0415 - matplotlib takes a second
 
     console.print(f"{', '.join(draw(given.out))} in {given.out}", highlight=False)
 

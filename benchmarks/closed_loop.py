@@ -15,7 +15,7 @@ from backlash_ros.control import GainSet, ServoSettings, design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.motion.dynamics import SLIDES, equations_of
-from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, THETA_L
+from backlash_ros.foundation.signals import CURRENT, OMEGA_L, THETA_L
 from backlash_ros.simulation import Scenario, run
 
 PERIOD, COUNT, REPEATS = 0.001, 500, 5

@@ -24,15 +24,16 @@ from typing import Any
 
 import numpy as np
 
-from backlash_ros.analysis.evaluation import Member, draw_member
-from backlash_ros.analysis.evaluation.summary import wilson
-from backlash_ros.analysis.evaluation.task import first_reading, settings_for, true_reading
-from backlash_ros.analysis.judging import OVERSHOOT, PRECISE, QUIET, judge_move, threshold
 from backlash_ros.control import Servo
 from backlash_ros.control.laws.two_encoder.layout import CROSSING
 from backlash_ros.control.laws.two_encoder.plan import length_of
-from backlash_ros.drivetrain.signals import OMEGA_L, THETA_L, Array
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import OMEGA_L, THETA_L
 from backlash_ros.simulation import SimulatedDrive
+from backlash_ros.studies.evaluation import Member, draw_member
+from backlash_ros.studies.evaluation.summary import wilson
+from backlash_ros.studies.evaluation.task import first_reading, settings_for, true_reading
+from backlash_ros.studies.judging import OVERSHOOT, PRECISE, QUIET, judge_move, threshold
 
 JUDGED = 3.0
 """Length of the record of each move, s."""

@@ -35,7 +35,7 @@ from scenarios import COUNT, PERIOD, Play, plays
 from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.motion.dynamics import SLIDES, equations_of
 from backlash_ros.drivetrain.motion.integrator import DEFAULT_TOLERANCE
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 
 SECOND, SHORT = 250, 500
 FINEST = 4000

@@ -15,7 +15,8 @@ from scipy.integrate import solve_ivp
 
 from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.motion.integrator import DONE, integration_memory, integrator_for
-from backlash_ros.drivetrain.signals import THETA_L, Array, at_rest
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import THETA_L, at_rest
 
 Stretch = Callable[[Array, Array], None]
 Start = Callable[[], Stretch]

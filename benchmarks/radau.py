@@ -15,7 +15,8 @@ from scenarios import PERIOD, Play, plays
 from scipy.integrate import Radau, solve_ivp
 
 from backlash_ros.drivetrain.constants import plant_constants
-from backlash_ros.drivetrain.signals import THETA_L, Array
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import THETA_L
 
 
 class Equations(NamedTuple):

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 import numpy as np
 
-from backlash_ros.drivetrain import quantities
+from backlash_ros.foundation.quantity import quantities
 from backlash_ros.identification.one_encoder.output_error import ServoFit, fit_servo, mean_errors, refit
 from backlash_ros.identification.one_encoder.position_servo import PositionServo, ServoRun, simulate
 from backlash_ros.identification.one_encoder.servo_gap import FOLDS, ServoGap, judge_gap

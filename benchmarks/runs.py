@@ -7,13 +7,14 @@ from typing import Any
 import numba
 import numpy as np
 
-from backlash_ros.analysis.evaluation import draw_member
-from backlash_ros.analysis.evaluation.population import Member, told_model
-from backlash_ros.analysis.evaluation.task import first_reading, settings_for
 from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.motion.integrator import DEFAULT_TOLERANCE, DONE, integration_memory, integrator_for
-from backlash_ros.drivetrain.signals import THETA_L, Array, at_rest
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import THETA_L, at_rest
 from backlash_ros.simulation import Run, Scenario, run
+from backlash_ros.studies.evaluation import draw_member
+from backlash_ros.studies.evaluation.population import Member, told_model
+from backlash_ros.studies.evaluation.task import first_reading, settings_for
 
 SEED = 1
 

@@ -17,7 +17,8 @@ import numpy as np
 from backlash_ros.control import design_gains
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.constants import plant_constants
-from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, THETA_L, Array
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import CURRENT, OMEGA_L, THETA_L
 
 PERIOD, COUNT = 0.004, 5000
 

@@ -18,8 +18,8 @@ from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, Servo, ServoSet
 from backlash_ros.control.laws.two_encoder.layout import PHASES
 from backlash_ros.control.tick import TICK_SIGNATURE
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.drivetrain.compiled import compiled_as
-from backlash_ros.drivetrain.signals import Measurement
+from backlash_ros.foundation.compiled import compiled_as
+from backlash_ros.foundation.signals import Measurement
 from backlash_ros.simulation import SimulatedDrive
 
 CALLS, REPEATS = 20_000, 15

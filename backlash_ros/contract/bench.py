@@ -23,7 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
-from backlash_ros.analysis.evaluation.drive_file import Axis, read_axis, read_parameters
+from backlash_ros.drive_file.drive_file import Axis, read_axis, read_parameters
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.ros.isolation import isolated
 

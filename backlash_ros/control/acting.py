@@ -9,9 +9,11 @@ from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, ControlLaw
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitoring.beat import Beat
 from backlash_ros.control.tick import tick_with
-from backlash_ros.drivetrain import Drive, Validated
-from backlash_ros.drivetrain.compiled import compiled_as
-from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Array, Estimate, Measurement, Setpoint
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.compiled import compiled_as
+from backlash_ros.foundation.quantity import Validated
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import THETA_L, THETA_M, Estimate, Measurement, Setpoint
 
 
 @compiled_as(LAW_SIGNATURE)

@@ -12,8 +12,9 @@ zones before the ends of the travel, so that a law's memory agrees with what was
 from typing import NamedTuple
 
 from backlash_ros.control.limits import Limits
-from backlash_ros.drivetrain import Drive, compiled
-from backlash_ros.drivetrain.signals import OMEGA_M, THETA_L, Estimate
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.signals import OMEGA_M, THETA_L, Estimate
 
 
 class RangeConstants(NamedTuple):

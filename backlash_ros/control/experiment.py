@@ -11,9 +11,10 @@ from typing import Any, NamedTuple, Protocol
 
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitoring.thresholds import FaultThresholds
-from backlash_ros.drivetrain import Drive, Validated
-from backlash_ros.drivetrain.markup import pairs
-from backlash_ros.drivetrain.signals import Estimate, Measurement
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.markup import pairs
+from backlash_ros.foundation.quantity import Validated
+from backlash_ros.foundation.signals import Estimate, Measurement
 from backlash_ros.identification.fitting.fit import Fit
 from backlash_ros.identification.gap_map import GapMap
 from backlash_ros.identification.locked_output.lost_motion import LostMotion

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from numba import float64
 
-from backlash_ros.drivetrain import Drive, Validated
-from backlash_ros.drivetrain.signals import Array, Estimate, Setpoint
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.quantity import Validated
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import Estimate, Setpoint
 
 if TYPE_CHECKING:
     from backlash_ros.control.settings import ServoSettings

@@ -4,7 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from backlash_ros.drivetrain import Drive, Validated, quantity
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.quantity import Validated, quantity
 
 NO_LIMIT = 1e9
 """Means no limit: beyond any angle, rad."""

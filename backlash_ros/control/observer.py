@@ -20,15 +20,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from backlash_ros.drivetrain import Drive, compiled
-from backlash_ros.drivetrain.signals import (
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import (
     CURRENT,
     LOAD_TORQUE,
     OMEGA_L,
     OMEGA_M,
     THETA_L,
     THETA_M,
-    Array,
     Estimate,
     Measurement,
 )

@@ -35,14 +35,15 @@ from backlash_ros.control.tick import (
     fault_details,
     pack,
 )
-from backlash_ros.drivetrain import Drive, Validated
-from backlash_ros.drivetrain.signals import (
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.quantity import Validated
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import (
     LOAD_TORQUE,
     OMEGA_L,
     POSITION,
     THETA_L,
     THETA_M,
-    Array,
     Estimate,
     Measurement,
     Setpoint,

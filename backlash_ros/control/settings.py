@@ -6,7 +6,8 @@ from backlash_ros.control.design.gains import GainSet
 from backlash_ros.control.design.stability import Margins, stability_margins
 from backlash_ros.control.monitoring.thresholds import FaultThresholds
 from backlash_ros.control.observer import ObserverConstants, observer_constants
-from backlash_ros.drivetrain import Drive, Validated, quantity
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.quantity import Validated, quantity
 
 AUTO = "auto"
 """The experiment that the encoders allow: `gap_probe` with both, else `relay`. Also the best law for what is known of

@@ -8,7 +8,7 @@ from backlash_ros.control.laws.two_encoder.layout import PHASES
 from backlash_ros.control.monitoring.wear import WearWatch
 from backlash_ros.control.servo import Servo
 from backlash_ros.control.tick import HIGH, LOW
-from backlash_ros.drivetrain.signals import (
+from backlash_ros.foundation.signals import (
     ACCELERATION,
     CURRENT,
     OMEGA_L,

@@ -38,15 +38,15 @@ from backlash_ros.control.motion.moving_reference import (
 )
 from backlash_ros.control.motion.setpoint import evaluate, is_reference
 from backlash_ros.control.observer import ObserverConstants, observer_memory, observer_step
-from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
-from backlash_ros.drivetrain.signals import (
+from backlash_ros.foundation.compiled import compiled, specialize, unbound
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import (
     CURRENT,
     LOAD_TORQUE,
     OMEGA_M,
     POSITION,
     THETA_L,
     THETA_M,
-    Array,
     Estimate,
     Measurement,
     Setpoint,

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from backlash_ros.analysis.parser import Parser
 from backlash_ros.dashboard.command import main as dashboard
+from backlash_ros.foundation.parser import Parser
 from backlash_ros.ros.client import start_node, stop_node
 from backlash_ros.ros.isolation import isolated
 from backlash_ros.simulation.__main__ import compile_all

@@ -17,10 +17,16 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from backlash_ros.analysis.bag import read_bag
-from backlash_ros.analysis.jsonable import jsonable
-from backlash_ros.analysis.parser import Parser
-from backlash_ros.analysis.session import (
+from backlash_ros.demo.session import ALL, HOLD, LOAD_STEP, Session, running
+from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.foundation.jsonable import jsonable
+from backlash_ros.foundation.parser import Parser
+from backlash_ros.foundation.staging import staging
+from backlash_ros.recordings.bag import read_bag
+from backlash_ros.ros.client import ClientError, TimedOutError
+from backlash_ros.ros.isolation import isolated
+from backlash_ros.simulation.__main__ import compile_all
+from backlash_ros.studies.session import (
     COMPARED,
     LABELS,
     PAPER,
@@ -30,13 +36,7 @@ from backlash_ros.analysis.session import (
     judge_step,
     judge_swap,
 )
-from backlash_ros.analysis.session_picture import plot_session
-from backlash_ros.analysis.staging import staging
-from backlash_ros.demo.session import ALL, HOLD, LOAD_STEP, Session, running
-from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.ros.client import ClientError, TimedOutError
-from backlash_ros.ros.isolation import isolated
-from backlash_ros.simulation.__main__ import compile_all
+from backlash_ros.studies.session_picture import plot_session
 
 BRISK = {"fast": [1000.0, 1.0], "overdamped": [16.0, 0.0]}
 """LQR weights of the gain set that the demo swaps to: over-damped gains of twice the stiffness."""

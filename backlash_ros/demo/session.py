@@ -18,11 +18,11 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from backlash_ros.analysis.bag import seconds_of
-from backlash_ros.analysis.session import Interval
 from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.recordings.bag import seconds_of
 from backlash_ros.ros.client import Client, ClientError, start_node, stop_node
 from backlash_ros.ros.topics import RECEIVE
+from backlash_ros.studies.session import Interval
 
 LOAD_STEP = 0.1
 """Load torque that is applied, N m."""

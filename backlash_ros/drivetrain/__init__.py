@@ -1,6 +1,5 @@
 """The plant: parameters, contact, equations of motion, integrator and linear models."""
 
-from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.contacts import CONTACTS
 from backlash_ros.drivetrain.effects.parameters import Effects
@@ -22,12 +21,10 @@ from backlash_ros.drivetrain.parameters import (
     Load,
     Motor,
 )
-from backlash_ros.drivetrain.quantity import EXPONENTIAL, Quantity, Validated, quantities, quantity
 
 __all__ = [
     "COMMAND_INTERFACES",
     "CONTACTS",
-    "EXPONENTIAL",
     "NOMINAL_DRIVE",
     "Contact",
     "Drive",
@@ -37,15 +34,10 @@ __all__ = [
     "Load",
     "Motor",
     "Plant",
-    "Quantity",
-    "Validated",
     "command_from_voltage",
-    "compiled",
     "discretize",
     "discretize_from_command",
     "motor_model",
-    "quantities",
-    "quantity",
     "rigid_model",
     "without_inductance",
 ]

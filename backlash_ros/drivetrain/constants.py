@@ -8,7 +8,7 @@ import numba
 from backlash_ros.drivetrain.contact import Constants, as_constants
 from backlash_ros.drivetrain.effects.constants import effect_constants, effect_row
 from backlash_ros.drivetrain.parameters import NOMINAL_DRIVE, Drive
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 
 _numba: Any = numba
 

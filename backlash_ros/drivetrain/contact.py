@@ -17,8 +17,8 @@ from typing import ClassVar, Protocol
 
 from scipy.optimize import brentq
 
-from backlash_ros.drivetrain.compiled import compiled
-from backlash_ros.drivetrain.quantity import Validated
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.quantity import Validated
 
 Constants = tuple[float, ...]
 """A contact law's constants, eight numbers: see `as_constants`."""

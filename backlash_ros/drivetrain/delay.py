@@ -13,13 +13,14 @@ from typing import Any, ClassVar, NamedTuple
 import numba
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.constants import PLANT_TYPE, PlantConstants
 from backlash_ros.drivetrain.motion.integrator import Advance, integrator_for
 from backlash_ros.drivetrain.parameters import Drive
-from backlash_ros.drivetrain.quantity import Validated, quantity
 from backlash_ros.drivetrain.sensors import NOISE_STREAMS, uniform
-from backlash_ros.drivetrain.signals import Array, PlantState, at_rest
+from backlash_ros.foundation.compiled import compiled, specialize, unbound
+from backlash_ros.foundation.quantity import Validated, quantity
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import PlantState, at_rest
 
 LINE = 64
 """Largest number of samples and commands in transit."""

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from backlash_ros.drivetrain.parameters import Drive
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 
 _WHOLE = 1e-9
 """A delay this close to a whole number of periods counts as whole, in periods."""

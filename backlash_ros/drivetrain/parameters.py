@@ -15,10 +15,10 @@ from backlash_ros.drivetrain.contact import Contact, law_name
 from backlash_ros.drivetrain.contacts import CONTACTS
 from backlash_ros.drivetrain.contacts.power import PowerContact
 from backlash_ros.drivetrain.effects.parameters import Effects
-from backlash_ros.drivetrain.markup import pairs
-from backlash_ros.drivetrain.quantity import Validated, quantities, quantity, take
-from backlash_ros.drivetrain.reading.misspelled import check_known
-from backlash_ros.drivetrain.reading.parameter_files import by_name, own, read_files, section_of
+from backlash_ros.foundation.markup import pairs
+from backlash_ros.foundation.quantity import Validated, quantities, quantity, take
+from backlash_ros.foundation.reading.misspelled import check_known
+from backlash_ros.foundation.reading.parameter_files import by_name, own, read_files, section_of
 
 COMMAND_INTERFACES = ("voltage", "current")
 """What the drive takes as its command: the motor's voltage, V, or its current, A, which its own inner loop closes."""

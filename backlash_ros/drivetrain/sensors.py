@@ -10,16 +10,16 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled
-from backlash_ros.drivetrain.quantity import Validated, quantity
-from backlash_ros.drivetrain.signals import (
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.quantity import Validated, quantity
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import (
     CURRENT,
     OMEGA_L,
     OMEGA_M,
     STATE_NAMES,
     THETA_L,
     THETA_M,
-    Array,
     Measurement,
     PlantState,
 )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 
 _LEAPS = 4
 """Fewest leaps over what is never read to say that a bit is stuck."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 from backlash_ros.identification.fitting.filter import GAP_SLOPE, OFFSET
 from backlash_ros.identification.fitting.fit import Fit
 from backlash_ros.identification.gap import Gap, measure_gap

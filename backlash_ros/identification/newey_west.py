@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 
 
 def newey_west(scores: Array, bandwidth: int) -> Array:

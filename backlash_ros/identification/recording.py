@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 
 
 class Recording(NamedTuple):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 from backlash_ros.identification.fitting.filter import GAP_SLOPE, LN_EXPONENT, LN_HALF_GAP, LN_STIFFNESS, OFFSET
 from backlash_ros.identification.fitting.fit import Fit, half_gap_of, shape_of
 from backlash_ros.identification.recording import Recording

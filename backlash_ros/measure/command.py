@@ -19,13 +19,13 @@ from rclpy.validate_namespace import validate_namespace
 from rich.console import Console
 from rich.progress import Progress, TaskID
 
-from backlash_ros.analysis.bag import Series, read_bag
-from backlash_ros.analysis.recordings.bag_topics import Topics, read_topics
-from backlash_ros.analysis.recordings.command import REFUSED, Request, identify_recording
-from backlash_ros.analysis.recordings.samples import Columns, Reading
-from backlash_ros.analysis.staging import staging
-from backlash_ros.drivetrain.reading.parameter_files import in_sections
+from backlash_ros.commands.identify import REFUSED, Request, identify_recording
+from backlash_ros.foundation.reading.parameter_files import in_sections
+from backlash_ros.foundation.staging import staging
 from backlash_ros.measure import CERTIFICATE
+from backlash_ros.recordings.bag import Series, read_bag
+from backlash_ros.recordings.bag_topics import Topics, read_topics
+from backlash_ros.recordings.samples import Columns, Reading
 from backlash_ros.ros.client import PATIENCE, Client, ClientError, start_node, stop_node
 from backlash_ros.ros.topics import RECEIVE
 

@@ -24,8 +24,8 @@ from backlash_ros.control.design.choice import chosen_for_rate
 from backlash_ros.control.telemetry import telemetry
 from backlash_ros.control.tick import MISSING
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.drivetrain.messages import BadSampleError, NotOurJointsError, read_joint_state, stamp_ns
-from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Measurement
+from backlash_ros.foundation.messages import BadSampleError, NotOurJointsError, read_joint_state, stamp_ns
+from backlash_ros.foundation.signals import THETA_L, THETA_M, Measurement
 from backlash_ros.gates import Action, Fault, Judged, SampleGate
 from backlash_ros.nodes.learning import Learning
 from backlash_ros.nodes.parameters import declare_controller, refuse_unknown

@@ -15,7 +15,7 @@ from backlash_ros.control.estimates import Answer, DriveIdentity, Estimates
 from backlash_ros.control.estimates.requests import EXPERIMENT_OF, LearnRequests, Reply
 from backlash_ros.control.monitoring.wear import WearWatch
 from backlash_ros.drivetrain.parameters import IDENTIFIED
-from backlash_ros.drivetrain.signals import Measurement
+from backlash_ros.foundation.signals import Measurement
 from backlash_ros.nodes.parameters import ControllerParameters
 from backlash_ros.nodes.tunables import Tunables
 from backlash_ros.ros.aside import Aside, InTurn

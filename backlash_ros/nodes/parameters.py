@@ -7,12 +7,12 @@ from typing import Any
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
-from backlash_ros.drivetrain import Drive, Effects, Quantity
+from backlash_ros.drivetrain import Drive, Effects
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.parameters import FOUND, drive_of
-from backlash_ros.drivetrain.quantity import take
-from backlash_ros.drivetrain.reading.misspelled import check_known
-from backlash_ros.drivetrain.reading.parameter_files import by_name
+from backlash_ros.foundation.quantity import Quantity, take
+from backlash_ros.foundation.reading.misspelled import check_known
+from backlash_ros.foundation.reading.parameter_files import by_name
 from backlash_ros.ros.overrides import values_given
 from backlash_ros.ros.parameters import (
     NONE,

@@ -22,8 +22,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.drivetrain import IntegrationError
-from backlash_ros.drivetrain.messages import answered_sample
-from backlash_ros.drivetrain.signals import CURRENT
+from backlash_ros.foundation.messages import answered_sample
+from backlash_ros.foundation.signals import CURRENT
 from backlash_ros.gates import CommandGate, Fault
 from backlash_ros.nodes.parameters import declare_simulator, refuse_unknown
 from backlash_ros.nodes.reports import NodeFacts, SimulatorReport

@@ -8,7 +8,7 @@ from typing import Any
 
 from rclpy.node import Node
 
-from backlash_ros.drivetrain.reading.yaml_text import RepeatedKeyError, values_in
+from backlash_ros.foundation.reading.yaml_text import RepeatedKeyError, values_in
 
 COMMAND_LINE: ContextVar[Sequence[str]] = ContextVar("the command line's rules for parameters", default=())
 """ROS arguments that are passed to each node of this process.

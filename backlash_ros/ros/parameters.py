@@ -10,19 +10,11 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from backlash_ros.drivetrain import (
-    COMMAND_INTERFACES,
-    CONTACTS,
-    EXPONENTIAL,
-    NOMINAL_DRIVE,
-    Quantity,
-    Validated,
-    quantities,
-)
+from backlash_ros.drivetrain import COMMAND_INTERFACES, CONTACTS, NOMINAL_DRIVE
 from backlash_ros.drivetrain.contact import law_name
-from backlash_ros.drivetrain.quantity import take
 from backlash_ros.drivetrain.sensors import Sensors
-from backlash_ros.drivetrain.signals import STATE_NAMES
+from backlash_ros.foundation.quantity import EXPONENTIAL, Quantity, Validated, quantities, take
+from backlash_ros.foundation.signals import STATE_NAMES
 
 KINDS = {
     Parameter.Type.BOOL: "true or false",

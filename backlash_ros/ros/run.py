@@ -19,7 +19,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from backlash_ros.drivetrain.reading.yaml_text import RepeatedKeyError
+from backlash_ros.foundation.reading.yaml_text import RepeatedKeyError
 from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.output import Backlog, never_wait
 from backlash_ros.ros.overrides import COMMAND_LINE, parameter_rules, refuse_repeated_keys

@@ -23,7 +23,6 @@ from backlash_ros.control.tick import (
     tick_out,
 )
 from backlash_ros.drivetrain import Drive, IntegrationError
-from backlash_ros.drivetrain.compiled import compiled_as
 from backlash_ros.drivetrain.constants import PlantConstants, plant_constants
 from backlash_ros.drivetrain.delay import (
     PLAYER_SIGNATURE,
@@ -43,16 +42,9 @@ from backlash_ros.drivetrain.motion.integrator import (
     integration_memory,
 )
 from backlash_ros.drivetrain.sensors import SensorConstants, Sensors, sensor_constants, sensor_memory
-from backlash_ros.drivetrain.signals import (
-    LOAD_TORQUE,
-    POSITION,
-    THETA_L,
-    Array,
-    Measurement,
-    PlantState,
-    Setpoint,
-    at_rest,
-)
+from backlash_ros.foundation.compiled import compiled_as
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import LOAD_TORQUE, POSITION, THETA_L, Measurement, PlantState, Setpoint, at_rest
 from backlash_ros.simulation.response import Run
 from backlash_ros.simulation.simulated_drive import take_sample
 

@@ -4,9 +4,10 @@ from typing import cast
 
 from backlash_ros.control import BacklashEstimate, Limits, Servo, ServoSettings
 from backlash_ros.control.experiment import Deferred, Outcome
-from backlash_ros.drivetrain import Drive, Validated
+from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import Sensors
+from backlash_ros.foundation.quantity import Validated
 from backlash_ros.simulation.simulated_drive import SimulatedDrive
 
 

@@ -15,7 +15,8 @@ from backlash_ros.drivetrain.motion.integrator import (
     integration_memory,
     integrator_for,
 )
-from backlash_ros.drivetrain.signals import Array, at_rest
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import at_rest
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.drivetrain.markup import pairs
-from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array
+from backlash_ros.foundation.markup import pairs
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M
 from backlash_ros.simulation.colours import LIGHT
 
 if TYPE_CHECKING:

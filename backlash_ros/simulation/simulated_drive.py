@@ -5,7 +5,6 @@ import math
 import numpy as np
 
 from backlash_ros.drivetrain import Drive, IntegrationError
-from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.constants import PlantConstants, plant_constants
 from backlash_ros.drivetrain.delay import (
     LINE,
@@ -26,7 +25,9 @@ from backlash_ros.drivetrain.motion.integrator import (
     integration_memory,
 )
 from backlash_ros.drivetrain.sensors import SensorConstants, Sensors, read_sensors, sensor_constants, sensor_memory
-from backlash_ros.drivetrain.signals import Array, Measurement, PlantState, at_rest
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import Measurement, PlantState, at_rest
 
 _IN_REAL_TIME = 10.0
 """Multiple of the standstill torque that can be simulated in real time."""

@@ -14,7 +14,7 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
-from backlash_ros.drivetrain.messages import answered_sample, stamp_ns
+from backlash_ros.foundation.messages import answered_sample, stamp_ns
 from backlash_ros.gates import CommandGate
 from backlash_ros.ros.topics import RECEIVE, SEND
 

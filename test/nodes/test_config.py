@@ -9,13 +9,13 @@ import yaml
 from graph import Parameters, Peer
 from rcl_interfaces.srv import ListParameters
 
-from backlash_ros.analysis.design.report import gain_text
-from backlash_ros.analysis.design.trial import Choice, Loop
 from backlash_ros.cli import main
 from backlash_ros.control import Gains, design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.nodes.parameter_file import parameters_of
 from backlash_ros.nodes.parameters import all_names
+from backlash_ros.studies.design.report import gain_text
+from backlash_ros.studies.design.trial import Choice, Loop
 
 CONFIG = Path(__file__).parents[2] / "config" / "nominal_drive.yaml"
 NOT_IN_THE_FILE = ("use_sim_time", "start_type_description_service", "qos_overrides", "gains.")

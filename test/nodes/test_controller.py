@@ -24,8 +24,8 @@ from backlash_ros.control.laws.two_region import TwoRegionParameters
 from backlash_ros.control.telemetry import TELEMETRY
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
 from backlash_ros.drivetrain.delay import Delay
-from backlash_ros.drivetrain.messages import stamp_ns
 from backlash_ros.drivetrain.sensors import Sensors
+from backlash_ros.foundation.messages import stamp_ns
 from backlash_ros.gates import Fault
 from backlash_ros.simulation import Scenario, SimulatedDrive, run
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from data_sheet import NAMES, Rig
 
-from backlash_ros.analysis.evaluation.population import Member, draw_member
-from backlash_ros.analysis.evaluation.task import GAP_NEAR
 from backlash_ros.control import GapMapSettings
+from backlash_ros.studies.evaluation.population import Member, draw_member
+from backlash_ros.studies.evaluation.task import GAP_NEAR
 
 SEED = 20261122
 MAP = GapMapSettings(places=6, turn=2.0)

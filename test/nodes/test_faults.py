@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
-from backlash_ros.drivetrain.messages import stamp_ns
+from backlash_ros.foundation.messages import stamp_ns
 from backlash_ros.ros.messages import answer, to_stamp
 
 Start = Callable[..., Process]

@@ -11,14 +11,14 @@ from data_sheet import FAULTS, NAMES, OTHERS, Rig, Start
 from diagnostic_msgs.msg import DiagnosticArray
 from graph import Parameters, Peer
 
-from backlash_ros.analysis.evaluation.population import draw_member
-from backlash_ros.analysis.evaluation.task import DELAY_NEAR, EFFORT_NEAR, GAP_NEAR, INERTIA_NEAR, SPEEDS, STAND
-from backlash_ros.analysis.judging import OVERSHOOT, PRECISE, QUIET, judge_move, threshold
 from backlash_ros.control import DEFAULT_WEIGHTS, FaultThresholds, design_gains
 from backlash_ros.control.estimates import DriveIdentity, parse
 from backlash_ros.control.laws.two_encoder.layout import PHASES
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.parameters import FOUND, drive_of
+from backlash_ros.studies.evaluation.population import draw_member
+from backlash_ros.studies.evaluation.task import DELAY_NEAR, EFFORT_NEAR, GAP_NEAR, INERTIA_NEAR, SPEEDS, STAND
+from backlash_ros.studies.judging import OVERSHOOT, PRECISE, QUIET, judge_move, threshold
 
 SEED = 20261122
 

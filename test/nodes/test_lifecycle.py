@@ -23,7 +23,7 @@ from backlash_ros.control.law import LawStep
 from backlash_ros.control.laws import design_law
 from backlash_ros.control.tick import Tick, tick_with
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.drivetrain.messages import stamp_ns
+from backlash_ros.foundation.messages import stamp_ns
 from backlash_ros.nodes.controller import Controller
 from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.run import _stopped

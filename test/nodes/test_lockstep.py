@@ -15,16 +15,16 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
-from backlash_ros.analysis.evaluation.drive_file import read_axis
-from backlash_ros.analysis.judging import judge_move
-from backlash_ros.analysis.metrics import step_response
 from backlash_ros.control import GainSet, ServoSettings, design_gains
+from backlash_ros.drive_file.drive_file import read_axis
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.delay import Delay
-from backlash_ros.drivetrain.messages import answered_sample, stamp_ns
 from backlash_ros.drivetrain.sensors import Sensors
+from backlash_ros.foundation.messages import answered_sample, stamp_ns
 from backlash_ros.ros.messages import answer, stamp_label, to_stamp
 from backlash_ros.simulation import Scenario, run
+from backlash_ros.studies.judging import judge_move
+from backlash_ros.studies.metrics import step_response
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 Start = Callable[..., Process]

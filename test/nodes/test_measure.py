@@ -13,10 +13,10 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from graph import Parameters, Peer, Process
 
-from backlash_ros.analysis.bag import Series
-from backlash_ros.analysis.recordings.samples import Columns, Reading
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.measure.command import _part
+from backlash_ros.recordings.bag import Series
+from backlash_ros.recordings.samples import Columns, Reading
 from backlash_ros.ros.client import ClientError
 
 Start = Callable[..., Process]

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64MultiArray
 
-from backlash_ros.drivetrain.messages import answered_sample, stamp_ns
+from backlash_ros.foundation.messages import answered_sample, stamp_ns
 from backlash_ros.ros.messages import Answer, answer, stamp_label
 
 stamps = st.builds(Time, sec=st.integers(-(2**31), 2**31 - 1), nanosec=st.integers(0, 10**9 - 1))

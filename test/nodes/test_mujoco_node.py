@@ -20,10 +20,10 @@ if find_spec("mujoco") is None:
 
 from mujoco_servo import HAS_DC_MOTOR, SEED, MujocoServoDrive, of_steel
 
-from backlash_ros.analysis.evaluation.population import draw_member
-from backlash_ros.analysis.evaluation.task import GAP_NEAR, STAND, first_reading, true_reading
-from backlash_ros.analysis.judging import PRECISE, QUIET, judge_move, threshold
 from backlash_ros.drivetrain.parameters import values_of
+from backlash_ros.studies.evaluation.population import draw_member
+from backlash_ros.studies.evaluation.task import GAP_NEAR, STAND, first_reading, true_reading
+from backlash_ros.studies.judging import PRECISE, QUIET, judge_move, threshold
 
 NUMBER = 0
 """At 250 Hz, with friction on the load and a delay of half a period."""

@@ -20,7 +20,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from backlash_ros.control.design.gain_sets import CUSTOM, REGIONS, expand
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, THETA_L
+from backlash_ros.foundation.signals import CURRENT, OMEGA_L, THETA_L
 from backlash_ros.ros.parameters import convert
 
 REFERENCE = 0.2

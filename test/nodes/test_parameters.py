@@ -21,8 +21,8 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
-from backlash_ros.analysis import read_bag
 from backlash_ros.control import Gains
+from backlash_ros.recordings import read_bag
 
 Start = Callable[..., Process]
 PATIENT = {"state_timeout": 10.0}
@@ -229,8 +229,9 @@ from typing import ClassVar
 import numpy as np
 
 from backlash_ros.control.law import LAW_SIGNATURE, ControlLaw, NamedLaw
-from backlash_ros.drivetrain import Validated, quantity
-from backlash_ros.drivetrain.compiled import compiled_as
+from backlash_ros.foundation.quantity import quantity
+from backlash_ros.foundation.quantity import Validated
+from backlash_ros.foundation.compiled import compiled_as
 
 
 @dataclass(frozen=True)

@@ -29,9 +29,9 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
-from backlash_ros.analysis import read_bag
-from backlash_ros.analysis.bag_writer import BagWriter
 from backlash_ros.nodes.recorder import Recorder
+from backlash_ros.recordings import read_bag
+from backlash_ros.recordings.bag_writer import BagWriter
 from backlash_ros.ros.topics import TOPICS
 
 Start = Callable[..., Process]

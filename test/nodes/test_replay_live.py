@@ -11,10 +11,10 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
-from backlash_ros.analysis.replay.again import replay
-from backlash_ros.analysis.replay.recorded import read_recorded
-from backlash_ros.analysis.replay.what_if import Changes
 from backlash_ros.control.telemetry import IDENTIFYING, LEARNING
+from backlash_ros.studies.replay.again import replay
+from backlash_ros.studies.replay.recorded import read_recorded
+from backlash_ros.studies.replay.what_if import Changes
 
 KEPT = {f"qos_overrides./{topic}.publisher.depth": 20_000 for topic in ("joint_states", "command", "controller/state")}
 """So that a recorder on a busy machine loses nothing."""

@@ -20,7 +20,7 @@ from backlash_ros.control.monitoring.plausibility import LATELY, PATIENCE, speed
 from backlash_ros.control.monitoring.thresholds import mechanical_time_constant
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
-from backlash_ros.drivetrain.signals import OMEGA_L, STATE_NAMES, THETA_L
+from backlash_ros.foundation.signals import OMEGA_L, STATE_NAMES, THETA_L
 from backlash_ros.simulation import SimulatedDrive
 
 B = NOMINAL_DRIVE.gear.backlash_angle

@@ -18,13 +18,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from backlash_ros.analysis.evaluation.population import Member, draw_member, told_model
-from backlash_ros.analysis.evaluation.task import settings_for
 from backlash_ros.control import AUTO, BacklashEstimate, Servo
 from backlash_ros.control.experiment import Deferred, Outcome
 from backlash_ros.drivetrain import Drive, IntegrationError
-from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array, Measurement
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement
 from backlash_ros.simulation import SimulatedDrive
+from backlash_ros.studies.evaluation.population import Member, draw_member, told_model
+from backlash_ros.studies.evaluation.task import settings_for
 
 PAGE = Path(__file__).parents[2] / "docs" / "learning.md"
 _FILLED = re.compile(r"(<!-- broken: begin -->\n)(.*)(<!-- broken: end -->)", re.DOTALL)

@@ -11,11 +11,11 @@ from lockstep_drive import LockstepDrive
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from backlash_ros.analysis.evaluation.population import Member, told_model
-from backlash_ros.analysis.evaluation.task import first_reading, true_reading
 from backlash_ros.drivetrain.parameters import values_of
 from backlash_ros.ros.parameters import Declarations, declare_drive
 from backlash_ros.simulation import SimulatedDrive
+from backlash_ros.studies.evaluation.population import Member, told_model
+from backlash_ros.studies.evaluation.task import first_reading, true_reading
 
 Start = Callable[..., Process]
 FAULTS = tuple(f"faults.{name}" for name in ("velocity", "load_torque", "gap"))

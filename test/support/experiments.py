@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 
 from backlash_ros.control import Servo
-from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Measurement
+from backlash_ros.foundation.signals import THETA_L, THETA_M, Measurement
 from backlash_ros.simulation import SimulatedDrive
 
 Broken = Callable[[Measurement, Measurement, int], None]

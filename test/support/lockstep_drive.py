@@ -13,8 +13,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Plant
-from backlash_ros.drivetrain.messages import answered_sample, stamp_ns
-from backlash_ros.drivetrain.signals import THETA_L
+from backlash_ros.foundation.messages import answered_sample, stamp_ns
+from backlash_ros.foundation.signals import THETA_L
 from backlash_ros.simulation import SimulatedDrive
 
 _CLOCK_START = 1_000_000_000

@@ -11,16 +11,17 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from backlash_ros.analysis.evaluation.drive_file import Axis
-from backlash_ros.analysis.evaluation.population import draw_member
-from backlash_ros.analysis.export import mjcf
 from backlash_ros.control import DEFAULT_WEIGHTS, GainSet, Servo, ServoSettings, design_gains
 from backlash_ros.control.experiment import BacklashEstimate, Deferred
+from backlash_ros.drive_file.drive_file import Axis
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
-from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array
+from backlash_ros.export import mjcf
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M
 from backlash_ros.identification.drive import identified_drive
 from backlash_ros.simulation import SimulatedDrive
+from backlash_ros.studies.evaluation.population import draw_member
 
 COUNTS = 65536.0
 """Of both encoders, a turn."""

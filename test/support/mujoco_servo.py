@@ -10,15 +10,15 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from backlash_ros.analysis.evaluation.drive_file import Axis
-from backlash_ros.analysis.evaluation.population import Member, draw_member
-from backlash_ros.analysis.evaluation.task import settings_for
-from backlash_ros.analysis.export import mjcf
 from backlash_ros.control import ServoSettings
+from backlash_ros.drive_file.drive_file import Axis
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.delay import LINE, Delay
-from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M
+from backlash_ros.export import mjcf
+from backlash_ros.foundation.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M
 from backlash_ros.simulation import SimulatedDrive
+from backlash_ros.studies.evaluation.population import Member, draw_member
+from backlash_ros.studies.evaluation.task import settings_for
 
 SEED = 20261124
 HAS_DC_MOTOR = tuple(int(part) for part in mujoco.__version__.split(".")[:2]) >= (3, 7)

@@ -10,18 +10,19 @@ import numpy as np
 from plain_bag import EVENT, in_use_event
 from rosbags.typesys import Stores, get_typestore
 
-from backlash_ros.analysis.bag_writer import BagWriter
-from backlash_ros.analysis.replay.what_if import tuning_of
 from backlash_ros.control import DEFAULT_WEIGHTS, EXPERIMENTS, LAWS, FaultThresholds, Limits, Servo
 from backlash_ros.control.design.gain_sets import resolve_set
 from backlash_ros.control.monitoring.wear import WearWatch
 from backlash_ros.control.settings import ServoSettings
 from backlash_ros.control.telemetry import telemetry
-from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, quantities
+from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE
 from backlash_ros.drivetrain.parameters import values_of
-from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M
+from backlash_ros.foundation.quantity import quantities
+from backlash_ros.foundation.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M
 from backlash_ros.gates.faults import Fault
+from backlash_ros.recordings.bag_writer import BagWriter
 from backlash_ros.simulation import SimulatedDrive
+from backlash_ros.studies.replay.what_if import tuning_of
 
 PERIOD = 0.004
 _NS = 4_000_000

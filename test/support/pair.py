@@ -10,7 +10,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.drivetrain.messages import answered_sample
+from backlash_ros.foundation.messages import answered_sample
 
 TIMEOUT = 1.0
 """Of both watchdogs in these tests, s: a loaded machine may stall for longer than the default."""

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 
 MOTOR, MOTOR_SPEED, LOAD, LOAD_SPEED, CURRENT, WHEEL, WHEEL_SPEED, OUTER, OUTER_SPEED = range(9)
 

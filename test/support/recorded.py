@@ -13,12 +13,12 @@ from plain_bag import EVENT, in_use_event
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from backlash_ros.analysis.evaluation.population import Member, draw_member, told_model
-from backlash_ros.analysis.evaluation.task import settings_for
 from backlash_ros.control import Servo
-from backlash_ros.drivetrain.signals import THETA_L, THETA_M
+from backlash_ros.foundation.signals import THETA_L, THETA_M
 from backlash_ros.identification.recording import Recording
 from backlash_ros.simulation import SimulatedDrive
+from backlash_ros.studies.evaluation.population import Member, draw_member, told_model
+from backlash_ros.studies.evaluation.task import settings_for
 
 SEED = 20261122
 _FINE = 8

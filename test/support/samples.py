@@ -6,7 +6,7 @@ from collections.abc import Collection
 import numpy as np
 
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.drivetrain.signals import CURRENT, STATE_NAMES, Measurement
+from backlash_ros.foundation.signals import CURRENT, STATE_NAMES, Measurement
 
 EVERYTHING = STATE_NAMES
 

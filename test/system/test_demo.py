@@ -14,12 +14,12 @@ import pytest
 from pages import commands
 from viewers import foxglove_values, messages, plotjuggler_names
 
-from backlash_ros.analysis import read_bag
-from backlash_ros.analysis.metrics import rise_time
 from backlash_ros.cli import main
 from backlash_ros.control import DEFAULT_WEIGHTS, GainSet, ServoSettings, design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.recordings import read_bag
 from backlash_ros.simulation import Scenario, run
+from backlash_ros.studies.metrics import rise_time
 
 ROOT = Path(__file__).parents[2]
 DEMO = [sys.executable, "-m", "backlash_ros.demo"]
@@ -115,7 +115,7 @@ def test_one_part_runs_in_real_time(results: Path, summary: dict) -> None:
 
 def test_readme_reads_the_bag(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (example,) = re.findall(
-        r"```python\n(from backlash_ros.analysis.*?)```", (ROOT / "docs" / "python.md").read_text(), re.DOTALL
+        r"```python\n(from backlash_ros.recordings.*?)```", (ROOT / "docs" / "python.md").read_text(), re.DOTALL
     )
     exec(example.replace("results/demo", str(results)), {})
     assert int(capsys.readouterr().out.split()[0]) > 1000

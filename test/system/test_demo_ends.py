@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from backlash_ros.analysis.staging import staging
 from backlash_ros.demo.__main__ import main, put_in_place
+from backlash_ros.foundation.staging import staging
 
 ROOT = Path(__file__).parents[2]
 DEMO = [sys.executable, "-m", "backlash_ros.demo"]

@@ -15,10 +15,10 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from graph import Peer
 
-from backlash_ros.drivetrain import compiled as _compiled  # noqa: F401  the function; the module is below
+from backlash_ros.foundation import compiled as _compiled  # noqa: F401  the function; the module is below
 from backlash_ros.ros.isolation import isolated
 
-_COMPILED: Path = sys.modules["backlash_ros.drivetrain.compiled"]._CACHE
+_COMPILED: Path = sys.modules["backlash_ros.foundation.compiled"]._CACHE
 ROOT = Path(__file__).parents[2]
 ROS_WHEELS = not os.environ.get("ROS_DISTRO")
 

@@ -10,8 +10,8 @@ import any_input
 import pytest
 
 from backlash_ros import cli
-from backlash_ros.analysis.design import command as designer
-from backlash_ros.analysis.design.search import NothingQuietError
+from backlash_ros.commands import design as designer
+from backlash_ros.studies.design.search import NothingQuietError
 
 QUICK, MANY, PART = 100, 2000, 100
 """Number of inputs here and in the grid, and of those in one of its tests."""

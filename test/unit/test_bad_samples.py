@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from backlash_ros.control import LAWS, Servo, ServoSettings
 from backlash_ros.control.monitoring.plausibility import PATIENCE
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, STATE_NAMES, THETA_L, THETA_M, Measurement
+from backlash_ros.foundation.signals import CURRENT, OMEGA_L, OMEGA_M, STATE_NAMES, THETA_L, THETA_M, Measurement
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 NEAR = st.floats(-1.0, 1.0).map(lambda x: math.copysign(10 ** (4 * abs(x) - 3), x))

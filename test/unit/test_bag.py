@@ -9,7 +9,7 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from backlash_ros.analysis import read_bag
+from backlash_ros.recordings import read_bag
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TYPES: dict[str, Any] = STORE.types

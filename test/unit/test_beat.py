@@ -6,15 +6,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from backlash_ros.analysis.evaluation.population import Member, draw_member, told_model
-from backlash_ros.analysis.evaluation.task import DELAY_NEAR, EFFORT_NEAR, GAP_NEAR, INERTIA_NEAR, SPEEDS, settings_for
 from backlash_ros.control import BacklashEstimate, Servo
 from backlash_ros.control.experiment import Deferred
 from backlash_ros.control.monitoring.beat import LATE, Beat
-from backlash_ros.drivetrain.signals import THETA_L
+from backlash_ros.foundation.signals import THETA_L
 from backlash_ros.identification.drive import identified_drive
 from backlash_ros.identification.recording import with_late_answers
 from backlash_ros.simulation import SimulatedDrive
+from backlash_ros.studies.evaluation.population import Member, draw_member, told_model
+from backlash_ros.studies.evaluation.task import DELAY_NEAR, EFFORT_NEAR, GAP_NEAR, INERTIA_NEAR, SPEEDS, settings_for
 
 PERIOD = 0.004
 SEED = 20261122

@@ -17,13 +17,8 @@ import pytest
 import yaml
 from rich.console import Console
 
-from backlash_ros.analysis.certificate import page
-from backlash_ros.analysis.certificate.page import certificate
-from backlash_ros.analysis.certificate.rounding import in_gear_units, in_si, rounded, shown
-from backlash_ros.analysis.certificate.subject import Subject
-from backlash_ros.analysis.recordings import command
-from backlash_ros.analysis.recordings.samples import Columns, Reading, began
 from backlash_ros.cli import main
+from backlash_ros.commands import identify as command
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.identification.gap_map import GapMap, Mapped
 from backlash_ros.identification.locked_output.lost_motion import LostMotion
@@ -34,6 +29,11 @@ from backlash_ros.identification.recordings.identify import Identified, identify
 from backlash_ros.identification.recordings.places import map_findings
 from backlash_ros.identification.recordings.slow_torque import hysteresis_findings
 from backlash_ros.identification.teeth import loop_of, lost_motion_of, static_torque
+from backlash_ros.pages.certificate import page
+from backlash_ros.pages.certificate.page import certificate
+from backlash_ros.recordings.rounding import in_gear_units, in_si, rounded, shown
+from backlash_ros.recordings.samples import Columns, Reading, began
+from backlash_ros.recordings.subject import Subject
 
 pytestmark = pytest.mark.population
 

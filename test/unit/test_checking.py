@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from backlash_ros.analysis.checking import check_drive
 from backlash_ros.cli import main
+from backlash_ros.studies.check import check_drive
 
 ROOT = Path(__file__).parents[2]
 ENDS = {"limits": {"position_lower": -3.0, "position_upper": 3.0}}

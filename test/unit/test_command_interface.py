@@ -34,7 +34,7 @@ from backlash_ros.drivetrain import (
     without_inductance,
 )
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
-from backlash_ros.drivetrain.signals import CURRENT, LOAD_TORQUE, OMEGA_L, THETA_L
+from backlash_ros.foundation.signals import CURRENT, LOAD_TORQUE, OMEGA_L, THETA_L
 from backlash_ros.simulation import Run, Scenario, learn_backlash, run
 
 CURRENT_DRIVE = replace(NOMINAL_DRIVE, command_interface="current")

@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 from numba import float64
 
-from backlash_ros.drivetrain import compiled as _compiled  # noqa: F401  the function; the module is below
-from backlash_ros.drivetrain.compiled import compiled, compiled_as, specialize
+from backlash_ros.foundation import compiled as _compiled  # noqa: F401  the function; the module is below
+from backlash_ros.foundation.compiled import compiled, compiled_as, specialize
 
-module: Any = sys.modules["backlash_ros.drivetrain.compiled"]
+module: Any = sys.modules["backlash_ros.foundation.compiled"]
 
 TEMPLATE = """
 def inner(x):
@@ -28,7 +28,7 @@ def template(x):
 """
 
 SHAPES = """
-from backlash_ros.drivetrain.compiled import compiled
+from backlash_ros.foundation.compiled import compiled
 
 
 @compiled
@@ -47,7 +47,7 @@ from numba import float64
 sys.path.insert(0, sys.argv[1])
 import base
 import shapes
-from backlash_ros.drivetrain.compiled import specialize
+from backlash_ros.foundation.compiled import specialize
 for bound in (shapes.double, shapes.square):
     function = specialize(base.template, float64(float64), inner=bound)
     print(function(5.0), sum(function.stats.cache_hits.values()))
@@ -264,7 +264,7 @@ def test_processes_that_start_together_compile_each_function_once(tmp_path: Path
 
 
 CALLERS = """
-from backlash_ros.drivetrain.compiled import compiled
+from backlash_ros.foundation.compiled import compiled
 
 
 @compiled

@@ -13,15 +13,15 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backlash_ros.analysis.evaluation.drive_file import read_axis
-from backlash_ros.analysis.judging import judge_move
 from backlash_ros.cli import main
 from backlash_ros.control import DEFAULT_WEIGHTS, Gains, check_stable, design_gains
 from backlash_ros.control.design.choice import Choice, Tuning, chosen_for_rate, given_sets
 from backlash_ros.control.design.start import CannotStartError, default_weights, emulated, least_winding
+from backlash_ros.drive_file.drive_file import read_axis
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.sensors import Sensors
 from backlash_ros.simulation import Scenario, run
+from backlash_ros.studies.judging import judge_move
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 LOW, HARMONIC = (read_axis(EXAMPLES / f"{name}.yaml").drive for name in ("low_resistance_actuator", "harmonic_drive"))

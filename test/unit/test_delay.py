@@ -22,7 +22,7 @@ from backlash_ros.drivetrain.delay import (
     taken_at,
 )
 from backlash_ros.drivetrain.motion.integrator import DEFAULT_TOLERANCE, DONE, integration_memory
-from backlash_ros.drivetrain.signals import CURRENT, at_rest
+from backlash_ros.foundation.signals import CURRENT, at_rest
 from backlash_ros.simulation import Scenario, SimulatedDrive, run
 
 PERIOD = 0.004

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backlash_ros.analysis.paper import backlash, cycle_of
 from backlash_ros.control import Gains, GainSet, ServoSettings, design_gains, find_limit_cycle
 from backlash_ros.control.design.describing_function import describing_function, predict_limit_cycle
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.simulation import Scenario, run
+from backlash_ros.studies.paper import backlash, cycle_of
 
 PERIOD = 0.001
 

@@ -11,9 +11,15 @@ import numpy as np
 import pytest
 import yaml
 
-from backlash_ros.analysis.checking import check_drive
-from backlash_ros.analysis.design.report import closed_loop_poles, content_of, gain_text
-from backlash_ros.analysis.design.search import (
+from backlash_ros.cli import main
+from backlash_ros.control import OVERDAMPED_REGION, Gains, design_gains
+from backlash_ros.drive_file.drive_file import read_start, read_surroundings
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, rigid_model
+from backlash_ros.drivetrain.delay import Delay
+from backlash_ros.drivetrain.sensors import Sensors
+from backlash_ros.studies.check import check_drive
+from backlash_ros.studies.design.report import closed_loop_poles, content_of, gain_text
+from backlash_ros.studies.design.search import (
     Design,
     default_choice,
     design,
@@ -21,15 +27,9 @@ from backlash_ros.analysis.design.search import (
     predicted_cycle,
     slow_pole,
 )
-from backlash_ros.analysis.design.trial import Choice, Loop, Outcome, attempt, simulate
-from backlash_ros.analysis.design.uncertainty import Uncertainty
-from backlash_ros.analysis.evaluation.drive_file import read_start, read_surroundings
-from backlash_ros.analysis.judging import PRECISE, QUIET
-from backlash_ros.cli import main
-from backlash_ros.control import OVERDAMPED_REGION, Gains, design_gains
-from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, rigid_model
-from backlash_ros.drivetrain.delay import Delay
-from backlash_ros.drivetrain.sensors import Sensors
+from backlash_ros.studies.design.trial import Choice, Loop, Outcome, attempt, simulate
+from backlash_ros.studies.design.uncertainty import Uncertainty
+from backlash_ros.studies.judging import PRECISE, QUIET
 
 FAST = design_gains("fast", NOMINAL_DRIVE, [1000.0, 1.0])
 B = NOMINAL_DRIVE.gear.backlash_angle

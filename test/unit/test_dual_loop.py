@@ -11,7 +11,8 @@ from backlash_ros.control import GainSet, Servo, ServoSettings, design_law
 from backlash_ros.control.laws.dual_loop import FLANK, REFERENCE, SHIFT, DualLoopParameters
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
-from backlash_ros.drivetrain.signals import THETA_L, Array
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import THETA_L
 from backlash_ros.simulation import Run, Scenario, SimulatedDrive, run
 
 B = NOMINAL_DRIVE.gear.backlash_angle

@@ -13,15 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backlash_ros.drivetrain import (
-    CONTACTS,
-    NOMINAL_DRIVE,
-    Contact,
-    Drive,
-    IntegrationError,
-    Plant,
-    quantities,
-)
+from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Contact, Drive, IntegrationError, Plant
 from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.motion import integrator
@@ -41,7 +33,8 @@ from backlash_ros.drivetrain.motion.integrator import (
     integrator_for,
 )
 from backlash_ros.drivetrain.motion.series import series_with
-from backlash_ros.drivetrain.signals import LOST, SUPPLIED, at_rest
+from backlash_ros.foundation.quantity import quantities
+from backlash_ros.foundation.signals import LOST, SUPPLIED, at_rest
 
 CUBIC = '''
 """Teeth whose stiffness rises with their depth: F = k delta^3 (1 + c ddelta/dt)."""
@@ -49,9 +42,9 @@ CUBIC = '''
 from dataclasses import dataclass
 from typing import ClassVar
 
-from backlash_ros.drivetrain.compiled import compiled
+from backlash_ros.foundation.compiled import compiled
 from backlash_ros.drivetrain.contact import Contact, as_constants
-from backlash_ros.drivetrain.quantity import quantity
+from backlash_ros.foundation.quantity import quantity
 
 
 @compiled

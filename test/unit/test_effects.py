@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from real_axis import by_scipy
 
-from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Effects, Plant, quantities
+from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Effects, Plant
 from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.effects.amplifier import amplified
 from backlash_ros.drivetrain.effects.implicit import factorize, solve
 from backlash_ros.drivetrain.motion.dynamics import is_plain
 from backlash_ros.drivetrain.motion.integrator import integrator_for
 from backlash_ros.drivetrain.parameters import drive_in, drive_of, values_of
+from backlash_ros.foundation.quantity import quantities
 
 RUBS: dict[str, Any] = {"motor_coulomb_friction": 0.004, "load_coulomb_friction": 0.04}
 LIVELY: dict[str, Any] = {"wind_up": 1e-3, "torque": 1.5, "dissipation": 0.1}

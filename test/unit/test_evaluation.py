@@ -15,13 +15,18 @@ import numpy as np
 import pytest
 from evaluation_page import PAGE, filled
 
-from backlash_ros.analysis.evaluation import task as task_module
-from backlash_ros.analysis.evaluation.by_effect import effects_table, with_effect
-from backlash_ros.analysis.evaluation.command import report_of, table_of
-from backlash_ros.analysis.evaluation.failures import group_failures, worst_drives
-from backlash_ros.analysis.evaluation.population import Member, draw_member
-from backlash_ros.analysis.evaluation.summary import Collected, failed, summarize, wilson
-from backlash_ros.analysis.evaluation.task import (
+from backlash_ros.cli import main
+from backlash_ros.commands.evaluate import report_of, table_of
+from backlash_ros.commands.evaluate_effects import effects_table, with_effect
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, IntegrationError
+from backlash_ros.drivetrain.delay import Delay
+from backlash_ros.drivetrain.sensors import Sensors
+from backlash_ros.simulation import Run
+from backlash_ros.studies.evaluation import task as task_module
+from backlash_ros.studies.evaluation.failures import group_failures, worst_drives
+from backlash_ros.studies.evaluation.population import Member, draw_member
+from backlash_ros.studies.evaluation.summary import Collected, failed, summarize, wilson
+from backlash_ros.studies.evaluation.task import (
     CHANGE,
     HOLD,
     STAND,
@@ -38,12 +43,7 @@ from backlash_ros.analysis.evaluation.task import (
     settings_for,
     true_reading,
 )
-from backlash_ros.analysis.judging import Move
-from backlash_ros.cli import main
-from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, IntegrationError
-from backlash_ros.drivetrain.delay import Delay
-from backlash_ros.drivetrain.sensors import Sensors
-from backlash_ros.simulation import Run
+from backlash_ros.studies.judging import Move
 
 CONFIG = Path(__file__).parents[2] / "config" / "nominal_drive.yaml"
 EASY = Member(0, NOMINAL_DRIVE, Sensors(motor_counts=2.0**18, load_counts=2.0**18), Delay(), 1000.0, 0.0, 0.2)

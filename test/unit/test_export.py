@@ -14,16 +14,16 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from backlash_ros.analysis.evaluation.drive_file import Axis, read_axis
-from backlash_ros.analysis.evaluation.population import draw_member
-from backlash_ros.analysis.export import FORMATS, mjcf, sdf, urdf
-from backlash_ros.analysis.export.sides import STANDARD_GRAVITY, output_of
-from backlash_ros.analysis.export.teeth import fit_limit, give, teeth_of
 from backlash_ros.cli import main
+from backlash_ros.drive_file.drive_file import Axis, read_axis
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.contacts.power import PowerContact, PowerNoPullContact
 from backlash_ros.drivetrain.contacts.restitution import RestitutionContact
+from backlash_ros.export import FORMATS, mjcf, sdf, urdf
+from backlash_ros.export.sides import STANDARD_GRAVITY, output_of
+from backlash_ros.export.teeth import fit_limit, give, teeth_of
+from backlash_ros.studies.evaluation.population import draw_member
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "simulators.md"

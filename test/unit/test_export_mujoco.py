@@ -26,14 +26,14 @@ from mujoco_export import (
     with_mean_gap,
 )
 
-from backlash_ros.analysis.evaluation.drive_file import Axis
-from backlash_ros.analysis.evaluation.population import draw_member
-from backlash_ros.analysis.export import mjcf, urdf
-from backlash_ros.analysis.export.teeth import fit_limit, give
+from backlash_ros.drive_file.drive_file import Axis
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.contacts.power import PowerContact
 from backlash_ros.drivetrain.contacts.restitution import RestitutionContact
+from backlash_ros.export import mjcf, urdf
+from backlash_ros.export.teeth import fit_limit, give
+from backlash_ros.studies.evaluation.population import draw_member
 
 pytestmark = pytest.mark.population
 

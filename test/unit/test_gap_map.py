@@ -22,7 +22,8 @@ from backlash_ros.control.estimates.requests import describe_outcome
 from backlash_ros.control.experiment import Deferred, Outcome
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
-from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array, Measurement
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement
 from backlash_ros.identification import gap_map
 from backlash_ros.identification.fitting.candidates import free_teeth
 from backlash_ros.identification.fitting.filter import LN_HALF_GAP, OFFSET, PARAMETERS

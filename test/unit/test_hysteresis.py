@@ -13,7 +13,6 @@ from hypothesis import settings as examples
 from hypothesis import strategies as st
 from recorded import probed, stepped
 
-from backlash_ros.analysis.evaluation.population import told_model
 from backlash_ros.control import BacklashEstimate, GainSet, HysteresisSettings, Limits, Method, Servo, ServoSettings
 from backlash_ros.control.experiment import Deferred
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive
@@ -22,12 +21,13 @@ from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.contacts.power import PowerContact
 from backlash_ros.drivetrain.contacts.restitution import RestitutionContact
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
-from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement
+from backlash_ros.foundation.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement
 from backlash_ros.identification.locked_output.hysteresis import static_place
 from backlash_ros.identification.locked_output.lost_motion import LostMotion
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.slow_torque import hysteresis_findings, hysteresis_of
 from backlash_ros.simulation import SimulatedDrive, run_experiment
+from backlash_ros.studies.evaluation.population import told_model
 
 pytestmark = pytest.mark.population
 

@@ -8,14 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from backlash_ros.analysis.evaluation.population import Member, draw_member, told_model
-from backlash_ros.analysis.evaluation.task import settings_for
 from backlash_ros.control import Servo
 from backlash_ros.control.experiment import Deferred
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.contacts.restitution import RestitutionContact
-from backlash_ros.drivetrain.signals import THETA_L
+from backlash_ros.foundation.signals import THETA_L
 from backlash_ros.identification.counts import count_of
 from backlash_ros.identification.drive import identified_drive
 from backlash_ros.identification.fitting import fit as fit_module
@@ -38,6 +36,8 @@ from backlash_ros.identification.gap import Gap, _doubt, measure_gap
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.regression import guess_of
 from backlash_ros.simulation import SimulatedDrive
+from backlash_ros.studies.evaluation.population import Member, draw_member, told_model
+from backlash_ros.studies.evaluation.task import settings_for
 
 SEED = 20261122
 STALL = 6.0

@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 from recorded import probed, stepped, true_gap, without
 
-from backlash_ros.analysis.evaluation.population import Member, told_model
-from backlash_ros.analysis.recordings.samples import Columns, Reading, recording_of
 from backlash_ros.identification.fitting.filter import COULOMB_L, LN_VISCOUS
 from backlash_ros.identification.fitting.problem import motor_side
 from backlash_ros.identification.recording import Recording
@@ -20,6 +18,8 @@ from backlash_ros.identification.recordings.identify import Identified, identify
 from backlash_ros.identification.recordings.plausible import implausible
 from backlash_ros.identification.recordings.stretch import informative
 from backlash_ros.identification.regression import guess_of
+from backlash_ros.recordings.samples import Columns, Reading, recording_of
+from backlash_ros.studies.evaluation.population import Member, told_model
 
 pytestmark = pytest.mark.population
 

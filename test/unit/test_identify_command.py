@@ -11,13 +11,13 @@ import pytest
 import yaml
 from recorded import probed, stepped, write_bag, write_csv, write_drive
 
-from backlash_ros.analysis.evaluation.drive_file import Axis, read_axis
-from backlash_ros.analysis.recordings.bag_topics import controller_of
-from backlash_ros.analysis.recordings.drive_text import drive_text
 from backlash_ros.cli import main
+from backlash_ros.drive_file.drive_file import Axis, read_axis
+from backlash_ros.drive_file.drive_text import drive_text
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.identify import Identified
+from backlash_ros.recordings.bag_topics import controller_of
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "identification.md").read_text()

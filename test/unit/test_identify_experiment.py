@@ -7,14 +7,14 @@ from functools import cache
 
 import pytest
 
-from backlash_ros.analysis.evaluation.population import Member, draw_member, told_model
-from backlash_ros.analysis.evaluation.task import first_reading, settings_for
 from backlash_ros.control import Servo
 from backlash_ros.control.estimates.requests import describe_outcome
 from backlash_ros.control.experiment import Deferred, DriveEstimate, Outcome
-from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Measurement
+from backlash_ros.foundation.signals import THETA_L, THETA_M, Measurement
 from backlash_ros.identification.fitting.filter import GRAVITY
 from backlash_ros.simulation import SimulatedDrive
+from backlash_ros.studies.evaluation.population import Member, draw_member, told_model
+from backlash_ros.studies.evaluation.task import first_reading, settings_for
 
 pytestmark = pytest.mark.population
 

@@ -23,12 +23,11 @@ from backlash_ros.drivetrain import (
     Load,
     Motor,
     Plant,
-    Quantity,
-    quantities,
     rigid_model,
 )
 from backlash_ros.drivetrain.contacts.power import PowerContact
 from backlash_ros.drivetrain.sensors import Sensors
+from backlash_ros.foundation.quantity import Quantity, quantities
 from backlash_ros.simulation import Scenario, largest_load_torque, run
 
 

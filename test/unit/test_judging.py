@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from backlash_ros.analysis.judging import Move, judge_move, recovery, threshold
+from backlash_ros.studies.judging import Move, judge_move, recovery, threshold
 
 B, COUNT = 0.02, 1e-4
 TIME = np.arange(6001) / 1000.0

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from pages import ROOT, commands
 
-from backlash_ros.analysis.simulating.law_pictures import FIGURES, trace
 from backlash_ros.cli import main
 from backlash_ros.control.laws.two_encoder.layout import HELD, PARKED
 from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.studies.law_pictures import FIGURES, trace
 
 
 def test_the_command_writes_the_pictures_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

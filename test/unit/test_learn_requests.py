@@ -20,7 +20,7 @@ from backlash_ros.control import (
 from backlash_ros.control.estimates.requests import PATIENCE, LearnRequests, Reply, describe_outcome
 from backlash_ros.control.experiment import Deferred, DriveEstimate, Excitation, NamedExperiment, Refusal
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.drivetrain.signals import Measurement
+from backlash_ros.foundation.signals import Measurement
 from backlash_ros.gates import Fault
 from backlash_ros.identification.recordings.findings import Finding
 

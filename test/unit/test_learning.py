@@ -12,7 +12,7 @@ from backlash_ros.control.experiments.limit_cycle import BacklashEstimate, Backl
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
-from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, Estimate
+from backlash_ros.foundation.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, Estimate
 from backlash_ros.simulation import SimulatedDrive, learn_backlash
 
 LOAD_ONLY = ("theta_l", "omega_l")

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from backlash_ros.analysis import count_impacts, rise_time, step_response
+from backlash_ros.studies.metrics import count_impacts, rise_time, step_response
 
 TIME = np.arange(0, 5, 0.01)
 

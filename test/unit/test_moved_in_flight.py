@@ -8,9 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backlash_ros.analysis.evaluation.population import draw_member, told_model
-from backlash_ros.analysis.evaluation.task import first_reading, settings_for, true_reading
-from backlash_ros.analysis.judging import OVERSHOOT, QUIET, threshold
 from backlash_ros.control import GainSet, Servo, ServoSettings
 from backlash_ros.control.laws.two_encoder.layout import (
     DAMPING,
@@ -27,8 +24,11 @@ from backlash_ros.control.laws.two_encoder.plan import evaluate, length_of
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import Sensors
-from backlash_ros.drivetrain.signals import THETA_L
+from backlash_ros.foundation.signals import THETA_L
 from backlash_ros.simulation import SimulatedDrive
+from backlash_ros.studies.evaluation.population import draw_member, told_model
+from backlash_ros.studies.evaluation.task import first_reading, settings_for, true_reading
+from backlash_ros.studies.judging import OVERSHOOT, QUIET, threshold
 
 JUMP = 0.1
 """Most of the voltage that a difference of plan and motor may command at once, where the plan is new: a share of the

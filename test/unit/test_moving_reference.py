@@ -10,8 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backlash_ros.analysis.evaluation.population import draw_member
-from backlash_ros.analysis.evaluation.task import first_reading, settings_for, true_reading
 from backlash_ros.control import LAWS, Gains, GainSet, Limits, Servo, ServoSettings
 from backlash_ros.control.monitoring.monitor import gives_way, unexplained_torque
 from backlash_ros.control.monitoring.thresholds import FaultThresholds
@@ -23,18 +21,12 @@ from backlash_ros.control.motion.moving_reference import (
 )
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
-from backlash_ros.drivetrain.signals import (
-    ACCELERATION,
-    OMEGA_L,
-    POSITION,
-    THETA_L,
-    VELOCITY,
-    Array,
-    Estimate,
-    Setpoint,
-)
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import ACCELERATION, OMEGA_L, POSITION, THETA_L, VELOCITY, Estimate, Setpoint
 from backlash_ros.gates.faults import Fault
 from backlash_ros.simulation import SimulatedDrive
+from backlash_ros.studies.evaluation.population import draw_member
+from backlash_ros.studies.evaluation.task import first_reading, settings_for, true_reading
 
 B = NOMINAL_DRIVE.gear.backlash_angle
 PERIOD = 0.004

@@ -17,10 +17,10 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from backlash_ros.analysis.evaluation.population import draw_member
 from backlash_ros.drivetrain import Drive, Plant
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.contacts.power import PowerContact
+from backlash_ros.studies.evaluation.population import draw_member
 
 if find_spec("mujoco") is None:
     pytest.skip("MuJoCo is not installed here; the locks in requirements have it", allow_module_level=True)

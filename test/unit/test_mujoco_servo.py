@@ -16,12 +16,12 @@ if find_spec("mujoco") is None:
 
 from mujoco_servo import HAS_DC_MOTOR, SEED, MujocoServoDrive, known
 
-from backlash_ros.analysis.evaluation.population import Member, draw_member
-from backlash_ros.analysis.evaluation.task import first_reading, true_reading
-from backlash_ros.analysis.judging import PRECISE, QUIET, judge_move, threshold
 from backlash_ros.control import Servo
-from backlash_ros.drivetrain.signals import THETA_L
+from backlash_ros.foundation.signals import THETA_L
 from backlash_ros.simulation import SimulatedDrive
+from backlash_ros.studies.evaluation.population import Member, draw_member
+from backlash_ros.studies.evaluation.task import first_reading, true_reading
+from backlash_ros.studies.judging import PRECISE, QUIET, judge_move, threshold
 
 pytestmark = [
     pytest.mark.population,

@@ -10,7 +10,7 @@ from backlash_ros.control import GainSet, ServoSettings
 from backlash_ros.control.observer import observer_memory, observer_step
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
 from backlash_ros.drivetrain.sensors import POSITIONS
-from backlash_ros.drivetrain.signals import CURRENT, LOAD_TORQUE, OMEGA_L, OMEGA_M, THETA_L
+from backlash_ros.foundation.signals import CURRENT, LOAD_TORQUE, OMEGA_L, OMEGA_M, THETA_L
 from backlash_ros.simulation import Scenario, run
 
 LOAD_ONLY = ("theta_l",)

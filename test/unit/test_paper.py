@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from backlash_ros import cli
-from backlash_ros.analysis import figures
-from backlash_ros.analysis.figures import FIGURES
-from backlash_ros.analysis.page import write_page
-from backlash_ros.analysis.paper import CASES, NOISY, respond
 from backlash_ros.cli import main
 from backlash_ros.control import LAWS
+from backlash_ros.pages.paper import write_page
+from backlash_ros.studies import figures
+from backlash_ros.studies.figures import FIGURES
+from backlash_ros.studies.paper import CASES, NOISY, respond
 
 DOCS = Path(__file__).parents[2] / "docs"
 

@@ -8,9 +8,10 @@ import pytest
 import yaml
 
 from backlash_ros.control import LimitCycleSettings, ServoSettings
-from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Gear, Load, Motor, Validated, quantities
+from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Gear, Load, Motor
 from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.contacts.power import PowerContact
+from backlash_ros.foundation.quantity import Validated, quantities
 
 CONTACT_VALUES = [kind() for kind in CONTACTS.values()]
 PARTS = [

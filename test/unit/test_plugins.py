@@ -11,8 +11,8 @@ import pytest
 from backlash_ros.control import EXPERIMENTS, LAWS, GainSet, Limits, Servo, ServoSettings
 from backlash_ros.control import laws as laws_room
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.drivetrain.registry import Registry
-from backlash_ros.drivetrain.signals import POSITION, Measurement
+from backlash_ros.foundation.registry import Registry
+from backlash_ros.foundation.signals import POSITION, Measurement
 from backlash_ros.simulation import Scenario, run, run_experiment
 
 LAW = '''"""Proportional control of the load's angle with a brake on its speed: two parameters."""
@@ -24,9 +24,10 @@ import numpy as np
 
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, ControlLaw, NamedLaw
-from backlash_ros.drivetrain import Validated, quantity
-from backlash_ros.drivetrain.compiled import compiled_as
-from backlash_ros.drivetrain.signals import OMEGA_L, POSITION, THETA_L
+from backlash_ros.foundation.quantity import quantity
+from backlash_ros.foundation.quantity import Validated
+from backlash_ros.foundation.compiled import compiled_as
+from backlash_ros.foundation.signals import OMEGA_L, POSITION, THETA_L
 
 
 @dataclass(frozen=True)
@@ -56,8 +57,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from backlash_ros.control.experiment import Excitation, NamedExperiment
-from backlash_ros.drivetrain import Validated, quantity
-from backlash_ros.drivetrain.signals import THETA_L
+from backlash_ros.foundation.quantity import quantity
+from backlash_ros.foundation.quantity import Validated
+from backlash_ros.foundation.signals import THETA_L
 
 
 @dataclass(frozen=True)
@@ -186,7 +188,8 @@ def test_a_variable_adds_files_for_every_process(tmp_path: Path, monkeypatch: py
 
 BROKEN = """from dataclasses import dataclass
 from backlash_ros.control.experiment import Excitation, NamedExperiment
-from backlash_ros.drivetrain import Validated, quantity
+from backlash_ros.foundation.quantity import quantity
+from backlash_ros.foundation.quantity import Validated
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from backlash_ros.analysis.evaluation.effects import EFFECTS, MIXTURES, TEETH
-from backlash_ros.analysis.evaluation.population import Member, draw_member, told_model
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Effects
 from backlash_ros.drivetrain.contacts.hunt_crossley import HuntCrossleyContact
+from backlash_ros.studies.evaluation.effects import EFFECTS, MIXTURES, TEETH
+from backlash_ros.studies.evaluation.population import Member, draw_member, told_model
 
 MEMBERS = [draw_member(1, number) for number in range(1500)]
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from recorded import stepped, without, write_bag, write_csv
 
-from backlash_ros.analysis.evaluation.population import Member
-from backlash_ros.analysis.recordings.bag_topics import Topics, read_topics
-from backlash_ros.analysis.recordings.csv_file import ColumnNames, read_csv
-from backlash_ros.analysis.recordings.encoder import Encoder
-from backlash_ros.analysis.recordings.samples import Reading, drive_for, recording_of
 from backlash_ros.identification.recording import Recording
+from backlash_ros.recordings.bag_topics import Topics, read_topics
+from backlash_ros.recordings.csv_file import ColumnNames, read_csv
+from backlash_ros.recordings.encoder import Encoder
+from backlash_ros.recordings.samples import Reading, drive_for, recording_of
+from backlash_ros.studies.evaluation.population import Member
 
 NUMBER = 3
 TURN = 2.0 * math.pi

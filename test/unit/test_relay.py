@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import settings as examples
 from hypothesis import strategies as st
 
-from backlash_ros.analysis.evaluation.population import draw_member, told_model
-from backlash_ros.analysis.evaluation.task import settings_for
 from backlash_ros.control import EXPERIMENTS, GainSet, Limits, Method, Servo, ServoSettings
 from backlash_ros.control.experiment import Deferred
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.sensors import Sensors
-from backlash_ros.drivetrain.signals import OMEGA_L, THETA_L, THETA_M, Measurement
+from backlash_ros.foundation.signals import OMEGA_L, THETA_L, THETA_M, Measurement
 from backlash_ros.simulation import SimulatedDrive, run_experiment
+from backlash_ros.studies.evaluation.population import draw_member, told_model
+from backlash_ros.studies.evaluation.task import settings_for
 
 ENCODERS = {"load": ("theta_l",), "motor": ("theta_m",)}
 SWING = 0.3

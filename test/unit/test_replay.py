@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from node_offline import NodeOffline, nominal_values
 
-from backlash_ros.analysis.replay.again import Replayed, replay
-from backlash_ros.analysis.replay.recorded import read_recorded
-from backlash_ros.analysis.replay.what_if import Changes
 from backlash_ros.cli import main
 from backlash_ros.control.design.choice import dynamic_names
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.drivetrain.signals import THETA_L, THETA_M
+from backlash_ros.foundation.signals import THETA_L, THETA_M
+from backlash_ros.studies.replay.again import Replayed, replay
+from backlash_ros.studies.replay.recorded import read_recorded
+from backlash_ros.studies.replay.what_if import Changes
 
 
 def replayed(bag: Path, **changes: Any) -> list[Replayed]:

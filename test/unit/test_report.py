@@ -20,12 +20,12 @@ from recorded import probed, true_gap, write_bag, write_drive
 from reported import CYCLE, DAMPING, END, FIRST, FOREIGN, FREQUENCY, HEIGHT, LOST, PEAK, PERIOD, SECOND, B
 from rosbags.rosbag2 import StoragePlugin
 
-from backlash_ros.analysis.report import charts, library
-from backlash_ros.analysis.report.charts import Chart, ChartBook, Line, Panel, thinned
-from backlash_ros.analysis.report.library import NoLibraryError, chart_library
-from backlash_ros.analysis.report.steps import limit_cycle
-from backlash_ros.analysis.report.timing import last_quiet, late_answers
 from backlash_ros.cli import main
+from backlash_ros.pages.report import charts, library
+from backlash_ros.pages.report.charts import Chart, ChartBook, Line, Panel, thinned
+from backlash_ros.pages.report.library import NoLibraryError, chart_library
+from backlash_ros.pages.report.steps import limit_cycle
+from backlash_ros.pages.report.timing import last_quiet, late_answers
 
 DEGREE = math.pi / 180.0
 NASTY = "</script><script>alert('&\"')</script>"

@@ -14,7 +14,7 @@ from matplotlib.colors import to_hex
 from backlash_ros.control import BacklashEstimate, GainSet, Method, Polynomials, ServoSettings
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.sensors import Sensors
-from backlash_ros.drivetrain.signals import THETA_L, THETA_M
+from backlash_ros.foundation.signals import THETA_L, THETA_M
 from backlash_ros.simulation import Run, Scenario, run
 from backlash_ros.simulation.colours import LIGHT
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors, read_sensors, sensor_constants, sensor_memory
-from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, STATE_NAMES, THETA_L, THETA_M, Measurement, PlantState
+from backlash_ros.foundation.signals import OMEGA_L, OMEGA_M, STATE_NAMES, THETA_L, THETA_M, Measurement, PlantState
 
 PERIOD = 0.004
 STATE = PlantState(np.array([3.3, -40.0, 0.34, -4.0, 1.5, 7.0, 5.0]))

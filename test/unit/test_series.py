@@ -13,7 +13,7 @@ from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.contact import nowhere_linear
 from backlash_ros.drivetrain.motion.integrator import PEAK_FORCE, integration_memory, integrator_for
 from backlash_ros.drivetrain.motion.series import ROOM, series_with
-from backlash_ros.drivetrain.signals import at_rest
+from backlash_ros.foundation.signals import at_rest
 
 LINEAR = [name for name, law in CONTACTS.items() if law.linear is not nowhere_linear]
 factors = st.floats(-1.0, 1.0).map(lambda power: 4.0**power)

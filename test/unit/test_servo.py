@@ -21,7 +21,7 @@ from backlash_ros.control.laws.two_region import TwoRegionParameters
 from backlash_ros.control.observer import observer_memory, observer_step
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
 from backlash_ros.drivetrain.sensors import POSITIONS
-from backlash_ros.drivetrain.signals import LOAD_TORQUE, OMEGA_L, Measurement
+from backlash_ros.foundation.signals import LOAD_TORQUE, OMEGA_L, Measurement
 
 AT_REST = np.zeros(5)
 INSIDE_THE_HYSTERESIS = np.array([0.3, 0.0, 0.03, 0.0, 0.0])

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from backlash_ros.analysis.bag import Recording, Series
-from backlash_ros.analysis.session import Interval, came_on, judge_step, judge_swap
 from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.recordings.bag import Recording, Series
+from backlash_ros.studies.session import Interval, came_on, judge_step, judge_swap
 
 B = NOMINAL_DRIVE.gear.backlash_angle
 STAMPS = 100.0 + np.arange(1001) * 0.004

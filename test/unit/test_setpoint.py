@@ -14,7 +14,7 @@ from backlash_ros.control import AtRest, GainSet, Limits, Polynomials, Servo, Se
 from backlash_ros.control.motion.setpoint import DURATION, ORDER, evaluate, extent
 from backlash_ros.control.tick import PLAN_TIME
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
-from backlash_ros.drivetrain.signals import ACCELERATION, POSITION, VELOCITY, PlantState, Setpoint, at_rest
+from backlash_ros.foundation.signals import ACCELERATION, POSITION, VELOCITY, PlantState, Setpoint, at_rest
 from backlash_ros.simulation import Scenario, run
 
 HELD = np.zeros(5)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from backlash_ros.analysis.staging import staging
+from backlash_ros.foundation.staging import staging
 
 
 def test_what_is_put_in_place_stays_with_the_folders_that_lead_there(tmp_path: Path) -> None:

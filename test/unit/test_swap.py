@@ -13,7 +13,8 @@ from backlash_ros.control.laws.cascade import CascadeParameters
 from backlash_ros.control.monitoring.monitor import unexplained_torque
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
-from backlash_ros.drivetrain.signals import OMEGA_L, THETA_L, Array
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import OMEGA_L, THETA_L
 from backlash_ros.simulation import SimulatedDrive
 
 B = NOMINAL_DRIVE.gear.backlash_angle

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backlash_ros.analysis.recordings.csv_file import ColumnNames, is_table, read_csv
-from backlash_ros.analysis.recordings.samples import Columns, Reading, began, recording_of
 from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.recordings.csv_file import ColumnNames, is_table, read_csv
+from backlash_ros.recordings.samples import Columns, Reading, began, recording_of
 
 PLAIN = "time,motor,load,command\n0.000,1.5,-2.25,0.5\n0.004,1.75,-2.5,-0.125\n0.008,2.0,-2.75,1e-3\n"
 GERMAN = PLAIN.replace(",", ";").replace(".", ",")

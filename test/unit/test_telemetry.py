@@ -11,7 +11,7 @@ from backlash_ros.control import GainSet, Servo, ServoSettings
 from backlash_ros.control.monitoring.wear import WearWatch
 from backlash_ros.control.telemetry import TELEMETRY, telemetry
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.drivetrain.signals import Measurement
+from backlash_ros.foundation.signals import Measurement
 from backlash_ros.gates import Fault
 from backlash_ros.simulation import SimulatedDrive
 

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backlash_ros.analysis.evaluation.population import draw_member, told_model
-from backlash_ros.analysis.evaluation.task import Verdict, judge_run, scenario_of, settings_for
 from backlash_ros.control import GainSet, Servo, ServoSettings, design_law
 from backlash_ros.control.laws import lacks, law_of
 from backlash_ros.control.laws.two_encoder import TwoEncoderParameters
@@ -35,8 +33,11 @@ from backlash_ros.control.motion.setpoint import Polynomials
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
-from backlash_ros.drivetrain.signals import LOAD_TORQUE, OMEGA_L, THETA_L, THETA_M, Array, at_rest
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import LOAD_TORQUE, OMEGA_L, THETA_L, THETA_M, at_rest
 from backlash_ros.simulation import Run, Scenario, SimulatedDrive, run
+from backlash_ros.studies.evaluation.population import draw_member, told_model
+from backlash_ros.studies.evaluation.task import Verdict, judge_run, scenario_of, settings_for
 
 B = NOMINAL_DRIVE.gear.backlash_angle
 ENCODERS = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=65536)

@@ -8,15 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backlash_ros.analysis.evaluation.population import draw_member, told_model
-from backlash_ros.analysis.evaluation.task import first_reading, settings_for
 from backlash_ros.control import BacklashEstimate, GainSet, Servo, ServoSettings
 from backlash_ros.control.experiment import Deferred
 from backlash_ros.control.monitoring.wear import WearWatch
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
-from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Array, Measurement
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import THETA_L, THETA_M, Measurement
 from backlash_ros.simulation import SimulatedDrive
+from backlash_ros.studies.evaluation.population import draw_member, told_model
+from backlash_ros.studies.evaluation.task import first_reading, settings_for
 
 pytestmark = pytest.mark.population
 

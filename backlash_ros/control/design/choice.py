@@ -31,9 +31,9 @@ from backlash_ros.control.design.gain_sets import (
 from backlash_ros.control.design.stability import LONGEST_DELAY
 from backlash_ros.control.design.start import CannotStartError, default_weights, emulated, explained
 from backlash_ros.control.estimates import APPLY
-from backlash_ros.drivetrain import CONTACTS, Drive, Quantity, Validated, quantities
+from backlash_ros.drivetrain import CONTACTS, Drive
 from backlash_ros.drivetrain.parameters import FOUND, drive_of, values_of
-from backlash_ros.drivetrain.quantity import take
+from backlash_ros.foundation.quantity import Quantity, Validated, quantities, take
 
 APPLY_BOUND = f"one of {list(APPLY)}"
 

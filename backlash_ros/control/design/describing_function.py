@@ -17,9 +17,9 @@ from scipy.optimize import brentq
 
 from backlash_ros.control.design.gains import Gains
 from backlash_ros.drivetrain import Drive, rigid_model
-from backlash_ros.drivetrain.compiled import specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants, plant_constants
 from backlash_ros.drivetrain.contact import Contact, ForceFunction
+from backlash_ros.foundation.compiled import specialize, unbound
 
 _POINTS = 400
 """Of the sinusoid that the contact law is evaluated at."""

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import solve_continuous_are
 
 from backlash_ros.drivetrain import Drive, rigid_model, without_inductance
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 
 _LARGEST = 1e6
 

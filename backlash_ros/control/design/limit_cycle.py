@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 
 _POINTS = 16
 _CROSSING_BAND = 0.2

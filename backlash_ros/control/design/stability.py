@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 
 from backlash_ros.control.design.gains import Gains
 from backlash_ros.drivetrain import Drive, command_from_voltage, discretize_from_command, motor_model, rigid_model
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 
 LONGEST_DELAY = 10
 """In periods."""

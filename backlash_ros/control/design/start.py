@@ -16,7 +16,8 @@ import numpy as np
 
 from backlash_ros.control.design.gains import DEFAULT_WEIGHTS, Gains, design_gains
 from backlash_ros.control.design.stability import LONGEST_DELAY, UnstableError, is_stable
-from backlash_ros.drivetrain import Drive, Quantity
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.quantity import Quantity
 
 RATE = Quantity("sample rate, the same for drive and controller", "Hz", 0.0, 2000.0, True)
 

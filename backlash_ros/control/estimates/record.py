@@ -14,9 +14,10 @@ import yaml
 
 from backlash_ros.control.experiment import Method
 from backlash_ros.control.settings import ServoSettings
-from backlash_ros.drivetrain import CONTACTS, Gear, Load, Motor, Quantity, Validated, quantities
+from backlash_ros.drivetrain import CONTACTS, Gear, Load, Motor
 from backlash_ros.drivetrain.parameters import FOUND
-from backlash_ros.drivetrain.reading.yaml_text import values_in
+from backlash_ros.foundation.quantity import Quantity, Validated, quantities
+from backlash_ros.foundation.reading.yaml_text import values_in
 
 FORMAT, VERSION = "backlash_ros/estimates", 2
 MOST = 100

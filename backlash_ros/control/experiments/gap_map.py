@@ -14,8 +14,9 @@ from backlash_ros.control.experiment import BacklashEstimate, Deferred, Excitati
 from backlash_ros.control.experiments.gap_probe import GapProbe, GapProbeSettings
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.motion.motor_moves import MotorLoop, Move
-from backlash_ros.drivetrain import Drive, Validated, quantity
-from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Estimate, Measurement
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.quantity import Validated, quantity
+from backlash_ros.foundation.signals import THETA_L, THETA_M, Estimate, Measurement
 from backlash_ros.identification.gap_map import FEWEST_PLACES, map_gaps
 from backlash_ros.identification.recording import Recording
 

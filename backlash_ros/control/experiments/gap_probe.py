@@ -19,8 +19,9 @@ import numpy as np
 from backlash_ros.control.experiment import BacklashEstimate, Deferred, Excitation, Method, NamedExperiment, Outcome
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.motion.motor_moves import MotorLoop, Move, Throw
-from backlash_ros.drivetrain import Drive, Validated, quantity
-from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Estimate, Measurement
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.quantity import Validated, quantity
+from backlash_ros.foundation.signals import THETA_L, THETA_M, Estimate, Measurement
 from backlash_ros.identification.gap import measure_gap
 from backlash_ros.identification.recording import Recording, with_late_answers
 from backlash_ros.identification.regression import Guess, guess_of

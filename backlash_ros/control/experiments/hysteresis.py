@@ -19,8 +19,9 @@ from backlash_ros.control.experiment import BacklashEstimate, Deferred, Excitati
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitoring.thresholds import FaultThresholds
 from backlash_ros.control.observer import low_pass_gain
-from backlash_ros.drivetrain import Drive, Validated, quantity
-from backlash_ros.drivetrain.signals import CURRENT, THETA_L, THETA_M, Estimate, Measurement
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.quantity import Validated, quantity
+from backlash_ros.foundation.signals import CURRENT, THETA_L, THETA_M, Estimate, Measurement
 from backlash_ros.identification.fitting.problem import motor_side
 from backlash_ros.identification.locked_output.hysteresis import measure_lost_motion
 from backlash_ros.identification.locked_output.lost_motion import Curve

@@ -15,8 +15,10 @@ import numpy as np
 from backlash_ros.control.design.limit_cycle import LimitCycle, find_limit_cycle, refine
 from backlash_ros.control.experiment import BacklashEstimate, Excitation, Method, NamedExperiment
 from backlash_ros.control.limits import Limits
-from backlash_ros.drivetrain import Drive, Validated, quantity
-from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array, Estimate, Measurement
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.quantity import Validated, quantity
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Estimate, Measurement
 
 _FEWEST_SAMPLES = 8
 """Smallest number of samples in a cycle: with fewer, its turning points are not seen."""

@@ -18,8 +18,9 @@ from backlash_ros.control.experiment import BacklashEstimate, Deferred, Excitati
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.motion.motor_moves import MotorLoop
 from backlash_ros.control.observer import low_pass_gain
-from backlash_ros.drivetrain import Drive, Validated, quantity
-from backlash_ros.drivetrain.signals import THETA_L, THETA_M, Estimate, Measurement
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.quantity import Validated, quantity
+from backlash_ros.foundation.signals import THETA_L, THETA_M, Estimate, Measurement
 from backlash_ros.identification.one_encoder.one_sided import measure_gap_one_sided
 from backlash_ros.identification.recording import Recording, with_late_answers
 

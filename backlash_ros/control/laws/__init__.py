@@ -5,7 +5,7 @@ from functools import lru_cache
 from backlash_ros.control.law import ControlLaw, NamedLaw
 from backlash_ros.control.settings import AUTO, ServoSettings
 from backlash_ros.drivetrain import Drive
-from backlash_ros.drivetrain.registry import Registry
+from backlash_ros.foundation.registry import Registry
 
 LAWS: Registry[NamedLaw] = Registry(__name__, __path__, "LAWS", first="two_region")
 """Every law by the name that the parameter ``law`` takes, besides `AUTO`; the paper's laws lead every table."""

@@ -12,9 +12,11 @@ import numpy as np
 
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, ControlLaw, NamedLaw
-from backlash_ros.drivetrain import Drive, Validated, quantity
-from backlash_ros.drivetrain.compiled import compiled_as
-from backlash_ros.drivetrain.signals import OMEGA_M, POSITION, THETA_L, VELOCITY, Array, Estimate, Setpoint
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.compiled import compiled_as
+from backlash_ros.foundation.quantity import Validated, quantity
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import OMEGA_M, POSITION, THETA_L, VELOCITY, Estimate, Setpoint
 
 if TYPE_CHECKING:
     from backlash_ros.control.settings import ServoSettings

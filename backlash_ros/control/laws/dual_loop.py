@@ -16,9 +16,11 @@ import numpy as np
 
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, REGION, ControlLaw, NamedLaw
-from backlash_ros.drivetrain import Drive, Validated, quantity
-from backlash_ros.drivetrain.compiled import compiled, compiled_as
-from backlash_ros.drivetrain.signals import (
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.compiled import compiled, compiled_as
+from backlash_ros.foundation.quantity import Validated, quantity
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import (
     ACCELERATION,
     LOAD_TORQUE,
     OMEGA_L,
@@ -27,7 +29,6 @@ from backlash_ros.drivetrain.signals import (
     THETA_L,
     THETA_M,
     VELOCITY,
-    Array,
     Estimate,
     Setpoint,
 )

@@ -2,7 +2,7 @@
 
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.monitoring.thresholds import FaultThresholds
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 from backlash_ros.gates.faults import Fault
 
 DETAILS = 3

@@ -37,15 +37,16 @@ from backlash_ros.control.monitoring.thresholds import (
     pressed,
 )
 from backlash_ros.control.observer import ObserverConstants, low_pass_gain, observer_step
-from backlash_ros.drivetrain import Drive, compiled
-from backlash_ros.drivetrain.signals import (
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import (
     CURRENT,
     LOAD_TORQUE,
     OMEGA_L,
     OMEGA_M,
     THETA_L,
     THETA_M,
-    Array,
     Measurement,
     as_measurement,
 )

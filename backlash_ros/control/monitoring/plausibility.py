@@ -27,8 +27,10 @@ from typing import NamedTuple
 import numpy as np
 
 from backlash_ros.control.observer import ObserverConstants, low_pass_gain, next_current
-from backlash_ros.drivetrain import Drive, compiled
-from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array, Measurement
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement
 
 PATIENCE = 3
 """Number of consecutive implausible samples that are a fault."""

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from backlash_ros.control.limits import NO_LIMIT
-from backlash_ros.drivetrain import Drive, Validated, quantity
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.quantity import Validated, quantity
 
 _EXPECTED = 0.6
 """Share of the standstill torque that the default allows for a load: no motor bears more for long, and a runaway shows

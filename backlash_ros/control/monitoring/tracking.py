@@ -10,8 +10,9 @@ import math
 
 import numpy as np
 
-from backlash_ros.drivetrain import compiled
-from backlash_ros.drivetrain.signals import OMEGA_L, THETA_L, Array, Estimate
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import OMEGA_L, THETA_L, Estimate
 
 _BLOCK, _BLOCKS = 0.1, 10
 """The last second as so many blocks of this time, s, of which the smallest value counts."""

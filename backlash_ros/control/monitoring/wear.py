@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from backlash_ros.control.laws import LAWS
 from backlash_ros.control.servo import Servo
-from backlash_ros.drivetrain.signals import THETA_L, THETA_M, VELOCITY, Measurement
+from backlash_ros.foundation.signals import THETA_L, THETA_M, VELOCITY, Measurement
 
 _GROWN = 1.5
 """A gap has grown beyond this multiple of the backlash in use: eccentric encoders and a varying gap show less."""

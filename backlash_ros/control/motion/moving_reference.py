@@ -15,17 +15,10 @@ import numpy as np
 
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.limits import Limits
-from backlash_ros.drivetrain import Drive, compiled
-from backlash_ros.drivetrain.signals import (
-    ACCELERATION,
-    OMEGA_L,
-    POSITION,
-    THETA_L,
-    VELOCITY,
-    Array,
-    Estimate,
-    Setpoint,
-)
+from backlash_ros.drivetrain import Drive
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import ACCELERATION, OMEGA_L, POSITION, THETA_L, VELOCITY, Estimate, Setpoint
 
 _QUICK = 0.25
 """Longest time between two references of one path, s: more than two periods of the slowest path, 10 Hz, so that one

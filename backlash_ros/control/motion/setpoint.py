@@ -12,8 +12,9 @@ from typing import Protocol
 import numpy as np
 
 from backlash_ros.control.limits import Limits
-from backlash_ros.drivetrain import compiled
-from backlash_ros.drivetrain.signals import ACCELERATION, POSITION, VELOCITY, Array, Setpoint
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import ACCELERATION, POSITION, VELOCITY, Setpoint
 
 ORDER = 5
 """Largest power of time in a segment."""

@@ -4,7 +4,7 @@ Such a file has a table ``CONTACTS = {"name": Class}`` of subclasses of `contact
 """
 
 from backlash_ros.drivetrain.contact import Contact
-from backlash_ros.drivetrain.registry import Registry
+from backlash_ros.foundation.registry import Registry
 
 CONTACTS: Registry[type[Contact]] = Registry(__name__, list(__path__), "CONTACTS", first="power")
 """Each law's class, which holds its parameters and its compiled functions."""

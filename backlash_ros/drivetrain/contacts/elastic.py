@@ -9,7 +9,6 @@ Modelica.Mechanics.Rotational.Components.ElastoBacklash2. The rate of delta is t
 from dataclasses import dataclass
 from typing import ClassVar
 
-from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.contact import (
     Constants,
     Contact,
@@ -21,7 +20,8 @@ from backlash_ros.drivetrain.contact import (
     ToothForce,
     as_constants,
 )
-from backlash_ros.drivetrain.quantity import quantity
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.quantity import quantity
 
 STIFFNESS, DAMPING = range(2)
 

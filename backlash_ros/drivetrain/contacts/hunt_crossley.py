@@ -13,7 +13,6 @@ from typing import ClassVar
 
 from scipy.optimize import brentq
 
-from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.contact import (
     Constants,
     Contact,
@@ -25,7 +24,8 @@ from backlash_ros.drivetrain.contact import (
     ToothForce,
     as_constants,
 )
-from backlash_ros.drivetrain.quantity import quantity
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.quantity import quantity
 
 STIFFNESS, EXPONENT, DISSIPATION = range(3)
 

@@ -9,7 +9,6 @@ zero where it would pull.
 from dataclasses import dataclass
 from typing import ClassVar
 
-from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.contact import (
     Constants,
     Contact,
@@ -23,7 +22,8 @@ from backlash_ros.drivetrain.contact import (
     ToothForce,
     as_constants,
 )
-from backlash_ros.drivetrain.quantity import quantity
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.quantity import quantity
 
 BETA, ALPHA, EXPONENT, FREE = range(4)
 

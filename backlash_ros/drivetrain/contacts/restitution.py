@@ -10,7 +10,6 @@ from typing import ClassVar
 
 from scipy.optimize import brentq
 
-from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.contact import (
     Constants,
     ForceFunction,
@@ -21,7 +20,8 @@ from backlash_ros.drivetrain.contact import (
     as_constants,
 )
 from backlash_ros.drivetrain.contacts.elastic import DAMPING, STIFFNESS, SpringContact
-from backlash_ros.drivetrain.quantity import quantity
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.quantity import quantity
 
 
 def restitution_of(damping_ratio: float) -> float:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.effects.constants import effects_in
+from backlash_ros.foundation.compiled import compiled
 
 
 @compiled

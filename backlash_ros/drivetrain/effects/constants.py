@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.parameters import Drive
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.record import Array
 
 
 class EffectConstants(NamedTuple):

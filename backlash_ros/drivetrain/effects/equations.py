@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import (
     Contact,
@@ -36,7 +35,9 @@ from backlash_ros.drivetrain.effects.friction import drifted, dry_friction, held
 from backlash_ros.drivetrain.effects.motor import cogging_energy, cogging_torque, torque_constant
 from backlash_ros.drivetrain.effects.state import AGE, OMEGA_OUTER, OMEGA_WHEEL, OUTER, WHEEL, WHOLE
 from backlash_ros.drivetrain.motion.dynamics import Held, HeldTorque, SpeedSlopes, half_gap_of, mesh_of
-from backlash_ros.drivetrain.signals import CURRENT, LOST, OMEGA_L, OMEGA_M, SUPPLIED, THETA_L, THETA_M, Array
+from backlash_ros.foundation.compiled import compiled, specialize, unbound
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import CURRENT, LOST, OMEGA_L, OMEGA_M, SUPPLIED, THETA_L, THETA_M
 
 _contact_force: ForceFunction = unbound
 _contact_energy: EnergyFunction = unbound

@@ -5,13 +5,14 @@ from functools import cache
 import numpy as np
 from scipy.integrate import DOP853
 
-from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.effects.equations import Derivative, real_equations
 from backlash_ros.drivetrain.effects.state import OMEGA_OUTER, OMEGA_WHEEL, OUTER, WHEEL, WHOLE
 from backlash_ros.drivetrain.motion.explicit import Step, judged
-from backlash_ros.drivetrain.signals import CURRENT, LOST, OMEGA_L, OMEGA_M, SUPPLIED, THETA_L, THETA_M, Array
+from backlash_ros.foundation.compiled import compiled, specialize, unbound
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import CURRENT, LOST, OMEGA_L, OMEGA_M, SUPPLIED, THETA_L, THETA_M
 
 _STAGES = 12
 _A = np.ascontiguousarray(DOP853.A[:_STAGES, :_STAGES])

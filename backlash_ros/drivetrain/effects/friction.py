@@ -8,9 +8,9 @@ Machines with Friction, 1991, with its exponent of 2).
 
 import math
 
-from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.effects.constants import effects_in
+from backlash_ros.foundation.compiled import compiled
 
 
 @compiled

@@ -9,7 +9,6 @@ from functools import cache
 
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.effects.equations import Derivative, real_equations
@@ -17,7 +16,8 @@ from backlash_ros.drivetrain.effects.explicit import weights_of
 from backlash_ros.drivetrain.effects.state import WHOLE
 from backlash_ros.drivetrain.motion.explicit import Step
 from backlash_ros.drivetrain.motion.implicit import COUPLINGS, GAMMA, STAGES
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.compiled import compiled, specialize, unbound
+from backlash_ros.foundation.record import Array
 
 _CHANGE = 1e-7
 """By which a state is changed for the Jacobian, as a share of what its errors are judged by."""

@@ -5,14 +5,15 @@ from functools import cache
 
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.effects.equations import real_equations
 from backlash_ros.drivetrain.effects.state import AGE, OMEGA_WHEEL, WHEEL, WHOLE
 from backlash_ros.drivetrain.motion.dynamics import SpeedSlopes
 from backlash_ros.drivetrain.motion.kinks import FirstKink, between, first_kink
-from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array
+from backlash_ros.foundation.compiled import compiled, specialize, unbound
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M
 
 
 @compiled

@@ -6,9 +6,9 @@ K   = K_m (1 + ripple cos(6 theta_m + phase)), of the torque and of the back-EMF
 
 import math
 
-from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.effects.constants import effects_in
+from backlash_ros.foundation.compiled import compiled
 
 
 @compiled

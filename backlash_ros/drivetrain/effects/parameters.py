@@ -3,7 +3,7 @@
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, TypeVar
 
-from backlash_ros.drivetrain.quantity import Validated, quantity
+from backlash_ros.foundation.quantity import Validated, quantity
 
 DATA_SHEET_ERRORS = ("resistance_error", "inductance_error", "torque_constant_error", "inertia_error")
 """The effects that change the motor's values and nothing else."""

@@ -3,10 +3,11 @@
 The integrator's memory keeps the rest, so that a drive with effects is played as any other one.
 """
 
-from backlash_ros.drivetrain.compiled import compiled
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.effects.constants import effects_in
-from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M
 
 WHEEL, OMEGA_WHEEL, OUTER, OMEGA_OUTER, AGE = range(7, 12)
 """After the states of `signals.PlantState`: angle and speed of the wheel between both stages, at the output, and of the

@@ -7,7 +7,7 @@ from backlash_ros.drivetrain.effects.equations import real_equations
 from backlash_ros.drivetrain.motion.dynamics import equations_of
 from backlash_ros.drivetrain.motion.integrator import whole_state
 from backlash_ros.drivetrain.parameters import Drive
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 
 View = Callable[[PlantConstants, Array, Array], float]
 """Takes the drive's constants, its state, shape (7,), and the integrator's memory."""

@@ -29,7 +29,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import (
     Contact,
@@ -39,7 +38,9 @@ from backlash_ros.drivetrain.contact import (
     ToothForce,
 )
 from backlash_ros.drivetrain.parameters import Drive
-from backlash_ros.drivetrain.signals import CURRENT, LOST, OMEGA_L, OMEGA_M, SUPPLIED, THETA_L, THETA_M, Array
+from backlash_ros.foundation.compiled import compiled, specialize, unbound
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import CURRENT, LOST, OMEGA_L, OMEGA_M, SUPPLIED, THETA_L, THETA_M
 
 _PLAIN = False
 """Whether there is no dry friction, no gravity and a gap that does not vary: `equations_with` binds it."""

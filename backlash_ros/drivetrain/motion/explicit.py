@@ -11,20 +11,12 @@ from functools import cache
 
 from scipy.integrate import DOP853
 
-from backlash_ros.drivetrain.compiled import fused, specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.motion.dynamics import Motion, equations_with, powers
-from backlash_ros.drivetrain.signals import (
-    CURRENT,
-    LOST,
-    OMEGA_L,
-    OMEGA_M,
-    SUPPLIED,
-    THETA_L,
-    THETA_M,
-    Array,
-)
+from backlash_ros.foundation.compiled import fused, specialize, unbound
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import CURRENT, LOST, OMEGA_L, OMEGA_M, SUPPLIED, THETA_L, THETA_M
 
 _A = tuple(tuple(float(weight) for weight in row) for row in DOP853.A)
 _USED = (0, 5, 6, 7, 8, 9, 10, 11)

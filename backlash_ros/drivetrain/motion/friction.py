@@ -12,7 +12,6 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
-from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.motion.dynamics import (
@@ -24,7 +23,9 @@ from backlash_ros.drivetrain.motion.dynamics import (
     load_rubs,
     motor_rubs,
 )
-from backlash_ros.drivetrain.signals import LOST, OMEGA_L, OMEGA_M, Array
+from backlash_ros.foundation.compiled import compiled, specialize, unbound
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import LOST, OMEGA_L, OMEGA_M
 
 
 @compiled

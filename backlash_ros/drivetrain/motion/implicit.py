@@ -11,21 +11,13 @@ from functools import cache
 
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.motion.dynamics import ContactOf, Derivative, Linearize, Slopes, equations_with
 from backlash_ros.drivetrain.motion.explicit import Step
-from backlash_ros.drivetrain.signals import (
-    CURRENT,
-    LOST,
-    OMEGA_L,
-    OMEGA_M,
-    SUPPLIED,
-    THETA_L,
-    THETA_M,
-    Array,
-)
+from backlash_ros.foundation.compiled import compiled, specialize, unbound
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import CURRENT, LOST, OMEGA_L, OMEGA_M, SUPPLIED, THETA_L, THETA_M
 
 GAMMA = 0.25
 STAGES = np.array(

@@ -19,7 +19,6 @@ from typing import Any
 import numba
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.constants import PLANT_TYPE, PlantConstants
 from backlash_ros.drivetrain.contact import Contact, nowhere_linear, one_piece
 from backlash_ros.drivetrain.effects.amplifier import amplified
@@ -43,7 +42,9 @@ from backlash_ros.drivetrain.motion.implicit import implicit_with
 from backlash_ros.drivetrain.motion.kinks import FirstKink, kinks_with
 from backlash_ros.drivetrain.motion.series import ROOM, SeriesStep, series_with
 from backlash_ros.drivetrain.parameters import Drive
-from backlash_ros.drivetrain.signals import CURRENT, STATE_NAMES, Array, PlantState
+from backlash_ros.foundation.compiled import compiled, specialize, unbound
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import CURRENT, STATE_NAMES, PlantState
 
 _types: Any = numba.types
 

@@ -7,11 +7,12 @@ step at each kink.
 from collections.abc import Callable
 from functools import cache
 
-from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact, ForceFunction, PieceFunction
 from backlash_ros.drivetrain.motion.dynamics import SpeedSlopes, half_gap_of
-from backlash_ros.drivetrain.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array
+from backlash_ros.foundation.compiled import compiled, specialize, unbound
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M
 
 _LOOKS = 8
 """Places in a step that are looked at."""

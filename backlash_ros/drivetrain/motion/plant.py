@@ -16,17 +16,8 @@ from backlash_ros.drivetrain.motion.integrator import (
     integrator_for,
 )
 from backlash_ros.drivetrain.parameters import Drive
-from backlash_ros.drivetrain.signals import (
-    CURRENT,
-    LOST,
-    OMEGA_L,
-    OMEGA_M,
-    SUPPLIED,
-    THETA_L,
-    THETA_M,
-    Array,
-    PlantState,
-)
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import CURRENT, LOST, OMEGA_L, OMEGA_M, SUPPLIED, THETA_L, THETA_M, PlantState
 
 
 class Plant:

@@ -8,10 +8,11 @@ import math
 from collections.abc import Callable
 from functools import cache
 
-from backlash_ros.drivetrain.compiled import fused, specialize, unbound
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact, LinearFunction, LinearPiece, one_piece
-from backlash_ros.drivetrain.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, Array
+from backlash_ros.foundation.compiled import fused, specialize, unbound
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M
 
 _ORDER = 20
 _ROW = _ORDER + 1

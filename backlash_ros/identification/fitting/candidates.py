@@ -15,9 +15,9 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from backlash_ros.drivetrain import CONTACTS, Drive
-from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.contact import Constants, Contact, ForceFunction, SlopesFunction, gap_at_rest, law_name
 from backlash_ros.drivetrain.contacts.elastic import SpringContact
+from backlash_ros.foundation.compiled import compiled, specialize, unbound
 
 ToothTorque = tuple[float, float, float, float, float, float, float, float]
 """The torque of the teeth, N m, and its derivatives: by the twist, by its rate and by half the gap; by the logarithms

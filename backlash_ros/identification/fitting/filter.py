@@ -20,9 +20,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled, specialize, unbound
 from backlash_ros.drivetrain.contact import Constants, Contact
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.compiled import compiled, specialize, unbound
+from backlash_ros.foundation.record import Array
 from backlash_ros.identification.fitting.candidates import Shape, TorqueFunction, torque_by
 
 (

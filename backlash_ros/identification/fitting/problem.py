@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 from backlash_ros.identification.fitting.candidates import Candidate
 from backlash_ros.identification.fitting.filter import FINE, PARAMETERS, STATES, MotorSide, Noise, Steps, filter_with
 from backlash_ros.identification.recording import Recording

@@ -22,7 +22,7 @@ from scipy.optimize import least_squares
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.contact import Contact, gap_at_rest, law_name
 from backlash_ros.drivetrain.contacts.elastic import SpringContact
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 from backlash_ros.identification.counts import count_of
 from backlash_ros.identification.fitting.candidates import contacts_of
 from backlash_ros.identification.fitting.problem import motor_side

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 from backlash_ros.identification.locked_output.ramps import Ramps
 
 ARCMIN = math.pi / 10800.0

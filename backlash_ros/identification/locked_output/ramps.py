@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtrit
 
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 
 _SMOOTH, _SMOOTH_RAMP, _MOST_ROWS, _MOST_OF_RAMP = 0.002, 0.02, 200, 40
 """Noise of the torque that averaging leaves: share of its range while ramps are sought, then of a ramp's torque; the

@@ -15,7 +15,7 @@ import numpy as np
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.contacts.elastic import SpringContact
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 from backlash_ros.identification.counts import count_of
 from backlash_ros.identification.fitting.candidates import contacts_of, told_teeth
 from backlash_ros.identification.fitting.filter import (

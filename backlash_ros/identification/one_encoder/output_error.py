@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from backlash_ros.drivetrain.quantity import quantities
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.quantity import quantities
+from backlash_ros.foundation.record import Array
 from backlash_ros.identification.one_encoder.position_servo import (
     NO_LIMIT,
     PARAMETERS,

@@ -24,9 +24,9 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from backlash_ros.drivetrain.compiled import compiled
-from backlash_ros.drivetrain.quantity import Validated, quantity
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.quantity import Validated, quantity
+from backlash_ros.foundation.record import Array
 
 _STEP = 1.3e-3
 """Longest step between two samples, s."""

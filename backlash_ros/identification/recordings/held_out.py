@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 from backlash_ros.identification.fitting.candidates import Candidate, told_teeth
 from backlash_ros.identification.fitting.filter import (
     COULOMB_L,

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 from backlash_ros.identification.counts import count_of
 from backlash_ros.identification.gap_map import FEWEST_PLACES, GapMap, Mapped, map_gaps
 from backlash_ros.identification.recording import Recording

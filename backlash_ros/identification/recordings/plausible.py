@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 from backlash_ros.identification.counts import count_of
 from backlash_ros.identification.fitting.problem import motor_side
 from backlash_ros.identification.recording import Recording

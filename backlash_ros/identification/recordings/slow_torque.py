@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.record import Array
 from backlash_ros.identification.fitting.problem import motor_side
 from backlash_ros.identification.locked_output.hysteresis import measure_lost_motion
 from backlash_ros.identification.locked_output.lost_motion import Curve, LostMotion

@@ -5,7 +5,7 @@ import os
 from functools import cache
 from pathlib import Path
 
-from backlash_ros.drivetrain.registry import PLUGINS
+from backlash_ros.foundation.registry import PLUGINS
 
 _PACKAGE = Path(__file__).parents[2]
 

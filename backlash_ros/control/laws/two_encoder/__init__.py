@@ -57,9 +57,10 @@ from backlash_ros.control.laws.two_encoder.layout import (
     WHOLE,
 )
 from backlash_ros.control.laws.two_encoder.step import begin, two_encoder_step
-from backlash_ros.drivetrain import Drive, Validated, quantity
+from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.contact import gap_at_rest
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.quantity import Validated, quantity
+from backlash_ros.foundation.record import Array
 
 if TYPE_CHECKING:
     from backlash_ros.control.settings import ServoSettings

@@ -67,8 +67,8 @@ from backlash_ros.control.laws.two_encoder.layout import (
     WEIGHED,
     WHOLE,
 )
-from backlash_ros.drivetrain.compiled import compiled
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.record import Array
 
 _WHOLE = 1e-9
 _LEAP, _STRUCK, _DRIVEN, _AT_REST = 0.1, 1.5, 0.3, 0.03

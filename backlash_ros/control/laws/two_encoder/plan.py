@@ -40,8 +40,8 @@ from backlash_ros.control.laws.two_encoder.layout import (
     STIFFNESS,
 )
 from backlash_ros.control.laws.two_encoder.observers import contact, holds, pull_at, pulls
-from backlash_ros.drivetrain.compiled import compiled
-from backlash_ros.drivetrain.signals import Array
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.record import Array
 
 _LENGTH, _AT, _V, _STARTS, _ENDS, _BUMP, _FROM, _TO, _CROSSES, _WAY, _CLOSING, _SOFT = range(COLUMNS)
 """Of a segment: s; position and speed of the load at its start; acceleration of the straight line at either end; the

@@ -94,8 +94,9 @@ from backlash_ros.control.laws.two_encoder.observers import (
     slower,
 )
 from backlash_ros.control.laws.two_encoder.plan import evaluate, fly, length_of, press, shift, stopping_way
-from backlash_ros.drivetrain.compiled import compiled, compiled_as
-from backlash_ros.drivetrain.signals import (
+from backlash_ros.foundation.compiled import compiled, compiled_as
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import (
     ACCELERATION,
     OMEGA_L,
     OMEGA_M,
@@ -103,7 +104,6 @@ from backlash_ros.drivetrain.signals import (
     THETA_L,
     THETA_M,
     VELOCITY,
-    Array,
     Estimate,
     Setpoint,
 )

@@ -1,1 +1,0 @@
-"""Reads recordings of any drive, from bags and tables, for identification."""

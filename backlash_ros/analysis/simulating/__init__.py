@@ -1,1 +1,0 @@
-"""`backlash simulate`: one step response of a drive, offline: figures, a picture, a table."""

@@ -1,0 +1,224 @@
+"""`backlash simulate`: its arguments; simulates a step, judges, prints, draws and writes."""
+
+import argparse
+import csv
+import json
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from backlash_ros.control import AUTO, LAWS, ServoSettings, design_law
+from backlash_ros.control.design.start import CannotStartError
+from backlash_ros.control.laws import BEST, UNTIL_THEN, law_of
+from backlash_ros.drive_file.drive_file import (
+    axis_of,
+    law_named,
+    law_parameters_of,
+    read_parameters,
+    start_of,
+    surroundings_of,
+)
+from backlash_ros.drivetrain.sensors import POSITIONS
+from backlash_ros.foundation.jsonable import jsonable
+from backlash_ros.foundation.reading.parameter_files import in_sections, merged, named
+from backlash_ros.foundation.staging import staging
+from backlash_ros.simulation import Run, Scenario, run
+from backlash_ros.simulation.simulated_drive import largest_load_torque
+from backlash_ros.studies.metrics import settling_time, step_response
+from backlash_ros.studies.paper import CASES, SECONDS, judge, respond
+from backlash_ros.studies.replay.what_if import Changes
+
+DESCRIPTION = (
+    "Simulates one step of the reference and prints its figures as JSON: of the nominal drive under one of the paper's "
+    "conditions, or of the drive in parameter files, with their rate, sensors, delay, law and gains. The controller "
+    "knows the drive and its backlash, as after `identify`: with both encoders, law auto is two_encoder. "
+    "Before, it is two_region (--law two_region). A load that does not stay within a quarter of the backlash for the "
+    "last second has not settled: null."
+)
+EXAMPLE = (
+    "examples: backlash simulate --law cascade --case 'load inertia x4'; backlash simulate config/nominal_drive.yaml "
+    "--set load.inertia=0.002 --reference 0.5 --plot step.png --csv step.csv; backlash simulate axis.yaml gains.yaml"
+)
+WRITTEN = ("plot", "csv")
+"""Options that name files to write."""
+_LONGEST, _LAST = 600.0, 1.0
+"""Longest simulation, and its end within which a load must be near its target to count as settled, s."""
+_OF_DRIVES: dict[str, Any] = {
+    "set": [],
+    "plot": None,
+    "csv": None,
+    "reference": 1.0,
+    "seconds": SECONDS,
+    "load_torque": 0.0,
+}
+"""Options that need a drive file, and their defaults with one."""
+_PAPER = "two_region"
+_OURS = (
+    *("motor", "gear", "load", "contact", "effects", "sensors", "delay", "rate", "loop_delay", "command_interface"),
+    *("gains", "gain_set", "gain_set_names", "gain_sets"),
+)
+"""Parameters of a file that a simulation uses, in addition to those of its law."""
+
+
+def add_simulate(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments to a parser."""
+    parser.description, parser.epilog = DESCRIPTION, EXAMPLE
+    add = parser.add_argument
+    text = "ROS parameter files, such as config/nominal_drive.yaml; later ones override earlier ones"
+    add("drive", type=Path, nargs="*", metavar="DRIVE", help=text)
+    add("--law", choices=sorted([AUTO, *LAWS]), help=f"by default that of DRIVE, or {AUTO}; {_PAPER} without DRIVE")
+    add("--case", choices=list(CASES), help="a condition of the paper, without DRIVE; by default nominal")
+    text = "with DRIVE, as often as needed: a parameter of drive, effects, sensors, delay, gain sets or laws"
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help=text)
+    text = "with DRIVE: target of the load, which starts at 0; by default 1"
+    add("--reference", type=float, metavar="RAD", help=text)
+    add("--seconds", type=float, metavar="S", help=f"with DRIVE; by default {SECONDS:g}")
+    text = "with DRIVE: constant torque on the output, N m; by default 0"
+    add("--load-torque", type=float, metavar="T", help=text)
+    add("--plot", type=Path, metavar="FILE", help="with DRIVE: file for a picture, such as step.png")
+    add("--csv", type=Path, metavar="FILE", help="with DRIVE: file for a table with one row per sample, true values")
+    add("--force", action="store_true", help="overwrite existing files")
+
+
+def _changes(given: Sequence[str], law: str) -> Mapping[str, Any]:
+    laws = [f"laws.{name}." for name in ((BEST, UNTIL_THEN) if law == AUTO else (law,))]
+    changes = Changes.parsed(given).given
+    for name, value in changes.items():
+        if name.partition(".")[0] not in _OURS and not name.startswith(tuple(laws)):
+            known = ", ".join([*_OURS, *(f"{law}*" for law in laws)])
+            raise ValueError(f"--set must be a parameter that a simulation goes by ({known}), got {name}={value!r}")
+    return in_sections(changes)
+
+
+def _check(name: str, value: float, least: float, most: float, unit: str) -> None:
+    if not least <= value <= most:
+        raise ValueError(f"{name} must be >= {least:g} and <= {most:g} {unit}, got {value!r}")
+
+
+def _simulated(given: argparse.Namespace) -> Run:
+    """Return the requested run; ValueError names what is wrong."""
+    _check("--seconds", given.seconds, 0.1, _LONGEST, "s")
+    _check("--reference", abs(given.reference), 1e-6, 1e3, "rad, either way")
+    try:
+        parameters = read_parameters(*given.drive)
+        law = given.law or law_named(parameters)
+        parameters = merged(parameters, _changes(given.set, law))
+        axis = axis_of(parameters)
+        heaviest = largest_load_torque(axis.drive)
+        _check(
+            "--load-torque", abs(given.load_torque), 0.0, heaviest, "N m, either way, ten times what the motor holds"
+        )
+        around = surroundings_of(parameters)
+        start = start_of(parameters, axis.drive, around)
+        settings = ServoSettings(
+            start.settings.gains,
+            law=law,
+            period=1.0 / around.rate,
+            loop_delay=around.delay.mean,
+            identified=set(POSITIONS) <= set(around.sensors.measured),
+            backlash_angle=axis.drive.gear.backlash_angle,
+        )
+        law = law_of(start.drive, settings)
+        settings = settings.with_law(law, law_parameters_of(parameters, law))
+        try:
+            design_law(start.drive, settings)
+        except ValueError as error:
+            raise CannotStartError(str(error)) from error
+    except TypeError as error:
+        raise ValueError(str(error)) from error
+    reference = np.full(max(1, round(given.seconds * around.rate)), given.reference)
+    scenario = Scenario(reference, np.array(given.load_torque), sensors=around.sensors, delay=around.delay)
+    return run(axis.drive, settings, scenario, model=start.drive)
+
+
+def _figures(result: Run, reference: float) -> dict[str, Any]:
+    gear = result.drive.gear
+    b = gear.backlash_angle
+    settled = settling_time(result.time, result.load_angle, reference, 0.25 * b)
+    judged = step_response(
+        result.time,
+        result.load_angle,
+        result.gap,
+        target=reference,
+        backlash=gear.backlash,
+        backlash_angle=b,
+    )
+    return {
+        "rise_time_s": judged.rise_time,
+        "settling_time_s": settled if settled <= result.time[-1] - _LAST else math.inf,
+        "overshoot_b": max(0.0, judged.overshoot),
+        "residual_b": judged.residual,
+        "impacts_after_switch": judged.impacts,
+        "final_error_b": float(result.load_angle[-1] - reference) / b,
+        "peak_force_N": float(np.max(result.peak_force)),
+        "peak_command": float(np.max(np.abs(result.command))),
+        "fault": result.fault,
+    }
+
+
+def _write_table(result: Run, place: Path) -> None:
+    table = result.table()
+    with place.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(table)
+        writer.writerows(zip(*(values.tolist() for _, values in table.values()), strict=True))
+
+
+def _write_picture(result: Run, title: str, place: Path) -> None:
+    import matplotlib  # noqa: PLC0415 - takes a second
+    import matplotlib.pyplot as plt  # noqa: PLC0415
+
+    matplotlib.use("Agg")
+    figure = result.plot()
+    figure.suptitle(title, fontsize="medium")
+    figure.savefig(place, dpi=110)
+    plt.close(figure)
+
+
+def simulate(given: argparse.Namespace, console: Console) -> int:
+    """Simulate and print; return 1 if the controller latched a fault, else 0. Files appear complete or not at all.
+
+    Raises
+    ------
+    OSError, ValueError
+        If the file cannot be read, a parameter or an option is out of bounds, or options contradict each other.
+    """
+    if not given.drive:
+        for name in _OF_DRIVES:
+            if getattr(given, name) not in ([], None):
+                raise ValueError(f"--{name.replace('_', '-')} needs DRIVE, a parameter file")
+        case = given.case or "nominal"
+        condition = CASES[case]
+        law = _PAPER if given.law in (None, AUTO) else given.law
+        figures = judge(respond(law, condition), condition)
+        console.print_json(json.dumps(jsonable({"law": law, "case": case, **figures})))
+        return 0
+    for name, default in _OF_DRIVES.items():
+        if getattr(given, name) is None:
+            setattr(given, name, default)
+    files = named(given.drive)
+    if given.case is not None:
+        raise ValueError(f"--case is of the nominal drive: leave it or {files} out")
+    result = _simulated(given)
+    with ExitStack() as stack:
+        places = {name: place for name in WRITTEN if (place := getattr(given, name)) is not None}
+        staged = {name: stack.enter_context(staging(place)) / place.name for name, place in places.items()}
+        if "csv" in staged:
+            _write_table(result, staged["csv"])
+        if "plot" in staged:
+            _write_picture(result, files, staged["plot"])
+        for name, place in places.items():
+            staged[name].replace(place)
+    content = {
+        "law": result.law,
+        "drive": files,
+        "set": given.set,
+        **_figures(result, given.reference),
+    }
+    console.print_json(json.dumps(jsonable(content)))
+    return 1 if result.fault else 0

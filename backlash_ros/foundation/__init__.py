@@ -1,0 +1,1 @@
+"""What every room stands on: compiled code, validated quantities, signals, messages, text that is read and written."""

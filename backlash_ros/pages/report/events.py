@@ -1,0 +1,230 @@
+"""The events of an axis: steps of its reference, learning runs, changes of parameters, faults and warnings."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from backlash_ros.gates.faults import FAULTS, Fault
+from backlash_ros.recordings.axes.axis import Axis
+from backlash_ros.recordings.axes.contents import Told
+from backlash_ros.recordings.bag import Series
+
+PATH_STEP = 0.1
+"""Largest time between two changes of the reference that belong to one path, s."""
+_SMALLEST = 1e-6
+"""Change of the reference that is ignored, rad."""
+_GAINS = (
+    "law",
+    "laws.",
+    "gain_set",
+    "gains.",
+    "backlash_angle",
+    "identified",
+    "gear.",
+    "load.",
+    "motor.",
+    "loop_delay",
+)
+"""Beginnings of the names of parameters that change the motion of the loop."""
+
+
+class Move(NamedTuple):
+    """A change of the reference: from where to where, rad, and when, s; a ``path`` consists of many small changes."""
+
+    start: float
+    end: float
+    origin: float
+    target: float
+    path: bool
+
+
+class Change(NamedTuple):
+    """Parameters that came into use at a time, s: old and new value by name."""
+
+    time: float
+    values: dict[str, tuple[Any, Any]]
+
+    @property
+    def names(self) -> str:
+        """The changes in a few words: a gain set stands for its gains."""
+        return ", ".join(name for name in self.values if "gain_set" not in self.values or "gains." not in name)
+
+    @property
+    def moves(self) -> bool:
+        """Whether any of them changes the motion of the loop."""
+        return any(name.startswith(_GAINS) for name in self.values)
+
+
+class LearningRun(NamedTuple):
+    """An experiment: start and end, s, and the backlash in use after it, rad, if that changed."""
+
+    start: float
+    end: float
+    learned: float
+    ended: bool
+
+
+class FaultSeen(NamedTuple):
+    """A latched fault: start and end, s (infinite if the bag ends before), name and meaning."""
+
+    start: float
+    end: float
+    name: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Events:
+    """All events in the order of time; ``holds``: where the reference stands still, but after no step; see `_holds`."""
+
+    moves: Sequence[Move]
+    runs: Sequence[LearningRun]
+    changes: Sequence[Change]
+    faults: Sequence[FaultSeen]
+    torques: Sequence[tuple[float, float]]
+    holds: Sequence[Move]
+
+    def in_the_way(self, start: float, end: float) -> list[tuple[float, str]]:
+        """Return when the rest after a move that starts at ``start`` ended, s, and by what, in words."""
+        found = [(run.start, "an experiment") for run in self.runs]
+        found += [(time, f"a load torque of {torque:g} N m") for time, torque in self.torques]
+        found += [(fault.start, f"the fault {fault.name}") for fault in self.faults]
+        return sorted(event for event in found if start < event[0] < end)
+
+
+def _runs_of(series: Series | None) -> list[tuple[float, float, bool]]:
+    """Return when a flag is set, from and to, and whether the end was seen."""
+    if series is None or not series.time.size:
+        return []
+    on = np.concatenate([[0], (series.values > 0.0).astype(int), [0]])
+    starts, ends = np.flatnonzero(np.diff(on) > 0), np.flatnonzero(np.diff(on) < 0)
+    times = [*map(float, series.time), float(series.time[-1])]
+    return [(times[a], times[b], b < series.time.size) for a, b in zip(starts.tolist(), ends.tolist(), strict=True)]
+
+
+def _learning_runs(axis: Axis) -> list[LearningRun]:
+    """Return the experiments; a result may come a while after the end, since it has to be computed."""
+    found, in_use = _runs_of(axis.state.get("experiment")), axis.state.get("backlash_angle")
+    runs = []
+    for k, (start, end, ended) in enumerate(found):
+        until, learned = found[k + 1][0] if k + 1 < len(found) else math.inf, math.nan
+        if axis.estimates is not None and (said := axis.estimates.between(end, until).values).size:
+            learned = float(said[-1])
+        elif in_use is not None and (used := in_use.between(start, until).values).size and used[-1] != used[0]:
+            learned = float(used[-1])
+        runs.append(LearningRun(start, end, learned, ended))
+    return runs
+
+
+def _moves(axis: Axis) -> list[Move]:
+    if axis.reference is None:
+        return []
+    time, values = axis.reference.time, axis.reference.values
+    known = np.flatnonzero(np.isfinite(values))
+    changes: list[tuple[float, float, float]] = []
+    for before, k in pairwise(known):
+        held = k == before + 1  # else nothing was held in between: it begins anew where the load is
+        if held and abs(values[k] - values[before]) > _SMALLEST:
+            changes.append((float(time[k]), float(values[before]), float(values[k])))
+    groups: list[list[tuple[float, float, float]]] = []
+    for change in changes:
+        if groups and change[0] - groups[-1][-1][0] < PATH_STEP:
+            groups[-1].append(change)
+        else:
+            groups.append([change])
+    ends = [*(group[0][0] for group in groups), _end_of(axis)][1:]
+    return [
+        Move(group[-1 if len(group) < 3 else 0][0], end, group[0][1], group[-1][2], len(group) >= 3)
+        for group, end in zip(groups, ends, strict=True)
+    ]
+
+
+def _end_of(axis: Axis) -> float:
+    return float(axis.time[-1]) if axis.time.size else math.inf
+
+
+def _first_start(axis: Axis) -> list[Move]:
+    """Return the move to the first reference of a topic, which starts from the position of the load."""
+    series = axis.reference
+    if series is None or axis.reference_source == "~/state" or not series.time.size or not axis.time.size:
+        return []
+    start, target = float(series.time[0]), float(series.values[0])
+    k = int(np.searchsorted(axis.time, start)) - 1
+    origin = float(axis.position[k]) if k >= 0 else math.nan
+    if not abs(target - origin) > _SMALLEST:
+        return []
+    later = series.time[1:][np.abs(np.diff(series.values)) > _SMALLEST]
+    end = float(later[0]) if later.size else _end_of(axis)
+    return [Move(start, end, origin, target, False)] if end - start >= PATH_STEP else []
+
+
+def _holds(axis: Axis, moves: Sequence[Move], apart: Sequence[tuple[float, float]]) -> list[Move]:
+    """Return where the reference stands still from the start on, or after a path, a learning run or a fault.
+
+    ``apart``: learning runs and faults, from and to, s, in which nothing is held.
+    """
+    series = axis.reference
+    if series is None or not axis.time.size:
+        return []
+    same = np.abs(np.diff(series.values, prepend=math.nan)) <= _SMALLEST
+    breaks = np.append(series.time[~same], math.inf)
+    steps, found = {move.start for move in moves if not move.path}, []
+    for k in np.flatnonzero(np.isfinite(series.values) & ~same).tolist():
+        time, target = float(series.time[k]), float(series.values[k])
+        start = max(time, float(axis.time[0]))
+        end = min(float(breaks[np.searchsorted(breaks, time, side="right")]), _end_of(axis))
+        edges = sorted({edge for both in apart for edge in both if start < edge < end})
+        for a, b in pairwise([start, *edges, end] if start < end else []):
+            led_to = a == start and time in steps
+            if not led_to and not any(begin <= a < over for begin, over in apart):
+                found.append(Move(a, b, target, target, False))
+    return found
+
+
+def _changes(axis: Axis) -> list[Change]:
+    found = []
+    for (_, _, before), (time, _, after) in pairwise(axis.versions):
+        values = {
+            name: (before.get(name), after.get(name))
+            for name in dict.fromkeys([*after, *before])
+            if before.get(name) != after.get(name)
+        }
+        if values:
+            found.append(Change(time, values))
+    return found
+
+
+def _faults(axis: Axis, told: Sequence[Told]) -> list[FaultSeen]:
+    series = axis.state.get("fault")
+    if series is None:
+        return []
+    result = []
+    for start, end, ended in _runs_of(series):
+        k = int(np.searchsorted(series.time, start))
+        number = int(series.values[k])
+        fault = Fault(number) if number in {f.value for f in Fault} else None
+        name = fault.name if fault else f"fault {number}"
+        text = next((t.text for t in told if fault and fault.name in t.text), "")
+        meaning = FAULTS[fault].meaning if fault in FAULTS else ""
+        result.append(FaultSeen(start, end if ended else math.inf, name, text or meaning))
+    return result
+
+
+def events_of(axis: Axis, told: Sequence[Told]) -> Events:
+    """Return the events of an axis; ``told``: what diagnostics said in the bag."""
+    torques: list[tuple[float, float]] = []
+    if axis.load_torque is not None:
+        torques = [(float(t), float(v)) for t, v in zip(axis.load_torque.time, axis.load_torque.values, strict=True)]
+    moves, runs, faults = [*_first_start(axis), *_moves(axis)], _learning_runs(axis), _faults(axis, told)
+    apart = [*((run.start, run.end) for run in runs), *((fault.start, fault.end) for fault in faults)]
+    return Events(moves, runs, _changes(axis), faults, torques, _holds(axis, moves, apart))
+
+
+def in_use_at(axis: Axis, time: float) -> Mapping[str, Any]:
+    """Return the parameters in use at a time; empty if the bag does not say."""
+    known = [values for at, _, values in axis.versions if at <= time + 1e-6]
+    return known[-1] if known else {}

@@ -1,0 +1,429 @@
+"""A report as one page of HTML: tables of figures, charts to zoom, nothing loaded from elsewhere."""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from backlash_ros.control.tick import MISSING
+from backlash_ros.foundation.markup import pairs, text_of
+from backlash_ros.pages.markup import document, paragraph
+from backlash_ros.pages.report import charts, pictures
+from backlash_ros.pages.report.charts import ChartBook
+from backlash_ros.pages.report.report import AxisReport, Report
+from backlash_ros.pages.report.steps import NEAR, Step
+from backlash_ros.pages.report.timing import SETTLING, TAIL, Timing
+from backlash_ros.recordings.rounding import brief, counted, shown
+from backlash_ros.recordings.subject import PACKAGE, version_of_package
+from backlash_ros.studies.judging import SETTLED
+
+DOUBTFUL = 0.01
+"""Share of samples missing or late above which the page warns."""
+MOST_CHARTS = 60
+"""Largest number of steps, of learning runs and of faults of an axis with a chart of their own, the first ones."""
+_STYLE = """
+h3 { font-size: 1rem; margin: 1.4rem 0 .4rem; break-after: avoid; }
+section > h2 { border-top: 2px solid var(--line); padding-top: 1rem; }
+.wide { overflow-x: auto; }
+.figures { font-variant-numeric: tabular-nums; }
+.figures th, .figures td { padding-right: .6rem; overflow-wrap: normal; }
+.figures tbody th { width: auto; white-space: nowrap; }
+.figures td.remark { color: var(--faint); }
+.late { color: var(--bad); }
+nav ul { padding-left: 1.2rem; }
+a { color: var(--motor); }
+"""
+_NONE = "\u2013"
+
+
+def _number(value: float, digits: int = 3, never: str = "never") -> str:
+    """Return a number; a dash if the recording does not show it."""
+    if math.isnan(value):
+        return _NONE
+    return never if math.isinf(value) else brief(value, digits)
+
+
+def _at(seconds: float) -> str:
+    """Return a time from the start."""
+    return f"{seconds:.3f}".replace("-", "\u2212")
+
+
+def _value(value: Any) -> str:
+    """Return a parameter's value as short as it can be read."""
+    if isinstance(value, float):
+        return f"{value:.5g}"
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_value, value))}]"
+    return "none" if value is None else str(value)
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "figures") -> str:
+    """Return a table of cells that are HTML; the first cell of a row is its heading."""
+    head = "".join(f'<th scope="col">{text_of(name)}</th>' for name in heads)
+    lines = []
+    for first, *rest in rows:
+        cells = "".join(
+            f'<td data-name="{text_of(name)}">{cell}</td>' for name, cell in zip(heads[1:], rest, strict=True)
+        )
+        lines.append(f'<tr><th scope="row">{first}</th>{cells}</tr>')
+    body = "\n".join(lines)
+    return (
+        f'<div class="wide"><table class="{kind}"><thead><tr>{head}</tr></thead><tbody>\n{body}\n</tbody></table></div>'
+    )
+
+
+def _in_b(report: AxisReport, angle: float) -> str:
+    """Return an angle in b, or in mrad if the backlash is unknown."""
+    return _NONE if math.isnan(angle) else f"{angle / report.b if report.b > 0.0 else 1e3 * angle:.3f}"
+
+
+def _cycle(report: AxisReport, step: Step) -> str:
+    if math.isnan(step.residual):
+        return _NONE
+    if math.isnan(step.amplitude):
+        return "none"
+    often = "uneven" if math.isnan(step.frequency) else f"at {brief(step.frequency)}\u00a0Hz"
+    return f"{_in_b(report, step.amplitude)} {often}"
+
+
+def _step_row(report: AxisReport, number: int, step: Step, link: str) -> list[str]:
+    name = f'<a href="#{link}">{number}</a>' if link else str(number)
+    law = f"{step.law} ({step.gain_set})" if step.law else _NONE
+    return [
+        name,
+        _at(step.start),
+        f"{brief(step.origin, 4)} to {brief(step.target, 4)}",
+        text_of(law),
+        _number(step.rise),
+        _number(step.settling),
+        _in_b(report, step.overshoot),
+        _in_b(report, step.residual),
+        _cycle(report, step),
+        _NONE if step.impacts < 0 else str(step.impacts),
+        _number(step.peak_torque),
+        _number(step.peak_speed),
+    ]
+
+
+def _remarks(step: Step) -> list[str]:
+    """Return the notes that are needed to read the figures of a step."""
+    remarks = list(step.remarks)
+    if step.late_rising:
+        late = counted(step.late_rising, "sample")
+        remarks.append(f"{late} late, or answered late, while it rose: this changes its figures")
+    if step.late_rest:
+        quiet = f"{TAIL + SETTLING:g} s without a late sample"
+        remarks.append(f"never {quiet} at its end: its residual may be too large")
+    if step.ended_by:
+        remarks.append(f"judged until {step.ended_by}, {step.end - step.start:.2f} s after the start")
+    return remarks
+
+
+def _step_words(report: AxisReport, step: Step) -> str:
+    """Return the figures of a step in a sentence, for its chart."""
+    unit = "b" if report.b > 0.0 else "mrad"
+    said = [
+        f"{brief(step.origin, 4)} to {brief(step.target, 4)} rad at {step.start:.3f} s",
+        f"rise {_number(step.rise)} s" if math.isfinite(step.rise) else "90 % was not reached",
+        f"settled after {_number(step.settling)} s" if math.isfinite(step.settling) else "not settled",
+        f"overshoot {_in_b(report, step.overshoot)} {unit}",
+        f"residual {_in_b(report, step.residual)} {unit}",
+    ]
+    cycle = _cycle(report, step)
+    said += [f"limit cycle {cycle}"] if cycle not in {"none", _NONE} else []
+    law = [f"law {step.law}, gain set {step.gain_set}"] if step.law else []
+    return f"{'; '.join([*law, *said])}. Shaded: within {_in_b(report, step.band)} {unit} of the target."
+
+
+def _steps(report: AxisReport, book: ChartBook) -> list[str]:
+    unit = "b" if report.b > 0.0 else "mrad"
+    if not report.steps:
+        moves = "the reference was not known" if report.axis.reference is None else "the reference made no step"
+        return ["<h3>Steps</h3>", paragraph(f"None: {moves}, or there were no samples of the load.")]
+    drawn = [
+        book.add(pictures.step_chart(report, k, _step_words(report, step))) if k <= MOST_CHARTS else ""
+        for k, step in enumerate(report.steps, 1)
+    ]
+    heads: tuple[str, ...] = ("step", "at, s", "from, to, rad", "law (gain set)", "rise, s", "settled, s")
+    heads += (f"overshoot, {unit}", f"residual, {unit}", f"limit cycle, {unit}", "impacts", "peak torque, N m")
+    heads += ("peak speed, rad/s",)
+    rows = [
+        _step_row(report, k, step, charts.identity_of(place))
+        for k, (step, place) in enumerate(zip(report.steps, drawn, strict=True), 1)
+    ]
+    remarks = [f"Step {k}: {'; '.join(found)}." for k, step in enumerate(report.steps, 1) if (found := _remarks(step))]
+    band = f"{SETTLED:g} b" if report.b > 0.0 else f"{100 * NEAR:g} % of the step"
+    about = (
+        f"Rise from 10 to 90 %; settled within {band} of the target for good; residual and limit cycle peak to peak in "
+        "the last second; impacts: how often the teeth met after the load first came within b of the target; torque "
+        f"of the motor before the gear, speed of the load. {_NONE}: the recording does not tell."
+    )
+    parts = ["<h3>Steps</h3>", _table(heads, rows), paragraph(about, "under")]
+    if remarks:
+        parts.append(f"<ul>{''.join(f'<li>{text_of(remark)}</li>' for remark in remarks)}</ul>")
+    parts += [place for place in drawn if place]
+    if len(drawn) > MOST_CHARTS:
+        parts.append(paragraph(f"The first {MOST_CHARTS} of {len(drawn)} steps have a chart; all are in the table."))
+    if paths := sum(move.path for move in report.events.moves):
+        parts.append(
+            paragraph(f"In addition, the reference followed {counted(paths, 'path')}; no figure judges a path.")
+        )
+    return parts
+
+
+def _holds(report: AxisReport) -> list[str]:
+    """Return the rests that no step led to."""
+    if not report.holds:
+        return []
+    unit = "b" if report.b > 0.0 else "mrad"
+    heads = ("hold", "from, s", "until, s", "reference, rad", f"residual, {unit}", f"limit cycle, {unit}", "")
+    rows = [
+        [
+            str(k),
+            _at(hold.start),
+            _at(hold.end),
+            brief(hold.target, 4),
+            _in_b(report, hold.residual),
+            _cycle(report, hold),
+            text_of("; ".join(_remarks(hold))),
+        ]
+        for k, hold in enumerate(report.holds, 1)
+    ]
+    about = "Where the reference stood still after no step: from the start on, after a path, a learning run or a fault."
+    return ["<h3>Holds</h3>", _table(heads, rows), paragraph(about, "under")]
+
+
+def _learning(report: AxisReport, book: ChartBook) -> list[str]:
+    if not report.events.runs:
+        return []
+    rows, drawn = [], []
+    for k, run in enumerate(report.events.runs, 1):
+        place = book.add(pictures.run_chart(report, k, run)) if k <= MOST_CHARTS and report.timing else ""
+        drawn.append(place)
+        name = f'<a href="#{charts.identity_of(place)}">{k}</a>' if place else str(k)
+        learned = "nothing" if math.isnan(run.learned) else f"b = {run.learned:.5g} rad"
+        ended = "" if run.ended else " (still under way at the end)"
+        rows.append([name, _at(run.start), f"{run.end - run.start:.2f}", text_of(learned + ended)])
+    return ["<h3>Learning runs</h3>", _table(("run", "at, s", "length, s", "learned"), rows), *drawn]
+
+
+def _changes(report: AxisReport) -> list[str]:
+    if not report.events.changes:
+        return []
+    rows = []
+    for change in report.events.changes:
+        step = next((k for k, s in enumerate(report.steps, 1) if s.start < change.time < s.end), 0)
+        said = "; ".join(f"{name}: {_value(old)} to {_value(new)}" for name, (old, new) in change.values.items())
+        rows.append([_at(change.time), text_of(said), f"during step {step}" if step else ""])
+    return ["<h3>Changes of gains, laws and other parameters</h3>", _table(("in use from, s", "changed", ""), rows)]
+
+
+def _faults(report: AxisReport, book: ChartBook) -> list[str]:
+    if not report.events.faults:
+        return [] if "fault" not in report.axis.state else ["<h3>Faults</h3>", paragraph("None was latched.")]
+    rows = [
+        [
+            text_of(fault.name),
+            _at(fault.start),
+            _at(fault.end) if math.isfinite(fault.end) else "still latched at the end",
+            text_of(fault.text),
+        ]
+        for fault in report.events.faults
+    ]
+    drawn = [book.add(pictures.fault_chart(report, f)) for f in report.events.faults[:MOST_CHARTS] if report.timing]
+    return ["<h3>Faults</h3>", _table(("fault", "from, s", "until, s", ""), rows), *drawn]
+
+
+def _ms(*seconds: float) -> str:
+    return ", ".join(_number(1e3 * value) for value in seconds)
+
+
+def _timing(report: AxisReport, timing: Timing, book: ChartBook) -> list[str]:
+    rows = [
+        ("samples", f"{timing.samples} in {timing.length:.2f} s"),
+        ("rate", f"{brief(timing.rate, 4)} Hz (period {brief(1e3 * timing.period, 4)} ms)"),
+        ("jitter: standard deviation", f"{_ms(timing.jitter)} ms"),
+        ("jitter: 99 % are within", f"{_ms(timing.jitter_99)} ms"),
+        ("longest time between two samples", f"{_ms(timing.longest)} ms"),
+        (
+            "missing samples: expected at this rate, not in the bag",
+            f"{timing.lost} of {timing.samples + timing.lost}; {timing.holes} holes of more than {MISSING:g} periods"
+            if timing.lost
+            else "none",
+        ),
+    ]
+    if timing.repeated:
+        rows.append(("samples left out: their stamps do not rise", str(timing.repeated)))
+    if math.isfinite(timing.age):
+        rows.append(
+            ("age when recorded: mean, 99 % below, most", f"{_ms(timing.age, timing.age_99, timing.age_most)} ms")
+        )
+    else:
+        rows.append(("age when recorded", "not known: stamps and recorder have different clocks"))
+    if timing.answers:
+        rows.append(("commands", str(timing.answers)))
+        rows.append(
+            ("samples without an answer within their period, or followed by a late one", str(timing.unanswered))
+        )
+    if math.isfinite(timing.answered):
+        rows.append(
+            (
+                "from sample to its command, as recorded: median, 99 % below",
+                f"{_ms(timing.answered, timing.answered_99)} ms",
+            )
+        )
+    return ["<h3>Timing</h3>", pairs(rows), book.add(pictures.timing_chart(report))]
+
+
+def _about(report: AxisReport) -> str:
+    """Return a description of an axis, with the backlash that is the unit of its figures."""
+    axis, gap = report.axis, report.gap
+    rows = [
+        ("joint states", axis.joint_topic or "not in this recording"),
+        (
+            "joints of motor and load",
+            ", ".join(name or "not in this recording" for name in (axis.motor_joint, axis.load_joint)),
+        ),
+        ("reference", axis.reference_source or "not in this recording"),
+        ("command", axis.command_topic or "not in this recording"),
+        ("motor and gear", axis.drive_source or "not known"),
+    ]
+    if axis.clock:
+        rows.append(("clock", axis.clock))
+    used = f"{report.b:.5g} rad, from {report.b_source}" if report.b > 0.0 else "not known: figures are in mrad"
+    found = (
+        f"{shown(gap.angle, gap.uncertainty, 'rad')}, by a fit to {gap.part}"
+        if gap.told
+        else f"cannot be told: {gap.why}"
+    )
+    rows += [("backlash b that figures are in", used), ("backlash estimated from this recording", found)]
+    return pairs(rows + [("note", note) for note in axis.notes])
+
+
+def _summary(report: AxisReport) -> list[str]:
+    """Return in a line how the steps went, and in another what makes the recording doubtful."""
+    steps, timing, lines = report.steps, report.timing, []
+    if steps:
+        settled = sum(math.isfinite(step.settling) for step in steps)
+        swinging = sum(math.isfinite(step.amplitude) for step in steps)
+        neither = sum(not math.isfinite(step.settling) and not math.isfinite(step.amplitude) for step in steps)
+        said = f"{counted(len(steps), 'step')}: {settled} settled, {swinging} ended in a limit cycle"
+        said += f", {neither} did neither" if neither else ""
+        lines.append((settled == len(steps) and not swinging, said))
+    for hold in report.holds:
+        if math.isfinite(hold.amplitude):
+            unit = "b" if report.b > 0.0 else "mrad"
+            said = f"limit cycle while the reference stood still at {brief(hold.target, 4)} rad: "
+            lines.append((False, f"{said}{_cycle(report, hold)}, peak to peak in {unit}"))
+    if report.events.faults:
+        names = ", ".join(dict.fromkeys(fault.name for fault in report.events.faults))
+        lines.append((False, f"{counted(len(report.events.faults), 'fault')}: {names}"))
+    if timing and timing.lost + timing.unanswered > DOUBTFUL * timing.samples:
+        lines.append(
+            (
+                False,
+                f"of {timing.samples + timing.lost} samples {timing.lost} are missing and {timing.unanswered} were not "
+                "answered within their period: what the load does here may be due to the machine's timing",
+            )
+        )
+    return [paragraph(f"{said}.", "verdict" if good else "verdict bad") for good, said in lines]
+
+
+def _axis(report: AxisReport, number: int, book: ChartBook) -> list[str]:
+    axis = report.axis
+    name = "Axis" if axis.name == "/" else f"Axis {axis.name}"
+    parts = [f'<section id="axis-{number}">', f"<h2>{text_of(name)}</h2>", *_summary(report), _about(report)]
+    if report.timing:
+        parts.append(book.add(pictures.overview(report)))
+    parts += [
+        *_steps(report, book),
+        *_holds(report),
+        *_learning(report, book),
+        *_changes(report),
+        *_faults(report, book),
+    ]
+    parts += _timing(report, report.timing, book) if report.timing else []
+    if axis.missing:
+        parts += [
+            "<h3>Not in this recording</h3>",
+            f"<ul>{''.join(f'<li>{text_of(m)}.</li>' for m in axis.missing)}</ul>",
+        ]
+    return [*parts, "</section>"]
+
+
+def _index(report: Report) -> list[str]:
+    """Return a table of the axes with links to them, if there are several."""
+    if len(report.axes) < 2:
+        return []
+    rows = []
+    for k, found in enumerate(report.axes, 1):
+        timing, gap = found.timing, found.gap
+        rows.append(
+            [
+                f'<a href="#axis-{k}">{text_of(found.axis.name)}</a>',
+                str(len(found.steps)),
+                f"{found.b:.5g}" if found.b > 0.0 else _NONE,
+                text_of(shown(gap.angle, gap.uncertainty, "")) if gap.told else _NONE,
+                brief(timing.rate, 4) if timing else _NONE,
+                str(timing.lost) if timing else _NONE,
+                text_of(", ".join(dict.fromkeys(fault.name for fault in found.events.faults)) or "none"),
+            ]
+        )
+    heads = ("axis", "steps", "b in use, rad", "b estimated, rad", "rate, Hz", "samples lost", "faults")
+    return ["<nav>", "<h2>Axes</h2>", _table(heads, rows), "</nav>"]
+
+
+def _diagnostics(report: Report) -> list[str]:
+    if not report.warnings:
+        return []
+    rows = [
+        [
+            text_of(warned.name),
+            "error" if warned.level > 1 else "warning",
+            text_of(warned.text),
+            str(warned.times),
+            _at(warned.first),
+            _at(warned.last),
+        ]
+        for warned in report.warnings
+    ]
+    clock = ", recorder's clock" if any(axis.axis.clock for axis in report.axes) else ""
+    heads = ("status", "level", "text, as first said", "times", f"first, s{clock}", f"last, s{clock}")
+    return ["<h2>Warnings and errors of diagnostics</h2>", _table(heads, rows)]
+
+
+def page_of(report: Report) -> str:
+    """Return the page.
+
+    Raises
+    ------
+    NoLibraryError
+        If the library of the charts is not installed.
+    """
+    book, contents = ChartBook(), report.contents
+    began = f"{report.began:%Y-%m-%d %H:%M:%S} UTC" if report.began else "a clock that shows no date"
+    messages = sum(count for _, count in contents.topics.values())
+    title = f"Recording {report.source}"
+    parts = [
+        f"<h1>{text_of(title)}</h1>",
+        paragraph(
+            f"Begun {began}, {report.length:.2f} s long, {counted(messages, 'message')}. Times count from the start.",
+            "under",
+        ),
+        *(paragraph(f"The bag is not whole: {what}.", "verdict bad") for what in contents.damage),
+    ]
+    if not messages:
+        parts.append(paragraph("There is no message in this bag.", "verdict bad"))
+    parts += _index(report)
+    for k, axis in enumerate(report.axes, 1):
+        parts += _axis(axis, k, book)
+    parts += _diagnostics(report)
+    topics = [(name, f"{count} of {kind}") for name, (kind, count) in sorted(contents.topics.items())]
+    parts += [
+        "<h2>Topics</h2>",
+        pairs(topics) if topics else paragraph("None."),
+        "<h2>Make it again</h2>",
+        paragraph(f"{PACKAGE} {version_of_package()}"),
+        f"<pre>{text_of(report.command)}</pre>",
+        book.scripts(),
+    ]
+    return document(title, "\n".join(parts), _STYLE + charts.STYLE)

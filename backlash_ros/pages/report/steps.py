@@ -1,0 +1,266 @@
+"""Figures of a step: speed, overshoot, rest, effort. Pure computation."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backlash_ros.foundation.record import Array
+from backlash_ros.pages.report.events import Events, Move, in_use_at
+from backlash_ros.pages.report.timing import SETTLING, TAIL, last_quiet, late_answers
+from backlash_ros.recordings.axes.axis import Axis
+from backlash_ros.studies.judging import QUIET, SETTLED
+from backlash_ros.studies.metrics import count_impacts, rise_time, settling_time
+
+Mask = NDArray[np.bool_]
+
+NEAR = 0.02
+"""Band of a settled step if the backlash is unknown, as a share of the step."""
+_LEAST_CYCLE = 1e-3
+"""Smallest limit cycle if the backlash is unknown, as a share of the step."""
+_FEWEST_CYCLES, _EVEN, _MOST = 3, 0.25, 0.75
+"""Least number of periods of a limit cycle; largest relative deviation of a period from their median; and least share
+of periods within that, since a late answer makes one longer."""
+_CYCLE_TIME = 5.0
+"""Longest part at the end of a step from which the frequency is taken, s."""
+_LEAST_SWING = 1e-3
+"""Smallest limit cycle of a hold if the backlash is unknown, rad."""
+_HOLD_TIME = 20.0
+"""Longest part at the end of a hold from which its limit cycle is taken, s."""
+_HOLE = 0.5
+"""Time without a sample that ends a step, s."""
+_SHORTEST = 5
+"""Least number of samples of a step that is judged."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step response; angles in rad at the output, times in s, nan if the recording does not show them.
+
+    Attributes
+    ----------
+    start, end, origin, target : of the reference, and of its rest
+    ended_by : what ended the rest, in words; empty for the next change of the reference or the end of the bag
+    law, gain_set : in use at the start, empty if unknown
+    rise : 10 to 90 %
+    settling : after which it stays within ``band`` of the target, for at least the last second; inf if never
+    overshoot : beyond the target, at least 0
+    residual, error : peak to peak, and of the mean, in the last second
+    amplitude, frequency : of the limit cycle in the rest, peak to peak and in Hz; nan where there is none; the
+        frequency alone is nan where the load swings unevenly
+    impacts : of the teeth, after the load first came within the backlash of the target; -1 if unknown
+    peak_torque, peak_speed : largest of the motor, N m before the gear, and of the load, rad/s, as recorded
+    late_rising, late_rest : whether samples or answers were late during the rise, and all through the rest
+    remarks : further notes that are needed to read the figures
+    """
+
+    start: float
+    end: float
+    origin: float
+    target: float
+    ended_by: str = ""
+    law: str = ""
+    gain_set: str = ""
+    band: float = math.nan
+    rise: float = math.nan
+    settling: float = math.nan
+    overshoot: float = math.nan
+    residual: float = math.nan
+    error: float = math.nan
+    amplitude: float = math.nan
+    frequency: float = math.nan
+    impacts: int = -1
+    peak_torque: float = math.nan
+    peak_speed: float = math.nan
+    late_rising: int = 0
+    late_rest: bool = False
+    remarks: tuple[str, ...] = field(default=())
+
+
+def limit_cycle(time: Array, position: Array, least: float) -> tuple[float, float]:
+    """Return swing, peak to peak, and frequency (Hz) of an oscillation above ``least``; nan if there is none.
+
+    Counted between upward passages of the middle, each after the signal was a quarter of its swing below it. An uneven
+    oscillation has no frequency: nan.
+    """
+    low, high = float(np.min(position)), float(np.max(position))
+    swing, middle = high - low, 0.5 * (high + low)
+    if not swing > least:
+        return math.nan, math.nan
+    passages, armed = [], False
+    for k in range(1, position.size):
+        armed = armed or position[k - 1] < middle - 0.25 * swing
+        if armed and position[k - 1] < middle <= position[k]:
+            share = (middle - position[k - 1]) / (position[k] - position[k - 1])
+            passages.append(float(time[k - 1] + share * (time[k] - time[k - 1])))
+            armed = False
+    periods = np.diff(passages)
+    even = periods[np.abs(periods - np.median(periods)) <= _EVEN * np.median(periods)] if periods.size else periods
+    if periods.size < _FEWEST_CYCLES:
+        return math.nan, math.nan
+    if even.size < max(_FEWEST_CYCLES, _MOST * periods.size):
+        return swing, math.nan
+    return swing, float(1.0 / np.mean(even))
+
+
+def gap_centre(twist: Array, b: float) -> float:
+    """Return the middle between both flanks, rad at the output; nan if the teeth were not seen on both."""
+    known = twist[np.isfinite(twist)]
+    if not known.size or not b > 0.0:
+        return math.nan
+    low, high = float(np.min(known)), float(np.max(known))
+    return 0.5 * (low + high) if high - low >= 0.8 * b else math.nan
+
+
+def _end_of_rest(time: Array, move: Move, events: Events, arrived: float) -> tuple[float, str]:
+    """Return when the rest after a move ended, and by what, in words; ``time``: of its samples."""
+    found = events.in_the_way(move.start, move.end)
+    holes = np.flatnonzero(np.diff(time) > _HOLE)[:1].tolist()
+    found += [(float(time[k]), f"samples missing for {time[k + 1] - time[k]:.2f} s") for k in holes]
+    found += [
+        (change.time, f"a change of {change.names}")
+        for change in events.changes
+        if change.moves and arrived < change.time < move.end
+    ]
+    return min(found, default=(move.end, ""))
+
+
+def judge(axis: Axis, events: Events, move: Move, b: float, centre: float) -> Step:
+    """Return the figures of one step.
+
+    Parameters
+    ----------
+    b : backlash at the output, rad; 0 if unknown
+    centre : of the gap, see `gap_centre`
+    """
+    height, told = abs(move.target - move.origin), in_use_at(axis, move.start)
+    near = b if b > 0.0 else 0.1 * height
+    first = max(int(np.searchsorted(axis.time, move.start)) - 1, 0)  # where the load was before
+    inside = (axis.time >= axis.time[first]) & (axis.time < move.end)
+    within = np.flatnonzero(inside & (np.abs(axis.position - move.target) < near))
+    end, why = _end_of_rest(axis.time[inside], move, events, float(axis.time[within[0]]) if within.size else math.inf)
+    step = Step(
+        move.start,
+        end,
+        move.origin,
+        move.target,
+        why,
+        str(told.get("law", "")),
+        str(told.get("gain_set", "")),
+        SETTLED * b if b > 0.0 else NEAR * height,
+    )
+    chosen = inside & (axis.time < end) & np.isfinite(axis.position)
+    time, position = axis.time[chosen] - move.start, axis.position[chosen]
+    if time.size < _SHORTEST:
+        return _with(step, remarks=("too few samples to judge it",))
+    return _judged(axis, events, step, chosen, time, position, b, centre)
+
+
+def _with(step: Step, **values: object) -> Step:
+    return Step(**{**step.__dict__, **values})
+
+
+def _peak(values: Array) -> float:
+    """Return the largest magnitude of values, nan without values."""
+    known = np.abs(values[np.isfinite(values)])
+    return float(np.max(known)) if known.size else math.nan
+
+
+def _judged(
+    axis: Axis, events: Events, step: Step, chosen: Mask, time: Array, position: Array, b: float, centre: float
+) -> Step:
+    direction = math.copysign(1.0, step.target - step.origin)
+    rise = rise_time(time, position, float(position[0]), step.target)
+    answers = axis.command.between(step.start, step.end).time - step.start if axis.command is not None else time
+    samples, middle = time[time >= 0.0], 0.5 * float(time[-1])
+    late = late_answers(samples, answers)
+    rising = float(time[-1]) if math.isnan(rise) else float(time[np.argmin(np.abs(position - step.target) > step.band)])
+    quiet = last_quiet(samples, answers, middle)
+    length = min(TAIL, middle)
+    rest_end = quiet if quiet is not None else float(time[-1])
+    tail = (time >= rest_end - length) & (time <= rest_end)
+    arrived = np.flatnonzero(np.abs(position - step.target) < (b if b > 0.0 else step.band))
+    remarks = [
+        f"{change.names} changed {change.time - step.start:.3f} s after the start"
+        for change in events.changes
+        if change.moves and step.start < change.time < step.end
+    ]
+    if float(time[-1]) < TAIL + SETTLING:
+        remarks.append(f"held for {float(time[-1]):.2f} s only: figures of its rest are of the last {length:.2f} s")
+    amplitude = frequency = math.nan
+    if arrived.size:
+        cycling = (time >= max(float(time[arrived[0]]), rest_end - _CYCLE_TIME, 0.5 * rest_end)) & (time <= rest_end)
+        least = QUIET * b if b > 0.0 else _LEAST_CYCLE * abs(step.target - step.origin)
+        if np.sum(cycling) >= _SHORTEST and float(np.ptp(position[tail])) > least:
+            swing, frequency = limit_cycle(time[cycling], position[cycling], least)
+            amplitude = math.nan if math.isnan(swing) else float(np.ptp(position[tail]))
+    impacts = -1
+    if b > 0.0 and math.isfinite(centre):
+        twist = axis.twist[chosen][arrived[0] if arrived.size else time.size :]
+        impacts = count_impacts(twist[np.isfinite(twist)] - centre, b)
+    settled = max(0.0, settling_time(time, position, step.target, step.band))
+    return _with(
+        step,
+        rise=rise,
+        settling=settled if settled <= float(time[-1]) - length else math.inf,
+        overshoot=max(0.0, float(np.max(direction * (position - step.target)))),
+        residual=float(np.ptp(position[tail])),
+        error=float(np.mean(position[tail])) - step.target,
+        amplitude=amplitude,
+        frequency=frequency,
+        impacts=impacts,
+        peak_torque=_peak(axis.torque[chosen]),
+        peak_speed=_peak(axis.load_speed[chosen]),
+        late_rising=int(np.sum(late <= rising)),
+        late_rest=quiet is None and bool(np.any(late > middle)),
+        remarks=tuple(remarks),
+    )
+
+
+def holds_of(axis: Axis, events: Events, b: float) -> Sequence[Step]:
+    """Return the figures of the rests that no step led to, as those of steps of no height; short ones are left out."""
+    if not np.any(np.isfinite(axis.position)):
+        return []
+    return [held for hold in events.holds if (held := _judge_hold(axis, events, hold, b)) is not None]
+
+
+def _judge_hold(axis: Axis, events: Events, hold: Move, b: float) -> Step | None:
+    told = in_use_at(axis, hold.start)
+    inside = (axis.time >= hold.start) & (axis.time < hold.end)
+    end, why = _end_of_rest(axis.time[inside], hold, events, hold.start)
+    chosen = inside & (axis.time < end) & np.isfinite(axis.position)
+    time, position = axis.time[chosen] - hold.start, axis.position[chosen]
+    if time.size < _SHORTEST or time[-1] - time[0] < TAIL + SETTLING:
+        return None
+    answers = axis.command.between(hold.start, end).time - hold.start if axis.command is not None else time
+    middle = 0.5 * float(time[0] + time[-1])
+    quiet = last_quiet(time, answers, middle)
+    rest_end = quiet if quiet is not None else float(time[-1])
+    tail = (time >= rest_end - TAIL) & (time <= rest_end)
+    cycling = (time >= max(rest_end - _HOLD_TIME, middle)) & (time <= rest_end)
+    least = QUIET * b if b > 0.0 else _LEAST_SWING
+    amplitude, frequency = limit_cycle(time[cycling], position[cycling], least)
+    return Step(
+        hold.start,
+        end,
+        hold.origin,
+        hold.target,
+        why,
+        str(told.get("law", "")),
+        str(told.get("gain_set", "")),
+        residual=float(np.ptp(position[tail])),
+        error=float(np.mean(position[tail])) - hold.target,
+        amplitude=amplitude,
+        frequency=frequency,
+        late_rest=quiet is None and bool(np.any(late_answers(time, answers) > middle)),
+    )
+
+
+def steps_of(axis: Axis, events: Events, b: float) -> Sequence[Step]:
+    """Return the figures of all steps of an axis that has samples."""
+    if not axis.time.size or not np.any(np.isfinite(axis.position)):
+        return []
+    centre = gap_centre(axis.twist, b)
+    return [judge(axis, events, move, b, centre) for move in events.moves if not move.path]

@@ -1,0 +1,1 @@
+"""What is computed offline about loops and drives: figures of merit, populations, designs, the paper, replays."""
