@@ -15,7 +15,7 @@ import numpy as np
 import rows
 
 from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, Servo, ServoSettings, design_gains
-from backlash_ros.control.laws.two_encoder.layout import PHASES
+from backlash_ros.control.laws.two_encoder.memory import PHASES
 from backlash_ros.control.tick import TICK_SIGNATURE
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.foundation.compiled import compiled_as

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from backlash_ros.control.law import FAST_REGION, OVERDAMPED_REGION
-from backlash_ros.control.laws.two_encoder.layout import PHASES
+from backlash_ros.control.laws.two_encoder.memory import PHASES
 from backlash_ros.control.monitoring.wear import WearWatch
 from backlash_ros.control.servo import Servo
 from backlash_ros.control.tick import HIGH, LOW

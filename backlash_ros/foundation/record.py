@@ -86,6 +86,14 @@ def size_of(kind: type[Record]) -> int:
     return _layout(kind).itemsize // 8
 
 
+def cell_of(kind: type[Record], name: str) -> int:
+    """Return the index of a field's first cell in a row."""
+    fields = _layout(kind).fields
+    if fields is None or name not in fields:
+        raise TypeError(f"{kind.__name__} has no field {name}")
+    return fields[name][1] // 8
+
+
 def _fill(record: Any, kind: type[Record]) -> None:
     for name, value in _fields(kind).items():
         if not isinstance(value, _Part):

@@ -13,7 +13,7 @@ from graph import Parameters, Peer
 
 from backlash_ros.control import DEFAULT_WEIGHTS, FaultThresholds, design_gains
 from backlash_ros.control.estimates import DriveIdentity, parse
-from backlash_ros.control.laws.two_encoder.layout import PHASES
+from backlash_ros.control.laws.two_encoder.memory import PHASES
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.parameters import FOUND, drive_of
 from backlash_ros.studies.evaluation.population import draw_member

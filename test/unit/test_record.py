@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from backlash_ros.foundation.compiled import compiled
-from backlash_ros.foundation.record import Array, Record, cells, part, parts, row_of, size_of, view_of
+from backlash_ros.foundation.record import Array, Record, cell_of, cells, part, parts, row_of, size_of, view_of
 
 
 class Side(Record):
@@ -77,6 +77,14 @@ def test_a_view_of_python_reads_and_writes_the_row() -> None:
     memory.load.readings, memory.plan[2].at, memory.commands[0, 1] = 3.0, 4.0, 5.0
     assert (row[3], row[13], row[5], row[15]) == (3.0, 4.0, 5.0, 99.0)
     assert memory.time == -1.0
+
+
+def test_a_field_is_where_its_cell_is() -> None:
+    row = np.arange(float(size_of(Memory)))
+    assert [cell_of(Memory, name) for name in ("motor", "load", "commands", "plan", "time")] == [0, 2, 4, 8, 14]
+    assert memory_at(row).time == row[cell_of(Memory, "time")]
+    with pytest.raises(TypeError, match="Memory has no field tme"):
+        cell_of(Memory, "tme")
 
 
 def test_a_row_needs_its_values_and_takes_no_others() -> None:

@@ -1,0 +1,33 @@
+"""Where the motor is in the gap, and where teeth at rest carry a torque."""
+
+from backlash_ros.control.laws.two_encoder.constants import TABLE_SIZE, Constants
+from backlash_ros.control.laws.two_encoder.memory import Memory
+from backlash_ros.foundation.compiled import compiled
+
+_APART = 0.36
+"""Share of the gap, to either side of its middle, in which the teeth are apart with any contact law."""
+
+
+@compiled
+def contact_distance(constants: Constants, torque: float) -> float:
+    """Return abs(g) at which teeth at rest carry a torque (N m) of either sign, rad; at least the table's first."""
+    size, torques, distances = abs(torque), constants.teeth_torques, constants.teeth_distances
+    if size <= torques[0]:
+        return float(distances[0])
+    for k in range(TABLE_SIZE - 1):
+        if size <= torques[k + 1]:
+            share = (size - torques[k]) / (torques[k + 1] - torques[k])
+            return float(distances[k] + share * (distances[k + 1] - distances[k]))
+    return float(distances[TABLE_SIZE - 1])
+
+
+@compiled
+def gap_position(memory: Memory) -> float:
+    """Return g, where the motor is in the gap, rad."""
+    return memory.motor.estimated.angle - memory.load.angle - memory.middle
+
+
+@compiled
+def teeth_are_apart(constants: Constants, memory: Memory) -> bool:
+    """Return whether no flank touches the load."""
+    return abs(gap_position(memory)) < _APART * constants.gap
