@@ -25,7 +25,8 @@ from typing import Any
 import numpy as np
 
 from backlash_ros.control import Servo
-from backlash_ros.control.laws.two_encoder.layout import CROSSING
+from backlash_ros.control.laws.two_encoder.constants import constants_at
+from backlash_ros.control.laws.two_encoder.memory import memory_at
 from backlash_ros.control.laws.two_encoder.plan import length_of
 from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import OMEGA_L, THETA_L
@@ -87,9 +88,10 @@ class Played:
 
     def stops_within(self, speed: float) -> float:
         """Return the way on which the load can stop from a speed, rad."""
-        drive, law = self.member.drive, self.servo.law_arrays[0]
+        drive, constants = self.member.drive, constants_at(self.servo.law_arrays[0])
         braking = 0.5 * drive.standstill_torque() / drive.effective_inertia
-        return float(speed * (law[CROSSING] + self.member.delay.mean + self.period) + 0.5 * speed**2 / braking)
+        acts = constants.crossing_time + self.member.delay.mean + self.period
+        return float(speed * acts + 0.5 * speed**2 / braking)
 
 
 def fly(seed: int, flights: int, inertia: float, number: int) -> list[dict[str, Any]]:
@@ -104,7 +106,7 @@ def fly(seed: int, flights: int, inertia: float, number: int) -> list[dict[str, 
         played.send(played.reference + random.choice([-1.0, 1.0]) * random.uniform(NEAREST, FARTHEST))
         played.run(played.period)  # plans the flight
         share = random.uniform()
-        at = float(played.run(share * length_of(played.servo.law_arrays[1]))[-1])
+        at = float(played.run(share * length_of(memory_at(played.servo.law_arrays[1]).plan))[-1])
         speed, way = float(played.plant.state[OMEGA_L]), 0.0
         while 0.0 <= way * math.copysign(1.0, speed) <= played.stops_within(abs(speed)):
             way = random.uniform(-FARTHEST, FARTHEST)

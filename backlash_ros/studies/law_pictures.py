@@ -15,19 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from backlash_ros.control import Servo, ServoSettings
-from backlash_ros.control.laws.two_encoder.layout import (
-    ACTING,
-    CARRIED,
-    COLUMNS,
-    FLANK,
-    FLIGHT,
-    HELD,
-    PARKED,
-    PHASE,
-    PLAN,
-    PULL,
-    SEGMENTS,
-)
+from backlash_ros.control.laws.two_encoder.memory import FLIGHT, Memory, memory_at
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.foundation.record import Array
@@ -58,7 +46,7 @@ Span = tuple[float, float, str]
 
 @dataclass(frozen=True)
 class Trace:
-    """What moved, sample by sample, shape (N,), and the law's state, shape (N, MEMORY).
+    """What moved, sample by sample, shape (N,), and the law's memory at each.
 
     ``motor`` and ``load``: p and theta_l, rad; ``teeth`` and ``load_torque``: N m at the output.
     """
@@ -68,14 +56,14 @@ class Trace:
     load: Array
     teeth: Array
     load_torque: Array
-    state: Array
+    memories: Sequence[Memory]
 
 
 def trace() -> Trace:
     """Simulate the nominal drive, as identified: a step, and a load torque once the load is at rest."""
     settings = ServoSettings(gains(), period=PERIOD, backlash_angle=_B, identified=True).with_law("two_encoder")
     servo, drive = Servo(NOMINAL_DRIVE, settings), SimulatedDrive(NOMINAL_DRIVE, PERIOD, sensors=_ENCODERS)
-    rows, states = [], []
+    rows, memories = [], []
     for k in range(round(_ENDS / PERIOD)):
         torque = _TORQUE if k >= round(_SETTLED / PERIOD) else 0.0
         if k == round(_MOVES / PERIOD):
@@ -83,10 +71,10 @@ def trace() -> Trace:
         command = servo.update(drive.sample())
         motor, load = NOMINAL_DRIVE.gear.ratio * drive.state[THETA_M], drive.state[THETA_L]
         rows.append((k * PERIOD, motor, load, drive.gear_torque, torque))
-        states.append(servo.law_arrays[1].copy())
+        memories.append(memory_at(servo.law_arrays[1].copy()))
         drive.advance(command, torque)
     time, motor, load, teeth, load_torque = np.ascontiguousarray(np.array(rows).T)
-    return Trace(time, motor, load, teeth, load_torque, np.array(states))
+    return Trace(time, motor, load, teeth, load_torque, memories)
 
 
 def _panels(ratios: Sequence[float], title: str, *, lines: int = 1) -> tuple[Figure, list[Axes]]:
@@ -121,29 +109,30 @@ def _near(axes: Axes, time: Array, done: Trace) -> None:
     axes.legend(loc="lower right", fontsize="small")
 
 
-def _named(row: Array, teeth: float, *, flanks: bool) -> str:
-    """Return what the law does in a state, in the page's words; ``teeth``: their torque, N m.
+def _named(memory: Memory, teeth: float, *, flanks: bool) -> str:
+    """Return what the law does, in the page's words; ``teeth``: their torque, N m.
 
     ``flanks``: with the flank that leads a free load, and whether the motor is still on its way to it.
     """
-    if row[PHASE] == FLIGHT:
+    flank, parked = memory.flank, memory.hold.parking_time >= 0.0
+    if memory.phase == FLIGHT:
         return "flight"
-    if row[HELD] != 0.0:
-        return "held: parked" if row[PARKED] >= 0.0 else "held: led in"
-    if row[PARKED] >= 0.0:
+    if memory.held != 0.0:
+        return "held: parked" if parked else "held: led in"
+    if parked:
         return "parked"
     if not flanks:
         return "free: led in"
-    if row[FLANK] == 0.0:
+    if flank == 0.0:
         return "wait"
-    leads = "pushes" if row[FLANK] > 0.0 else "slows"
-    return f"flank {row[FLANK]:g}\n{leads}" if teeth * row[FLANK] > _TOUCHED else f"motor to\nflank {row[FLANK]:g}"
+    leads = "pushes" if flank > 0.0 else "slows"
+    return f"flank {flank:g}\n{leads}" if teeth * flank > _TOUCHED else f"motor to\nflank {flank:g}"
 
 
 def _spans(done: Trace, start: float, end: float, zero: float, *, flanks: bool) -> list[Span]:
     """Return what the law does from ``start`` to ``end``, s; the times in the result count from ``zero``."""
     shown = np.flatnonzero((done.time >= start) & (done.time <= end))
-    groups = groupby(shown.tolist(), lambda k: _named(done.state[k], float(done.teeth[k]), flanks=flanks))
+    groups = groupby(shown.tolist(), lambda k: _named(done.memories[k], float(done.teeth[k]), flanks=flanks))
     first = [(float(done.time[next(samples)]) - zero, name) for name, samples in groups]
     ends = [*(moment for moment, _ in first[1:]), end - zero]
     return [(moment, until, name) for (moment, name), until in zip(first, ends, strict=True)]
@@ -154,8 +143,8 @@ def flight(done: Trace) -> Figure:
     figure, panels = _panels((1.3, 1.7, 1.7), "Flight: the load is thrown, and braked at its target")
     whole, gap, teeth = panels
     time, most = done.time - _MOVES, 0.2
-    planned = done.state[np.flatnonzero(done.state[:, PHASE] == FLIGHT)[0]]
-    ends = np.cumsum(planned[PLAN:].reshape(-1, COLUMNS)[: int(planned[SEGMENTS]), 0])
+    plan = next(memory.plan for memory in done.memories if memory.phase == FLIGHT)
+    ends = np.cumsum([segment.duration for segment in plan.segments[: int(plan.segment_count)]])
     moments = [0.0, *ends.tolist(), most]
     names = "approach", "push", "cross", "brake", "leave", "hold"
     _shade(panels, [*zip(moments[:-1], moments[1:], names, strict=True)])
@@ -168,7 +157,8 @@ def flight(done: Trace) -> Figure:
         gap.text(0.98 * most, 0.62 * flank, words, ha="right", va="center", fontsize="small")
     gap.set(ylabel="g / b", ylim=(-0.75, 0.75), yticks=(-0.5, 0.0, 0.5))
     teeth.plot(time, done.teeth, label="torque of the teeth", **_TEETH)
-    teeth.plot(time, done.state[:, CARRIED], label="as planned", **_PLANNED)
+    carried = [float(memory.sent.teeth_torques[0]) for memory in done.memories]
+    teeth.plot(time, carried, label="as planned", **_PLANNED)
     teeth.set(ylabel="on the load, N m", ylim=(-0.25, 0.65))
     teeth.set(xlabel="time after the step, s", xlim=(-0.015, most))
     teeth.legend(loc="upper right", fontsize="small")
@@ -202,8 +192,10 @@ def hold(done: Trace) -> Figure:
     words = f"where the teeth meet: up to {np.max(done.teeth[time > 0.0]):.1f} N m"
     torque.text(0.013, 0.7, words, fontsize="small", va="center")
     torque.plot(time, done.load_torque, color="C3", linewidth=1.4, label="load torque")
-    torque.plot(time, done.state[:, PULL], label="load torque as observed: PULL", **_PLANNED)
-    torque.plot(time, done.state[:, ACTING], label="unforeseen torque, compensated: ACTING", **_COMPENSATED)
+    estimated = [memory.load_torque.estimated for memory in done.memories]
+    torque.plot(time, estimated, label="load torque, estimated", **_PLANNED)
+    compensation = [memory.motor.compensation for memory in done.memories]
+    torque.plot(time, compensation, label="unforeseen torque: its compensation", **_COMPENSATED)
     torque.set(ylabel="N m", ylim=(-0.3, 0.9))
     torque.set(xlabel="time after the load torque, s", xlim=(least, most))
     torque.legend(loc="upper right", fontsize="small")

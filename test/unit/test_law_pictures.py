@@ -8,7 +8,6 @@ import pytest
 from pages import ROOT, commands
 
 from backlash_ros.cli import main
-from backlash_ros.control.laws.two_encoder.layout import HELD, PARKED
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.studies.law_pictures import FIGURES, trace
 
@@ -32,8 +31,8 @@ def test_the_load_is_parked_free_and_then_held() -> None:
     done, b = trace(), NOMINAL_DRIVE.gear.backlash_angle
     before, end = int(np.flatnonzero(done.load_torque)[0]) - 1, -1
     for k, held, motor in ((before, 0.0, 0.0), (end, 1.0, 0.5)):
-        assert done.state[k, PARKED] >= 0.0
-        assert done.state[k, HELD] == held
+        assert done.memories[k].hold.parking_time >= 0.0
+        assert done.memories[k].held == held
         assert abs(done.load[k] - 1.0) < 0.1 * b
         assert done.motor[k] - done.load[k] == pytest.approx(motor * b, abs=0.1 * b)
 

@@ -9,17 +9,8 @@ import numpy as np
 import pytest
 
 from backlash_ros.control import GainSet, Servo, ServoSettings
-from backlash_ros.control.laws.two_encoder.layout import (
-    DAMPING,
-    FLIGHT,
-    MOTOR,
-    PERIOD,
-    PHASE,
-    SPEED,
-    STIFFNESS,
-    TIME,
-    VOLTS_PER_TORQUE,
-)
+from backlash_ros.control.laws.two_encoder.constants import constants_at
+from backlash_ros.control.laws.two_encoder.memory import FLIGHT, memory_at
 from backlash_ros.control.laws.two_encoder.plan import evaluate, length_of
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.delay import Delay
@@ -43,7 +34,7 @@ def test_a_plan_made_in_flight_begins_where_the_motor_is_and_ends_quiet(number: 
     settings = settings_for(drive, member).with_law("two_encoder")
     servo = Servo(drive, replace(settings, backlash_angle=b, identified=True))
     plant = SimulatedDrive(drive, 1.0 / member.rate, sensors=member.sensors)
-    constants, state = servo.law_arrays
+    constants, memory = constants_at(servo.law_arrays[0]), memory_at(servo.law_arrays[1])
     random, flown, reference = np.random.default_rng(number), 0, first_reading(member)
 
     def run(seconds: float) -> np.ndarray:
@@ -60,12 +51,12 @@ def test_a_plan_made_in_flight_begins_where_the_motor_is_and_ends_quiet(number: 
             assert servo.set_reference(reference) == ""
             run(0.0)
             if first:
-                run(random.uniform(0.2, 0.8) * length_of(state))
-                flown += state[PHASE] == FLIGHT
-        assert state[TIME] == pytest.approx(constants[PERIOD])  # a new plan
-        place, speed, _ = evaluate(constants, state, 0.0)
-        torque = constants[STIFFNESS] * (place - state[MOTOR]) + constants[DAMPING] * (speed - state[SPEED])
-        assert abs(constants[VOLTS_PER_TORQUE] * torque) <= JUMP * drive.command_limit
+                run(random.uniform(0.2, 0.8) * length_of(memory.plan))
+                flown += memory.phase == FLIGHT
+        assert memory.plan.time == pytest.approx(constants.period)  # a new plan
+        begins, motor = evaluate(constants, memory, 0.0), memory.motor.estimated
+        torque = constants.stiffness * (begins.angle - motor.angle) + constants.damping * (begins.speed - motor.speed)
+        assert abs(constants.volts_per_torque * torque) <= JUMP * drive.command_limit
         rest = run(2.5)[-round(member.rate) :]
         assert np.ptp(rest) <= b * threshold(QUIET, b, member.load_count)
     assert servo.fault == ""
@@ -96,8 +87,9 @@ def test_a_load_torque_that_helps_does_not_carry_the_load_past_a_reference_that_
     run(2.0)
     assert servo.set_reference(sign * (1.0 + first)) == ""
     run(period)
-    at = float(run(0.5 * length_of(servo.law_arrays[1]))[-1])
-    assert servo.law_arrays[1][PHASE] == FLIGHT
+    memory = memory_at(servo.law_arrays[1])
+    at = float(run(0.5 * length_of(memory.plan))[-1])
+    assert memory.phase == FLIGHT
     assert servo.set_reference(sign * (at + second)) == ""
     angles = run(2.0)
     assert np.max(angles) - at - second <= 0.25 * b

@@ -11,24 +11,12 @@ import pytest
 from backlash_ros.control import GainSet, Servo, ServoSettings, design_law
 from backlash_ros.control.laws import lacks, law_of
 from backlash_ros.control.laws.two_encoder import TwoEncoderParameters
-from backlash_ros.control.laws.two_encoder.layout import (
-    COSINE,
-    COULOMB,
-    FLIGHT,
-    GAP,
-    INERTIA,
-    LOAD,
-    LOAD_SPEED,
-    MIDDLE,
-    MOTOR_COULOMB,
-    PHASE,
-    PULL,
-    SEEN,
-    SEEN_TIME,
-    SINE,
-)
-from backlash_ros.control.laws.two_encoder.observers import landed, pull_at, pulls
-from backlash_ros.control.laws.two_encoder.plan import evaluate, fly, length_of
+from backlash_ros.control.laws.two_encoder.constants import constants_at
+from backlash_ros.control.laws.two_encoder.flight import fly
+from backlash_ros.control.laws.two_encoder.load_torque import load_torque_at, set_load_torque, use_what_motion_showed
+from backlash_ros.control.laws.two_encoder.memory import FLIGHT, PHASES, memory_at
+from backlash_ros.control.laws.two_encoder.moves import Shafts
+from backlash_ros.control.laws.two_encoder.plan import evaluate, length_of
 from backlash_ros.control.motion.setpoint import Polynomials
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.delay import Delay
@@ -67,27 +55,28 @@ def test_a_plan_goes_without_a_leap_from_where_the_drive_is_to_rest_at_the_targe
     """Whatever friction and load torque: the motor's way, its speed, and no torque that the flank cannot carry."""
     random = np.random.default_rng(seed)
     law = design_law(NOMINAL_DRIVE, settings_of(gains))
-    constants, state = law.constants.copy(), law.state.copy()
-    constants[INERTIA] *= random.uniform(0.25, 4.0)
-    constants[COULOMB] = random.choice([0.0, random.uniform(0.006, 0.3)])
-    state[[SINE, COSINE]] = random.choice([0.0, 0.3]) * random.uniform(-1.0, 1.0, 2)
-    pull = random.choice([0.0, random.uniform(-0.5, 0.5)])
-    held = abs(pull) > constants[COULOMB] + 0.004
-    state[MIDDLE] = random.uniform(-1.0, 1.0)
+    constants, memory = constants_at(law.constants.copy()), memory_at(law.state.copy())
+    plan, load_torque = memory.plan, memory.load_torque
+    constants.load_inertia *= random.uniform(0.25, 4.0)
+    constants.load_dry_friction = random.choice([0.0, random.uniform(0.006, 0.3)])
+    load_torque.sine, load_torque.cosine = random.choice([0.0, 0.3]) * random.uniform(-1.0, 1.0, 2)
+    torque_now = random.choice([0.0, random.uniform(-0.5, 0.5)])
+    held = abs(torque_now) > constants.load_dry_friction + 0.004
+    memory.middle = random.uniform(-1.0, 1.0)
     load, to = 0.3, 0.3 + random.choice([-1.0, 1.0]) * random.choice([0.05, 0.1, 1.0, 3.0])
-    motor = load - np.copysign(0.5 * B, pull) if held else load + random.uniform(-0.5, 0.5) * B
-    pulls(state, pull, load)
-    flank = fly(constants, state, to, load, 0.0, motor, 0.0)
-    length, step = length_of(state), 2e-4
+    motor = load - np.copysign(0.5 * B, torque_now) if held else load + random.uniform(-0.5, 0.5) * B
+    set_load_torque(load_torque, torque_now, load)
+    flank = fly(constants, memory, to, Shafts(load, 0.0, motor, 0.0))
+    length, step = length_of(plan), 2e-4
     assert 0.03 < length < 3.0
-    place, speed, torque = np.array([evaluate(constants, state, t) for t in np.arange(0.0, length + 0.1, step)]).T
+    place, speed, torque = np.array([evaluate(constants, memory, t) for t in np.arange(0.0, length + 0.1, step)]).T
     tolerance = 0.25 * B  # of a flank that is left or reached, and the depth of the teeth
-    assert place[0] == pytest.approx(motor + state[MIDDLE], abs=tolerance)
-    assert place[-1] == pytest.approx(to + flank * 0.5 * B + state[MIDDLE], abs=tolerance)
+    assert place[0] == pytest.approx(motor + memory.middle, abs=tolerance)
+    assert place[-1] == pytest.approx(to + flank * 0.5 * B + memory.middle, abs=tolerance)
     assert speed[-1] == pytest.approx(0.0, abs=1e-9)
     assert np.max(np.abs(np.diff(place))) <= step * np.max(np.abs(speed)) + tolerance
-    rests = pull_at(state, to)
-    if abs(rests) > constants[COULOMB] + 0.004:
+    rests = load_torque_at(load_torque, to)
+    if abs(rests) > constants.load_dry_friction + 0.004:
         assert torque[-1] == pytest.approx(-rests)
     most = NOMINAL_DRIVE.standstill_torque()
     assert np.max(np.abs(torque)) <= most
@@ -95,14 +84,15 @@ def test_a_plan_goes_without_a_leap_from_where_the_drive_is_to_rest_at_the_targe
 
 def test_a_mirrored_plan_is_the_mirror_image(gains: GainSet) -> None:
     law = design_law(NOMINAL_DRIVE, settings_of(gains))
-    there, back = law.state.copy(), law.state.copy()
-    there[SINE] = back[SINE] = -0.1
-    pulls(there, -0.2, 0.0)
-    pulls(back, 0.2, 0.0)
-    fly(law.constants, there, 1.0, 0.0, 0.2, 0.004, 0.1)
-    fly(law.constants, back, -1.0, 0.0, -0.2, -0.004, -0.1)
+    constants = constants_at(law.constants)
+    there, back = memory_at(law.state.copy()), memory_at(law.state.copy())
+    there.load_torque.sine = back.load_torque.sine = -0.1
+    set_load_torque(there.load_torque, -0.2, 0.0)
+    set_load_torque(back.load_torque, 0.2, 0.0)
+    fly(constants, there, 1.0, Shafts(0.0, 0.2, 0.004, 0.1))
+    fly(constants, back, -1.0, Shafts(0.0, -0.2, -0.004, -0.1))
     for time in np.linspace(0.0, 0.3, 61):
-        assert evaluate(law.constants, there, time) == tuple(-x for x in evaluate(law.constants, back, time))
+        assert evaluate(constants, there, time) == tuple(-x for x in evaluate(constants, back, time))
 
 
 # What it does.
@@ -309,19 +299,20 @@ def test_it_has_no_part_of_the_memory_that_is_not_finite_after_any_sample(gains:
         setpoint[:] = random.choice([0.0, 1.0], size=3) * random.normal(size=3)
         assert -24.0 <= law.step(law.constants, state, estimate, setpoint, -24.0, 24.0) <= 24.0
         assert np.all(np.isfinite(state))
-    assert state[PHASE] in (1.0, 2.0, 3.0)
+    assert memory_at(state).phase in PHASES
 
 
 def test_a_load_that_a_weight_carries_only_at_first_is_planned_to_stop_at_the_target(gains: GainSet) -> None:
     """The weight pulls with 0.29 N m at the start, and against the move, hardly, at its end."""
     law = design_law(NOMINAL_DRIVE, settings_of(gains))
-    constants, state = law.constants.copy(), law.state.copy()
-    constants[INERTIA] = 9.3e-4
-    state[[SINE, COSINE]] = -0.185, 0.32
-    pulls(state, 0.294, 0.0)
-    assert -0.02 < pull_at(state, 1.0) < 0.0
-    fly(constants, state, 1.0, 0.0, 0.0, -0.5 * B, 0.0)
-    places = [evaluate(constants, state, t)[0] for t in np.arange(0.0, length_of(state) + 0.1, 1e-3)]
+    constants, memory = constants_at(law.constants.copy()), memory_at(law.state.copy())
+    load_torque = memory.load_torque
+    constants.load_inertia = 9.3e-4
+    load_torque.sine, load_torque.cosine = -0.185, 0.32
+    set_load_torque(load_torque, 0.294, 0.0)
+    assert -0.02 < load_torque_at(load_torque, 1.0) < 0.0
+    fly(constants, memory, 1.0, Shafts(0.0, 0.0, -0.5 * B, 0.0))
+    places = [evaluate(constants, memory, t).angle for t in np.arange(0.0, length_of(memory.plan) + 0.1, 1e-3)]
     assert min(places) > -B
     assert max(places) <= 1.0 + B
     assert abs(places[-1] - 1.0) <= B
@@ -332,10 +323,10 @@ def test_parameters_are_the_design(gains: GainSet) -> None:
     lengths = []
     for choice in (settings_of(gains), slow):
         law = design_law(NOMINAL_DRIVE, choice)
-        state = law.state.copy()
-        assert law.constants[GAP] == B
-        fly(law.constants, state, 1.0, 0.0, 0.0, 0.0, 0.0)
-        lengths.append(length_of(state))
+        constants, memory = constants_at(law.constants), memory_at(law.state.copy())
+        assert constants.gap == B
+        fly(constants, memory, 1.0, Shafts(0.0, 0.0, 0.0, 0.0))
+        lengths.append(length_of(memory.plan))
     assert lengths[1] > lengths[0] + 0.1
 
 
@@ -523,12 +514,12 @@ def test_a_flight_shows_no_load_torque_that_is_less_than_what_is_not_known_of_th
     gains: GainSet, shows: float, pull: float
 ) -> None:
     law = design_law(NOMINAL_DRIVE, settings_of(gains))
-    constants, state = law.constants.copy(), law.state.copy()
-    constants[MOTOR_COULOMB] = 0.2
-    state[PHASE], state[SEEN_TIME] = FLIGHT, 0.15
-    state[SEEN] = shows * state[SEEN_TIME]
-    landed(constants, state)
-    assert state[PULL] == pytest.approx(pull)
+    constants, memory = constants_at(law.constants.copy()), memory_at(law.state.copy())
+    constants.motor_dry_friction = 0.2
+    memory.phase, memory.load_torque.observed_time = FLIGHT, 0.15
+    memory.load_torque.unexplained_momentum = shows * 0.15
+    use_what_motion_showed(constants, memory)
+    assert memory.load_torque.estimated == pytest.approx(pull)
 
 
 def test_friction_that_is_next_to_none_is_none(gains: GainSet) -> None:
@@ -538,7 +529,7 @@ def test_friction_that_is_next_to_none_is_none(gains: GainSet) -> None:
     law, plain = (design_law(drive, settings_of(gains)) for drive in (tiny, NOMINAL_DRIVE))
     assert np.array_equal(law.constants, plain.constants)
     enough = design_law(rough(coulomb_friction=10.0 * least), settings_of(gains))
-    assert enough.constants[COULOMB] == 10.0 * least
+    assert constants_at(enough.constants).load_dry_friction == 10.0 * least
 
 
 @pytest.mark.parametrize("rate", [250.0, 1000.0])
@@ -549,10 +540,10 @@ def test_a_load_that_falls_through_a_wide_gap_at_the_start_is_seen_to(gains: Gai
     choice = settings_of(gains, backlash_angle=0.06, period=1.0 / rate)
     sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=4096)
     servo, plant = Servo(drive, choice), SimulatedDrive(drive, 1.0 / rate, sensors=sensors)
-    state, off = servo._chosen.state, []
+    load, off = memory_at(servo._chosen.state).load, []
     for _ in range(round(0.5 * rate)):
         command = servo.update(plant.sample(), plant.elapsed)
-        off.append([state[LOAD] - plant.state[THETA_L], state[LOAD_SPEED] - plant.state[OMEGA_L]])
+        off.append([load.angle - plant.state[THETA_L], load.speed - plant.state[OMEGA_L]])
         plant.advance(command, pull)
     angle, speed = np.sqrt(np.mean(np.array(off[round(0.1 * rate) :]) ** 2, axis=0))
     assert angle <= 2.0 * (2.0 * math.pi / 4096)  # two counts

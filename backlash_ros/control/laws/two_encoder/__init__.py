@@ -8,7 +8,8 @@ quiet with any load. The files:
     motor, load           their observers; readings: which readings are believed
     middle, load_torque   what else is estimated
     phases                flight, hold or follow
-    flight                which move takes the load to its target: throw, press, or those of carry; moves: what they share
+    flight                which move takes the load to its target
+    throw, press, carry   the moves; moves: what they share
     plan                  the segments of a move, and what they say of a time
     hold, parking         a load at its target
     follow                behind a setpoint that moves, and along a plan
