@@ -11,33 +11,19 @@ from backlash_ros.control.experiments import EXPERIMENTS
 from backlash_ros.control.law import REGION, ControlLaw
 from backlash_ros.control.laws import LAWS, design_law, law_of
 from backlash_ros.control.limits import Limits
+from backlash_ros.control.memory import InputRow, TickRow
+from backlash_ros.control.monitoring.bounds import monitor_constants
 from backlash_ros.control.monitoring.faults import describe_fault
-from backlash_ros.control.monitoring.monitor import forget_ends, keep_torque, monitor_constants, unexplained_torque
+from backlash_ros.control.monitoring.monitor import forget_ends
 from backlash_ros.control.monitoring.plausibility import plausibility_constants
-from backlash_ros.control.motion.moving_reference import motion_constants, taken_reference
+from backlash_ros.control.motion.moving_reference import motion_constants
 from backlash_ros.control.motion.setpoint import DURATION, AtRest, Source, extent, plan_rejection
-from backlash_ros.control.observer import estimate_of, keep_estimate
+from backlash_ros.control.observer import keep_estimate
 from backlash_ros.control.settings import AUTO, ServoSettings
-from backlash_ros.control.tick import (
-    COMMAND,
-    ELAPSED,
-    EXPERIMENTING,
-    FAULT,
-    INPUTS,
-    KNOWN_LOAD_TORQUE,
-    NOT_BEGUN,
-    OFFSET,
-    PLAN_TIME,
-    TORQUE,
-    Tick,
-    TickConstants,
-    TickMemory,
-    fault_details,
-    pack,
-)
+from backlash_ros.control.tick import NOT_BEGUN, Tick, TickConstants
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.quantity import Validated
-from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.record import Array, row_of
 from backlash_ros.foundation.signals import (
     LOAD_TORQUE,
     OMEGA_L,
@@ -80,10 +66,8 @@ class Servo:
     ) -> None:
         self.drive = drive
         self.latched, self.fault = Fault.NONE, ""
-        self.memory = TickMemory()
-        self.estimate: Estimate = estimate_of(self.memory.observer)
-        self._inputs = np.zeros(INPUTS)
-        self._inputs[KNOWN_LOAD_TORQUE] = math.nan
+        self.memory, self._inputs = TickRow(), InputRow()
+        self.estimate: Estimate = self.memory.estimate
         self._watched = watched
         self._experiment: ActingExperiment | None = None
         self._outcome: Outcome | Deferred | None = None
@@ -101,7 +85,7 @@ class Servo:
         """Hold a load that is far from its reference at an angle, rad, so that it does not jump back."""
         self.segments = AtRest(angle).segments(self.memory.setpoint)
         self.memory.setpoint[:] = angle, 0.0, 0.0
-        self.memory.out[PLAN_TIME] = NOT_BEGUN
+        self.memory.plan_time = NOT_BEGUN
         self._end = self._reach = None
 
     # Tuning.
@@ -119,9 +103,10 @@ class Servo:
         """
         limits, drive = limits or self.limits, drive or self.drive
         law, observer = design_law(drive, settings), settings.observer(drive)
-        constants = TickConstants(
-            observer,
-            monitor_constants(
+        self.constants = row_of(
+            TickConstants,
+            observer=observer,
+            monitor=monitor_constants(
                 drive,
                 limits,
                 settings.thresholds_of(drive),
@@ -131,14 +116,14 @@ class Servo:
                 min(settings.gains.fast.position, settings.gains.overdamped.position),
                 may_grow=settings.renew,
             ),
-            plausibility_constants(drive),
-            range_constants(drive, limits),
-            motion_constants(drive, limits),
+            plausibility=plausibility_constants(drive),
+            range=range_constants(drive, limits),
+            motion=motion_constants(drive, limits),
+            watched=float(self._watched),
         )
-        self.constants = pack(constants, watched=self._watched)
         if drive != self.drive:
             keep_estimate(observer, self.memory.observer)
-            keep_torque(observer, self.memory.monitor)
+            keep_estimate(observer, self.memory.monitor.observer)
             self.drive = drive
         named = hasattr(self, "settings") and self.settings.law == settings.law
         self.law = law_of(drive, settings)
@@ -248,23 +233,23 @@ class Servo:
             if hindered:
                 return f"reference {end:g} rad came {why}"
         # References that keep coming are ahead of the setpoint: each counts from the one that was taken before.
-        taken = taken_reference(self.memory.motion)
+        taken = float(self.memory.motion.reference)
         if reason := plan_rejection(segments, self.limits, self._position if math.isnan(taken) else taken):
             return reason
         self.segments, self._end = segments, end
         self._reach = least, largest
-        self.memory.out[PLAN_TIME] = NOT_BEGUN
+        self.memory.plan_time = NOT_BEGUN
         return ""
 
     @property
     def _position(self) -> float:
         """The position of the setpoint, rad, without an experiment's offset."""
-        return float(self.memory.setpoint[POSITION] - self._inputs[OFFSET])
+        return float(self.memory.setpoint[POSITION] - self._inputs.offset)
 
     @property
     def _extremes(self) -> tuple[float, float]:
         """Smallest and largest position of the plan, rad, until its end."""
-        over = self.memory.out[PLAN_TIME] >= np.sum(self.segments[:, DURATION])
+        over = self.memory.plan_time >= np.sum(self.segments[:, DURATION])
         return (self.reference, self.reference) if self._reach is None or over else self._reach
 
     @property
@@ -282,11 +267,11 @@ class Servo:
     @property
     def command(self) -> float:
         """The command in force, V or A."""
-        return float(self.memory.out[COMMAND])
+        return float(self.memory.command)
 
     @command.setter
     def command(self, value: float) -> None:
-        self.memory.out[COMMAND] = value
+        self.memory.command = value
 
     @property
     def load_angle(self) -> float:
@@ -326,14 +311,14 @@ class Servo:
         """
         drive = self.drive
         reach = drive.standstill_torque(self.limits.command)
-        torque = min(max(unexplained_torque(self.memory.monitor), -reach), reach)
+        torque = min(max(float(self.memory.monitor.unexplained_torque), -reach), reach)
         return -torque * drive.gear.ratio * drive.motor.resistance / drive.motor.torque_constant
 
     @property
     def described_fault(self) -> str:
         """The fault that the tick has found, in words; empty for none."""
-        fault, thresholds = Fault(int(self.memory.out[FAULT])), self.settings.thresholds_of(self.drive)
-        return describe_fault(fault, fault_details(self.memory), self.limits, thresholds) if fault else ""
+        fault, thresholds = Fault(int(self.memory.fault)), self.settings.thresholds_of(self.drive)
+        return describe_fault(fault, self.memory.details, self.limits, thresholds) if fault else ""
 
     # Experiments.
 
@@ -355,13 +340,13 @@ class Servo:
     @property
     def excitation(self) -> Excitation:
         """The experiment's excitation for the last sample."""
-        return Excitation(float(self._inputs[OFFSET]), float(self._inputs[TORQUE]))
+        return Excitation(float(self._inputs.offset), float(self._inputs.torque))
 
     def _named(self, name: str) -> tuple[str, NamedExperiment]:
         """Return an experiment by name, or that of the settings; `AUTO` chooses by the encoders of the last sample."""
         name = name or self.settings.experiment
         if name == AUTO:
-            name = "relay" if np.isnan(self.memory.row[[THETA_M, THETA_L]]).any() else "gap_probe"
+            name = "relay" if np.isnan(self.memory.used[[THETA_M, THETA_L]]).any() else "gap_probe"
         return name, EXPERIMENTS.choose("learning.experiment", name, AUTO)
 
     def experiment_refusal(self, name: str = "", parameters: Validated | None = None) -> str:
@@ -424,8 +409,8 @@ class Servo:
         if self._experiment is None or self._experiment.outcome is None:
             return
         self._outcome = self._experiment.outcome
-        self.memory.setpoint[POSITION] -= self._inputs[OFFSET]
-        self._inputs[OFFSET] = self._inputs[TORQUE] = 0.0
+        self.memory.setpoint[POSITION] -= self._inputs.offset
+        self._inputs.offset = self._inputs.torque = 0.0
         if self.holding and self._experiment.left_away:
             self._hold_at(self.load_angle)
         self._experiment = None
@@ -446,23 +431,23 @@ class Servo:
         if LAWS[self.law].both_encoders and math.isnan(measured[THETA_M] + measured[THETA_L]):
             self.calm()
         inputs = self._inputs
-        inputs[ELAPSED] = elapsed or self.settings.period
+        inputs.elapsed = elapsed or self.settings.period
         if self._experiment is not None:
             before, excitation = self._experiment.acting, Excitation()
             if self.holding:
-                excitation = self._experiment.excite(measured, self.estimate, self.command, inputs[ELAPSED])
+                excitation = self._experiment.excite(measured, self.estimate, self.command, inputs.elapsed)
             self._conclude()
             if self._experiment is not None:
-                inputs[OFFSET], inputs[TORQUE], _ = excitation
+                inputs.offset, inputs.torque, _ = excitation
                 if self._experiment.acting is not before:
                     self._begin(self._experiment.acting)
-        inputs[EXPERIMENTING] = float(self._experiment is not None)
+        inputs.experimenting = float(self._experiment is not None)
         acting = self._stepped
         command = acting.tick(
-            self.constants, self.memory.row, acting.law.constants, acting.state, self.segments, measured, inputs
+            self.constants, self.memory.row, acting.law.constants, acting.state, self.segments, measured, inputs.row
         )
-        if self.memory.out[FAULT]:
-            self.fail(Fault(int(self.memory.out[FAULT])), self.described_fault)
+        if self.memory.fault:
+            self.fail(Fault(int(self.memory.fault)), self.described_fault)
         return command
 
     def answered(self, at: float) -> None:

@@ -86,6 +86,12 @@ def size_of(kind: type[Record]) -> int:
     return _layout(kind).itemsize // 8
 
 
+def cell_of(kind: type[Record], name: str) -> int:
+    """Return the index in a row of a field, or of its first cell; KeyError if the record has no such field."""
+    fields: Any = _layout(kind).fields
+    return int(fields[name][1]) // 8
+
+
 def _fill(record: Any, kind: type[Record]) -> None:
     for name, value in _fields(kind).items():
         if not isinstance(value, _Part):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from backlash_ros.foundation.compiled import compiled
-from backlash_ros.foundation.record import Array, Record, cells, part, parts, row_of, size_of, view_of
+from backlash_ros.foundation.record import Array, Record, cell_of, cells, part, parts, row_of, size_of, view_of
 
 
 class Side(Record):
@@ -62,6 +62,12 @@ def test_a_row_has_the_initial_values_in_order() -> None:
     row = row_of(Memory)
     assert size_of(Memory) == row.size == 2 * 2 + 4 + 3 * 2 + 1
     np.testing.assert_array_equal(row, [math.nan, 0, math.nan, 0, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0, -1])
+
+
+def test_a_cell_is_found_by_name() -> None:
+    assert [cell_of(Memory, name) for name in ("motor", "load", "commands", "plan", "time")] == [0, 2, 4, 8, 14]
+    with pytest.raises(KeyError, match="tmie"):
+        cell_of(Memory, "tmie")
 
 
 @pytest.mark.parametrize("function", [step, step.py_func])  # type: ignore[attr-defined]
