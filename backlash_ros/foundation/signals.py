@@ -38,8 +38,8 @@ Estimate = NewType("Estimate", np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 Setpoint = NewType("Setpoint", np.ndarray[tuple[int, ...], np.dtype[np.float64]])
 
 
-# How compiled code says that a row of numbers is a signal: NewType is not to be called there. A view, since numba does not
-# take an array inside a record for an array of its own.
+# How compiled code says that a row of numbers is a signal: NewType is not to be called there. Each returns a view, as
+# numba does not take an array inside a record for an array of its own.
 
 
 @compiled

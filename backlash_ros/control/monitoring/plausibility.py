@@ -154,12 +154,8 @@ def _current_is_plausible(
 def _angle_bound(side: Side, other_speed: float, peak_change: float, driven: float, count_speed: float) -> float:
     """Return by how much the mean speed of an encoder may change from one sample to the next, rad/s.
 
-    Parameters
-    ----------
-    other_speed : of the other encoder since the last sample, rad/s; nan if there is none
-    peak_change : of the mean speeds lately, rad/s
-    driven : what the current does to the speed of a motor alone, rad/s
-    count_speed : one count within a period, rad/s
+    ``other_speed`` is that of the other encoder, nan if there is none; ``peak_change`` that of the mean speeds lately;
+    ``driven`` what the current does to a motor alone; ``count_speed`` one count within a period: all in rad/s.
     """
     apart = abs(other_speed - side.mean_speed)
     steady = peak_change if math.isnan(apart) else max(peak_change, apart)
