@@ -9,44 +9,44 @@ Nothing changes the command after the law: the range includes supply, current li
 zones before the ends of the travel, so that a law's memory agrees with what was applied.
 """
 
-from typing import NamedTuple
-
 from backlash_ros.control.limits import Limits
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.record import Record, row_of, view_of
 from backlash_ros.foundation.signals import OMEGA_M, THETA_L, Estimate
 
 
-class RangeConstants(NamedTuple):
-    """The winding that the controller emulates (none: back-EMF 0 V s/rad, resistance 1), and what limits the command.
+class RangeConstants(Record):
+    """The winding that the controller emulates, and what limits the command."""
 
-    ``limit`` is in the command's unit, V or A; ``voltage_limit`` in V; ends and soft zone in rad at the load.
-    ``feedforward``: volts that make 1 N m at the output shaft, at standstill.
-    """
+    back_emf: float  # V s/rad; 0 where the command is the voltage
+    resistance: float  # ohm; 1 where the command is the voltage
+    limit: float  # V or A, of the command
+    voltage_limit: float  # V
+    lower_end: float  # rad, of the load's travel
+    upper_end: float  # rad
+    soft_zone: float  # rad
+    feedforward: float  # V/(N m): makes 1 N m at the output shaft, at standstill
 
-    back_emf: float
-    resistance: float
-    limit: float
-    voltage_limit: float
-    lower_end: float
-    upper_end: float
-    soft_zone: float
-    feedforward: float
+
+_constants_at = view_of(RangeConstants)
 
 
 def range_constants(drive: Drive, limits: Limits) -> RangeConstants:
     """Return the constants that turn the law's voltage into the command of ``drive`` within ``limits``."""
     motor = drive.motor
-    return RangeConstants(
-        back_emf=float(motor.torque_constant) if drive.takes_current else 0.0,
-        resistance=float(motor.resistance) if drive.takes_current else 1.0,
-        limit=float(min(drive.command_limit, limits.command)),
-        voltage_limit=float(motor.voltage_limit),
-        lower_end=float(limits.position_lower),
-        upper_end=float(limits.position_upper),
-        soft_zone=float(limits.soft_zone),
+    row = row_of(
+        RangeConstants,
+        back_emf=motor.torque_constant if drive.takes_current else 0.0,
+        resistance=motor.resistance if drive.takes_current else 1.0,
+        limit=min(drive.command_limit, limits.command),
+        voltage_limit=motor.voltage_limit,
+        lower_end=limits.position_lower,
+        upper_end=limits.position_upper,
+        soft_zone=limits.soft_zone,
         feedforward=drive.gear.ratio * motor.resistance / motor.torque_constant,
     )
+    return _constants_at(row)
 
 
 @compiled

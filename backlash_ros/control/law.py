@@ -12,15 +12,24 @@ from numba import float64
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.quantity import Validated
-from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.record import Array, Record, cell_of, view_of
 from backlash_ros.foundation.signals import Estimate, Setpoint
 
 if TYPE_CHECKING:
     from backlash_ros.control.settings import ServoSettings
 
 FAST_REGION, OVERDAMPED_REGION = 1, 2
-REGION = 0
-"""Index in every law's state of the region that acts; 1 for a law without regions."""
+
+
+class LawState(Record):
+    """What every law's state begins with: a law's own record is derived from this one."""
+
+    region: float = float(FAST_REGION)  # that acts; 1 for a law without regions
+
+
+law_state_at = view_of(LawState)
+REGION = cell_of(LawState, "region")
+"""Index in every law's state of the region that acts, for Python, which reads it at every sample."""
 
 LawStep = Callable[[Array, Array, Estimate, Setpoint, float, float], float]
 _flat = float64[::1]
@@ -41,7 +50,7 @@ def _remembers_nothing(_law: Array, _state: Array, _estimate: Estimate, _setpoin
 class ControlLaw:
     """A law designed for a drive: the same compiled ``step`` drives the motor and runs offline.
 
-    ``constants`` and the initial ``state`` are one-dimensional arrays; the state's first entry is the region. A law
+    ``constants`` and the initial ``state`` are rows of records; that of the state is derived from `LawState`. A law
     that replaces another one while the load is held starts with ``take_over``: plain Python, called once before its
     first step. ``shown`` has the indices in the state of what telemetry calls ``phase`` and ``flank``.
     """

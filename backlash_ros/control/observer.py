@@ -16,13 +16,10 @@ an estimate through the rigid gear would keep up a limit cycle by itself: the lo
 """
 
 import math
-from typing import NamedTuple
-
-import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.compiled import compiled
-from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.record import Array, Record, cells, row_of, view_of
 from backlash_ros.foundation.signals import (
     CURRENT,
     LOAD_TORQUE,
@@ -32,32 +29,36 @@ from backlash_ros.foundation.signals import (
     THETA_M,
     Estimate,
     Measurement,
+    as_estimate,
 )
 
-_STARTED, _MOMENTUM = 6, 7
-MEMORY = 8
-"""Length of the observer's memory: the estimate, then its auxiliary values."""
+
+class ObserverConstants(Record):
+    """The drive and the bandwidths, as the compiled step reads them."""
+
+    period: float  # s, of the samples
+    ratio: float  # of the gear, n
+    torque_constant: float  # N m/A
+    back_emf: float  # V s/rad, of the winding between command and current; 0 where the command is the current
+    resistance: float  # ohm, of the same winding; 1 where the command is the current
+    electrical_rate: float  # 1/s, R/L; infinite where the current is imposed
+    motor_inertia: float  # kg m^2
+    motor_friction: float  # N m s/rad
+    load_inertia: float  # kg m^2
+    load_friction: float  # N m s/rad
+    velocity_bandwidth: float  # rad/s
+    torque_bandwidth: float  # rad/s, of the load torque; 0 for none
 
 
-class ObserverConstants(NamedTuple):
-    """The observer as the compiled step reads it.
+class ObserverMemory(Record):
+    """What the observer remembers."""
 
-    ``back_emf`` and ``resistance`` are those of the winding between command and current: K_m and R, or 0 and 1 where
-    the command is the current; ``electrical_rate`` is R/L in 1/s, infinite where the current is imposed.
-    """
+    estimate: Array = cells(LOAD_TORQUE + 1)  # an `Estimate`
+    started: float = 0.0  # 1 once a sample has been seen
+    momentum: float = 0.0  # N m s, of both shafts at the output, at the last sample
 
-    period: float
-    ratio: float
-    K_m: float
-    back_emf: float
-    resistance: float
-    electrical_rate: float
-    J_m: float
-    B_m: float
-    J_l: float
-    B_l: float
-    velocity_bandwidth: float
-    torque_bandwidth: float
+
+observer_constants_at, observer_memory_at = view_of(ObserverConstants), view_of(ObserverMemory)
 
 
 def observer_constants(
@@ -65,25 +66,22 @@ def observer_constants(
 ) -> ObserverConstants:
     """Return the observer for one drive, sampled every ``period`` seconds; bandwidths in rad/s."""
     motor, takes_current = drive.motor, drive.takes_current
-    return ObserverConstants(
-        period=float(period),
+    row = row_of(
+        ObserverConstants,
+        period=period,
         ratio=drive.gear.ratio,
-        K_m=float(motor.torque_constant),
-        back_emf=0.0 if takes_current else float(motor.torque_constant),
-        resistance=1.0 if takes_current else float(motor.resistance),
+        torque_constant=motor.torque_constant,
+        back_emf=0.0 if takes_current else motor.torque_constant,
+        resistance=1.0 if takes_current else motor.resistance,
         electrical_rate=math.inf if takes_current else motor.resistance / motor.inductance,
-        J_m=float(motor.inertia),
-        B_m=float(motor.viscous_friction),
-        J_l=float(drive.load.inertia),
-        B_l=float(drive.load.viscous_friction),
-        velocity_bandwidth=float(velocity_bandwidth),
-        torque_bandwidth=float(torque_bandwidth),
+        motor_inertia=motor.inertia,
+        motor_friction=motor.viscous_friction,
+        load_inertia=drive.load.inertia,
+        load_friction=drive.load.viscous_friction,
+        velocity_bandwidth=velocity_bandwidth,
+        torque_bandwidth=torque_bandwidth,
     )
-
-
-def observer_memory() -> Array:
-    """Return the initial memory: shape (8,), the estimate and its auxiliary values."""
-    return np.zeros(MEMORY)
+    return observer_constants_at(row)
 
 
 @compiled
@@ -110,80 +108,102 @@ def _mean_weight(electrical_rate: float, period: float) -> float:
 
 
 @compiled
-def _track(memory: Array, angle: int, speed: int, position: float, measured: float, gain: float, period: float) -> None:
+def _momentum(constants: ObserverConstants, estimate: Estimate) -> float:
+    """Return the momentum of both shafts at the output, N m s."""
+    load, motor = constants.load_inertia * estimate[OMEGA_L], constants.motor_inertia * estimate[OMEGA_M]
+    return float(load + motor / constants.ratio)
+
+
+@compiled
+def _through_the_gear(ratio: float, measured: Measurement) -> tuple[float, float, float, float]:
+    """Return angle and speed of motor and load; those of a missing encoder are the other's, through the rigid gear."""
+    theta_m, theta_l = measured[THETA_M], measured[THETA_L]
+    omega_m, omega_l = measured[OMEGA_M], measured[OMEGA_L]
+    if math.isnan(theta_l):
+        theta_l, omega_l = ratio * theta_m, ratio * omega_m
+    elif math.isnan(theta_m):
+        theta_m, omega_m = theta_l / ratio, omega_l / ratio
+    return theta_m, omega_m, theta_l, omega_l
+
+
+@compiled
+def _start(constants: ObserverConstants, memory: ObserverMemory, measured: Measurement) -> None:
+    """Take the first sample: what is not measured is 0."""
+    estimate = as_estimate(memory.estimate)
+    theta_m, omega_m, theta_l, omega_l = _through_the_gear(constants.ratio, measured)
+    estimate[THETA_M], estimate[THETA_L] = theta_m, theta_l
+    estimate[OMEGA_M] = 0.0 if math.isnan(omega_m) else omega_m
+    estimate[OMEGA_L] = 0.0 if math.isnan(omega_l) else omega_l
+    estimate[CURRENT] = 0.0 if math.isnan(measured[CURRENT]) else measured[CURRENT]
+    estimate[LOAD_TORQUE] = 0.0
+    memory.momentum = _momentum(constants, estimate)
+    memory.started = 1.0
+
+
+@compiled
+def _track(
+    estimate: Estimate, angle: int, speed: int, position: float, measured: float, gain: float, period: float
+) -> None:
     """Update one shaft: the measured speed if there is one, else the filtered difference quotient."""
     if math.isnan(measured):
-        predicted = memory[angle] + period * memory[speed]
-        memory[speed] += gain / period * (position - predicted)
+        predicted = estimate[angle] + period * estimate[speed]
+        estimate[speed] += gain / period * (position - predicted)
     else:
-        memory[speed] = measured
-    memory[angle] = position
+        estimate[speed] = measured
+    estimate[angle] = position
 
 
 @compiled
 def observer_step(
     constants: ObserverConstants,
-    memory: Array,
+    memory: ObserverMemory,
     measured: Measurement,
     command: float,
     period: float,
     torque_bandwidth: float,
 ) -> None:
-    """Take one sample into ``memory``, whose first six entries are then the `Estimate`.
+    """Take one sample into the estimate.
 
     Parameters
     ----------
-    memory : from `observer_memory`, updated in place
+    memory : updated in place
     measured : nan where not measured; at least one angle
     command : held since the previous sample, V or A
     period : since the previous sample, s
     torque_bandwidth : of the load torque estimate, rad/s; 0 for none
     """
-    n = constants.ratio
-    theta_m, theta_l = measured[THETA_M], measured[THETA_L]
-    omega_m, omega_l = measured[OMEGA_M], measured[OMEGA_L]
-    if math.isnan(theta_l):
-        theta_l, omega_l = n * theta_m, n * omega_m
-    elif math.isnan(theta_m):
-        theta_m, omega_m = theta_l / n, omega_l / n
-    before = memory[CURRENT]
-    speed_before_m, speed_before_l = memory[OMEGA_M], memory[OMEGA_L]
-    if memory[_STARTED] == 0.0:
-        memory[THETA_M], memory[THETA_L] = theta_m, theta_l
-        memory[OMEGA_M] = 0.0 if math.isnan(omega_m) else omega_m
-        memory[OMEGA_L] = 0.0 if math.isnan(omega_l) else omega_l
-        memory[CURRENT] = 0.0 if math.isnan(measured[CURRENT]) else measured[CURRENT]
-        memory[LOAD_TORQUE] = 0.0
-        memory[_MOMENTUM] = constants.J_l * memory[OMEGA_L] + constants.J_m * memory[OMEGA_M] / n
-        memory[_STARTED] = 1.0
+    if memory.started == 0.0:
+        _start(constants, memory, measured)
         return
+    n, estimate = constants.ratio, as_estimate(memory.estimate)
+    theta_m, omega_m, theta_l, omega_l = _through_the_gear(n, measured)
+    before = estimate[CURRENT]
+    speed_before_m, speed_before_l = estimate[OMEGA_M], estimate[OMEGA_L]
     gain = low_pass_gain(constants.velocity_bandwidth, period)
-    _track(memory, THETA_M, OMEGA_M, theta_m, omega_m, gain, period)
-    _track(memory, THETA_L, OMEGA_L, theta_l, omega_l, gain, period)
-    mean_speed_m = 0.5 * (speed_before_m + memory[OMEGA_M])
+    _track(estimate, THETA_M, OMEGA_M, theta_m, omega_m, gain, period)
+    _track(estimate, THETA_L, OMEGA_L, theta_l, omega_l, gain, period)
+    mean_speed_m = 0.5 * (speed_before_m + estimate[OMEGA_M])
     if math.isnan(measured[CURRENT]):
-        memory[CURRENT] = next_current(constants, before, command, mean_speed_m, period)
+        estimate[CURRENT] = next_current(constants, before, command, mean_speed_m, period)
     else:
-        memory[CURRENT] = measured[CURRENT]
+        estimate[CURRENT] = measured[CURRENT]
     weight = _mean_weight(constants.electrical_rate, period)
-    mean_current = weight * before + (1.0 - weight) * memory[CURRENT]
-    friction = constants.B_l * 0.5 * (speed_before_l + memory[OMEGA_L]) + constants.B_m / n * mean_speed_m
-    momentum = constants.J_l * memory[OMEGA_L] + constants.J_m * memory[OMEGA_M] / n
-    drive_torque = constants.K_m * mean_current / n
-    unexplained = momentum - memory[_MOMENTUM] - period * (drive_torque - friction + memory[LOAD_TORQUE])
-    memory[_MOMENTUM] = momentum
+    mean_current = weight * before + (1.0 - weight) * estimate[CURRENT]
+    friction = constants.load_friction * 0.5 * (speed_before_l + estimate[OMEGA_L])
+    friction += constants.motor_friction / n * mean_speed_m
+    drive_torque = constants.torque_constant * mean_current / n
+    momentum = _momentum(constants, estimate)
+    unexplained = momentum - memory.momentum - period * (drive_torque - friction + estimate[LOAD_TORQUE])
+    memory.momentum = momentum
+    # With the load encoder alone, an estimate through the rigid gear would keep up a limit cycle.
     if math.isnan(measured[THETA_M]) or torque_bandwidth == 0.0:
-        memory[LOAD_TORQUE] = 0.0
+        estimate[LOAD_TORQUE] = 0.0
     else:
-        memory[LOAD_TORQUE] += low_pass_gain(torque_bandwidth, period) / period * unexplained
+        estimate[LOAD_TORQUE] += low_pass_gain(torque_bandwidth, period) / period * unexplained
 
 
-def keep_estimate(constants: ObserverConstants, memory: Array) -> None:
+def keep_estimate(constants: ObserverConstants, memory: ObserverMemory) -> None:
     """Keep the estimate under new ``constants``: the momentum changes with the inertias, without any torque."""
-    if memory[_STARTED] != 0.0:
-        memory[_MOMENTUM] = constants.J_l * memory[OMEGA_L] + constants.J_m * memory[OMEGA_M] / constants.ratio
-
-
-def estimate_of(memory: Array) -> Estimate:
-    """Return the estimate in an observer's memory, as a view."""
-    return Estimate(memory[: LOAD_TORQUE + 1])
+    if memory.started != 0.0:
+        # Not compiled: what is called between two samples must not wait for machine code.
+        memory.momentum = _momentum.py_func(constants, memory.estimate)  # type: ignore[attr-defined]

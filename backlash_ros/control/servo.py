@@ -4,63 +4,38 @@ import math
 
 import numpy as np
 
-from backlash_ros.control.acting import IDLE, ActingExperiment, ActingLaw, at_once, swing_name, swing_of
-from backlash_ros.control.command_range import range_constants
+from backlash_ros.control.acting import ActingLaw
+from backlash_ros.control.changes import drive_rejection, limits_rejection
 from backlash_ros.control.experiment import Deferred, Excitation, NamedExperiment, Outcome
-from backlash_ros.control.experiments import EXPERIMENTS
-from backlash_ros.control.law import REGION, ControlLaw
+from backlash_ros.control.experiment_in_use import ExperimentInUse, choose, parameters_of, swing_refusal
+from backlash_ros.control.law import REGION
+from backlash_ros.control.law_in_use import LawInUse
 from backlash_ros.control.laws import LAWS, design_law, law_of
 from backlash_ros.control.limits import Limits
+from backlash_ros.control.memory import InputRow, TickRow
 from backlash_ros.control.monitoring.faults import describe_fault
-from backlash_ros.control.monitoring.monitor import forget_ends, keep_torque, monitor_constants, unexplained_torque
-from backlash_ros.control.monitoring.plausibility import plausibility_constants
-from backlash_ros.control.motion.moving_reference import motion_constants, taken_reference
-from backlash_ros.control.motion.setpoint import DURATION, AtRest, Source, extent, plan_rejection
-from backlash_ros.control.observer import estimate_of, keep_estimate
-from backlash_ros.control.settings import AUTO, ServoSettings
-from backlash_ros.control.tick import (
-    COMMAND,
-    ELAPSED,
-    EXPERIMENTING,
-    FAULT,
-    INPUTS,
-    KNOWN_LOAD_TORQUE,
-    NOT_BEGUN,
-    OFFSET,
-    PLAN_TIME,
-    TORQUE,
-    Tick,
-    TickConstants,
-    TickMemory,
-    fault_details,
-    pack,
-)
+from backlash_ros.control.monitoring.monitor import forget_ends
+from backlash_ros.control.motion.plan import Plan
+from backlash_ros.control.motion.setpoint import AtRest, Source
+from backlash_ros.control.observer import keep_estimate
+from backlash_ros.control.settings import ServoSettings
+from backlash_ros.control.tick import Tick
+from backlash_ros.control.tick_constants import tick_constants
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.quantity import Validated
 from backlash_ros.foundation.record import Array
-from backlash_ros.foundation.signals import (
-    LOAD_TORQUE,
-    OMEGA_L,
-    POSITION,
-    THETA_L,
-    THETA_M,
-    Estimate,
-    Measurement,
-    Setpoint,
-)
+from backlash_ros.foundation.signals import LOAD_TORQUE, OMEGA_L, POSITION, THETA_L, THETA_M, Estimate, Measurement
 from backlash_ros.gates.faults import Fault
 
-_OTHER, _SLOW = 3.0, 0.02
-"""Factor by which what a command's size depends on may change while the load moves, and share of faults.velocity below
-which the load counts as at rest."""
+_SLOW = 0.02
+"""Share of faults.velocity below which the load counts as at rest. Tuned."""
 
 
 class Servo:
-    """The servo of one axis: the tick with a plan of the setpoint, and an experiment beside it.
+    """The servo of one axis: the tick with a plan of the setpoint, a law, and an experiment beside it.
 
     After construction and after every `release` it holds the position of the first sample. A fault, found by the tick
-    or reported by `fail`, is ``latched``, with its text in ``fault``: 0 V until `reset`. ``law`` is the name of the law
-    in use, also where the settings leave the choice to `AUTO`.
+    or reported by `fail`, is ``latched``, with its text in ``fault``: 0 V until `reset`.
 
     Parameters
     ----------
@@ -71,38 +46,20 @@ class Servo:
 
     settings: ServoSettings
     limits: Limits
-    law: str
     constants: Array
-    _chosen: ActingLaw
+    _law: LawInUse
 
     def __init__(
         self, drive: Drive, settings: ServoSettings, limits: Limits | None = None, *, watched: bool = True
     ) -> None:
         self.drive = drive
         self.latched, self.fault = Fault.NONE, ""
-        self.memory = TickMemory()
-        self.estimate: Estimate = estimate_of(self.memory.observer)
-        self._inputs = np.zeros(INPUTS)
-        self._inputs[KNOWN_LOAD_TORQUE] = math.nan
+        self.memory, self._inputs = TickRow(), InputRow()
+        self.estimate: Estimate = self.memory.estimate
         self._watched = watched
-        self._experiment: ActingExperiment | None = None
-        self._outcome: Outcome | Deferred | None = None
-        self._calming: ActingLaw | None = None
-        self._hold()
+        self._plan = Plan(self.memory, self._inputs)
+        self._experiment = ExperimentInUse()
         self.use(settings, limits or Limits.of(drive))
-
-    def _hold(self) -> None:
-        """Hold the position of the next sample."""
-        self.segments = AtRest(math.nan).segments(self.memory.setpoint)
-        self._end: float | None = None
-        self._reach: tuple[float, float] | None = None
-
-    def _hold_at(self, angle: float) -> None:
-        """Hold a load that is far from its reference at an angle, rad, so that it does not jump back."""
-        self.segments = AtRest(angle).segments(self.memory.setpoint)
-        self.memory.setpoint[:] = angle, 0.0, 0.0
-        self.memory.out[PLAN_TIME] = NOT_BEGUN
-        self._end = self._reach = None
 
     # Tuning.
 
@@ -119,38 +76,19 @@ class Servo:
         """
         limits, drive = limits or self.limits, drive or self.drive
         law, observer = design_law(drive, settings), settings.observer(drive)
-        constants = TickConstants(
-            observer,
-            monitor_constants(
-                drive,
-                limits,
-                settings.thresholds_of(drive),
-                settings.period,
-                settings.velocity_bandwidth,
-                settings.backlash_angle,
-                min(settings.gains.fast.position, settings.gains.overdamped.position),
-                may_grow=settings.renew,
-            ),
-            plausibility_constants(drive),
-            range_constants(drive, limits),
-            motion_constants(drive, limits),
-        )
-        self.constants = pack(constants, watched=self._watched)
+        self.constants = tick_constants(drive, settings, limits, observer, watched=self._watched)
         if drive != self.drive:
             keep_estimate(observer, self.memory.observer)
-            keep_torque(observer, self.memory.monitor)
+            keep_estimate(observer, self.memory.monitor.observer)
             self.drive = drive
-        named = hasattr(self, "settings") and self.settings.law == settings.law
-        self.law = law_of(drive, settings)
-        if named and self._chosen.law.step is law.step:  # another law may have replaced it
-            self._chosen.redesign(law)
-            if self.calmed:
-                self._calming = None
-                self._begin(self._chosen)
-        else:
-            self._chosen, self._calming = ActingLaw(law), None
-            self._begin(self._chosen)
-        if limits != getattr(self, "limits", None):
+        name, first = law_of(drive, settings), not hasattr(self, "settings")
+        # Under the same name in the settings, another law may have taken its place.
+        if first or self.settings.law != settings.law or self._law.chosen.law.step is not law.step:
+            self._law = LawInUse(name, law)
+            self._begin(self._law.chosen)
+        elif self._law.redesign(name, law):
+            self._begin(self._law.chosen)
+        if first or limits != self.limits:
             forget_ends(self.memory.monitor)
         self.settings, self.limits = settings, limits
 
@@ -162,22 +100,11 @@ class Servo:
         """
         if not self.holding:
             return ""
-        new, old = drive or self.drive, self.drive
-        factors = {
-            "load.inertia must change the inertia at the output": new.effective_inertia / old.effective_inertia,
-            "motor.torque_constant must change": new.motor.torque_constant / old.motor.torque_constant,
-            "motor.resistance must change": new.motor.resistance / old.motor.resistance,
-        }
-        moves = abs(self.estimate[OMEGA_L]) > _SLOW * self.settings.thresholds_of(old).velocity
-        for what, factor in factors.items():
-            if moves and not 1.0 / _OTHER <= factor <= _OTHER:
-                return f"{what} by a factor of {_OTHER:g} at most while the load moves, got {factor:.3g}"
-        reasons = (
-            limits.rejection_reason(each, each)
-            for each in self._extremes
-            if not self.limits.rejection_reason(each, each)
-        )
-        return next(filter(None, reasons), "")
+        moves = abs(self.estimate[OMEGA_L]) > _SLOW * self.settings.thresholds_of(self.drive).velocity
+        why = drive_rejection(self.drive, drive or self.drive) if moves else ""
+        return why or limits_rejection(self.limits, limits, self._plan.extremes)
+
+    # The law.
 
     def _begin(self, acting: ActingLaw) -> None:
         """Start a law again; if the load is held, from the voltage that holds it."""
@@ -186,14 +113,14 @@ class Servo:
             acting.take_over(self.estimate, self.memory.setpoint, self.holding_voltage)
 
     @property
-    def _acting(self) -> ActingLaw:
-        """The law that acts without an experiment."""
-        return self._calming or self._chosen
+    def law(self) -> str:
+        """The name of the law in use, also where the settings leave the choice to `AUTO`."""
+        return self._law.name
 
     @property
     def calmed(self) -> bool:
         """Whether the over-damped gains act instead of the law."""
-        return self._calming is not None
+        return self._law.calmed
 
     def calm(self) -> None:
         """Let the over-damped gains act instead of the law, until other settings are used or the load is released.
@@ -201,20 +128,33 @@ class Servo:
         This is the answer to wear, and to a missing encoder if the law needs both.
         """
         if not self.calmed and self.holding:
-            self._calming = ActingLaw(self._overdamped())
-            self._begin(self._calming)
+            self._law.calm(design_law(self.drive, self.settings.with_law("overdamped")))
+            self._begin(self._law.acting)
 
-    def _overdamped(self) -> ControlLaw:
-        return design_law(self.drive, self.settings.with_law("overdamped"))
+    @property
+    def _acting(self) -> ActingLaw:
+        """The law that acts now, also in an experiment."""
+        run = self._experiment.run
+        return run.acting if run else self._law.acting
+
+    @property
+    def region(self) -> int:
+        """1 while the fast gains act, 2 while the over-damped ones do."""
+        return int(self._acting.state[REGION])
+
+    def shown(self, name: str) -> int:
+        """Return the "phase" or "flank" of the law that acts; 0 if it has none."""
+        acting = self._acting
+        at = acting.law.shown.get(name)
+        return 0 if at is None else int(acting.state[at])
 
     # Holding and faults.
 
     def release(self, reason: str) -> None:
         """Release the drive: command 0, reset the observer, end an experiment; hold the position of the next sample."""
         self.memory.forget()
-        self._calming = None
-        self._chosen.start()
-        self._hold()
+        self._law.start()
+        self._plan.hold()
         self.cancel(reason)
 
     def fail(self, fault: Fault, why: str) -> None:
@@ -228,6 +168,12 @@ class Servo:
         self.latched, self.fault = Fault.NONE, ""
         self.release("reset")
 
+    @property
+    def described_fault(self) -> str:
+        """The fault that the tick has found, in words; empty for none."""
+        fault, thresholds = Fault(int(self.memory.fault)), self.settings.thresholds_of(self.drive)
+        return describe_fault(fault, self.memory.details, self.limits, thresholds) if fault else ""
+
     # The reference.
 
     def set_reference(self, reference: float) -> str:
@@ -238,55 +184,44 @@ class Servo:
 
     def follow(self, source: Source) -> str:
         """Plan ``source`` from the present setpoint on; return an empty text, or why it is refused."""
-        segments = np.ascontiguousarray(source.segments(Setpoint(self.memory.setpoint.copy())), dtype=np.float64)
-        _, end, least, largest = extent(segments)
-        for hindered, why in (
-            (bool(self.latched), f"while {self.latched.name} is latched: call reset_fault"),
-            (self.experimenting, "while learning"),
-            (not self.holding, "while no position is held"),
-        ):
-            if hindered:
-                return f"reference {end:g} rad came {why}"
-        # References that keep coming are ahead of the setpoint: each counts from the one that was taken before.
-        taken = taken_reference(self.memory.motion)
-        if reason := plan_rejection(segments, self.limits, self._position if math.isnan(taken) else taken):
-            return reason
-        self.segments, self._end = segments, end
-        self._reach = least, largest
-        self.memory.out[PLAN_TIME] = NOT_BEGUN
-        return ""
+        hindrance = ""
+        if self.latched:
+            hindrance = f"while {self.latched.name} is latched: call reset_fault"
+        elif self.experimenting:
+            hindrance = "while learning"
+        elif not self.holding:
+            hindrance = "while no position is held"
+        return self._plan.follow(source, self.limits, hindrance)
 
     @property
-    def _position(self) -> float:
-        """The position of the setpoint, rad, without an experiment's offset."""
-        return float(self.memory.setpoint[POSITION] - self._inputs[OFFSET])
+    def segments(self) -> Array:
+        """The plan, as `Source.segments` returns it."""
+        return self._plan.segments
 
-    @property
-    def _extremes(self) -> tuple[float, float]:
-        """Smallest and largest position of the plan, rad, until its end."""
-        over = self.memory.out[PLAN_TIME] >= np.sum(self.segments[:, DURATION])
-        return (self.reference, self.reference) if self._reach is None or over else self._reach
+    @segments.setter
+    def segments(self, segments: Array) -> None:
+        self._plan.segments = segments
 
     @property
     def reference(self) -> float:
         """The end of the plan, rad; nan while no position is held."""
-        return float(self.segments[0, 0]) if self._end is None else self._end
+        return self._plan.end
 
     @property
     def holding(self) -> bool:
         """Whether a sample has been seen since the last `release`."""
-        return not math.isnan(self.segments[0, 0])
+        return self._plan.holding
 
     # Results of the tick.
 
     @property
     def command(self) -> float:
         """The command in force, V or A."""
-        return float(self.memory.out[COMMAND])
+        return self.memory.command
 
     @command.setter
     def command(self, value: float) -> None:
-        self.memory.out[COMMAND] = value
+        self.memory.command = value
 
     @property
     def load_angle(self) -> float:
@@ -296,22 +231,7 @@ class Servo:
     @property
     def tracking_error(self) -> float:
         """Setpoint - theta_l, rad, without an experiment's offset."""
-        return self._position - self.load_angle
-
-    @property
-    def region(self) -> int:
-        """1 while the fast gains act, 2 while the over-damped ones do."""
-        return int(self._stepped.state[REGION])
-
-    @property
-    def _stepped(self) -> ActingLaw:
-        """The law that acts now, also in an experiment."""
-        return self._experiment.acting if self._experiment else self._acting
-
-    def shown(self, name: str) -> int:
-        """Return the "phase" or "flank" of the law that acts; 0 if it has none."""
-        at = self._stepped.law.shown.get(name)
-        return 0 if at is None else int(self._stepped.state[at])
+        return self._plan.position - self.load_angle
 
     @property
     def load_torque_estimate(self) -> float:
@@ -326,62 +246,45 @@ class Servo:
         """
         drive = self.drive
         reach = drive.standstill_torque(self.limits.command)
-        torque = min(max(unexplained_torque(self.memory.monitor), -reach), reach)
+        torque = min(max(float(self.memory.monitor.unexplained_torque), -reach), reach)
         return -torque * drive.gear.ratio * drive.motor.resistance / drive.motor.torque_constant
-
-    @property
-    def described_fault(self) -> str:
-        """The fault that the tick has found, in words; empty for none."""
-        fault, thresholds = Fault(int(self.memory.out[FAULT])), self.settings.thresholds_of(self.drive)
-        return describe_fault(fault, fault_details(self.memory), self.limits, thresholds) if fault else ""
 
     # Experiments.
 
     @property
     def experimenting(self) -> bool:
         """Whether an experiment is running, or its outcome has not been taken."""
-        return self._experiment is not None or self._outcome is not None
+        return self._experiment.pending
 
     @property
     def experiment(self) -> str:
         """The name of the experiment that is running; empty if none is."""
-        return "" if self._experiment is None else self._experiment.name
+        run = self._experiment.run
+        return "" if run is None else run.name
 
     @property
     def progress(self) -> float:
         """Its progress, from 0 to 1; 0 if none is running."""
-        return 0.0 if self._experiment is None else self._experiment.progress
+        run = self._experiment.run
+        return 0.0 if run is None else run.progress
 
     @property
     def excitation(self) -> Excitation:
         """The experiment's excitation for the last sample."""
-        return Excitation(float(self._inputs[OFFSET]), float(self._inputs[TORQUE]))
+        return Excitation(self._inputs.offset, self._inputs.torque)
 
-    def _named(self, name: str) -> tuple[str, NamedExperiment]:
-        """Return an experiment by name, or that of the settings; `AUTO` chooses by the encoders of the last sample."""
-        name = name or self.settings.experiment
-        if name == AUTO:
-            name = "relay" if np.isnan(self.memory.row[[THETA_M, THETA_L]]).any() else "gap_probe"
-        return name, EXPERIMENTS.choose("learning.experiment", name, AUTO)
+    def _choose(self, name: str, parameters: Validated | None) -> tuple[str, NamedExperiment, Validated]:
+        both = not np.isnan(self.memory.used[[THETA_M, THETA_L]]).any()
+        name, chosen = choose(name, self.settings, both_encoders=bool(both))
+        return name, chosen, parameters or parameters_of(name, self.settings)
 
     def experiment_refusal(self, name: str = "", parameters: Validated | None = None) -> str:
         """Return why an experiment cannot begin, or would exceed the limits from the held position."""
-        name, chosen = self._named(name)
-        parameters = parameters or self._parameters_of(name)
+        name, chosen, parameters = self._choose(name, parameters)
         thresholds = self.settings.thresholds_of(self.drive)
         if chosen.refusal and (why := chosen.refusal(self.drive, parameters, self.limits, thresholds)):
             return why
-        if not chosen.swing:
-            return ""
-        swing, leap = swing_of(chosen, parameters), at_once(chosen, parameters)
-        least, largest = self._extremes
-        ways = ((least - swing, leap), (largest + swing, -leap))
-        reasons = (self.limits.rejection_reason(there, there + back) for there, back in ways)
-        why = next(filter(None, reasons), "")
-        return why and f"it swings by {swing_name(chosen, parameters)} = {swing:g} rad to either side, but {why}"
-
-    def _parameters_of(self, name: str) -> Validated:
-        return dict(self.settings.experiment_parameters).get(name, EXPERIMENTS[name].parameters)
+        return swing_refusal(chosen, parameters, self.limits, *self._plan.extremes)
 
     def start_experiment(self, name: str = "", parameters: Validated | None = None) -> None:
         """Start an experiment at the next sample, that of the settings by default; see `take_outcome`.
@@ -395,41 +298,45 @@ class Servo:
         """
         if self.experimenting:
             raise RuntimeError("already learning")
-        name, chosen = self._named(name)
-        parameters = parameters or self._parameters_of(name)
-        if type(parameters) is not type(chosen.parameters):
-            raise ValueError(
-                f"{name} needs parameters of type {type(chosen.parameters).__name__}, got {type(parameters).__name__}"
-            )
-        law = design_law(self.drive, self.settings.with_law(chosen.law)) if chosen.law else IDLE
-        period = self.settings.period
-        self._experiment = ActingExperiment(
-            name, chosen, parameters, law, self._overdamped(), self.drive, period, self.limits
-        )
-        self._begin(self._experiment.acting)
+        name, chosen, parameters = self._choose(name, parameters)
+        run = self._experiment.start(name, chosen, parameters, self.drive, self.settings, self.limits)
+        self._begin(run.acting)
 
     def cancel(self, reason: str) -> None:
         """End the experiment, if any, without a result."""
-        if self._experiment is not None:
-            self._experiment.cancel(reason)
+        if self._experiment.run is not None:
+            self._experiment.run.cancel(reason)
 
     def take_outcome(self) -> Outcome | Deferred | None:
         """Return, once, how an experiment ended or the work that will tell; None before."""
         self._conclude()
-        outcome, self._outcome = self._outcome, None
-        return outcome
+        return self._experiment.take_outcome()
 
     def _conclude(self) -> None:
         """If the experiment has ended, let the law hold the load from this sample on."""
-        if self._experiment is None or self._experiment.outcome is None:
+        ended = self._experiment.conclude()
+        if ended is None:
             return
-        self._outcome = self._experiment.outcome
-        self.memory.setpoint[POSITION] -= self._inputs[OFFSET]
-        self._inputs[OFFSET] = self._inputs[TORQUE] = 0.0
-        if self.holding and self._experiment.left_away:
-            self._hold_at(self.load_angle)
-        self._experiment = None
-        self._begin(self._acting)  # it has not seen what the experiment did
+        self.memory.setpoint[POSITION] -= self._inputs.offset
+        self._inputs.offset = self._inputs.torque = 0.0
+        if self.holding and ended.left_away:
+            self._plan.hold_at(self.load_angle)
+        self._begin(self._law.acting)  # it has not seen what the experiment did
+
+    def _excite(self, measured: Measurement) -> None:
+        """Let the experiment that is running act in this sample."""
+        run, inputs, excitation = self._experiment.run, self._inputs, Excitation()
+        assert run is not None
+        before = run.acting
+        if self.holding:
+            excitation = run.excite(measured, self.estimate, self.command, inputs.elapsed)
+        self._conclude()
+        if self._experiment.run is None:
+            return
+        inputs.offset, inputs.torque, _ = excitation
+        # If the experiment has asked for the over-damped law, that one begins.
+        if run.acting is not before:
+            self._begin(run.acting)
 
     # The loop.
 
@@ -443,41 +350,35 @@ class Servo:
         """
         if self.latched:
             return 0.0
-        if LAWS[self.law].both_encoders and math.isnan(measured[THETA_M] + measured[THETA_L]):
+        if LAWS[self._law.name].both_encoders and math.isnan(measured[THETA_M] + measured[THETA_L]):
             self.calm()
-        inputs = self._inputs
-        inputs[ELAPSED] = elapsed or self.settings.period
-        if self._experiment is not None:
-            before, excitation = self._experiment.acting, Excitation()
-            if self.holding:
-                excitation = self._experiment.excite(measured, self.estimate, self.command, inputs[ELAPSED])
-            self._conclude()
-            if self._experiment is not None:
-                inputs[OFFSET], inputs[TORQUE], _ = excitation
-                if self._experiment.acting is not before:
-                    self._begin(self._experiment.acting)
-        inputs[EXPERIMENTING] = float(self._experiment is not None)
-        acting = self._stepped
+        memory, inputs = self.memory, self._inputs
+        inputs.elapsed = elapsed or self.settings.period
+        if self._experiment.run is not None:
+            self._excite(measured)
+        run = self._experiment.run
+        inputs.experimenting = 0.0 if run is None else 1.0
+        acting = self._law.acting if run is None else run.acting
         command = acting.tick(
-            self.constants, self.memory.row, acting.law.constants, acting.state, self.segments, measured, inputs
+            self.constants, memory.row, acting.law.constants, acting.state, self._plan.segments, measured, inputs.row
         )
-        if self.memory.out[FAULT]:
-            self.fail(Fault(int(self.memory.out[FAULT])), self.described_fault)
+        if memory.fault:
+            self.fail(Fault(int(memory.fault)), self.described_fault)
         return command
 
     def answered(self, at: float) -> None:
         """Note when the command of the last `update` was sent, s of a steady clock, if known."""
-        if self._experiment is not None:
-            self._experiment.answered(at)
+        if self._experiment.run is not None:
+            self._experiment.run.answered(at)
 
     # For compiled loops, which call the tick themselves.
 
     @property
     def tick(self) -> Tick:
         """The tick with the law in it."""
-        return self._chosen.tick
+        return self._law.chosen.tick
 
     @property
     def law_arrays(self) -> tuple[Array, Array]:
         """Constants and state of the law, the state updated in place."""
-        return self._chosen.law.constants, self._chosen.state
+        return self._law.chosen.law.constants, self._law.chosen.state

@@ -7,7 +7,6 @@ from backlash_ros.control.law import FAST_REGION, OVERDAMPED_REGION
 from backlash_ros.control.laws.two_encoder.memory import PHASES
 from backlash_ros.control.monitoring.wear import WearWatch
 from backlash_ros.control.servo import Servo
-from backlash_ros.control.tick import HIGH, LOW
 from backlash_ros.foundation.signals import (
     ACCELERATION,
     CURRENT,
@@ -101,8 +100,8 @@ def telemetry(
         "current": float(estimate[CURRENT]),
         "load_torque": servo.load_torque_estimate,
         "command": servo.command,
-        "range_low": float(servo.memory.out[LOW]),
-        "range_high": float(servo.memory.out[HIGH]),
+        "range_low": servo.memory.low,
+        "range_high": servo.memory.high,
         "region": servo.region if servo.holding else 0,
         "phase": servo.shown("phase") if servo.holding else 0,
         "flank": servo.shown("flank") if servo.holding else 0,

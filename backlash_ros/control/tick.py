@@ -8,38 +8,32 @@ This is the only path from a sample to a command. The node, offline runs, learni
 import math
 from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numba
-import numpy as np
-from numba.np.unsafe import ndarray as numba_arrays
 
-from backlash_ros.control.command_range import RangeConstants, command_of, voltage_range
+from backlash_ros.control.command_range import RangeConstants, clamp, command_of, voltage_range
 from backlash_ros.control.law import LawStep
-from backlash_ros.control.monitoring.faults import DETAILS
-from backlash_ros.control.monitoring.monitor import (
-    MonitorConstants,
-    monitor_memory,
-    monitor_step,
-    unexplained_torque,
-)
+from backlash_ros.control.monitoring.bounds import MonitorConstants
+from backlash_ros.control.monitoring.faults import FaultDetails
+from backlash_ros.control.monitoring.monitor import MonitorMemory, monitor_step
 from backlash_ros.control.monitoring.plausibility import (
     PlausibilityConstants,
-    plausibility_memory,
+    PlausibilityMemory,
     plausibility_step,
     settle_angles,
 )
-from backlash_ros.control.monitoring.tracking import departure, forget_tracking, tracking_memory
+from backlash_ros.control.monitoring.tracking import TrackingMemory, departure, forget_tracking
 from backlash_ros.control.motion.moving_reference import (
     MotionConstants,
+    MotionMemory,
     forget_path,
-    motion_memory,
     reference_setpoint,
 )
 from backlash_ros.control.motion.setpoint import evaluate, is_reference
-from backlash_ros.control.observer import ObserverConstants, observer_memory, observer_step
+from backlash_ros.control.observer import ObserverConstants, ObserverMemory, observer_step
 from backlash_ros.foundation.compiled import compiled, specialize, unbound
-from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.record import Array, Record, cells, part, view_of
 from backlash_ros.foundation.signals import (
     CURRENT,
     LOAD_TORQUE,
@@ -57,223 +51,195 @@ from backlash_ros.foundation.signals import (
 from backlash_ros.gates.faults import Fault
 
 _NONE, _NOT_FINITE, _AWAY = int(Fault.NONE), int(Fault.NOT_FINITE), int(Fault.TRACKING)
-_MOTOR_CURRENT, _MOTOR_SPEED, _LOAD_SPEED = (
-    int(Fault.MOTOR_CURRENT),
-    int(Fault.MOTOR_SPEED),
-    int(Fault.LOAD_SPEED),
-)
-
-ELAPSED, OFFSET, TORQUE, KNOWN_LOAD_TORQUE, EXPERIMENTING = range(5)
-"""The inputs of a tick beside the sample: time since the previous sample (s), an experiment's excitation (rad, N m),
-the load torque if known (N m), else nan, and whether an experiment moves the load: 1, else 0."""
-INPUTS = 5
+_MOTOR_CURRENT = int(Fault.MOTOR_CURRENT)
+_MOTOR_SPEED, _LOAD_SPEED = int(Fault.MOTOR_SPEED), int(Fault.LOAD_SPEED)
 
 MISSING = 1.5
 """Periods between two samples above which a sample between them is missing."""
-
-COMMAND, FAULT, PLAN_TIME, LOW, HIGH = range(5)
-"""Results of a tick in `TickMemory.out`: the command in force (V or A), the `Fault`, the time since the plan began, s,
-the smallest and the largest voltage allowed to the law (V), then the fault's details."""
 NOT_BEGUN = -1.0
 """Plan time that marks a plan as beginning with the next sample."""
-_DETAILS = HIGH + 1
 
 
-class TickConstants(NamedTuple):
+class TickConstants(Record):
     """Everything that a tick needs from drive, settings and limits; the law's constants are separate."""
 
-    observer: ObserverConstants
-    monitor: MonitorConstants
-    plausibility: PlausibilityConstants
-    range: RangeConstants
-    motion: MotionConstants
+    observer: ObserverConstants = part(ObserverConstants)
+    monitor: MonitorConstants = part(MonitorConstants)
+    plausibility: PlausibilityConstants = part(PlausibilityConstants)
+    range: RangeConstants = part(RangeConstants)
+    motion: MotionConstants = part(MotionConstants)
+    watched: float = 1.0  # 0 while the monitor is off
 
 
-to_fixed_tuple: Any = numba_arrays.to_fixed_tuple
-_PARTS = (ObserverConstants, MonitorConstants, PlausibilityConstants, RangeConstants, MotionConstants)
-_O, _M, _P, _R, _S = (len(part._fields) for part in _PARTS)
+class Inputs(Record):
+    """The inputs of a tick beside the sample."""
+
+    elapsed: float = 0.0  # s, since the previous sample
+    offset: float = 0.0  # rad, an experiment's, on the setpoint; the tick keeps it within the travel
+    torque: float = 0.0  # N m, an experiment's, at the output
+    known_load_torque: float = math.nan  # N m, nan if it is not known
+    experimenting: float = 0.0  # 1 while an experiment moves the load
 
 
-def pack(constants: TickConstants, *, watched: bool) -> Array:
-    """Return the constants in one row, and at its end whether the monitor is on.
+class Results(Record):
+    """The results of a tick."""
 
-    A tick called from Python costs 0.7 us with one array and 4 us with as many numbers in named tuples.
-    """
-    return np.array([*(value for part in constants for value in part), float(watched)])
-
-
-@compiled
-def _unpack(packed: Array) -> TickConstants:
-    """Return what `pack` packed; it costs nothing once compiled."""
-    return TickConstants(
-        ObserverConstants(*to_fixed_tuple(packed[:_O], _O)),
-        MonitorConstants(*to_fixed_tuple(packed[_O : _O + _M], _M)),
-        PlausibilityConstants(*to_fixed_tuple(packed[_O + _M : _O + _M + _P], _P)),
-        RangeConstants(*to_fixed_tuple(packed[_O + _M + _P : _O + _M + _P + _R], _R)),
-        MotionConstants(*to_fixed_tuple(packed[_O + _M + _P + _R : _O + _M + _P + _R + _S], _S)),
-    )
+    command: float = 0.0  # V or A, in force
+    fault: float = 0.0  # a `Fault`
+    plan_time: float = NOT_BEGUN  # s, since the plan began
+    low: float = 0.0  # V, the smallest voltage that the law was allowed
+    high: float = 0.0  # V, the largest one
+    details: FaultDetails = part(FaultDetails)
 
 
-_OBSERVER = 5
-_MONITOR = _OBSERVER + observer_memory().size
-_PLAUSIBILITY = _MONITOR + monitor_memory().size
-_MOTION = _PLAUSIBILITY + plausibility_memory().size
-_TRACKING = _MOTION + motion_memory().size
-_SETPOINT = _TRACKING + tracking_memory().size
-_OUT = _SETPOINT + 3
+class TickMemory(Record):
+    """What a tick remembers, without the law's state."""
+
+    used: Array = cells(5)  # the last `Measurement` as used: nan where implausible
+    observer: ObserverMemory = part(ObserverMemory)
+    monitor: MonitorMemory = part(MonitorMemory)
+    plausibility: PlausibilityMemory = part(PlausibilityMemory)
+    motion: MotionMemory = part(MotionMemory)
+    tracking: TrackingMemory = part(TrackingMemory)
+    setpoint: Array = cells(3)  # the last `Setpoint`, with an experiment's offset
+    results: Results = part(Results)
 
 
-class TickMemory:
-    """The memory of a tick, without the law's state: one array, ``row``, and views of its parts.
-
-    ``used`` is the last `Measurement` as used, nan where implausible; ``observer`` begins with the `Estimate`;
-    ``setpoint`` is the last `Setpoint`, including an experiment's offset; ``out`` has the results that `COMMAND` and
-    the others index.
-    """
-
-    def __init__(self) -> None:
-        self.row: Array = np.zeros(_OUT + _DETAILS + DETAILS)
-        self.used = Measurement(self.row[:_OBSERVER])
-        self.observer: Array = self.row[_OBSERVER:_MONITOR]
-        self.monitor: Array = self.row[_MONITOR:_PLAUSIBILITY]
-        self.plausibility: Array = self.row[_PLAUSIBILITY:_MOTION]
-        self.motion: Array = self.row[_MOTION:_TRACKING]
-        self.tracking: Array = self.row[_TRACKING:_SETPOINT]
-        self.setpoint = Setpoint(self.row[_SETPOINT:_OUT])
-        self.out: Array = self.row[_OUT:]
-        self.forget()
-
-    def forget(self) -> None:
-        """Forget everything but the setpoint."""
-        self.observer[:] = observer_memory()
-        self.monitor[:] = monitor_memory()
-        self.plausibility[:] = plausibility_memory()
-        self.motion[:] = motion_memory()
-        self.tracking[:] = tracking_memory()
-        self.out[:] = 0.0
-        self.out[PLAN_TIME] = NOT_BEGUN
-
-
-def fault_details(memory: TickMemory) -> Array:
-    """Return the values for the text of the last fault, shape (3,)."""
-    return memory.out[_DETAILS:]
+tick_constants_at, tick_memory_at, inputs_at = view_of(TickConstants), view_of(TickMemory), view_of(Inputs)
 
 
 @compiled
-def tick_estimate(memory: Array) -> Estimate:
-    """Return the estimate in a tick's memory, as a view."""
-    return as_estimate(memory[_OBSERVER : _OBSERVER + LOAD_TORQUE + 1])
+def _find_fault(
+    constants: TickConstants, memory: TickMemory, used: Measurement, command: float, elapsed: float, period: float
+) -> int:
+    """Return the fault that the monitor finds in a sample; replace implausible values in ``used``."""
+    observer, details = constants.observer, memory.results.details
+    signal = plausibility_step(constants.plausibility, observer, memory.plausibility, used, command, period, details)
+    if signal >= 0:
+        return _MOTOR_CURRENT if signal == CURRENT else _MOTOR_SPEED if signal == OMEGA_M else _LOAD_SPEED
+    fault = monitor_step(constants.monitor, observer, memory.monitor, used, command, elapsed, period, details)
+    if fault == _NONE:
+        settle_angles(observer.ratio, memory.plausibility, used, memory.observer, period)
+    return fault
 
 
 @compiled
-def tick_out(memory: Array) -> Array:
-    """Return the results of a tick in its memory, see `COMMAND`, as a view."""
-    return memory[_OUT:]
+def _plan_setpoint(
+    constants: MotionConstants, memory: TickMemory, segments: Array, estimate: Estimate, period: float
+) -> None:
+    """Write the setpoint of this sample; a plan that has yet to begin holds the load where it is."""
+    results, setpoint = memory.results, as_setpoint(memory.setpoint)
+    if math.isnan(segments[0, 0]):
+        segments[0, 0] = estimate[THETA_L]
+    results.plan_time = 0.0 if results.plan_time < 0.0 else results.plan_time + period
+    if is_reference(segments):
+        reference_setpoint(constants, memory.motion, segments[0, 0], estimate, period, setpoint)
+        return
+    forget_path(memory.motion)
+    evaluate(segments, results.plan_time, setpoint)
+
+
+@compiled
+def _goes_away(
+    constants: TickConstants, memory: TickMemory, estimate: Estimate, experimenting: bool, period: float
+) -> bool:
+    """Return whether the load has left its reference by more than load torques explain."""
+    monitor, tracking, details = constants.monitor, memory.tracking, memory.results.details
+    if experimenting:
+        forget_tracking(tracking)
+    away = departure(tracking, memory.setpoint[POSITION], estimate, constants.motion.acceleration, period)
+    gives_way = monitor.gives_way
+    # With the load's encoder alone no load torque is found, and the law holds against it by an error.
+    if math.isnan(memory.used[THETA_M]):
+        gives_way = max(gives_way, monitor.sags)
+    bound = monitor.tracking + gives_way * abs(memory.monitor.unexplained_torque)
+    if not away > bound:
+        return False
+    details.value, details.bound = away, bound
+    return True
+
+
+@compiled
+def _add_offset(ends: RangeConstants, setpoint: Setpoint, inputs: Inputs) -> None:
+    """Add an experiment's offset: not beyond an end, unless the load is held there."""
+    planned, largest = setpoint[POSITION], abs(inputs.offset)
+    beyond = min(max(planned + inputs.offset, ends.lower_end), ends.upper_end)
+    inputs.offset = min(max(beyond - planned, -largest), largest)
+    setpoint[POSITION] += inputs.offset
+
+
+@compiled
+def _all_finite(observer: ObserverMemory, state: Array, command: float) -> bool:
+    """Return whether command, observer and law have only finite numbers; not if they add up to more than 1e308."""
+    total = command + observer.started + observer.momentum
+    for value in observer.estimate:
+        total += value
+    for value in state:
+        total += value
+    return math.isfinite(total)
 
 
 law_step: Callable[[Array, Array, Array, Array, float, float], float] = unbound
 
 
 def _tick(
-    packed: Array, memory: Array, law: Array, state: Array, segments: Array, measured: Measurement, inputs: Array
+    constants_row: Array,
+    memory_row: Array,
+    law: Array,
+    state: Array,
+    segments: Array,
+    measured: Measurement,
+    inputs_row: Array,
 ) -> float:
     """Take one sample and return the command, V or A; 0 if the sample shows a fault.
 
     Parameters
     ----------
-    packed, memory : constants, from `pack`, and `TickMemory.row`
+    constants_row, memory_row, inputs_row : `TickConstants`, `TickMemory` and `Inputs`
     law, state : constants and state of the law
     segments : the plan, as `setpoint.Source.segments` returns it; if its first coefficient is nan, hold the present
         position of the load
-    inputs : see `ELAPSED` and the following
     """
-    constants = _unpack(packed)
-    used, observed, out = as_measurement(memory[:_OBSERVER]), memory[_OBSERVER:_MONITOR], memory[_OUT:]
-    estimate, setpoint = tick_estimate(memory), as_setpoint(memory[_SETPOINT:_OUT])
+    constants, memory, inputs = tick_constants_at(constants_row), tick_memory_at(memory_row), inputs_at(inputs_row)
+    observer, results, watched = constants.observer, memory.results, constants.watched != 0.0
+    used, estimate = as_measurement(memory.used), as_estimate(memory.observer.estimate)
+    setpoint = as_setpoint(memory.setpoint)
     used[:] = measured
-    nominal, before = constants.observer.period, out[COMMAND]
-    elapsed = inputs[ELAPSED] if inputs[ELAPSED] > 0.0 else nominal  # nan, too
+    before = results.command
+    elapsed = inputs.elapsed if inputs.elapsed > 0.0 else observer.period  # nan, too
     # The nominal period, unless samples are missing: stamps jitter, the drive's period does not.
-    period = elapsed if elapsed > MISSING * nominal else nominal
-    out[COMMAND], out[FAULT] = 0.0, _NONE
+    period = elapsed if elapsed > MISSING * observer.period else observer.period
+    results.command, results.fault = 0.0, _NONE
     if math.isnan(used[THETA_M]) and math.isnan(used[THETA_L]):
-        out[FAULT] = _NOT_FINITE
+        results.fault = _NOT_FINITE
         return 0.0
-    if packed[-1] != 0.0:
-        signal = plausibility_step(
-            constants.plausibility,
-            constants.observer,
-            memory[_PLAUSIBILITY:_MOTION],
-            used,
-            before,
-            period,
-            out[_DETAILS:],
-        )
-        if signal >= 0:
-            out[FAULT] = _MOTOR_CURRENT if signal == CURRENT else _MOTOR_SPEED if signal == OMEGA_M else _LOAD_SPEED
+    if watched:
+        results.fault = _find_fault(constants, memory, used, before, elapsed, period)
+        if results.fault != _NONE:
             return 0.0
-        fault = monitor_step(
-            constants.monitor,
-            constants.observer,
-            memory[_MONITOR:_PLAUSIBILITY],
-            used,
-            before,
-            elapsed,
-            period,
-            out[_DETAILS:],
-        )
-        if fault != _NONE:
-            out[FAULT] = fault
-            return 0.0
-        settle_angles(constants.observer, memory[_PLAUSIBILITY:_MOTION], used, observed, period)
-    observer_step(constants.observer, observed, used, before, period, constants.observer.torque_bandwidth)
-    if not math.isnan(inputs[KNOWN_LOAD_TORQUE]):
-        estimate[LOAD_TORQUE] = inputs[KNOWN_LOAD_TORQUE]
-    if math.isnan(segments[0, 0]):
-        segments[0, 0] = estimate[THETA_L]
-    out[PLAN_TIME] = 0.0 if out[PLAN_TIME] < 0.0 else out[PLAN_TIME] + period
-    if is_reference(segments):
-        reference_setpoint(constants.motion, memory[_MOTION:_TRACKING], segments[0, 0], estimate, period, setpoint)
-    else:
-        forget_path(memory[_MOTION:_TRACKING])
-        evaluate(segments, out[PLAN_TIME], setpoint)
-    if packed[-1] != 0.0:
-        tracking = memory[_TRACKING:_SETPOINT]
-        if inputs[EXPERIMENTING] != 0.0:
-            forget_tracking(tracking)
-        away = departure(tracking, setpoint[POSITION], estimate, constants.motion.acceleration, period)
-        torque = unexplained_torque(memory[_MONITOR:_PLAUSIBILITY])
-        gives_way = constants.monitor.gives_way
-        if math.isnan(used[THETA_M]):
-            gives_way = max(gives_way, constants.monitor.sags)
-        bound = constants.monitor.tracking + gives_way * abs(torque)
-        if away > bound:
-            out[FAULT], out[_DETAILS], out[_DETAILS + 1] = _AWAY, away, bound
-            return 0.0
-    if inputs[OFFSET] != 0.0:
-        # Not beyond an end, unless the load is held there.
-        planned, ends = setpoint[POSITION], constants.range
-        beyond = min(max(planned + inputs[OFFSET], ends.lower_end), ends.upper_end)
-        inputs[OFFSET] = min(max(beyond - planned, -abs(inputs[OFFSET])), abs(inputs[OFFSET]))
-        setpoint[POSITION] += inputs[OFFSET]
-    # An experiment's torque is subtracted from the range, so that both together stay within it.
-    added = inputs[TORQUE] * constants.range.feedforward
+    observer_step(observer, memory.observer, used, before, period, observer.torque_bandwidth)
+    if not math.isnan(inputs.known_load_torque):
+        estimate[LOAD_TORQUE] = inputs.known_load_torque
+    _plan_setpoint(constants.motion, memory, segments, estimate, period)
+    if watched and _goes_away(constants, memory, estimate, inputs.experimenting != 0.0, period):
+        results.fault = _AWAY
+        return 0.0
+    if inputs.offset != 0.0:
+        _add_offset(constants.range, setpoint, inputs)
     low, high = voltage_range(constants.range, estimate)
-    out[LOW], out[HIGH] = low, high
-    added = min(max(added, low), high) if added != 0.0 else 0.0
+    results.low, results.high = low, high
+    # An experiment's torque is subtracted from the range, so that both together stay within it.
+    added = inputs.torque * constants.range.feedforward
+    added = clamp(added, low, high) if added != 0.0 else 0.0
     voltage = law_step(law, state, estimate, setpoint, low - added, high - added) + added
-    if not low <= voltage <= high and math.isfinite(voltage):  # a law stays in its range; this makes sure
-        voltage = min(max(voltage, low), high)
+    # A law stays in its range; this makes sure of it.
+    if not low <= voltage <= high and math.isfinite(voltage):
+        voltage = clamp(voltage, low, high)
     command = command_of(constants.range, estimate, voltage)
-    total = command
-    for value in observed:
-        total += value
-    for value in state:
-        total += value
-    if not math.isfinite(total):  # finite if and only if all are, except for sums beyond 1e308
-        out[FAULT] = _NOT_FINITE
+    if not _all_finite(memory.observer, state, command):
+        results.fault = _NOT_FINITE
         return 0.0
-    out[COMMAND] = command
+    results.command = command
     return command
 
 

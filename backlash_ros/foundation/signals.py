@@ -38,25 +38,26 @@ Estimate = NewType("Estimate", np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 Setpoint = NewType("Setpoint", np.ndarray[tuple[int, ...], np.dtype[np.float64]])
 
 
-# How compiled code says that a row of numbers is a signal: NewType is not to be called there.
+# How compiled code says that a row of numbers is a signal: NewType is not to be called there. Each returns a view, as
+# numba does not take an array inside a record for an array of its own.
 
 
 @compiled
 def as_measurement(row: Array) -> Measurement:
     """Return ``row``, shape (5,), as a measurement."""
-    return row  # type: ignore[return-value]
+    return row[:]  # type: ignore[return-value]
 
 
 @compiled
 def as_estimate(row: Array) -> Estimate:
     """Return ``row``, shape (6,), as an estimate."""
-    return row  # type: ignore[return-value]
+    return row[:]  # type: ignore[return-value]
 
 
 @compiled
 def as_setpoint(row: Array) -> Setpoint:
     """Return ``row``, shape (3,), as a setpoint."""
-    return row  # type: ignore[return-value]
+    return row[:]  # type: ignore[return-value]
 
 
 def at_rest(load_angle: float = 0.0, motor_angle: float = 0.0) -> PlantState:

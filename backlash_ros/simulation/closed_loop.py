@@ -9,19 +9,10 @@ import numba
 import numpy as np
 
 from backlash_ros.control import LAWS, Limits, Servo, ServoSettings
-from backlash_ros.control.law import REGION
+from backlash_ros.control.law import law_state_at
 from backlash_ros.control.laws import law_of
 from backlash_ros.control.motion.setpoint import Source, evaluate, plan_rejection
-from backlash_ros.control.tick import (
-    ELAPSED,
-    FAULT,
-    INPUTS,
-    KNOWN_LOAD_TORQUE,
-    TICK_SIGNATURE,
-    Tick,
-    tick_estimate,
-    tick_out,
-)
+from backlash_ros.control.tick import TICK_SIGNATURE, Inputs, Tick, inputs_at, tick_memory_at
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.constants import PlantConstants, plant_constants
 from backlash_ros.drivetrain.delay import (
@@ -43,13 +34,15 @@ from backlash_ros.drivetrain.motion.integrator import (
 )
 from backlash_ros.drivetrain.sensors import SensorConstants, Sensors, sensor_constants, sensor_memory
 from backlash_ros.foundation.compiled import compiled_as
-from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.record import Array, size_of
 from backlash_ros.foundation.signals import LOAD_TORQUE, POSITION, THETA_L, Measurement, PlantState, Setpoint, at_rest
 from backlash_ros.simulation.response import Run
 from backlash_ros.simulation.simulated_drive import take_sample
 
 _types: Any = numba.types
 _typeof: Any = numba.typeof
+
+_INPUTS = size_of(Inputs)
 
 
 @dataclass(frozen=True)
@@ -106,23 +99,25 @@ def _loop(
 
     The one loop body offline. Returns status, time reached (s) and the sample at which a fault was latched, or -1.
     """
-    inputs = np.zeros(INPUTS)
-    inputs[KNOWN_LOAD_TORQUE] = np.nan
+    inputs_row = np.zeros(_INPUTS)
+    inputs = inputs_at(inputs_row)
+    inputs.known_load_torque = np.nan
     fault_sample = -1
     substeps = (states.shape[0] - 1) // load_torque.shape[0]
     for k in range(load_torque.shape[0]):
-        inputs[ELAPSED] = take_sample(sensors, sensed, delay, line, k, measured)
+        inputs.elapsed = take_sample(sensors, sensed, delay, line, k, measured)
         signals[k, 4] = measured[THETA_L]
         if known_load_torque:
-            inputs[KNOWN_LOAD_TORQUE] = load_torque[k]
+            inputs.known_load_torque = load_torque[k]
         if references.shape[0] > 0:
             segments[0, 0] = references[k]
         command = 0.0
         if fault_sample < 0:
-            command = tick(constants, memory, law, law_state, segments, measured, inputs)
-            if tick_out(memory)[FAULT] != 0.0:
+            command = tick(constants, memory, law, law_state, segments, measured, inputs_row)
+            if tick_memory_at(memory).results.fault != 0.0:
                 fault_sample = k
-        signals[k, 0], signals[k, 1], signals[k, 2] = command, law_state[REGION], tick_estimate(memory)[LOAD_TORQUE]
+        load_torque_estimate = tick_memory_at(memory).observer.estimate[LOAD_TORQUE]
+        signals[k, 0], signals[k, 1], signals[k, 2] = command, law_state_at(law_state).region, load_torque_estimate
         step[PEAK_FORCE] = 0.0
         rows = states[k * substeps + 1 : (k + 1) * substeps + 1]
         command = min(max(command, -command_limit), command_limit)

@@ -16,7 +16,8 @@ import numpy as np
 from faults_page import SECTION
 
 from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, LimitCycleSettings, Servo, ServoSettings, design_gains
-from backlash_ros.control.monitoring.plausibility import LATELY, PATIENCE, speed_lag
+from backlash_ros.control.monitoring.plausibility import speed_lag
+from backlash_ros.control.monitoring.side import LATELY, PATIENCE
 from backlash_ros.control.monitoring.thresholds import mechanical_time_constant
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors

@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from backlash_ros.control import LAWS, Servo, ServoSettings
-from backlash_ros.control.monitoring.plausibility import PATIENCE
+from backlash_ros.control.monitoring.side import PATIENCE
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.foundation.signals import CURRENT, OMEGA_L, OMEGA_M, STATE_NAMES, THETA_L, THETA_M, Measurement
 

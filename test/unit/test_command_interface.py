@@ -23,7 +23,7 @@ from backlash_ros.control import (
 )
 from backlash_ros.control.command_range import RangeConstants, command_of, range_constants, voltage_range
 from backlash_ros.control.design.describing_function import predict_limit_cycle
-from backlash_ros.control.observer import observer_memory, observer_step
+from backlash_ros.control.observer import ObserverMemory, observer_memory_at, observer_step
 from backlash_ros.drivetrain import (
     COMMAND_INTERFACES,
     NOMINAL_DRIVE,
@@ -34,6 +34,7 @@ from backlash_ros.drivetrain import (
     without_inductance,
 )
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
+from backlash_ros.foundation.record import row_of
 from backlash_ros.foundation.signals import CURRENT, LOAD_TORQUE, OMEGA_L, THETA_L
 from backlash_ros.simulation import Run, Scenario, learn_backlash, run
 
@@ -319,7 +320,10 @@ def test_laws_with_a_memory_know_a_small_current_limit(law: str) -> None:
 
 
 def test_observer_takes_the_command_for_the_current() -> None:
-    constants, memory = ServoSettings(gains_of(CURRENT_DRIVE)).observer(CURRENT_DRIVE), observer_memory()
+    constants, memory = (
+        ServoSettings(gains_of(CURRENT_DRIVE)).observer(CURRENT_DRIVE),
+        observer_memory_at(row_of(ObserverMemory)),
+    )
     plant = Plant(CURRENT_DRIVE)
     for k in range(300):
         command = math.sin(0.1 * k)
@@ -328,8 +332,8 @@ def test_observer_takes_the_command_for_the_current() -> None:
         sample[CURRENT] = math.nan
         observer_step(constants, memory, sample, command, 0.004, constants.torque_bandwidth)
         if k:  # the first sample only starts it
-            assert memory[CURRENT] == command
-    assert memory[LOAD_TORQUE] == pytest.approx(0.1, rel=0.05)
+            assert memory.estimate[CURRENT] == command
+    assert memory.estimate[LOAD_TORQUE] == pytest.approx(0.1, rel=0.05)
 
 
 def test_harmonic_balance_predicts_the_amplitude_with_a_current() -> None:

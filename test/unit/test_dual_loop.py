@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from backlash_ros.control import GainSet, Servo, ServoSettings, design_law
-from backlash_ros.control.laws.dual_loop import FLANK, REFERENCE, SHIFT, DualLoopParameters
+from backlash_ros.control.laws.dual_loop import DualLoopParameters, dual_loop_state_at
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.foundation.record import Array
@@ -37,7 +37,7 @@ def told(gains: GainSet, load_torques: list[float]) -> Array:
     state, shifts = law.state.copy(), []
     for torque in load_torques:
         law.step(law.constants, state, np.array([0.0, 0.0, 0.0, 0.0, 0.0, torque]), np.zeros(3), -24.0, 24.0)
-        shifts.append(state[SHIFT])
+        shifts.append(float(dual_loop_state_at(state).shift))
     return np.array(shifts)
 
 
@@ -49,12 +49,12 @@ def test_target_of_the_motor_jumps_by_the_gap_when_the_load_torque_changes_its_s
 
 def test_a_move_drives_the_load_by_one_flank_and_brakes_it_by_the_other(gains: GainSet) -> None:
     servo, plant = Servo(NOMINAL_DRIVE, settings_of(gains)), SimulatedDrive(NOMINAL_DRIVE, PERIOD, sensors=COUNTED)
-    state, seen = servo.law_arrays[1], []
+    memory, seen = dual_loop_state_at(servo.law_arrays[1]), []
     for k in range(250):
         command = servo.update(plant.sample(), plant.elapsed)
         if k == 0:
             assert servo.set_reference(1.0) == ""
-        seen.append((state[FLANK], state[SHIFT]))
+        seen.append((memory.flank, memory.shift))
         plant.advance(command)
     flanks, shifts = np.array(seen).T
     assert [flanks[0], *flanks[1:][np.diff(flanks) != 0.0]] == [0.0, 1.0, -1.0]
@@ -104,7 +104,7 @@ def test_follows_a_setpoint_in_motion_without_lag(gains: GainSet) -> None:
     for k in range(500):
         setpoint = np.array([2.0 * PERIOD * k, 2.0, 0.0])
         law.step(law.constants, state, estimate, setpoint, -1e9, 1e9)
-    assert state[REFERENCE] == pytest.approx(2.0 * PERIOD * 500, abs=1e-6)
+    assert dual_loop_state_at(state).reference == pytest.approx(2.0 * PERIOD * 500, abs=1e-6)
 
 
 def test_reference_waits_for_a_drive_at_its_limit(gains: GainSet) -> None:

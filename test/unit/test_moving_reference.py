@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backlash_ros.control import LAWS, Gains, GainSet, Limits, Servo, ServoSettings
-from backlash_ros.control.monitoring.monitor import gives_way, unexplained_torque
+from backlash_ros.control.monitoring.bounds import gives_way
 from backlash_ros.control.monitoring.thresholds import FaultThresholds
-from backlash_ros.control.monitoring.tracking import departure, tracking_memory
+from backlash_ros.control.monitoring.tracking import TrackingMemory, departure, tracking_memory_at
 from backlash_ros.control.motion.moving_reference import (
     motion_constants,
     motion_memory,
@@ -21,7 +21,7 @@ from backlash_ros.control.motion.moving_reference import (
 )
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
-from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.record import Array, row_of
 from backlash_ros.foundation.signals import ACCELERATION, OMEGA_L, POSITION, THETA_L, VELOCITY, Estimate, Setpoint
 from backlash_ros.gates.faults import Fault
 from backlash_ros.simulation import SimulatedDrive
@@ -218,8 +218,12 @@ def estimated(angle: float, speed: float = 0.0) -> Estimate:
     return estimate
 
 
+def new_memory() -> TrackingMemory:
+    return tracking_memory_at(row_of(TrackingMemory))
+
+
 def departures(references: Array, angles: Array, speeds: Array | None = None) -> Array:
-    memory, speeds = tracking_memory(), np.zeros(angles.size) if speeds is None else speeds
+    memory, speeds = new_memory(), np.zeros(angles.size) if speeds is None else speeds
     return np.array(
         [
             departure(memory, reference, estimated(angle, speed), 1000.0, PERIOD)
@@ -290,7 +294,7 @@ def farthest(law: str, learned: bool, torque: float, sequence: list[tuple[float,
         changes.append((k, target))
         k += round(pause / PERIOD)
     sent = dict(changes)  # several within one sample: the last counts
-    memory, worst = tracking_memory(), -math.inf
+    memory, worst = new_memory(), -math.inf
     stops = 0.1 * NOMINAL_DRIVE.standstill_torque() / NOMINAL_DRIVE.effective_inertia
     for k in range(changes[-1][0] + 250):
         if k in sent:
@@ -302,7 +306,7 @@ def farthest(law: str, learned: bool, torque: float, sequence: list[tuple[float,
         plant.advance(command, torque)
         load, setpoint = plant.state[THETA_L], float(servo.memory.setpoint[POSITION])
         away = departure(memory, setpoint, estimated(load, float(plant.state[OMEGA_L])), 3.0 * stops, PERIOD)
-        found = unexplained_torque(servo.memory.monitor)  # more than there is, for a moment
+        found = servo.memory.monitor.unexplained_torque  # more than there is, for a moment
         unseen = max(B, PERIOD * abs(float(plant.state[OMEGA_L])))  # a fault is found at the next sample
         allowed = 2.5 * B + gives_way(NOMINAL_DRIVE) * max(abs(torque), abs(found)) + unseen
         worst = max(worst, away - allowed)

@@ -11,7 +11,12 @@ import pytest
 from samples import sample_of
 
 from backlash_ros.control import DEFAULT_WEIGHTS, GainSet, Limits, Servo, ServoSettings, design_gains, design_law
-from backlash_ros.control.laws.elastic_lqg import ElasticLqgParameters
+from backlash_ros.control.laws.cascade import cascade_state_at
+from backlash_ros.control.laws.elastic_lqg import (
+    ElasticLqgParameters,
+    elastic_lqg_constants_at,
+    elastic_lqg_state_at,
+)
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Plant
 from backlash_ros.simulation import Scenario, run
 
@@ -58,7 +63,7 @@ def test_integrator_of_the_cascade_stands_still_in_the_soft_zone(gains: GainSet)
     """However long it is held, while the error would make it 300 V a second."""
     for seconds in (1.0, 5.0):
         _, state = held(settings_of(gains, "cascade"), seconds)[0].law_arrays
-        assert state[1] == 0.0
+        assert cascade_state_at(state).integral == 0.0
 
 
 def test_cascade_goes_back_as_if_it_began_there(gains: GainSet) -> None:
@@ -70,8 +75,8 @@ def test_cascade_goes_back_as_if_it_began_there(gains: GainSet) -> None:
 def without_lead(gains: GainSet) -> ServoSettings:
     """The compensator with the reference as it is: the zero of its lead cancels the lag."""
     choice, lag_time = settings_of(gains, "elastic_lqg"), ElasticLqgParameters().lag_time
-    gained = design_law(NOMINAL_DRIVE, choice).constants[41]  # lead slowest/lag_time - 1
-    slowest = (gained + 1.0) * lag_time / ElasticLqgParameters().lead
+    lead = elastic_lqg_constants_at(design_law(NOMINAL_DRIVE, choice).constants).lead  # slowest/lag_time - 1
+    slowest = (lead + 1.0) * lag_time / ElasticLqgParameters().lead
     own = ElasticLqgParameters(lead=lag_time / slowest)
     return choice.with_law("elastic_lqg", own)
 
@@ -80,7 +85,7 @@ def predicted(choice: ServoSettings, limits: Limits) -> np.ndarray:
     """Return what the compensator expects next, with the angles from where the load is held."""
     servo, plant = held(choice, limits=limits)
     angle = plant.load_angle
-    expected: np.ndarray = servo.law_arrays[1][1:6] - [10 * angle, 0.0, angle, 0.0, 0.0]
+    expected: np.ndarray = elastic_lqg_state_at(servo.law_arrays[1]).predicted - [10 * angle, 0.0, angle, 0.0, 0.0]
     return expected
 
 

@@ -18,9 +18,10 @@ from backlash_ros.control import (
     ServoSettings,
 )
 from backlash_ros.control.laws.two_region import TwoRegionParameters
-from backlash_ros.control.observer import observer_memory, observer_step
+from backlash_ros.control.observer import ObserverMemory, observer_memory_at, observer_step
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
 from backlash_ros.drivetrain.sensors import POSITIONS
+from backlash_ros.foundation.record import row_of
 from backlash_ros.foundation.signals import LOAD_TORQUE, OMEGA_L, Measurement
 
 AT_REST = np.zeros(5)
@@ -150,16 +151,16 @@ def test_learning_is_refused_where_it_swings_beyond_an_end(gains: GainSet, side:
 def test_velocity_bandwidth_is_the_bandwidth(gains: GainSet, rate: float, bandwidth: float) -> None:
     """A ramp that sets in: the speed reaches 63 % after 1/bandwidth."""
     constants = ServoSettings(gains, period=1 / rate, velocity_bandwidth=bandwidth).observer(NOMINAL_DRIVE)
-    memory = observer_memory()
+    memory = observer_memory_at(row_of(ObserverMemory))
     reached = math.inf
     for k in range(2000):
         position = max(0, k - 1) / rate
         sample = np.array([math.nan, math.nan, position, math.nan, math.nan])
         observer_step(constants, memory, sample, 0.0, 1 / rate, constants.torque_bandwidth)
-        if memory[OMEGA_L] >= 1 - math.exp(-1) and math.isinf(reached):
+        if memory.estimate[OMEGA_L] >= 1 - math.exp(-1) and math.isinf(reached):
             reached = (k - 1) / rate
     assert reached == pytest.approx(1 / bandwidth, abs=1 / rate)
-    assert memory[LOAD_TORQUE] == 0.0
+    assert memory.estimate[LOAD_TORQUE] == 0.0
 
 
 def close_loop(servo: Servo, plant: Plant, periods: int) -> None:

@@ -12,7 +12,6 @@ from samples import sample_of
 
 from backlash_ros.control import AtRest, GainSet, Limits, Polynomials, Servo, ServoSettings
 from backlash_ros.control.motion.setpoint import DURATION, ORDER, evaluate, extent
-from backlash_ros.control.tick import PLAN_TIME
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Plant
 from backlash_ros.foundation.signals import ACCELERATION, POSITION, VELOCITY, PlantState, Setpoint, at_rest
 from backlash_ros.simulation import Scenario, run
@@ -309,5 +308,5 @@ def test_plan_that_is_over_does_not_stand_in_the_way_of_limits(gains: GainSet) -
     assert servo.follow(Polynomials(np.array([[0.0, 8.0, -8.0, 0.0, 0.0, 0.0, 1.0]]))) == ""  # to 2 rad and back
     narrow = replace(Limits.of(NOMINAL_DRIVE), position_upper=1.0)
     assert "position_upper = 1 rad, got 2" in servo.rejection_reason(narrow)
-    servo.memory.out[PLAN_TIME] = 1.0
+    servo.memory.plan_time = 1.0
     assert servo.rejection_reason(narrow) == ""

@@ -10,7 +10,6 @@ import pytest
 
 from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, Servo, ServoSettings, design_gains
 from backlash_ros.control.laws.cascade import CascadeParameters
-from backlash_ros.control.monitoring.monitor import unexplained_torque
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.foundation.record import Array
@@ -201,7 +200,7 @@ def test_another_load_that_is_told_on_the_way_makes_no_torque(
             rig.servo.use(rig.servo.settings, drive=replace(NOMINAL_DRIVE, load=load))
             assert rig.servo.drive.load == load
         before = rig.servo.load_torque_estimate, rig.servo.holding_voltage
-        rigs.append((rig, before, rig.run(PERIOD)[1][0], unexplained_torque(rig.servo.memory.monitor)))
+        rigs.append((rig, before, rig.run(PERIOD)[1][0], float(rig.servo.memory.monitor.unexplained_torque)))
     (same, torque, command, unexplained), (other, torque_too, command_too, unexplained_too) = rigs
     assert torque == torque_too
     # What is left is what the true load does to the wrong one within a period.

@@ -8,21 +8,40 @@ that new gains cause no step.
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-
 from backlash_ros.control.command_range import clamp
-from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, ControlLaw, NamedLaw
+from backlash_ros.control.law import LAW_SIGNATURE, ControlLaw, LawState, NamedLaw
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.compiled import compiled_as
 from backlash_ros.foundation.quantity import Validated, quantity
-from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.record import Array, Record, row_of, view_of
 from backlash_ros.foundation.signals import OMEGA_M, POSITION, THETA_L, VELOCITY, Estimate, Setpoint
 
 if TYPE_CHECKING:
     from backlash_ros.control.settings import ServoSettings
 
-_INTEGRAL = 1
-_POSITION_GAIN, _DEAD_BAND, _SPEED_GAIN, _RESET, _BACK_EMF, _PERIOD, _TO_MOTOR = range(7)
+_RESET_SHARE = 0.25
+"""Rate at which the speed loop's integral resets, as a share of its bandwidth. Tuned."""
+
+
+class CascadeConstants(Record):
+    """The loops as the compiled step reads them."""
+
+    position_gain: float  # 1/s, from the load's error to the motor's speed, with the gear in it
+    dead_band: float  # rad, of either sign
+    speed_gain: float  # V s/rad, at the motor
+    reset_rate: float  # 1/s, of the speed loop's integral
+    back_emf: float  # V s/rad
+    period: float  # s
+    to_motor: float  # 1/n, from a speed of the load to the motor's
+
+
+class CascadeState(LawState):
+    """The state of the law."""
+
+    integral: float = 0.0  # V, of the speed loop
+
+
+_constants_at, _state_at = view_of(CascadeConstants), view_of(CascadeState)
 
 
 @dataclass(frozen=True)
@@ -41,34 +60,39 @@ class CascadeParameters(Validated):
 @compiled_as(LAW_SIGNATURE)
 def cascade_step(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, low: float, high: float) -> float:
     """Position error beyond the dead band to motor speed, speed error to voltage; the integrator stops at the range."""
+    constants, memory = _constants_at(law), _state_at(state)
     error = setpoint[POSITION] - estimate[THETA_L]
-    beyond = max(error - law[_DEAD_BAND], 0.0) + min(error + law[_DEAD_BAND], 0.0)
-    speed_error = law[_POSITION_GAIN] * beyond + law[_TO_MOTOR] * setpoint[VELOCITY] - estimate[OMEGA_M]
-    integral = state[_INTEGRAL] + law[_SPEED_GAIN] * law[_RESET] * law[_PERIOD] * speed_error
-    wanted = law[_SPEED_GAIN] * speed_error + integral + law[_BACK_EMF] * estimate[OMEGA_M]
+    beyond = max(error - constants.dead_band, 0.0) + min(error + constants.dead_band, 0.0)
+    wanted_speed = constants.position_gain * beyond + constants.to_motor * setpoint[VELOCITY]
+    speed_error = wanted_speed - estimate[OMEGA_M]
+    integral = memory.integral + constants.speed_gain * constants.reset_rate * constants.period * speed_error
+    wanted = constants.speed_gain * speed_error + integral + constants.back_emf * estimate[OMEGA_M]
     voltage = clamp(wanted, low, high)
+    # Beyond the range the integral would only grow.
     if voltage == wanted:
-        state[_INTEGRAL] = integral
+        memory.integral = integral
     return voltage
 
 
 def _take_over(_law: Array, state: Array, _estimate: Estimate, _setpoint: Setpoint, holding: float) -> None:
-    state[_INTEGRAL] = holding
+    _state_at(state).integral = holding
 
 
 def cascade(drive: Drive, settings: "ServoSettings", parameters: CascadeParameters) -> ControlLaw:
     """Design the cascade: K_m i = n^2 J_e domega_m/dt with i = V/R past the electrical pole."""
-    inertia = drive.gear.ratio**2 * drive.effective_inertia
-    constants = [
-        parameters.position_bandwidth / drive.gear.ratio,
-        parameters.dead_band * settings.backlash_angle,
-        parameters.speed_bandwidth * inertia * drive.motor.resistance / drive.motor.torque_constant,
-        0.25 * parameters.speed_bandwidth,
-        drive.motor.torque_constant,
-        settings.period,
-        1.0 / drive.gear.ratio,
-    ]
-    return ControlLaw(cascade_step, np.array(constants, dtype=float), np.array([float(FAST_REGION), 0.0]), _take_over)
+    ratio, motor = drive.gear.ratio, drive.motor
+    inertia = ratio**2 * drive.effective_inertia
+    constants = row_of(
+        CascadeConstants,
+        position_gain=parameters.position_bandwidth / ratio,
+        dead_band=parameters.dead_band * settings.backlash_angle,
+        speed_gain=parameters.speed_bandwidth * inertia * motor.resistance / motor.torque_constant,
+        reset_rate=_RESET_SHARE * parameters.speed_bandwidth,
+        back_emf=motor.torque_constant,
+        period=settings.period,
+        to_motor=1.0 / ratio,
+    )
+    return ControlLaw(cascade_step, constants, row_of(CascadeState), _take_over)
 
 
 LAWS = {"cascade": NamedLaw("P/PI cascade with dead band", cascade, CascadeParameters())}

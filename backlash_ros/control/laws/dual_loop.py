@@ -12,14 +12,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-
 from backlash_ros.control.command_range import clamp
-from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, REGION, ControlLaw, NamedLaw
+from backlash_ros.control.law import LAW_SIGNATURE, ControlLaw, LawState, NamedLaw
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.compiled import compiled, compiled_as
 from backlash_ros.foundation.quantity import Validated, quantity
-from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.record import Array, Record, row_of, view_of
 from backlash_ros.foundation.signals import (
     ACCELERATION,
     LOAD_TORQUE,
@@ -36,25 +34,52 @@ from backlash_ros.foundation.signals import (
 if TYPE_CHECKING:
     from backlash_ros.control.settings import ServoSettings
 
-# fmt: off
-(
-    _PERIOD, _RATIO, _GAP,  # s, n, b in rad
-    _MOVE, _POSITION_GAIN, _SPEED_GAIN, _RESET,  # 1/s, 1/s, V s/rad, 1/s
-    _LOAD_GAIN, _LEAST,  # 1/s, N m
-    _INERTIA, _FRICTION, _COULOMB,  # of the load: kg m^2, N m s/rad, N m
-    _ALL_INERTIA, _ALL_FRICTION, _ALL_COULOMB,  # of both shafts
-    _VOLTS_PER_TORQUE, _VOLTS_PER_SPEED,  # V/(N m), V s/rad
-) = range(17)
-_STARTED, REFERENCE, SPEED, SHIFT, FLANK, _INTEGRAL = range(1, 7)
-# fmt: on
 _FASTER = 4.0
-"""The speed loop's bandwidth over the position loop's."""
-_NONE = 5e-4
-"""Share of the least torque below which a planned torque has no sign: the motion is over."""
+"""The speed loop's bandwidth over the position loop's, as in ServoProject."""
+_RESET_SHARE = 0.25
+"""Rate at which the speed loop's integral resets, as a share of its bandwidth. Tuned."""
+_NO_TORQUE = 5e-4
+"""Share of the least torque below which a planned torque has no sign: the motion is over. Tuned."""
 _TURNS = 0.2
-"""Speed, rad/s, from which on a shaft has all of its dry friction."""
+"""Speed, rad/s, from which on a shaft has all of its dry friction. Tuned."""
 _QUICKEST = 0.5
-"""Largest reference bandwidth times the period."""
+"""Largest reference bandwidth times the period. Tuned."""
+
+
+class DualLoopConstants(Record):
+    """The loops and the identified drive, as the compiled step reads them."""
+
+    period: float  # s
+    ratio: float  # of the gear, n
+    gap: float  # rad
+    reference_bandwidth: float  # rad/s
+    position_gain: float  # 1/s
+    speed_gain: float  # V s/rad
+    reset_rate: float  # 1/s, of the speed loop's integral
+    load_gain: float  # 1/s, of the loop that shifts the motor's target
+    least_torque: float  # N m, beyond the dry friction, that decides the flank
+    load_inertia: float  # kg m^2
+    load_friction: float  # N m s/rad
+    load_coulomb: float  # N m
+    inertia: float  # kg m^2, of both shafts
+    friction: float  # N m s/rad, of both shafts
+    coulomb: float  # N m, of both shafts
+    volts_per_torque: float  # V/(N m)
+    volts_per_speed: float  # V s/rad
+
+
+class DualLoopState(LawState):
+    """The smooth motion, the shift of the motor's target and the speed loop's integral."""
+
+    started: float = 0.0  # 1 once a sample has been seen
+    reference: float = 0.0  # rad, of the smooth motion
+    speed: float = 0.0  # rad/s, of the smooth motion
+    shift: float = 0.0  # rad, of the motor's target from the smooth motion
+    flank: float = 0.0  # 1 or -1; 0: not known
+    integral: float = 0.0  # V
+
+
+_constants_at, dual_loop_state_at = view_of(DualLoopConstants), view_of(DualLoopState)
 
 
 @dataclass(frozen=True)
@@ -90,52 +115,66 @@ class DualLoopParameters(Validated):
 
 
 @compiled
-def _start(law: Array, state: Array, estimate: Estimate) -> None:
+def _start(constants: DualLoopConstants, memory: DualLoopState, estimate: Estimate) -> None:
     """Start where both shafts are."""
-    state[REFERENCE], state[SPEED] = estimate[THETA_L], estimate[OMEGA_L]
-    state[SHIFT] = law[_RATIO] * estimate[THETA_M] - estimate[THETA_L]
-    state[FLANK], state[_STARTED] = 0.0, 1.0
+    memory.reference, memory.speed = estimate[THETA_L], estimate[OMEGA_L]
+    memory.shift = constants.ratio * estimate[THETA_M] - estimate[THETA_L]
+    memory.flank, memory.started = 0.0, 1.0
+
+
+@compiled
+def _choose_flank(
+    constants: DualLoopConstants, memory: DualLoopState, acceleration: float, turning: float, load_torque: float
+) -> None:
+    """Choose the flank that gives the load the planned torque, and shift the motor's target there."""
+    hidden = constants.load_coulomb + constants.least_torque
+    planned = constants.load_inertia * acceleration + constants.load_friction * memory.speed
+    planned += constants.load_coulomb * turning
+    # Dry friction hides so much of the load torque.
+    planned -= load_torque - clamp(load_torque, -hidden, hidden)
+    decides = abs(planned) > _NO_TORQUE * constants.least_torque
+    flank = math.copysign(1.0, planned) if decides else memory.flank
+    # By half the gap from a flank that is not known: where the teeth are between them is not known either.
+    memory.shift += 0.5 * (flank - memory.flank) * constants.gap
+    memory.flank = flank
 
 
 @compiled_as(LAW_SIGNATURE)
 def dual_loop_step(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, low: float, high: float) -> float:
     """Smooth the setpoint, shift the motor's target by the load's error and the gap, and move the motor there."""
-    if state[_STARTED] == 0.0:
-        _start(law, state, estimate)
-    period, move, speed = law[_PERIOD], law[_MOVE], state[SPEED]
-    acceleration = move * (move * (setpoint[POSITION] - state[REFERENCE]) + 2.0 * (setpoint[VELOCITY] - speed))
+    constants, memory = _constants_at(law), dual_loop_state_at(state)
+    if memory.started == 0.0:
+        _start(constants, memory, estimate)
+    period, bandwidth, speed = constants.period, constants.reference_bandwidth, memory.speed
+    behind = bandwidth * (setpoint[POSITION] - memory.reference) + 2.0 * (setpoint[VELOCITY] - speed)
+    acceleration = bandwidth * behind
     acceleration += setpoint[ACCELERATION]
     turning = clamp(speed / _TURNS, -1.0, 1.0)
-    pull, hidden = estimate[LOAD_TORQUE], law[_COULOMB] + law[_LEAST]
-    takes = law[_INERTIA] * acceleration + law[_FRICTION] * speed + law[_COULOMB] * turning
-    takes -= pull - clamp(pull, -hidden, hidden)
-    flank = math.copysign(1.0, takes) if abs(takes) > _NONE * law[_LEAST] else state[FLANK]
-    # By half the gap from a flank that is not known: where the teeth are between them is not known either.
-    state[SHIFT] += 0.5 * (flank - state[FLANK]) * law[_GAP]
-    state[FLANK] = flank
-    motor, motor_speed = law[_RATIO] * estimate[THETA_M], law[_RATIO] * estimate[OMEGA_M]
-    missing = speed + law[_POSITION_GAIN] * (state[REFERENCE] + state[SHIFT] - motor) - motor_speed
-    integral = state[_INTEGRAL] + law[_SPEED_GAIN] * law[_RESET] * period * missing
-    torque = law[_ALL_INERTIA] * acceleration + law[_ALL_FRICTION] * speed + law[_ALL_COULOMB] * turning
-    wanted = law[_SPEED_GAIN] * missing + integral
-    wanted += law[_VOLTS_PER_TORQUE] * torque + law[_VOLTS_PER_SPEED] * motor_speed
+    _choose_flank(constants, memory, acceleration, turning, estimate[LOAD_TORQUE])
+    motor, motor_speed = constants.ratio * estimate[THETA_M], constants.ratio * estimate[OMEGA_M]
+    speed_error = speed + constants.position_gain * (memory.reference + memory.shift - motor) - motor_speed
+    integral = memory.integral + constants.speed_gain * constants.reset_rate * period * speed_error
+    torque = constants.inertia * acceleration + constants.friction * speed + constants.coulomb * turning
+    wanted = constants.speed_gain * speed_error + integral
+    wanted += constants.volts_per_torque * torque + constants.volts_per_speed * motor_speed
     voltage = clamp(wanted, low, high)
     if voltage == wanted:
-        state[_INTEGRAL] = integral
-        state[SHIFT] += law[_LOAD_GAIN] * period * (state[REFERENCE] - estimate[THETA_L])
+        memory.integral = integral
+        memory.shift += constants.load_gain * period * (memory.reference - estimate[THETA_L])
     else:  # the reference accelerates no more than the drive can
-        possible = acceleration + (voltage - wanted) / (law[_VOLTS_PER_TORQUE] * law[_ALL_INERTIA])
+        possible = acceleration + (voltage - wanted) / (constants.volts_per_torque * constants.inertia)
         acceleration = clamp(possible, min(acceleration, 0.0), max(acceleration, 0.0))
-    state[SPEED] += period * acceleration
-    state[REFERENCE] += period * state[SPEED]
+    memory.speed += period * acceleration
+    memory.reference += period * memory.speed
     return voltage
 
 
 def _take_over(law: Array, state: Array, estimate: Estimate, _setpoint: Setpoint, holding: float) -> None:
-    _start(law, state, estimate)
-    state[_INTEGRAL] = holding
-    torque = holding / law[_VOLTS_PER_TORQUE]
-    state[FLANK] = math.copysign(1.0, torque) if abs(torque) > law[_LEAST] else 0.0
+    constants, memory = _constants_at(law), dual_loop_state_at(state)
+    _start(constants, memory, estimate)
+    memory.integral = holding
+    torque = holding / constants.volts_per_torque
+    memory.flank = math.copysign(1.0, torque) if abs(torque) > constants.least_torque else 0.0
 
 
 def dual_loop(drive: Drive, settings: "ServoSettings", parameters: DualLoopParameters) -> ControlLaw:
@@ -154,30 +193,27 @@ def dual_loop(drive: Drive, settings: "ServoSettings", parameters: DualLoopParam
             f"got {parameters.reference_bandwidth:g}"
         )
     speed_bandwidth = _FASTER * parameters.position_bandwidth
-    law = np.zeros(_VOLTS_PER_SPEED + 1)
-    values = {
-        _PERIOD: settings.period,
-        _RATIO: n,
-        _GAP: settings.backlash_angle,
-        _MOVE: parameters.reference_bandwidth,
-        _POSITION_GAIN: parameters.position_bandwidth,
-        _SPEED_GAIN: speed_bandwidth * inertia * volts_per_torque,
-        _RESET: 0.25 * speed_bandwidth,
-        _LOAD_GAIN: parameters.load_bandwidth,
-        _LEAST: parameters.least_torque * drive.standstill_torque(),
-        _INERTIA: load.inertia,
-        _FRICTION: load.viscous_friction,
-        _COULOMB: load.coulomb_friction,
-        _ALL_INERTIA: inertia,
-        _ALL_FRICTION: drive.effective_friction,
-        _ALL_COULOMB: load.coulomb_friction + motor.coulomb_friction / n,
-        _VOLTS_PER_TORQUE: volts_per_torque,
-        _VOLTS_PER_SPEED: motor.torque_constant / n,
-    }
-    law[list(values)] = list(values.values())
-    state = np.zeros(_INTEGRAL + 1)
-    state[REGION] = FAST_REGION
-    return ControlLaw(dual_loop_step, law, state, _take_over)
+    constants = row_of(
+        DualLoopConstants,
+        period=settings.period,
+        ratio=n,
+        gap=settings.backlash_angle,
+        reference_bandwidth=parameters.reference_bandwidth,
+        position_gain=parameters.position_bandwidth,
+        speed_gain=speed_bandwidth * inertia * volts_per_torque,
+        reset_rate=_RESET_SHARE * speed_bandwidth,
+        load_gain=parameters.load_bandwidth,
+        least_torque=parameters.least_torque * drive.standstill_torque(),
+        load_inertia=load.inertia,
+        load_friction=load.viscous_friction,
+        load_coulomb=load.coulomb_friction,
+        inertia=inertia,
+        friction=drive.effective_friction,
+        coulomb=load.coulomb_friction + motor.coulomb_friction / n,
+        volts_per_torque=volts_per_torque,
+        volts_per_speed=motor.torque_constant / n,
+    )
+    return ControlLaw(dual_loop_step, constants, row_of(DualLoopState), _take_over)
 
 
 LAWS = {

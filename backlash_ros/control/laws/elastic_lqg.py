@@ -7,25 +7,57 @@ reference that more than compensates the slow pole. The spring is the teeth's se
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from backlash_ros.control.command_range import clamp
-from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, ControlLaw, NamedLaw
+from backlash_ros.control.law import LAW_SIGNATURE, ControlLaw, LawState, NamedLaw
 from backlash_ros.drivetrain import Drive, discretize
 from backlash_ros.foundation.compiled import compiled_as
 from backlash_ros.foundation.quantity import Validated, quantity
-from backlash_ros.foundation.record import Array
-from backlash_ros.foundation.signals import OMEGA_L, POSITION, THETA_L, Estimate, Setpoint
+from backlash_ros.foundation.record import Array, Record, cells, row_of, view_of
+from backlash_ros.foundation.signals import (
+    CURRENT,
+    OMEGA_L,
+    OMEGA_M,
+    POSITION,
+    THETA_L,
+    THETA_M,
+    Estimate,
+    Setpoint,
+)
 
 if TYPE_CHECKING:
     from backlash_ros.control.settings import ServoSettings
 
 _STATES = 5
-_A, _B, _L, _K, _RATIO, _LEAD, _FORGET, _HELD = 0, 25, 30, 35, 40, 41, 42, 43
-_STARTED, _SLOW_REFERENCE = 1 + _STATES, 2 + _STATES
+"""Motor angle and speed, load angle and speed, and current, as in an `Estimate`."""
+
+
+class ElasticLqgConstants(Record):
+    """The compensator as the compiled step reads it."""
+
+    transition: Array = cells(_STATES, _STATES)  # A of the discrete model
+    input: Array = cells(_STATES)  # B, per volt
+    correction: Array = cells(_STATES)  # of the predictor, per rad of innovation
+    gains: Array = cells(_STATES)  # V per unit of each state
+    ratio: float = 1.0  # of the gear, n
+    lead: float = 0.0  # lead time over lag time, less 1
+    forgetting: float = 1.0  # share of a step that the lag follows within a period
+    held: Array = cells(_STATES)  # the predictor's steady state per volt with the load at rest
+
+
+class ElasticLqgState(LawState):
+    """The predictor and the lag of the reference."""
+
+    predicted: Array = cells(_STATES)  # the states at the next sample
+    started: float = 0.0  # 1 once a sample has been seen
+    slow_reference: float = 0.0  # rad, behind the lag
+
+
+elastic_lqg_constants_at, elastic_lqg_state_at = view_of(ElasticLqgConstants), view_of(ElasticLqgState)
 
 
 @dataclass(frozen=True)
@@ -51,46 +83,51 @@ class ElasticLqgParameters(Validated):
 
 @compiled_as(LAW_SIGNATURE)
 def elastic_lqg_step(
-    law: Array, memory: Array, estimate: Estimate, setpoint: Setpoint, low: float, high: float
+    law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, low: float, high: float
 ) -> float:
-    """Kalman predictor in ``memory[1:6]``: theta_m, omega_m, theta_l, omega_l, i; V = K (target - state)."""
-    state = memory[1 : 1 + _STATES]
+    """V = gains (target - predicted), with a Kalman predictor of the states and a lead on the reference."""
+    constants, memory = elastic_lqg_constants_at(law), elastic_lqg_state_at(state)
+    predicted, gains, ratio, lead = memory.predicted, constants.gains, constants.ratio, constants.lead
     reference = setpoint[POSITION]
-    if memory[_STARTED] == 0.0:
-        state[0], state[2] = estimate[THETA_L] / law[_RATIO], estimate[THETA_L]
-        memory[_SLOW_REFERENCE] = estimate[THETA_L]
-        memory[_STARTED] = 1.0
-    target = reference + law[_LEAD] * (reference - memory[_SLOW_REFERENCE])
-    per_target = law[_K] / law[_RATIO] + law[_K + 2]
-    wanted = law[_K] * (target / law[_RATIO] - state[0]) + law[_K + 2] * (target - state[2])
-    wanted -= law[_K + 1] * state[1] + law[_K + 3] * state[3] + law[_K + 4] * state[4]
+    if memory.started == 0.0:
+        predicted[THETA_M], predicted[THETA_L] = estimate[THETA_L] / ratio, estimate[THETA_L]
+        memory.slow_reference = estimate[THETA_L]
+        memory.started = 1.0
+    target = reference + lead * (reference - memory.slow_reference)
+    per_target = gains[THETA_M] / ratio + gains[THETA_L]
+    wanted = gains[THETA_M] * (target / ratio - predicted[THETA_M]) + gains[THETA_L] * (target - predicted[THETA_L])
+    wanted -= (
+        gains[OMEGA_M] * predicted[OMEGA_M] + gains[OMEGA_L] * predicted[OMEGA_L] + gains[CURRENT] * predicted[CURRENT]
+    )
     voltage = clamp(wanted, low, high)
     # The lead follows the reference that the range lets through, not one that was never acted on (Hanus, Kinnaert &
     # Henrotte, Automatica 23, 1987).
-    acted_on = reference + (voltage - wanted) / (per_target * (1.0 + law[_LEAD]))
-    memory[_SLOW_REFERENCE] += law[_FORGET] * (acted_on - memory[_SLOW_REFERENCE])
-    innovation = estimate[THETA_L] - state[2]
+    acted_on = reference + (voltage - wanted) / (per_target * (1.0 + lead))
+    memory.slow_reference += constants.forgetting * (acted_on - memory.slow_reference)
+    innovation = estimate[THETA_L] - predicted[THETA_L]
     following = np.empty(_STATES)
     for i in range(_STATES):
-        following[i] = law[_B + i] * voltage + law[_L + i] * innovation
+        following[i] = constants.input[i] * voltage + constants.correction[i] * innovation
         for j in range(_STATES):
-            following[i] += law[_A + _STATES * i + j] * state[j]
-    state[:] = following
+            following[i] += constants.transition[i, j] * predicted[j]
+    predicted[:] = following
     return voltage
 
 
-def _take_over(law: Array, memory: Array, estimate: Estimate, setpoint: Setpoint, holding: float) -> None:
+def _take_over(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, holding: float) -> None:
     """Start the predictor at its steady state for the held load, and the lead so that it asks for the holding voltage.
 
     So the voltage does not step; how far the load then moves under a load torque depends on the law.
     """
+    constants, memory = elastic_lqg_constants_at(law), elastic_lqg_state_at(state)
+    ratio, gains, lead = constants.ratio, constants.gains, constants.lead
     angle, speed = estimate[THETA_L], estimate[OMEGA_L]
-    moves = np.array([angle / law[_RATIO], speed / law[_RATIO], angle, speed, 0.0])
-    memory[1 : 1 + _STATES] = moves + holding * law[_HELD : _HELD + _STATES]
-    reference, gains = setpoint[POSITION], law[_K : _K + _STATES]
-    target = (holding + gains @ memory[1 : 1 + _STATES]) / (gains[0] / law[_RATIO] + gains[2])
-    memory[_SLOW_REFERENCE] = reference - (target - reference) / law[_LEAD] if law[_LEAD] else reference
-    memory[_STARTED] = 1.0
+    predicted = np.array([angle / ratio, speed / ratio, angle, speed, 0.0]) + holding * constants.held
+    reference = setpoint[POSITION]
+    target = (holding + gains @ predicted) / (gains[THETA_M] / ratio + gains[THETA_L])
+    memory.predicted[:] = predicted
+    memory.slow_reference = reference - (target - reference) / lead if lead else reference
+    memory.started = 1.0
 
 
 def _elastic_model(drive: Drive) -> tuple[Array, Array]:
@@ -139,13 +176,18 @@ def elastic_lqg(drive: Drive, settings: "ServoSettings", parameters: ElasticLqgP
     except ValueError as error:
         raise ValueError(f"law = 'elastic_lqg' cannot be designed for this drive: {error}") from error
     slowest = -settings.period / np.log(np.max(np.abs(poles)))
-    reference = [
-        parameters.lead * slowest / parameters.lag_time - 1.0,
-        -np.expm1(-settings.period / parameters.lag_time),
-    ]
-    parts: list[Any] = [a, b, predictor, k, [drive.gear.ratio], reference, held]
-    constants = np.concatenate([np.ravel(part) for part in parts])
-    return ControlLaw(elastic_lqg_step, constants, np.array([float(FAST_REGION), *np.zeros(_STATES + 2)]), _take_over)
+    constants = row_of(
+        ElasticLqgConstants,
+        transition=a,
+        input=b[:, 0],
+        correction=predictor[:, 0],
+        gains=k[0],
+        ratio=drive.gear.ratio,
+        lead=parameters.lead * slowest / parameters.lag_time - 1.0,
+        forgetting=-np.expm1(-settings.period / parameters.lag_time),
+        held=held[:, 0],
+    )
+    return ControlLaw(elastic_lqg_step, constants, row_of(ElasticLqgState), _take_over)
 
 
 LAWS = {"elastic_lqg": NamedLaw("linear compensator (after Mohan)", elastic_lqg, ElasticLqgParameters())}

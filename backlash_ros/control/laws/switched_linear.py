@@ -8,20 +8,36 @@ switches without hysteresis.
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-
 from backlash_ros.control.command_range import clamp
-from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, OVERDAMPED_REGION, REGION, ControlLaw, NamedLaw
+from backlash_ros.control.law import (
+    FAST_REGION,
+    LAW_SIGNATURE,
+    OVERDAMPED_REGION,
+    ControlLaw,
+    LawState,
+    NamedLaw,
+    law_state_at,
+)
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.compiled import compiled_as
 from backlash_ros.foundation.quantity import Validated, quantity
-from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.record import Array, Record, row_of, view_of
 from backlash_ros.foundation.signals import OMEGA_L, POSITION, THETA_L, VELOCITY, Estimate, Setpoint
 
 if TYPE_CHECKING:
     from backlash_ros.control.settings import ServoSettings
 
-_K1, _K2, _NEAR, _REDUCTION = range(4)
+
+class SwitchedLinearConstants(Record):
+    """The compensator far from the target, and what changes near it."""
+
+    position: float  # V/rad
+    velocity: float  # V s/rad
+    near: float  # rad, error below which the law is softer
+    reduction: float  # share of the gain that is left there
+
+
+_constants_at = view_of(SwitchedLinearConstants)
 
 
 @dataclass(frozen=True)
@@ -40,18 +56,25 @@ def switched_linear_step(
     law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, low: float, high: float
 ) -> float:
     """V = g (k1 error + k2 speed error), with the reduced g where the error is smaller than the backlash."""
+    constants = _constants_at(law)
     error = setpoint[POSITION] - estimate[THETA_L]
-    near = abs(error) < law[_NEAR]
-    state[REGION] = OVERDAMPED_REGION if near else FAST_REGION
-    voltage = law[_K1] * error + law[_K2] * (setpoint[VELOCITY] - estimate[OMEGA_L])
-    return clamp(voltage * (law[_REDUCTION] if near else 1.0), low, high)
+    near = abs(error) < constants.near
+    law_state_at(state).region = OVERDAMPED_REGION if near else FAST_REGION
+    voltage = constants.position * error + constants.velocity * (setpoint[VELOCITY] - estimate[OMEGA_L])
+    return clamp(voltage * (constants.reduction if near else 1.0), low, high)
 
 
 def switched_linear(_drive: Drive, settings: "ServoSettings", parameters: SwitchedLinearParameters) -> ControlLaw:
     """Design it from the fast gains' position and speed gain."""
     fast = settings.gains.fast
-    constants = [fast.position, fast.velocity, settings.backlash_angle, parameters.reduction]
-    return ControlLaw(switched_linear_step, np.array(constants, dtype=float), np.array([float(FAST_REGION)]))
+    constants = row_of(
+        SwitchedLinearConstants,
+        position=fast.position,
+        velocity=fast.velocity,
+        near=settings.backlash_angle,
+        reduction=parameters.reduction,
+    )
+    return ControlLaw(switched_linear_step, constants, row_of(LawState))
 
 
 LAWS = {

@@ -9,15 +9,13 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.design.gains import Gains
-from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, OVERDAMPED_REGION, REGION, ControlLaw, NamedLaw
+from backlash_ros.control.law import FAST_REGION, LAW_SIGNATURE, OVERDAMPED_REGION, ControlLaw, LawState, NamedLaw
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.compiled import compiled_as
 from backlash_ros.foundation.quantity import Validated, quantity
-from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.record import Array, Record, part, row_of, view_of
 from backlash_ros.foundation.signals import (
     CURRENT,
     LOAD_TORQUE,
@@ -32,8 +30,33 @@ from backlash_ros.foundation.signals import (
 if TYPE_CHECKING:
     from backlash_ros.control.settings import ServoSettings
 
-_TICKS = 1
-_OVERDAMPED, _ENTER, _LEAVE, _DWELL = 4, 8, 9, 10
+
+class Feedback(Record):
+    """The gains of eq 15."""
+
+    position: float = 0.0  # V/rad, k1
+    velocity: float = 0.0  # V s/rad, k2
+    current: float = 0.0  # V/A, k3
+    load_torque: float = 0.0  # V/(N m), k_tau
+
+
+class TwoRegionConstants(Record):
+    """The gains of both regions, and when these are left."""
+
+    fast: Feedback = part(Feedback)
+    overdamped: Feedback = part(Feedback)
+    enter: float = 0.0  # rad, error below which the over-damped gains act
+    leave: float = 0.0  # rad, error from which on the fast ones act again
+    dwell: float = 0.0  # samples, at least so many in a region
+
+
+class TwoRegionState(LawState):
+    """The state of the law."""
+
+    samples: float = 1e9  # in this region; the first region acts from the start, with no dwell time to wait for
+
+
+_constants_at, _state_at = view_of(TwoRegionConstants), view_of(TwoRegionState)
 
 
 @dataclass(frozen=True)
@@ -62,34 +85,37 @@ class TwoRegionParameters(Validated):
 @compiled_as(LAW_SIGNATURE)
 def two_region_step(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, low: float, high: float) -> float:
     """Choose the region by the error, apply eq 15 with its gains, and clamp to the range."""
+    constants, memory = _constants_at(law), _state_at(state)
     error = setpoint[POSITION] - estimate[THETA_L]
-    region, ticks = state[REGION], state[_TICKS] + 1.0
-    if ticks >= law[_DWELL]:
-        if region == FAST_REGION and abs(error) < law[_ENTER]:
-            region, ticks = float(OVERDAMPED_REGION), 0.0
-        elif region == OVERDAMPED_REGION and abs(error) >= law[_LEAVE]:
-            region, ticks = float(FAST_REGION), 0.0
-    state[REGION], state[_TICKS] = region, ticks
-    k = 0 if region == FAST_REGION else _OVERDAMPED
-    voltage = law[k + 3] * estimate[LOAD_TORQUE]
-    voltage += law[k] * error + law[k + 1] * (setpoint[VELOCITY] - estimate[OMEGA_L]) - law[k + 2] * estimate[CURRENT]
+    memory.samples += 1.0
+    if memory.samples >= constants.dwell:
+        if memory.region == FAST_REGION and abs(error) < constants.enter:
+            memory.region, memory.samples = OVERDAMPED_REGION, 0.0
+        elif memory.region == OVERDAMPED_REGION and abs(error) >= constants.leave:
+            memory.region, memory.samples = FAST_REGION, 0.0
+    gains = constants.fast if memory.region == FAST_REGION else constants.overdamped
+    speed_error = setpoint[VELOCITY] - estimate[OMEGA_L]
+    voltage = gains.load_torque * estimate[LOAD_TORQUE]
+    voltage += gains.position * error + gains.velocity * speed_error - gains.current * estimate[CURRENT]
     return clamp(voltage, low, high)
 
 
-def _with_torque(drive: Drive, gains: Gains) -> list[float]:
+def _with_torque(drive: Drive, gains: Gains) -> tuple[float, float, float, float]:
     """Return k1, k2, k3 and k_tau = -n (R + k3)/K_m."""
     k_tau = -drive.gear.ratio * (drive.motor.resistance + gains.current) / drive.motor.torque_constant
-    return [gains.position, gains.velocity, gains.current, k_tau]
+    return gains.position, gains.velocity, gains.current, k_tau
 
 
 def _law(drive: Drive, settings: "ServoSettings", enter: float, leave: float, min_dwell: float = 0.0) -> ControlLaw:
-    constants = [
-        *_with_torque(drive, settings.gains.fast),
-        *_with_torque(drive, settings.gains.overdamped),
-        *(enter, leave, math.ceil(min_dwell / settings.period - 1e-9)),
-    ]
-    # The first region acts from the start: no dwell time to wait for.
-    return ControlLaw(two_region_step, np.array(constants, dtype=float), np.array([float(FAST_REGION), 1e9]))
+    constants = row_of(
+        TwoRegionConstants,
+        fast=_with_torque(drive, settings.gains.fast),
+        overdamped=_with_torque(drive, settings.gains.overdamped),
+        enter=enter,
+        leave=leave,
+        dwell=math.ceil(min_dwell / settings.period - 1e-9),
+    )
+    return ControlLaw(two_region_step, constants, row_of(TwoRegionState))
 
 
 def two_region(drive: Drive, settings: "ServoSettings", parameters: TwoRegionParameters) -> ControlLaw:

@@ -22,47 +22,79 @@ than the monitor's limit on the gap, which looks the same.
 """
 
 import math
-from typing import NamedTuple
 
-import numpy as np
-
-from backlash_ros.control.observer import ObserverConstants, low_pass_gain, next_current
+from backlash_ros.control.monitoring.faults import FaultDetails
+from backlash_ros.control.monitoring.side import (
+    LATELY,
+    PATIENCE,
+    Side,
+    count_of,
+    follow_encoder,
+    settle_angle,
+    speed_is_plausible,
+)
+from backlash_ros.control.observer import ObserverConstants, ObserverMemory, low_pass_gain, next_current
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.compiled import compiled
-from backlash_ros.foundation.record import Array
-from backlash_ros.foundation.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement
-
-PATIENCE = 3
-"""Number of consecutive implausible samples that are a fault."""
+from backlash_ros.foundation.record import Record, part, row_of, view_of
+from backlash_ros.foundation.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement, as_estimate
 
 _STALL_SHARE = 0.02
-"""Share of the stall current by which a current may be off at rest."""
+"""Share of the stall current by which a current may be off at rest. Tuned."""
 _CURRENT_SHARE = 0.35
-"""Share of the largest recent current: the resistance may be a quarter less than its parameter."""
+"""Share of the largest recent current by which one may be off: the resistance may be a quarter less than its
+parameter."""
 _BACK_EMF_SHARE = 0.15
 """Share of the current that the largest recent back-EMF would drive: the torque constant may be wrong."""
-LATELY = 0.05
-"""Time constant of forgetting, s."""
 _LAG = 0.004
-"""Delay of a reported speed that is allowed beside two periods, s."""
+"""Delay of a reported speed that is allowed beside two periods, s. Tuned."""
 _COUNT = 2 * math.pi / 2**11
 """Count that a speed may come from, rad at its shaft, until all steps seen are larger."""
 
 
-class PlausibilityConstants(NamedTuple):
-    """Acceleration of a motor alone per current, rad/s^2 per A at the output; and the current's margin, A."""
+class PlausibilityConstants(Record):
+    """What the motor does alone, and what is allowed to its current."""
 
-    acceleration: float
-    current_margin: float
+    acceleration: float  # rad/s^2 per A at the output, of the motor alone
+    current_margin: float  # A, at rest
+
+
+class CurrentMemory(Record):
+    """The currents that the last three commands can cause."""
+
+    smallest: float = 0.0  # A
+    largest: float = 0.0  # A
+    peak: float = 0.0  # A, the largest magnitude lately
+    implausible: float = 0.0  # so many measured currents in a row were
+    command_before: float = 0.0  # V or A, one sample before the one in force
+    command_before_that: float = 0.0  # V or A, two samples before
+
+
+class PlausibilityMemory(Record):
+    """Both encoders, the current, and how fast and how unsteady the motion was lately, at the output."""
+
+    motor: Side = part(Side)
+    load: Side = part(Side)
+    current: CurrentMemory = part(CurrentMemory)
+    peak_speed: float = 0.0  # rad/s, lately
+    peak_change: float = 0.0  # rad/s, lately: of a mean speed from sample to sample, or between the shafts
+    lag_travel: float = 0.0  # rad, on which a lag leads, lately
+    unseen_travel: float = 0.0  # rad, between the samples, that a trapezoid of the speeds misses, lately
+
+
+_constants_at = view_of(PlausibilityConstants)
 
 
 def plausibility_constants(drive: Drive) -> PlausibilityConstants:
     """Return the constants for one drive."""
     motor = drive.motor
     stall = min(motor.voltage_limit / motor.resistance, motor.current_limit if drive.takes_current else math.inf)
-    return PlausibilityConstants(
-        acceleration=drive.gear.ratio * motor.torque_constant / motor.inertia, current_margin=_STALL_SHARE * stall
+    row = row_of(
+        PlausibilityConstants,
+        acceleration=drive.gear.ratio * motor.torque_constant / motor.inertia,
+        current_margin=_STALL_SHARE * stall,
     )
+    return _constants_at(row)
 
 
 @compiled
@@ -71,216 +103,147 @@ def speed_lag(period: float) -> float:
     return _LAG + 2.0 * period
 
 
-# What is remembered: of each side the angle that is believed and the one that was shown, the mean speed and by how much
-# it changed last, the measured speed, at the output, the sum of what they disagree on, for how many samples in a row
-# speed and angle were not plausible, and the smallest way seen; how fast and how unsteady it was lately, and how far a
-# lag, and what is between the samples, may lead off the way; of the current its hull, its peak, for how many samples it
-# was not plausible, and the commands before.
-_ANGLE, _SHOWN, _MEAN, _CHANGE, _SPEED, _DRIFT, _FAILED, _JUMPED, _RESEATED, _COUNTED = range(10)
-_MOTOR, _LOAD = 0, 10
-_FASTEST, _UNSTEADY, _LAGGED, _UNEVEN = range(20, 24)
-_LEAST, _LARGEST, _PEAK, _CURRENT_FAILED, _BEFORE, _BEFORE_THAT = range(24, 30)
-
-
-def plausibility_memory() -> Array:
-    """Return the initial memory."""
-    memory = np.zeros(30)
-    memory[[side + part for side in (_MOTOR, _LOAD) for part in (_ANGLE, _SHOWN, _MEAN, _SPEED)]] = math.nan
-    memory[[_MOTOR + _COUNTED, _LOAD + _COUNTED]] = math.inf
-    return memory
-
-
-@compiled
-def _count_of(memory: Array, side: int, coarsest: float) -> float:
-    """Return the count assumed for a speed, rad at the output: the smallest step seen, or ``coarsest``."""
-    seen = memory[side + _COUNTED]
-    return max(coarsest, seen) if seen < math.inf else coarsest
-
-
-@compiled
-def _follow_encoder(memory: Array, side: int, angle: float, bound: float, trusted: bool, period: float) -> float:
-    """Take an angle (rad at the output); return the change of its mean speed since the previous sample, rad/s.
-
-    An angle that deviates from its motion by more than ``bound`` (rad/s) is not believed before its third sample,
-    unless it is ``trusted``: with a measured speed, an angle that jumps causes no speed.
-    """
-    shown = (angle - memory[side + _SHOWN]) / period
-    mean = (angle - memory[side + _ANGLE]) / period
-    change = mean - memory[side + _MEAN]
-    memory[side + _SHOWN], memory[side + _RESEATED] = angle, 0.0
-    if math.isnan(change):
-        change = 0.0
-    elif abs(change) > bound and not trusted:
-        memory[side + _JUMPED] += 1.0
-        if memory[side + _JUMPED] < PATIENCE:
-            memory[side + _ANGLE] += period * memory[side + _MEAN]
-            return 0.0
-        memory[side + _RESEATED] = 1.0
-        mean, change = shown, shown - memory[side + _MEAN]
-    moved = abs(angle - memory[side + _ANGLE])
-    if moved > 0.0:  # false for nan
-        memory[side + _COUNTED] = min(moved, memory[side + _COUNTED])
-    memory[side + _ANGLE], memory[side + _MEAN], memory[side + _JUMPED] = angle, mean, 0.0
-    memory[side + _CHANGE] = change
-    return float(abs(change))
-
-
-@compiled
-def _settle_angle(
-    memory: Array, side: int, to_shaft: float, across: float, used: Measurement, observed: Array, period: float
-) -> None:
-    """Let the observer extrapolate while an angle is not believed, and restart when it is believed at last."""
-    angle, speed = (THETA_M, OMEGA_M) if side == _MOTOR else (THETA_L, OMEGA_L)
-    if memory[side + _JUMPED] > 0.0:
-        used[angle] = observed[angle] + period * observed[speed]
-    elif memory[side + _RESEATED] > 0.0:
-        observed[speed] = to_shaft * memory[side + _MEAN]
-        observed[angle] = used[angle] - period * observed[speed]
-        other_angle, other_speed = (THETA_L, OMEGA_L) if side == _MOTOR else (THETA_M, OMEGA_M)
-        if math.isnan(used[other_angle]):  # it goes with this one, through the rigid gear
-            observed[other_angle], observed[other_speed] = observed[angle] / across, observed[speed] / across
-
-
 @compiled
 def settle_angles(
-    observer: ObserverConstants, memory: Array, used: Measurement, observed: Array, period: float
+    ratio: float, memory: PlausibilityMemory, used: Measurement, observed: ObserverMemory, period: float
 ) -> None:
     """Replace an implausible angle in ``used`` by the observer's expectation; see the file.
 
     Parameters
     ----------
+    ratio : of the gear, n
     memory : of `plausibility_step`, which has seen the same sample
-    observed : the observer's memory, updated in place
+    observed : updated in place
     period : since the previous sample, s
     """
-    n = observer.ratio
-    _settle_angle(memory, _MOTOR, 1.0 / n, 1.0 / n, used, observed, period)
-    _settle_angle(memory, _LOAD, 1.0, n, used, observed, period)
+    estimate = as_estimate(observed.estimate)
+    settle_angle(memory.motor, THETA_M, 1.0 / ratio, 1.0 / ratio, used, estimate, period)
+    settle_angle(memory.load, THETA_L, 1.0, ratio, used, estimate, period)
 
 
 @compiled
-def _speed_is_plausible(
-    memory: Array, side: int, measured: float, bound: float, count: float, period: float, details: Array
-) -> bool:
-    """Return whether a measured speed agrees with the encoder since the last sample, and recently; at the output."""
-    mean, before = memory[side + _MEAN], memory[side + _SPEED]
-    memory[side + _SPEED] = measured
-    if math.isnan(mean) or math.isnan(measured) or math.isnan(before):
-        memory[side + _FAILED] = 0.0
-        return True
-    fine = abs(measured - mean) <= bound
-    if fine:
-        drift = memory[side + _DRIFT]
-        drift += period * (mean - 0.5 * (before + measured)) - low_pass_gain(1.0 / LATELY, period) * drift
-        memory[side + _DRIFT] = drift
-        fine = abs(drift) <= 2.0 * count + memory[_LAGGED] + memory[_UNEVEN]
-    else:
-        memory[side + _SPEED] = mean  # a grossly wrong one says nothing about the next ones
-    if fine:
-        memory[side + _FAILED] = 0.0
-        return True
-    memory[side + _FAILED] += 1.0
-    # A negative third value tells the text that the integrals have drifted apart.
-    details[0], details[1] = measured, mean
-    details[2] = bound if abs(measured - mean) > bound else -abs(memory[side + _DRIFT])
-    return False
+def _follow_current(
+    observer: ObserverConstants, current: CurrentMemory, omega_m: float, command: float, period: float
+) -> None:
+    """Update the currents that the last three commands can cause at a motor speed, rad/s."""
+    smallest = min(command, current.command_before, current.command_before_that)
+    largest = max(command, current.command_before, current.command_before_that)
+    current.command_before_that, current.command_before = current.command_before, command
+    current.smallest = next_current(observer, current.smallest, smallest, omega_m, period)
+    current.largest = next_current(observer, current.largest, largest, omega_m, period)
+    peak = max(abs(current.smallest), abs(current.largest))
+    current.peak = max(peak, current.peak * (1.0 - low_pass_gain(1.0 / LATELY, period)))
 
 
 @compiled
 def _current_is_plausible(
-    constants: PlausibilityConstants,
-    observer: ObserverConstants,
-    memory: Array,
-    omega_m: float,
-    measured: float,
-    command: float,
-    period: float,
-    details: Array,
+    constants: PlausibilityConstants, current: CurrentMemory, induced: float, measured: float, details: FaultDetails
 ) -> bool:
-    """Return whether the last three commands can cause a measured current at a motor speed, rad/s."""
-    least = min(command, memory[_BEFORE], memory[_BEFORE_THAT])
-    largest = max(command, memory[_BEFORE], memory[_BEFORE_THAT])
-    memory[_BEFORE_THAT], memory[_BEFORE] = memory[_BEFORE], command
-    memory[_LEAST] = next_current(observer, memory[_LEAST], least, omega_m, period)
-    memory[_LARGEST] = next_current(observer, memory[_LARGEST], largest, omega_m, period)
-    peak = max(abs(memory[_LEAST]), abs(memory[_LARGEST]))
-    memory[_PEAK] = max(peak, memory[_PEAK] * (1.0 - low_pass_gain(1.0 / LATELY, period)))
-    induced = observer.back_emf * memory[_FASTEST] / observer.ratio / observer.resistance
-    margin = constants.current_margin + _CURRENT_SHARE * memory[_PEAK] + _BACK_EMF_SHARE * induced
-    low, high = min(memory[_LEAST], 0.0) - margin, max(memory[_LARGEST], 0.0) + margin
+    """Return whether the commands can cause a measured current; ``induced``: that of the back-EMF lately, A."""
+    margin = constants.current_margin + _CURRENT_SHARE * current.peak + _BACK_EMF_SHARE * induced
+    low, high = min(current.smallest, 0.0) - margin, max(current.largest, 0.0) + margin
     if math.isnan(measured) or low <= measured <= high:
-        memory[_CURRENT_FAILED] = 0.0
+        current.implausible = 0.0
         return True
-    memory[_CURRENT_FAILED] += 1.0
-    details[0], details[1], details[2] = measured, low, high
+    current.implausible += 1.0
+    details.value, details.low, details.high = measured, low, high
     return False
+
+
+@compiled
+def _angle_bound(side: Side, other_speed: float, peak_change: float, driven: float, count_speed: float) -> float:
+    """Return by how much the mean speed of an encoder may change from one sample to the next, rad/s.
+
+    ``other_speed`` is that of the other encoder, nan if there is none; ``peak_change`` that of the mean speeds lately;
+    ``driven`` what the current does to a motor alone; ``count_speed`` one count within a period: all in rad/s.
+    """
+    apart = abs(other_speed - side.mean_speed)
+    steady = peak_change if math.isnan(apart) else max(peak_change, apart)
+    return float(2.0 * steady + driven + count_speed)
+
+
+@compiled
+def _follow_encoders(
+    memory: PlausibilityMemory, measured: Measurement, ratio: float, driven: float, period: float
+) -> None:
+    """Take the angles; ``driven``: what the current does to the speed of a motor alone, rad/s at the output."""
+    motor, load = memory.motor, memory.load
+    motor_angle, load_angle = ratio * measured[THETA_M], measured[THETA_L]
+    motor_speed, load_speed = (motor_angle - motor.reading) / period, (load_angle - load.reading) / period
+    before_m, before_l = motor.speed_change, load.speed_change
+    kept = 1.0 - low_pass_gain(1.0 / LATELY, period)
+    peak_change = kept * memory.peak_change
+    bound = _angle_bound(motor, load_speed, peak_change, driven, count_of(motor, ratio * _COUNT) / period)
+    changed = follow_encoder(motor, motor_angle, bound, not math.isnan(measured[OMEGA_M]), period)
+    bound = _angle_bound(load, motor_speed, peak_change, driven, count_of(load, _COUNT) / period)
+    changed = max(changed, follow_encoder(load, load_angle, bound, not math.isnan(measured[OMEGA_L]), period))
+    # A trapezoid of speeds that alternate misses a quarter of the mean speed's second difference, times the period.
+    uneven = max(abs(motor.speed_change - before_m), abs(load.speed_change - before_l))
+    memory.unseen_travel = kept * memory.unseen_travel + 0.25 * period * uneven
+    apart = abs(motor.mean_speed - load.mean_speed)
+    if not math.isnan(apart):
+        changed = max(changed, apart)
+    memory.peak_change = max(peak_change, changed)
+    memory.peak_speed *= kept
+    for speed in (motor.mean_speed, load.mean_speed):
+        if not math.isnan(speed):
+            memory.peak_speed = max(memory.peak_speed, abs(speed))
+    # After a sample that came late it fades as the sum does that it is the bound of.
+    memory.lag_travel = max(kept * memory.lag_travel, speed_lag(period) * memory.peak_speed)
+
+
+@compiled
+def _check_speeds(
+    memory: PlausibilityMemory, measured: Measurement, ratio: float, driven: float, period: float, details: FaultDetails
+) -> int:
+    """Replace implausible speeds by nan; return the one that is now a fault, or -1."""
+    bound = 2.0 * memory.peak_change + driven
+    for side, speed, to_output in ((memory.motor, OMEGA_M, ratio), (memory.load, OMEGA_L, 1.0)):
+        count = count_of(side, to_output * _COUNT)
+        drift_bound = 2.0 * count + memory.lag_travel + memory.unseen_travel
+        at_output = to_output * measured[speed]
+        if not speed_is_plausible(side, at_output, bound + count / period, drift_bound, period, details):
+            measured[speed] = math.nan
+            if side.implausible_speeds >= PATIENCE:
+                return speed
+    return -1
+
+
+@compiled
+def _motor_speed(memory: PlausibilityMemory, measured: Measurement, ratio: float, period: float) -> float:
+    """Return the motor's speed since the last sample, rad/s, by its own encoder or else by the load's; 0 at first."""
+    motor_speed = (ratio * measured[THETA_M] - memory.motor.reading) / period
+    load_speed = (measured[THETA_L] - memory.load.reading) / period
+    omega_m = (load_speed if math.isnan(motor_speed) else motor_speed) / ratio
+    return 0.0 if math.isnan(omega_m) else omega_m
 
 
 @compiled
 def plausibility_step(
     constants: PlausibilityConstants,
     observer: ObserverConstants,
-    memory: Array,
+    memory: PlausibilityMemory,
     measured: Measurement,
     command: float,
     period: float,
-    details: Array,
+    details: FaultDetails,
 ) -> int:
     """Replace implausible values in ``measured`` by nan; return the signal that is now a fault, or -1.
 
     Parameters
     ----------
-    memory : from `plausibility_memory`, updated in place
+    memory : updated in place
     command : in force since the previous sample, V or A
     period : since the previous sample, s
-    details : shape (3,): of the fault: the value; for a speed the encoder's mean and the bound around it, rad/s at the
-        output, or minus the drift between both, rad; for a current the smallest and the largest plausible value, A
+    details : of the fault: for a speed in rad/s and rad, at the output, for a current in A
     """
-    n = observer.ratio
-    motor_angle, load_angle = n * measured[THETA_M], measured[THETA_L]
-    motor_shown = (motor_angle - memory[_MOTOR + _SHOWN]) / period
-    load_shown = (load_angle - memory[_LOAD + _SHOWN]) / period
-    omega_m = (load_shown if math.isnan(motor_shown) else motor_shown) / n
-    if math.isnan(omega_m):
-        omega_m = 0.0
-    current_fine = _current_is_plausible(
-        constants, observer, memory, omega_m, measured[CURRENT], command, period, details
-    )
-    if not current_fine:
+    ratio, current = observer.ratio, memory.current
+    _follow_current(observer, current, _motor_speed(memory, measured, ratio, period), command, period)
+    induced = observer.back_emf * memory.peak_speed / ratio / observer.resistance
+    if not _current_is_plausible(constants, current, induced, measured[CURRENT], details):
         measured[CURRENT] = math.nan
-        if memory[_CURRENT_FAILED] >= PATIENCE:
+        if current.implausible >= PATIENCE:
             return CURRENT
-    left = 1.0 - low_pass_gain(1.0 / LATELY, period)
-    changed = uneven = 0.0
-    driven = constants.acceleration * memory[_PEAK] * period
-    for side, angle, other, speed, to_output in (
-        (_MOTOR, motor_angle, load_shown, measured[OMEGA_M], n),
-        (_LOAD, load_angle, motor_shown, measured[OMEGA_L], 1.0),
-    ):
-        apart = abs(other - memory[side + _MEAN])
-        steady = left * memory[_UNSTEADY] if math.isnan(apart) else max(left * memory[_UNSTEADY], apart)
-        within = 2.0 * steady + driven + _count_of(memory, side, to_output * _COUNT) / period
-        before = memory[side + _CHANGE]
-        changed = max(changed, _follow_encoder(memory, side, angle, within, not math.isnan(speed), period))
-        uneven = max(uneven, abs(memory[side + _CHANGE] - before))
-    # A trapezoid of speeds that alternate misses a quarter of the mean speed's second difference, times the period.
-    memory[_UNEVEN] = left * memory[_UNEVEN] + 0.25 * period * uneven
-    motor, load = memory[_MOTOR + _MEAN], memory[_LOAD + _MEAN]
-    if not math.isnan(motor - load):
-        changed = max(changed, abs(motor - load))
-    memory[_UNSTEADY] = max(left * memory[_UNSTEADY], changed)
-    memory[_FASTEST] *= left
-    for speed in (motor, load):
-        if not math.isnan(speed):
-            memory[_FASTEST] = max(memory[_FASTEST], abs(speed))
-    # After a sample that came late it fades as the sum does that it is the bound of.
-    memory[_LAGGED] = max(left * memory[_LAGGED], speed_lag(period) * memory[_FASTEST])
-    bound = 2.0 * memory[_UNSTEADY] + driven
-    for side, speed_index, to_output in ((_MOTOR, OMEGA_M, n), (_LOAD, OMEGA_L, 1.0)):
-        count = _count_of(memory, side, to_output * _COUNT)
-        shown = to_output * measured[speed_index]
-        if not _speed_is_plausible(memory, side, shown, bound + count / period, count, period, details):
-            measured[speed_index] = math.nan
-            if memory[side + _FAILED] >= PATIENCE:
-                return speed_index
-    return -1
+    driven = constants.acceleration * current.peak * period
+    _follow_encoders(memory, measured, ratio, driven, period)
+    return _check_speeds(memory, measured, ratio, driven, period, details)

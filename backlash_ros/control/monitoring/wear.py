@@ -5,57 +5,31 @@ does not die out while the setpoint stands still. Plain Python beside the tick, 
 """
 
 import math
-from collections import deque
-from typing import NamedTuple
 
 from backlash_ros.control.laws import LAWS
+from backlash_ros.control.monitoring.flanks import Flanks
+from backlash_ros.control.monitoring.rattle import Rattle, Reversals, smallest_swing
 from backlash_ros.control.servo import Servo
 from backlash_ros.foundation.signals import THETA_L, THETA_M, VELOCITY, Measurement
 
-_GROWN = 1.5
-"""A gap has grown beyond this multiple of the backlash in use: eccentric encoders and a varying gap show less."""
-_GENTLE, _STILL = 0.15, 0.05
-"""When teeth rest on a flank: share of the largest command, and largest motion in the gap between two samples as a
-share of the backlash."""
-_SOONEST, _FEWEST, _LATEST = 0.1, 24, 60.0
-"""A gap has grown if this is seen twice: no sooner than this time (s) and this many samples apart, since consecutive
-wrong samples are no gap, and within the last time, s."""
-_RATIO_ERROR = 0.02
-"""Tolerance of the gear ratio: share of the travel by which the shafts may drift apart."""
-_HELD, _REVERSALS, _SLOWEST = 0.3, 12, 2.0
-"""Time for which the setpoint must stand still, s; number of reversals in a rattle; longest time for each, s."""
-_LASTS = 0.7
-"""Smallest ratio of the later to the earlier half of the swings: a motion that dies out is not a rattle."""
+_GENTLE = 0.15
+"""Share of the largest command below which teeth rest on a flank without being pressed in. Tuned."""
+_HELD = 0.3
+"""Time for which the setpoint must stand still before reversals count, s. Tuned."""
 _NO_STEP = 1e-9
-"""Rad."""
-_SHARE, _LEAST, _COUNTS = 0.1, 2e-4, 3.0
-"""Smallest swing that counts: as a share of the backlash, in rad, and in counts."""
-_REST, _AGAIN, _TRIES = 1.0, 60.0, 3
-"""Time for which the load is held before it is learned again, s; time until the next try, s; number of tries."""
-
-
-class Rattle(NamedTuple):
-    """A motion to and fro while held: peak-to-peak swing of the load, rad; frequency, Hz; duration, s."""
-
-    swing: float
-    frequency: float
-    duration: float
-
-
-class _Turn(NamedTuple):
-    """A reversal: time, s; distance since the previous one; range of the load's angle meanwhile, rad."""
-
-    time: float
-    way: float
-    least: float
-    most: float
+"""A change of an angle that is none, rad."""
+_REST = 1.0
+"""Time for which the load is held before it is learned again, s. Tuned."""
+_AGAIN = 60.0
+"""Time until the next try to learn again, s. Tuned."""
+_TRIES = 3
+"""Number of tries to learn again. Tuned."""
 
 
 class WearWatch:
     """Observes one servo, answers a rattle with the over-damped gains, and says when to learn again.
 
-    ``grown``: whether the gap is larger than the backlash in use. ``rattle``: the present rattle, or the one that made
-    the over-damped gains act, if any.
+    ``rattle``: the present rattle, or the one that made the over-damped gains act, if any.
     """
 
     def __init__(self, servo: Servo) -> None:
@@ -66,33 +40,23 @@ class WearWatch:
         """Start again, as for new settings."""
         self._in_use = self._servo.settings
         self.rattle: Rattle | None = None
-        self._time = self._since = 0.0
-        self._tries, self._next = 0, 0.0
-        self._reference = self._apart = math.nan
-        self._motor, self._load = math.nan, math.nan
-        self._count_m = self._count_l = 0.0
+        self._flanks = Flanks()
+        self._reversals = Reversals(math.nan, math.nan, 0.0)
+        self._time = self._held_since = 0.0
+        self._tries, self._next_try = 0, 0.0
+        self._reference = self._motor = self._load = math.nan
+        self._motor_count = self._load_count = 0.0
         self._both = False
-        self._once, self.grown = -math.inf, False
-        self._begin_range()
-        self._await_turns(math.nan, math.nan)
 
-    def _begin_range(self) -> None:
-        """Forget where the teeth have rested."""
-        self._near, self._far = math.inf, -math.inf
-
-    def _await_turns(self, x: float, load: float) -> None:
-        """Forget the reversals, and a rattle that had no consequence."""
-        if not self._servo.calmed:
-            self.rattle = None
-        self._turns: deque[_Turn] = deque(maxlen=_REVERSALS)
-        self._begun, self._way, self._whole = self._time, 0, False
-        self._low = self._high = x
-        self._least = self._most = load
+    @property
+    def grown(self) -> bool:
+        """Whether the gap is larger than the backlash in use."""
+        return self._flanks.grown
 
     @property
     def gap(self) -> float:
         """The distance between both flanks, rad at the output."""
-        return max(0.0, self._far - self._near)
+        return self._flanks.gap
 
     @property
     def kind(self) -> tuple[bool, bool]:
@@ -142,95 +106,65 @@ class WearWatch:
         if servo.settings is not self._in_use:
             self.forget()
         if servo.latched or servo.experimenting or not servo.holding:
-            self._reference = self._apart = math.nan
+            self._reference = math.nan
+            self._flanks.pause()
             return False
         self._time += elapsed
         motor, load = servo.drive.gear.ratio * float(measured[THETA_M]), float(measured[THETA_L])
-        moved = abs(motor - self._motor)
-        self._count_m = _smaller(self._count_m, moved)
-        self._count_l = _smaller(self._count_l, abs(load - self._load))
-        self._motor, self._load = motor, load
-        both, before = not math.isnan(motor - load), self._both
-        self._both = both
-        x = motor - load if both else load if math.isnan(motor) else motor
+        moved, had_both = self._take(motor, load), self._both
+        self._both = not math.isnan(motor - load)
+        place = motor - load if self._both else load if math.isnan(motor) else motor
         load = motor if math.isnan(load) else load
-        if both:
-            self._look_at_the_gap(x, moved)
-        if servo.memory.setpoint[VELOCITY] != 0.0 or servo.reference != self._reference or both != before:
-            self._reference, self._since = servo.reference, self._time
-            self._await_turns(x, load)
-        elif self._time - self._since > _HELD:
-            self._look_for_turns(x, load)
+        if self._both:
+            self._look_at_the_gap(place, moved)
+        if servo.memory.setpoint[VELOCITY] != 0.0 or servo.reference != self._reference or self._both != had_both:
+            self._reference, self._held_since = servo.reference, self._time
+            self._await_reversals(place, load)
+        elif self._time - self._held_since > _HELD:
+            self._look_for_reversals(place, load)
         return self._due()
 
-    def _look_at_the_gap(self, x: float, moved: float) -> None:
-        """Take the difference of both shafts (rad) while the teeth rest on a flank."""
-        servo, before = self._servo, self._apart
-        self._apart = x
-        if not math.isnan(moved):
-            self._near += _RATIO_ERROR * moved
-            self._far -= _RATIO_ERROR * moved
-        still = abs(x - before) <= max(_STILL * servo.settings.backlash_angle, self._count_m, self._count_l)
-        if still and abs(servo.command) <= _GENTLE * servo.limits.command:
-            self._near, self._far = min(self._near, x), max(self._far, x)
-        if not self.grown:
-            self._look_whether_it_has_grown()
+    def _take(self, motor: float, load: float) -> float:
+        """Take both angles, rad at the output; return by how much the motor has moved."""
+        moved = abs(motor - self._motor)
+        self._motor_count = _smaller(self._motor_count, moved)
+        self._load_count = _smaller(self._load_count, abs(load - self._load))
+        self._motor, self._load = motor, load
+        return moved
 
-    def _look_whether_it_has_grown(self) -> None:
-        """Believe a gap that is wider than the backlash in use once it is seen again."""
-        settings, since = self._servo.settings, self._time - self._once
-        if since < max(_SOONEST, _FEWEST * settings.period):
-            self._begin_range()
-        elif 0.0 < _GROWN * settings.backlash_angle < self.gap:
-            self.grown, self._once = since < _LATEST, self._time
-            if not self.grown:
-                self._begin_range()
+    def _look_at_the_gap(self, place: float, moved: float) -> None:
+        servo, settings = self._servo, self._servo.settings
+        gentle = abs(servo.command) <= _GENTLE * servo.limits.command
+        step = max(self._motor_count, self._load_count)
+        self._flanks.look(place, moved, step, settings.backlash_angle, gentle=gentle)
+        self._flanks.judge(settings.backlash_angle, self._time, settings.period)
 
-    def _look_for_turns(self, x: float, load: float) -> None:
-        """Follow x (rad) up and down; it reverses where it goes back by more than the smallest swing."""
-        told = self._servo.settings.backlash_angle
-        smallest = max(_SHARE * told, _LEAST, _COUNTS * (self._count_m + self._count_l))
-        self._low, self._high = min(self._low, x), max(self._high, x)
-        self._least, self._most = min(self._least, load), max(self._most, load)
-        up, down = x - self._low > smallest, self._high - x > smallest
-        if (up and self._way <= 0) or (down and self._way >= 0):
-            if self._whole:
-                self._turns.append(_Turn(self._time, self._high - self._low, self._least, self._most))
-                self._judge()
-            # The first swing was seen only in part.
-            self._whole, self._way = self._way != 0, -1 if down and self._way >= 0 else 1
-            self._low = self._high = x
-            self._least = self._most = load
-        if self._turns and self._time - self._turns[-1].time > _SLOWEST:
-            self._await_turns(x, load)
+    def _await_reversals(self, place: float, load: float) -> None:
+        """Forget the reversals, and a rattle that had no consequence."""
+        if not self._servo.calmed:
+            self.rattle = None
+        self._reversals = Reversals(place, load, self._time)
 
-    def _judge(self) -> None:
-        """Check whether the reversals are a rattle."""
-        turns = self._turns
-        if len(turns) == _REVERSALS and self._lasts():
-            half = (turns[-1].time - turns[0].time) / (_REVERSALS - 1)
-            swing = max(turn.most for turn in turns) - min(turn.least for turn in turns)
-            self.rattle = Rattle(swing, 0.5 / half, self._time - self._begun)
-            self._answer()
-
-    def _lasts(self) -> bool:
-        """Return whether the later half of the swings is about as large as the earlier half."""
-        ways, half = [turn.way for turn in self._turns], _REVERSALS // 2
-        return sum(ways[half:]) >= _LASTS * sum(ways[:half])
-
-    def _answer(self) -> None:
-        """Answer a rattle that the law in use should not have."""
-        if LAWS[self._servo.law].adapts and self._servo.settings.backlash_angle > 0.0:
-            self._servo.calm()
+    def _look_for_reversals(self, place: float, load: float) -> None:
+        """Follow the motion; answer a rattle that the law in use should not have."""
+        servo, backlash_angle = self._servo, self._servo.settings.backlash_angle
+        smallest = smallest_swing(backlash_angle, self._motor_count + self._load_count)
+        rattle = self._reversals.follow(place, load, self._time, smallest)
+        if rattle is not None:
+            self.rattle = rattle
+            if LAWS[servo.law].adapts and backlash_angle > 0.0:
+                servo.calm()
+        if self._reversals.over(self._time):
+            self._await_reversals(place, load)
 
     def _due(self) -> bool:
         """Return whether to learn again now: at rest, if allowed, and not over and over."""
         if not self._servo.settings.renew or not (self.grown or self._servo.calmed):
             return False
-        if self._time - self._since < _REST or self._time < self._next or self._tries >= _TRIES:
+        if self._time - self._held_since < _REST or self._time < self._next_try or self._tries >= _TRIES:
             return False
         self._tries += 1
-        self._next = self._time + _AGAIN
+        self._next_try = self._time + _AGAIN
         return True
 
 

@@ -1,0 +1,79 @@
+"""The plan that the setpoint follows: from where it is to a reference, or to the end of another source."""
+
+import math
+
+import numpy as np
+
+from backlash_ros.control.limits import Limits
+from backlash_ros.control.memory import InputRow, TickRow
+from backlash_ros.control.motion.setpoint import DURATION, AtRest, Source, extent, plan_rejection
+from backlash_ros.control.tick import NOT_BEGUN
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import POSITION, Setpoint
+
+
+class Plan:
+    """The plan of one servo; its tick evaluates ``segments``.
+
+    Parameters
+    ----------
+    memory, inputs : of the servo's tick
+    """
+
+    segments: Array
+
+    def __init__(self, memory: TickRow, inputs: InputRow) -> None:
+        self._memory, self._inputs = memory, inputs
+        self.hold()
+
+    def hold(self) -> None:
+        """Hold the position of the next sample."""
+        self.segments = AtRest(math.nan).segments(self._memory.setpoint)
+        self._end: float | None = None
+        self._reach: tuple[float, float] | None = None
+
+    def hold_at(self, angle: float) -> None:
+        """Hold a load that is far from its reference at an angle, rad, so that it does not jump back."""
+        self.segments = AtRest(angle).segments(self._memory.setpoint)
+        self._memory.setpoint[:] = angle, 0.0, 0.0
+        self._memory.plan_time = NOT_BEGUN
+        self._end = self._reach = None
+
+    def follow(self, source: Source, limits: Limits, hindrance: str) -> str:
+        """Plan ``source`` from the present setpoint on; return an empty text, or why it is refused.
+
+        ``hindrance`` says why nothing is followed now, whatever it is; empty if that is not so.
+        """
+        setpoint = Setpoint(self._memory.setpoint.copy())
+        segments = np.ascontiguousarray(source.segments(setpoint), dtype=np.float64)
+        _, end, least, largest = extent(segments)
+        if hindrance:
+            return f"reference {end:g} rad came {hindrance}"
+        # References that keep coming are ahead of the setpoint: each counts from the one that was taken before.
+        taken = float(self._memory.motion.reference)
+        if reason := plan_rejection(segments, limits, self.position if math.isnan(taken) else taken):
+            return reason
+        self.segments, self._end, self._reach = segments, end, (least, largest)
+        self._memory.plan_time = NOT_BEGUN
+        return ""
+
+    @property
+    def position(self) -> float:
+        """The position of the setpoint, rad, without an experiment's offset."""
+        return float(self._memory.setpoint[POSITION] - self._inputs.offset)
+
+    @property
+    def extremes(self) -> tuple[float, float]:
+        """Smallest and largest position, rad, until its end."""
+        over = self._memory.plan_time >= np.sum(self.segments[:, DURATION])
+        return (self.end, self.end) if self._reach is None or over else self._reach
+
+    @property
+    def end(self) -> float:
+        """Its end, rad: the reference; nan while no position is held."""
+        return float(self.segments[0, 0]) if self._end is None else self._end
+
+    @property
+    def holding(self) -> bool:
+        """Whether a sample has been seen since the last `hold`."""
+        return not math.isnan(self.segments[0, 0])
