@@ -18,6 +18,7 @@ ROS_WHEELS = [
     "ros-sensor-msgs>=5.3.6,<6",
     "ros-std-msgs>=5.3.6,<6",
     "ros-std-srvs>=5.3.6,<6",
+    "ros-trajectory-msgs>=5.3.6,<6",
 ]
 
 setup(

@@ -28,6 +28,7 @@ from backlash_ros.foundation.messages import BadSampleError, NotOurJointsError, 
 from backlash_ros.foundation.signals import THETA_L, THETA_M, Measurement
 from backlash_ros.gates import Action, Fault, Judged, SampleGate
 from backlash_ros.nodes.learning import Learning
+from backlash_ros.nodes.motion import Motion
 from backlash_ros.nodes.parameters import declare_controller, refuse_unknown
 from backlash_ros.nodes.reports import ControllerReport, NodeFacts
 from backlash_ros.nodes.start_lines import margins_line, stands_in, untold_drive
@@ -85,6 +86,7 @@ class Controller(ManagedNode):
         self.listen(JointState, "joint_states", self._on_joint_states, RECEIVE_PAIR)
         self.listen(Float64, "reference", self._on_reference)
         self._learning = Learning(self, self._servo, self._tunables, given)
+        self._motion = Motion(self, self._servo, self._joints[1], self._took)
         self._watchdog = Timer(0.5 * self._state_timeout, self._watch)
         self.own_timers += [self._watchdog, Timer(_WATCH, self._watch_publishers)]
 
@@ -220,6 +222,8 @@ class Controller(ManagedNode):
             publishers=1 if self._gate.begun else self._neighbours.count,
         )
         command = self._act(judged.action, 1e-9 * judged.elapsed)
+        if judged.action is Action.TAKE:
+            self._motion.newest_sample = stamp
         if judged.action is not Action.IGNORE:
             self._command.publish(self._answer.to(message.header.stamp, command))
         answered, clock = now_ns(), self.get_clock()
@@ -287,6 +291,10 @@ class Controller(ManagedNode):
         refusal = f"reference {message.data:g} rad came while not active"
         if self.active:
             refusal = self._servo.set_reference(message.data)
+        self._took(refusal)
+
+    def _took(self, refusal: str) -> None:
+        """Publish a new reference, or say why it was refused."""
         if not refusal:
             self._changed = True
         else:
@@ -381,10 +389,11 @@ Answers each sample of a geared drive with a command, and learns the drive's bac
 topics, relative to the namespace
   subscribes  joint_states    sensor_msgs/JointState       motor and load: rad, rad/s, N m
               reference       std_msgs/Float64             target angle of the load, rad
+              joint_trajectory  trajectory_msgs/JointTrajectory  path of the load, by the name of its joint
   publishes   command         std_msgs/Float64MultiArray   data[0]: V, or A with command_interface:=current
               ~/state         diagnostic_msgs/DiagnosticArray, ~/backlash_estimate, ~/parameters_in_use, /diagnostics
 services (std_srvs/Trigger)
-  ~/learn, ~/identify, ~/apply_estimate, ~/cancel, ~/reset_fault; also the lifecycle services
+  ~/learn, ~/identify, ~/apply_estimate, ~/cancel, ~/hold, ~/reset_fault; also the lifecycle services
 
 The command is 0 after a fault, when deactivated and when the node ends. 0 does not hold a hanging load.
 

@@ -8,11 +8,13 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
 
 TOPICS: dict[str, type] = {
     "joint_states": JointState,
     "command": Float64MultiArray,
     "reference": Float64,
+    "joint_trajectory": JointTrajectory,
     "load_torque": Float64,
     "controller/state": DiagnosticArray,
     "controller/parameters_in_use": ParameterEvent,

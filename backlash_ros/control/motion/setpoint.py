@@ -6,7 +6,6 @@ sample: position, velocity and acceleration of the load (rad, rad/s, rad/s^2). T
 
 import math
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -72,38 +71,79 @@ class Polynomials:
         return np.ascontiguousarray(self.rows, dtype=np.float64)
 
 
-def _turns(coefficients: Array, duration: float) -> list[float]:
-    """Return the times within a segment at which its speed is 0, s; one infinite value if they cannot be found."""
+_BERNSTEIN = np.array([[math.comb(j, k) / math.comb(ORDER, k) for k in range(DURATION)] for j in range(DURATION)])
+"""From a polynomial's coefficients, in units of its duration, to points whose hull contains it."""
+
+
+def _hulls(coefficients: Array, durations: Array) -> tuple[Array, Array]:
+    """Return bounds on polynomials, shape (segments, 6), over their durations; nan where they overflow."""
+    # Without negligible powers, which would overflow.
+    with np.errstate(over="ignore", invalid="ignore"):
+        scaled = np.where(coefficients == 0.0, 0.0, coefficients * durations[:, None] ** np.arange(DURATION))
+        points = scaled @ _BERNSTEIN.T
+    return np.min(points, axis=1), np.max(points, axis=1)
+
+
+def _extremes(coefficients: Array, duration: float) -> list[float]:
+    """Return the values of a polynomial where it turns within its duration; infinite ones if they cannot be found."""
     # In units of the duration, and without negligible powers, whose roots would overflow.
     with np.errstate(over="ignore", invalid="ignore"):
         scaled = np.where(coefficients == 0.0, 0.0, coefficients * duration ** np.arange(DURATION))
-    rate = np.polynomial.Polynomial(scaled).deriv()
+    position = np.polynomial.Polynomial(scaled)
+    rate = position.deriv()
     largest = float(np.max(np.abs(rate.coef)))
     if not math.isfinite(largest):
-        return [math.inf]
+        return [-math.inf, math.inf]
     roots = np.asarray(rate.trim(1e-12 * largest).roots(), dtype=complex)
     inside = (np.abs(roots.imag) < 1e-9) & (roots.real > 0) & (roots.real < 1)
-    return [duration * float(root) for root in roots.real[inside]]
+    return [float(position(root)) for root in roots.real[inside]]
+
+
+def _reached(coefficients: Array, durations: Array) -> Array:
+    """Return the values of polynomials at the end of their durations, without negligible powers, which overflow."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        terms = np.where(coefficients == 0.0, 0.0, coefficients * durations[:, None] ** np.arange(DURATION))
+    return np.asarray(terms.sum(axis=1), dtype=np.float64)
+
+
+def _range(coefficients: Array, durations: Array) -> tuple[float, float]:
+    """Return the smallest and the largest value of polynomials over their durations.
+
+    Only where the hull says that one might go beyond all ends are its turns sought.
+    """
+    ends = np.concatenate([coefficients[:, 0], _reached(coefficients, durations)])
+    least, largest = float(np.min(ends)), float(np.max(ends))
+    low, high = _hulls(coefficients, durations)
+    for k in np.flatnonzero(~((low >= least) & (high <= largest))):
+        values = _extremes(coefficients[k], float(durations[k]))
+        least, largest = min([least, *values]), max([largest, *values])
+    return least, largest
 
 
 def extent(segments: Array) -> tuple[float, float, float, float]:
     """Return the start and the end of a plan, and its smallest and largest position, rad."""
-    extremes: list[float] = []
-    for row in segments:
-        position = np.polynomial.Polynomial(row[:DURATION])
-        duration = float(row[DURATION])
-        if math.isinf(duration):
-            duration = 0.0  # a last segment without an end rests, or goes on without one
-            powers = np.flatnonzero(row[1:DURATION])
-            if powers.size:
-                end = math.copysign(math.inf, float(row[1 + powers[-1]]))
-                reached = [end, float(row[0]), *extremes]
-                return float(segments[0, 0]), end, min(reached), max(reached)
-        turns = _turns(row[:DURATION], duration)
-        if math.inf in turns:
-            return float(segments[0, 0]), math.inf, -math.inf, math.inf
-        extremes += [float(position(t)) for t in (0.0, *turns, duration)]
-    return float(segments[0, 0]), extremes[-1], min(extremes), max(extremes)
+    coefficients, durations = segments[:, :DURATION], segments[:, DURATION].copy()
+    start, last = float(segments[0, 0]), segments[-1]
+    if math.isinf(durations[-1]):
+        durations[-1] = 0.0  # a last segment without an end rests, or goes on without one
+    least, largest = _range(coefficients, durations)
+    end = float(_reached(coefficients[-1:], durations[-1:])[0])
+    if math.isinf(last[DURATION]) and (powers := np.flatnonzero(last[1:DURATION])).size:
+        end = math.copysign(math.inf, float(last[1 + powers[-1]]))
+    return start, end, min(least, end), max(largest, end)
+
+
+def top_speed(segments: Array) -> float:
+    """Return the largest speed of a plan, rad/s; infinite if it goes on without an end."""
+    rates = np.zeros((len(segments), DURATION))
+    rates[:, :ORDER] = segments[:, 1:DURATION] * np.arange(1, DURATION)
+    durations = segments[:, DURATION].copy()
+    if math.isinf(durations[-1]):
+        if np.any(rates[-1, 1:]):
+            return math.inf
+        durations[-1] = 0.0
+    least, largest = _range(rates, durations)
+    return max(-least, largest)
 
 
 def plan_rejection(segments: Array, limits: Limits, present: float) -> str:
@@ -111,12 +151,12 @@ def plan_rejection(segments: Array, limits: Limits, present: float) -> str:
 
     It must not leave the travel, nor jump by more than ``limits.step`` at its start or from row to row.
     """
-    start, _, least, largest = extent(segments)
-    leaps = [(start, present)]
-    for row, following in pairwise(segments):
-        leaps.append((float(following[0]), float(np.polynomial.Polynomial(row[:DURATION])(row[DURATION]))))
-    checks = [*leaps, (least, least), (largest, largest)]
-    return next(filter(None, (limits.rejection_reason(to, origin) for to, origin in checks)), "")
+    _, _, least, largest = extent(segments)
+    starts = segments[:, 0]
+    before = np.append(present, _reached(segments[:-1, :DURATION], segments[:-1, DURATION]))
+    farthest = int(np.argmax(np.abs(starts - before)))
+    checks = [(starts[farthest], before[farthest]), (least, least), (largest, largest)]
+    return next(filter(None, (limits.rejection_reason(float(to), float(origin)) for to, origin in checks)), "")
 
 
 @compiled

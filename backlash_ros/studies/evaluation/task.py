@@ -301,18 +301,38 @@ def judge_run(member: Member, scenario: Scenario, done: Run) -> Verdict:
     )
 
 
-def perform(task: Task, number: int, laws: tuple[str, ...]) -> tuple[Learned, dict[str, Verdict], dict[str, Run]]:
-    """Evaluate one drive: return the result of learning, and the verdict and the run of each law, if it ran."""
-    member = task.member(number)
+@dataclass(frozen=True)
+class Ready:
+    """A drive that was learned, or not, and how a controller then knows it."""
+
+    learned: Learned
+    settings: ServoSettings
+    model: Drive
+    known: Drive
+
+
+class NotReadyError(ValueError):
+    """No controller starts, with what was learned until then."""
+
+    def __init__(self, reason: str, learned: Learned) -> None:
+        super().__init__(reason)
+        self.learned = learned
+
+
+def prepare(task: Task, member: Member) -> Ready:
+    """Let a controller learn a drive, and identify it if the task says so.
+
+    Raises
+    ------
+    NotReadyError
+        If a controller does not start with what is told or found.
+    """
     identify = task.model == "identified"
     model, delay = told_model(member, task.model, task.around), 0.0 if identify else member.delay.mean
-    verdicts: dict[str, Verdict] = {}
-    runs: dict[str, Run] = {}
     try:
         settings = replace(settings_for(model, member, delay), identified=task.model == "true")
     except ValueError as error:
-        failed = Verdict(failure=str(error))
-        return Learned(reason=str(error)), dict.fromkeys(laws, failed), runs
+        raise NotReadyError(str(error), Learned(reason=str(error))) from error
     learned, found = learn(member, _known(model, settings), settings, task.experiments)
     if identify and found is not None:
         try:
@@ -321,21 +341,33 @@ def perform(task: Task, number: int, laws: tuple[str, ...]) -> tuple[Learned, di
             settings = settings_for(model, member, min(delay, LONGEST_DELAY / member.rate))
             settings = replace(settings, identified=True, **{**found.load_torque, **found.unexplained})
         except ValueError as error:
-            return learned, dict.fromkeys(laws, Verdict(failure=str(error))), runs
+            raise NotReadyError(str(error), learned) from error
     if learned.valid:
         settings = replace(settings, backlash_angle=learned.angle)
-    scenario = scenario_of(member)
+    return Ready(learned, settings, model, _known(model, settings))
+
+
+def perform(task: Task, number: int, laws: tuple[str, ...]) -> tuple[Learned, dict[str, Verdict], dict[str, Run]]:
+    """Evaluate one drive: return the result of learning, and the verdict and the run of each law, if it ran."""
+    member = task.member(number)
+    try:
+        ready = prepare(task, member)
+    except NotReadyError as error:
+        return error.learned, dict.fromkeys(laws, Verdict(failure=str(error))), {}
+    verdicts: dict[str, Verdict] = {}
+    runs: dict[str, Run] = {}
+    settings, scenario = ready.settings, scenario_of(member)
     for law in laws:
         try:
             if law == DESIGNED:
-                chosen = designed_settings(model, member, settings) if learned.valid else settings
+                chosen = designed_settings(ready.model, member, settings) if ready.learned.valid else settings
             else:
                 chosen = settings.with_law(law)
-            runs[law] = run(member.drive, chosen, scenario, model=_known(model, settings))
+            runs[law] = run(member.drive, chosen, scenario, model=ready.known)
             verdicts[law] = judge_run(member, scenario, runs[law])
         except (ValueError, IntegrationError) as error:  # noqa: PERF203 - a law that fails has its verdict
             verdicts[law] = Verdict(failure=str(error))
-    return learned, verdicts, runs
+    return ready.learned, verdicts, runs
 
 
 def evaluate_drive(task: Task, number: int) -> dict[str, Any]:

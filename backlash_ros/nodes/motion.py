@@ -1,0 +1,49 @@
+"""What moves the load beside single references: trajectories by topic, and a service that holds it."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+from backlash_ros.control import Servo
+from backlash_ros.control.motion.trajectory import TrajectoryError, trajectory_of
+from backlash_ros.ros.topics import SEND
+
+if TYPE_CHECKING:
+    from backlash_ros.nodes.controller import Controller
+
+
+class Motion:
+    """Takes trajectories for the load's joint; ``taken`` is told of each, with the reason if it is refused."""
+
+    def __init__(self, node: "Controller", servo: Servo, joint: str, taken: Callable[[str], None]) -> None:
+        self._node, self._servo, self._joint, self._taken = node, servo, joint, taken
+        self.newest_sample = 0
+        """Stamp of the newest sample that was taken, ns; 0 if it has none."""
+        node.listen(JointTrajectory, "joint_trajectory", self._on_trajectory, SEND)
+        node.create_service(Trigger, "~/hold", self._on_hold)
+
+    def _on_trajectory(self, message: JointTrajectory) -> None:
+        self._taken(self._follow(message))
+
+    def _follow(self, message: JointTrajectory) -> str:
+        """Follow a trajectory from the newest sample on; return why it is refused.
+
+        A plan goes on with the samples. By their stamps, all axes that get the same message start at the same one.
+        """
+        if not self._node.active:
+            return "joint_trajectory came while not active"
+        now = self.newest_sample or self._node.get_clock().now().nanoseconds
+        try:
+            refusal = self._servo.follow(trajectory_of(message, self._joint, now), at_once=True)
+        except TrajectoryError as error:
+            refusal = str(error)
+        return refusal and f"joint_trajectory is refused: {refusal}"
+
+    def _on_hold(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        refusal = self._servo.stop() if self._node.active else f"the controller is {self._node.state}, not active"
+        self._taken(refusal)
+        response.success = not refusal
+        response.message = refusal or f"comes to rest at {self._servo.reference:.6g} rad and holds it"
+        return response

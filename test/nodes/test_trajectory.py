@@ -1,0 +1,161 @@
+"""Trajectories over DDS: two axes follow one message from the same sample on, refuse what they cannot, and hold."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from builtin_interfaces.msg import Duration, Time
+from graph import Peer, Process
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from backlash_ros.control.motion.setpoint import evaluate
+from backlash_ros.control.motion.trajectory import Trajectory
+from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.foundation.messages import stamp_ns
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import POSITION, Setpoint
+
+Start = Callable[..., Process]
+AXES = "shoulder", "elbow"
+TIMES = 0.4, 0.8, 1.2
+PATHS = {
+    "shoulder": np.array([[0.2, 1.0, 0.0], [0.6, 1.0, 0.0], [0.8, 0.0, 0.0]]),
+    "elbow": np.array([[-0.1, 0.0, 0.0], [0.3, 1.0, 0.0], [0.5, 0.0, 0.0]]),
+}
+B = NOMINAL_DRIVE.gear.backlash_angle
+
+
+class Axes:
+    """Two axes in lockstep, with joints of their own names and one topic for trajectories."""
+
+    def __init__(self, start: Start, peer: Peer, folder: Path) -> None:
+        self.peer = peer
+        self.loads: dict[str, dict[int, float]] = {axis: {} for axis in AXES}
+        node, deep = peer.node, QoSProfile(depth=100_000)
+        for axis in AXES:
+            node.create_subscription(JointState, f"{axis}/joint_states", lambda m, a=axis: self._on_state(a, m), deep)
+        self.sent = node.create_publisher(JointTrajectory, "joint_trajectory", 10)
+        self.holds = {axis: node.create_client(Trigger, f"{axis}/controller/hold") for axis in AXES}
+        file = folder / "axes.yaml"
+        parameters = {
+            axis: {"motor_joint": f"{axis}_motor", "load_joint": axis, "backlash_angle": B, "identified": True}
+            for axis in AXES
+        }
+        file.write_text(
+            json.dumps(
+                {
+                    f"/{axis}/controller": {"ros__parameters": told | {"state_timeout": 10.0}}
+                    for axis, told in parameters.items()
+                }
+                | {
+                    f"/{axis}/plant_simulator": {"ros__parameters": {k: told[k] for k in ("motor_joint", "load_joint")}}
+                    for axis, told in parameters.items()
+                }
+            )
+        )
+        deepened = {f"qos_overrides./{axis}/joint_states.publisher.depth": 10_000 for axis in AXES}
+        self.controller = start(
+            "controller",
+            *("--params-file", str(file), "-r", "joint_trajectory:=/joint_trajectory"),
+            non_ros=["--axes", *AXES],
+            use_sim_time=True,
+        )
+        peer.wait("the controllers", lambda: self.sent.get_subscription_count() == len(AXES))
+        start(
+            "plant_simulator",
+            *("--params-file", str(file)),
+            non_ros=["--axes", *AXES],
+            lockstep=True,
+            real_time_factor=0.0,
+            **deepened,
+        )
+        self.run_until(0.2)
+
+    def _on_state(self, axis: str, message: JointState) -> None:
+        self.loads[axis][stamp_ns(message.header.stamp)] = message.position[message.name.index(axis)]
+
+    @property
+    def time(self) -> float:
+        """Stamp of the newest sample of every axis, s."""
+        return min(1e-9 * max(loads, default=0) for loads in self.loads.values())
+
+    def run_until(self, time: float) -> None:
+        self.peer.wait("simulated time", lambda: self.time > time)
+
+    def send(self, start: float = 0.0, names: tuple[str, ...] = AXES, last_speed: float = 0.0) -> None:
+        message = JointTrajectory(joint_names=list(names))
+        message.header.stamp = Time(sec=int(start), nanosec=round(1e9 * (start % 1)))
+        for k, time in enumerate(TIMES):
+            states = np.array([PATHS[axis][k] for axis in names])
+            if k == len(TIMES) - 1:
+                states[:, 1] = last_speed
+            due = Duration(sec=int(time), nanosec=round(1e9 * (time % 1)))
+            message.points.append(
+                JointTrajectoryPoint(
+                    positions=states[:, 0], velocities=states[:, 1], accelerations=states[:, 2], time_from_start=due
+                )
+            )
+        self.sent.publish(message)
+
+    def path(self, axis: str) -> tuple[Array, Array]:
+        """Return the times of the samples, s, and the load's angles, rad."""
+        stamps = sorted(self.loads[axis])
+        return 1e-9 * np.array(stamps), np.array([self.loads[axis][stamp] for stamp in stamps])
+
+
+def wanted(axis: str, since: Array) -> Array:
+    """Return where the load is to be so many seconds after the start."""
+    rows = Trajectory(np.array(TIMES), PATHS[axis]).segments(Setpoint(np.zeros(3)))
+    out, positions = Setpoint(np.zeros(3)), np.zeros(since.size)
+    for k, time in enumerate(since):
+        evaluate(rows, max(time, 0.0), out)
+        positions[k] = out[POSITION]
+    return positions
+
+
+def test_axes_follow_one_message_from_the_same_stamp_on(start: Start, peer: Peer, tmp_path: Path) -> None:
+    axes = Axes(start, peer, tmp_path)
+    begins = float(np.ceil(axes.time)) + 30.0  # far more than the message takes: the machine may be busy
+    axes.send(begins)
+    axes.run_until(begins + TIMES[-1] + 0.5)
+    for axis in AXES:
+        times, loads = axes.path(axis)
+        bridged = np.array(wanted(axis, times - begins))
+        after = times - begins > TIMES[0]  # before, it goes to the first point from when the message came
+        assert np.max(np.abs(loads - bridged)[after]) < B, axis
+        assert abs(loads[-1] - PATHS[axis][-1, 0]) < 0.25 * B, axis
+    assert "refused" not in axes.controller.output()
+
+
+def test_what_cannot_be_followed_is_refused_and_changes_nothing(start: Start, peer: Peer, tmp_path: Path) -> None:
+    axes = Axes(start, peer, tmp_path)
+    for changes, text in (
+        ({"last_speed": 0.5}, "joint_trajectory is refused: velocities of the last point must be 0 rad/s, got 0.5"),
+        ({"names": ("elbow",)}, "joint_names must contain 'shoulder', got ['elbow']"),
+    ):
+        axes.send(**changes)  # type: ignore[arg-type]
+        peer.wait("the refusal", lambda text=text: text in axes.controller.output())
+        if changes.get("names"):
+            break
+        at = axes.time
+        axes.run_until(at + 1.0)
+        for axis in AXES:
+            assert np.ptp(axes.path(axis)[1]) < B
+
+
+def test_hold_ends_a_trajectory_at_rest(start: Start, peer: Peer, tmp_path: Path) -> None:
+    axes = Axes(start, peer, tmp_path)
+    axes.send()
+    peer.wait("the motion", lambda: axes.path("shoulder")[1][-1] > 0.1)
+    answers = {axis: client.call_async(Trigger.Request()) for axis, client in axes.holds.items()}
+    peer.wait("the answers", lambda: all(future.done() for future in answers.values()))
+    assert all(future.result().success for future in answers.values())
+    held = {axis: float(future.result().message.split()[5]) for axis, future in answers.items()}
+    assert held["shoulder"] < 0.8
+    axes.run_until(axes.time + 1.0)
+    for axis in AXES:
+        assert abs(axes.path(axis)[1][-1] - held[axis]) < 0.25 * B, axis

@@ -1,0 +1,181 @@
+"""Trajectories mean what they mean to joint_trajectory_controller, and never make the setpoint leap."""
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from backlash_ros.control.motion.setpoint import DURATION, evaluate
+from backlash_ros.control.motion.trajectory import START, Trajectory, TrajectoryError, trajectory_of
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import Setpoint
+
+
+def setpoint(position: float = 0.0, velocity: float = 0.0, acceleration: float = 0.0) -> Setpoint:
+    return Setpoint(np.array([position, velocity, acceleration]))
+
+
+def at(trajectory: Trajectory, time: float, start: Setpoint | None = None) -> Array:
+    out = setpoint()
+    evaluate(trajectory.segments(setpoint() if start is None else start), time, out)
+    return np.array(out)
+
+
+def points(times: list[float], *columns: list[float], age: float = 0.0) -> Trajectory:
+    return Trajectory(np.array(times), np.array(columns).T, age)
+
+
+def message(
+    times: tuple[float, ...] = (1.0, 2.0), names: tuple[str, ...] = ("load",), stamp: float = 0.0, **fields: Any
+) -> Any:
+    """Return what has the fields of a JointTrajectory; ``fields``: a list for each point."""
+    named = {"positions": [[1.0] * len(names)] * len(times)} | fields
+
+    def stamped(time: float) -> Any:
+        return SimpleNamespace(sec=math.floor(time), nanosec=round(1e9 * (time - math.floor(time))))
+
+    rows = [
+        SimpleNamespace(
+            time_from_start=stamped(time),
+            **{kind: named.get(kind, [[]] * len(times))[k] for kind in (*KINDS, "effort")},
+        )
+        for k, time in enumerate(times)
+    ]
+    return SimpleNamespace(header=SimpleNamespace(stamp=stamped(stamp)), joint_names=list(names), points=rows)
+
+
+KINDS = "positions", "velocities", "accelerations"
+
+
+def test_positions_alone_are_joined_by_straight_lines_from_the_setpoint() -> None:
+    path = points([1.0, 3.0], [1.0, 0.0])
+    np.testing.assert_allclose(at(path, 0.5, setpoint(0.5)), [0.75, 0.5, 0.0])
+    np.testing.assert_allclose(at(path, 2.0), [0.5, -0.5, 0.0])
+    np.testing.assert_array_equal(at(path, 9.0), [0.0, 0.0, 0.0])
+
+
+def test_velocities_make_cubics() -> None:
+    path = points([1.0, 2.0], [1.0, 2.0], [1.0, 0.0])
+    np.testing.assert_allclose(at(path, 1.0 - 1e-9)[:2], [1.0, 1.0], atol=1e-6)
+    assert at(path, 0.5)[0] == pytest.approx(0.375)  # a cubic from rest at 0 to 1 rad and 1 rad/s: 2 t^2 - t^3
+
+
+def test_accelerations_make_quintics_that_begin_with_the_setpoint() -> None:
+    path, start = points([1.0, 2.0], [1.0, 2.0], [1.0, 0.0], [0.5, 0.0]), setpoint(0.2, -0.3, 4.0)
+    np.testing.assert_allclose(at(path, 0.0, start), start, atol=1e-12)
+    np.testing.assert_allclose(at(path, 1.0 - 1e-9, start), [1.0, 1.0, 0.5], atol=1e-6)
+    np.testing.assert_allclose(at(path, 1.0 + 1e-9, start), [1.0, 1.0, 0.5], atol=1e-6)
+
+
+def test_points_that_are_past_are_left_out_and_not_hurried_through() -> None:
+    path = points([1.0, 2.0, 4.0], [5.0, 7.0, 1.0], age=2.5)
+    rows = path.segments(setpoint())
+    np.testing.assert_allclose(rows[:, DURATION], [1.5])
+    np.testing.assert_allclose(at(path, 0.75), [0.5, 1.0 / 1.5, 0.0])
+
+
+def test_a_trajectory_that_starts_later_is_reached_when_its_first_point_is_due() -> None:
+    path = points([0.0, 1.0], [1.0, 2.0], age=-2.0)
+    np.testing.assert_allclose(path.segments(setpoint())[:, DURATION], [2.0, 1.0])
+    assert at(path, 2.0)[0] == pytest.approx(1.0)
+
+
+def test_a_first_point_due_at_once_is_where_the_setpoint_is() -> None:
+    path = points([0.0, 1.0], [0.01, 1.0])
+    np.testing.assert_allclose(at(path, 0.0), [0.0, 1.0, 0.0])  # from the setpoint, not with a leap to the point
+    with pytest.raises(
+        TrajectoryError, match=r"positions of point 0, .* within 0.05 rad of the setpoint, 1 rad, got 0"
+    ):
+        points([0.0, 1.0], [0.0, 1.0]).segments(setpoint(1.0))
+    np.testing.assert_array_equal(at(points([0.0], [START]), 7.0), [START, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("times", "columns", "age", "text"),
+    [
+        ([], [[]], 0.0, "at least one point"),
+        ([1.0, 1.0], [[0.0, 1.0]], 0.0, r"time_from_start of point 1 must be > 1 s, .* got 1 s"),
+        ([-1.0, 1.0], [[0.0, 1.0]], 0.0, r"time_from_start of point 0 must be >= 0 s, got -1"),
+        ([1.0, math.nan], [[0.0, 1.0]], 0.0, "time_from_start of point 1 must be finite"),
+        ([1.0, 2.0], [[0.0, math.inf]], 0.0, "positions of point 1 must be finite, got inf"),
+        ([1.0, 2.0], [[0.0, 1.0], [math.nan, 0.0]], 0.0, "velocities of point 0 must be finite"),
+        ([1.0, 2.0], [[0.0, 1.0], [0.0, 0.1]], 0.0, "velocities of the last point must be 0 rad/s, got 0.1"),
+        ([1.0, 2.0], [[0.0, 1.0]], 2.5, "must not end in the past, got an end 0.5 s ago"),
+        ([1.0, 2.0], [[0.0, 1.0]], math.inf, "the start of a trajectory must be finite"),
+    ],
+)
+def test_what_cannot_be_followed_is_refused(
+    times: list[float], columns: list[list[float]], age: float, text: str
+) -> None:
+    with pytest.raises(TrajectoryError, match=text):
+        points(times, *columns, age=age)
+
+
+def test_a_message_gives_each_axis_its_own_joint() -> None:
+    sent = message(names=("other", "load"), positions=[[9.0, 1.0], [9.0, 2.0]], velocities=[[9.0, 0.5], [9.0, 0.0]])
+    path = trajectory_of(sent, "load", now=100 * 10**9)
+    np.testing.assert_array_equal(path.times, [1.0, 2.0])
+    np.testing.assert_array_equal(path.states, [[1.0, 0.5], [2.0, 0.0]])
+    assert path.age == 0.0
+    assert trajectory_of(message(stamp=98.5), "load", now=100 * 10**9).age == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"names": ("motor",)}, r"joint_names must contain 'load', got \['motor'\]"),
+        ({"names": ("load", "load")}, "name each joint once, got load"),
+        ({"times": ()}, "at least one point"),
+        ({"positions": [[1.0], []]}, "positions of point 1 must have 1 values, got 0"),
+        ({"positions": [[1.0], [1.0, 2.0]]}, "positions of point 1 must have 1 values, got 2"),
+        ({"positions": [[], []], "velocities": [[1.0], [0.0]]}, r"points must have positions, .* got \['velocities'\]"),
+        ({"accelerations": [[1.0], [0.0]]}, "velocities to have accelerations"),
+        ({"velocities": [[], [0.0]]}, "velocities of point 1 must have 0 values, got 1"),
+        ({"effort": [[1.0], []]}, "effort of point 0 must be empty"),
+        ({"stamp": 90.0}, "must not end in the past, got an end 8 s ago"),
+    ],
+)
+def test_a_message_that_does_not_fit_is_refused(changes: dict[str, Any], text: str) -> None:
+    with pytest.raises(TrajectoryError, match=text):
+        trajectory_of(message(**changes), "load", now=100 * 10**9)
+
+
+_number = st.floats(-10.0, 10.0)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    steps=st.lists(st.floats(1e-3, 5.0), min_size=1, max_size=6),
+    kinds=st.integers(1, 3),
+    age=st.floats(-3.0, 10.0),
+    start=st.tuples(_number, _number, _number),
+    data=st.data(),
+)
+def test_the_setpoint_is_continuous_whatever_comes(
+    steps: list[float], kinds: int, age: float, start: tuple[float, float, float], data: st.DataObject
+) -> None:
+    """As many derivatives are continuous as are given; the end is the last point, at rest."""
+    times = np.cumsum(steps)
+    states = np.array([[data.draw(_number) for _ in range(kinds)] for _ in times])
+    states[-1, 1:] = 0.0
+    assume(times[-1] != age)
+    if times[-1] < age:
+        with pytest.raises(TrajectoryError, match="in the past"):
+            Trajectory(times, states, age)
+        return
+    rows = Trajectory(times, states, age).segments(setpoint(*start))
+    before = np.array(start)[:kinds]
+    for row in rows:
+        begins, ends = np.polynomial.Polynomial(row[:DURATION]), row[DURATION]
+        if math.isinf(ends):
+            return
+        scale = 1.0 + np.abs(row[:DURATION] * ends ** np.arange(DURATION)).sum()
+        for k in range(kinds):
+            polynomial = begins.deriv(k) if k else begins
+            assert polynomial(0.0) == pytest.approx(before[k], abs=1e-9 * scale / ends**k)
+        before = np.array([(begins.deriv(k) if k else begins)(ends) for k in range(kinds)])
+    assert before[0] == pytest.approx(states[-1, 0], abs=1e-8 * scale)
