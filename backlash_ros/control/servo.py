@@ -17,18 +17,31 @@ from backlash_ros.control.monitoring.faults import describe_fault
 from backlash_ros.control.monitoring.monitor import forget_ends
 from backlash_ros.control.motion.plan import Plan
 from backlash_ros.control.motion.setpoint import AtRest, Source
+from backlash_ros.control.motion.trajectory import Stop
 from backlash_ros.control.observer import keep_estimate
 from backlash_ros.control.settings import ServoSettings
-from backlash_ros.control.tick import Tick
+from backlash_ros.control.tick import Tick, tick_constants_at
 from backlash_ros.control.tick_constants import tick_constants
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.quantity import Validated
 from backlash_ros.foundation.record import Array
-from backlash_ros.foundation.signals import LOAD_TORQUE, OMEGA_L, POSITION, THETA_L, THETA_M, Estimate, Measurement
+from backlash_ros.foundation.signals import (
+    LOAD_TORQUE,
+    OMEGA_L,
+    POSITION,
+    THETA_L,
+    THETA_M,
+    VELOCITY,
+    Estimate,
+    Measurement,
+    Setpoint,
+)
 from backlash_ros.gates.faults import Fault
 
 _SLOW = 0.02
 """Share of faults.velocity below which the load counts as at rest. Tuned."""
+_NEAR = 0.01
+"""Distance from the setpoint, rad, within which the load is there, if the gap is not wider: half the nominal gap."""
 
 
 class Servo:
@@ -182,8 +195,12 @@ class Servo:
             return f"reference must be finite, in rad, got {reference}"
         return self.follow(AtRest(reference))
 
-    def follow(self, source: Source) -> str:
-        """Plan ``source`` from the present setpoint on; return an empty text, or why it is refused."""
+    def follow(self, source: Source, *, at_once: bool = False) -> str:
+        """Plan ``source`` from the present setpoint on; return an empty text, or why it is refused.
+
+        ``at_once``: the plan began with the last sample, as a path does that goes on from there; by default it begins
+        with the next one, whenever that comes.
+        """
         hindrance = ""
         if self.latched:
             hindrance = f"while {self.latched.name} is latched: call reset_fault"
@@ -191,7 +208,22 @@ class Servo:
             hindrance = "while learning"
         elif not self.holding:
             hindrance = "while no position is held"
-        return self._plan.follow(source, self.limits, hindrance)
+        fastest = self.settings.thresholds_of(self.drive).velocity
+        return self._plan.follow(source, self.limits, fastest, hindrance, at_once=at_once)
+
+    def stop(self) -> str:
+        """Come to rest along the path and hold there; return an empty text, or why that is refused.
+
+        A step, whose setpoint is at its end already, stops where the load can.
+        """
+        setpoint = self.memory.setpoint
+        start = Setpoint(setpoint.copy())
+        moves = abs(self.estimate[OMEGA_L]) > _SLOW * self.settings.thresholds_of(self.drive).velocity
+        away = abs(self.tracking_error) > max(self.settings.backlash_angle, _NEAR)
+        if not np.any(setpoint[VELOCITY:]) and (moves or away):
+            start[POSITION], start[VELOCITY] = self.load_angle, self.estimate[OMEGA_L]
+        deceleration = float(tick_constants_at(self.constants).motion.acceleration)
+        return self.follow(Stop(deceleration, start), at_once=True)
 
     @property
     def segments(self) -> Array:

@@ -6,7 +6,14 @@ import numpy as np
 
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.memory import InputRow, TickRow
-from backlash_ros.control.motion.setpoint import DURATION, AtRest, Source, extent, plan_rejection
+from backlash_ros.control.motion.setpoint import (
+    DURATION,
+    AtRest,
+    Source,
+    extent,
+    plan_rejection,
+    top_speed,
+)
 from backlash_ros.control.tick import NOT_BEGUN
 from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import POSITION, Setpoint
@@ -39,10 +46,14 @@ class Plan:
         self._memory.plan_time = NOT_BEGUN
         self._end = self._reach = None
 
-    def follow(self, source: Source, limits: Limits, hindrance: str) -> str:
+    def follow(self, source: Source, limits: Limits, fastest: float, hindrance: str, *, at_once: bool = False) -> str:
         """Plan ``source`` from the present setpoint on; return an empty text, or why it is refused.
 
-        ``hindrance`` says why nothing is followed now, whatever it is; empty if that is not so.
+        Parameters
+        ----------
+        fastest : speed beyond which the monitor stops the load, rad/s
+        hindrance : why nothing is followed now, whatever it is; empty if that is not so
+        at_once : whether the plan began with the last sample, and not with the next one
         """
         setpoint = Setpoint(self._memory.setpoint.copy())
         segments = np.ascontiguousarray(source.segments(setpoint), dtype=np.float64)
@@ -53,8 +64,10 @@ class Plan:
         taken = float(self._memory.motion.reference)
         if reason := plan_rejection(segments, limits, self.position if math.isnan(taken) else taken):
             return reason
+        if (speed := top_speed(segments)) > fastest:
+            return f"path must be slower than faults.velocity = {fastest:.4g} rad/s, got {speed:.4g}"
         self.segments, self._end, self._reach = segments, end, (least, largest)
-        self._memory.plan_time = NOT_BEGUN
+        self._memory.plan_time = 0.0 if at_once else NOT_BEGUN
         return ""
 
     @property

@@ -122,13 +122,17 @@ def joined(begins: Array, ends: Array, durations: Array) -> Array:
 
 @dataclass(frozen=True)
 class Stop:
-    """A motion that comes to rest along its way, as a source: with about ``deceleration``, rad/s^2."""
+    """A motion that comes to rest along its way, as a source.
+
+    ``deceleration``, rad/s^2, about; ``begin``: where it begins, wherever the setpoint is.
+    """
 
     deceleration: float
+    begin: Setpoint
 
     def segments(self, start: Setpoint) -> Array:
-        """Return the plan from the setpoint ``start`` on, see `setpoint.Source`."""
-        position, velocity, acceleration = start[POSITION], start[VELOCITY], start[ACCELERATION]
+        """Return the plan, see `setpoint.Source`."""
+        position, velocity, acceleration = self.begin
         if velocity == 0.0 and acceleration == 0.0:
             return AtRest(float(position)).segments(start)
         # A quintic decelerates with up to 1.5 times the mean; what accelerates now goes on for a third of the time.
