@@ -17,7 +17,7 @@ from backlash_ros.foundation.signals import THETA_L, THETA_M, Estimate, Measurem
 
 
 @compiled_as(LAW_SIGNATURE)
-def _idle(_law: Array, _state: Array, _estimate: Estimate, _setpoint: Setpoint, low: float, high: float) -> float:
+def _idle(_law: Array, _state: Array, _estimate: Estimate, _path: Array, low: float, high: float) -> float:
     """Ask for 0 V, or for the voltage nearest to it in the range."""
     return float(min(max(0.0, low), high))
 

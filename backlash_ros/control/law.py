@@ -31,11 +31,12 @@ law_state_at = view_of(LawState)
 REGION = cell_of(LawState, "region")
 """Index in every law's state of the region that acts, for Python, which reads it at every sample."""
 
-LawStep = Callable[[Array, Array, Estimate, Setpoint, float, float], float]
+LawStep = Callable[[Array, Array, Estimate, Array, float, float], float]
 _flat = float64[::1]
-LAW_SIGNATURE = float64(_flat, _flat, _flat, _flat, float64, float64)
-"""Arguments of every law's step: constants, state, estimate, setpoint, smallest and largest voltage that the drive can
-follow, V; it returns a voltage within them, V."""
+LAW_SIGNATURE = float64(_flat, _flat, _flat, float64[:, ::1], float64, float64)
+"""Arguments of every law's step: constants, state, estimate, path, smallest and largest voltage that the drive can
+follow, V; it returns a voltage within them, V. Each row of the path is a `Setpoint`: this sample's first, then those of
+the next samples, shape (`motion.setpoint.AHEAD`, 3)."""
 
 TakeOver = Callable[[Array, Array, Estimate, Setpoint, float], None]
 """Arguments for a law with memory: constants, state (updated in place), estimate and setpoint of the last sample, and

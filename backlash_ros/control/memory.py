@@ -47,6 +47,7 @@ class TickRow:
         self.used, self.setpoint = Measurement(memory.used), Setpoint(memory.setpoint)
         self.estimate = Estimate(memory.observer.estimate)
         self.observer, self.monitor, self.motion = memory.observer, memory.monitor, memory.motion
+        self.cursor = memory.cursor
         self.details = memory.results.details
 
     def forget(self) -> None:

@@ -30,7 +30,7 @@ from backlash_ros.control.motion.moving_reference import (
     forget_path,
     reference_setpoint,
 )
-from backlash_ros.control.motion.setpoint import evaluate, is_reference
+from backlash_ros.control.motion.setpoint import AHEAD, Cursor, go_on, is_reference, look_ahead
 from backlash_ros.control.observer import ObserverConstants, ObserverMemory, observer_step
 from backlash_ros.foundation.compiled import compiled, specialize, unbound
 from backlash_ros.foundation.record import Array, Record, cells, part, view_of
@@ -102,6 +102,8 @@ class TickMemory(Record):
     motion: MotionMemory = part(MotionMemory)
     tracking: TrackingMemory = part(TrackingMemory)
     setpoint: Array = cells(3)  # the last `Setpoint`, with an experiment's offset
+    path: Array = cells(AHEAD, 3)  # that and those of the next samples, as far as they are known
+    cursor: Cursor = part(Cursor)
     results: Results = part(Results)
 
 
@@ -125,18 +127,25 @@ def _find_fault(
 
 @compiled
 def _plan_setpoint(
-    constants: MotionConstants, memory: TickMemory, segments: Array, estimate: Estimate, period: float
+    constants: MotionConstants, memory: TickMemory, segments: Array, estimate: Estimate, period: float, nominal: float
 ) -> None:
-    """Write the setpoint of this sample; a plan that has yet to begin holds the load where it is."""
+    """Write the setpoint of this sample and the path; a plan that has yet to begin holds the load where it is.
+
+    ``period``: since the previous sample, s; ``nominal``: between two samples.
+    """
     results, setpoint = memory.results, as_setpoint(memory.setpoint)
     if math.isnan(segments[0, 0]):
         segments[0, 0] = estimate[THETA_L]
+    if results.plan_time < 0.0:
+        memory.cursor.row, memory.cursor.begins = 0.0, 0.0
     results.plan_time = 0.0 if results.plan_time < 0.0 else results.plan_time + period
     if is_reference(segments):
         reference_setpoint(constants, memory.motion, segments[0, 0], estimate, period, setpoint)
+        go_on(setpoint, nominal, memory.path)
         return
     forget_path(memory.motion)
-    evaluate(segments, results.plan_time, setpoint)
+    look_ahead(segments, memory.cursor, results.plan_time, nominal, memory.path)
+    setpoint[:] = memory.path[0]
 
 
 @compiled
@@ -220,18 +229,20 @@ def _tick(
     observer_step(observer, memory.observer, used, before, period, observer.torque_bandwidth)
     if not math.isnan(inputs.known_load_torque):
         estimate[LOAD_TORQUE] = inputs.known_load_torque
-    _plan_setpoint(constants.motion, memory, segments, estimate, period)
+    _plan_setpoint(constants.motion, memory, segments, estimate, period, observer.period)
     if watched and _goes_away(constants, memory, estimate, inputs.experimenting != 0.0, period):
         results.fault = _AWAY
         return 0.0
     if inputs.offset != 0.0:
         _add_offset(constants.range, setpoint, inputs)
+        for k in range(memory.path.shape[0]):
+            memory.path[k, POSITION] += inputs.offset
     low, high = voltage_range(constants.range, estimate)
     results.low, results.high = low, high
     # An experiment's torque is subtracted from the range, so that both together stay within it.
     added = inputs.torque * constants.range.feedforward
     added = clamp(added, low, high) if added != 0.0 else 0.0
-    voltage = law_step(law, state, estimate, setpoint, low - added, high - added) + added
+    voltage = law_step(law, state, estimate, memory.path[:], low - added, high - added) + added
     # A law stays in its range; this makes sure of it.
     if not low <= voltage <= high and math.isfinite(voltage):
         voltage = clamp(voltage, low, high)

@@ -242,8 +242,8 @@ class Parameters(Validated):
 
 
 @compiled_as(LAW_SIGNATURE)
-def step(law, state, estimate, setpoint, low, high):
-    return min(max(law[0] * (setpoint[0] - estimate[2]), low), high)
+def step(law, state, estimate, path, low, high):
+    return min(max(law[0] * (path[0, 0] - estimate[2]), low), high)
 
 
 def design(drive, settings, parameters):

@@ -103,7 +103,7 @@ def test_follows_a_setpoint_in_motion_without_lag(gains: GainSet) -> None:
     state, estimate = law.state.copy(), np.zeros(6)
     for k in range(500):
         setpoint = np.array([2.0 * PERIOD * k, 2.0, 0.0])
-        law.step(law.constants, state, estimate, setpoint, -1e9, 1e9)
+        law.step(law.constants, state, estimate, setpoint[None], -1e9, 1e9)
     assert dual_loop_state_at(state).reference == pytest.approx(2.0 * PERIOD * 500, abs=1e-6)
 
 

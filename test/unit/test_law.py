@@ -13,7 +13,7 @@ from backlash_ros.drivetrain import NOMINAL_DRIVE
 B = 0.02
 
 
-AT_REST = np.zeros(3)
+AT_REST = np.zeros((1, 3))
 
 
 def make(gains: GainSet, law: str = "two_region", min_dwell: float = 0.0, backlash_angle: float = B) -> ControlLaw:
@@ -88,7 +88,7 @@ def test_every_law_is_odd_and_saturates_last(gains: GainSet, name: str) -> None:
         assert answer(law, *inputs) == -answer(law, *(-inputs))
     state = law.state.copy()
     for _ in range(200):
-        voltage = law.step(law.constants, state, np.zeros(6), np.array([1e6, 0.0, 0.0]), -24.0, 24.0)
+        voltage = law.step(law.constants, state, np.zeros(6), np.array([[1e6, 0.0, 0.0]]), -24.0, 24.0)
         assert abs(voltage) <= 24.0
     assert voltage == 24.0
 
@@ -97,7 +97,7 @@ def test_every_law_is_odd_and_saturates_last(gains: GainSet, name: str) -> None:
 def test_every_law_is_at_rest_at_rest(gains: GainSet, name: str) -> None:
     """At the target, unloaded, no law wants a voltage, however long it has been there."""
     law = make(gains, name)
-    state, target = law.state.copy(), np.array([0.3, 0.0, 0.0])
+    state, target = law.state.copy(), np.array([[0.3, 0.0, 0.0]])
     for _ in range(100):
         voltage = law.step(law.constants, state, np.array([3.0, 0.0, 0.3, 0.0, 0.0, 0.0]), target, -24.0, 24.0)
         assert voltage == pytest.approx(0.0, abs=1e-9)

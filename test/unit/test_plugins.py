@@ -39,8 +39,8 @@ class BrakeParameters(Validated):
 
 
 @compiled_as(LAW_SIGNATURE)
-def step(law, state, estimate, setpoint, low, high):
-    voltage = law[0] * (setpoint[POSITION] - estimate[THETA_L]) - law[1] * estimate[OMEGA_L]
+def step(law, state, estimate, path, low, high):
+    voltage = law[0] * (path[0, POSITION] - estimate[THETA_L]) - law[1] * estimate[OMEGA_L]
     return clamp(voltage, low, high)
 
 

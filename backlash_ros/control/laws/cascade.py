@@ -58,12 +58,12 @@ class CascadeParameters(Validated):
 
 
 @compiled_as(LAW_SIGNATURE)
-def cascade_step(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, low: float, high: float) -> float:
+def cascade_step(law: Array, state: Array, estimate: Estimate, path: Array, low: float, high: float) -> float:
     """Position error beyond the dead band to motor speed, speed error to voltage; the integrator stops at the range."""
     constants, memory = _constants_at(law), _state_at(state)
-    error = setpoint[POSITION] - estimate[THETA_L]
+    error = path[0, POSITION] - estimate[THETA_L]
     beyond = max(error - constants.dead_band, 0.0) + min(error + constants.dead_band, 0.0)
-    wanted_speed = constants.position_gain * beyond + constants.to_motor * setpoint[VELOCITY]
+    wanted_speed = constants.position_gain * beyond + constants.to_motor * path[0, VELOCITY]
     speed_error = wanted_speed - estimate[OMEGA_M]
     integral = memory.integral + constants.speed_gain * constants.reset_rate * constants.period * speed_error
     wanted = constants.speed_gain * speed_error + integral + constants.back_emf * estimate[OMEGA_M]

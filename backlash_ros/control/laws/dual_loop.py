@@ -140,15 +140,15 @@ def _choose_flank(
 
 
 @compiled_as(LAW_SIGNATURE)
-def dual_loop_step(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, low: float, high: float) -> float:
+def dual_loop_step(law: Array, state: Array, estimate: Estimate, path: Array, low: float, high: float) -> float:
     """Smooth the setpoint, shift the motor's target by the load's error and the gap, and move the motor there."""
     constants, memory = _constants_at(law), dual_loop_state_at(state)
     if memory.started == 0.0:
         _start(constants, memory, estimate)
     period, bandwidth, speed = constants.period, constants.reference_bandwidth, memory.speed
-    behind = bandwidth * (setpoint[POSITION] - memory.reference) + 2.0 * (setpoint[VELOCITY] - speed)
+    behind = bandwidth * (path[0, POSITION] - memory.reference) + 2.0 * (path[0, VELOCITY] - speed)
     acceleration = bandwidth * behind
-    acceleration += setpoint[ACCELERATION]
+    acceleration += path[0, ACCELERATION]
     turning = clamp(speed / _TURNS, -1.0, 1.0)
     _choose_flank(constants, memory, acceleration, turning, estimate[LOAD_TORQUE])
     motor, motor_speed = constants.ratio * estimate[THETA_M], constants.ratio * estimate[OMEGA_M]

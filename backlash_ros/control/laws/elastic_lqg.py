@@ -82,13 +82,11 @@ class ElasticLqgParameters(Validated):
 
 
 @compiled_as(LAW_SIGNATURE)
-def elastic_lqg_step(
-    law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, low: float, high: float
-) -> float:
+def elastic_lqg_step(law: Array, state: Array, estimate: Estimate, path: Array, low: float, high: float) -> float:
     """V = gains (target - predicted), with a Kalman predictor of the states and a lead on the reference."""
     constants, memory = elastic_lqg_constants_at(law), elastic_lqg_state_at(state)
     predicted, gains, ratio, lead = memory.predicted, constants.gains, constants.ratio, constants.lead
-    reference = setpoint[POSITION]
+    reference = path[0, POSITION]
     if memory.started == 0.0:
         predicted[THETA_M], predicted[THETA_L] = estimate[THETA_L] / ratio, estimate[THETA_L]
         memory.slow_reference = estimate[THETA_L]

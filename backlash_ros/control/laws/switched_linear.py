@@ -22,7 +22,7 @@ from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.compiled import compiled_as
 from backlash_ros.foundation.quantity import Validated, quantity
 from backlash_ros.foundation.record import Array, Record, row_of, view_of
-from backlash_ros.foundation.signals import OMEGA_L, POSITION, THETA_L, VELOCITY, Estimate, Setpoint
+from backlash_ros.foundation.signals import OMEGA_L, POSITION, THETA_L, VELOCITY, Estimate
 
 if TYPE_CHECKING:
     from backlash_ros.control.settings import ServoSettings
@@ -52,15 +52,13 @@ class SwitchedLinearParameters(Validated):
 
 
 @compiled_as(LAW_SIGNATURE)
-def switched_linear_step(
-    law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, low: float, high: float
-) -> float:
+def switched_linear_step(law: Array, state: Array, estimate: Estimate, path: Array, low: float, high: float) -> float:
     """V = g (k1 error + k2 speed error), with the reduced g where the error is smaller than the backlash."""
     constants = _constants_at(law)
-    error = setpoint[POSITION] - estimate[THETA_L]
+    error = path[0, POSITION] - estimate[THETA_L]
     near = abs(error) < constants.near
     law_state_at(state).region = OVERDAMPED_REGION if near else FAST_REGION
-    voltage = constants.position * error + constants.velocity * (setpoint[VELOCITY] - estimate[OMEGA_L])
+    voltage = constants.position * error + constants.velocity * (path[0, VELOCITY] - estimate[OMEGA_L])
     return clamp(voltage * (constants.reduction if near else 1.0), low, high)
 
 

@@ -24,7 +24,6 @@ from backlash_ros.foundation.signals import (
     THETA_L,
     VELOCITY,
     Estimate,
-    Setpoint,
 )
 
 if TYPE_CHECKING:
@@ -83,10 +82,10 @@ class TwoRegionParameters(Validated):
 
 
 @compiled_as(LAW_SIGNATURE)
-def two_region_step(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, low: float, high: float) -> float:
+def two_region_step(law: Array, state: Array, estimate: Estimate, path: Array, low: float, high: float) -> float:
     """Choose the region by the error, apply eq 15 with its gains, and clamp to the range."""
     constants, memory = _constants_at(law), _state_at(state)
-    error = setpoint[POSITION] - estimate[THETA_L]
+    error = path[0, POSITION] - estimate[THETA_L]
     memory.samples += 1.0
     if memory.samples >= constants.dwell:
         if memory.region == FAST_REGION and abs(error) < constants.enter:
@@ -94,7 +93,7 @@ def two_region_step(law: Array, state: Array, estimate: Estimate, setpoint: Setp
         elif memory.region == OVERDAMPED_REGION and abs(error) >= constants.leave:
             memory.region, memory.samples = FAST_REGION, 0.0
     gains = constants.fast if memory.region == FAST_REGION else constants.overdamped
-    speed_error = setpoint[VELOCITY] - estimate[OMEGA_L]
+    speed_error = path[0, VELOCITY] - estimate[OMEGA_L]
     voltage = gains.load_torque * estimate[LOAD_TORQUE]
     voltage += gains.position * error + gains.velocity * speed_error - gains.current * estimate[CURRENT]
     return clamp(voltage, low, high)

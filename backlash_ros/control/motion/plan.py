@@ -68,6 +68,7 @@ class Plan:
             return f"path must be slower than faults.velocity = {fastest:.4g} rad/s, got {speed:.4g}"
         self.segments, self._end, self._reach = segments, end, (least, largest)
         self._memory.plan_time = 0.0 if at_once else NOT_BEGUN
+        self._memory.cursor.row = self._memory.cursor.begins = 0.0
         return ""
 
     @property

@@ -12,7 +12,7 @@ import numpy as np
 
 from backlash_ros.control.limits import Limits
 from backlash_ros.foundation.compiled import compiled
-from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.record import Array, Record
 from backlash_ros.foundation.signals import ACCELERATION, POSITION, VELOCITY, Setpoint
 
 ORDER = 5
@@ -20,6 +20,10 @@ ORDER = 5
 
 DURATION = ORDER + 1
 """Column of a segment with its duration, s; before it the coefficients, c0 first."""
+
+
+AHEAD = 64
+"""Setpoints that a law sees, a period apart: at 1 kHz more than half a crossing of a wide gap and the longest delay."""
 
 
 class Source(Protocol):
@@ -165,21 +169,57 @@ def is_reference(segments: Array) -> bool:
     return segments.shape[0] == 1 and math.isinf(segments[0, DURATION]) and not np.any(segments[0, 1:DURATION])
 
 
+class Cursor(Record):
+    """The row of a plan that is being followed, so that a thousand of them cost what one does."""
+
+    row: float = 0.0
+    begins: float = 0.0  # s, since the plan began
+
+
 @compiled
-def evaluate(segments: Array, time: float, out: Setpoint) -> None:
-    """Write the setpoint at ``time`` (s from the start of the plan) into ``out``."""
-    row = 0
-    while row < segments.shape[0] - 1 and time >= segments[row, DURATION]:
-        time -= segments[row, DURATION]
-        row += 1
-    over = time >= segments[row, DURATION]
+def _evaluate_row(row: Array, time: float, out: Array) -> None:
+    """Write the setpoint at ``time`` (s from the start of a row) into ``out``; after its end it rests."""
+    over = time >= row[DURATION]
     if over:
-        time = segments[row, DURATION]
+        time = row[DURATION]
     position = velocity = half_acceleration = 0.0
     for k in range(ORDER, -1, -1):
         half_acceleration = half_acceleration * time + velocity
         velocity = velocity * time + position
-        position = position * time + segments[row, k]
+        position = position * time + row[k]
     out[POSITION] = position
     out[VELOCITY] = 0.0 if over else velocity
     out[ACCELERATION] = 0.0 if over else 2.0 * half_acceleration
+
+
+@compiled
+def evaluate(segments: Array, time: float, out: Setpoint) -> None:
+    """Write the setpoint at ``time`` (s from the start of the plan) into ``out``."""
+    row, begins = 0, 0.0
+    while row < segments.shape[0] - 1 and time - begins >= segments[row, DURATION]:
+        begins += segments[row, DURATION]
+        row += 1
+    _evaluate_row(segments[row], time - begins, out)
+
+
+@compiled
+def look_ahead(segments: Array, cursor: Cursor, time: float, period: float, path: Array) -> None:
+    """Write the setpoints at ``time`` (s from the start of the plan) and a period after each other into ``path``."""
+    row, begins, last = int(cursor.row), cursor.begins, segments.shape[0] - 1
+    for k in range(path.shape[0]):
+        at = time + k * period
+        while row < last and at - begins >= segments[row, DURATION]:
+            begins += segments[row, DURATION]
+            row += 1
+        if k == 0:
+            cursor.row, cursor.begins = float(row), begins
+        _evaluate_row(segments[row], at - begins, path[k])
+
+
+@compiled
+def go_on(setpoint: Setpoint, period: float, path: Array) -> None:
+    """Write into ``path`` what a setpoint without a known future does: it goes on at its speed."""
+    path[0] = setpoint
+    for k in range(1, path.shape[0]):
+        path[k, POSITION] = setpoint[POSITION] + k * period * setpoint[VELOCITY]
+        path[k, VELOCITY], path[k, ACCELERATION] = setpoint[VELOCITY], 0.0

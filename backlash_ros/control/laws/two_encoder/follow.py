@@ -1,67 +1,164 @@
-"""Follow and flight: what the motor is to do behind a setpoint that moves, and in a plan.
+"""Follow: the motor goes ahead of a reference in motion, by the gap and by the depth at which the teeth carry the load.
 
-In both the motor goes by its own encoder, without feedback from the load.
+The flank changes with the sign of the torque that the load needs, halfway through a crossing that begins in time. The
+load's angle corrects only what is slow: where each flank is, and what motion in a direction costs beyond the model.
 """
 
 import math
 
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.command import Wanted
-from backlash_ros.control.laws.two_encoder.constants import Constants
-from backlash_ros.control.laws.two_encoder.load_torque import load_torque_at
-from backlash_ros.control.laws.two_encoder.memory import Memory
-from backlash_ros.control.laws.two_encoder.parking import DRY
-from backlash_ros.control.laws.two_encoder.plan import evaluate
-from backlash_ros.control.laws.two_encoder.teeth import contact_distance
+from backlash_ros.control.laws.two_encoder.constants import DRY, Constants
+from backlash_ros.control.laws.two_encoder.crossing import choose_flank, gap_motion_at, lies_on_flank
+from backlash_ros.control.laws.two_encoder.load_torque import holds_load, load_torque_at
+from backlash_ros.control.laws.two_encoder.memory import FOLLOW, Memory
+from backlash_ros.control.laws.two_encoder.motor import dry_friction, loop_slowdown
+from backlash_ros.control.laws.two_encoder.reference import direction_at, needed_torque, reference_at
+from backlash_ros.control.laws.two_encoder.teeth import gap_position
 from backlash_ros.foundation.compiled import compiled
-from backlash_ros.foundation.signals import ACCELERATION, POSITION, VELOCITY, Setpoint
+from backlash_ros.foundation.record import Array
 
-_CROSSED = 0.1
-"""Share of the gap within which a flank is reached, so that the teeth carry the load. Tuned on the populations."""
+_DRAG_RATE = 5.0
+"""Rate with which the drag of a direction is learned, 1/s. Tuned on random drives."""
+_DRAG_SPEED = 0.02
+"""Speed of the reference, rad/s, above which its drag is learned: below, friction may stick. Tuned on random drives."""
+_LOAD_SPEED = 0.01
+"""Speed of the load, rad/s, above which its friction is that of motion. Tuned on random drives."""
+_STEADY = 0.02
+"""Share of the stall torque up to which acceleration asks for it, so that wrong inertias do not look like a drag."""
+_PUSHES = 20.0
+"""Acceleration of the load, rad/s^2, from which on its teeth surely push. Tuned on random drives."""
+_NEAR_SEAT = 0.1
+"""Share of the gap from the seat within which the teeth surely touch."""
+_KNOWN_COUNT = 0.3
+"""Share of the gap up to which an encoder count is added to this."""
+_SETTLES = 0.012
+"""Time after a crossing, s, for which a landing swings. Tuned on random drives."""
+_SEAT_RATE, _FIRST_TIME = 12.0, 0.03
+"""Rate with which the error of a flank's seat is learned, 1/s; at first as the mean over the time spent on it, from so
+many seconds on. Tuned on random drives."""
+_QUARTER_COUNT = 0.25
+"""Share of a count below which an error is none."""
+_FINE_COUNT = 0.2
+"""Share of the gap up to which a count says so."""
+_LARGEST_ERROR = 0.3
+"""Share of the gap: the largest error from which is learned."""
+_LARGEST_SEAT = 0.8
+"""Share of the gap: the largest error of a seat."""
+_LARGEST_SHARE = 0.3
+"""Of an error, that is learned in one period at most."""
 
 
 @compiled
-def follow_setpoint(constants: Constants, memory: Memory, setpoint: Setpoint) -> Wanted:
-    """Follow a moving setpoint.
-
-    The sign of the load's torque gives the flank; the motor crosses to it in the time of a flight's crossing.
-    """
-    angle, speed, acceleration = setpoint[POSITION], setpoint[VELOCITY], setpoint[ACCELERATION]
-    needed = constants.load_inertia * acceleration + constants.load_friction * speed
-    needed -= load_torque_at(memory.load_torque, angle)
-    if speed != 0.0:
-        needed += math.copysign(constants.load_dry_friction, speed)
-    # A torque next to none does not change the flank.
-    flank = math.copysign(1.0, needed) if abs(needed) > DRY else memory.flank
-    memory.flank = flank
-    end, most = flank * contact_distance(constants, needed), constants.period * constants.gap / constants.crossing_time
-    step = clamp(end - memory.followed_position, -most, most)
-    memory.followed_position += step
-    touches = abs(end - memory.followed_position) < _CROSSED * constants.gap and needed * flank > 0.0
-    carried = needed if touches else 0.0
-    motor_speed = speed + (step / constants.period if carried == 0.0 else 0.0)
-    torque = constants.motor_inertia * acceleration + constants.motor_friction * motor_speed + carried
-    memory.target = angle
-    memory.motor_target = angle + speed * constants.delay + memory.followed_position + memory.middle
-    return Wanted(memory.motor_target, motor_speed, torque, carried, memory.motor.predicted.speed)
+def begin_to_follow(constants: Constants, memory: Memory) -> None:
+    """Begin to follow from where the motor is in the gap."""
+    memory.phase, memory.hold.time_since_landing, follow = FOLLOW, 0.0, memory.follow
+    follow.crosses = follow.time_on_flank = follow.direction = follow.momentum = 0.0
+    follow.forward_drag = follow.backward_drag = follow.forward_seat = follow.backward_seat = 0.0
+    follow.forward_time = follow.backward_time = follow.crossing.end = 0.0
+    follow.flank = lies_on_flank(constants, memory, holds_load(constants, memory.load_torque.estimated))
 
 
 @compiled
-def fly_on(constants: Constants, memory: Memory) -> Wanted:
-    """Follow the plan for one period.
+def stop_following(memory: Memory) -> None:
+    """Take what was learned of the flank in use for the middle of the gap."""
+    follow = memory.follow
+    if follow.flank == 0.0:
+        memory.middle += follow.crossing.end
+    else:
+        memory.middle += follow.forward_seat if follow.flank > 0.0 else follow.backward_seat
 
-    The torque is that of an inverse model of the motor, read ahead by the winding's time constant.
-    """
-    plan, period = memory.plan, constants.period
-    time, later = plan.time, plan.time + constants.electrical_time
-    now, end = evaluate(constants, memory, time), evaluate(constants, memory, time + period)
-    carried = evaluate(constants, memory, time + 0.5 * period).teeth_torque
-    first = evaluate(constants, memory, later)
-    half = evaluate(constants, memory, later + 0.5 * period)
-    last = evaluate(constants, memory, later + period)
-    acceleration_torque = constants.motor_inertia * (last.speed - first.speed) / period
-    torque = acceleration_torque + constants.motor_friction * (last.angle - first.angle) / period
-    torque += (first.teeth_torque + 4.0 * half.teeth_torque + last.teeth_torque) / 6.0
-    memory.motor_target = end.angle
-    plan.time += period
-    return Wanted(now.angle, now.speed, torque, carried, (end.angle - now.angle) / period)
+
+@compiled
+def _learn_drag(constants: Constants, memory: Memory, path: Array) -> None:
+    """Learn what even motion in a direction costs beyond the model, from the momentum of both shafts, N m."""
+    follow, motor, load = memory.follow, memory.motor.estimated, memory.load
+    reference = reference_at(constants, path, 0.0)
+    momentum = constants.motor_inertia * motor.speed + constants.load_inertia * load.speed
+    gained, follow.momentum, known = momentum - follow.momentum, momentum, follow.momentum != 0.0
+    effort = abs(reference.acceleration) * (constants.load_inertia + constants.motor_inertia)
+    moves = abs(reference.speed) > _DRAG_SPEED and abs(load.speed) > _LOAD_SPEED
+    if not known or not moves or effort >= _STEADY * constants.stall_torque:
+        return
+    given = motor.current_torque - constants.motor_friction * motor.speed - constants.load_friction * load.speed
+    given -= dry_friction(constants, motor.speed) + math.copysign(constants.load_dry_friction, reference.speed)
+    given += load_torque_at(memory.load_torque, load.angle)
+    unexplained, share = gained / constants.period - given, min(_DRAG_RATE * constants.period, 1.0)
+    if reference.speed > 0.0:
+        follow.forward_drag -= share * (unexplained + follow.forward_drag)
+    else:
+        follow.backward_drag -= share * (unexplained + follow.backward_drag)
+
+
+@compiled
+def _teeth_touch(constants: Constants, memory: Memory, path: Array) -> bool:
+    """Return whether the teeth surely carry the load, so that the load's angle shows where the flank is."""
+    follow, count = memory.follow, memory.load.count
+    if follow.crosses != 0.0 or follow.flank == 0.0 or follow.time_on_flank <= _SETTLES + constants.delay:
+        return False
+    if abs(needed_torque(constants, memory, path, 0.0)) > _PUSHES * constants.load_inertia:
+        return True
+    near = _NEAR_SEAT * constants.gap + (count if count < _KNOWN_COUNT * constants.gap else 0.0)
+    return abs(gap_position(memory) - gap_motion_at(constants, memory, path, 0.0).position) < near
+
+
+@compiled
+def _learn_seat(constants: Constants, memory: Memory, path: Array) -> None:
+    """Learn how far off the flank in use is from where it should be, from the load's error."""
+    if not _teeth_touch(constants, memory, path):
+        return
+    follow, load, period, gap = memory.follow, memory.load, constants.period, constants.gap
+    forward = follow.flank > 0.0
+    if forward:
+        follow.forward_time += period
+    else:
+        follow.backward_time += period
+    spent = follow.forward_time if forward else follow.backward_time
+    rate = max(_SEAT_RATE, 1.0 / (spent + _FIRST_TIME)) / loop_slowdown(constants, memory)
+    error = reference_at(constants, path, 0.0).angle - load.angle
+    if abs(error) <= (_QUARTER_COUNT * load.count if load.count < _FINE_COUNT * gap else 0.0):
+        return
+    change = min(rate * period, _LARGEST_SHARE) * clamp(error, -_LARGEST_ERROR * gap, _LARGEST_ERROR * gap)
+    most = _LARGEST_SEAT * gap
+    if forward:
+        follow.forward_seat = clamp(follow.forward_seat + change, -most, most)
+    else:
+        follow.backward_seat = clamp(follow.backward_seat + change, -most, most)
+
+
+@compiled
+def _wanted(constants: Constants, memory: Memory, path: Array) -> Wanted:
+    """Return the motion of the motor when the command acts, and the torque for it over the period."""
+    period, k = constants.period, constants.delay / constants.period
+    later = k + constants.electrical_time / period
+    now, gap_now = reference_at(constants, path, k), gap_motion_at(constants, memory, path, k)
+    end, gap_end = reference_at(constants, path, k + 1.0), gap_motion_at(constants, memory, path, k + 1.0)
+    first, last = gap_motion_at(constants, memory, path, later), gap_motion_at(constants, memory, path, later + 1.0)
+    half = gap_motion_at(constants, memory, path, later + 0.5)
+    begins = reference_at(constants, path, later).speed + first.speed
+    ends = reference_at(constants, path, later + 1.0).speed + last.speed
+    torque = constants.motor_inertia * (ends - begins) / period + constants.motor_friction * 0.5 * (begins + ends)
+    torque += (first.torque + 4.0 * half.torque + last.torque) / 6.0
+    carried = gap_motion_at(constants, memory, path, k + 0.5).torque
+    memory.motor_target = now.angle + gap_now.position + memory.middle
+    mean_speed = (end.angle - now.angle + gap_end.position - gap_now.position) / period
+    return Wanted(memory.motor_target, now.speed + gap_now.speed, torque, carried, mean_speed)
+
+
+@compiled
+def follow_path(constants: Constants, memory: Memory, path: Array) -> Wanted:
+    """Follow the reference for one period."""
+    follow = memory.follow
+    # As time goes on, a crossing that has begun lies further back.
+    follow.crossing.starts -= 1.0
+    reference = reference_at(constants, path, 0.0)
+    follow.direction = direction_at(reference, follow.direction)
+    if follow.direction == 0.0:
+        follow.direction = direction_at(reference_at(constants, path, float(path.shape[0] - 1)), 0.0)
+    _learn_drag(constants, memory, path)
+    held = holds_load(constants, load_torque_at(memory.load_torque, reference.angle))
+    choose_flank(constants, memory, path, constants.load_dry_friction <= DRY and not held)
+    _learn_seat(constants, memory, path)
+    memory.flank = follow.flank if follow.crosses == 0.0 else follow.crossing.flank
+    memory.target = reference.angle
+    return _wanted(constants, memory, path)

@@ -13,13 +13,12 @@ import math
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.carry import shift
 from backlash_ros.control.laws.two_encoder.command import Wanted
-from backlash_ros.control.laws.two_encoder.constants import Constants
+from backlash_ros.control.laws.two_encoder.constants import DRY, Constants
 from backlash_ros.control.laws.two_encoder.load_torque import HOLDING_EXCESS, set_load_torque
 from backlash_ros.control.laws.two_encoder.memory import HOLD, Hold, Memory
 from backlash_ros.control.laws.two_encoder.motor import attribute_to_teeth, loop_slowdown
 from backlash_ros.control.laws.two_encoder.moves import Shafts, coasting_distance
 from backlash_ros.control.laws.two_encoder.parking import (
-    DRY,
     DWELL,
     LARGEST_LEAD,
     LONG,

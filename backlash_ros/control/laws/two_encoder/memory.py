@@ -15,7 +15,7 @@ FLIGHT = 1.0
 HOLD = 2.0
 """Phase: near the target."""
 FOLLOW = 3.0
-"""Phase: behind a setpoint that moves."""
+"""Phase: with a reference that moves."""
 PHASES = {1: "flight", 2: "hold", 3: "follow"}
 REMEMBERED = 12
 """Number of commands that are remembered: the longest delay has two less."""
@@ -159,6 +159,34 @@ class Hold(Record):
     parked_from: float = 0.0  # rad, where the motor was then
 
 
+class Crossing(Record):
+    """The motor's way through the gap while it follows a reference in motion."""
+
+    starts: float = 0.0  # periods from the sample on; negative once it has begun
+    duration: float = 0.0  # s
+    flank: float = 0.0  # to which it goes; 0: to the middle of the gap
+    begin: float = 0.0  # rad, g
+    speed: float = 0.0  # rad/s, of g at its begin
+    end: float = 0.0  # rad, g
+
+
+class Follow(Record):
+    """How a reference in motion is followed."""
+
+    flank: float = 0.0  # on which the teeth are; 0 if they are apart
+    crosses: float = 0.0  # 1 while the motor crosses the gap
+    crossing: Crossing = part(Crossing)
+    time_on_flank: float = 0.0  # s
+    direction: float = 0.0  # of the motion, the last one there was
+    momentum: float = 0.0  # N m s, of both shafts
+    forward_drag: float = 0.0  # N m, that motion forward costs beyond the model
+    backward_drag: float = 0.0  # N m, that motion backward costs beyond the model
+    forward_seat: float = 0.0  # rad, error of g on the forward flank
+    backward_seat: float = 0.0  # rad, error of g on the backward flank
+    forward_time: float = 0.0  # s, for which the forward seat was learned
+    backward_time: float = 0.0  # s, for which the backward seat was learned
+
+
 class Memory(Record):
     """All that the law remembers."""
 
@@ -170,13 +198,13 @@ class Memory(Record):
     motor_target: float = 0.0  # rad, where the motor is to be
     middle: float = 0.0  # rad, p - theta_l in the middle of the gap
     held: float = 0.0  # 1 if a load torque holds the load on a flank
-    followed_position: float = 0.0  # rad, g that follows a setpoint in motion
     motor: Motor = part(Motor)
     load: Load = part(Load)
     load_torque: LoadTorque = part(LoadTorque)
     sent: Sent = part(Sent)
     plan: Plan = part(Plan)
     hold: Hold = part(Hold)
+    follow: Follow = part(Follow)
 
 
 memory_at = view_of(Memory)

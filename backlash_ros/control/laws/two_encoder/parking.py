@@ -6,8 +6,6 @@ from backlash_ros.control.laws.two_encoder.memory import Hold, Load, Memory
 from backlash_ros.control.laws.two_encoder.phases import forget_attempts
 from backlash_ros.foundation.compiled import compiled
 
-DRY = 3e-3
-"""Friction, N m, above which a shaft stays where it stops. Tuned on the populations."""
 LONG = 2.0
 """Error of the load, in gaps, above which a load that nothing holds gets a new plan. Tuned on the populations."""
 LARGEST_LEAD = 2.0

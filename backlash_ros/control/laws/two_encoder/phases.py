@@ -2,16 +2,18 @@
 
 from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.flight import fly
+from backlash_ros.control.laws.two_encoder.follow import begin_to_follow, stop_following
 from backlash_ros.control.laws.two_encoder.load_torque import holds_load, use_what_motion_showed
 from backlash_ros.control.laws.two_encoder.memory import FLIGHT, FOLLOW, HOLD, Hold, Memory
 from backlash_ros.control.laws.two_encoder.moves import Shafts
 from backlash_ros.control.laws.two_encoder.plan import length_of
+from backlash_ros.control.laws.two_encoder.reference import moves_within
 from backlash_ros.foundation.compiled import compiled
-from backlash_ros.foundation.signals import ACCELERATION, POSITION, VELOCITY, Setpoint
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import POSITION, VELOCITY
 
 _CREEPS = 0.1
-"""Speed of a setpoint, in gaps per second, up to which it is held like one at rest; and the same as a leap in a sample.
-Holding lets the load be off by a twelfth of the gap, so nothing is lost."""
+"""Leap of the target in a sample, in gaps per second, up to which it creeps: it is held like one at rest."""
 _PLANNED_SPEED = 0.02
 """Speed of the load, rad/s, below which it stands as a flight is planned. Tuned on the populations."""
 STUCK_SPEED = 0.05
@@ -19,13 +21,18 @@ STUCK_SPEED = 0.05
 
 
 @compiled
-def take_off(constants: Constants, memory: Memory) -> None:
-    """Start a plan that was just made."""
-    memory.phase, memory.plan.time, memory.hold.time_since_landing = FLIGHT, 0.0, 0.0
-    # The friction at rest does not act in motion.
+def rest_from_motion(constants: Constants, memory: Memory) -> None:
+    """Forget the friction at rest, which does not act in motion."""
     has_friction = constants.load_dry_friction + constants.motor_dry_friction > 0.0
     if has_friction and abs(memory.load.speed) < STUCK_SPEED:
         memory.motor.compensation = memory.motor.estimated.disturbance = 0.0
+
+
+@compiled
+def take_off(constants: Constants, memory: Memory) -> None:
+    """Start a plan that was just made."""
+    memory.phase, memory.plan.time, memory.hold.time_since_landing = FLIGHT, 0.0, 0.0
+    rest_from_motion(constants, memory)
 
 
 @compiled
@@ -54,32 +61,26 @@ def forget_attempts(hold: Hold) -> None:
 
 
 @compiled
-def _moves(constants: Constants, setpoint: Setpoint) -> bool:
-    """Return whether a setpoint moves, or begins or ends to move within a crossing of the gap."""
-    speed = abs(setpoint[VELOCITY]) + constants.crossing_time * abs(setpoint[ACCELERATION])
-    return bool(speed > _CREEPS * constants.gap)
+def _follow_or_stop(constants: Constants, memory: Memory, path: Array) -> None:
+    """Begin to follow a reference that moves, or that is about to, and to hold where it stops."""
+    sees = int((constants.crossing_time + constants.delay) / constants.period) + 3
+    moves = moves_within(constants, path, 0.0, sees)
+    if moves and memory.phase != FOLLOW:
+        rest_from_motion(constants, memory)
+        begin_to_follow(constants, memory)
+    elif not moves and memory.phase == FOLLOW and memory.follow.crosses == 0.0:
+        stop_following(memory)
+        use_what_motion_showed(constants, memory)
+        start_holding(memory)
+        memory.target = path[0, POSITION]
 
 
 @compiled
-def _follow_or_stop(constants: Constants, memory: Memory, setpoint: Setpoint) -> None:
-    """Begin to follow a setpoint that moves, and to hold where it stops."""
-    if not _moves(constants, setpoint):
-        if memory.phase == FOLLOW:
-            use_what_motion_showed(constants, memory)
-            start_holding(memory)
-            memory.target = setpoint[POSITION]
-        return
-    if memory.phase != FOLLOW:
-        memory.phase, memory.hold.time_since_landing = FOLLOW, 0.0
-        memory.followed_position = memory.motor.predicted.angle - memory.load.angle - memory.middle
-
-
-@compiled
-def _fly_where_target_leaps(constants: Constants, memory: Memory, setpoint: Setpoint) -> None:
+def _fly_where_target_leaps(constants: Constants, memory: Memory, path: Array) -> None:
     """Plan a flight if the target has leapt; one that creeps is held."""
     period = constants.period
-    leap = abs(setpoint[POSITION] - memory.target) - abs(setpoint[VELOCITY]) * period
-    memory.target = setpoint[POSITION]
+    leap = abs(path[0, POSITION] - memory.target) - abs(path[0, VELOCITY]) * period
+    memory.target = path[0, POSITION]
     if leap > _CREEPS * period * constants.gap:
         forget_attempts(memory.hold)
         fly_to_target(constants, memory)
@@ -94,11 +95,11 @@ def _has_landed(constants: Constants, memory: Memory) -> bool:
 
 
 @compiled
-def choose_phase(constants: Constants, memory: Memory, setpoint: Setpoint) -> None:
-    """Start what the setpoint asks for, and end what is done."""
-    _follow_or_stop(constants, memory, setpoint)
+def choose_phase(constants: Constants, memory: Memory, path: Array) -> None:
+    """Start what the path asks for, and end what is done."""
+    _follow_or_stop(constants, memory, path)
     if memory.phase != FOLLOW:
-        _fly_where_target_leaps(constants, memory, setpoint)
+        _fly_where_target_leaps(constants, memory, path)
     if _has_landed(constants, memory):
         use_what_motion_showed(constants, memory)
         start_holding(memory)

@@ -7,7 +7,8 @@ from backlash_ros.control.command_range import clamp
 from backlash_ros.control.law import LAW_SIGNATURE
 from backlash_ros.control.laws.two_encoder.command import Wanted, remember, voltage_for
 from backlash_ros.control.laws.two_encoder.constants import Constants, constants_at
-from backlash_ros.control.laws.two_encoder.follow import fly_on, follow_setpoint
+from backlash_ros.control.laws.two_encoder.flying import fly_on
+from backlash_ros.control.laws.two_encoder.follow import follow_path
 from backlash_ros.control.laws.two_encoder.hold import hold_load
 from backlash_ros.control.laws.two_encoder.load import observe_load
 from backlash_ros.control.laws.two_encoder.load_torque import learn_load_torque, take_expected_slope
@@ -18,7 +19,7 @@ from backlash_ros.control.laws.two_encoder.phases import choose_phase
 from backlash_ros.control.laws.two_encoder.start import start
 from backlash_ros.foundation.compiled import compiled, compiled_as
 from backlash_ros.foundation.record import Array
-from backlash_ros.foundation.signals import POSITION, THETA_L, THETA_M, Estimate, Setpoint
+from backlash_ros.foundation.signals import POSITION, THETA_L, THETA_M, Estimate, Setpoint, as_setpoint
 
 
 @compiled
@@ -38,12 +39,12 @@ def _observe(constants: Constants, memory: Memory, estimate: Estimate, setpoint:
 
 
 @compiled
-def _wanted(constants: Constants, memory: Memory, setpoint: Setpoint) -> Wanted:
+def _wanted(constants: Constants, memory: Memory, path: Array) -> Wanted:
     """Return what the motor is to do in this period."""
     if memory.phase == FOLLOW:
-        return follow_setpoint(constants, memory, setpoint)
+        return follow_path(constants, memory, path)
     if memory.phase == HOLD:
-        wanted = hold_load(constants, memory, setpoint[POSITION])
+        wanted = hold_load(constants, memory, path[0, POSITION])
         # Holding may just have started a flight.
         if memory.phase != FLIGHT:
             return wanted
@@ -51,14 +52,12 @@ def _wanted(constants: Constants, memory: Memory, setpoint: Setpoint) -> Wanted:
 
 
 @compiled_as(LAW_SIGNATURE)
-def two_encoder_step(
-    law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, low: float, high: float
-) -> float:
+def two_encoder_step(law: Array, state: Array, estimate: Estimate, path: Array, low: float, high: float) -> float:
     """Observe, plan if the setpoint has jumped or the load is off its target, and move the motor."""
     constants, memory = constants_at(law), memory_at(state)
-    _observe(constants, memory, estimate, setpoint)
-    choose_phase(constants, memory, setpoint)
-    wanted = _wanted(constants, memory, setpoint)
+    _observe(constants, memory, estimate, as_setpoint(path[0]))
+    choose_phase(constants, memory, path)
+    wanted = _wanted(constants, memory, path)
     voltage = clamp(voltage_for(constants, memory, wanted), low, high)
     remember(constants, memory.sent, voltage, wanted.teeth_torque, estimate)
     return voltage

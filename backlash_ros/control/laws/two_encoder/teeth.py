@@ -1,5 +1,7 @@
 """Where the motor is in the gap, and where teeth at rest carry a torque."""
 
+import math
+
 from backlash_ros.control.laws.two_encoder.constants import TABLE_SIZE, Constants
 from backlash_ros.control.laws.two_encoder.memory import Memory
 from backlash_ros.foundation.compiled import compiled
@@ -19,6 +21,17 @@ def contact_distance(constants: Constants, torque: float) -> float:
             share = (size - torques[k]) / (torques[k + 1] - torques[k])
             return float(distances[k] + share * (distances[k + 1] - distances[k]))
     return float(distances[TABLE_SIZE - 1])
+
+
+@compiled
+def light_contact_distance(constants: Constants, torque: float) -> float:
+    """Return the same, below the table's first torque too, where the distance goes on with the first two's power."""
+    size, first = abs(torque), constants.teeth_torques[0]
+    if size >= first:
+        return contact_distance(constants, size)
+    distances, least = constants.teeth_distances, 1e-3 * first
+    power = math.log(distances[1] / distances[0]) / math.log(constants.teeth_torques[1] / first)
+    return float(distances[0] * (max(size, least) / first) ** power)
 
 
 @compiled

@@ -1,0 +1,174 @@
+"""Where in the gap the motor is while it follows: on a flank that carries the load, or on its way to the other one."""
+
+import math
+from typing import NamedTuple
+
+from backlash_ros.control.laws.two_encoder.constants import Constants
+from backlash_ros.control.laws.two_encoder.memory import Memory
+from backlash_ros.control.laws.two_encoder.reference import moves_within, needed_torque, reference_at
+from backlash_ros.control.laws.two_encoder.teeth import gap_position, light_contact_distance
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.record import Array
+
+TOUCHING_SHARE = 1.5e-5
+"""Share of the stall torque with which teeth that carry nothing are touched."""
+_COAST = 0.05
+"""Distance, in gaps, by which a load that coasts while the motor crosses may leave its path."""
+_LEAST_PERIODS = 3.0
+"""Periods that a crossing takes at least, so that the motor's loop follows it."""
+_EFFORT = 0.4
+"""Share of the stall torque that a crossing takes at most; the peak of a quintic's acceleration is 5.77 d/T^2."""
+_LASTS = 6
+"""Periods for which the needed torque must keep its new sign, so that noise of the drag causes no crossing."""
+_LEAPS = 0.2
+"""Share of the gap from which on a change of the seat within a period is a change of flanks."""
+_RELEASES = 0.35
+"""Share of the crossing time before the end at which a free load is released: it then comes to rest by itself."""
+_RESTS_FOR = 5
+"""Periods for which the reference must rest, so that this is its end."""
+_LIES_ON_A_FLANK = 0.4
+"""Share of the gap, from its middle, beyond which a held load lies on the motor's flank."""
+
+
+class GapMotion(NamedTuple):
+    """Where the motor is to be in the gap."""
+
+    position: float  # g, rad
+    speed: float  # of g, rad/s
+    torque: float  # N m, that the teeth carry
+
+
+@compiled
+def seat(constants: Constants, memory: Memory, flank: float, torque: float) -> float:
+    """Return g on a flank whose teeth carry a torque, N m, with what was learned of this flank, rad."""
+    carried = torque if torque * flank > 0.0 else TOUCHING_SHARE * constants.stall_torque
+    learned = memory.follow.forward_seat if flank > 0.0 else memory.follow.backward_seat
+    return flank * light_contact_distance(constants, carried) + learned
+
+
+@compiled
+def _on_the_way(memory: Memory, u: float) -> GapMotion:
+    """Return the motion at a share of the crossing: a quintic from the present motion to rest at the other seat."""
+    crossing = memory.follow.crossing
+    left, distance, duration = 1.0 - u, crossing.end - crossing.begin, crossing.duration
+    position = crossing.begin + distance * u * u * u * (10.0 - 15.0 * u + 6.0 * u * u)
+    speed = distance * 30.0 * u * u * left * left / duration
+    position += crossing.speed * duration * u * left * left * left * (1.0 + 3.0 * u)
+    speed += crossing.speed * left * left * (left * (1.0 + 6.0 * u) - 3.0 * u * (1.0 + 3.0 * u))
+    return GapMotion(position, speed, 0.0)
+
+
+@compiled
+def gap_motion_at(constants: Constants, memory: Memory, path: Array, k: float) -> GapMotion:
+    """Return where in the gap the motor is to be k periods after the sample."""
+    follow, flank = memory.follow, memory.follow.flank
+    if follow.crosses != 0.0:
+        u = (k - follow.crossing.starts) * constants.period / follow.crossing.duration
+        if u < 1.0:
+            return _on_the_way(memory, max(u, 0.0))
+        flank = follow.crossing.flank
+    if flank == 0.0:
+        return GapMotion(follow.crossing.end, 0.0, 0.0)
+    before, after = needed_torque(constants, memory, path, k - 0.5), needed_torque(constants, memory, path, k + 0.5)
+    torque = 0.5 * (before + after)
+    change = seat(constants, memory, flank, after) - seat(constants, memory, flank, before)
+    least = TOUCHING_SHARE * constants.stall_torque
+    # Where the teeth begin or end to carry, their depth leaps: no motor follows that.
+    if before * flank <= least or after * flank <= least or abs(change) > _LEAPS * constants.gap:
+        change = 0.0
+    position = seat(constants, memory, flank, torque)
+    return GapMotion(position, change / constants.period, torque if torque * flank > 0.0 else 0.0)
+
+
+@compiled
+def _crossing_time(constants: Constants, memory: Memory, path: Array, k: float) -> float:
+    """Return how long a crossing may take around k periods after the sample, s: as soft as the path allows.
+
+    The load coasts meanwhile. With dry friction the torque that it lacks leaps, without it grows evenly.
+    """
+    period, gap, first = constants.period, constants.gap, max(k - 1.0, 0.0)
+    peak = math.sqrt(5.77 * gap * constants.motor_inertia / (_EFFORT * constants.stall_torque))
+    least = max(_LEAST_PERIODS * period, peak)
+    change = abs(needed_torque(constants, memory, path, k + 1.0) - needed_torque(constants, memory, path, first))
+    if constants.load_dry_friction > 0.0 and change > 0.5 * constants.load_dry_friction:
+        soft = math.sqrt(8.0 * _COAST * gap / max(abs(reference_at(constants, path, k).acceleration), 1e-3))
+    else:
+        jerk = change / ((k + 1.0 - first) * period) / constants.load_inertia
+        soft = 2.0 * (3.0 * _COAST * gap / max(jerk, 1e-3)) ** (1.0 / 3.0)
+    return max(least, min(soft, constants.crossing_time))
+
+
+@compiled
+def _cross(constants: Constants, memory: Memory, path: Array, k: float, duration: float, flank: float) -> None:
+    """Begin to cross to a flank, or to the middle of the gap for 0, k periods after the sample."""
+    follow, crossing = memory.follow, memory.follow.crossing
+    now = gap_motion_at(constants, memory, path, k)
+    crossing.begin, crossing.speed = now.position, now.speed
+    if follow.flank == 0.0:
+        motor, load = memory.motor.predicted, memory.load
+        crossing.begin = motor.angle - load.angle - constants.delay * load.speed - memory.middle
+        crossing.speed = motor.speed - load.speed
+    if flank == 0.0:
+        crossing.end = follow.forward_seat if follow.flank > 0.0 else follow.backward_seat
+    else:
+        torque = needed_torque(constants, memory, path, k + duration / constants.period)
+        crossing.end = seat(constants, memory, flank, torque)
+    crossing.starts, crossing.duration, crossing.flank, follow.crosses = k, duration, flank, 1.0
+    follow.time_on_flank = 0.0
+
+
+@compiled
+def _lasts(constants: Constants, memory: Memory, path: Array, k: float, flank: float) -> bool:
+    """Return whether the needed torque keeps the sign of a flank for a while."""
+    for later in range(1, _LASTS):  # noqa: SIM110 - numba knows no all()
+        if needed_torque(constants, memory, path, k + later) * flank < 0.0:
+            return False
+    return True
+
+
+@compiled
+def _cross_where_torque_turns(constants: Constants, memory: Memory, path: Array, k: float) -> None:
+    """Begin a crossing half of its time before the needed torque changes its sign for good."""
+    follow, least, period = memory.follow, TOUCHING_SHARE * constants.stall_torque, constants.period
+    for later in range(int(0.5 * constants.crossing_time / period) + 2):
+        needed = needed_torque(constants, memory, path, k + later)
+        turns = needed * follow.flank < -least or (follow.flank == 0.0 and abs(needed) > least)
+        flank = math.copysign(1.0, needed)
+        if not turns or (follow.flank != 0.0 and not _lasts(constants, memory, path, k + later, flank)):
+            continue
+        duration = constants.crossing_time
+        if follow.flank != 0.0:
+            duration = _crossing_time(constants, memory, path, k + later)
+        if later * period <= 0.5 * duration:
+            _cross(constants, memory, path, k, duration, flank)
+        return
+
+
+@compiled
+def _release_at_the_end(constants: Constants, memory: Memory, path: Array, k: float) -> None:
+    """Let the motor leave a free load on which nothing acts, shortly before its reference comes to rest."""
+    for later in range(int(_RELEASES * constants.crossing_time / constants.period) + 1):
+        if not moves_within(constants, path, k + later, _RESTS_FOR):
+            _cross(constants, memory, path, k, constants.crossing_time, 0.0)
+            return
+
+
+@compiled
+def choose_flank(constants: Constants, memory: Memory, path: Array, free: bool) -> None:
+    """End a crossing that is done, and begin the next one in time. ``free``: nothing holds the load where it rests."""
+    follow, k = memory.follow, constants.delay / constants.period
+    if follow.crosses != 0.0 and (k - follow.crossing.starts) * constants.period >= follow.crossing.duration:
+        follow.flank, follow.crosses, follow.time_on_flank = follow.crossing.flank, 0.0, 0.0
+    if follow.crosses != 0.0:
+        return
+    follow.time_on_flank += constants.period
+    _cross_where_torque_turns(constants, memory, path, k)
+    if free and follow.crosses == 0.0 and follow.flank != 0.0:
+        _release_at_the_end(constants, memory, path, k)
+
+
+@compiled
+def lies_on_flank(constants: Constants, memory: Memory, held: bool) -> float:
+    """Return the flank on which a load lies as its reference begins to move; 0 if it is free."""
+    position = gap_position(memory)
+    return math.copysign(1.0, position) if held and abs(position) > _LIES_ON_A_FLANK * constants.gap else 0.0

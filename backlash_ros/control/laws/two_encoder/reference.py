@@ -1,0 +1,78 @@
+"""The reference in motion, now and in the time that the law sees ahead, and the torque that the load needs for it."""
+
+import math
+from typing import NamedTuple
+
+from backlash_ros.control.command_range import clamp
+from backlash_ros.control.laws.two_encoder.constants import Constants
+from backlash_ros.control.laws.two_encoder.load_torque import holds_load, load_torque_at
+from backlash_ros.control.laws.two_encoder.memory import Memory
+from backlash_ros.foundation.compiled import compiled
+from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.signals import ACCELERATION, POSITION, VELOCITY
+
+_CREEPS = 0.1
+"""Speed of a reference, in gaps per second, up to which it is held like one at rest. Holding lets the load be off by a
+twelfth of the gap, so nothing is lost."""
+_NO_DIRECTION = 1e-6
+"""Speed, rad/s, and acceleration, rad/s^2, that are rounding."""
+_NOISE_SHARE = 1e-3
+"""Share of the stall torque within which a drag is not told from noise. Without this dead band the drag that is learned
+chooses flanks at random."""
+
+
+class Reference(NamedTuple):
+    """The reference at an instant."""
+
+    angle: float  # rad
+    speed: float  # rad/s
+    acceleration: float  # rad/s^2
+
+
+@compiled
+def reference_at(constants: Constants, path: Array, k: float) -> Reference:
+    """Return the reference k periods after the sample: between rows by an even jerk, after the last at its speed."""
+    last, i, period = path.shape[0] - 1, int(k + 1e-9), constants.period
+    if i >= last:
+        speed = path[last, VELOCITY]
+        return Reference(path[last, POSITION] + (k - last) * period * speed, speed, 0.0)
+    time, speed, acceleration = (k - i) * period, path[i, VELOCITY], path[i, ACCELERATION]
+    jerk = (path[i + 1, ACCELERATION] - acceleration) / period
+    angle = path[i, POSITION] + time * (speed + time * (0.5 * acceleration + time * jerk / 6.0))
+    return Reference(angle, speed + time * (acceleration + 0.5 * time * jerk), acceleration + time * jerk)
+
+
+@compiled
+def moves_within(constants: Constants, path: Array, first: float, rows: int) -> bool:
+    """Return whether the reference moves at one of so many rows of the path, the first of them given."""
+    for k in range(int(first), min(int(first) + rows, path.shape[0])):
+        speed = abs(path[k, VELOCITY]) + constants.crossing_time * abs(path[k, ACCELERATION])
+        if speed > _CREEPS * constants.gap:
+            return True
+    return False
+
+
+@compiled
+def direction_at(reference: Reference, last: float) -> float:
+    """Return in which direction the reference goes, or begins to go; the last one if it rests."""
+    if abs(reference.speed) > _NO_DIRECTION:
+        return math.copysign(1.0, reference.speed)
+    if abs(reference.acceleration) > _NO_DIRECTION:
+        return math.copysign(1.0, reference.acceleration)
+    return last
+
+
+@compiled
+def needed_torque(constants: Constants, memory: Memory, path: Array, k: float) -> float:
+    """Return the torque that the teeth must give the load k periods after the sample, N m."""
+    reference, follow = reference_at(constants, path, k), memory.follow
+    load_torque = load_torque_at(memory.load_torque, reference.angle)
+    if abs(reference.speed) < _NO_DIRECTION and abs(reference.acceleration) < _NO_DIRECTION:
+        # At rest the flank carries what holds the load, if anything does.
+        return -load_torque if holds_load(constants, load_torque) else 0.0
+    direction = direction_at(reference, follow.direction)
+    drag = follow.forward_drag if direction > 0.0 else follow.backward_drag
+    noise = _NOISE_SHARE * constants.stall_torque
+    drag -= clamp(drag, -noise, noise)
+    torque = constants.load_inertia * reference.acceleration + constants.load_friction * reference.speed
+    return torque + direction * constants.load_dry_friction + drag - load_torque
