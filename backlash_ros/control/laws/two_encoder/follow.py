@@ -13,7 +13,7 @@ from backlash_ros.control.laws.two_encoder.crossing import choose_flank, gap_mot
 from backlash_ros.control.laws.two_encoder.load_torque import holds_load, load_torque_at
 from backlash_ros.control.laws.two_encoder.memory import FOLLOW, Memory
 from backlash_ros.control.laws.two_encoder.motor import dry_friction, loop_slowdown
-from backlash_ros.control.laws.two_encoder.reference import direction_at, needed_torque, reference_at
+from backlash_ros.control.laws.two_encoder.reference import direction_at, needed_torque, reference_at, resting_torque
 from backlash_ros.control.laws.two_encoder.teeth import gap_position
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Array
@@ -156,7 +156,7 @@ def follow_path(constants: Constants, memory: Memory, path: Array) -> Wanted:
     if follow.direction == 0.0:
         follow.direction = direction_at(reference_at(constants, path, float(path.shape[0] - 1)), 0.0)
     _learn_drag(constants, memory, path)
-    held = holds_load(constants, load_torque_at(memory.load_torque, reference.angle))
+    held = holds_load(constants, resting_torque(constants, memory, reference.angle))
     choose_flank(constants, memory, path, constants.load_dry_friction <= DRY and not held)
     _learn_seat(constants, memory, path)
     memory.flank = follow.flank if follow.crosses == 0.0 else follow.crossing.flank

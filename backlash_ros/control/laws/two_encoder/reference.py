@@ -63,16 +63,31 @@ def direction_at(reference: Reference, last: float) -> float:
 
 
 @compiled
+def _drag(constants: Constants, memory: Memory, direction: float) -> float:
+    """Return what motion in a direction costs beyond the model, N m, without what may be noise."""
+    drag = memory.follow.forward_drag if direction > 0.0 else memory.follow.backward_drag
+    noise = _NOISE_SHARE * constants.stall_torque
+    return drag - clamp(drag, -noise, noise)
+
+
+@compiled
+def resting_torque(constants: Constants, memory: Memory, angle: float) -> float:
+    """Return the load torque on a load that comes to rest at an angle, rad, as far as its motion has shown it, N m.
+
+    What the motion cost may be a load torque or friction. If it is friction, the teeth press on a load that sticks.
+    """
+    return load_torque_at(memory.load_torque, angle) - _drag(constants, memory, memory.follow.direction)
+
+
+@compiled
 def needed_torque(constants: Constants, memory: Memory, path: Array, k: float) -> float:
     """Return the torque that the teeth must give the load k periods after the sample, N m."""
-    reference, follow = reference_at(constants, path, k), memory.follow
-    load_torque = load_torque_at(memory.load_torque, reference.angle)
+    reference = reference_at(constants, path, k)
     if abs(reference.speed) < _NO_DIRECTION and abs(reference.acceleration) < _NO_DIRECTION:
         # At rest the flank carries what holds the load, if anything does.
+        load_torque = resting_torque(constants, memory, reference.angle)
         return -load_torque if holds_load(constants, load_torque) else 0.0
-    direction = direction_at(reference, follow.direction)
-    drag = follow.forward_drag if direction > 0.0 else follow.backward_drag
-    noise = _NOISE_SHARE * constants.stall_torque
-    drag -= clamp(drag, -noise, noise)
+    direction = direction_at(reference, memory.follow.direction)
     torque = constants.load_inertia * reference.acceleration + constants.load_friction * reference.speed
-    return torque + direction * constants.load_dry_friction + drag - load_torque
+    torque += direction * constants.load_dry_friction + _drag(constants, memory, direction)
+    return torque - load_torque_at(memory.load_torque, reference.angle)
