@@ -7,7 +7,7 @@ quiet with any load. The files:
     step                  one step; start: the first step, and a take-over from another law
     motor, load           their observers; readings: which readings are believed
     middle, load_torque   what else is estimated
-    phases                flight, hold or follow
+    phases                flight, hold or follow; take_off: start the move that was chosen
     flight                which move takes the load to its target
     throw, press, carry   the moves; moves: what they share
     plan                  the segments of a move, and what they say of a time

@@ -24,8 +24,6 @@ _USED_RESISTANCE = 0.85
 _LEAST_RUN = 0.03
 """Shortest time, s, in which a load that is carried gains its speed, and for each half of a shift. Tuned on the
 populations."""
-_QUICKER = 0.9
-"""Share of the time of a throw that a carry may take. Tuned on the populations."""
 _ON_FLANK = 0.9
 """-g, in half gaps, from which on the motor is on the braking flank. Tuned on the populations."""
 _LONGEST_BRAKE = 0.3
@@ -47,10 +45,10 @@ _LEAST_SHOWING = 0.06
 
 
 @compiled
-def carry(constants: Constants, plan: Plan, resistance: float, must: bool) -> bool:
+def carry(constants: Constants, plan: Plan, resistance: float, longest: float) -> bool:
     """Plan the move on the braking flank alone if a negative resistance (N m) carries the load.
 
-    Return False, without a plan, if other moves are faster, unless it ``must`` be planned, or if the load is too fast.
+    Return False, without a plan, if it takes ``longest`` (s) or longer, or if the load is too fast.
     """
     move, brake = plan.move, constants.brake_time
     gain = _USED_RESISTANCE * abs(resistance) / constants.load_inertia / BUMP_PEAK
@@ -59,8 +57,7 @@ def carry(constants: Constants, plan: Plan, resistance: float, must: bool) -> bo
     half = max(_LEAST_RUN, math.sqrt(left / gain))
     if 2.0 * half < run + brake:
         run = brake = half
-    throw = 2.0 * constants.crossing_time + constants.push_time + constants.brake_time
-    if not must and run + brake >= _QUICKER * throw:
+    if run + brake >= longest:
         return False
     crosses = move.gap_position > -_ON_FLANK * 0.5 * constants.gap
     start = 0.0 if crosses or move.speed < CARRY_SPEED else move.speed
@@ -131,7 +128,7 @@ def hold_back(constants: Constants, memory: Memory, resistance: float) -> bool:
     on_flank = move.gap_position <= -REACHED * 0.5 * constants.gap
     if move.speed < CARRY_SPEED or not on_flank or gain < _SPEED_GAIN * move.speed:
         return False
-    if resistance >= 0.0 or not carry(constants, plan, resistance, True):
+    if resistance >= 0.0 or not carry(constants, plan, resistance, math.inf):
         catch(constants, plan, memory.load_torque)
     return True
 

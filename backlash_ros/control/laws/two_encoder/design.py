@@ -148,7 +148,7 @@ def _teeth(drive: Drive, gap: float) -> dict[str, Array | float]:
     def distance(torque: float) -> float:
         return gap_at_rest(gear.contact, contact, half_gap, torque / gear.load_radius) / gear.load_radius
 
-    torques: Array = _FIRST_TORQUE * _TORQUE_RATIO ** np.arange(TABLE_SIZE)
+    torques = np.array([_FIRST_TORQUE * _TORQUE_RATIO**k for k in range(TABLE_SIZE)])
     return {
         "teeth_torques": torques,
         "teeth_distances": np.array([distance(torque) for torque in torques]),

@@ -36,6 +36,8 @@ _LOAD_SHORT = 0.3
 populations."""
 _MOST_SHORT = 0.2
 """Share of a move by which it ends short at most. Tuned on the populations."""
+_QUICKER = 0.9
+"""Share of the time of a throw that a carry may take. Tuned on the populations."""
 _LEAVE_SHARE = 0.5
 """Share of the crossing time in which the motor leaves a load that it has brought to rest. Tuned on the populations."""
 
@@ -126,7 +128,7 @@ def _carry_or_catch(constants: Constants, memory: Memory) -> None:
     plan, move, most = memory.plan, memory.plan.move, _largest_resistance(memory.plan.move)
     if move.first_resistance < 0.0 and abs(move.speed) < CARRY_SPEED:
         # The load torque may carry it only at first, as a weight's does on the way down.
-        carry(constants, plan, most if most < 0.0 else _AT_FIRST * move.first_resistance, True)
+        carry(constants, plan, most if most < 0.0 else _AT_FIRST * move.first_resistance, math.inf)
         return
     catch(constants, plan, memory.load_torque)
     _leave(constants, plan)
@@ -136,11 +138,12 @@ def _carry_or_catch(constants: Constants, memory: Memory) -> None:
 def _presses_instead(constants: Constants, memory: Memory) -> bool:
     """Find how the load is thrown; plan a press and return True where that is better."""
     plan, move, throw = memory.plan, memory.plan.move, memory.plan.throw
-    presses = solve_throw(constants, plan, memory.load_torque, True)
+    throw.adapts = 1.0
+    presses = solve_throw(constants, plan, memory.load_torque)
     # The load cannot be thrown where the torque changes so much.
     if throw.speed <= throw.touch_speed and not presses:
-        move.crossing_resistance = move.last_resistance
-        presses = solve_throw(constants, plan, memory.load_torque, False)
+        move.crossing_resistance, throw.adapts = move.last_resistance, 0.0
+        presses = solve_throw(constants, plan, memory.load_torque)
     if presses:
         press(constants, plan, min(move.crossing_resistance, move.last_resistance))
         return True
@@ -158,7 +161,8 @@ def fly(constants: Constants, memory: Memory, target: float, shafts: Shafts) -> 
     plan, move, throw = memory.plan, memory.plan.move, memory.plan.throw
     _describe(constants, memory, target - _shortfall(constants, target - shafts.load), shafts)
     direction, most = move.direction, _largest_resistance(move)
-    if most < 0.0 and abs(move.speed) < CARRY_SPEED and carry(constants, plan, most, False):
+    throw_time = 2.0 * constants.crossing_time + constants.push_time + constants.brake_time
+    if most < 0.0 and abs(move.speed) < CARRY_SPEED and carry(constants, plan, most, _QUICKER * throw_time):
         return -direction
     if hold_back(constants, memory, most):
         return -direction

@@ -11,13 +11,12 @@ the load torque holds it. If the load is not near enough:
 import math
 
 from backlash_ros.control.command_range import clamp
-from backlash_ros.control.laws.two_encoder.carry import shift
 from backlash_ros.control.laws.two_encoder.command import Wanted
 from backlash_ros.control.laws.two_encoder.constants import DRY, Constants
 from backlash_ros.control.laws.two_encoder.load_torque import HOLDING_EXCESS, set_load_torque
-from backlash_ros.control.laws.two_encoder.memory import HOLD, Hold, Memory
+from backlash_ros.control.laws.two_encoder.memory import NO_MOVE, TO_FLY, TO_PRESS, TO_SHIFT, Hold, Memory
 from backlash_ros.control.laws.two_encoder.motor import attribute_to_teeth, loop_slowdown
-from backlash_ros.control.laws.two_encoder.moves import Shafts, coasting_distance
+from backlash_ros.control.laws.two_encoder.moves import coasting_distance
 from backlash_ros.control.laws.two_encoder.parking import (
     DWELL,
     LARGEST_LEAD,
@@ -29,8 +28,6 @@ from backlash_ros.control.laws.two_encoder.parking import (
     outer_band,
     shortened,
 )
-from backlash_ros.control.laws.two_encoder.phases import fly_to_target, take_off
-from backlash_ros.control.laws.two_encoder.press import press_stuck_load
 from backlash_ros.control.laws.two_encoder.teeth import contact_distance
 from backlash_ros.foundation.compiled import compiled
 
@@ -57,7 +54,7 @@ _LEAD_MARGIN = 2e-3
 
 @compiled
 def _move_held_load(constants: Constants, memory: Memory, error: float) -> float:
-    """Lead a load that a torque holds in, or start a shift or a flight: return the motor's speed, rad/s."""
+    """Lead a load that a torque holds in, or choose a shift or a flight: return the motor's speed, rad/s."""
     hold, load = memory.hold, memory.load
     has_friction = constants.load_dry_friction + constants.motor_dry_friction > DRY
     if not has_friction and abs(error) <= constants.gap:
@@ -72,10 +69,9 @@ def _move_held_load(constants: Constants, memory: Memory, error: float) -> float
     hold.attempts += 1.0
     # A heavy load would swing on its flank.
     if loop_slowdown(constants, memory) > 1.0 and abs(error) > constants.gap:
-        fly_to_target(constants, memory)
-        return 0.0
-    memory.flank = shift(constants, memory, load.angle + shortened(hold, error), load.angle)
-    take_off(constants, memory)
+        memory.next_move = TO_FLY
+    else:
+        memory.next_move, memory.next_target = TO_SHIFT, load.angle + shortened(hold, error)
     return 0.0
 
 
@@ -132,15 +128,6 @@ def _end_parking_of_free_load(constants: Constants, memory: Memory, error: float
 
 
 @compiled
-def _press_to(constants: Constants, memory: Memory, target: float, load_angle: float) -> None:
-    """Press a stuck load to a target, rad."""
-    motor = memory.motor.predicted
-    shafts = Shafts(load_angle, 0.0, motor.angle - memory.middle, motor.speed)
-    memory.flank = press_stuck_load(constants, memory, target, shafts)
-    take_off(constants, memory)
-
-
-@compiled
 def _hold_free_load(constants: Constants, memory: Memory, error: float, load_angle: float) -> Wanted:
     """Hold a load that no torque holds."""
     hold, load, motor = memory.hold, memory.load, memory.motor.predicted
@@ -156,13 +143,13 @@ def _hold_free_load(constants: Constants, memory: Memory, error: float, load_ang
         memory.motor_target = load_angle + coasts + memory.middle
     elif abs(error) > LONG * constants.gap and has_watched(hold):
         hold.attempts += 1.0
-        fly_to_target(constants, memory)
+        memory.next_move = TO_FLY
     elif constants.load_dry_friction <= DRY:
         _choose_flank(constants, hold, error, resting_error, inner)
         return _lead_free_load(constants, memory, error, load_angle)
     elif has_watched(hold):
         hold.attempts += 1.0
-        _press_to(constants, memory, load_angle + coasts + shortened(hold, resting_error), load_angle)
+        memory.next_move, memory.next_target = TO_PRESS, load_angle + coasts + shortened(hold, resting_error)
     if hold.parking_time >= 0.0:
         return go_to_the_middle(constants, memory)
     return Wanted(memory.motor_target, 0.0, 0.0, 0.0, motor.speed)
@@ -170,7 +157,7 @@ def _hold_free_load(constants: Constants, memory: Memory, error: float, load_ang
 
 @compiled
 def hold_load(constants: Constants, memory: Memory, target: float) -> Wanted:
-    """Hold the load at its target, rad, or start to move it there."""
+    """Hold the load at its target, rad, or choose a move there."""
     hold, load, held = memory.hold, memory.load, memory.held != 0.0
     hold.waiting_time += constants.period
     hold.time_since_landing += constants.period
@@ -179,6 +166,6 @@ def hold_load(constants: Constants, memory: Memory, target: float) -> Wanted:
         wanted = _hold_held_load(constants, memory, target - angle)
     else:
         wanted = _hold_free_load(constants, memory, target - angle, angle)
-    if memory.phase == HOLD:
+    if memory.next_move == NO_MOVE:
         attribute_to_teeth(memory.motor, memory.sent, wanted.teeth_torque)
     return wanted

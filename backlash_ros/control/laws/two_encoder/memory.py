@@ -17,6 +17,14 @@ HOLD = 2.0
 FOLLOW = 3.0
 """Phase: with a reference that moves."""
 PHASES = {1: "flight", 2: "hold", 3: "follow"}
+NO_MOVE = 0.0
+"""Next move: none."""
+TO_FLY = 1.0
+"""Next move: a flight to the target."""
+TO_SHIFT = 2.0
+"""Next move: a shift of a held load."""
+TO_PRESS = 3.0
+"""Next move: a press of a stuck load."""
 REMEMBERED = 12
 """Number of commands that are remembered: the longest delay has two less."""
 MOST_SEGMENTS = 6
@@ -126,6 +134,7 @@ class Throw(Record):
     angle: float = 0.0  # rad, of the load where it is touched
     touch_speed: float = 0.0  # rad/s, of the load there
     moves: float = 0.0  # 1 if the load moves as it is touched
+    adapts: float = 0.0  # 1 if the resistance while the motor crosses is taken where it does
     speed: float = 0.0  # rad/s, after the push
     approach_time: float = 0.0  # s
     push_time: float = 0.0  # s
@@ -195,6 +204,8 @@ class Memory(Record):
     flank: float = 0.0
     started: float = 0.0  # 1 from the first step on
     target: float = 0.0  # rad
+    next_move: float = NO_MOVE  # that is to be planned now
+    next_target: float = 0.0  # rad, of a shift or a press
     motor_target: float = 0.0  # rad, where the motor is to be
     middle: float = 0.0  # rad, p - theta_l in the middle of the gap
     held: float = 0.0  # 1 if a load torque holds the load on a flank

@@ -15,6 +15,16 @@ _REST_SPEED = 0.05
 """Speed, rad/s, below which the motor rests. Tuned on the populations."""
 _AT_TARGET = 0.1
 """Share of the gap within which the motor has reached its target. Tuned on the populations."""
+STUCK_SPEED = 0.05
+"""Speed of the load, rad/s, below which it was stuck. Tuned on the populations."""
+
+
+@compiled
+def forget_friction_at_rest(constants: Constants, memory: Memory) -> None:
+    """Forget the torque that friction took at rest, as a motion begins: it does not act in motion."""
+    has_friction = constants.load_dry_friction + constants.motor_dry_friction > 0.0
+    if has_friction and abs(memory.load.speed) < STUCK_SPEED:
+        memory.motor.compensation = memory.motor.estimated.disturbance = 0.0
 
 
 @compiled

@@ -12,11 +12,12 @@ from backlash_ros.control.laws.two_encoder.follow import follow_path
 from backlash_ros.control.laws.two_encoder.hold import hold_load
 from backlash_ros.control.laws.two_encoder.load import observe_load
 from backlash_ros.control.laws.two_encoder.load_torque import learn_load_torque, take_expected_slope
-from backlash_ros.control.laws.two_encoder.memory import FLIGHT, FOLLOW, HOLD, Memory, memory_at
+from backlash_ros.control.laws.two_encoder.memory import FOLLOW, HOLD, NO_MOVE, Memory, memory_at
 from backlash_ros.control.laws.two_encoder.middle import learn_middle
 from backlash_ros.control.laws.two_encoder.motor import observe_motor, predict_motor
 from backlash_ros.control.laws.two_encoder.phases import choose_phase
 from backlash_ros.control.laws.two_encoder.start import start
+from backlash_ros.control.laws.two_encoder.take_off import take_off
 from backlash_ros.foundation.compiled import compiled, compiled_as
 from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import POSITION, THETA_L, THETA_M, Estimate, Setpoint, as_setpoint
@@ -43,11 +44,13 @@ def _wanted(constants: Constants, memory: Memory, path: Array) -> Wanted:
     """Return what the motor is to do in this period."""
     if memory.phase == FOLLOW:
         return follow_path(constants, memory, path)
-    if memory.phase == HOLD:
+    if memory.phase == HOLD and memory.next_move == NO_MOVE:
         wanted = hold_load(constants, memory, path[0, POSITION])
-        # Holding may just have started a flight.
-        if memory.phase != FLIGHT:
+        # Holding may just have chosen a move.
+        if memory.next_move == NO_MOVE:
             return wanted
+    if memory.next_move != NO_MOVE:
+        take_off(constants, memory)
     return fly_on(constants, memory)
 
 

@@ -76,11 +76,10 @@ def _solve_speed(constants: Constants, move: Move, throw: Throw) -> None:
 
 
 @compiled
-def solve_throw(constants: Constants, plan: Plan, load_torque: LoadTorque, follows: bool) -> bool:
+def solve_throw(constants: Constants, plan: Plan, load_torque: LoadTorque) -> bool:
     """Find how a load that is touched is to be pushed so that it lands at its target.
 
-    Return whether it is better pressed, on one flank. ``follows``: whether the resistance while the motor crosses
-    follows the place where it does.
+    Return whether it is better pressed, on one flank.
     """
     move, throw, crossing = plan.move, plan.throw, constants.crossing_time
     throw.push_time, throw.brake_time = constants.push_time, constants.brake_time
@@ -105,7 +104,7 @@ def solve_throw(constants: Constants, plan: Plan, load_torque: LoadTorque, follo
             if least > 0.0 and longest < _SHORT_BRAKE:
                 return True
             throw.brake_time = max(min(constants.brake_time, longest), _LEAST_BRAKE)
-        if follows:
+        if throw.adapts != 0.0:
             angle = landing.pushed + throw.speed * (throw.cruise_time + 0.5 * crossing)
             angle = min(max(angle, throw.angle), move.target)
             move.crossing_resistance = resistance_at(constants, load_torque, move.direction, angle)
