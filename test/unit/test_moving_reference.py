@@ -15,8 +15,9 @@ from backlash_ros.control.monitoring.bounds import gives_way
 from backlash_ros.control.monitoring.thresholds import FaultThresholds
 from backlash_ros.control.monitoring.tracking import TrackingMemory, departure, tracking_memory_at
 from backlash_ros.control.motion.moving_reference import (
+    MotionMemory,
     motion_constants,
-    motion_memory,
+    motion_memory_at,
     reference_setpoint,
 )
 from backlash_ros.drivetrain import NOMINAL_DRIVE
@@ -37,7 +38,7 @@ CAN = motion_constants(NOMINAL_DRIVE, Limits.of(NOMINAL_DRIVE))
 def setpoints(references: Array, limits: Limits | None = None, load: float = 0.0, period: float = PERIOD) -> Array:
     """The setpoint at each sample, shape (N, 3), for a load that stands."""
     constants = motion_constants(NOMINAL_DRIVE, limits or Limits.of(NOMINAL_DRIVE))
-    memory, setpoint, estimate = motion_memory(), Setpoint(np.zeros(3)), Estimate(np.zeros(6))
+    memory, setpoint, estimate = motion_memory_at(row_of(MotionMemory)), Setpoint(np.zeros(3)), Estimate(np.zeros(6))
     estimate[THETA_L] = load
     rows = []
     for reference in references:

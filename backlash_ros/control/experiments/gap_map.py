@@ -21,12 +21,15 @@ from backlash_ros.identification.gap_map import FEWEST_PLACES, map_gaps
 from backlash_ros.identification.recording import Recording
 
 _TURN = 2.0 * math.pi
-_GENTLE, _RAMP, _OF_NO_LOAD = 0.02, 0.2, 0.3
-"""For the moves between places: largest share of the torque for acceleration, shortest time to reach the speed, s, and
-largest share of the no-load speed."""
-_SETTLE = 0.3
-"""Time for the load to come to rest, s."""
-_WAY = 0.2
+_TORQUE_SHARE = 0.02
+"""Largest share of the torque that accelerates a move between places. Tuned."""
+_RAMP_TIME = 0.2
+"""Shortest time in which such a move reaches its speed, s. Tuned."""
+_SPEED_SHARE = 0.3
+"""Largest share of the no-load speed in such a move. Tuned."""
+_SETTLE_TIME = 0.3
+"""Time for the load to come to rest, s. Tuned."""
+_MOVE_PROGRESS = 0.2
 """Share of a place's progress that counts for the move to it."""
 
 
@@ -96,8 +99,8 @@ class GapMapper:
         self._loop = MotorLoop(drive, period, most)
         side = self._loop.side
         losses = side.braking + side.viscous
-        self._speed = min(settings.speed, _OF_NO_LOAD * most / losses if losses > 0.0 else math.inf)
-        self._acceleration = min(_GENTLE * most / side.inertia, self._speed / _RAMP)
+        self._speed = min(settings.speed, _SPEED_SHARE * most / losses if losses > 0.0 else math.inf)
+        self._acceleration = min(_TORQUE_SHARE * most / side.inertia, self._speed / _RAMP_TIME)
         self._recordings: list[Recording] = []
         self._probe: GapProbe | None = None
         self._time, self._begun = 0.0, 0.0
@@ -110,11 +113,11 @@ class GapMapper:
         if self.outcome is not None:
             return 1.0
         if self._probe is not None:
-            share = _WAY + (1.0 - _WAY) * self._probe.progress
+            share = _MOVE_PROGRESS + (1.0 - _MOVE_PROGRESS) * self._probe.progress
         else:
-            length = self._move.length + _SETTLE if self._move else math.inf
-            share = _WAY * min(1.0, (self._time - self._begun) / length)
-        return (len(self._recordings) + share) / (self._settings.places + _WAY)
+            length = self._move.length + _SETTLE_TIME if self._move else math.inf
+            share = _MOVE_PROGRESS * min(1.0, (self._time - self._begun) / length)
+        return (len(self._recordings) + share) / (self._settings.places + _MOVE_PROGRESS)
 
     def cancel(self, reason: str) -> None:
         """End without an estimate, for ``reason``."""
@@ -164,7 +167,7 @@ class GapMapper:
                 f"between two places the load was {abs(off):.3g} rad from where the motor should have moved it, beyond "
                 f"{settings.section}.swing = {settings.swing:g} rad"
             )
-        elif time < move.length + _SETTLE:
+        elif time < move.length + _SETTLE_TIME:
             return Excitation(torque=self._loop.torque(motor, wanted, elapsed))
         elif self._back:
             self.outcome = Deferred(

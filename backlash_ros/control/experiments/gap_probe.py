@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from functools import partial
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -26,16 +26,64 @@ from backlash_ros.identification.gap import measure_gap
 from backlash_ros.identification.recording import Recording, with_late_answers
 from backlash_ros.identification.regression import Guess, guess_of
 
-_REST, _END = 0.25, 0.2
-_GENTLE, _LEVELS = 0.02, ((0.25, 0.02), (0.45, 0.07), (0.7, 0.16))
-"""Levels: share of the speed that the acceleration reaches over the travel, and share of the torque."""
-_LEVEL_TIME, _THROW_TIME, _SETTLE = 1.0, 2.4, 0.08
+
+class _Level(NamedTuple):
+    """How the motor moves to and fro: all tuned."""
+
+    speed: float  # share of the speed that the acceleration reaches over the travel
+    torque: float  # share of the torque
+
+
+_LEVELS = (_Level(0.25, 0.02), _Level(0.45, 0.07), _Level(0.7, 0.16))
+_LEVEL_TIME = 1.0
+"""Time of a level, s. Tuned."""
+_HELD_BEFORE = 0.25
+"""Time for which the motor is held at the start, s. Tuned."""
+_HELD_AFTER = 0.2
+"""Time for which the motor is held at the end, s. Tuned."""
+_BACK_TORQUE = 0.02
+"""Share of the torque with which the motor goes back to its start. Tuned."""
+_BACK_SPEED = 0.25
+"""Share of the speed that this reaches over the travel. Tuned."""
+_FOLLOWS = 0.3
+"""Share of the travel by which a load moves at least that has met both flanks. Tuned."""
+_WIDER = 1.7
+"""Factor by which the travel grows until it does. Tuned."""
+_DRAGGED = 2e-3
+"""Share of the standstill torque from which on a torque drags the load. Tuned."""
+_DRAGGED_SHARE = 0.05
+"""Share of the load torque that must be left of it beyond dry friction. Tuned."""
+_THROW_TIME = 2.4
+"""Time of all throws, s. Tuned."""
+_SETTLE_TIME = 0.08
+"""Time at rest after a throw, s. Tuned."""
 _STANDS = 0.3
-"""Share of the swing by which the motor swings at most before a throw, when it should stand."""
-_SHARE, _REACH, _SAMPLES = 0.65, 0.85, 2.0
-"""Of the swing: how far the motor goes in a throw, and the load by what is seen. It goes farther than the motor is told
-to, by the gap, and where both together turn late. And samples in which a throw runs up, and in which it turns, at
-least: the loop follows nothing shorter."""
+"""Share of the swing by which the motor swings at most before a throw, when it should stand. Tuned."""
+_LIGHTEST = 0.05
+"""Least inertia that a load is taken to have, as a share of the motor's. Tuned."""
+_FASTER = 1.25
+"""Times the load's acceleration with which the first throw reverses the motor, and a share of the torque. Tuned."""
+_FASTER_TORQUE = 0.08
+"""That share. Tuned."""
+_RUN_UP = 0.7
+"""Share of the torque left beside the load torque with which the motor runs up with the load. Tuned."""
+_RUN_UP_TORQUE = 0.07
+"""Least share of all torque for that. Tuned."""
+_GAINS = 0.1
+"""Least share of the motor's acceleration by which it gains on the load. Tuned."""
+_THROW_SHARE = 0.65
+"""How far the motor goes in a throw, as a share of the swing. The load goes farther than the motor is told to, by the
+gap, and where both together turn late."""
+_REACH = 0.85
+"""How far the load may go by what is seen, as a share of the swing. Tuned."""
+_THROW_SAMPLES = 2.0
+"""Samples in which a throw runs up, and in which it turns, at least: the loop follows nothing shorter."""
+_FARTHER = 1.15
+"""The teeth parted farther than before from this multiple on; the next throw turns so much longer, too. Tuned."""
+_NO_NEARER = 0.85
+"""They parted as far as before from this multiple on: the far flank was met. Tuned."""
+_HARDER = 1.2
+"""Factor by which the next throw is harder. Tuned."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +136,7 @@ class GapProbe:
         self._loop = loop or MotorLoop(drive, period, self._most)
         self._rows: list[tuple[float, float, float, float, float]] = []
         self._time, self._begun = 0.0, 0.0
-        self._move: Move | Throw = Move.rest(0.0, _REST)
+        self._move: Move | Throw = Move.rest(0.0, _HELD_BEFORE)
         self._moves = self._program()
         self._target = 0.0
 
@@ -142,32 +190,31 @@ class GapProbe:
         return Move.of(start, end, up, down, speed)
 
     def _back(self, home: float) -> Move:
-        gentle = _GENTLE * self._most / self._loop.side.inertia
-        return self._to(home, gentle, gentle, 0.25 * math.sqrt(gentle * self._settings.travel))
+        gentle = _BACK_TORQUE * self._most / self._loop.side.inertia
+        return self._to(home, gentle, gentle, _BACK_SPEED * math.sqrt(gentle * self._settings.travel))
 
     def _program(self) -> Generator[Move | Throw, None, None]:
         """Yield the moves, each when the previous one has ended."""
         home, settings, inertia = self._target, self._settings, self._loop.side.inertia
-        yield Move.rest(home, _REST)
+        yield Move.rest(home, _HELD_BEFORE)
         travel, level, way = min(settings.travel, settings.swing), 0, 1.0
         while level < len(_LEVELS) and self._time < settings.time:
-            share, part = _LEVELS[level]
-            acceleration = part * self._most / inertia
+            acceleration = _LEVELS[level].torque * self._most / inertia
             first, end = len(self._rows), min(self._time + _LEVEL_TIME, settings.time)
             while self._time < end:
-                speed = share * math.sqrt(acceleration * travel)
+                speed = _LEVELS[level].speed * math.sqrt(acceleration * travel)
                 yield self._to(home + 0.5 * way * travel, acceleration, acceleration, speed)
                 way = -way
             load = np.array(self._rows[first:])[:, 2]
-            if np.ptp(load) < 0.3 * travel < 0.3 * settings.swing:
-                travel = min(1.7 * travel, settings.swing)
+            if np.ptp(load) < _FOLLOWS * travel < _FOLLOWS * settings.swing:
+                travel = min(_WIDER * travel, settings.swing)
                 continue
             level += 1
             if level == 1 and (dragged := self._dragged()):
                 yield from self._outrun(home, dragged)
                 break
         yield self._back(home)
-        yield Move.rest(home, _END)
+        yield Move.rest(home, _HELD_AFTER)
 
     def _dragged(self) -> Guess | None:
         """Return a guess at how a torque drags the load once the teeth part; None if friction holds the load."""
@@ -175,42 +222,43 @@ class GapProbe:
         guesses = (guess_of(self._loop.side, recording, 0.5 * self._period * late) for late in range(3))
         guess = min(guesses, key=lambda guess: guess.misfit)
         left = abs(guess.load_torque) - guess.coulomb_l
-        return guess if left >= max(2e-3 * self._standstill, 0.05 * abs(guess.load_torque)) else None
+        return guess if left >= max(_DRAGGED * self._standstill, _DRAGGED_SHARE * abs(guess.load_torque)) else None
 
     def _outrun(self, home: float, load: Guess) -> Generator[Move | Throw, None, None]:
         """Yield throws of a load that rests on a flank, each farther and harder, until the far flank is met."""
         settings, inertia = self._settings, self._loop.side.inertia
         most, torque = self._most / inertia, abs(load.load_torque)
-        drag = (torque - load.coulomb_l) / max(load.inertia, 0.05 * inertia)
-        hard = min(1.25 * drag + 0.08 * most, most)
-        both = max(0.7 * (self._most - torque) / (inertia + load.inertia), 0.07 * most)
+        drag = (torque - load.coulomb_l) / max(load.inertia, _LIGHTEST * inertia)
+        hard = min(_FASTER * drag + _FASTER_TORQUE * most, most)
+        both = max(_RUN_UP * (self._most - torque) / (inertia + load.inertia), _RUN_UP_TORQUE * most)
         # The teeth part while the motor reverses.
-        turning = math.sqrt(2.0 * settings.travel / 3.0 / max(hard - drag, 0.1 * hard))
-        widest, met, most_way = 0.0, 0, _SHARE * settings.swing
+        turning = math.sqrt(2.0 * settings.travel / 3.0 / max(hard - drag, _GAINS * hard))
+        widest, met, most_way = 0.0, 0, _THROW_SHARE * settings.swing
         end = min(self._time + _THROW_TIME, settings.time)
         yield self._back(home)
         while self._time < end:
-            swings = float(np.ptp([row[1] for row in self._rows[-math.ceil(0.5 * _SETTLE / self._period) :]]))
+            swings = float(np.ptp([row[1] for row in self._rows[-math.ceil(0.5 * _SETTLE_TIME / self._period) :]]))
             if swings > _STANDS * settings.swing:
                 self.cancel(
                     f"the motor swings by {swings:.2g} rad at the output where it should stand: its loop is not "
                     "stable; samples or commands may be later than loop_delay says, or the motor's values wrong"
                 )
                 return
-            hard = min(hard, most_way / (_SAMPLES * self._period) ** 2)
+            hard = min(hard, most_way / (_THROW_SAMPLES * self._period) ** 2)
             soft = min(both, hard)
             speed = min(0.5 * hard * turning, Throw.fastest(most_way, soft, hard))
             throw, first = Throw(home, math.copysign(1.0, load.load_torque), speed, soft, hard), len(self._rows)
             yield throw
-            yield Move.rest(home, _SETTLE)
+            yield Move.rest(home, _SETTLE_TIME)
             motor, angle = np.array(self._rows[first:])[:, 1:3].T
             went = float(np.max(np.abs(angle - self._rows[0][2])))
             most_way = min(most_way, throw.way * _REACH * settings.swing / max(went, 1e-9))
             parted = float(np.ptp(motor - angle))
-            met = 0 if parted > 1.15 * widest else met + (parted > 0.85 * widest)  # farther, but the teeth did not part
+            # From throw to throw the motor goes farther: teeth that part no farther have met the far flank.
+            met = 0 if parted > _FARTHER * widest else met + (parted > _NO_NEARER * widest)
             widest = max(widest, parted)
             if met < 2:
-                hard, turning = min(1.2 * hard, most), 1.15 * turning
+                hard, turning = min(_HARDER * hard, most), _FARTHER * turning
 
 
 def _estimate_from(drive: Drive, recording: Recording, torque: float) -> BacklashEstimate:

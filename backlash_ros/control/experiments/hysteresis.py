@@ -26,20 +26,33 @@ from backlash_ros.identification.fitting.problem import motor_side
 from backlash_ros.identification.locked_output.hysteresis import measure_lost_motion
 from backlash_ros.identification.locked_output.lost_motion import Curve
 
-_GENTLE, _BEFORE, _AFTER = 0.25, 0.75, math.sqrt(0.5)
-"""Shares of the torque before and after the cycles; the first one shows whether the load stands still. The speed that a
-swing gives a heavy load grows with its square, so the load moves to and fro about its position and ends at rest."""
-_NEAR, _SLOWLY = 0.15, 0.3
-"""Share of the torque below which it changes slowly, since the teeth part and meet there; that share of its rate."""
-_HELD, _BLOCKED = 0.9, 0.9
-"""Share of faults.load_torque, and of the torque at standstill, up to which a torque may be planned: see `monitor`."""
+_FIRST_SHARE = 0.25
+"""Share of the torque that comes first: it shows whether the load stands still. Tuned."""
+_SHARE_BEFORE = 0.75
+"""Share of the torque before the cycles. The speed that a swing gives a heavy load grows with its square, so the load
+moves to and fro about its position and ends at rest."""
+_SHARE_AFTER = math.sqrt(0.5)
+"""Share of the torque after the cycles, for the same reason."""
+_PARTING_SHARE = 0.15
+"""Share of the torque below which it changes slowly, since the teeth part and meet there. Tuned."""
+_SLOW_SHARE = 0.3
+"""That share of its rate. Tuned."""
+_FAULT_SHARE = 0.9
+"""Share of a torque that is a fault up to which one may be planned. Tuned."""
+_BLOCKED_SHARE = 0.9
+"""Share of the torque at standstill that is a fault: beyond it the load is blocked, see `monitoring.bounds`."""
 _CAP = 1.1
-"""Times the torque that it goes to, which it keeps to while the motor is braked, too."""
-_REST, _LONGEST = 0.4, 2.0
-"""Shortest and longest time for which it holds the motor before a run that went wrong ends, s."""
-_QUICK, _SLOW, _UNBRAKED = 200.0, 60.0, 0.3
-"""Bandwidths of the speed that brakes the motor, and of that which tells whether it stands, rad/s; share of the speed
-through the gap up to which it is not braked: single counts would shake it against the teeth."""
+"""Times the torque that it goes to, which it keeps to while the motor is braked, too. Tuned."""
+_SHORTEST_REST = 0.4
+"""Shortest time for which it holds the motor before a run that went wrong ends, s. Tuned."""
+_LONGEST_REST = 2.0
+"""Longest time for that, s. Tuned."""
+_BRAKING_BANDWIDTH = 200.0
+"""Bandwidth of the speed that brakes the motor, rad/s. Tuned."""
+_STANDING_BANDWIDTH = 60.0
+"""Bandwidth of the speed that tells whether the motor stands, rad/s. Tuned."""
+_UNBRAKED_SHARE = 0.3
+"""Share of the speed through the gap up to which it is not braked: single counts would shake it against the teeth."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +116,7 @@ class HysteresisSettings(Validated):
 def refusal(drive: Drive, settings: HysteresisSettings, limits: Limits, thresholds: FaultThresholds) -> str:
     """Return why the torque cannot be applied or does not show the lost motion; empty if neither is the case."""
     applied, section = settings.applied(drive, limits), settings.section
-    allowed = min(_HELD * thresholds.load_torque, _BLOCKED * _HELD * applied / settings.torque)
+    allowed = min(_FAULT_SHARE * thresholds.load_torque, _BLOCKED_SHARE * _FAULT_SHARE * applied / settings.torque)
     if applied > allowed:
         return (
             f"it presses with {applied:.3g} N m against an output that stands, and from faults.load_torque = "
@@ -138,8 +151,11 @@ class Hysteresis:
         bandwidth = min(120.0, 0.2 / period)
         self._damping = 1.8 * self._side.inertia * bandwidth
         self._stiffness = 0.3 * self._side.inertia * bandwidth**2
-        self._smooth, self._slowly = low_pass_gain(_QUICK, period), low_pass_gain(_SLOW, period)
-        shares = (_GENTLE, -_BEFORE, *(1.0, -1.0) * settings.cycles, _AFTER, 0.0)
+        self._smooth, self._slowly = (
+            low_pass_gain(_BRAKING_BANDWIDTH, period),
+            low_pass_gain(_STANDING_BANDWIDTH, period),
+        )
+        shares = (_FIRST_SHARE, -_SHARE_BEFORE, *(1.0, -1.0) * settings.cycles, _SHARE_AFTER, 0.0)
         self._targets = [share * self._most for share in shares]
         self._whole = float(np.sum(np.abs(np.diff([0.0, *self._targets]))))
         self._branch, self._torque, self._done = 0, 0.0, 0.0
@@ -195,7 +211,7 @@ class Hysteresis:
         self._go_on(elapsed, motor, load)
         if self.outcome is not None:
             return Excitation()
-        return self._braked(self._torque, _UNBRAKED * self._settings.speed)
+        return self._braked(self._torque, _UNBRAKED_SHARE * self._settings.speed)
 
     def _braked(self, torque: float, free: float = 0.0) -> Excitation:
         """Return a torque, reduced to brake the motor beyond a ``free`` speed, and clamped."""
@@ -206,7 +222,9 @@ class Hysteresis:
     def _come_to_rest(self, motor: float, elapsed: float) -> Excitation:
         """Hold the motor where the trouble began until it rests or a time limit is over; then end."""
         self._rest += elapsed
-        if self._rest > _LONGEST or (self._rest > _REST and abs(self._slow_speed) < 0.05 * self._settings.speed):
+        if self._rest > _LONGEST_REST or (
+            self._rest > _SHORTEST_REST and abs(self._slow_speed) < 0.05 * self._settings.speed
+        ):
             self.cancel(self._trouble)
             return Excitation()
         return self._braked(self._stiffness * (self._hold - motor))
@@ -243,7 +261,7 @@ class Hysteresis:
         """Change the torque: at its rate while the motor stands still, otherwise so that the motor keeps its speed."""
         wanted, way, target = self._settings.speed, self._direction, self._targets[self._branch]
         stands = min(max(1.0 - 2.0 * way * self._slow_speed / wanted, 0.0), 1.0)
-        press = self._rate * (_SLOWLY if abs(self._torque) < _NEAR * self._most else 1.0)
+        press = self._rate * (_SLOW_SHARE if abs(self._torque) < _PARTING_SHARE * self._most else 1.0)
         turn = self._stiffness * (wanted - way * self._speed)
         rate = min(max(stands * press + (1.0 - stands) * turn, -self._rate), self._rate)
         self._torque += way * rate * elapsed

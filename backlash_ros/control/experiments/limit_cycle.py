@@ -22,11 +22,15 @@ from backlash_ros.foundation.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, 
 
 _FEWEST_SAMPLES = 8
 """Smallest number of samples in a cycle: with fewer, its turning points are not seen."""
-_AHEAD, _SHARE = 0.02, 0.5
-"""Time by which the load's motion is predicted, s, and share of the swing at which the prediction ends a run: the rest
-is a reserve for motion that late samples do not show."""
-_REST, _LONGEST = 0.2, 3.0
-"""Time for which a load that swung too far must stand still, and longest wait for that, s."""
+_AHEAD = 0.02
+"""Time by which the load's motion is predicted, s. Tuned."""
+_SWING_SHARE = 0.5
+"""Share of the swing at which the prediction ends a run: the rest is a reserve for motion that late samples do not
+show."""
+_REST_TIME = 0.2
+"""Time for which a load that swung too far must stand still, s. Tuned."""
+_LONGEST_WAIT = 3.0
+"""Longest wait for that, s. Tuned."""
 _FEWEST_STEPS = 4
 """Encoder steps that the load's cycle must span: at rest on one flank, the reading flickers between two neighbours."""
 
@@ -130,7 +134,7 @@ class BacklashLearner:
             self._start = self._before = load
         speed, self._before = (load - self._before) / elapsed, load
         way = load - self._start
-        if not self._away and abs(way + _AHEAD * speed) > _SHARE * self._settings.swing:
+        if not self._away and abs(way + _AHEAD * speed) > _SWING_SHARE * self._settings.swing:
             self._away = (
                 f"the load swung by {abs(way):.3g} rad at {abs(speed):.3g} rad/s, and would have left "
                 f"{self._settings.section}.swing = {self._settings.swing:g} rad: samples or commands come too late for "
@@ -145,7 +149,7 @@ class BacklashLearner:
         self._calm += 1
         if abs(self._before - self._rest) > self._settings.resolution:
             self._rest, self._calm = self._before, 0
-        if self._calm * self._period >= _REST or self._tick * self._period >= _LONGEST:
+        if self._calm * self._period >= _REST_TIME or self._tick * self._period >= _LONGEST_WAIT:
             self.cancel(self._away)
         return Excitation(calm=True)
 

@@ -24,23 +24,40 @@ from backlash_ros.foundation.signals import THETA_L, THETA_M, Estimate, Measurem
 from backlash_ros.identification.one_encoder.one_sided import measure_gap_one_sided
 from backlash_ros.identification.recording import Recording, with_late_answers
 
-_CATCH, _HOLD, _END = 0.3, 0.5, 0.2
-"""Times, s: when recording starts; until when it holds the shaft to see what torque that takes; how long it holds it at
-the end."""
-_LEVELS, _TURNS = (0.02, 0.05, 0.13, 0.3), (1.0, 1.5, 2.5, 1.0)
+_RECORDED_FROM = 0.3
+"""Time from which on the run is recorded, s. Tuned."""
+_HELD_UNTIL = 0.5
+"""Time until which it holds the shaft, to see what torque that takes, s. Tuned."""
+_HELD_AFTER = 0.2
+"""Time for which it holds the shaft at the end, s. Tuned."""
+_LEVELS = (0.02, 0.05, 0.13, 0.3)
+"""Share of the torque in each level. Tuned."""
+_TURNS = (1.0, 1.5, 2.5, 1.0)
+"""Turning point in each level, as a multiple of ``travel``. Tuned."""
 _WIDE = 1.5
-"""Levels: share of the torque, and turning point as a multiple of ``travel``; with the motor's encoder that multiple is
-at least `_WIDE`, since the motor itself has to meet both flanks."""
+"""Least such multiple with the motor's encoder: the motor itself has to meet both flanks. Tuned."""
+_SWING_SHARE = 0.4
+"""Largest turning point as a share of the swing. Tuned."""
 _LEVEL_TIME = 1.2
+"""Time of a level, s. Tuned."""
 _LOADED = 0.005
-"""Share of the standstill torque above which a load torque must be outrun, by the last level."""
-_BANDWIDTH, _DRIFT = 200.0, 1200.0
-"""Bandwidth of the speed, rad/s, and gain of the torque that centres the cycle, 1/s^3."""
-_AHEAD = 2.5
+"""Share of the standstill torque above which a load torque must be outrun, by the last level. Tuned."""
+_SPEED_BANDWIDTH = 200.0
+"""Bandwidth of the speed, rad/s. Tuned."""
+_CENTRING = 1200.0
+"""Gain of the torque that centres the cycle, 1/s^3. Tuned."""
+_PERIODS_AHEAD = 2.5
 """Periods that pass until the motor reverses."""
-_STILL, _STANDS, _MORE = (0.02, 0.25), 0.02, (0.01, 0.6)
-"""A shaft stands still if it moves less than this share of ``travel`` within this time, s, before and after its second
-reversal; the torque then grows by this share of the available torque, or of itself."""
+_STILL_SHARE = 0.02
+"""A shaft stands still if it moves by less than this share of ``travel`` within a time. Tuned."""
+_STILL_BEFORE = 0.02
+"""That time before its second reversal, s. Tuned."""
+_STILL_AFTER = 0.25
+"""That time after its second reversal, s. Tuned."""
+_GROWS_OF_ALL = 0.01
+"""The torque on a shaft that stands still grows by at least this share of the available torque. Tuned."""
+_GROWS_OF_ITSELF = 0.6
+"""The torque on a shaft that stands still grows by at least this share of itself. Tuned."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +97,7 @@ class Relay:
         self._standstill = drive.standstill_torque()
         self._most = settings.torque * drive.standstill_torque(limits.command)
         self._loop = MotorLoop(drive, period, self._most)
-        self._smooth = low_pass_gain(_BANDWIDTH, period)
+        self._smooth = low_pass_gain(_SPEED_BANDWIDTH, period)
         self._by_motor = False
         self._rows: list[tuple[float, float, float, float]] = []
         self._held: list[float] = []
@@ -93,11 +110,11 @@ class Relay:
     @property
     def progress(self) -> float:
         """Progress, from 0 to 1."""
-        return 1.0 if self.outcome is not None else min(1.0, self._time / (self._end + _END))
+        return 1.0 if self.outcome is not None else min(1.0, self._time / (self._end + _HELD_AFTER))
 
     @property
     def _end(self) -> float:
-        return _HOLD + self._levels * _LEVEL_TIME
+        return _HELD_UNTIL + self._levels * _LEVEL_TIME
 
     def cancel(self, reason: str) -> None:
         """End without an estimate, for ``reason``."""
@@ -121,12 +138,12 @@ class Relay:
         else:
             self._home = angle
         self._rows.append((self._time, angle, command, late))
-        if self._time >= self._end + _END:
+        if self._time >= self._end + _HELD_AFTER:
             self.outcome = Deferred(partial(_estimate_from, self._drive, self.recording(), self._standstill))
             return Excitation()
-        if not _HOLD <= self._time < self._end:
+        if not _HELD_UNTIL <= self._time < self._end:
             torque = self._loop.torque(angle, (self._home, 0.0, 0.0), elapsed)
-            if _CATCH <= self._time < _HOLD:
+            if _RECORDED_FROM <= self._time < _HELD_UNTIL:
                 self._held.append(torque)
             return Excitation(torque=torque)
         torque = self._relay(angle, elapsed)
@@ -136,7 +153,7 @@ class Relay:
         """Return the recording from the time when the shaft was held."""
         time, angle, *answers = np.array(self._rows).T
         command, late = (np.append(values[1:], 0.0) for values in answers)
-        first = int(np.searchsorted(time, _CATCH))
+        first = int(np.searchsorted(time, _RECORDED_FROM))
         none, seen = np.full(time.size - first, math.nan), angle[first:]
         motor, load = (seen, none) if self._by_motor else (none, seen)
         return with_late_answers(time[first:], motor, load, command[first:], late[first:], self._period)
@@ -146,19 +163,19 @@ class Relay:
         if self._level < 0:
             self._bias = float(np.mean(self._held))
             self._levels -= abs(self._bias) < _LOADED * self._standstill
-        level = min(int((self._time - _HOLD) / _LEVEL_TIME + 1e-9), self._levels - 1)
+        level = min(int((self._time - _HELD_UNTIL) / _LEVEL_TIME + 1e-9), self._levels - 1)
         if level != self._level:
             self._level = level
             self._moved(angle)
         settings, inertia, way, speed = self._settings, self._loop.side.inertia, angle - self._home, self._speed
         force = self._dry + _LEVELS[level] * self._most
         turn = max(_TURNS[level], _WIDE if self._by_motor else 0.0) * settings.travel
-        stops = abs(speed) * _AHEAD * self._period + inertia * speed * speed / force
+        stops = abs(speed) * _PERIODS_AHEAD * self._period + inertia * speed * speed / force
         ahead = self._side * (way + math.copysign(stops, speed))
-        if ahead > min(turn, 0.4 * settings.swing) and self._side * speed >= 0.0:
+        if ahead > min(turn, _SWING_SHARE * settings.swing) and self._side * speed >= 0.0:
             self._side, self._turned = -self._side, self._turned + 1
             self._moved(angle)
-        elif abs(angle - self._mark) > _STANDS * settings.travel:
+        elif abs(angle - self._mark) > _STILL_SHARE * settings.travel:
             self._moved(angle)
         elif self._runs_unseen(force - (self._dry if self._turned > 1 else 0.0), elapsed):
             self.cancel(
@@ -167,10 +184,10 @@ class Relay:
                 "stands still"
             )
             return 0.0
-        elif self._time - self._since > _STILL[self._turned > 1]:
-            self._dry += max(_MORE[0] * self._most, _MORE[1] * self._dry)
+        elif self._time - self._since > (_STILL_AFTER if self._turned > 1 else _STILL_BEFORE):
+            self._dry += max(_GROWS_OF_ALL * self._most, _GROWS_OF_ITSELF * self._dry)
             self._since = self._time
-        self._bias -= _DRIFT * inertia * way * elapsed
+        self._bias -= _CENTRING * inertia * way * elapsed
         return self._bias + self._side * force
 
     def _moved(self, angle: float) -> None:

@@ -41,7 +41,7 @@ class CascadeState(LawState):
     integral: float = 0.0  # V, of the speed loop
 
 
-_constants_at, _state_at = view_of(CascadeConstants), view_of(CascadeState)
+_constants_at, cascade_state_at = view_of(CascadeConstants), view_of(CascadeState)
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class CascadeParameters(Validated):
 @compiled_as(LAW_SIGNATURE)
 def cascade_step(law: Array, state: Array, estimate: Estimate, path: Array, low: float, high: float) -> float:
     """Position error beyond the dead band to motor speed, speed error to voltage; the integrator stops at the range."""
-    constants, memory = _constants_at(law), _state_at(state)
+    constants, memory = _constants_at(law), cascade_state_at(state)
     error = path[0, POSITION] - estimate[THETA_L]
     beyond = max(error - constants.dead_band, 0.0) + min(error + constants.dead_band, 0.0)
     wanted_speed = constants.position_gain * beyond + constants.to_motor * path[0, VELOCITY]
@@ -75,7 +75,7 @@ def cascade_step(law: Array, state: Array, estimate: Estimate, path: Array, low:
 
 
 def _take_over(_law: Array, state: Array, _estimate: Estimate, _setpoint: Setpoint, holding: float) -> None:
-    _state_at(state).integral = holding
+    cascade_state_at(state).integral = holding
 
 
 def cascade(drive: Drive, settings: "ServoSettings", parameters: CascadeParameters) -> ControlLaw:

@@ -15,14 +15,20 @@ more."""
 _LEAST_GAP = 0.1
 """Smallest default of faults.gap, rad: gears have less backlash, and ``gear.backlash_angle`` may be a guess."""
 
+_GAPS = 5
+"""Default of faults.gap in gaps: ``gear.backlash_angle`` may be a guess. Tuned."""
 
-_LEAST_TRACKING, GAPS_AWAY = 0.05, 2.0
-"""Smallest default of faults.tracking, rad, for overshoot with coarse encoders and late commands; and the least that it
-may be in gaps, in which the load falls or rattles."""
-
-_DRIVEN, FOUND = 1.5, 0.025
+_LEAST_TRACKING = 0.05
+"""Smallest default of faults.tracking, rad, for overshoot with coarse encoders and late commands."""
+GAPS_AWAY = 2.0
+"""The least that faults.tracking may be, in gaps: the load falls or rattles in them. Tuned."""
+_DRIVEN = 1.5
 """Speed to which a knock, a load torque or an overshoot drives a healthy load, in no-load speeds, in the default of
-faults.tracking; and time in which the cause is found, s: that of the default torque_bandwidth."""
+faults.tracking. Tuned."""
+FOUND = 0.025
+"""Time in which the cause is found, s: that of the default torque_bandwidth."""
+_SPEED_RESERVE = 1.25
+"""Factor between the largest speed of a healthy load and the default of faults.velocity. Tuned."""
 
 
 def mechanical_time_constant(drive: Drive) -> float:
@@ -83,8 +89,8 @@ class FaultThresholds(Validated):
         no_load = gear.ratio * motor.voltage_limit / motor.torque_constant
         driven = _DRIVEN * no_load * (mechanical_time_constant(drive) + FOUND)
         return cls(
-            velocity=float(f"{1.25 * (2 * no_load + fall):.3g}"),
+            velocity=float(f"{_SPEED_RESERVE * (2 * no_load + fall):.3g}"),
             load_torque=float(f"{_EXPECTED * torque:.3g}"),
-            gap=float(f"{max(_LEAST_GAP, 5 * gear.backlash_angle + 2 * pressed(drive)):.3g}"),
+            gap=float(f"{max(_LEAST_GAP, _GAPS * gear.backlash_angle + 2 * pressed(drive)):.3g}"),
             tracking=float(f"{max(_LEAST_TRACKING, GAPS_AWAY * gear.backlash_angle, driven):.3g}"),
         )

@@ -60,7 +60,7 @@ class MotionMemory(Record):
     start: Array = cells(3)  # `Setpoint` at its start
 
 
-_constants_at = view_of(MotionConstants)
+_constants_at, motion_memory_at = view_of(MotionConstants), view_of(MotionMemory)
 
 
 def motion_constants(drive: Drive, limits: Limits) -> MotionConstants:

@@ -2,11 +2,11 @@
 
 from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.follow import begin_to_follow, stop_following
-from backlash_ros.control.laws.two_encoder.motor import forget_friction_at_rest
-from backlash_ros.control.laws.two_encoder.reference import moves_within
 from backlash_ros.control.laws.two_encoder.load_torque import holds_load, use_what_motion_showed
 from backlash_ros.control.laws.two_encoder.memory import FLIGHT, FOLLOW, HOLD, NO_MOVE, TO_FLY, Hold, Memory
+from backlash_ros.control.laws.two_encoder.motor import forget_friction_at_rest
 from backlash_ros.control.laws.two_encoder.plan import length_of
+from backlash_ros.control.laws.two_encoder.reference import moves_within
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import POSITION, VELOCITY

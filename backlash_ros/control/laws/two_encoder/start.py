@@ -11,8 +11,8 @@ from backlash_ros.control.laws.two_encoder.load_torque import (
 )
 from backlash_ros.control.laws.two_encoder.memory import HOLD, Memory, memory_at
 from backlash_ros.control.laws.two_encoder.middle import set_middle_by_contact
-from backlash_ros.control.laws.two_encoder.parking import LONG
 from backlash_ros.control.laws.two_encoder.motor import STUCK_SPEED
+from backlash_ros.control.laws.two_encoder.parking import LONG
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Array, row_of
 from backlash_ros.foundation.signals import OMEGA_L, OMEGA_M, POSITION, THETA_L, THETA_M, Estimate, Setpoint
