@@ -12,7 +12,6 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.identification.counts import stuck_bit
-from backlash_ros.identification.fitting.filter import GAP_SLOPE, LN_EXPONENT, LN_GAIN
 from backlash_ros.identification.fitting.fit import PASSES, Fit, Found, Search, search_all
 from backlash_ros.identification.recording import Recording
 
@@ -83,11 +82,11 @@ def uncertainty_of(found: Fit, way: float) -> float:
     first, second = found.laws
     steep = 0.0
     if found.teeth.free:
-        above = max(float(found.parameters[LN_EXPONENT]) - _HERTZ, 0.0)
+        above = max(float(found.values.ln_exponent) - _HERTZ, 0.0)
         steep = _STEEP * above * 2.0 * found.bearing * found.wind_up()[0]
     worse = 0.0 if found.steeper else abs(first.cost - second.cost)
     other = abs(first.gap - second.gap) * math.exp(-worse / _LAWS)
-    change = gap * float(found.parameters[GAP_SLOPE]) * way
+    change = gap * float(found.values.gap_slope) * way
     return math.hypot(
         _NOISE * found.gap_deviation,
         _MODEL * gap,
@@ -166,7 +165,7 @@ def _unbelievable(found: Fit) -> _Doubt | None:
             "try again with more motion across the gap",
             all=True,
         )
-    if abs(off := float(found.parameters[LN_GAIN])) > _GAIN:
+    if abs(off := float(found.values.ln_motor_gain)) > _GAIN:
         return _Doubt(
             f"the command accelerates the motor {math.exp(off):.2g} times as much as its data sheet says: check the "
             "sign and the unit of the command, the motor's values, and its supply",

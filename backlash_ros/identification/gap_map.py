@@ -13,7 +13,6 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.record import Array
-from backlash_ros.identification.fitting.filter import GAP_SLOPE, OFFSET
 from backlash_ros.identification.fitting.fit import Fit
 from backlash_ros.identification.gap import Gap, measure_gap
 from backlash_ros.identification.recording import Recording
@@ -162,7 +161,7 @@ def _uncertainties(readings: Array, pairs: Sequence[tuple[Recording, Gap]], *, c
     slopes = (between[1:-1] if closed else between) / gaps
     result = []
     for (recording, gap), slope in zip(pairs, slopes, strict=True):
-        own = gap.fit.parameters[GAP_SLOPE] if gap.fit is not None else 0.0
+        own = gap.fit.values.gap_slope if gap.fit is not None else 0.0
         unsure = _SLOPED * abs(own - slope) * float(np.ptp(recording.load)) ** 2 * gap.angle
         result.append(math.hypot(gap.uncertainty, unsure))
     return tuple(result)
@@ -174,10 +173,8 @@ def _eccentricity(readings: Array, gaps: Sequence[Gap]) -> tuple[float, float, f
     A slightly wrong reduction also moves the middle, in proportion to the angle.
     """
     fits = [gap.fit for gap in gaps if gap.fit is not None]
-    middles = np.array([fit.parameters[OFFSET] for fit in fits])
-    deviations = np.array(
-        [math.hypot(math.sqrt(fit.covariance[OFFSET, OFFSET]), _COUNT * fit.counts[1]) for fit in fits]
-    )
+    middles = np.array([fit.values.offset for fit in fits])
+    deviations = np.array([math.hypot(math.sqrt(fit.variance("offset")), _COUNT * fit.counts[1]) for fit in fits])
     centre = float(np.mean(readings))
     columns = np.stack([-np.sin(readings), -np.cos(readings), readings - centre, np.ones(readings.size)], axis=1)
     weighed, wanted = columns / deviations[:, None], (middles - np.mean(middles)) / deviations

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from backlash_ros.foundation.record import Array
-from backlash_ros.identification.fitting.filter import MotorSide
+from backlash_ros.identification.fitting.memory import MotorSide
 from backlash_ros.identification.recording import Recording
 
 _WIDTH = 0.1
