@@ -24,12 +24,11 @@ import numpy as np
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.foundation.compiled import fused, specialize, unbound
 from backlash_ros.foundation.record import Array
-from backlash_ros.identification.fitting.candidates import Shape, torque_by
+from backlash_ros.identification.fitting.candidates import torque_by
 from backlash_ros.identification.fitting.memory import (
     MEMORY,
     Given,
     Memory,
-    Model,
     MotorSide,
     Noise,
     Results,
@@ -62,30 +61,19 @@ _follow: Callable[[Array, Given, Recording, Results, bool], float] = unbound
 
 
 @fused
-def model_of(side: MotorSide, depth: float, parameters: Array) -> Model:
-    """Return the drive by its parameters; ``depth`` of the teeth."""
-    x = parameters_at(parameters)
-    inertia = math.exp(x.ln_load_inertia)
-    return Model(
-        half_gap=math.exp(x.ln_half_gap),
-        offset=x.offset,
-        gap_slope=x.gap_slope,
-        shape=Shape(
-            math.exp(x.ln_stiffness), math.exp(x.ln_damping), math.exp(x.ln_rebound), math.exp(x.ln_exponent), depth
-        ),
-        inertia=inertia,
-        viscous=math.exp(x.ln_load_viscous),
-        load_coulomb=x.load_coulomb,
-        load_torque=x.load_torque,
-        load_torque_slope=x.load_torque_slope,
-        motor_coulomb=x.motor_coulomb,
-        gear_loss=x.gear_loss,
-        scale=1.0 + x.load_scale_error,
-        delay=x.delay,
-        gain=side.gain * math.exp(x.ln_motor_gain),
-        braking=side.braking * math.exp(x.ln_motor_braking),
-        per_inertia=1.0 / side.inertia + 1.0 / inertia,
-    )
+def _set_model(row: Array, side: MotorSide, depth: float, parameters: Array) -> None:
+    """Set the drive by its parameters, in a row of memory; ``depth`` of the teeth."""
+    model, x = memory_at(row).model, parameters_at(parameters)
+    model.half_gap, model.offset, model.gap_slope = math.exp(x.ln_half_gap), x.offset, x.gap_slope
+    model.stiffness, model.damping = math.exp(x.ln_stiffness), math.exp(x.ln_damping)
+    model.rebound, model.exponent, model.depth = math.exp(x.ln_rebound), math.exp(x.ln_exponent), depth
+    model.inertia, model.viscous = math.exp(x.ln_load_inertia), math.exp(x.ln_load_viscous)
+    model.load_coulomb, model.motor_coulomb, model.gear_loss = x.load_coulomb, x.motor_coulomb, x.gear_loss
+    model.load_torque, model.load_torque_slope = x.load_torque, x.load_torque_slope
+    model.scale, model.delay = 1.0 + x.load_scale_error, x.delay
+    model.gain = side.gain * math.exp(x.ln_motor_gain)
+    model.braking = side.braking * math.exp(x.ln_motor_braking)
+    model.per_inertia = 1.0 / side.inertia + 1.0 / model.inertia
 
 
 @fused
@@ -116,18 +104,18 @@ def between(memory: Memory, given: Given, recording: Recording, derive: bool, sa
 
 
 @fused
-def _correct(memory: Memory, given: Given, recording: Recording, results: Results, derive: bool, sample: int) -> None:
+def _correct(memory: Memory, noise: Noise, recording: Recording, results: Results, derive: bool, sample: int) -> None:
     """Correct by the readings of a sample, as far as there are any."""
     motor, load = recording.motor[sample], recording.load[sample]
     motor_read, load_read = not math.isnan(motor), not math.isnan(load)
     speed, miss = memory.state.load_speed, NO_READING
     no_gain(memory.gain)
     if motor_read:
-        miss = read_motor(memory, given.noise, results, motor, sample, derive)
+        miss = read_motor(memory, noise, results, motor, sample, derive)
     correct_by_motor(memory, miss)
     if load_read:
-        read_load(memory, given, results, miss, (load, speed), sample, derive)
-    keep_out_of_teeth(memory, given.model.offset, motor_read, load_read)
+        read_load(memory, noise, results, miss, (load, speed), sample, derive)
+    keep_out_of_teeth(memory, motor_read, load_read)
 
 
 @fused
@@ -147,7 +135,7 @@ def follow(row: Array, given: Given, recording: Recording, results: Results, der
     for sample in range(1, recording.time.shape[0]):
         if not _between(memory, given, recording, derive, sample):
             return math.inf
-        _correct(memory, given, recording, results, derive, sample)
+        _correct(memory, given.noise, recording, results, derive, sample)
         # One by one, in the order of the readings: so is their sum rounded.
         if not math.isnan(recording.motor[sample]):
             total += results.logs[sample, 0]
@@ -179,8 +167,9 @@ def predict(
     -------
     the sum of the logarithms; infinite if the motion leaves all bounds
     """
-    given = Given(side, model_of(side, teeth.depth, parameters), teeth.constants, noise, steps)
-    return _follow(np.zeros(MEMORY), given, recording, results, derive)
+    row = np.zeros(MEMORY)
+    _set_model(row, side, teeth.depth, parameters)
+    return _follow(row, Given(side, teeth.constants, noise, steps), recording, results, derive)
 
 
 Predict = Callable[[MotorSide, Teeth, Noise, Array, Steps, Recording, Results, bool], float]
@@ -189,6 +178,6 @@ Predict = Callable[[MotorSide, Teeth, Noise, Array, Steps, Recording, Results, b
 @cache
 def filter_with(law: type[Contact] | None) -> Predict:
     """Return `predict` compiled for a contact law, or for the free law for None."""
-    one = specialize(step, fused=True, _torque=torque_by(law))  # type: ignore[arg-type]
-    some = specialize(between, fused=True, _step=one)
+    one = specialize(step, fused=True, inlined=True, _torque=torque_by(law))  # type: ignore[arg-type]
+    some = specialize(between, fused=True, inlined=True, _step=one)
     return specialize(predict, fused=True, _follow=specialize(follow, fused=True, _between=some))

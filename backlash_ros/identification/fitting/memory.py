@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 from backlash_ros.drivetrain.contact import Constants
 from backlash_ros.foundation.record import Array, Record, cells, part, size_of, view_of
-from backlash_ros.identification.fitting.candidates import Shape
 from backlash_ros.identification.fitting.parameters import PARAMETERS, Parameters
 
 
@@ -61,32 +60,35 @@ class Teeth(NamedTuple):
     depth: float
 
 
-class Model(NamedTuple):
+class Model(Record):
     """The drive by the parameters, at the output: see `Parameters` and the equations of `filter`."""
 
-    half_gap: float  # rad, at the load's start
-    offset: float  # rad
-    gap_slope: float  # 1/rad
-    shape: Shape
-    inertia: float  # of the load, kg m^2
-    viscous: float  # of the load, N m s/rad
-    load_coulomb: float  # N m
-    load_torque: float  # N m
-    load_torque_slope: float  # N m/rad
-    motor_coulomb: float  # N m
-    gear_loss: float
-    scale: float  # of the load's encoder
-    delay: float  # s
-    gain: float  # of the motor, N m for each V or A
-    braking: float  # N m s/rad
-    per_inertia: float  # of both shafts against each other, 1/(kg m^2)
+    half_gap: float = 0.0  # rad, at the load's start
+    offset: float = 0.0  # rad
+    gap_slope: float = 0.0  # 1/rad
+    stiffness: float = 0.0  # of the teeth: see `Shape`
+    damping: float = 0.0
+    rebound: float = 0.0
+    exponent: float = 0.0
+    depth: float = 0.0
+    inertia: float = 0.0  # of the load, kg m^2
+    viscous: float = 0.0  # of the load, N m s/rad
+    load_coulomb: float = 0.0  # N m
+    load_torque: float = 0.0  # N m
+    load_torque_slope: float = 0.0  # N m/rad
+    motor_coulomb: float = 0.0  # N m
+    gear_loss: float = 0.0
+    scale: float = 0.0  # of the load's encoder
+    delay: float = 0.0  # s
+    gain: float = 0.0  # of the motor, N m for each V or A
+    braking: float = 0.0  # N m s/rad
+    per_inertia: float = 0.0  # of both shafts against each other, 1/(kg m^2)
 
 
 class Given(NamedTuple):
-    """All that stays the same in one pass of the filter."""
+    """What else stays the same in one pass of the filter."""
 
     side: MotorSide
-    model: Model
     constants: Constants
     noise: Noise
     steps: Steps
@@ -139,6 +141,7 @@ class Forcing(Record):
 class Memory(Record):
     """What one pass of the filter works with."""
 
+    model: Model = part(Model)
     state: State = part(State)
     rows: Rows = part(Rows)
     forcing: Forcing = part(Forcing)

@@ -8,7 +8,6 @@ from backlash_ros.foundation.record import Array
 from backlash_ros.identification.fitting.memory import (
     COUNT,
     WIDE,
-    Given,
     Memory,
     Noise,
     Results,
@@ -104,12 +103,12 @@ def read_motor(memory: Memory, noise: Noise, results: Results, reading: float, s
 
 
 @fused
-def _expect_load(memory: Memory, given: Given, miss: Miss, speed: float) -> float:
+def _expect_load(memory: Memory, noise: Noise, miss: Miss, speed: float) -> float:
     """Return the variance of the load's reading, rad^2, and set the gain of each state; ``speed`` before the sample."""
     rows, by_motor, gain = memory.rows, memory.gain, memory.load_gain
-    scale, reading, shared = given.model.scale, given.noise.load_reading, miss.shared
+    scale, reading, shared = memory.model.scale, noise.load_reading, miss.shared
     rho = shared / miss.variance
-    plain = scale * scale * columns_at(rows.load_angle).state.load_angle + reading + given.noise.timing * speed * speed
+    plain = scale * scale * columns_at(rows.load_angle).state.load_angle + reading + noise.timing * speed * speed
     expected = plain - rho * shared - 2.0 * scale * by_motor.load_angle * shared
     expected = max(expected, _LEAST_VARIANCE * reading)
     gain.motor_angle = (
@@ -128,7 +127,7 @@ def _expect_load(memory: Memory, given: Given, miss: Miss, speed: float) -> floa
 
 @fused
 def read_load(
-    memory: Memory, given: Given, results: Results, miss: Miss, reading: tuple[float, float], sample: int, derive: bool
+    memory: Memory, noise: Noise, results: Results, miss: Miss, reading: tuple[float, float], sample: int, derive: bool
 ) -> None:
     """Correct motion, covariance and derivatives by the load's reading, and write its innovation.
 
@@ -138,9 +137,9 @@ def read_load(
     reading : the angle, rad, and the load's speed before the motor's reading, rad/s
     """
     rows, gain, state, first, second = memory.rows, memory.load_gain, memory.state, memory.first, memory.second
-    scale, rho, along = given.model.scale, miss.shared / miss.variance, state.load_angle - memory.start
+    scale, rho, along = memory.model.scale, miss.shared / miss.variance, state.load_angle - memory.start
     off = reading[0] - (state.load_angle + (scale - 1.0) * along) - rho * miss.angle
-    expected = _expect_load(memory, given, miss, reading[1])
+    expected = _expect_load(memory, noise, miss, reading[1])
     if derive:
         for j in range(COUNT, WIDE):
             second[j] = scale * rows.load_angle[j] - rho * first[j]
@@ -163,11 +162,11 @@ def correct_by_motor(memory: Memory, miss: Miss) -> None:
 
 
 @fused
-def keep_out_of_teeth(memory: Memory, offset: float, motor_read: bool, load_read: bool) -> None:
+def keep_out_of_teeth(memory: Memory, motor_read: bool, load_read: bool) -> None:
     """Keep a shaft without a reading from being pressed into the teeth by the other shaft's reading."""
     if motor_read == load_read:
         return
-    state = memory.state
+    state, offset = memory.state, memory.model.offset
     deepest = max(memory.half_gap, abs(memory.twist)) + _INTO_TEETH * memory.half_gap
     twist = min(max(state.motor_angle - state.load_angle - offset, -deepest), deepest)
     if motor_read:

@@ -7,15 +7,16 @@ import math
 from typing import NamedTuple
 
 from backlash_ros.foundation.compiled import compiled, fused, unbound
-from backlash_ros.identification.fitting.candidates import ToothTorque, TorqueFunction
+from backlash_ros.foundation.record import Array
+from backlash_ros.identification.fitting.candidates import Shape, ToothTorque, TorqueFunction
 from backlash_ros.identification.fitting.memory import (
     COUNT,
     WIDE,
     Forcing,
     Given,
     Memory,
-    Model,
     MotorSide,
+    Noise,
     Rows,
     Steps,
     columns_at,
@@ -104,12 +105,11 @@ _torque: TorqueFunction = unbound
 
 
 @compiled
-def in_force(recording: Recording, delay: float, number: int, now: float, length: float) -> Acting:
+def in_force(time: Array, command: Array, doubt: Array, delay: float, number: int, now: float, length: float) -> Acting:
     """Return the command that acts ``now`` and for a ``length``, s; ``number`` is that of one which acted lately.
 
     Before the first command acts, half of it is assumed, with the corresponding doubt.
     """
-    time, command, doubt = recording.time, recording.command, recording.doubt
     while number + 1 < time.shape[0] and time[number + 1] + delay <= now:
         number += 1
     while number >= 0 and time[number] + delay > now:
@@ -227,9 +227,9 @@ def _turn(rows: Rows) -> None:
 
 
 @fused
-def motor_torque(side: MotorSide, model: Model, memory: Memory, torque: float, volts: float, length: float) -> Torque:
+def motor_torque(side: MotorSide, memory: Memory, torque: float, volts: float, length: float) -> Torque:
     """Return the motor's torque in a step under a command and a ``torque`` of the teeth; a current has no lag."""
-    w, tau = memory.state.motor_speed, memory.state.drive_torque
+    model, w, tau = memory.model, memory.state.motor_speed, memory.state.drive_torque
     decay = math.exp(-side.rate * length)
     lag = (1.0 - decay) / (side.rate * length) if math.isfinite(side.rate) else 0.0
     halfway = w + 0.5 * length * (tau - side.viscous * w - torque) / side.inertia if lag > 0.0 else w
@@ -258,8 +258,9 @@ def _force_by_teeth(forcing: Forcing, tooth: ToothTorque, on_motor: float, half_
 
 
 @fused
-def _force_by_motor(forcing: Forcing, model: Model, acting: Acting, drive: Torque) -> None:
+def _force_by_motor(memory: Memory, acting: Acting, drive: Torque) -> None:
     """Write how delay, gain and braking act in a step."""
+    model, forcing = memory.model, memory.forcing
     motor, end = columns_at(forcing.on_motor).parameter, columns_at(forcing.on_drive).parameter
     by = model.gain * acting.slope
     motor.delay, end.delay = (1.0 - drive.lag) * by, (1.0 - drive.decay) * by
@@ -270,12 +271,12 @@ def _force_by_motor(forcing: Forcing, model: Model, acting: Acting, drive: Torqu
 
 
 @fused
-def _force_by_shafts(memory: Memory, model: Model, solved: Solved, torque: float, rate: float) -> None:
-    """Write how load and friction act in a step, at a ``torque`` of the teeth; ``rate``: the load's inertia over time."""
+def _force_by_shafts(memory: Memory, solved: Solved, torque: float, rate: float) -> None:
+    """Write how load and friction act in a step, at a ``torque`` of the teeth; ``rate``: load inertia over time."""
     motor, load = columns_at(memory.forcing.on_motor).parameter, columns_at(memory.forcing.on_load).parameter
     v, along = memory.state.load_speed, memory.state.load_angle - memory.start
     load.ln_load_inertia = rate * (v - solved.load_speed)
-    load.ln_load_viscous = -0.5 * model.viscous * (v + solved.load_speed)
+    load.ln_load_viscous = -0.5 * memory.model.viscous * (v + solved.load_speed)
     load.load_torque, load.load_torque_slope = 1.0, along
     load.load_coulomb, motor.motor_coulomb = -solved.load_side, -solved.motor_side
     motor.gear_loss = -solved.motor_side * abs(torque)
@@ -299,9 +300,11 @@ def _halfway(tooth: ToothTorque, rate: float, solved: Solved, length: float) -> 
 
 
 @fused
-def _shake(memory: Memory, given: Given, torque: float, doubt: float, length: float, since: float) -> None:
+def _shake(
+    memory: Memory, side: MotorSide, noise: Noise, torque: float, doubt: float, length: float, since: float
+) -> None:
     """Add what is unknown of the torques in a step; ``doubt`` of the command, over the time ``since`` a sample."""
-    side, noise, inertia = given.side, given.noise, given.model.inertia
+    inertia = memory.model.inertia
     w, v = columns_at(memory.rows.motor_speed).state, columns_at(memory.rows.load_speed).state
     shaken = noise.teeth * torque * torque * length * 1e-3
     unknown = (side.gain * doubt / side.inertia) ** 2 * since if doubt > 0.0 else 0.0
@@ -312,9 +315,9 @@ def _shake(memory: Memory, given: Given, torque: float, doubt: float, length: fl
 
 
 @fused
-def _teeth_ahead(memory: Memory, model: Model) -> tuple[float, float]:
+def _teeth_ahead(memory: Memory) -> tuple[float, float]:
     """Remember the twist and half the gap; return the rate of the twist, rad/s, and the load's angle from its start."""
-    state = memory.state
+    model, state = memory.model, memory.state
     along = state.load_angle - memory.start
     memory.twist = state.motor_angle - state.load_angle - model.offset
     memory.half_gap = model.half_gap * max(_LEAST_WIDTH, 1.0 + model.gap_slope * along)
@@ -322,21 +325,21 @@ def _teeth_ahead(memory: Memory, model: Model) -> tuple[float, float]:
 
 
 @fused
-def _length_of(memory: Memory, given: Given, tooth: ToothTorque, closing: float, left: float) -> float:
+def _length_of(memory: Memory, steps: Steps, tooth: ToothTorque, closing: float, left: float) -> float:
     """Return the next step, s: so many of them, of equal length, for the time that is ``left`` to the next sample."""
-    swing = math.sqrt(max(tooth.by_twist, 0.0) * given.model.per_inertia)
+    swing = math.sqrt(max(tooth.by_twist, 0.0) * memory.model.per_inertia)
     approach = math.copysign(1.0, memory.twist) * closing
     inside = memory.half_gap - abs(memory.twist)
-    length = step_length(given.steps, inside, approach, tooth.torque, tooth.by_twist, swing)
+    length = step_length(steps, inside, approach, tooth.torque, tooth.by_twist, swing)
     return left / math.ceil(left / length - 1e-6)
 
 
 @fused
 def _solve(
-    memory: Memory, given: Given, tooth: ToothTorque, drive: Torque, closing: float, length: float
+    memory: Memory, side: MotorSide, tooth: ToothTorque, drive: Torque, closing: float, length: float
 ) -> tuple[Solved, Linear]:
     """Return both speeds after a step of so many seconds, and the step as a linear map."""
-    side, model, state = given.side, given.model, memory.state
+    model, state = memory.model, memory.state
     w, v, torque = state.motor_speed, state.load_speed, tooth.torque
     a, d = side.inertia / length, model.inertia / length
     kappa = 0.25 * tooth.by_twist * length + 0.5 * tooth.by_rate
@@ -382,27 +385,29 @@ def _carry_all(memory: Memory, linear: Linear, derive: bool) -> None:
 
 def step(memory: Memory, given: Given, recording: Recording, derive: bool, sample: int, now: float) -> float:
     """Go one step on from ``now``, towards a sample, s; return its length, s, nan if the motion leaves all bounds."""
-    model, state = given.model, memory.state
-    closing, along = _teeth_ahead(memory, model)
-    tooth = _torque(given.constants, model.shape, memory.half_gap, memory.twist, closing)
+    model, state, side = memory.model, memory.state, given.side
+    closing, along = _teeth_ahead(memory)
+    shape = Shape(model.stiffness, model.damping, model.rebound, model.exponent, model.depth)
+    tooth = _torque(given.constants, shape, memory.half_gap, memory.twist, closing)
     memory.least_torque = min(memory.least_torque, tooth.torque)
     memory.largest_torque = max(memory.largest_torque, tooth.torque)
     if not abs(tooth.torque) < _MOST_TORQUE or not abs(memory.twist) < _MOST_TWIST:
         return math.nan
-    length = _length_of(memory, given, tooth, closing, recording.time[sample] - now)
-    acting = in_force(recording, model.delay, int(memory.command), now, length)
+    length = _length_of(memory, given.steps, tooth, closing, recording.time[sample] - now)
+    number = int(memory.command)
+    acting = in_force(recording.time, recording.command, recording.doubt, model.delay, number, now, length)
     memory.command = acting.number
-    drive = motor_torque(given.side, model, memory, tooth.torque, acting.mean, length)
-    solved, linear = _solve(memory, given, tooth, drive, closing, length)
+    drive = motor_torque(side, memory, tooth.torque, acting.mean, length)
+    solved, linear = _solve(memory, side, tooth, drive, closing, length)
     if derive:
-        _force_by_teeth(
-            memory.forcing, _halfway(tooth, closing, solved, length), linear.on_motor, memory.half_gap, along
-        )
-        _force_by_shafts(memory, model, solved, tooth.torque, model.inertia / length)
-        _force_by_motor(memory.forcing, model, acting, drive)
+        halfway = _halfway(tooth, closing, solved, length)
+        _force_by_teeth(memory.forcing, halfway, linear.on_motor, memory.half_gap, along)
+        _force_by_shafts(memory, solved, tooth.torque, model.inertia / length)
+        _force_by_motor(memory, acting, drive)
     _carry_all(memory, linear, derive)
     state.motor_angle += 0.5 * length * (state.motor_speed + solved.motor_speed)
     state.load_angle += 0.5 * length * (state.load_speed + solved.load_speed)
     state.motor_speed, state.load_speed, state.drive_torque = solved.motor_speed, solved.load_speed, drive.end
-    _shake(memory, given, tooth.torque, acting.doubt, length, recording.time[sample] - recording.time[sample - 1])
+    since = recording.time[sample] - recording.time[sample - 1]
+    _shake(memory, side, given.noise, tooth.torque, acting.doubt, length, since)
     return length
