@@ -24,11 +24,10 @@ from backlash_ros.drivetrain.motion.integrator import (
     ADVANCE_SIGNATURE,
     DEFAULT_TOLERANCE,
     DONE,
-    PEAK_FORCE,
-    STEP_SIZE,
     STEP_TOO_SMALL,
     Advance,
     _growth,
+    integration_at,
     integration_memory,
     integrator_for,
 )
@@ -354,9 +353,9 @@ def test_angles_are_judged_against_the_narrowest_backlash() -> None:
 
 def test_last_step_that_is_cut_short_to_end_on_time_leaves_the_size_as_it_was() -> None:
     advance, memory, plant = integrator_for(NOMINAL_DRIVE), integration_memory(), plant_constants(NOMINAL_DRIVE)
-    memory[STEP_SIZE] = 1e-5
+    integration_at(memory).step_size = 1e-5
     assert advance(plant, at_rest(), memory, 0.1, 0.0, 1.0001e-5, 1e-6) == (DONE, 1.0001e-5)
-    assert memory[STEP_SIZE] >= 1e-5
+    assert integration_at(memory).step_size >= 1e-5
 
 
 @pytest.mark.parametrize("k", range(7))
@@ -434,7 +433,7 @@ def test_no_step_that_follows_a_rejection_and_a_success_is_longer_than_that() ->
             grown += steps[k + 2] > steps[k + 1]
     assert braked > 3
     assert grown > 10
-    assert memory[STEP_SIZE] > 0.0
+    assert integration_at(memory).step_size > 0.0
     compiled, again = integrator_for(NOMINAL_DRIVE), at_rest()
     again[1] = 50.0
     compiled(plant, again, integration_memory(), 0.0, 0.0, 0.02, 1e-6)
@@ -448,11 +447,11 @@ def test_largest_force_is_kept_until_the_caller_forgets_it() -> None:
     for _ in range(400):
         assert advance(plant, state, memory, 0.0, 0.0, 5e-5, DEFAULT_TOLERANCE)[0] == DONE
         seen.append(abs(equations_of(NOMINAL_DRIVE).contact_of(plant, state)[0]))
-    assert max(seen) <= memory[PEAK_FORCE] <= 1.5 * max(seen)
+    assert max(seen) <= integration_at(memory).peak_force <= 1.5 * max(seen)
     assert max(seen) > 100.0
-    memory[PEAK_FORCE] = 0.0
+    integration_at(memory).peak_force = 0.0
     advance(plant, at_rest(), memory, 0.0, 0.0, 1e-3, DEFAULT_TOLERANCE)
-    assert memory[PEAK_FORCE] == 0.0
+    assert integration_at(memory).peak_force == 0.0
 
 
 def test_largest_force_between_the_steps_is_seen() -> None:
@@ -469,7 +468,7 @@ def test_largest_force_between_the_steps_is_seen() -> None:
         for _ in range(10000):
             advance(plant, often, integration_memory(), 0.0, 0.0, 1e-6, DEFAULT_TOLERANCE)
             seen = max(seen, abs(contact_of(plant, often)[0]))
-        assert memory[PEAK_FORCE] == pytest.approx(seen, rel=5e-3)
+        assert integration_at(memory).peak_force == pytest.approx(seen, rel=5e-3)
 
 
 @pytest.mark.parametrize("part", [{"coulomb_friction": 0.1}, {"gravity_torque": 0.3}])

@@ -43,7 +43,7 @@ from backlash_ros.drivetrain.motion.kinks import FirstKink, kinks_with
 from backlash_ros.drivetrain.motion.series import ROOM, SeriesStep, series_with
 from backlash_ros.drivetrain.parameters import Drive
 from backlash_ros.foundation.compiled import compiled, specialize, unbound
-from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.record import Array, Record, row_of, size_of, view_of
 from backlash_ros.foundation.signals import CURRENT, STATE_NAMES, PlantState
 
 _types: Any = numba.types
@@ -55,11 +55,24 @@ the stall current, of energies to their own size and the motor's kinetic energy 
 
 DONE, STEP_TOO_SMALL, TOO_MANY_STEPS = range(3)
 
-STEP_SIZE, PEAK_FORCE, _STIFF, _ACCOUNT, _BEGUN, _TRIAL = range(6)
-"""What `advance` stores from call to call; room for the states of a step follows, for the whole state of a drive with
-effects, and for numbers to work with."""
+
+class IntegrationMemory(Record):
+    """What `advance` stores from call to call; room to work in follows."""
+
+    step_size: float = 0.0  # of the next step, s
+    peak_force: float = 0.0  # largest magnitude of the contact force since it was set to 0, N
+    stiff: float = 0.0  # whether the implicit method is used
+    account: float = 0.0  # whether the energies are integrated
+    begun: float = 0.0  # whether a drive with effects has its whole state
+
+
+integration_at = view_of(IntegrationMemory)
+_TRIAL = size_of(IntegrationMemory)
+"""Where the room for the state at the end of a step begins."""
 _WHOLE = _TRIAL + WHOLE
+"""Where the whole state of a drive with effects begins."""
 _WORK = _WHOLE + WHOLE
+"""Where the room of `series` begins."""
 
 Advance = Callable[[PlantConstants, PlantState, Array, float, float, float, float], tuple[int, float]]
 ADVANCE_SIGNATURE: Any = _types.Tuple((_types.int64, _types.float64))(
@@ -108,13 +121,11 @@ class IntegrationError(RuntimeError):
 
 
 def integration_memory(*, account: bool = False) -> Array:
-    """Return the initial memory of `Advance`: STEP_SIZE (s), PEAK_FORCE (N) and more.
+    """Return the initial memory of `Advance`: an `IntegrationMemory`.
 
     With ``account`` the energies are integrated, too, by an integrator made for it: see `signals.PlantState`.
     """
-    memory = np.zeros(_WORK + ROOM)
-    memory[_ACCOUNT] = account
-    return memory
+    return np.append(row_of(IntegrationMemory, account=account), np.zeros(2 * WHOLE + ROOM))
 
 
 @compiled
@@ -142,7 +153,7 @@ _first_kink: FirstKink = unbound
 def whole_state(plant: PlantConstants, state: Array, memory: Array) -> Array:
     """Return the whole state, shape (WHOLE,), of a drive with effects: a view of the integrator's memory."""
     whole = memory[_WHOLE:_WORK]
-    if memory[_BEGUN] == 0.0:
+    if integration_at(memory).begun == 0.0:
         begin(plant, state, whole)
     whole[:7] = state
     return whole
@@ -183,10 +194,11 @@ def _advance(
     """
     if duration <= 0.0:
         return DONE, 0.0
-    trial, work, given = step[_TRIAL : _TRIAL + _STATES], step[_WORK:], state
+    memory, given = integration_at(step), state
+    trial, work = step[_TRIAL : _TRIAL + _STATES], step[_WORK:]
     if _EFFECTS:
         state = whole_state(plant, given, step)  # type: ignore[assignment]
-        step[_BEGUN] = 1.0
+        memory.begun = 1.0
         command = amplified(plant, command)
     if math.isinf(plant.L):
         state[CURRENT] = command
@@ -196,9 +208,9 @@ def _advance(
         slip_m, slip_l = _slips(plant, state, load_torque, tolerance)
     smooth = not _KINKS and (_PLAIN or (plant.forward == 1.0 and plant.backward == 1.0))
     looks = rubs or not smooth
-    account, stiff = not _PLAIN and step[_ACCOUNT] != 0.0, step[_STIFF] != 0.0
-    time, peak = 0.0, step[PEAK_FORCE]
-    h = step[STEP_SIZE]
+    account, stiff = not _PLAIN and memory.account != 0.0, memory.stiff != 0.0
+    time, peak = 0.0, memory.peak_force
+    h = memory.step_size
     if not 0.0 < h <= duration:
         h = duration
     rejected, taken, held, fresh, to_kink = False, 0, 0, True, False
@@ -291,8 +303,8 @@ def _advance(
                 held = held + 1 if used * _rate(plant, state) > _HELD_DOWN else max(held - 1, 0)
                 if held > _MANY:
                     stiff, held = True, 0
-    step[STEP_SIZE], step[_STIFF] = h, stiff
-    step[PEAK_FORCE] = max(peak, abs(_contact_of(plant, state)[0]))
+    memory.step_size, memory.stiff = h, stiff
+    memory.peak_force = max(peak, abs(_contact_of(plant, state)[0]))
     if _EFFECTS:
         for j in range(7):
             given[j] = state[j]
