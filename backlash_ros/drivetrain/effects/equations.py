@@ -34,7 +34,7 @@ from backlash_ros.drivetrain.effects.constants import effects_in
 from backlash_ros.drivetrain.effects.friction import drifted, dry_friction, held, left_of_friction
 from backlash_ros.drivetrain.effects.motor import cogging_energy, cogging_torque, torque_constant
 from backlash_ros.drivetrain.effects.state import WHOLE, whole_at
-from backlash_ros.drivetrain.motion.dynamics import Held, HeldTorque, SpeedSlopes, half_gap_of, mesh_of
+from backlash_ros.drivetrain.motion.dynamics import Acting, Held, HeldTorque, SpeedSlopes, half_gap_of, mesh_of
 from backlash_ros.foundation.compiled import compiled, specialize, unbound
 from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import CURRENT, LOST, OMEGA_L, OMEGA_M, SUPPLIED, THETA_L, THETA_M
@@ -141,16 +141,9 @@ def twist_torque(plant: PlantConstants, state: Array) -> float:
     return float(effects.k_outer * twist + effects.c_outer * rate)
 
 
-def derivative(
-    plant: PlantConstants,
-    state: Array,
-    command: float,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
-    out: Array,
-) -> float:
+def derivative(plant: PlantConstants, state: Array, acting: Acting, out: Array) -> float:
     """Write d(state)/dt into ``out``, both of shape (WHOLE,); return the largest force of the teeth, N."""
+    command, load_torque, slip_m, slip_l = acting
     effects = effects_in(plant.effects)
     omega_m, omega_l, current = state[OMEGA_M], state[OMEGA_L], state[CURRENT]
     constant, left = torque_constant(plant, state[THETA_M]), left_of_friction(plant, whole_at(state).age)
@@ -191,16 +184,14 @@ def derivative(
     return float(max(abs(first[0]), abs(second[0])))
 
 
-Derivative = Callable[[PlantConstants, Array, float, float, float, float, Array], float]
+Derivative = Callable[[PlantConstants, Array, Acting, Array], float]
 _derivative: Derivative = unbound
 
 
-def speed_slopes(
-    plant: PlantConstants, state: Array, command: float, load_torque: float, slip_m: float, slip_l: float
-) -> SpeedSlopes:
+def speed_slopes(plant: PlantConstants, state: Array, acting: Acting) -> SpeedSlopes:
     """Return how the speeds of motor and load change: of `derivative`."""
     work = np.empty(WHOLE)
-    _derivative(plant, state, command, load_torque, slip_m, slip_l, work)
+    _derivative(plant, state, acting, work)
     return work[OMEGA_M], work[OMEGA_L]
 
 
@@ -239,7 +230,7 @@ class RealEquations(NamedTuple):
     rate_of: Callable[[PlantConstants, Array], float]
     held_torque: HeldTorque
     derivative: Derivative
-    speed_slopes: Callable[[PlantConstants, Array, float, float, float, float], SpeedSlopes]
+    speed_slopes: Callable[[PlantConstants, Array, Acting], SpeedSlopes]
     piece_of: Callable[[PlantConstants, Array, float], int]
     stored_energy: Callable[[PlantConstants, Array], float]
 

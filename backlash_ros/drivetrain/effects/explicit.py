@@ -9,6 +9,7 @@ from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.effects.equations import Derivative, real_equations
 from backlash_ros.drivetrain.effects.state import WHOLE, whole_at
+from backlash_ros.drivetrain.motion.dynamics import Acting
 from backlash_ros.drivetrain.motion.explicit import Step, judged
 from backlash_ros.foundation.compiled import compiled, specialize, unbound
 from backlash_ros.foundation.record import Array
@@ -41,10 +42,7 @@ def _step(
     plant: PlantConstants,
     state: Array,
     h: float,
-    command: float,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
+    acting: Acting,
     tolerance: float,
     account: bool,
     out: Array,
@@ -64,7 +62,7 @@ def _step(
             for m in range(j):
                 change += _A[j, m] * slopes[m, k]
             out[k] = state[k] + h * change
-        pushed = _derivative(plant, out, command, load_torque, slip_m, slip_l, slopes[j])
+        pushed = _derivative(plant, out, acting, slopes[j])
         if j == 0 or j >= 7:  # the others are not close to the solution
             force = max(force, pushed)
     fifth = third = 0.0
