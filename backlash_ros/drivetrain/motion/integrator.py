@@ -297,8 +297,7 @@ def _go(
     if not 0.0 < h <= duration:
         h = duration
     rejected, fresh, search, method = False, True, _NO_SEARCH, Method(memory.stiff != 0.0, 0, 0)
-    before = after = (0.0, 0.0)
-    status = TOO_MANY_STEPS
+    before, after, status = (0.0, 0.0), (0.0, 0.0), TOO_MANY_STEPS
     for _ in range(_STEPS_AT_MOST):
         remaining = duration - time
         if remaining <= 1e-12 * duration:
@@ -307,9 +306,7 @@ def _go(
         if _HAS_SERIES:
             used, force = _series(plant, state, remaining, acting.command, acting.load_torque, work)
             if used > 0.0:
-                time += used
-                memory.peak_force = max(memory.peak_force, force)
-                fresh = True
+                time, fresh, memory.peak_force = time + used, True, max(memory.peak_force, force)
                 continue
         used, last = _step_of(h, remaining, search.size == 0.0)
         if used <= shortest:
