@@ -18,11 +18,14 @@ from backlash_ros.identification.gap import Gap, measure_gap
 from backlash_ros.identification.recording import Recording
 
 _TURN = 2.0 * math.pi
-FEWEST_PLACES, _FEWEST = 6, 0.75
-"""Smallest number of places, and share of them that must be measured."""
-_RATIO, _COUNT = 0.005, 0.3
-"""Standard deviation of the relative error of ``gear.reduction``; and uncertainty of the middle of the gap beside the
-noise, in counts of the load's encoder."""
+FEWEST_PLACES = 6
+"""Smallest number of places; tuned."""
+_FEWEST = 0.75
+"""Share of the places that must be measured; tuned."""
+_RATIO = 0.005
+"""Standard deviation of the relative error of ``gear.reduction``."""
+_COUNT = 0.3
+"""Uncertainty of the middle of the gap beside the noise, in counts of the load's encoder: about that of one reading."""
 _SLOPED = 0.75
 """Additional uncertainty: a share of the gap per square radian of the load's travel and per 1/rad of difference between
 the gap's slope in the fit and that between the neighbours, since the far flank may be met only at the travel's end."""

@@ -51,7 +51,7 @@ _THIN = 4e-3
 _COARSE = 2e-4
 """Counts of so many rad are enough to find the way; finer ones make it rugged."""
 _WIDTHS = np.geomspace(0.003, 0.13, 12)
-"""Gaps that are tried, rad: of any drive that one encoder can tell; tuned."""
+"""Gaps that are tried, rad; tuned."""
 _INERTIAS = (0.1, 0.35, 1.0)
 """Inertias of the load over that of the motor that are tried beside a guess; tuned."""
 _OTHER = 0.6
@@ -61,7 +61,7 @@ _FIXED = 1e-6
 _STIFF = 0.02
 """Standard deviation of the force of the teeth by a told law, as ln: it is taken as told."""
 _SPRING = 0.7
-"""Standard deviation of the force of the teeth by a spring, as ln: its stiffness is seldom known to a factor of 2."""
+"""Standard deviation of the force of the teeth by a spring, as ln: a factor of two; tuned."""
 _PUNCTUAL = 1e-5
 """Standard deviation of the times of the samples, in periods: as good as 0."""
 _LEAST_INERTIA = 0.06

@@ -46,15 +46,15 @@ from backlash_ros.identification.regression import Guess, guess_of
 PASSES = 400.0
 """Passes of the filter over all of a recording after which a search ends: seconds of work."""
 LOUD = np.log(row_of(Unexplained, motor=1.8e-2, load=3.7e-2, teeth=0.1, timing=1e-2))
-"""Noise with which the search begins: large, so that a poor start still sees the way; tuned."""
+"""Noise with which the search begins: large, so that a poor start lets the search see far; tuned."""
 _WIDTHS = (1.1, 0.9, 0.75, 0.6, 0.45, 0.3, 0.18)
-"""Gaps to begin with, as shares of the shafts' relative travel: the gap is nearly all of it, or the teeth are soft."""
+"""Gaps to begin with, as shares of the shafts' relative travel; tuned."""
 _INERTIAS = (0.1, 0.4)
 """Inertias of the load over that of the motor that are tried beside a guess; tuned."""
 _OTHER = 0.7
 """By how much, as ln, these have to differ from the guess: a factor of two."""
 _LIGHTEST = 0.03
-"""Least inertia of the load over that of the motor that a guess may have: the motor feels no lighter one."""
+"""Least inertia of the load over that of the motor that a guess may have; tuned."""
 _HEAVIEST = 30.0
 """Largest inertia of the load over that of the motor that a guess may have; tuned."""
 _KEPT = 3
@@ -68,13 +68,13 @@ _TOLD = 0.02
 _MOST_TEETH = 0.06
 """Largest unexplained share of the teeth's torque with which the told law is believed, if the free law has it, too."""
 _LEAST_EXPONENT = -0.1
-"""Smallest exponent of the free law, as logarithm: a straight line, and a little for the noise."""
+"""Smallest exponent of the free law, as logarithm: a little below that of a straight line; tuned."""
 _MOST_EXPONENT = 0.9
-"""Largest exponent of the free law, as logarithm, 2.5: Hertz's teeth have 1.5."""
+"""Largest exponent of the free law, as logarithm, 2.5, where Hertz's teeth have 1.5; tuned."""
 _MOST_LOSS = 0.95
-"""Largest loss of a gear, a share: with all of it lost the load would never move the motor."""
+"""Largest loss of a gear, a share; tuned."""
 _SOME_LOSS = 0.02
-"""Loss with which the search for one begins: at 0 it would be pressed against its bound."""
+"""Loss with which the search for one begins; tuned."""
 _OPPOSITE = 60.0
 """Cost for each sample by which the command of the other sign is worse, at least, where it is not looked into."""
 _ELSEWHERE = 12

@@ -36,29 +36,29 @@ unexplained_at = view_of(Unexplained)
 LEAST_NOISE = np.log(row_of(Unexplained, motor=3e-4, load=6e-4, teeth=4e-3, timing=1e-5))
 """What the filter's steps leave unexplained."""
 MOST_NOISE = np.log(row_of(Unexplained, motor=1.0, load=1.0, teeth=3.0, timing=0.3))
-"""So much that a recording says hardly anything; tuned."""
+"""The most that is fitted; tuned."""
 KNEE = 2.0
-"""Standard deviations above which an innovation counts by its magnitude, not its square: few of a normal noise are."""
+"""Standard deviations above which an innovation counts by its magnitude, not its square; tuned."""
 _ACTS = 1e-2
 """Time for which an unexplained torque acts, s: the unit of its noise."""
 _SMALL = 1e-12
-"""Variance of a reading beside its counts, rad^2: far below any encoder's, so that an exact one has a variance, too."""
+"""Variance of a reading beside its counts, rad^2: without it, one without counts would have none."""
 _CHEAP = 0.35
-"""Cost of a pass without derivatives, in passes with them: what it took when it was measured."""
+"""Cost of a pass without derivatives, in passes with them: it takes about a third of the time."""
 _COARSE = 0.4
-"""Cost of a pass in coarse steps, in passes in fine ones: what it took when it was measured."""
+"""Cost of a pass in coarse steps, in passes in fine ones: it takes about a third of the time."""
 _DAMPINGS = 5
 """Number of dampings that a step tries; tuned."""
 _APART = 0.2
-"""Difference of a noise's logarithm by which derivatives are taken: large beside rounding, small beside 1."""
+"""Difference of a noise's logarithm by which derivatives are taken; tuned."""
 _FARTHEST = 1.6
-"""Largest step of a noise's logarithm, a factor of 5: Newton's steps are good near by only; tuned."""
+"""Largest step of a noise's logarithm, a factor of 5; tuned."""
 _LOWER = 0.7
 """What the noise is lowered by, as logarithm, for the parameters to go on: to half of it; tuned."""
 _FIRST = 0.02
-"""Time from which the first speeds are taken, s: a few samples, in which a speed hardly changes."""
+"""Time from which the first speeds are taken, s; tuned."""
 _MOVING = 0.3
-"""Speed below which the first speeds count as 0, rad/s: counts in so short a time show as such speeds."""
+"""Speed below which the first speeds count as 0, rad/s; tuned."""
 
 
 def motor_side(drive: Drive) -> MotorSide:

@@ -25,9 +25,9 @@ from backlash_ros.identification.fitting.memory import (
 from backlash_ros.identification.recording import Recording
 
 _MOST_TORQUE = 1e6
-"""Torque of the teeth, N m, beyond which the motion has left all bounds: far beyond any drive's."""
+"""Torque of the teeth, N m, beyond which the motion has left all bounds."""
 _MOST_TWIST = 1e3
-"""Twist, rad, beyond which the motion has left all bounds: far beyond any gap."""
+"""Twist, rad, beyond which the motion has left all bounds."""
 _LEAST_WIDTH = 0.1
 """Least gap, a share of that at the start, so that no slope of the gap makes it negative."""
 _TOUCHING = 1e-5

@@ -31,7 +31,7 @@ from backlash_ros.identification.locked_output.ramps import Ramps, ramps_of
 from backlash_ros.identification.newey_west import newey_west
 
 _BLOCK = 0.008
-"""Averaging time of the samples, s: a few samples, in which a slow torque hardly changes."""
+"""Averaging time of the samples, s; tuned."""
 _SETTLED = 0.06
 """Time for which the motor must have been slow before samples count, s; tuned."""
 _FAST = 0.5
@@ -39,19 +39,19 @@ _FAST = 0.5
 _RATE_OVER = 0.02
 """Time to either side over which the motor's speed is taken, s; tuned."""
 _WARM_UP = 2
-"""Branches of the torque, at first, that do not count: the teeth settle."""
+"""Branches of the torque, at first, that do not count; tuned."""
 _END = 2
-"""Branches of the torque, at last, that do not count: they need not be whole."""
+"""Branches of the torque, at last, that do not count; tuned."""
 _FAINT = 0.01
 """Share of the torque below which the teeth's place says little."""
 _MOST_LOSS = 0.4
 """Largest share of the torque that friction may take."""
 _BETTER = 0.8
-"""Share of the own law's residual below which another law is taken: the own one is the better guess."""
+"""Share of the own law's residual below which another law is taken; tuned."""
 _AS_GOOD = 1.1
 """Largest multiple of the best residual with which a law is as good, so that its gap counts."""
 _LOSS = 0.05
-"""Prior standard deviation of the teeth's loss, a share: gears lose a few percent in each mesh."""
+"""Prior standard deviation of the teeth's loss, a share; tuned."""
 _WEIGHT = 4.0
 """Weight of that prior, in single counts; tuned."""
 _FITS = 0.03

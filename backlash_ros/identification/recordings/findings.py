@@ -9,25 +9,48 @@ from backlash_ros.identification.fitting.fit import Fit
 from backlash_ros.identification.fitting.parameters import Parameters, parameters_of, place_of
 from backlash_ros.identification.gap import Gap
 
-NOISE, MODEL, LEAST, LEAST_DELAY = 2.0, 0.005, 1e-4, 0.005
-"""Components of an uncertainty: a factor on the standard deviation from the noise; in addition a share of the value, a
-share of the standstill torque for torques, and of the period for the delay."""
-UNEXPLAINED, OF_MOTOR, OF_TEETH = 20.0, 10.0, 1.0
-"""Components of the inertia's uncertainty, shares: times the load's and the motor's unexplained torque as shares of the
-standstill torque, and the teeth's, as a share of it. A load that is not rigid, or that something else moves, shows as
-such a torque."""
+NOISE = 2.0
+"""Component of an uncertainty: a factor on the standard deviation from the noise; tuned."""
+MODEL = 0.005
+"""Component of an uncertainty: a share of the value; tuned."""
+LEAST = 1e-4
+"""Component of a torque's uncertainty: a share of the standstill torque; tuned."""
+LEAST_DELAY = 0.005
+"""Component of the delay's uncertainty: a share of the period; tuned."""
+UNEXPLAINED = 20.0
+"""Component of the inertia's uncertainty: a share, times the load's unexplained torque over the standstill torque.
+
+A load that is not rigid, or that something else moves, shows as such a torque."""
+OF_MOTOR = 10.0
+"""Component of the inertia's uncertainty: a share, times the motor's unexplained torque over the standstill torque."""
+OF_TEETH = 1.0
+"""Component of the inertia's uncertainty: a share, times the unexplained share of the teeth's torque."""
 MOST_LOSS = 0.5
 """Largest loss of the gear with which the load's inertia is told: a worm passes on less of it than of the torque."""
 UNSEEN = 3.0
 """Factor on all other uncertainties if the gap is unknown: unknown teeth bias everything that acts through them."""
-SURE_INERTIA, SURE_FRICTION, SURE_RESISTANCE, SURE_TORQUE = 0.05, 0.25, 0.1, 0.1
-"""Largest standard uncertainty of a finding, as a share of its value; except for the inertia, `SMALL` also suffices."""
+SURE_INERTIA = 0.05
+"""Largest standard uncertainty of the inertia, a share of it; tuned."""
+SURE_FRICTION = 0.25
+"""Largest standard uncertainty of a friction, a share of it, where it exceeds `SMALL`; tuned."""
+SURE_RESISTANCE = 0.1
+"""Largest standard uncertainty of the load's total friction, a share of it, where it exceeds `SMALL`; tuned."""
+SURE_TORQUE = 0.1
+"""Largest standard uncertainty of the load torque and its slope, a share, where it exceeds `SMALL`; tuned."""
 SMALL = 1e-3
 """Torque that hardly matters, as a share of the standstill torque."""
-SURE_DELAY, SURE_SLOPE, SURE_TEETH, SURE_SCALE, SURE_MOTOR, SURE_LOSS = 0.25, 0.1, 0.2, 2.5e-3, 0.05, 0.05
-"""Largest standard uncertainty: of the delay, in periods; of what the gap changes by, in gaps for each rad; of the
-teeth's stiffness, as a share; of the share by which the load's encoder reads too much; of the motor's constant and
-resistance, as shares; of the gear's loss, itself a share."""
+SURE_DELAY = 0.25
+"""Largest standard uncertainty of the delay, in periods; tuned."""
+SURE_SLOPE = 0.1
+"""Largest standard uncertainty of what the gap changes by, in gaps for each rad; tuned."""
+SURE_TEETH = 0.2
+"""Largest standard uncertainty of the teeth's stiffness, a share of it; tuned."""
+SURE_SCALE = 2.5e-3
+"""Largest standard uncertainty of the share by which the load's encoder reads too much; tuned."""
+SURE_MOTOR = 0.05
+"""Largest standard uncertainty of the motor's constant and resistance, shares of them; tuned."""
+SURE_LOSS = 0.05
+"""Largest standard uncertainty of the gear's loss, itself a share; tuned."""
 _CONSTANT = {"ln_motor_braking": 1.0, "ln_motor_gain": -1.0}
 """K_m by the gain K/R and the braking K^2/R, as powers."""
 _RESISTANCE = {"ln_motor_braking": 1.0, "ln_motor_gain": -2.0}
