@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from backlash_ros.control import GainSet, ServoSettings, design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.constants import plant_constants
-from backlash_ros.drivetrain.motion.dynamics import SLIDES, equations_of
+from backlash_ros.drivetrain.motion.dynamics import Acting, equations_of
 from backlash_ros.foundation.signals import CURRENT, OMEGA_L, THETA_L
 from backlash_ros.simulation import Scenario, run
 
@@ -38,7 +38,7 @@ def scipys() -> np.ndarray:
 
     def equations(_t: float, state: np.ndarray, voltage: float) -> np.ndarray:
         full[:5] = state
-        derivative(plant, full, voltage, 0.0, SLIDES, SLIDES, slope)
+        derivative(plant, full, Acting(voltage, 0.0), slope)
         return slope[:5]
 
     state, angles = np.zeros(5), [0.0]

@@ -33,7 +33,7 @@ from rows import Row, record
 from scenarios import COUNT, PERIOD, Play, plays
 
 from backlash_ros.drivetrain.constants import plant_constants
-from backlash_ros.drivetrain.motion.dynamics import SLIDES, equations_of
+from backlash_ros.drivetrain.motion.dynamics import SLIDES, Acting, equations_of
 from backlash_ros.drivetrain.motion.integrator import DEFAULT_TOLERANCE
 from backlash_ros.foundation.record import Array
 
@@ -108,7 +108,8 @@ def in_turns(play: Play, starts: tuple[Start, Start], count: int, passes: int, p
 def _evaluate(motion, plant, count):  # type: ignore[no-untyped-def]
     gap = gap_rate = theta_l = omega_m = omega_l = current = 0.0
     for _ in range(count):
-        a, b, d, _, _ = motion(plant, gap, gap_rate, theta_l, omega_m, omega_l, current, 1.0, 0.0, SLIDES, SLIDES)
+        acting = Acting(1.0, 0.0, SLIDES, SLIDES)
+        a, b, d, _, _ = motion(plant, gap, gap_rate, theta_l, omega_m, omega_l, current, acting)
         gap, gap_rate = gap + 1e-6 * gap_rate, gap_rate + 1e-6 * (plant.R1 * a - plant.R2 * b)
         theta_l += 1e-6 * omega_l
         omega_m, omega_l, current = omega_m + 1e-6 * a, omega_l + 1e-6 * b, current + 1e-6 * d

@@ -17,11 +17,11 @@ from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
+from output_error import ServoFit, fit_servo, mean_errors, refit
+from position_servo import PositionServo, ServoRun, simulate
+from servo_gap import FOLDS, ServoGap, judge_gap
 
 from backlash_ros.foundation.quantity import quantities
-from backlash_ros.identification.one_encoder.output_error import ServoFit, fit_servo, mean_errors, refit
-from backlash_ros.identification.one_encoder.position_servo import PositionServo, ServoRun, simulate
-from backlash_ros.identification.one_encoder.servo_gap import FOLDS, ServoGap, judge_gap
 
 ERROR_GAIN, LARGEST_DUTY, GRAVITY = 0.165, 0.97, 9.80665
 """Duty for each unit of the firmware's gain and each rad, and at which it clips, as the authors measured; m/s^2."""

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numba
 
 from backlash_ros.drivetrain.contact import Constants, as_constants
-from backlash_ros.drivetrain.effects.constants import effect_constants, effect_row
+from backlash_ros.drivetrain.effects.constants import effect_row, effects_in
 from backlash_ros.drivetrain.parameters import NOMINAL_DRIVE, Drive
 from backlash_ros.foundation.record import Array
 
@@ -61,8 +61,9 @@ class PlantConstants(NamedTuple):
 def plant_constants(drive: Drive) -> PlantConstants:
     """Return the named tuple that the compiled functions take, of the drive as it is built."""
     drive = drive.as_built
-    motor, gear, load, effects = drive.motor, drive.gear, drive.load, effect_constants(drive)
-    inertia = load.inertia - effects.J_outer
+    motor, gear, load, effects = drive.motor, drive.gear, drive.load, effects_in(effect_row(drive))
+    outer = float(effects.J_outer)
+    inertia = load.inertia - outer
     speed = motor.voltage_limit / motor.torque_constant
     stall_current = motor.voltage_limit / motor.resistance
     narrowest = gear.backlash_angle * (1.0 - gear.backlash_variation)
@@ -70,8 +71,8 @@ def plant_constants(drive: Drive) -> PlantConstants:
     if not drive.takes_current:
         rates.append(motor.resistance / motor.inductance)
         rates.append(motor.torque_constant / math.sqrt(motor.inductance * motor.inertia))
-    if effects.J_outer > 0.0:
-        rates.append(math.sqrt(effects.k_outer * (1.0 / effects.J_outer + 1.0 / inertia)))
+    if outer > 0.0:
+        rates.append(math.sqrt(float(effects.k_outer) * (1.0 / outer + 1.0 / inertia)))
     return PlantConstants(
         R=float(motor.resistance),
         L=math.inf if drive.takes_current else float(motor.inductance),

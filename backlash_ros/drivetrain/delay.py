@@ -19,11 +19,14 @@ from backlash_ros.drivetrain.parameters import Drive
 from backlash_ros.drivetrain.sensors import NOISE_STREAMS, uniform
 from backlash_ros.foundation.compiled import compiled, specialize, unbound
 from backlash_ros.foundation.quantity import Validated, quantity
-from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.record import Array, Record, row_of, size_of, view_of
 from backlash_ros.foundation.signals import PlantState, at_rest
 
 LINE = 64
 """Largest number of samples and commands in transit."""
+
+_SLIVER = 1e-9
+"""Share of a period that rounding may leave, and no step is worth."""
 
 _SAMPLE_STREAM, _COMMAND_STREAM, _STAMP_STREAM = range(NOISE_STREAMS, NOISE_STREAMS + 3)
 
@@ -93,21 +96,40 @@ def delay_constants(delay: Delay, period: float, seed: int = 0) -> DelayConstant
     )
 
 
-class DelayMemory(NamedTuple):
-    """The samples and commands in transit.
+class InForce(Record):
+    """Which command acts, and what comes next."""
 
-    ``taken`` (LINE, 7): states at which the next samples are taken, by number modulo LINE. ``sent`` (LINE, 2): commands
-    and when they act, s. ``force`` (3,): the command that acts, its number, and the number of the next to be sent.
+    command: float = 0.0  # that acts, V or A
+    number: float = -1.0  # of that command
+    sample: float = 0.0  # number of the next command to be sent
+
+
+class Sent(Record):
+    """A command in transit."""
+
+    command: float = 0.0  # V or A
+    acts_at: float = 0.0  # s from the start
+
+
+in_force_at, sent_at = view_of(InForce), view_of(Sent)
+
+
+class Line(NamedTuple):
+    """The delay, and the samples and commands in transit.
+
+    ``taken`` (LINE, 7): states at which the next samples are taken, by number modulo LINE. ``sent`` (LINE, 2): the
+    commands, each a `Sent`. ``in_force``: an `InForce`.
     """
 
+    delay: DelayConstants
     taken: Array
     sent: Array
-    force: Array
+    in_force: Array
 
 
-def delay_memory(state: PlantState) -> DelayMemory:
+def line_of(delay: DelayConstants, state: PlantState) -> Line:
     """Return a line in which every sample from before the start shows ``state``, and no command acts."""
-    return DelayMemory(np.tile(state, (LINE, 1)), np.zeros((LINE, 2)), np.array([0.0, -1.0, 0.0]))
+    return Line(delay, np.tile(state, (LINE, 1)), np.zeros((LINE, size_of(Sent))), row_of(InForce))
 
 
 @compiled
@@ -142,12 +164,43 @@ def acts_at(delay: DelayConstants, sample: int) -> float:
 _advance: Advance = unbound
 
 
+@compiled
+def _send(line: Line, command: float) -> int:
+    """Send a command; return its number."""
+    acting = in_force_at(line.in_force)
+    k = int(acting.sample)
+    acting.sample = k + 1
+    sent = sent_at(line.sent[k % LINE])
+    sent.command, sent.acts_at = command, acts_at(line.delay, k)
+    return k
+
+
+@compiled
+def _next_event(line: Line, k: int, now: float, end: float) -> float:
+    """Let the newest command act that has come ``now``; return when the next one comes, s, or ``end`` if none does."""
+    begin, slack = k * line.delay.period, _SLIVER * line.delay.period
+    acting = in_force_at(line.in_force)
+    for j in range(max(int(acting.number) + 1, k - LINE + 1), k + 1):
+        sent = sent_at(line.sent[j % LINE])
+        due = sent.acts_at - begin
+        if due <= now + slack:
+            acting.command, acting.number = sent.command, j
+        elif due < end - slack:
+            end = due
+    return end
+
+
+@compiled
+def _ahead(delay: DelayConstants) -> int:
+    """Return how many of the next samples may be taken before the one that arrives now has been answered."""
+    return 2 + int((delay.sample + delay.sample_jitter + 2.0 * delay.stamp_jitter) / delay.period)
+
+
 def _play_period(
     plant: PlantConstants,
     state: PlantState,
     step: Array,
-    delay: DelayConstants,
-    memory: DelayMemory,
+    line: Line,
     command: float,
     load_torque: float,
     tolerance: float,
@@ -164,33 +217,24 @@ def _play_period(
     -------
     (status, passed) : as `advance`
     """
-    k = int(memory.force[2])
-    memory.force[2] = k + 1
-    begin, substeps = k * delay.period, rows.shape[0]
-    memory.sent[k % LINE, 0], memory.sent[k % LINE, 1] = command, acts_at(delay, k)
-    ahead = 2 + int((delay.sample + delay.sample_jitter + 2.0 * delay.stamp_jitter) / delay.period)
-    slack = 1e-9 * delay.period
+    delay, k = line.delay, _send(line, command)
+    begin, substeps, ahead = k * delay.period, rows.shape[0], _ahead(delay)
+    slack = _SLIVER * delay.period
     now, row = 0.0, 0
     while True:
-        # The command that acts now, and the next one. Rounding must not leave a sliver of time.
-        following = (row + 1) * delay.period / substeps
-        for j in range(max(int(memory.force[1]) + 1, k - LINE + 1), k + 1):
-            due = memory.sent[j % LINE, 1] - begin
-            if due <= now + slack:
-                memory.force[0], memory.force[1] = memory.sent[j % LINE, 0], j
-            elif due < following - slack:
-                following = due
+        following = _next_event(line, k, now, (row + 1) * delay.period / substeps)
         for j in range(k + 1, k + 1 + ahead):
             due = taken_at(delay, j) - begin
             if now + slack < due < following - slack:
                 following = due
-        status, passed = _advance(plant, state, step, memory.force[0], load_torque, following - now, tolerance)
+        acting = in_force_at(line.in_force).command
+        status, passed = _advance(plant, state, step, acting, load_torque, following - now, tolerance)
         if status != 0:
             return status, now + passed
         now = following
         for j in range(k + 1, k + 1 + ahead):
             if abs(taken_at(delay, j) - begin - now) <= slack:
-                memory.taken[j % LINE, :] = state
+                line.taken[j % LINE, :] = state
         if now >= (row + 1) * delay.period / substeps - slack:
             rows[row, :] = state[:5]
             row += 1
@@ -198,16 +242,14 @@ def _play_period(
                 return 0, delay.period
 
 
-Player = Callable[
-    [PlantConstants, PlantState, Array, DelayConstants, DelayMemory, float, float, float, Array], tuple[int, float]
-]
+Player = Callable[[PlantConstants, PlantState, Array, Line, float, float, float, Array], tuple[int, float]]
 
 _types: Any = numba.types
 _typeof: Any = numba.typeof
 _row, _table, _number = _types.float64[::1], _types.float64[:, ::1], _types.float64
 PLAYER_SIGNATURE: Any = _types.Tuple((_types.int64, _number))(
     *(PLANT_TYPE, _row, _row),
-    *(_typeof(delay_constants(Delay(), 1.0)), _typeof(delay_memory(at_rest()))),
+    _typeof(line_of(delay_constants(Delay(), 1.0), at_rest())),
     *(_number, _number, _number, _table),
 )
 """numba's signature of `Player`."""

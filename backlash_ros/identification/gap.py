@@ -12,7 +12,6 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.identification.counts import stuck_bit
-from backlash_ros.identification.fitting.filter import GAP_SLOPE, LN_EXPONENT, LN_GAIN
 from backlash_ros.identification.fitting.fit import PASSES, Fit, Found, Search, search_all
 from backlash_ros.identification.recording import Recording
 
@@ -24,28 +23,40 @@ _SCALE = 0.015
 """Largest relative scale error of the load's encoder, such as an eccentric disk causes."""
 _GAIN = 0.5
 """Largest difference of the motor's gain from its data sheet, as a logarithm."""
-_SURE, _OF_COUNT = 0.08, 0.7
-"""Largest uncertainty of a gap to be used: a share of it, or counts."""
-_APART, _SIGMAS = 0.1, 3.0
-"""Largest difference of a flank between both halves of the recording: a share of the gap, or standard deviations."""
-_MOTOR_UNEXPLAINED, _LOAD_UNEXPLAINED = 0.06, 0.03
-"""Largest unexplained torque on motor and load, as a share of the stall torque."""
+_SURE = 0.08
+"""Largest uncertainty of a gap to be used, a share of it; tuned."""
+_OF_COUNT = 0.7
+"""Largest uncertainty of a gap to be used, in counts, where these are coarser; tuned."""
+_APART = 0.1
+"""Largest difference of a flank between both halves of the recording, a share of the gap; tuned."""
+_SIGMAS = 3.0
+"""Largest difference of a flank between both halves, in standard deviations: noise hardly makes as much."""
+_MOTOR_UNEXPLAINED = 0.06
+"""Largest unexplained torque on the motor, as a share of the stall torque; tuned."""
+_LOAD_UNEXPLAINED = 0.03
+"""Largest unexplained torque on the load, as a share of the stall torque; tuned."""
 _TEETH_UNEXPLAINED = 0.5
 """Largest unexplained share of the teeth's torque."""
-_NOISE, _MODEL, _COUNTS = 2.0, 0.008, 0.25
-"""Components of the uncertainty: a factor on the standard deviation by the noise, a share of the gap, and counts of the
-coarser encoder."""
-_SHARE, _UNEXPLAINED = 0.1, 1.5
-"""Further ones, shares of the gap for what the model does not explain: the teeth's torque, as a share of it; and the
-torques on motor and load, as shares of the stall torque."""
-_HERTZ, _STEEP = math.log(1.5), 0.5
-"""Teeth steeper than Hertz's are hardly only teeth: part of their wind-up by which the gap may be off, times by how
-much, as a logarithm, their exponent is larger."""
+_NOISE = 2.0
+"""Component of the uncertainty: a factor on the standard deviation by the noise; tuned."""
+_MODEL = 0.008
+"""Component of the uncertainty: a share of the gap; tuned."""
+_COUNTS = 0.25
+"""Component of the uncertainty: counts of the coarser encoder; tuned."""
+_SHARE = 0.1
+"""Component of the uncertainty: a share of the gap, times the unexplained share of the teeth's torque; tuned."""
+_UNEXPLAINED = 1.5
+"""Component of the uncertainty: a share of the gap, times the unexplained shares of the stall torque; tuned."""
+_HERTZ = math.log(1.5)
+"""Exponent of Hertz's teeth, as a logarithm: steeper ones are hardly only teeth."""
+_STEEP = 0.5
+"""Component of the uncertainty for these: a part of their wind-up, times how much steeper, as a logarithm; tuned."""
 _LAWS = 0.05
 """Cost for each sample by which a law must be worse for its gap to count by 1/e."""
-_CHANGES, _CURVED = 0.1, 0.05
-"""Other components: a share of the gap's change over the load's travel as fitted, which need not be a straight line;
-and a share of the gap per square radian of this travel, for a change that is too curved to be fitted."""
+_CHANGES = 0.1
+"""Component of the uncertainty: a share of the gap's change over the travel, which need not be a straight line."""
+_CURVED = 0.05
+"""Component of the uncertainty: a share of the gap per square radian of the travel, for a change that is too curved."""
 _HALF_PERIODS = 5
 """Number of starting values for the delay, half a period apart."""
 
@@ -83,11 +94,11 @@ def uncertainty_of(found: Fit, way: float) -> float:
     first, second = found.laws
     steep = 0.0
     if found.teeth.free:
-        above = max(float(found.parameters[LN_EXPONENT]) - _HERTZ, 0.0)
+        above = max(float(found.values.ln_exponent) - _HERTZ, 0.0)
         steep = _STEEP * above * 2.0 * found.bearing * found.wind_up()[0]
     worse = 0.0 if found.steeper else abs(first.cost - second.cost)
     other = abs(first.gap - second.gap) * math.exp(-worse / _LAWS)
-    change = gap * float(found.parameters[GAP_SLOPE]) * way
+    change = gap * float(found.values.gap_slope) * way
     return math.hypot(
         _NOISE * found.gap_deviation,
         _MODEL * gap,
@@ -166,7 +177,7 @@ def _unbelievable(found: Fit) -> _Doubt | None:
             "try again with more motion across the gap",
             all=True,
         )
-    if abs(off := float(found.parameters[LN_GAIN])) > _GAIN:
+    if abs(off := float(found.values.ln_motor_gain)) > _GAIN:
         return _Doubt(
             f"the command accelerates the motor {math.exp(off):.2g} times as much as its data sheet says: check the "
             "sign and the unit of the command, the motor's values, and its supply",

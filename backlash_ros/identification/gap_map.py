@@ -13,17 +13,19 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.record import Array
-from backlash_ros.identification.fitting.filter import GAP_SLOPE, OFFSET
 from backlash_ros.identification.fitting.fit import Fit
 from backlash_ros.identification.gap import Gap, measure_gap
 from backlash_ros.identification.recording import Recording
 
 _TURN = 2.0 * math.pi
-FEWEST_PLACES, _FEWEST = 6, 0.75
-"""Smallest number of places, and share of them that must be measured."""
-_RATIO, _COUNT = 0.005, 0.3
-"""Standard deviation of the relative error of ``gear.reduction``; and uncertainty of the middle of the gap beside the
-noise, in counts of the load's encoder."""
+FEWEST_PLACES = 6
+"""Smallest number of places; tuned."""
+_FEWEST = 0.75
+"""Share of the places that must be measured; tuned."""
+_RATIO = 0.005
+"""Standard deviation of the relative error of ``gear.reduction``."""
+_COUNT = 0.3
+"""Uncertainty of the middle of the gap beside the noise, in counts of the load's encoder: about that of one reading."""
 _SLOPED = 0.75
 """Additional uncertainty: a share of the gap per square radian of the load's travel and per 1/rad of difference between
 the gap's slope in the fit and that between the neighbours, since the far flank may be met only at the travel's end."""
@@ -162,7 +164,7 @@ def _uncertainties(readings: Array, pairs: Sequence[tuple[Recording, Gap]], *, c
     slopes = (between[1:-1] if closed else between) / gaps
     result = []
     for (recording, gap), slope in zip(pairs, slopes, strict=True):
-        own = gap.fit.parameters[GAP_SLOPE] if gap.fit is not None else 0.0
+        own = gap.fit.values.gap_slope if gap.fit is not None else 0.0
         unsure = _SLOPED * abs(own - slope) * float(np.ptp(recording.load)) ** 2 * gap.angle
         result.append(math.hypot(gap.uncertainty, unsure))
     return tuple(result)
@@ -174,10 +176,8 @@ def _eccentricity(readings: Array, gaps: Sequence[Gap]) -> tuple[float, float, f
     A slightly wrong reduction also moves the middle, in proportion to the angle.
     """
     fits = [gap.fit for gap in gaps if gap.fit is not None]
-    middles = np.array([fit.parameters[OFFSET] for fit in fits])
-    deviations = np.array(
-        [math.hypot(math.sqrt(fit.covariance[OFFSET, OFFSET]), _COUNT * fit.counts[1]) for fit in fits]
-    )
+    middles = np.array([fit.values.offset for fit in fits])
+    deviations = np.array([math.hypot(math.sqrt(fit.variance("offset")), _COUNT * fit.counts[1]) for fit in fits])
     centre = float(np.mean(readings))
     columns = np.stack([-np.sin(readings), -np.cos(readings), readings - centre, np.ones(readings.size)], axis=1)
     weighed, wanted = columns / deviations[:, None], (middles - np.mean(middles)) / deviations

@@ -14,12 +14,13 @@ import numpy as np
 from scipy.optimize import nnls
 
 from backlash_ros.foundation.record import Array
-from backlash_ros.identification.fitting.filter import MotorSide
+from backlash_ros.identification.fitting.memory import MotorSide
 from backlash_ros.identification.recording import Recording
 
 _WIDTH = 0.1
+"""Time over which the angles are smoothed, s; tuned."""
 _LEAST = 1e-7
-"""Inertia and viscous friction assumed for a load that shows none, kg m^2 and N m s/rad."""
+"""Inertia, kg m^2, and viscous friction, N m s/rad, assumed for a load that shows none: next to nothing."""
 
 
 class Guess(NamedTuple):

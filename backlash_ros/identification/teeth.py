@@ -8,8 +8,9 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.record import Array
-from backlash_ros.identification.fitting.filter import GAP_SLOPE, LN_EXPONENT, LN_HALF_GAP, LN_STIFFNESS, OFFSET
 from backlash_ros.identification.fitting.fit import Fit, half_gap_of, shape_of
+from backlash_ros.identification.fitting.memory import motion_of
+from backlash_ros.identification.fitting.parameters import places_of
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import NOISE, Finding
 from backlash_ros.identification.recordings.held_out import follow
@@ -19,7 +20,7 @@ LOST_MOTION_SHARE = 0.03
 """Share of the rated torque, to either side, at which gear makers state the lost motion."""
 _STEP = 1e-4
 """Change of logarithms for numerical derivatives."""
-_SHAPE = (LN_HALF_GAP, LN_STIFFNESS, LN_EXPONENT)
+_SHAPE = places_of("ln_half_gap", "ln_stiffness", "ln_exponent")
 """What the twist of teeth at rest depends on."""
 
 
@@ -42,10 +43,10 @@ def loop_of(drive: Drive, found: Fit, recording: Recording) -> Loop:
     drive : as given; the fit took its motor and gear from it
     """
     _, states = follow(drive, found, recording)
-    x, shape = found.parameters, found.shape
-    p, w, q, v = (states[:, column] for column in (0, 1, 3, 4))
-    twist, rate = p - q - x[OFFSET], w - v
-    half_gaps = half_gap_of(x) * np.maximum(0.1, 1.0 + x[GAP_SLOPE] * (q - q[0]))
+    x, shape = found.values, found.shape
+    p, w, _, q, v = motion_of(states)
+    twist, rate = p - q - x.offset, w - v
+    half_gaps = half_gap_of(found.parameters) * np.maximum(0.1, 1.0 + x.gap_slope * (q - q[0]))
     rows = zip(half_gaps.tolist(), twist.tolist(), rate.tolist(), strict=True)
     return Loop(twist, np.array([found.teeth.torque(shape, *row) for row in rows]), v)
 

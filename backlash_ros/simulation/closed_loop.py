@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -18,18 +18,17 @@ from backlash_ros.drivetrain.constants import PlantConstants, plant_constants
 from backlash_ros.drivetrain.delay import (
     PLAYER_SIGNATURE,
     Delay,
-    DelayConstants,
-    DelayMemory,
+    Line,
     Player,
     delay_constants,
-    delay_memory,
+    line_of,
     player_for,
 )
 from backlash_ros.drivetrain.motion.integrator import (
     DEFAULT_TOLERANCE,
     DONE,
-    PEAK_FORCE,
     REASONS,
+    integration_at,
     integration_memory,
 )
 from backlash_ros.drivetrain.sensors import SensorConstants, Sensors, sensor_constants, sensor_memory
@@ -71,27 +70,50 @@ class Scenario:
     substeps: int = 1
 
 
+class Moving(NamedTuple):
+    """The drive that moves, as its player takes it: `delay.Player`."""
+
+    plant: PlantConstants
+    state: PlantState
+    step: Array
+    line: Line
+    command_limit: float
+    tolerance: float
+
+
+class Sensing(NamedTuple):
+    """The sensors, what they remember, and what they measured last."""
+
+    sensors: SensorConstants
+    sensed: Array
+    measured: Measurement
+
+
+class Controlling(NamedTuple):
+    """The controller, as `Tick` takes it."""
+
+    constants: Array
+    memory: Array
+    law: Array
+    law_state: Array
+    segments: Array
+
+
+class Inputs(NamedTuple):
+    """The inputs of a run, sample by sample: see `Scenario`; no ``references`` where a plan is followed."""
+
+    references: Array
+    load_torque: Array
+    known_load_torque: bool
+
+
 def _loop(
     play: Player,
     tick: Tick,
-    plant: PlantConstants,
-    sensors: SensorConstants,
-    sensed: Array,
-    measured: Measurement,
-    delay: DelayConstants,
-    line: DelayMemory,
-    constants: Array,
-    memory: Array,
-    law: Array,
-    law_state: Array,
-    segments: Array,
-    references: Array,
-    load_torque: Array,
-    known_load_torque: bool,
-    command_limit: float,
-    tolerance: float,
-    state: PlantState,
-    step: Array,
+    moving: Moving,
+    sensing: Sensing,
+    controlling: Controlling,
+    given: Inputs,
     states: Array,
     signals: Array,
 ) -> tuple[int, float, int]:
@@ -99,13 +121,17 @@ def _loop(
 
     The one loop body offline. Returns status, time reached (s) and the sample at which a fault was latched, or -1.
     """
+    plant, state, step, line, command_limit, tolerance = moving
+    sensors, sensed, measured = sensing
+    constants, memory, law, law_state, segments = controlling
+    references, load_torque, known_load_torque = given
     inputs_row = np.zeros(_INPUTS)
     inputs = inputs_at(inputs_row)
     inputs.known_load_torque = np.nan
     fault_sample = -1
     substeps = (states.shape[0] - 1) // load_torque.shape[0]
     for k in range(load_torque.shape[0]):
-        inputs.elapsed = take_sample(sensors, sensed, delay, line, k, measured)
+        inputs.elapsed = take_sample(sensors, sensed, line, k, measured)
         signals[k, 4] = measured[THETA_L]
         if known_load_torque:
             inputs.known_load_torque = load_torque[k]
@@ -118,14 +144,14 @@ def _loop(
                 fault_sample = k
         load_torque_estimate = tick_memory_at(memory).observer.estimate[LOAD_TORQUE]
         signals[k, 0], signals[k, 1], signals[k, 2] = command, law_state_at(law_state).region, load_torque_estimate
-        step[PEAK_FORCE] = 0.0
+        integration_at(step).peak_force = 0.0
         rows = states[k * substeps + 1 : (k + 1) * substeps + 1]
         command = min(max(command, -command_limit), command_limit)
-        status, passed = play(plant, state, step, delay, line, command, load_torque[k], tolerance, rows)
+        status, passed = play(plant, state, step, line, command, load_torque[k], tolerance, rows)
         if status != 0:
-            return status, k * delay.period + passed, fault_sample
-        signals[k, 3] = step[PEAK_FORCE]
-    return 0, load_torque.shape[0] * delay.period, fault_sample
+            return status, k * line.delay.period + passed, fault_sample
+        signals[k, 3] = integration_at(step).peak_force
+    return 0, load_torque.shape[0] * line.delay.period, fault_sample
 
 
 def _planned(source: Source, state: PlantState, limits: Limits) -> Array:
@@ -151,16 +177,59 @@ def _setpoints(segments: Array, times: Array) -> Array:
 def _compiled_loop() -> Callable[..., tuple[int, float, int]]:
     """Compile the loop once for every law and contact: tick and integrator are arguments."""
     number, flat, table = _types.float64, _types.float64[::1], _types.float64[:, ::1]
-    delay = delay_constants(Delay(), 1.0)
-    tick = TICK_SIGNATURE.args
+    line = _typeof(line_of(delay_constants(Delay(), 1.0), at_rest()))
+    sensors = _typeof(sensor_constants(Sensors(), 1.0))
+
+    def tuple_of(kind: type[Any], *members: Any) -> Any:
+        return _types.BaseTuple.from_types(members, kind)
+
     signature = _types.Tuple((_types.int64, number, _types.int64))(
         _types.FunctionType(PLAYER_SIGNATURE),
         _types.FunctionType(TICK_SIGNATURE),
-        PLAYER_SIGNATURE.args[0],
-        *(_typeof(sensor_constants(Sensors(), 1.0)), flat, flat, _typeof(delay), _typeof(delay_memory(at_rest()))),
-        *(*tick[:5], flat, flat, _types.boolean, number, number, flat, flat, table, table),
+        tuple_of(Moving, PLAYER_SIGNATURE.args[0], flat, flat, line, number, number),
+        tuple_of(Sensing, sensors, flat, flat),
+        tuple_of(Controlling, *TICK_SIGNATURE.args[:5]),
+        tuple_of(Inputs, flat, flat, _types.boolean),
+        *(table, table),
     )
     return compiled_as(signature)(_loop)
+
+
+def _law_checked(drive: Drive, model: Drive, settings: ServoSettings, scenario: Scenario) -> str:
+    """Return the law's name; ValueError if the model takes another command, or the sensors lack an encoder."""
+    if model.command_interface != drive.command_interface:
+        raise ValueError(
+            f"command_interface of the model must be the drive's, {drive.command_interface!r}, "
+            f"got {model.command_interface!r}"
+        )
+    law = law_of(model, settings)
+    if LAWS[law].both_encoders and not {"theta_m", "theta_l"} <= {*scenario.sensors.measured}:
+        raise ValueError(f"law = {law!r} needs both encoders, got measured = {scenario.sensors.measured}")
+    return law
+
+
+def _start_of(scenario: Scenario) -> PlantState:
+    """Return the initial state, with the energies that have not begun; ValueError if it is not finite."""
+    state = PlantState(np.zeros(7))
+    state[: scenario.initial_state.size] = scenario.initial_state
+    if not np.all(np.isfinite(state)):
+        raise ValueError(f"initial_state must be finite, got {scenario.initial_state.tolist()}")
+    return state
+
+
+def _inputs_of(scenario: Scenario) -> Inputs:
+    """Return the inputs sample by sample; ValueError if one is not finite."""
+
+    def samples(name: str, values: Array) -> Array:
+        if not np.all(np.isfinite(values)):
+            raise ValueError(f"{name} must be finite throughout")
+        return np.array(np.broadcast_to(values, scenario.reference.shape), dtype=np.float64)
+
+    references = samples("reference", scenario.reference)
+    load_torque = samples("load_torque", scenario.load_torque)
+    if scenario.source is not None:
+        references = np.empty(0)
+    return Inputs(references, load_torque, scenario.known_load_torque)
 
 
 def run(
@@ -190,56 +259,29 @@ def run(
     """
     count, substeps = scenario.reference.size, scenario.substeps
     model = model or drive
-    if model.command_interface != drive.command_interface:
-        raise ValueError(
-            f"command_interface of the model must be the drive's, {drive.command_interface!r}, "
-            f"got {model.command_interface!r}"
-        )
-    law = law_of(model, settings)
-    if LAWS[law].both_encoders and not {"theta_m", "theta_l"} <= {*scenario.sensors.measured}:
-        raise ValueError(f"law = {law!r} needs both encoders, got measured = {scenario.sensors.measured}")
-    servo = Servo(model, settings, limits, watched=watched)
-    state = PlantState(np.zeros(7))
-    state[: scenario.initial_state.size] = scenario.initial_state
-    if not np.all(np.isfinite(state)):
-        raise ValueError(f"initial_state must be finite, got {scenario.initial_state.tolist()}")
+    law = _law_checked(drive, model, settings, scenario)
+    servo, state = Servo(model, settings, limits, watched=watched), _start_of(scenario)
     states, signals = np.empty((count * substeps + 1, 5)), np.zeros((count, 5))
     states[0] = state[:5]
     segments = servo.segments if scenario.source is None else _planned(scenario.source, state, servo.limits)
-
-    def samples(name: str, values: Array) -> Array:
-        if not np.all(np.isfinite(values)):
-            raise ValueError(f"{name} must be finite throughout")
-        return np.array(np.broadcast_to(values, (count,)), dtype=np.float64)
-
-    references = samples("reference", scenario.reference)
+    inputs = _inputs_of(scenario)
+    line = line_of(delay_constants(scenario.delay, settings.period, scenario.seed), state)
+    sensors = sensor_constants(scenario.sensors, drive.motor.torque_constant, scenario.seed)
+    limit = float(drive.command_limit)
     status, reached, fault_sample = _compiled_loop()(
         player_for(drive),
         servo.tick,
-        plant_constants(drive),
-        sensor_constants(scenario.sensors, drive.motor.torque_constant, scenario.seed),
-        sensor_memory(),
-        Measurement(np.empty(5)),
-        delay_constants(scenario.delay, settings.period, scenario.seed),
-        delay_memory(state),
-        servo.constants,
-        servo.memory.row,
-        *servo.law_arrays,
-        segments,
-        references if scenario.source is None else np.empty(0),
-        samples("load_torque", scenario.load_torque),
-        scenario.known_load_torque,
-        drive.command_limit,
-        tolerance,
-        state,
-        integration_memory(),
+        Moving(plant_constants(drive), state, integration_memory(), line, limit, float(tolerance)),
+        Sensing(sensors, sensor_memory(), Measurement(np.empty(5))),
+        Controlling(servo.constants, servo.memory.row, *servo.law_arrays, segments),
+        inputs,
         states,
         signals,
     )
     if status != DONE:
         raise IntegrationError(REASONS[status], reached, state)
     time = np.arange(count * substeps + 1, dtype=np.float64) * (settings.period / substeps)
-    setpoint = references if scenario.source is None else _setpoints(segments, time[:-1:substeps])
+    setpoint = inputs.references if scenario.source is None else _setpoints(segments, time[:-1:substeps])
     command, region, torque, force, measured = np.ascontiguousarray(signals.T)
     return Run(
         *(drive, law, time, states, setpoint, command, region, torque, force, measured),

@@ -9,10 +9,9 @@ from backlash_ros.drivetrain.constants import PlantConstants, plant_constants
 from backlash_ros.drivetrain.delay import (
     LINE,
     Delay,
-    DelayConstants,
-    DelayMemory,
+    Line,
     delay_constants,
-    delay_memory,
+    line_of,
     player_for,
     stamped_at,
 )
@@ -20,8 +19,8 @@ from backlash_ros.drivetrain.effects.views import force_view
 from backlash_ros.drivetrain.motion.integrator import (
     DEFAULT_TOLERANCE,
     DONE,
-    PEAK_FORCE,
     REASONS,
+    integration_at,
     integration_memory,
 )
 from backlash_ros.drivetrain.sensors import SensorConstants, Sensors, read_sensors, sensor_constants, sensor_memory
@@ -47,14 +46,14 @@ def largest_load_torque(drive: Drive) -> float:
 def take_sample(
     sensors: SensorConstants,
     sensed: Array,
-    delay: DelayConstants,
-    memory: DelayMemory,
+    line: Line,
     sample: int,
     out: Measurement,
 ) -> float:
     """Write the sample that arrives now into ``out``; return the time since the previous one, by their stamps, s."""
+    delay = line.delay
     elapsed = delay.period if sample == 0 else stamped_at(delay, sample) - stamped_at(delay, sample - 1)
-    read_sensors(sensors, sensed, memory.taken[sample % LINE], sample, elapsed, out)
+    read_sensors(sensors, sensed, line.taken[sample % LINE], sample, elapsed, out)
     return elapsed
 
 
@@ -95,20 +94,19 @@ class SimulatedDrive:
         self._step = integration_memory()
         self._sensed = sensor_memory()
         self.use(sensors or Sensors())
-        self._delay = delay_constants(delay or Delay(), period, seed)
-        self._line = delay_memory(self.state)
+        self._line = line_of(delay_constants(delay or Delay(), period, seed), self.state)
         self._row = np.zeros((1, 5))
         self._tolerance = tolerance
 
     @property
     def time(self) -> float:
         """Since the start, s."""
-        return self._sample * self._delay.period
+        return self._sample * self._line.delay.period
 
     @property
     def peak_force(self) -> float:
         """Largest magnitude of the contact force in the last period, N."""
-        return float(self._step[PEAK_FORCE])
+        return float(integration_at(self._step).peak_force)
 
     @property
     def gear_torque(self) -> float:
@@ -118,7 +116,7 @@ class SimulatedDrive:
     @property
     def age(self) -> float:
         """Age of the sample that arrives now, by its stamp, s."""
-        return self.time - stamped_at(self._delay, self._sample)
+        return self.time - stamped_at(self._line.delay, self._sample)
 
     def use(self, sensors: Sensors) -> None:
         """Measure with other sensors from the next sample on."""
@@ -126,7 +124,7 @@ class SimulatedDrive:
 
     def sample(self) -> Measurement:
         """Return the sample that arrives now, which the next call overwrites; ``elapsed`` is since the previous one."""
-        self.elapsed = take_sample(self._sensors, self._sensed, self._delay, self._line, self._sample, self.measured)
+        self.elapsed = take_sample(self._sensors, self._sensed, self._line, self._sample, self.measured)
         return self.measured
 
     def advance(self, command: float, load_torque: float = 0.0) -> None:
@@ -145,12 +143,11 @@ class SimulatedDrive:
                 f"got {command!r} and {load_torque!r}"
             )
         limit = self.drive.command_limit
-        self._step[PEAK_FORCE] = 0.0
+        integration_at(self._step).peak_force = 0.0
         status, passed = self._play(
             self._plant,
             self.state,
             self._step,
-            self._delay,
             self._line,
             min(max(command, -limit), limit),
             load_torque,

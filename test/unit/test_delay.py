@@ -16,7 +16,7 @@ from backlash_ros.drivetrain.delay import (
     Delay,
     acts_at,
     delay_constants,
-    delay_memory,
+    line_of,
     player_for,
     stamped_at,
     taken_at,
@@ -158,9 +158,9 @@ def test_no_older_command_acts_after_a_newer_one(jitter: float, seed: int) -> No
     drive, substeps, count = replace(NOMINAL_DRIVE, command_interface="current"), 40, 60
     constants = delay_constants(Delay(command=0.2 * PERIOD, command_jitter=jitter * PERIOD), PERIOD, seed)
     state, step, play = at_rest(), integration_memory(), player_for(drive)
-    line, rows, currents = delay_memory(state), np.empty((substeps, 5)), []
+    line, rows, currents = line_of(constants, state), np.empty((substeps, 5)), []
     for k in range(count):
-        arguments = state, step, constants, line, 0.01 * (k + 1), 0.0, DEFAULT_TOLERANCE, rows
+        arguments = state, step, line, 0.01 * (k + 1), 0.0, DEFAULT_TOLERANCE, rows
         assert play(plant_constants(drive), *arguments)[0] == DONE
         currents.append(rows[:, CURRENT].copy())
     acting = np.round(100 * np.concatenate(currents)).astype(int) - 1

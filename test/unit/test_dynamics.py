@@ -17,18 +17,17 @@ from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Contact, Drive, Int
 from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.motion import integrator
-from backlash_ros.drivetrain.motion.dynamics import equations_of, is_plain
+from backlash_ros.drivetrain.motion.dynamics import Acting, equations_of, is_plain
 from backlash_ros.drivetrain.motion.explicit import Step, explicit_with
 from backlash_ros.drivetrain.motion.implicit import _error, _solve_stage, implicit_with
 from backlash_ros.drivetrain.motion.integrator import (
     ADVANCE_SIGNATURE,
     DEFAULT_TOLERANCE,
     DONE,
-    PEAK_FORCE,
-    STEP_SIZE,
     STEP_TOO_SMALL,
     Advance,
     _growth,
+    integration_at,
     integration_memory,
     integrator_for,
 )
@@ -145,12 +144,12 @@ def test_jacobian_is_the_derivative_of_the_derivative(
     steps = [1e-8, 1e-5, 1e-9, 1e-6, 1e-5, 1e-5, 1e-5]
     for state in states(drive):
         ours, differences, ends = np.empty((7, 7)), np.empty((7, 7)), np.empty((2, 7))
-        equations.jacobian(plant, state, 3.0, 0.2, *slips, ours)
+        equations.jacobian(plant, state, Acting(3.0, 0.2, *slips), ours)
         for k, step in enumerate(steps):
             for end, sign in zip(ends, (1, -1), strict=True):
                 moved = state.copy()
                 moved[k] += sign * step
-                equations.derivative(plant, moved, 3.0, 0.2, *slips, end)
+                equations.derivative(plant, moved, Acting(3.0, 0.2, *slips), end)
             differences[:, k] = (ends[0] - ends[1]) / (2 * step)
         scale = np.max(np.abs(differences), axis=1, keepdims=True)
         assert np.all(np.abs(ours - differences) < 3e-6 * scale + 1e-4)
@@ -171,8 +170,8 @@ def test_stage_solve_is_that_of_the_jacobian(
             if interface == "current":
                 residual[4] = 0.0  # an imposed current does not change
             slopes = equations.linearize(plant, state, *slips)
-            _solve_stage(plant, slopes, g, state[4], 3.0, 0.2, residual, solved)
-            equations.jacobian(plant, state, 3.0, 0.2, *slips, matrix)
+            _solve_stage(plant, slopes, g, state[4], Acting(3.0, 0.2), residual, solved)
+            equations.jacobian(plant, state, Acting(3.0, 0.2, *slips), matrix)
             expected = np.linalg.solve(g * np.eye(7) - matrix, residual)
             np.testing.assert_allclose(solved, expected, rtol=1e-7, atol=1e-12)
 
@@ -185,7 +184,7 @@ def test_stored_energy_and_the_account_agree_at_every_state(law: str, cubic: typ
     for state in states(drive):
         rate = np.empty(7)
         slips = math.copysign(1.0, state[1]), math.copysign(1.0, state[3])
-        equations.derivative(plant, state, 3.0, 0.2, *slips, rate)
+        equations.derivative(plant, state, Acting(3.0, 0.2, *slips), rate)
         after, before = (equations.stored_energy(plant, state + time * rate) for time in (1e-8, -1e-8))
         stored = (after - before) / 2e-8
         assert stored == pytest.approx(rate[SUPPLIED] - rate[LOST], rel=1e-5, abs=1e-5)
@@ -246,7 +245,7 @@ def taken(method: Any, drive: Drive, state: np.ndarray, h: float, parts: int = 1
     plant, step = plant_constants(drive), method(type(drive.gear.contact))
     for _ in range(parts):
         out = np.zeros(7)
-        step(plant, state, h / parts, 2.0, 0.1, 1.0, 1.0, 1e-8, True, out)
+        step(plant, state, h / parts, Acting(2.0, 0.1), 1e-8, True, out)
         state = out
     return state
 
@@ -270,7 +269,7 @@ def test_error_of_a_step_is_that_of_its_size(s: float) -> None:
     plant, step = plant_constants(NOMINAL_DRIVE), explicit_with(type(NOMINAL_DRIVE.gear.contact))
     for h in (2e-4, 4e-4, 8e-4):
         out = np.zeros(7)
-        error, force = step(plant, state, h, 2.0, 0.1, 1.0, 1.0, 1.0, False, out)
+        error, force = step(plant, state, h, Acting(2.0, 0.1), 1.0, False, out)
         exact = taken(explicit_with, NOMINAL_DRIVE, state, h, 64)
         allowed = [0.2, 480.0, 0.02, 48.0, 12.0]
         assert error > 0.3 * np.max(np.abs(out - exact)[:5] / allowed)
@@ -288,7 +287,7 @@ def test_step_into_nowhere_is_never_accurate_enough(huge: float) -> None:
         state[k] = huge
         for method in (explicit_with, implicit_with):
             step: Step = method(type(NOMINAL_DRIVE.gear.contact))
-            error, _ = step(plant, state, 1e-3, 2.0, 0.1, 1.0, 1.0, 1e-8, True, np.zeros(7))
+            error, _ = step(plant, state, 1e-3, Acting(2.0, 0.1), 1e-8, True, np.zeros(7))
             moves = k in (1, 3, 4) and huge == 1e20 and method is implicit_with
             assert moves or not error <= 1.0
 
@@ -354,9 +353,9 @@ def test_angles_are_judged_against_the_narrowest_backlash() -> None:
 
 def test_last_step_that_is_cut_short_to_end_on_time_leaves_the_size_as_it_was() -> None:
     advance, memory, plant = integrator_for(NOMINAL_DRIVE), integration_memory(), plant_constants(NOMINAL_DRIVE)
-    memory[STEP_SIZE] = 1e-5
+    integration_at(memory).step_size = 1e-5
     assert advance(plant, at_rest(), memory, 0.1, 0.0, 1.0001e-5, 1e-6) == (DONE, 1.0001e-5)
-    assert memory[STEP_SIZE] >= 1e-5
+    assert integration_at(memory).step_size >= 1e-5
 
 
 @pytest.mark.parametrize("k", range(7))
@@ -390,8 +389,10 @@ def test_step_grows_with_accuracy_but_not_after_a_rejection(explicit: bool, orde
 def in_python(drive: Drive, **others: Any) -> Advance:
     """The integrator as plain Python with its functions bound, or ``others`` in their place."""
     compiled: Any = integrator_for(drive)
+    bound = compiled.py_func.__globals__
+    run = types.FunctionType(integrator._go.__code__, {**bound["_run"].py_func.__globals__, **others})
     template: Any = integrator._advance
-    return types.FunctionType(template.__code__, {**compiled.py_func.__globals__, **others})  # type: ignore[return-value]
+    return types.FunctionType(template.__code__, {**bound, "_run": run, **others})  # type: ignore[return-value]
 
 
 def watched(drive: Drive) -> tuple[Advance, list[float], list[float], list[float]]:
@@ -434,7 +435,7 @@ def test_no_step_that_follows_a_rejection_and_a_success_is_longer_than_that() ->
             grown += steps[k + 2] > steps[k + 1]
     assert braked > 3
     assert grown > 10
-    assert memory[STEP_SIZE] > 0.0
+    assert integration_at(memory).step_size > 0.0
     compiled, again = integrator_for(NOMINAL_DRIVE), at_rest()
     again[1] = 50.0
     compiled(plant, again, integration_memory(), 0.0, 0.0, 0.02, 1e-6)
@@ -448,11 +449,11 @@ def test_largest_force_is_kept_until_the_caller_forgets_it() -> None:
     for _ in range(400):
         assert advance(plant, state, memory, 0.0, 0.0, 5e-5, DEFAULT_TOLERANCE)[0] == DONE
         seen.append(abs(equations_of(NOMINAL_DRIVE).contact_of(plant, state)[0]))
-    assert max(seen) <= memory[PEAK_FORCE] <= 1.5 * max(seen)
+    assert max(seen) <= integration_at(memory).peak_force <= 1.5 * max(seen)
     assert max(seen) > 100.0
-    memory[PEAK_FORCE] = 0.0
+    integration_at(memory).peak_force = 0.0
     advance(plant, at_rest(), memory, 0.0, 0.0, 1e-3, DEFAULT_TOLERANCE)
-    assert memory[PEAK_FORCE] == 0.0
+    assert integration_at(memory).peak_force == 0.0
 
 
 def test_largest_force_between_the_steps_is_seen() -> None:
@@ -469,7 +470,7 @@ def test_largest_force_between_the_steps_is_seen() -> None:
         for _ in range(10000):
             advance(plant, often, integration_memory(), 0.0, 0.0, 1e-6, DEFAULT_TOLERANCE)
             seen = max(seen, abs(contact_of(plant, often)[0]))
-        assert memory[PEAK_FORCE] == pytest.approx(seen, rel=5e-3)
+        assert integration_at(memory).peak_force == pytest.approx(seen, rel=5e-3)
 
 
 @pytest.mark.parametrize("part", [{"coulomb_friction": 0.1}, {"gravity_torque": 0.3}])

@@ -26,8 +26,8 @@ from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, Measurement
 from backlash_ros.identification import gap_map
 from backlash_ros.identification.fitting.candidates import free_teeth
-from backlash_ros.identification.fitting.filter import LN_HALF_GAP, OFFSET, PARAMETERS
 from backlash_ros.identification.fitting.fit import Fit
+from backlash_ros.identification.fitting.parameters import parameters_of
 from backlash_ros.identification.gap import Gap
 from backlash_ros.identification.gap_map import incomplete, map_gaps
 from backlash_ros.identification.recording import Recording
@@ -498,11 +498,8 @@ def combined(monkeypatch: pytest.MonkeyPatch, places: Array, seen: list[Seen | N
         place = seen[list(places).index(recording.load[0])]
         if place is None:
             return Gap(0.0, 0.0, False, "no flank")
-        x = np.zeros(PARAMETERS)
-        x[LN_HALF_GAP], x[OFFSET] = math.log(0.5 * place.gap), 0.4 + place.middle
-        fit = Fit(
-            free_teeth(1e-3), x, 1e-10 * np.eye(PARAMETERS), (1e-3,) * 4, (1, 1), (1e-4, 1e-4), (-1, 1), 0.05, 6.0
-        )
+        x = parameters_of(ln_half_gap=math.log(0.5 * place.gap), offset=0.4 + place.middle)
+        fit = Fit(free_teeth(1e-3), x, 1e-10 * np.eye(x.size), (1e-3,) * 4, (1, 1), (1e-4, 1e-4), (-1, 1), 0.05, 6.0)
         return Gap(place.gap, 1e-5, True, "", fit)
 
     monkeypatch.setattr(gap_map, "measure_gap", measure)

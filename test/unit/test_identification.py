@@ -17,20 +17,8 @@ from backlash_ros.foundation.signals import THETA_L
 from backlash_ros.identification.counts import count_of
 from backlash_ros.identification.drive import identified_drive
 from backlash_ros.identification.fitting import fit as fit_module
-from backlash_ros.identification.fitting.filter import (
-    COULOMB_L,
-    DELAY,
-    ECCENTRICITY,
-    GAP_SLOPE,
-    GRAVITY,
-    LN_EXPONENT,
-    LN_GAIN,
-    LN_HALF_GAP,
-    LN_INERTIA,
-    LN_STIFFNESS,
-    TORQUE,
-)
 from backlash_ros.identification.fitting.fit import LOUD, Search
+from backlash_ros.identification.fitting.parameters import place_of
 from backlash_ros.identification.fitting.problem import motor_side
 from backlash_ros.identification.gap import Gap, _doubt, measure_gap
 from backlash_ros.identification.recording import Recording
@@ -112,12 +100,23 @@ def test_a_gap_of_no_more_than_a_count_is_none() -> None:
         assert _doubt(replace(fit, counts=(0.9 * counts[0], 0.9 * counts[1])), 0.0, STALL) is None
 
 
-SEEN = (LN_HALF_GAP, GAP_SLOPE, LN_STIFFNESS, LN_EXPONENT, COULOMB_L, TORQUE, GRAVITY, ECCENTRICITY, DELAY, LN_GAIN)
+SEEN = (
+    "ln_half_gap",
+    "gap_slope",
+    "ln_stiffness",
+    "ln_exponent",
+    "load_coulomb",
+    "load_torque",
+    "load_torque_slope",
+    "load_scale_error",
+    "delay",
+    "ln_motor_gain",
+)
 """Parameters that change what is predicted more than they change the filter's gains."""
 
 
-@pytest.mark.parametrize("column", SEEN)
-def test_derivatives_are_those_of_the_innovations(column: int) -> None:
+@pytest.mark.parametrize("name", SEEN)
+def test_derivatives_are_those_of_the_innovations(name: str) -> None:
     """By finite differences, before the teeth have met often; the filter takes its gains as fixed, so not quite."""
     member, whole, _ = probed(DRIVES[0])
     recording = whole.part(slice(round(0.45 * member.rate)))
@@ -125,15 +124,17 @@ def test_derivatives_are_those_of_the_innovations(column: int) -> None:
     start = list(search.starts())[4]  # by the best guess, with a gap of 0.75 of the travel in its middle
     problem = search.problem(search.free, start)
 
+    column = place_of(name)
+
     def innovations(step: float) -> np.ndarray:
         other = start.copy()
         other[column] += step
         problem.look(other, LOUD)
-        return problem.innovations[1:].copy()
+        return problem.results.innovations[1:].copy()
 
     wanted = (innovations(1e-6) - innovations(-1e-6)) / 2e-6
     innovations(0.0)
-    found = problem.derivatives[1:, :, column]
+    found = problem.results.derivatives[1:, :, column]
     cosine = np.sum(found * wanted) / (np.linalg.norm(found) * np.linalg.norm(wanted))
     assert cosine > 0.9
     assert 0.5 < np.linalg.norm(found) / np.linalg.norm(wanted) < 2.0
@@ -187,10 +188,10 @@ def test_a_drive_that_is_not_as_told_is_measured(number: int, other: Callable[[D
     assert found.angle == pytest.approx(gap, abs=max(0.05 * gap, member.load_count))
     assert abs(found.angle - gap) <= 3.0 * found.uncertainty
     assert found.fit is not None
-    inertia = math.exp(found.fit.parameters[LN_INERTIA])
+    inertia = math.exp(found.fit.values.ln_load_inertia)
     assert inertia == pytest.approx(true.load.inertia, abs=0.03 * true.effective_inertia)
     if other is warm:
-        assert math.exp(found.fit.parameters[LN_GAIN]) == pytest.approx(0.95 / 1.15, rel=0.03)
+        assert math.exp(found.fit.values.ln_motor_gain) == pytest.approx(0.95 / 1.15, rel=0.03)
 
 
 def reversed_motor(recording: Recording) -> Recording:

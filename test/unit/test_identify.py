@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from recorded import probed, stepped, true_gap, without
 
-from backlash_ros.identification.fitting.filter import COULOMB_L, LN_VISCOUS
+from backlash_ros.identification.fitting.parameters import place_of
 from backlash_ros.identification.fitting.problem import motor_side
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import SPEEDS, findings_of
@@ -112,8 +112,8 @@ def test_friction_told_apart_poorly_is_told_together() -> None:
     assert found.fit is not None
     assert found.gap is not None
     blurred = found.fit.covariance.copy()
-    v, c = LN_VISCOUS, COULOMB_L
-    viscous = float(np.exp(found.fit.parameters[v]))
+    v, c = place_of("ln_load_viscous"), place_of("load_coulomb")
+    viscous = float(np.exp(found.fit.values.ln_load_viscous))
     # As when one speed alone was seen, 5 rad/s: what one friction gains the other loses.
     blurred[v, v], blurred[c, c] = 0.5**2, (5.0 * viscous * 0.5) ** 2
     blurred[v, c] = blurred[c, v] = -0.99 * 0.5 * 5.0 * viscous * 0.5

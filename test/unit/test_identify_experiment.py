@@ -11,7 +11,7 @@ from backlash_ros.control import Servo
 from backlash_ros.control.estimates.requests import describe_outcome
 from backlash_ros.control.experiment import Deferred, DriveEstimate, Outcome
 from backlash_ros.foundation.signals import THETA_L, THETA_M, Measurement
-from backlash_ros.identification.fitting.filter import GRAVITY
+from backlash_ros.identification.fitting.parameters import parameters_at, place_of
 from backlash_ros.simulation import SimulatedDrive
 from backlash_ros.studies.evaluation.population import Member, draw_member, told_model
 from backlash_ros.studies.evaluation.task import first_reading, settings_for
@@ -76,9 +76,10 @@ def test_a_slope_too_steep_for_a_weight_is_none_and_what_nothing_explains_is_tol
     stall = found.fit.standstill_torque
     assert stall == pytest.approx(6.0)
     parameters, covariance = found.fit.parameters.copy(), found.fit.covariance.copy()
-    covariance[GRAVITY, GRAVITY] = 1e-6
+    place = place_of("load_torque_slope")
+    covariance[place, place] = 1e-6
     for slope, told in [(0.19 * stall, 0.19 * stall), (0.21 * stall, 0.0), (-0.21 * stall, 0.0), (1e-3, 0.0)]:
-        parameters[GRAVITY] = slope
+        parameters_at(parameters).load_torque_slope = slope
         fit = replace(found.fit, parameters=parameters, covariance=covariance)
         assert fit.load_torque["expected_load_torque_slope"] == pytest.approx(told)
     unexplained = replace(found.fit, noise=(2.3e-3, 1e-2, 0.0, 0.0)).unexplained

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from output_error import ServoFit, fit_servo, mean_errors
+from position_servo import PARAMETERS, PositionServo, ServoRun, simulate
+from servo_gap import judge_gap
 
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.identification.one_encoder.output_error import ServoFit, fit_servo, mean_errors
-from backlash_ros.identification.one_encoder.position_servo import PARAMETERS, PositionServo, ServoRun, simulate
-from backlash_ros.identification.one_encoder.servo_gap import judge_gap
 from backlash_ros.simulation import SimulatedDrive
 
 SERVO = PositionServo(

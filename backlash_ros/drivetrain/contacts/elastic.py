@@ -7,7 +7,7 @@ Modelica.Mechanics.Rotational.Components.ElastoBacklash2. The rate of delta is t
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from backlash_ros.drivetrain.contact import (
     Constants,
@@ -23,7 +23,18 @@ from backlash_ros.drivetrain.contact import (
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.quantity import quantity
 
-STIFFNESS, DAMPING = range(2)
+
+class Spring(NamedTuple):
+    """The constants of a law with a linear spring, along the pitch line."""
+
+    stiffness: float  # k, N/m
+    damping: float  # c, N s/m
+
+
+@compiled
+def spring_of(constants: Constants) -> Spring:
+    """Return the constants by name."""
+    return Spring(constants[0], constants[1])
 
 
 @compiled
@@ -32,7 +43,7 @@ def elastic_force(constants: Constants, half_gap: float, gap: float, gap_rate: f
     depth = abs(gap) - half_gap
     if depth <= 0.0:
         return 0.0, 0.0, 0.0, 0.0, 0.0
-    k, c = constants[STIFFNESS], constants[DAMPING]
+    k, c = spring_of(constants)
     side = 1.0 if gap > 0.0 else -1.0
     spring = k * depth
     damper = c * gap_rate * side
@@ -49,8 +60,9 @@ def elastic_piece(constants: Constants, half_gap: float, gap: float, gap_rate: f
     depth = abs(gap) - half_gap
     if depth <= 0.0:
         return 0
-    spring = constants[STIFFNESS] * depth
-    damper = constants[DAMPING] * (gap_rate if gap > 0.0 else -gap_rate)
+    k, c = spring_of(constants)
+    spring = k * depth
+    damper = c * (gap_rate if gap > 0.0 else -gap_rate)
     if damper > spring:
         return 2
     return 3 if damper < -spring else 1
@@ -63,19 +75,20 @@ def elastic_linear(constants: Constants, half_gap: float, gap: float, gap_rate: 
     depth = side * gap - half_gap
     if depth <= 0.0:
         return 0.0, 0.0, 0.0, half_gap, 1.0, 0.0, half_gap, -1.0, 0.0
-    k, time = constants[STIFFNESS], side * constants[DAMPING] / constants[STIFFNESS]
+    k, c = spring_of(constants)
+    time = side * c / k
     if time * gap_rate > depth:
         return -2.0 * side * k * half_gap, 2.0 * k, 0.0, -half_gap, side, 0.0, half_gap, -side, time
     if time * gap_rate < -depth:
         return 0.0, 0.0, 0.0, -half_gap, side, 0.0, half_gap, -side, -time
-    return -side * k * half_gap, k, constants[DAMPING], -half_gap, side, -time, -half_gap, side, time
+    return -side * k * half_gap, k, c, -half_gap, side, -time, -half_gap, side, time
 
 
 @compiled
 def elastic_energy(constants: Constants, half_gap: float, gap: float) -> float:
     """Return k delta^2/2, J."""
     depth = max(0.0, abs(gap) - half_gap)
-    return float(0.5 * constants[STIFFNESS] * depth * depth)
+    return 0.5 * spring_of(constants).stiffness * depth * depth
 
 
 @dataclass(frozen=True)
@@ -114,7 +127,7 @@ class ElasticContact(SpringContact):
 
     def constants(self, load_radius: float, mass: float) -> Constants:  # noqa: ARG002
         """Return k (N/m) and c (N s/m)."""
-        return as_constants(self.edge_stiffness(0.0, load_radius), self.damping)
+        return as_constants(*Spring(self.edge_stiffness(0.0, load_radius), self.damping))
 
 
 CONTACTS = {"elastic": ElasticContact}

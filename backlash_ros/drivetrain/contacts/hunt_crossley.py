@@ -9,7 +9,7 @@ whatever the exponent (Hunt & Crossley, J. Applied Mechanics 42(2), 1975). The r
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from scipy.optimize import brentq
 
@@ -27,7 +27,19 @@ from backlash_ros.drivetrain.contact import (
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.quantity import quantity
 
-STIFFNESS, EXPONENT, DISSIPATION = range(3)
+
+class LivelySpring(NamedTuple):
+    """The constants of the law, along the pitch line."""
+
+    stiffness: float  # k, N/m^e
+    exponent: float  # e
+    dissipation: float  # d, s/m
+
+
+@compiled
+def spring_of(constants: Constants) -> LivelySpring:
+    """Return the constants by name."""
+    return LivelySpring(constants[0], constants[1], constants[2])
 
 
 def dissipation_for(restitution: float, speed: float) -> float:
@@ -59,9 +71,9 @@ def hunt_crossley_force(constants: Constants, half_gap: float, gap: float, gap_r
     depth = abs(gap) - half_gap
     if depth <= 0.0:
         return 0.0, 0.0, 0.0, 0.0, 0.0
-    exponent, dissipation = constants[EXPONENT], constants[DISSIPATION]
+    k, exponent, dissipation = spring_of(constants)
     side = 1.0 if gap > 0.0 else -1.0
-    spring = constants[STIFFNESS] * depth_power(depth, exponent)
+    spring = k * depth_power(depth, exponent)
     stiffness, lively = exponent * spring / depth, 1.0 + dissipation * gap_rate * side
     if lively <= 0.0:
         return 0.0, 0.0, 0.0, side * spring, stiffness
@@ -73,7 +85,7 @@ def hunt_crossley_piece(constants: Constants, half_gap: float, gap: float, gap_r
     """Return 0 apart, 1 in contact, 2 where the teeth have let go."""
     if abs(gap) <= half_gap:
         return 0
-    return 2 if 1.0 + constants[DISSIPATION] * (gap_rate if gap > 0.0 else -gap_rate) <= 0.0 else 1
+    return 2 if 1.0 + spring_of(constants).dissipation * (gap_rate if gap > 0.0 else -gap_rate) <= 0.0 else 1
 
 
 @compiled
@@ -85,8 +97,9 @@ def hunt_crossley_linear(constants: Constants, half_gap: float, gap: float, gap_
 @compiled
 def hunt_crossley_energy(constants: Constants, half_gap: float, gap: float) -> float:
     """Return k delta^(e+1)/(e+1), J."""
-    depth, exponent = max(0.0, abs(gap) - half_gap), constants[EXPONENT]
-    return float(constants[STIFFNESS] * depth_power(depth, exponent) * depth / (exponent + 1.0))
+    k, exponent, _ = spring_of(constants)
+    depth = max(0.0, abs(gap) - half_gap)
+    return k * depth_power(depth, exponent) * depth / (exponent + 1.0)
 
 
 @dataclass(frozen=True)
@@ -119,7 +132,7 @@ class HuntCrossleyContact(Contact):
     def constants(self, load_radius: float, mass: float) -> Constants:  # noqa: ARG002
         """Return k (N/m^e), e and d (s/m)."""
         stiffness = self.torque / load_radius / (self.wind_up * load_radius) ** self.exponent
-        return as_constants(stiffness, self.exponent, self.dissipation / load_radius)
+        return as_constants(*LivelySpring(stiffness, self.exponent, self.dissipation / load_radius))
 
     def deflection(self, torque: float, half_gap: float, load_radius: float) -> float:  # noqa: ARG002
         """Return how far beyond the gap the teeth carry ``torque`` (N m), rad at the output."""

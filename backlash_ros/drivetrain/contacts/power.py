@@ -7,7 +7,7 @@ zero where it would pull.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from backlash_ros.drivetrain.contact import (
     Constants,
@@ -25,7 +25,21 @@ from backlash_ros.drivetrain.contact import (
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.quantity import quantity
 
-BETA, ALPHA, EXPONENT, FREE = range(4)
+
+class PowerLaw(NamedTuple):
+    """The constants of the law, along the pitch line."""
+
+    beta: float  # N
+    alpha: float  # N s/m
+    exponent: float  # n, a whole number
+    free: float  # share of half the gap within which the force is negligible
+
+
+@compiled
+def power_of(constants: Constants) -> PowerLaw:
+    """Return the constants by name."""
+    return PowerLaw(constants[0], constants[1], constants[2], constants[3])
+
 
 _NEGLIGIBLE = 1e-10
 """Share of the force at the edge of the gap that is negligible."""
@@ -54,7 +68,8 @@ def integer_power(base: float, exponent: int) -> float:
 @compiled
 def power_force(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> ToothForce:
     """Return eq 13 and its derivatives."""
-    beta, alpha, n = constants[BETA], constants[ALPHA], int(constants[EXPONENT])
+    beta, alpha, exponent, _ = power_of(constants)
+    n = int(exponent)
     per_half_gap = 1.0 / half_gap
     s = gap * per_half_gap
     below = integer_power(s, n - 1)
@@ -77,28 +92,30 @@ def no_pull_force(constants: Constants, half_gap: float, gap: float, gap_rate: f
 @compiled
 def no_pull_piece(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> int:
     """Return 1 where eq 13 would pull, else 0."""
-    return 1 if constants[BETA] * half_gap + constants[ALPHA] * gap_rate * gap < 0.0 else 0
+    law = power_of(constants)
+    return 1 if law.beta * half_gap + law.alpha * gap_rate * gap < 0.0 else 0
 
 
 @compiled
 def power_linear(constants: Constants, half_gap: float, gap: float, gap_rate: float) -> LinearPiece:  # noqa: ARG001
     """Return the piece without force, if `power_force` is negligible."""
-    free = constants[FREE] * half_gap
+    free = power_of(constants).free * half_gap
     return 0.0, 0.0, 0.0, free, 1.0, 0.0, free, -1.0, 0.0
 
 
 @compiled
 def power_energy(constants: Constants, half_gap: float, gap: float) -> float:
     """Return beta (d/2) s^(n+1)/(n+1), J."""
-    n = int(constants[EXPONENT]) + 1
-    return float(constants[BETA] * half_gap / n * integer_power(gap / half_gap, n))
+    law = power_of(constants)
+    n = int(law.exponent) + 1
+    return law.beta * half_gap / n * integer_power(gap / half_gap, n)
 
 
 @compiled
 def power_slopes(constants: Constants, half_gap: float, gap: float, tooth: ToothForce) -> HalfGapSlopes:
     """Return the derivatives by the half gap: the force depends on gap/half_gap alone."""
     _, stiffness, _, elastic, elastic_stiffness = tooth
-    s, n = gap / half_gap, constants[EXPONENT]
+    s, n = gap / half_gap, power_of(constants).exponent
     return -n / (n + 1.0) * s * elastic, -s * elastic_stiffness, -s * stiffness, s * s * elastic_stiffness
 
 
@@ -125,7 +142,8 @@ class PowerContact(Contact):
 
     def constants(self, load_radius: float, mass: float) -> Constants:  # noqa: ARG002
         """Return beta, alpha, the exponent, and the share of half the gap within which the force is negligible."""
-        return as_constants(self.stiffness, self.damping, self.exponent, _NEGLIGIBLE ** (1.0 / self.exponent))
+        free = _NEGLIGIBLE ** (1.0 / self.exponent)
+        return as_constants(*PowerLaw(self.stiffness, self.damping, self.exponent, free))
 
     def deflection(self, torque: float, half_gap: float, load_radius: float) -> float:
         """Return how far beyond the gap the teeth carry ``torque`` (N m), rad at the output; 0 if within it."""

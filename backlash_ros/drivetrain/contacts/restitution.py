@@ -19,7 +19,7 @@ from backlash_ros.drivetrain.contact import (
     ToothForce,
     as_constants,
 )
-from backlash_ros.drivetrain.contacts.elastic import DAMPING, STIFFNESS, SpringContact
+from backlash_ros.drivetrain.contacts.elastic import Spring, SpringContact, spring_of
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.quantity import quantity
 
@@ -46,7 +46,7 @@ def restitution_force(constants: Constants, half_gap: float, gap: float, gap_rat
     depth = abs(gap) - half_gap
     if depth <= 0.0:
         return 0.0, 0.0, 0.0, 0.0, 0.0
-    k, c = constants[STIFFNESS], constants[DAMPING]
+    k, c = spring_of(constants)
     side = 1.0 if gap > 0.0 else -1.0
     spring = k * depth
     damper = c * gap_rate * side
@@ -61,8 +61,9 @@ def restitution_piece(constants: Constants, half_gap: float, gap: float, gap_rat
     depth = abs(gap) - half_gap
     if depth <= 0.0:
         return 0
-    damper = constants[DAMPING] * (gap_rate if gap > 0.0 else -gap_rate)
-    return 2 if constants[STIFFNESS] * depth + damper < 0.0 else 1
+    k, c = spring_of(constants)
+    damper = c * (gap_rate if gap > 0.0 else -gap_rate)
+    return 2 if k * depth + damper < 0.0 else 1
 
 
 @compiled
@@ -72,10 +73,11 @@ def restitution_linear(constants: Constants, half_gap: float, gap: float, gap_ra
     depth = side * gap - half_gap
     if depth <= 0.0:
         return 0.0, 0.0, 0.0, half_gap, 1.0, 0.0, half_gap, -1.0, 0.0
-    k, time = constants[STIFFNESS], side * constants[DAMPING] / constants[STIFFNESS]
+    k, c = spring_of(constants)
+    time = side * c / k
     if time * gap_rate < -depth:
         return 0.0, 0.0, 0.0, -half_gap, side, 0.0, half_gap, -side, -time
-    return -side * k * half_gap, k, constants[DAMPING], -half_gap, side, 0.0, -half_gap, side, time
+    return -side * k * half_gap, k, c, -half_gap, side, 0.0, -half_gap, side, time
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ class RestitutionContact(SpringContact):
     def constants(self, load_radius: float, mass: float) -> Constants:
         """Return k (N/m) and c (N s/m)."""
         k = self.edge_stiffness(0.0, load_radius)
-        return as_constants(k, 2.0 * damping_ratio_of(self.restitution) * math.sqrt(k * mass))
+        return as_constants(*Spring(k, 2.0 * damping_ratio_of(self.restitution) * math.sqrt(k * mass)))
 
 
 CONTACTS = {"restitution": RestitutionContact}

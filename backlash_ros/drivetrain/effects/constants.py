@@ -1,16 +1,12 @@
 """The effects as the compiled functions take them."""
 
 import math
-from typing import NamedTuple
-
-import numpy as np
 
 from backlash_ros.drivetrain.parameters import Drive
-from backlash_ros.foundation.compiled import compiled
-from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.record import Array, Record, row_of, view_of
 
 
-class EffectConstants(NamedTuple):
+class EffectConstants(Record):
     """The effects as the compiled functions read them; without any of them, every value has no influence.
 
     ``excess`` is static friction over Coulomb friction, less 1; ``per_stribeck_*`` the reciprocal of the Stribeck speed
@@ -42,44 +38,15 @@ class EffectConstants(NamedTuple):
     per_drift_time: float
 
 
+effects_in = view_of(EffectConstants)
+
+
 def effect_row(drive: Drive) -> Array:
-    """Return the effects as a row of numbers, which Python hands to compiled code faster than a named tuple."""
-    return np.array(effect_constants(drive))
-
-
-@compiled
-def effects_in(row: Array) -> EffectConstants:
-    """Return the named tuple of a row."""
-    return EffectConstants(
-        row[0],
-        row[1],
-        row[2],
-        row[3],
-        row[4],
-        row[5],
-        row[6],
-        row[7],
-        row[8],
-        row[9],
-        row[10],
-        row[11],
-        row[12],
-        row[13],
-        row[14],
-        row[15],
-        row[16],
-        row[17],
-        row[18],
-        row[19],
-        row[20],
-    )
-
-
-def effect_constants(drive: Drive) -> EffectConstants:
-    """Return the effects of a drive as constants."""
+    """Return the effects of a drive as a row of numbers."""
     effects, limit = drive.effects, drive.command_limit
     outer, omega = effects.outer_share * drive.load.inertia, 2.0 * math.pi * effects.outer_frequency
-    return EffectConstants(
+    return row_of(
+        EffectConstants,
         cogging=float(effects.cogging),
         cogging_cycles=float(effects.cogging_cycles),
         cogging_phase=float(effects.cogging_phase),

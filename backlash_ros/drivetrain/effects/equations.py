@@ -33,8 +33,8 @@ from backlash_ros.drivetrain.effects.amplifier import sagged
 from backlash_ros.drivetrain.effects.constants import effects_in
 from backlash_ros.drivetrain.effects.friction import drifted, dry_friction, held, left_of_friction
 from backlash_ros.drivetrain.effects.motor import cogging_energy, cogging_torque, torque_constant
-from backlash_ros.drivetrain.effects.state import AGE, OMEGA_OUTER, OMEGA_WHEEL, OUTER, WHEEL, WHOLE
-from backlash_ros.drivetrain.motion.dynamics import Held, HeldTorque, SpeedSlopes, half_gap_of, mesh_of
+from backlash_ros.drivetrain.effects.state import WHOLE, whole_at
+from backlash_ros.drivetrain.motion.dynamics import Acting, Held, HeldTorque, SpeedSlopes, half_gap_of, mesh_of
 from backlash_ros.foundation.compiled import compiled, specialize, unbound
 from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import CURRENT, LOST, OMEGA_L, OMEGA_M, SUPPLIED, THETA_L, THETA_M
@@ -59,14 +59,15 @@ Gaps = tuple[float, float, float, float, float, float]
 def gaps_of(plant: PlantConstants, state: Array) -> Gaps:
     """Return the gaps of both stages; with one stage, twice its own."""
     half_gap, _, _ = half_gap_of(plant, state[THETA_L])
-    half_gap *= grown(plant, state[AGE])
+    half_gap *= grown(plant, whole_at(state).age)
     share = effects_in(plant.effects).first_gap
     theta_m, omega_m = plant.R1 * state[THETA_M], plant.R1 * state[OMEGA_M]
     theta_l, omega_l = plant.R2 * state[THETA_L], plant.R2 * state[OMEGA_L]
     if share == 1.0:
         gap, rate = theta_m - theta_l, omega_m - omega_l
         return gap, rate, half_gap, gap, rate, half_gap
-    wheel, omega_wheel = plant.R2 * state[WHEEL], plant.R2 * state[OMEGA_WHEEL]
+    whole = whole_at(state)
+    wheel, omega_wheel = plant.R2 * whole.wheel_angle, plant.R2 * whole.wheel_speed
     first, second = share * half_gap, (1.0 - share) * half_gap
     return theta_m - wheel, omega_m - omega_wheel, first, wheel - theta_l, omega_wheel - omega_l, second
 
@@ -109,9 +110,9 @@ def gap_torques(
         second_slope = _contact_slopes(plant.contact, gaps[5], gaps[3], second)[0]
         by_half_gap = share * by_half_gap + (1.0 - share) * second_slope
     growth = effects_in(plant.effects).growth * effects_in(plant.effects).per_drift_time
-    if state[AGE] * effects_in(plant.effects).per_drift_time >= 1.0:
+    if whole_at(state).age * effects_in(plant.effects).per_drift_time >= 1.0:
         growth = 0.0
-    return by_half_gap * slope * grown(plant, state[AGE]), -by_half_gap * half_gap * growth
+    return by_half_gap * slope * grown(plant, whole_at(state).age), -by_half_gap * half_gap * growth
 
 
 def held_torque(plant: PlantConstants, state: Array, load_torque: float) -> Held:
@@ -123,8 +124,8 @@ def held_torque(plant: PlantConstants, state: Array, load_torque: float) -> Held
     on_load -= plant.gravity * math.sin(state[THETA_L] + plant.gravity_offset) + twist_torque(plant, state)
     teeth = plant.R1 * first[0]
     forward, backward = plant.forward * teeth, plant.backward * teeth
-    least, most = held(plant, plant.coulomb_m, state[AGE])
-    load_least, load_most = held(plant, plant.coulomb_l, state[AGE])
+    least, most = held(plant, plant.coulomb_m, whole_at(state).age)
+    load_least, load_most = held(plant, plant.coulomb_l, whole_at(state).age)
     on_motor = torque_constant(plant, state[THETA_M]) * state[CURRENT] - cogging_torque(plant, state[THETA_M])
     return on_motor, min(forward, backward) + least, max(forward, backward) + most, on_load, load_least, load_most
 
@@ -135,24 +136,17 @@ def twist_torque(plant: PlantConstants, state: Array) -> float:
     effects = effects_in(plant.effects)
     if effects.J_outer == 0.0:
         return 0.0
-    return float(
-        effects.k_outer * (state[THETA_L] - state[OUTER]) + effects.c_outer * (state[OMEGA_L] - state[OMEGA_OUTER])
-    )
+    whole = whole_at(state)
+    twist, rate = state[THETA_L] - whole.outer_angle, state[OMEGA_L] - whole.outer_speed
+    return float(effects.k_outer * twist + effects.c_outer * rate)
 
 
-def derivative(
-    plant: PlantConstants,
-    state: Array,
-    command: float,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
-    out: Array,
-) -> float:
+def derivative(plant: PlantConstants, state: Array, acting: Acting, out: Array) -> float:
     """Write d(state)/dt into ``out``, both of shape (WHOLE,); return the largest force of the teeth, N."""
+    command, load_torque, slip_m, slip_l = acting
     effects = effects_in(plant.effects)
     omega_m, omega_l, current = state[OMEGA_M], state[OMEGA_L], state[CURRENT]
-    constant, left = torque_constant(plant, state[THETA_M]), left_of_friction(plant, state[AGE])
+    constant, left = torque_constant(plant, state[THETA_M]), left_of_friction(plant, whole_at(state).age)
     voltage = sagged(plant, command, current)
     out[CURRENT] = (voltage - plant.R * current - constant * omega_m) * plant.per_inductance
     gaps = gaps_of(plant, state)
@@ -171,34 +165,33 @@ def derivative(
     out[THETA_M], out[THETA_L] = omega_m, omega_l
     out[OMEGA_M] = on_motor * plant.per_inertia_m if slip_m != 0.0 else 0.0
     out[OMEGA_L] = on_load * plant.per_inertia_l if slip_l != 0.0 else 0.0
-    out[WHEEL] = out[OMEGA_WHEEL] = out[OUTER] = out[OMEGA_OUTER] = 0.0
+    whole, change = whole_at(state), whole_at(out)
+    change.wheel_angle = change.wheel_speed = change.outer_angle = change.outer_speed = 0.0
     lost = rub_m * omega_m + rub_l * omega_l + worn + plant.R * current * current
     lost += (teeth - plant.R1 * first[0]) * omega_m + (first[0] - first[3]) * gaps[1]
     if effects.first_gap != 1.0:
-        out[WHEEL] = state[OMEGA_WHEEL]
-        out[OMEGA_WHEEL] = plant.R2 * (first[0] - second[0]) / effects.J_wheel
+        change.wheel_angle = whole.wheel_speed
+        change.wheel_speed = plant.R2 * (first[0] - second[0]) / effects.J_wheel
         lost += (second[0] - second[3]) * gaps[4]
     if effects.J_outer != 0.0:
-        out[OUTER] = state[OMEGA_OUTER]
-        out[OMEGA_OUTER] = twist / effects.J_outer
-        lost += effects.c_outer * (omega_l - state[OMEGA_OUTER]) ** 2
-    out[AGE] = 1.0
+        change.outer_angle = whole.outer_speed
+        change.outer_speed = twist / effects.J_outer
+        lost += effects.c_outer * (omega_l - whole.outer_speed) ** 2
+    change.age = 1.0
     if math.isinf(plant.L):
         voltage = plant.R * current + constant * omega_m
     out[SUPPLIED], out[LOST] = voltage * current + load_torque * omega_l, lost
     return float(max(abs(first[0]), abs(second[0])))
 
 
-Derivative = Callable[[PlantConstants, Array, float, float, float, float, Array], float]
+Derivative = Callable[[PlantConstants, Array, Acting, Array], float]
 _derivative: Derivative = unbound
 
 
-def speed_slopes(
-    plant: PlantConstants, state: Array, command: float, load_torque: float, slip_m: float, slip_l: float
-) -> SpeedSlopes:
+def speed_slopes(plant: PlantConstants, state: Array, acting: Acting) -> SpeedSlopes:
     """Return how the speeds of motor and load change: of `derivative`."""
     work = np.empty(WHOLE)
-    _derivative(plant, state, command, load_torque, slip_m, slip_l, work)
+    _derivative(plant, state, acting, work)
     return work[OMEGA_M], work[OMEGA_L]
 
 
@@ -223,10 +216,10 @@ def stored_energy(plant: PlantConstants, state: Array) -> float:
     energy += cogging_energy(plant, state[THETA_M]) + _contact_energy(plant.contact, half_gap, gap)
     if effects.first_gap != 1.0:
         energy += _contact_energy(plant.contact, second_half, second)
-        energy += 0.5 * effects.J_wheel * state[OMEGA_WHEEL] ** 2
+        energy += 0.5 * effects.J_wheel * whole_at(state).wheel_speed ** 2
     if effects.J_outer != 0.0:
-        twist = state[THETA_L] - state[OUTER]
-        energy += 0.5 * (effects.J_outer * state[OMEGA_OUTER] ** 2 + effects.k_outer * twist * twist)
+        twist = state[THETA_L] - whole_at(state).outer_angle
+        energy += 0.5 * (effects.J_outer * whole_at(state).outer_speed ** 2 + effects.k_outer * twist * twist)
     return float(energy)
 
 
@@ -237,7 +230,7 @@ class RealEquations(NamedTuple):
     rate_of: Callable[[PlantConstants, Array], float]
     held_torque: HeldTorque
     derivative: Derivative
-    speed_slopes: Callable[[PlantConstants, Array, float, float, float, float], SpeedSlopes]
+    speed_slopes: Callable[[PlantConstants, Array, Acting], SpeedSlopes]
     piece_of: Callable[[PlantConstants, Array, float], int]
     stored_energy: Callable[[PlantConstants, Array], float]
 

@@ -8,7 +8,8 @@ from scipy.integrate import DOP853
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.effects.equations import Derivative, real_equations
-from backlash_ros.drivetrain.effects.state import OMEGA_OUTER, OMEGA_WHEEL, OUTER, WHEEL, WHOLE
+from backlash_ros.drivetrain.effects.state import WHOLE, whole_at
+from backlash_ros.drivetrain.motion.dynamics import Acting
 from backlash_ros.drivetrain.motion.explicit import Step, judged
 from backlash_ros.foundation.compiled import compiled, specialize, unbound
 from backlash_ros.foundation.record import Array
@@ -25,8 +26,9 @@ def weights_of(plant: PlantConstants, state: Array, account: bool, out: Array) -
     out[:] = 0.0
     out[THETA_M], out[OMEGA_M] = plant.per_angle_m, plant.per_speed_m
     out[THETA_L], out[OMEGA_L] = plant.per_angle_l, plant.per_speed_l
-    out[WHEEL], out[OMEGA_WHEEL] = plant.per_angle_l, plant.per_speed_l
-    out[OUTER], out[OMEGA_OUTER] = plant.per_angle_l, plant.per_speed_l
+    whole = whole_at(out)
+    whole.wheel_angle, whole.wheel_speed = plant.per_angle_l, plant.per_speed_l
+    whole.outer_angle, whole.outer_speed = plant.per_angle_l, plant.per_speed_l
     out[CURRENT] = plant.per_current
     if account:
         out[SUPPLIED] = 1.0 / (plant.energy_scale + abs(state[SUPPLIED]))
@@ -40,10 +42,7 @@ def _step(
     plant: PlantConstants,
     state: Array,
     h: float,
-    command: float,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
+    acting: Acting,
     tolerance: float,
     account: bool,
     out: Array,
@@ -63,7 +62,7 @@ def _step(
             for m in range(j):
                 change += _A[j, m] * slopes[m, k]
             out[k] = state[k] + h * change
-        pushed = _derivative(plant, out, command, load_torque, slip_m, slip_l, slopes[j])
+        pushed = _derivative(plant, out, acting, slopes[j])
         if j == 0 or j >= 7:  # the others are not close to the solution
             force = max(force, pushed)
     fifth = third = 0.0

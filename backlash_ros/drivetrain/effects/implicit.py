@@ -14,6 +14,7 @@ from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.effects.equations import Derivative, real_equations
 from backlash_ros.drivetrain.effects.explicit import weights_of
 from backlash_ros.drivetrain.effects.state import WHOLE
+from backlash_ros.drivetrain.motion.dynamics import Acting
 from backlash_ros.drivetrain.motion.explicit import Step
 from backlash_ros.drivetrain.motion.implicit import COUPLINGS, GAMMA, STAGES
 from backlash_ros.foundation.compiled import compiled, specialize, unbound
@@ -67,10 +68,7 @@ def _step(
     plant: PlantConstants,
     state: Array,
     h: float,
-    command: float,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
+    acting: Acting,
     tolerance: float,
     account: bool,
     out: Array,
@@ -79,7 +77,7 @@ def _step(
     stages, residual, weights = np.empty((6, WHOLE)), np.empty(WHOLE), np.empty(WHOLE)
     matrix, order, around = np.empty((WHOLE, WHOLE)), np.empty(WHOLE), np.empty(WHOLE)
     weights_of(plant, state, False, weights)
-    force = _derivative(plant, state, command, load_torque, slip_m, slip_l, residual)
+    force = _derivative(plant, state, acting, residual)
     g = 1.0 / (h * GAMMA)
     for k in range(WHOLE):
         out[k] = state[k]
@@ -89,7 +87,7 @@ def _step(
         if weights[k] > 0.0:
             change = _CHANGE / weights[k]
             out[k] = state[k] + change
-            _derivative(plant, out, command, load_torque, slip_m, slip_l, around)
+            _derivative(plant, out, acting, around)
             for row in range(WHOLE):
                 matrix[row, k] = (residual[row] - around[row]) / change
             out[k] = state[k]
@@ -101,7 +99,7 @@ def _step(
             for m in range(j):
                 value += STAGES[j, m] * stages[m, k]
             out[k] = value
-        _derivative(plant, out, command, load_torque, slip_m, slip_l, residual)
+        _derivative(plant, out, acting, residual)
         for k in range(WHOLE):
             for m in range(j):
                 residual[k] += COUPLINGS[j, m] / h * stages[m, k]

@@ -8,7 +8,7 @@ import numpy as np
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.effects.equations import real_equations
-from backlash_ros.drivetrain.effects.state import AGE, OMEGA_WHEEL, WHEEL, WHOLE
+from backlash_ros.drivetrain.effects.state import WHOLE, whole_at
 from backlash_ros.drivetrain.motion.dynamics import SpeedSlopes
 from backlash_ros.drivetrain.motion.kinks import FirstKink, between, first_kink
 from backlash_ros.foundation.compiled import compiled, specialize, unbound
@@ -24,8 +24,9 @@ def _angle(before: Array, after: Array, angle: int, speed: int, used: float, sha
 @compiled
 def _wheel_speed(before: Array, after: Array, used: float, share: float) -> float:
     """Return the slope of the cubic through the wheel's angles and speeds."""
-    rise = after[WHEEL] - before[WHEEL]
-    start, end = used * before[OMEGA_WHEEL], used * after[OMEGA_WHEEL]
+    first, last = whole_at(before), whole_at(after)
+    rise = last.wheel_angle - first.wheel_angle
+    start, end = used * first.wheel_speed, used * last.wheel_speed
     bend, twist = 3.0 * rise - 2.0 * start - end, start + end - 2.0 * rise
     return float((start + share * (2.0 * bend + 3.0 * share * twist)) / used)
 
@@ -51,9 +52,12 @@ def _piece(
     state[THETA_L] = _angle(before, after, THETA_L, OMEGA_L, used, share)
     state[OMEGA_M] = between(before[OMEGA_M], after[OMEGA_M], used * slopes_before[0], used * slopes_after[0], share)
     state[OMEGA_L] = between(before[OMEGA_L], after[OMEGA_L], used * slopes_before[1], used * slopes_after[1], share)
-    state[WHEEL] = _angle(before, after, WHEEL, OMEGA_WHEEL, used, share)
-    state[OMEGA_WHEEL] = _wheel_speed(before, after, used, share)
-    state[AGE] = before[AGE] + share * used
+    first, last, here = whole_at(before), whole_at(after), whole_at(state)
+    here.wheel_angle = between(
+        first.wheel_angle, last.wheel_angle, used * first.wheel_speed, used * last.wheel_speed, share
+    )
+    here.wheel_speed = _wheel_speed(before, after, used, share)
+    here.age = first.age + share * used
     return _piece_of(plant, state, slip_m)
 
 

@@ -94,6 +94,15 @@ def contact_of(plant: PlantConstants, state: Array) -> ToothForce:
     return _contact_force(plant.contact, half_gap, gap, gap_rate)
 
 
+class Acting(NamedTuple):
+    """What acts on a drive, and the slip of both shafts."""
+
+    command: float  # V, or A where the current is commanded
+    load_torque: float  # N m
+    slip_m: float = SLIDES
+    slip_l: float = SLIDES
+
+
 Held = tuple[float, float, float, float, float, float]
 
 
@@ -133,15 +142,10 @@ def motion(
     omega_m: float,
     omega_l: float,
     current: float,
-    command: float,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
+    acting: Acting,
 ) -> Motion:
-    """Return how the speeds and the current change, for a command, a load torque (N m) and the slip of both shafts.
-
-    The command is the voltage, V; it has no effect if the current is imposed.
-    """
+    """Return how the speeds and the current change; the command has no effect if the current is imposed."""
+    command, load_torque, slip_m, slip_l = acting
     slope_i = (command - plant.R * current - plant.K_m * omega_m) * plant.per_inductance
     on_motor, on_load = plant.K_m * current - plant.B_m * omega_m, load_torque - plant.B_l * omega_l
     half_gap, slope, mesh = plant.half_gap, 0.0, 1.0
@@ -187,12 +191,10 @@ def powers(
     current: float,
     force: float,
     elastic: float,
-    command: float,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
+    acting: Acting,
 ) -> tuple[float, float]:
     """Return the power supplied, at the terminals and by the load torque, and the power lost, W."""
+    command, load_torque, slip_m, slip_l = acting
     voltage = plant.R * current + plant.K_m * omega_m if math.isinf(plant.L) else command
     rubbed = (plant.B_m * omega_m + motor_friction(plant, force, slip_m)) * omega_m
     rubbed += (plant.B_l * omega_l + slip_l * plant.coulomb_l) * omega_l
@@ -207,37 +209,23 @@ SpeedSlopes = tuple[float, float]
 """Rates of omega_m and omega_l, rad/s^2."""
 
 
-def speed_slopes(
-    plant: PlantConstants, state: Array, command: float, load_torque: float, slip_m: float, slip_l: float
-) -> SpeedSlopes:
+def speed_slopes(plant: PlantConstants, state: Array, acting: Acting) -> SpeedSlopes:
     """Return how the speeds change: of `motion`."""
     gap, gap_rate = gap_of(plant, state)
     omega_m, omega_l, current = state[OMEGA_M], state[OMEGA_L], state[CURRENT]
-    slopes = _motion(
-        plant, gap, gap_rate, state[THETA_L], omega_m, omega_l, current, command, load_torque, slip_m, slip_l
-    )
+    slopes = _motion(plant, gap, gap_rate, state[THETA_L], omega_m, omega_l, current, acting)
     return slopes[0], slopes[1]
 
 
-def derivative(
-    plant: PlantConstants,
-    state: Array,
-    command: float,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
-    out: Array,
-) -> None:
+def derivative(plant: PlantConstants, state: Array, acting: Acting, out: Array) -> None:
     """Write d(state)/dt into ``out``, shape (7,): `motion` and `powers` as arrays."""
     omega_m, omega_l, current = state[OMEGA_M], state[OMEGA_L], state[CURRENT]
     gap, gap_rate = gap_of(plant, state)
     out[THETA_M], out[THETA_L] = omega_m, omega_l
     out[OMEGA_M], out[OMEGA_L], out[CURRENT], force, elastic = _motion(
-        plant, gap, gap_rate, state[THETA_L], omega_m, omega_l, current, command, load_torque, slip_m, slip_l
+        plant, gap, gap_rate, state[THETA_L], omega_m, omega_l, current, acting
     )
-    out[SUPPLIED], out[LOST] = powers(
-        plant, omega_m, omega_l, current, force, elastic, command, load_torque, slip_m, slip_l
-    )
+    out[SUPPLIED], out[LOST] = powers(plant, omega_m, omega_l, current, force, elastic, acting)
 
 
 class Slopes(NamedTuple):
@@ -312,17 +300,9 @@ def linearize(plant: PlantConstants, state: Array, slip_m: float, slip_l: float)
     )
 
 
-def jacobian(
-    plant: PlantConstants,
-    state: Array,
-    command: float,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
-    out: Array,
-) -> None:
+def jacobian(plant: PlantConstants, state: Array, acting: Acting, out: Array) -> None:
     """Write the derivatives of `derivative`, by the state, into ``out``, shape (7, 7)."""
-    s = linearize(plant, state, slip_m, slip_l)
+    s = linearize(plant, state, acting.slip_m, acting.slip_l)
     out[:] = 0.0
     force, elastic, rate = np.zeros(7), np.zeros(7), np.zeros(7)
     rate[OMEGA_M], rate[OMEGA_L] = plant.R1, -plant.R2
@@ -341,13 +321,13 @@ def jacobian(
     out[LOST, OMEGA_M] += s.lost_m
     out[LOST, OMEGA_L] += s.lost_l
     out[LOST, CURRENT] += s.lost_current
-    out[SUPPLIED, OMEGA_L] = load_torque
+    out[SUPPLIED, OMEGA_L] = acting.load_torque
     if math.isinf(plant.L):
         out[SUPPLIED, CURRENT] = 2.0 * plant.R * state[CURRENT] + plant.K_m * state[OMEGA_M]
         out[SUPPLIED, OMEGA_M] = plant.K_m * state[CURRENT]
     else:
         out[CURRENT, OMEGA_M], out[CURRENT, CURRENT] = -plant.K_m / plant.L, -plant.R / plant.L
-        out[SUPPLIED, CURRENT] = command
+        out[SUPPLIED, CURRENT] = acting.command
 
 
 def stored_energy(plant: PlantConstants, state: Array) -> float:
@@ -365,7 +345,7 @@ def stored_energy(plant: PlantConstants, state: Array) -> float:
 
 ContactOf = Callable[[PlantConstants, Array], ToothForce]
 HeldTorque = Callable[[PlantConstants, Array, float], Held]
-Derivative = Callable[[PlantConstants, Array, float, float, float, float, Array], None]
+Derivative = Callable[[PlantConstants, Array, Acting, Array], None]
 Linearize = Callable[[PlantConstants, Array, float, float], Slopes]
 
 
@@ -375,7 +355,7 @@ class Equations(NamedTuple):
     contact_of: ContactOf
     motion: Callable[..., Motion]
     held_torque: HeldTorque
-    speed_slopes: Callable[[PlantConstants, Array, float, float, float, float], SpeedSlopes]
+    speed_slopes: Callable[[PlantConstants, Array, Acting], SpeedSlopes]
     derivative: Derivative
     linearize: Linearize
     jacobian: Derivative

@@ -16,6 +16,7 @@ from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.motion.dynamics import (
     SLIDES,
+    Acting,
     Held,
     HeldTorque,
     SpeedSlopes,
@@ -123,9 +124,7 @@ def first_event(
     after: Array,
     slopes_before: SpeedSlopes,
     slopes_after: SpeedSlopes,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
+    acting: Acting,
     used: float,
     tolerance: float,
 ) -> tuple[float, bool, bool]:
@@ -137,6 +136,7 @@ def first_event(
         event has come by the end of the step: its speed is 0 or has changed sign, or friction no longer holds it. A
         speed or a torque within its tolerance counts, so that steps towards an event end with 1.
     """
+    _, load_torque, slip_m, slip_l = acting
     allowance_m = allowance_l = excess_m = excess_l = beyond_m = beyond_l = 0.0
     if slip_m == 0.0 or slip_l == 0.0:
         torque, least, most, load, load_least, load_most = _held_torque(plant, before, load_torque)
@@ -165,21 +165,13 @@ def first_event(
     return min(share_m, share_l), motor_rubs(plant) and come_m, load_rubs(plant) and come_l
 
 
-def switch(
-    plant: PlantConstants,
-    state: Array,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
-    come_m: bool,
-    come_l: bool,
-    tolerance: float,
-) -> tuple[float, float]:
-    """Return the slips after an event of friction; stop, in ``state``, a shaft that has come to rest.
+def switch(plant: PlantConstants, state: Array, acting: Acting, come_m: bool, come_l: bool, tolerance: float) -> Acting:
+    """Return what acts, with the slips after an event of friction; stop, in ``state``, a shaft that has come to rest.
 
     ``come_m`` and ``come_l`` say whose event it is: a sliding shaft stops, a sticking one breaks away. The rest of the
     speed is lost.
     """
+    command, load_torque, slip_m, slip_l = acting
     if come_m and slip_m != 0.0:
         state[LOST] += 0.5 * plant.J_m * state[OMEGA_M] ** 2
         state[OMEGA_M] = 0.0
@@ -193,15 +185,15 @@ def switch(
         slip_m = rest_slip(torque, least, most, allowance_m)
     if come_l:
         slip_l = rest_slip(load, load_least, load_most, allowance_l)
-    return slip_m, slip_l
+    return Acting(command, load_torque, slip_m, slip_l)
 
 
 Slips = Callable[[PlantConstants, Array, float, float], tuple[float, float]]
 FirstEvent = Callable[
-    [PlantConstants, Array, Array, SpeedSlopes, SpeedSlopes, float, float, float, float, float],
+    [PlantConstants, Array, Array, SpeedSlopes, SpeedSlopes, Acting, float, float],
     tuple[float, bool, bool],
 ]
-Switch = Callable[[PlantConstants, Array, float, float, float, bool, bool, float], tuple[float, float]]
+Switch = Callable[[PlantConstants, Array, Acting, bool, bool, float], Acting]
 
 
 class Friction(NamedTuple):

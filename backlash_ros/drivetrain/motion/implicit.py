@@ -13,7 +13,7 @@ import numpy as np
 
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact
-from backlash_ros.drivetrain.motion.dynamics import ContactOf, Derivative, Linearize, Slopes, equations_with
+from backlash_ros.drivetrain.motion.dynamics import Acting, ContactOf, Derivative, Linearize, Slopes, equations_with
 from backlash_ros.drivetrain.motion.explicit import Step
 from backlash_ros.foundation.compiled import compiled, specialize, unbound
 from backlash_ros.foundation.record import Array
@@ -48,8 +48,7 @@ def _solve_stage(
     s: Slopes,
     g: float,
     current: float,
-    command: float,
-    load_torque: float,
+    acting: Acting,
     residual: Array,
     out: Array,
 ) -> None:
@@ -78,8 +77,8 @@ def _solve_stage(
     force = s.force_m * out[THETA_M] + s.force_l * out[THETA_L] + s.force_rate * rate
     lost = s.lost_m * out[OMEGA_M] + s.lost_l * out[OMEGA_L] + s.lost_current * out[CURRENT]
     lost += s.lost_force * force + s.gap_rate * (force - elastic) + s.lost_rate * rate
-    electrical = plant.K_m * current * out[OMEGA_M] if math.isinf(plant.L) else command * out[CURRENT]
-    out[SUPPLIED] = (residual[SUPPLIED] + electrical + load_torque * out[OMEGA_L]) / g
+    electrical = plant.K_m * current * out[OMEGA_M] if math.isinf(plant.L) else acting.command * out[CURRENT]
+    out[SUPPLIED] = (residual[SUPPLIED] + electrical + acting.load_torque * out[OMEGA_L]) / g
     out[LOST] = (residual[LOST] + lost) / g
 
 
@@ -107,10 +106,7 @@ def _step(
     plant: PlantConstants,
     state: Array,
     h: float,
-    command: float,
-    load_torque: float,
-    slip_m: float,
-    slip_l: float,
+    acting: Acting,
     tolerance: float,
     account: bool,
     out: Array,
@@ -125,18 +121,18 @@ def _step(
     stages = np.empty((6, 7))
     residual = np.empty(7)
     g = 1.0 / (h * GAMMA)
-    slopes = _linearize(plant, state, slip_m, slip_l)
+    slopes = _linearize(plant, state, acting.slip_m, acting.slip_l)
     for j in range(6):
         for k in range(7):
             value = state[k]
             for m in range(j):
                 value += STAGES[j, m] * stages[m, k]
             out[k] = value
-        _derivative(plant, out, command, load_torque, slip_m, slip_l, residual)
+        _derivative(plant, out, acting, residual)
         for k in range(7):
             for m in range(j):
                 residual[k] += COUPLINGS[j, m] / h * stages[m, k]
-        _solve_stage(plant, slopes, g, state[CURRENT], command, load_torque, residual, stages[j])
+        _solve_stage(plant, slopes, g, state[CURRENT], acting, residual, stages[j])
     for k in range(7):
         out[k] += stages[5, k]
     return _error(plant, out, stages[5], account) / tolerance, abs(_contact_of(plant, state)[0])

@@ -11,18 +11,33 @@ from functools import cache
 from backlash_ros.drivetrain.constants import PlantConstants
 from backlash_ros.drivetrain.contact import Contact, LinearFunction, LinearPiece, one_piece
 from backlash_ros.foundation.compiled import fused, specialize, unbound
-from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.record import Array, Record, cells, size_of, view_of
 from backlash_ros.foundation.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, THETA_M
 
 _ORDER = 20
 _ROW = _ORDER + 1
-_THETA_M, _OMEGA_M, _THETA_L, _OMEGA_L, _CURRENT, _GAP = (row * _ROW for row in range(6))
-"""Where the coefficients of a series begin: of the five states, and of the gap."""
-ROOM = 6 * _ROW
-"""Numbers to work with."""
+"""Coefficients of a series."""
 
-_REACH, _REACH_IN_CONTACT = 2.0, 1.0
-"""Longest step times the fastest rate. At 2 what the series leaves out is 4e-14."""
+
+class Series(Record):
+    """The coefficients of the states, and of the gap."""
+
+    theta_m: Array = cells(_ROW)  # rad
+    omega_m: Array = cells(_ROW)  # rad/s
+    theta_l: Array = cells(_ROW)  # rad
+    omega_l: Array = cells(_ROW)  # rad/s
+    current: Array = cells(_ROW)  # A
+    gap: Array = cells(_ROW)  # m
+
+
+ROOM = size_of(Series)
+"""Numbers to work with."""
+series_at = view_of(Series)
+
+_REACH = 2.0
+"""Longest step in the gap times the fastest rate: at 2 what the series leaves out is 4e-14."""
+_REACH_IN_CONTACT = 1.0
+"""Longest step in contact times the fastest rate."""
 _FASTEST = 2e4
 """Rate, 1/s, above which steps that short are not worth it: the other methods know how to deal with stiff motion."""
 _BEYOND = 1e-10
@@ -36,27 +51,27 @@ _KINKS = True
 
 
 @fused
-def _value(work: Array, row: int, t: float) -> float:
+def _value(coefficients: Array, t: float) -> float:
     """Return a series after ``t`` seconds."""
-    value: float = work[row + _ORDER]
+    value: float = coefficients[_ORDER]
     for k in range(_ORDER - 1, -1, -1):
-        value = value * t + work[row + k]
+        value = value * t + coefficients[k]
     return value
 
 
 @fused
-def _gap_at(work: Array, t: float) -> tuple[float, float, float]:
+def _gap_at(gap: Array, t: float) -> tuple[float, float, float]:
     """Return the gap after ``t`` seconds (m), its rate (m/s) and half its acceleration (m/s^2)."""
-    gap = rate = half = 0.0
+    value = rate = half = 0.0
     for k in range(_ORDER, -1, -1):
         half = half * t + rate
-        rate = rate * t + gap
-        gap = gap * t + work[_GAP + k]
-    return gap, rate, half
+        rate = rate * t + value
+        value = value * t + gap[k]
+    return value, rate, half
 
 
 @fused
-def _clear_of(piece: LinearPiece, work: Array, t: float) -> tuple[float, float, bool]:
+def _clear_of(piece: LinearPiece, gap: Array, t: float) -> tuple[float, float, bool]:
     """Return how far from its bounds the piece is certain to keep for ``t`` seconds, m: below 0 where it is not.
 
     Also how that changes with t, and whether the first bound is the nearer one. Of the gap's series less its straight
@@ -67,13 +82,13 @@ def _clear_of(piece: LinearPiece, work: Array, t: float) -> tuple[float, float, 
     for k in range(_ORDER, 1, -1):
         bend = bend * t + slope
         slope = slope * t + p
-        p = p * t + abs(work[_GAP + k])
+        p = p * t + abs(gap[k])
     off, off_rate = p * t * t, (2.0 * p + slope * t) * t
     off_slope = 2.0 * p + (4.0 * slope + 2.0 * bend * t) * t
-    gap, rate, twice = work[_GAP] + work[_GAP + 1] * t, work[_GAP + 1], 2.0 * work[_GAP + 2]
+    place, rate, twice = gap[0] + gap[1] * t, gap[1], 2.0 * gap[2]
     off_rate_alone, off_slope_alone = off_rate - abs(twice) * t, off_slope - abs(twice)
-    first = a0 + a1 * gap + a2 * (rate + twice * t) - abs(a1) * off - abs(a2) * off_rate_alone
-    second = b0 + b1 * gap + b2 * (rate + twice * t) - abs(b1) * off - abs(b2) * off_rate_alone
+    first = a0 + a1 * place + a2 * (rate + twice * t) - abs(a1) * off - abs(a2) * off_rate_alone
+    second = b0 + b1 * place + b2 * (rate + twice * t) - abs(b1) * off - abs(b2) * off_rate_alone
     first_slope = a1 * rate + a2 * twice - abs(a1) * off_rate - abs(a2) * off_slope_alone
     second_slope = b1 * rate + b2 * twice - abs(b1) * off_rate - abs(b2) * off_slope_alone
     if first < second or (first == second and first_slope <= second_slope):
@@ -88,14 +103,14 @@ def _met(bound: float, change: float, longest: float) -> float:
 
 
 @fused
-def _certain(piece: LinearPiece, work: Array, longest: float, beyond: float) -> tuple[float, float, bool]:
+def _certain(piece: LinearPiece, gap: Array, longest: float, beyond: float) -> tuple[float, float, bool]:
     """Return until when the piece is certain to hold (s), a time near which it may end (s), and by which bound."""
     _, _, _, a0, a1, a2, b0, b1, b2 = piece
-    gap, rate, twice = work[_GAP], work[_GAP + 1], 2.0 * work[_GAP + 2]
-    t = _met(a0 + a1 * gap + a2 * rate, a1 * rate + a2 * twice, longest)
-    t = _met(b0 + b1 * gap + b2 * rate, b1 * rate + b2 * twice, t)
+    place, rate, twice = gap[0], gap[1], 2.0 * gap[2]
+    t = _met(a0 + a1 * place + a2 * rate, a1 * rate + a2 * twice, longest)
+    t = _met(b0 + b1 * place + b2 * rate, b1 * rate + b2 * twice, t)
     for _ in range(_TRIES):  # Newton's method comes down a concave curve from the right
-        clear, slope, first = _clear_of(piece, work, t)
+        clear, slope, first = _clear_of(piece, gap, t)
         if clear > -beyond:
             return t, t, first
         t -= (clear + 0.5 * beyond) / slope
@@ -105,11 +120,11 @@ def _certain(piece: LinearPiece, work: Array, longest: float, beyond: float) -> 
 
 
 @fused
-def _behind(bound: float, by_gap: float, by_rate: float, work: Array, t: float, beyond: float) -> float:
+def _behind(bound: float, by_gap: float, by_rate: float, gap: Array, t: float, beyond: float) -> float:
     """Return when, near ``t``, a bound is behind by less than ``beyond`` (m); -1 where it is not met there."""
     for _ in range(_TRIES):
-        gap, rate, half = _gap_at(work, t)
-        slope, over = by_gap * rate + 2.0 * by_rate * half, bound + by_gap * gap + by_rate * rate + 0.5 * beyond
+        place, rate, half = _gap_at(gap, t)
+        slope, over = by_gap * rate + 2.0 * by_rate * half, bound + by_gap * place + by_rate * rate + 0.5 * beyond
         if abs(over) < 0.4 * beyond:
             return t
         if not slope < 0.0:
@@ -118,28 +133,28 @@ def _behind(bound: float, by_gap: float, by_rate: float, work: Array, t: float, 
     return -1.0
 
 
-def _until(piece: LinearPiece, work: Array, longest: float, beyond: float) -> float:
+def _until(piece: LinearPiece, gap: Array, longest: float, beyond: float) -> float:
     """Return until when the piece is certain to hold, at most ``longest``, s.
 
     Where a bound is met soon after that and the force has a kink there, it is the time just behind it, by less than
     ``beyond`` (m).
     """
-    certain, t, first = _certain(piece, work, longest, beyond)
+    certain, t, first = _certain(piece, gap, longest, beyond)
     if certain == longest:
         return longest
     if not _KINKS:  # what is short is left to the other methods, or it would come nearer and nearer
         return certain if certain > _WORTH_IT * longest else 0.0
     _, _, _, a0, a1, a2, b0, b1, b2 = piece
     bound, by_gap, by_rate = (a0, a1, a2) if first else (b0, b1, b2)
-    met = _behind(bound, by_gap, by_rate, work, t, beyond)
+    met = _behind(bound, by_gap, by_rate, gap, t, beyond)
     return met if certain <= met <= longest else certain
 
 
 @fused
-def _force_at(piece: LinearPiece, work: Array, t: float) -> float:
+def _force_at(piece: LinearPiece, gap: Array, t: float) -> float:
     """Return the contact force after ``t`` seconds, N."""
-    gap, rate, _ = _gap_at(work, t)
-    return piece[0] + piece[1] * gap + piece[2] * rate
+    place, rate, _ = _gap_at(gap, t)
+    return piece[0] + piece[1] * place + piece[2] * rate
 
 
 _linear: LinearFunction = unbound
@@ -175,8 +190,9 @@ def _step(
         h = _REACH_IN_CONTACT / fastest
     if fastest > _FASTEST:
         return 0.0, 0.0
-    work[_THETA_M], work[_OMEGA_M], work[_THETA_L], work[_OMEGA_L] = theta_m, omega_m, theta_l, omega_l
-    work[_CURRENT], work[_GAP] = current, gap
+    series = series_at(work)
+    series.theta_m[0], series.omega_m[0], series.theta_l[0], series.omega_l[0] = theta_m, omega_m, theta_l, omega_l
+    series.current[0], series.gap[0] = current, gap
     for k in range(1, _ROW):
         share = 1.0 / k
         on_motor, on_load = plant.K_m * current - plant.B_m * omega_m, torque - plant.B_l * omega_l
@@ -184,21 +200,22 @@ def _step(
             force = offset + stiffness * gap + damping * rate
             on_motor -= plant.R1 * force
             on_load += plant.R2 * force
-        work[_THETA_M + k], work[_THETA_L + k] = omega_m * share, omega_l * share
-        work[_GAP + k] = gap = rate * share
+        series.theta_m[k], series.theta_l[k] = omega_m * share, omega_l * share
+        series.gap[k] = gap = rate * share
         current = (volts - plant.R * current - plant.K_m * omega_m) * (plant.per_inductance * share)
         omega_m, omega_l = on_motor * (plant.per_inertia_m * share), on_load * (plant.per_inertia_l * share)
-        work[_OMEGA_M + k], work[_OMEGA_L + k], work[_CURRENT + k] = omega_m, omega_l, current
+        series.omega_m[k], series.omega_l[k], series.current[k] = omega_m, omega_l, current
         rate = plant.R1 * omega_m - plant.R2 * omega_l
         volts = torque = offset = 0.0
-    h = _until(piece, work, min(longest, h), _BEYOND * plant.half_gap)
-    state[THETA_M], state[OMEGA_M] = _value(work, _THETA_M, h), _value(work, _OMEGA_M, h)
-    state[THETA_L], state[OMEGA_L] = _value(work, _THETA_L, h), _value(work, _OMEGA_L, h)
-    state[CURRENT] = _value(work, _CURRENT, h)
+    h = _until(piece, series.gap, min(longest, h), _BEYOND * plant.half_gap)
+    state[THETA_M], state[OMEGA_M] = _value(series.theta_m, h), _value(series.omega_m, h)
+    state[THETA_L], state[OMEGA_L] = _value(series.theta_l, h), _value(series.omega_l, h)
+    state[CURRENT] = _value(series.current, h)
     if not touches:
         return h, 0.0
     # A parabola through three places has the peak.
-    first, middle, last = _force_at(piece, work, 0.0), _force_at(piece, work, 0.5 * h), _force_at(piece, work, h)
+    gaps = series.gap
+    first, middle, last = _force_at(piece, gaps, 0.0), _force_at(piece, gaps, 0.5 * h), _force_at(piece, gaps, h)
     force = max(abs(first), abs(middle), abs(last))
     tilt, bend = 0.5 * (last - first), 0.5 * (first + last) - middle
     if abs(tilt) < 2.0 * abs(bend):

@@ -19,9 +19,26 @@ from backlash_ros.drivetrain.contact import Constants, Contact, ForceFunction, S
 from backlash_ros.drivetrain.contacts.elastic import SpringContact
 from backlash_ros.foundation.compiled import compiled, specialize, unbound
 
-ToothTorque = tuple[float, float, float, float, float, float, float, float]
-"""The torque of the teeth, N m, and its derivatives: by the twist, by its rate and by half the gap; by the logarithms
-of stiffness, damping, rebound and exponent."""
+
+class ToothTorque(NamedTuple):
+    """The torque of the teeth, N m, and its derivatives.
+
+    By the twist (N m/rad), by its rate (N m s/rad) and by half the gap (N m/rad); by the logarithms of stiffness,
+    damping, rebound and exponent (N m).
+    """
+
+    torque: float
+    by_twist: float
+    by_rate: float
+    by_half_gap: float
+    by_ln_stiffness: float
+    by_ln_damping: float
+    by_ln_rebound: float
+    by_ln_exponent: float
+
+
+APART = ToothTorque(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+"""Of teeth that do not touch."""
 
 _force: ForceFunction = unbound
 _slopes: SlopesFunction = unbound
@@ -46,7 +63,7 @@ def free_torque(constants: Constants, shape: Shape, half_gap: float, twist: floa
     """Return the torque of the free law and its derivatives, for half the gap, a twist (rad) and its rate (rad/s)."""
     depth = abs(twist) - half_gap
     if depth <= 0.0:
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        return APART
     side = 1.0 if twist > 0.0 else -1.0
     log = math.log(depth / shape.depth)
     spring = shape.stiffness * shape.depth / shape.exponent * math.exp(shape.exponent * log)
@@ -57,17 +74,17 @@ def free_torque(constants: Constants, shape: Shape, half_gap: float, twist: floa
         damper = damping = 0.0
     torque = spring * factor + damper
     if torque <= 0.0:
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        return APART
     by_twist = shape.exponent * spring / depth * factor
-    return (
-        side * torque,
-        by_twist,
-        damping + spring * shape.rebound,
-        -side * by_twist,
-        side * spring * factor,
-        side * damper,
-        side * spring * shape.rebound * closing,
-        side * spring * (shape.exponent * log - 1.0) * factor,
+    return ToothTorque(
+        torque=side * torque,
+        by_twist=by_twist,
+        by_rate=damping + spring * shape.rebound,
+        by_half_gap=-side * by_twist,
+        by_ln_stiffness=side * spring * factor,
+        by_ln_damping=side * damper,
+        by_ln_rebound=side * spring * shape.rebound * closing,
+        by_ln_exponent=side * spring * (shape.exponent * log - 1.0) * factor,
     )
 
 
@@ -77,7 +94,7 @@ def _told_torque(constants: Constants, shape: Shape, half_gap: float, twist: flo
     tooth = _force(constants, radius * half_gap, radius * twist, radius * rate)
     torque, factor = radius * shape.stiffness * tooth[0], radius * radius * shape.stiffness
     by_half_gap = factor * _slopes(constants, radius * half_gap, radius * twist, tooth)[2]
-    return torque, factor * tooth[1], factor * tooth[2], by_half_gap, torque, 0.0, 0.0, 0.0
+    return ToothTorque(torque, factor * tooth[1], factor * tooth[2], by_half_gap, torque, 0.0, 0.0, 0.0)
 
 
 TorqueFunction = Callable[[Constants, Shape, float, float, float], ToothTorque]
@@ -116,7 +133,7 @@ class Candidate(NamedTuple):
 
     def torque(self, shape: Shape, half_gap: float, twist: float, rate: float = 0.0) -> float:
         """Return the torque of the teeth, N m, for a twist from the middle of the gap, rad, and its rate, rad/s."""
-        return torque_by(self.law)(self.constants, shape, half_gap, twist, rate)[0]  # type: ignore[arg-type]
+        return torque_by(self.law)(self.constants, shape, half_gap, twist, rate).torque  # type: ignore[arg-type]
 
     def twist(self, shape: Shape, half_gap: float, torque: float) -> float:
         """Return the twist from the middle of the gap at which teeth at rest bear a torque > 0 (N m), rad."""

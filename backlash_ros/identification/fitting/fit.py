@@ -15,74 +15,78 @@ import numpy as np
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
-from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.record import Array, row_of
 from backlash_ros.identification.counts import count_of
 from backlash_ros.identification.fitting.candidates import Candidate, Shape, free_teeth, told_contact, told_teeth
-from backlash_ros.identification.fitting.filter import (
-    COARSE,
-    COULOMB_L,
-    COULOMB_M,
-    DELAY,
-    ECCENTRICITY,
-    GAP_SLOPE,
-    GRAVITY,
-    LARGEST,
-    LEAST,
-    LN_BRAKING,
-    LN_DAMPING,
-    LN_EXPONENT,
-    LN_GAIN,
-    LN_HALF_GAP,
-    LN_INERTIA,
-    LN_REBOUND,
-    LN_STIFFNESS,
-    LN_VISCOUS,
-    LOSS,
-    OFFSET,
-    PARAMETERS,
-    TORQUE,
+from backlash_ros.identification.fitting.memory import COARSE, trace_at
+from backlash_ros.identification.fitting.parameters import (
+    Parameters,
+    parameters_at,
+    parameters_of,
+    place_of,
+    places_of,
 )
 from backlash_ros.identification.fitting.problem import (
     KNEE,
     LEAST_NOISE,
     MOST_NOISE,
-    TEETH_NOISE,
     Beliefs,
     Effort,
     Point,
     Problem,
+    Unexplained,
     loss_of,
     motor_side,
+    unexplained_at,
 )
 from backlash_ros.identification.newey_west import newey_west
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.regression import Guess, guess_of
 
 PASSES = 400.0
-"""Passes of the filter over all of a recording after which a search ends."""
-LOUD = np.log([1.8e-2, 3.7e-2, 0.1, 1e-2])
-"""Noise with which the search begins."""
+"""Passes of the filter over all of a recording after which a search ends: seconds of work."""
+LOUD = np.log(row_of(Unexplained, motor=1.8e-2, load=3.7e-2, teeth=0.1, timing=1e-2))
+"""Noise with which the search begins: large, so that a poor start lets the search see far; tuned."""
 _WIDTHS = (1.1, 0.9, 0.75, 0.6, 0.45, 0.3, 0.18)
-"""Gaps to begin with, as shares of the shafts' relative travel."""
-_INERTIAS, _OTHER = (0.1, 0.4), 0.7
-"""Inertias of the load over that of the motor that are tried, and by how much, as ln, they differ from a guess."""
-_LIGHTEST, _HEAVIEST = 0.03, 30.0
-_KEPT, _APART, _HOPELESS = 3, 0.03, 3000.0
-"""Starts that are improved; by how much, as ln, two gaps differ; cost by which one is worse and still improved."""
+"""Gaps to begin with, as shares of the shafts' relative travel; tuned."""
+_INERTIAS = (0.1, 0.4)
+"""Inertias of the load over that of the motor that are tried beside a guess; tuned."""
+_OTHER = 0.7
+"""By how much, as ln, these have to differ from the guess: a factor of two."""
+_LIGHTEST = 0.03
+"""Least inertia of the load over that of the motor that a guess may have; tuned."""
+_HEAVIEST = 30.0
+"""Largest inertia of the load over that of the motor that a guess may have; tuned."""
+_KEPT = 3
+"""Number of starts that are improved; tuned."""
+_APART = 0.03
+"""By how much, as ln, two gaps differ to count as two: 3 %."""
+_HOPELESS = 3000.0
+"""Cost by which a start is worse than the best one and still improved; tuned."""
 _TOLD = 0.02
-"""Cost for each sample by which the told law must be better than the free one."""
+"""Cost for each sample by which the told law must be better than the free one; tuned."""
 _MOST_TEETH = 0.06
 """Largest unexplained share of the teeth's torque with which the told law is believed, if the free law has it, too."""
-_EXPONENTS = -0.1, 0.9
-"""Smallest and largest exponent of the free law, as logarithms."""
-_MOST_LOSS, _SOME_LOSS = 0.95, 0.02
+_LEAST_EXPONENT = -0.1
+"""Smallest exponent of the free law, as logarithm: a little below that of a straight line; tuned."""
+_MOST_EXPONENT = 0.9
+"""Largest exponent of the free law, as logarithm, 2.5, where Hertz's teeth have 1.5; tuned."""
+_MOST_LOSS = 0.95
+"""Largest loss of a gear, a share; tuned."""
+_SOME_LOSS = 0.02
+"""Loss with which the search for one begins; tuned."""
 _OPPOSITE = 60.0
 """Cost for each sample by which the command of the other sign is worse, at least, where it is not looked into."""
 _ELSEWHERE = 12
+"""Number of other gaps that are looked at; tuned."""
+_NARROWEST = 0.05
+"""Half of the smallest of them, a share of the travel; tuned."""
+_WIDEST = 0.6
+"""Half of the largest of them, a share of the travel: at 0.5 the gap is the travel itself."""
 _QUIETER = np.array([[0.0, 0.0, 1.4, 0.0], [1.0, 1.0, 1.4, 1.4]])
-"""What the noise is lowered by, as logarithms, to look for a better model."""
+"""What the noise is lowered by, as logarithms, to look for a better model: of the teeth alone, then all; tuned."""
 _LOUDER = 0.7
-"""By how much, as logarithm, a noise is above its least for that."""
+"""By how much, as logarithm, a noise is above its least for that: a factor of two."""
 _TOGETHER = 13
 """Number of samples beyond which innovations are uncorrelated."""
 _STEEPEST = 0.2
@@ -90,17 +94,15 @@ _STEEPEST = 0.2
 _STANDS_OUT = 4.0
 """Smallest slope of the load torque, in its standard deviations by the noise, that counts as one."""
 _INF = math.inf
-
-
-def row_of(values: dict[int, float], default: float) -> Array:
-    """Return one value for each parameter."""
-    return np.array([values.get(index, default) for index in range(PARAMETERS)])
+_WALLS = ("ln_half_gap", "offset")
+"""What says where the flanks are."""
 
 
 def shape_of(teeth: Candidate, parameters: Array) -> Shape:
     """Return the shape of the teeth by the parameters."""
+    x = parameters_at(parameters)
     stiffness, damping, rebound, exponent = (
-        math.exp(parameters[k]) for k in (LN_STIFFNESS, LN_DAMPING, LN_REBOUND, LN_EXPONENT)
+        math.exp(value) for value in (x.ln_stiffness, x.ln_damping, x.ln_rebound, x.ln_exponent)
     )
     return Shape(stiffness, damping, rebound, exponent, teeth.depth)
 
@@ -138,19 +140,28 @@ class Fit:
     exhausted: bool = False
 
     @property
+    def values(self) -> Parameters:
+        """The parameters by name."""
+        return parameters_at(self.parameters)
+
+    def variance(self, name: str, other: str = "") -> float:
+        """Return the variance of a parameter, or its covariance with another one."""
+        return float(self.covariance[place_of(name), place_of(other or name)])
+
+    @property
     def gap(self) -> float:
         """The backlash where the load started, rad at the output."""
-        return 2.0 * math.exp(self.parameters[LN_HALF_GAP])
+        return 2.0 * math.exp(self.values.ln_half_gap)
 
     @property
     def delay(self) -> float:
         """Time from a sample to when its command acts, s."""
-        return float(self.parameters[DELAY])
+        return float(self.values.delay)
 
     @property
     def scale(self) -> float:
         """Relative scale error of the load's encoder."""
-        return float(self.parameters[ECCENTRICITY])
+        return float(self.values.load_scale_error)
 
     @property
     def shape(self) -> Shape:
@@ -173,7 +184,8 @@ class Fit:
         depth = self.teeth.twist(shape, 0.0, torque)
         log = math.log(torque * shape.exponent / (shape.stiffness * shape.depth))
         slopes = np.array([-1.0, 1.0 - log]) / shape.exponent
-        part = self.covariance[np.ix_((LN_STIFFNESS, LN_EXPONENT), (LN_STIFFNESS, LN_EXPONENT))]
+        places = places_of("ln_stiffness", "ln_exponent")
+        part = self.covariance[np.ix_(places, places)]
         return depth / torque, depth / torque * math.sqrt(max(float(slopes @ part @ slopes), 0.0))
 
     @property
@@ -194,10 +206,10 @@ class Fit:
         A slope that does not stand out is 0: most loads have none. So is one that is steeper than that of a weight
         which the motor moves: a load that is not rigid shows such slopes.
         """
-        slope, deviation = float(self.parameters[GRAVITY]), math.sqrt(max(self.covariance[GRAVITY, GRAVITY], 0.0))
+        slope, deviation = float(self.values.load_torque_slope), math.sqrt(max(self.variance("load_torque_slope"), 0.0))
         weight = _STANDS_OUT * deviation < abs(slope) <= _STEEPEST * self.standstill_torque
         return {
-            "expected_load_torque": float(self.parameters[TORQUE]),
+            "expected_load_torque": float(self.values.load_torque),
             "expected_load_torque_angle": self.start,
             "expected_load_torque_slope": slope if weight else 0.0,
         }
@@ -208,7 +220,7 @@ class Fit:
 
         The motor's is what exceeds the errors of the filter itself.
         """
-        motor, load = self.noise[0] - math.exp(LEAST_NOISE[0]), self.noise[1]
+        motor, load = self.noise[0] - math.exp(unexplained_at(LEAST_NOISE).motor), self.noise[1]
         return {
             "unexplained_motor_torque": max(motor, 0.0) * self.standstill_torque,
             "unexplained_load_torque": load * self.standstill_torque,
@@ -217,7 +229,7 @@ class Fit:
     @property
     def gap_deviation(self) -> float:
         """Its standard deviation by the noise alone, rad."""
-        return self.gap * math.sqrt(self.covariance[LN_HALF_GAP, LN_HALF_GAP])
+        return self.gap * math.sqrt(self.variance("ln_half_gap"))
 
 
 def _scaled(contact: Contact, force: float) -> Contact:
@@ -233,18 +245,20 @@ def _scaled(contact: Contact, force: float) -> Contact:
 
 def steeper(teeth: Candidate, parameters: Array) -> bool:
     """Return whether the free law would be steeper if it might: teeth that it does not contain."""
-    return teeth.free and bool(parameters[LN_EXPONENT] > _EXPONENTS[1] - 0.05)
+    return teeth.free and bool(parameters_at(parameters).ln_exponent > _MOST_EXPONENT - 0.05)
 
 
 def half_gap_of(parameters: Array) -> float:
     """Return half the gap, rad."""
-    return math.exp(parameters[LN_HALF_GAP])
+    return math.exp(parameters_at(parameters).ln_half_gap)
 
 
 def resized(parameters: Array, way: float, half: float) -> Array:
     """Return parameters with half a gap of ``half``, rad, and the wall at the side of ``way`` where it was."""
     other = parameters.copy()
-    other[LN_HALF_GAP], other[OFFSET] = math.log(half), parameters[OFFSET] + way * (half_gap_of(parameters) - half)
+    x = parameters_at(other)
+    x.offset += way * (half_gap_of(parameters) - half)
+    x.ln_half_gap = math.log(half)
     return other
 
 
@@ -257,6 +271,11 @@ class Found(NamedTuple):
 
 def _cost(found: Found) -> float:
     return found.point.cost
+
+
+def _ln_apart(one: Point, other: Point) -> float:
+    """Return how far the gaps of two points differ, as a logarithm."""
+    return float(abs(parameters_at(one.parameters).ln_half_gap - parameters_at(other.parameters).ln_half_gap))
 
 
 class Search:
@@ -294,22 +313,19 @@ class Search:
         half, side = 0.5 * share * self.travel, self.side
         stiffness = 0.25 * self.torque / (0.1 * half)
         mass = inertia * side.inertia / (inertia + side.inertia)
-        return row_of(
-            {
-                LN_HALF_GAP: math.log(half),
-                OFFSET: self.middle + way * (0.5 * self.travel - half),
-                LN_STIFFNESS: math.log(stiffness),
-                LN_DAMPING: math.log(0.2 * math.sqrt(stiffness * mass)),
-                LN_REBOUND: math.log(2.0 * math.sqrt(side.inertia / (self.torque * self.travel))),
-                LN_EXPONENT: 0.12,
-                LN_INERTIA: math.log(inertia),
-                LN_VISCOUS: math.log(max(guess.viscous, 5e-5 * self.torque)),
-                COULOMB_L: guess.coulomb_l,
-                TORQUE: guess.load_torque,
-                COULOMB_M: guess.coulomb_m,
-                DELAY: delay,
-            },
-            0.0,
+        return parameters_of(
+            ln_half_gap=math.log(half),
+            offset=self.middle + way * (0.5 * self.travel - half),
+            ln_stiffness=math.log(stiffness),
+            ln_damping=math.log(0.2 * math.sqrt(stiffness * mass)),
+            ln_rebound=math.log(2.0 * math.sqrt(side.inertia / (self.torque * self.travel))),
+            ln_exponent=0.12,
+            ln_load_inertia=math.log(inertia),
+            ln_load_viscous=math.log(max(guess.viscous, 5e-5 * self.torque)),
+            load_coulomb=guess.coulomb_l,
+            load_torque=guess.load_torque,
+            motor_coulomb=guess.coulomb_m,
+            delay=delay,
         )
 
     def _clipped(self, inertia: float) -> float:
@@ -322,29 +338,102 @@ class Search:
         )
 
     def _beliefs(self, teeth: Candidate, start: Array) -> Beliefs:
-        torque, inertia, free = self.torque, math.log(self.side.inertia), teeth.free
+        stiffness = math.log(self.torque / self.travel) if teeth.free else 0.0
+        return Beliefs(
+            mean=self._mean(teeth, start),
+            spread=self._spread(free=teeth.free),
+            low=self._low(parameters_at(start), stiffness, free=teeth.free),
+            high=self._high(parameters_at(start), stiffness, free=teeth.free),
+            largest=parameters_of(
+                _INF,
+                ln_half_gap=0.3,
+                gap_slope=0.1,
+                ln_stiffness=0.7,
+                ln_damping=0.7,
+                ln_rebound=1.0,
+                ln_exponent=0.2,
+                ln_load_inertia=0.7,
+                ln_load_viscous=1.0,
+                gear_loss=0.1,
+                load_scale_error=0.01,
+                ln_motor_gain=0.2,
+                ln_motor_braking=0.2,
+            ),
+        )
+
+    @staticmethod
+    def _mean(teeth: Candidate, start: Array) -> Array:
+        """Return what is expected: the start, a motor as told, and an even gap without a loss."""
         mean = start.copy()
-        mean[[GAP_SLOPE, GRAVITY, ECCENTRICITY, LN_GAIN, LN_BRAKING, LOSS]] = 0.0
-        mean[LN_EXPONENT] = 0.15 if free else 0.0
-        if not free:
-            mean[[LN_STIFFNESS, LN_DAMPING, LN_REBOUND]] = 0.0
-        spread = {LN_HALF_GAP: 3.0, OFFSET: 1.0, GAP_SLOPE: 0.2, LN_STIFFNESS: 2.0 if free else 0.05, LN_DAMPING: 2.0}
-        spread |= {LN_REBOUND: 2.0, LN_EXPONENT: 0.2, LN_INERTIA: 3.0, LN_VISCOUS: 3.0, GRAVITY: 0.05 * torque}
-        spread |= dict.fromkeys((COULOMB_L, TORQUE, COULOMB_M), torque)
-        spread |= {LOSS: 0.1, ECCENTRICITY: 0.005, DELAY: 2.0 * self._period, LN_GAIN: 0.15, LN_BRAKING: 0.15}
-        stiffness = math.log(torque / self.travel) if free else 0.0
-        low = {LN_HALF_GAP: math.log(1e-3 * self.travel), LN_STIFFNESS: stiffness - (3.0 if free else 1.0)}
-        low |= {LN_DAMPING: start[LN_DAMPING] - 12.0, LN_REBOUND: start[LN_REBOUND] - 7.0, LN_EXPONENT: _EXPONENTS[0]}
-        low |= {LN_INERTIA: inertia - 9.0, LN_VISCOUS: math.log(1e-7 * torque), TORQUE: -20.0 * torque}
-        low |= dict.fromkeys((COULOMB_L, COULOMB_M, LOSS, DELAY), 0.0) | dict.fromkeys((LN_GAIN, LN_BRAKING), -1.0)
-        high = {LN_HALF_GAP: math.log(3.0 * self.travel), LN_STIFFNESS: stiffness + (12.0 if free else 1.0)}
-        high |= {LN_DAMPING: start[LN_DAMPING] + 7.0, LN_REBOUND: start[LN_REBOUND] + 6.0, LN_EXPONENT: _EXPONENTS[1]}
-        high |= {LN_INERTIA: inertia + 7.0, LN_VISCOUS: math.log(1e2 * torque), TORQUE: 20.0 * torque, LOSS: 0.0}
-        high |= {DELAY: 20.0 * self._period} | dict.fromkeys((LN_GAIN, LN_BRAKING), 1.0)
-        largest = {LN_HALF_GAP: 0.3, GAP_SLOPE: 0.1, LN_STIFFNESS: 0.7, LN_DAMPING: 0.7, LN_REBOUND: 1.0}
-        largest |= {LN_EXPONENT: 0.2, LN_INERTIA: 0.7, LN_VISCOUS: 1.0, LOSS: 0.1, ECCENTRICITY: 0.01}
-        largest |= {LN_GAIN: 0.2, LN_BRAKING: 0.2}
-        return Beliefs(mean, row_of(spread, 1.0), row_of(low, -_INF), row_of(high, _INF), row_of(largest, _INF))
+        x = parameters_at(mean)
+        x.gap_slope = x.load_torque_slope = x.load_scale_error = x.gear_loss = 0.0
+        x.ln_motor_gain = x.ln_motor_braking = 0.0
+        x.ln_exponent = 0.15 if teeth.free else 0.0
+        if not teeth.free:
+            x.ln_stiffness = x.ln_damping = x.ln_rebound = 0.0
+        return mean
+
+    def _spread(self, *, free: bool) -> Array:
+        """Return how far from that the parameters may be; the force of a told law is known to 5 %."""
+        return parameters_of(
+            1.0,
+            ln_half_gap=3.0,
+            offset=1.0,
+            gap_slope=0.2,
+            ln_stiffness=2.0 if free else 0.05,
+            ln_damping=2.0,
+            ln_rebound=2.0,
+            ln_exponent=0.2,
+            ln_load_inertia=3.0,
+            ln_load_viscous=3.0,
+            load_coulomb=self.torque,
+            load_torque=self.torque,
+            load_torque_slope=0.05 * self.torque,
+            motor_coulomb=self.torque,
+            gear_loss=0.1,
+            load_scale_error=0.005,
+            delay=2.0 * self._period,
+            ln_motor_gain=0.15,
+            ln_motor_braking=0.15,
+        )
+
+    def _low(self, start: Parameters, stiffness: float, *, free: bool) -> Array:
+        """Return the least values: far below those of any drive, and no friction, loss or delay below 0."""
+        return parameters_of(
+            -_INF,
+            ln_half_gap=math.log(1e-3 * self.travel),
+            ln_stiffness=stiffness - (3.0 if free else 1.0),
+            ln_damping=start.ln_damping - 12.0,
+            ln_rebound=start.ln_rebound - 7.0,
+            ln_exponent=_LEAST_EXPONENT,
+            ln_load_inertia=math.log(self.side.inertia) - 9.0,
+            ln_load_viscous=math.log(1e-7 * self.torque),
+            load_torque=-20.0 * self.torque,
+            load_coulomb=0.0,
+            motor_coulomb=0.0,
+            gear_loss=0.0,
+            delay=0.0,
+            ln_motor_gain=-1.0,
+            ln_motor_braking=-1.0,
+        )
+
+    def _high(self, start: Parameters, stiffness: float, *, free: bool) -> Array:
+        """Return the largest values: far above those of any drive; no loss, which `with_losses` allows later."""
+        return parameters_of(
+            _INF,
+            ln_half_gap=math.log(3.0 * self.travel),
+            ln_stiffness=stiffness + (12.0 if free else 1.0),
+            ln_damping=start.ln_damping + 7.0,
+            ln_rebound=start.ln_rebound + 6.0,
+            ln_exponent=_MOST_EXPONENT,
+            ln_load_inertia=math.log(self.side.inertia) + 7.0,
+            ln_load_viscous=math.log(1e2 * self.torque),
+            load_torque=20.0 * self.torque,
+            gear_loss=0.0,
+            delay=20.0 * self._period,
+            ln_motor_gain=1.0,
+            ln_motor_braking=1.0,
+        )
 
     def starts(self) -> Iterable[Array]:
         """Yield gaps of any width, in the middle of the travel or at its ends, with light and heavy loads."""
@@ -371,8 +460,7 @@ class Search:
         others = [
             end
             for end in ends[1:]
-            if abs(end.point.parameters[LN_HALF_GAP] - first.point.parameters[LN_HALF_GAP]) > _APART
-            and _cost(end) < _cost(first) + _HOPELESS
+            if _ln_apart(end.point, first.point) > _APART and _cost(end) < _cost(first) + _HOPELESS
         ]
         found = []
         for point, problem in (first, *others[:1]):
@@ -384,17 +472,18 @@ class Search:
     def with_losses(self, found: Found) -> Found:
         """Return where the search ends with a gear that may lose torque: from the start, losses lead it astray."""
         high = found.problem.beliefs.high.copy()
-        high[LOSS] = _MOST_LOSS
+        parameters_at(high).gear_loss = _MOST_LOSS
         problem = replace(found.problem, beliefs=found.problem.beliefs._replace(high=high))
         start = found.point.parameters.copy()
-        start[LOSS] = _SOME_LOSS
+        parameters_at(start).gear_loss = _SOME_LOSS
         end = problem.settle(Point(_INF, start, found.point.noise), 3, 4, 2.0)
         return Found(min(found.point, end, key=lambda point: point.cost), problem)
 
     def of_told(self, free: Point) -> Found:
         """Return the told law's end, from where the free law ended."""
         start = free.parameters.copy()
-        start[[LN_STIFFNESS, LN_DAMPING, LN_REBOUND, LN_EXPONENT]] = 0.0
+        x = parameters_at(start)
+        x.ln_stiffness = x.ln_damping = x.ln_rebound = x.ln_exponent = 0.0
         problem = self.problem(self.told, start)
         tried = [resized(start, 0.0, factor * half_gap_of(start)) for factor in (0.9, 1.0, 1.12, 1.25)]
         costs = [problem.cost(parameters, free.noise) for parameters in tried]
@@ -408,7 +497,7 @@ class Search:
         best, problem = found
         loud = np.minimum(best.noise + 1.15, MOST_NOISE)
         scan: list[tuple[float, int, Array]] = []
-        for half in np.geomspace(0.05, 0.6, _ELSEWHERE) * self.travel:
+        for half in np.geomspace(_NARROWEST, _WIDEST, _ELSEWHERE) * self.travel:
             if abs(math.log(half / half_gap_of(best.parameters))) > 3.0 * _APART:
                 for way in (1.0, -1.0):
                     other = resized(best.parameters, way, float(half))
@@ -418,8 +507,7 @@ class Search:
             if not math.isfinite(cost) or self.effort.spent:
                 continue
             end = problem.solve(Point(cost, other, loud), 5, 2.0, COARSE)
-            apart = abs(end.parameters[LN_HALF_GAP] - best.parameters[LN_HALF_GAP])
-            if end.cost < limit and apart > _APART:
+            if end.cost < limit and _ln_apart(end, best) > _APART:
                 end = problem.settle(problem.tune(end, 2, 2.0), 4, 3, 2.0)
                 best = min(best, end, key=lambda point: point.cost)
         return Found(best, problem)
@@ -452,12 +540,13 @@ class Search:
 
         It is infinite if no torque holds the load on one flank. The search ends once it is less than ``enough``.
         """
-        best, torque = found.point, float(found.point.parameters[TORQUE])
-        if abs(torque) < max(0.5 * best.parameters[COULOMB_L], 0.01 * self.torque):
+        best, x = found.point, parameters_at(found.point.parameters)
+        torque = float(x.load_torque)
+        if abs(torque) < max(0.5 * x.load_coulomb, 0.01 * self.torque):
             return _INF
         other = resized(best.parameters, -math.copysign(1.0, torque), 2.0 * self.travel)
         beliefs, low = found.problem.beliefs, found.problem.beliefs.low.copy()
-        low[LN_HALF_GAP] = math.log(0.65 * self.travel)
+        parameters_at(low).ln_half_gap = math.log(0.65 * self.travel)
         problem = replace(found.problem, beliefs=beliefs._replace(low=low), effort=Effort(60.0))
         point = problem.solve(Point(_INF, other, np.maximum(best.noise, LOUD)), 5, 2.0, COARSE)
         point = problem.tune(point, 2, 2.0)
@@ -473,10 +562,10 @@ class Search:
         best = found.point
         middle = _calm(self.recording)
         beliefs = found.problem.beliefs
-        tight = row_of({LN_HALF_GAP: 3.0, OFFSET: 1.0}, 1e-7)
+        tight = parameters_of(1e-7, ln_half_gap=3.0, offset=1.0)
         places = []
         found.problem.cost(best.parameters, best.noise)
-        states = found.problem.states[[0, middle]].copy()
+        states = found.problem.results.states[[0, middle]].copy()
         for rows, state in zip((slice(0, middle + 1), slice(middle, self.size)), states, strict=True):
             part = replace(
                 found.problem,
@@ -485,17 +574,20 @@ class Search:
                 effort=Effort(40.0),
                 whole=self.size,
             )
-            part.states[0] = state
+            part.results.states[0] = state
             end = part.solve(best, 10, 0.1)
             cost, _, matrix = part.look(end.parameters, best.noise)
             if not math.isfinite(cost):
                 return [(_INF, 0.0)] * 2
             covariance, half = np.linalg.inv(matrix), half_gap_of(end.parameters)
             by = [np.array([side * half, 1.0]) for side in (1.0, -1.0)]
-            block = covariance[np.ix_((LN_HALF_GAP, OFFSET), (LN_HALF_GAP, OFFSET))]
+            block = covariance[np.ix_(places_of(*_WALLS), places_of(*_WALLS))]
             deviations = [math.sqrt(max(float(each @ block @ each), 0.0)) for each in by]
             places.append(
-                [(end.parameters[OFFSET] + side * half, d) for side, d in zip((1, -1), deviations, strict=True)]
+                [
+                    (parameters_at(end.parameters).offset + side * half, d)
+                    for side, d in zip((1, -1), deviations, strict=True)
+                ]
             )
         return [(abs(a[0] - b[0]), max(a[1], b[1])) for a, b in zip(*places, strict=True)]
 
@@ -523,14 +615,16 @@ def fit_of(found: Found, laws: Sequence[Law], drive: Drive) -> Fit:
     """Return the result at a point, and its uncertainty by Huber's sandwich with Newey and West's scores."""
     point, problem = found
     _, gradient, matrix = problem.look(point.parameters, point.noise)
-    innovations = problem.innovations[1:]
+    innovations = problem.results.innovations[1:]
     weighed = innovations / np.sqrt(1.0 + (innovations / KNEE) ** 2)
     # What is pressed against a bound, such as a loss of 0, is there, and makes nothing else uncertain.
     held = problem.pressed(point.parameters, gradient)
     apart = np.diag(np.diag(matrix))
     bent = np.linalg.inv(np.where(held[:, None] | held, apart, matrix))
-    scores = newey_west(np.einsum("ki,kij->kj", weighed, problem.derivatives[1:]), _TOGETHER)
-    least, largest = np.sort(problem.states[1:, LEAST]), np.sort(problem.states[1:, LARGEST])
+    scores = newey_west(np.einsum("ki,kij->kj", weighed, problem.results.derivatives[1:]), _TOGETHER)
+    traces = [trace_at(row) for row in problem.results.states[1:]]
+    least = np.sort([trace.least_torque for trace in traces])
+    largest = np.sort([trace.largest_torque for trace in traces])
     few = min(2, least.size - 1)
     sizes = np.sqrt(np.mean(loss_of(innovations), axis=0))
     motor, load, share, timing = (float(value) for value in np.exp(point.noise))
@@ -538,7 +632,12 @@ def fit_of(found: Found, laws: Sequence[Law], drive: Drive) -> Fit:
         teeth=problem.teeth,
         parameters=point.parameters,
         covariance=bent @ scores @ bent + bent,
-        noise=(motor, load * math.exp(point.parameters[LN_INERTIA]) / problem.side.inertia, share, timing),
+        noise=(
+            motor,
+            load * math.exp(parameters_at(point.parameters).ln_load_inertia) / problem.side.inertia,
+            share,
+            timing,
+        ),
         rms=(float(sizes[0]), float(sizes[1])),
         counts=problem.counts,
         torques=(float(least[few]), float(largest[-1 - few])),
@@ -570,7 +669,9 @@ def search_all(
         return None
     told = search.of_told(free.point)
     laws = [Law(2.0 * half_gap_of(f.point.parameters), f.point.cost / search.size) for f in (free, told)]
-    explains = told.point.noise[TEETH_NOISE] < math.log(_MOST_TEETH) or steeper(search.free, free.point.parameters)
+    explains = unexplained_at(told.point.noise).teeth < math.log(_MOST_TEETH) or steeper(
+        search.free, free.point.parameters
+    )
     better = laws[1].cost < laws[0].cost - _TOLD and explains
     best = told if better else free
     best = search.quieter(search.elsewhere(best))
@@ -587,7 +688,7 @@ def compile_filters(contacts: Iterable[type[Contact]]) -> None:
     """Compile the functions of fits, so that processes that fit find the code."""
     drive, still = NOMINAL_DRIVE, np.zeros(3)
     recording = Recording(np.array([0.0, 0.004, 0.008]), still, still, still, still)
-    start, wide = row_of({LN_INERTIA: -7.0, LN_VISCOUS: -7.0, LN_HALF_GAP: -4.0}, 0.0), row_of({}, 1.0)
+    start, wide = parameters_of(ln_load_inertia=-7.0, ln_load_viscous=-7.0, ln_half_gap=-4.0), parameters_of(1.0)
     beliefs = Beliefs(start, wide, -wide, wide, wide)
     for teeth in (free_teeth(1e-3), *(told_teeth(drive, law()) for law in contacts)):
         Problem(motor_side(drive), teeth, recording, 1.0, beliefs, (1e-4, 1e-4)).look(start, LOUD)

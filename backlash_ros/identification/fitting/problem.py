@@ -14,34 +14,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backlash_ros.drivetrain import Drive
-from backlash_ros.foundation.record import Array
+from backlash_ros.foundation.record import Array, Record, row_of, size_of, view_of
 from backlash_ros.identification.fitting.candidates import Candidate
-from backlash_ros.identification.fitting.filter import FINE, PARAMETERS, STATES, MotorSide, Noise, Steps, filter_with
+from backlash_ros.identification.fitting.filter import filter_with
+from backlash_ros.identification.fitting.memory import FINE, STATES, MotorSide, Noise, Results, Steps, Teeth, trace_at
+from backlash_ros.identification.fitting.parameters import PARAMETERS
 from backlash_ros.identification.recording import Recording
 
-MOTOR_NOISE, LOAD_NOISE, TEETH_NOISE, TIMING_NOISE = range(4)
-"""The noise, as logarithms: unexplained torque that acts on either shaft for 10 ms, as a share of the stall torque that
-the motor's own inertia would take to follow it; unexplained share of the teeth's torque; and of a period."""
-NOISES = 4
-LEAST_NOISE = np.log([3e-4, 6e-4, 4e-3, 1e-5])
+
+class Unexplained(Record):
+    """The noise, as shares; a row of their logarithms is fitted."""
+
+    motor: float  # torque on the motor for `_ACTS`, of the stall torque that its inertia would take to follow it
+    load: float  # the same for the load
+    teeth: float  # of the teeth's torque
+    timing: float  # of a period
+
+
+NOISES = size_of(Unexplained)
+unexplained_at = view_of(Unexplained)
+LEAST_NOISE = np.log(row_of(Unexplained, motor=3e-4, load=6e-4, teeth=4e-3, timing=1e-5))
 """What the filter's steps leave unexplained."""
-MOST_NOISE = np.log([1.0, 1.0, 3.0, 0.3])
+MOST_NOISE = np.log(row_of(Unexplained, motor=1.0, load=1.0, teeth=3.0, timing=0.3))
+"""The most that is fitted; tuned."""
 KNEE = 2.0
-"""Standard deviations above which an innovation counts by its magnitude, not its square."""
+"""Standard deviations above which an innovation counts by its magnitude, not its square; tuned."""
 _ACTS = 1e-2
-"""Time for which an unexplained torque acts, s."""
+"""Time for which an unexplained torque acts, s: the unit of its noise."""
 _SMALL = 1e-12
-"""Variance of a reading beside its counts, rad^2."""
-_CHEAP, _TRIES = 0.35, 5
-"""Cost of a pass without derivatives, in passes with them; and number of dampings that a step tries."""
+"""Variance of a reading beside its counts, rad^2: without it, one without counts would have none."""
+_CHEAP = 0.35
+"""Cost of a pass without derivatives, in passes with them: it takes about a third of the time."""
 _COARSE = 0.4
-"""Cost of a pass in coarse steps, in passes in fine ones."""
-_APART, _FARTHEST = 0.2, 1.6
-"""Difference of the logarithms by which derivatives are taken, and the largest step."""
+"""Cost of a pass in coarse steps, in passes in fine ones: it takes about a third of the time."""
+_DAMPINGS = 5
+"""Number of dampings that a step tries; tuned."""
+_APART = 0.2
+"""Difference of a noise's logarithm by which derivatives are taken; tuned."""
+_FARTHEST = 1.6
+"""Largest step of a noise's logarithm, a factor of 5; tuned."""
 _LOWER = 0.7
-"""What the noise is lowered by, as logarithm, for the parameters to go on."""
-_FIRST, _MOVING = 0.02, 0.3
-"""Time from which the first speeds are taken, s, and speed below which they count as 0, rad/s."""
+"""What the noise is lowered by, as logarithm, for the parameters to go on: to half of it; tuned."""
+_FIRST = 0.02
+"""Time from which the first speeds are taken, s; tuned."""
+_MOVING = 0.3
+"""Speed below which the first speeds count as 0, rad/s; tuned."""
 
 
 def motor_side(drive: Drive) -> MotorSide:
@@ -61,11 +78,16 @@ def first_states(recording: Recording) -> Array:
     """Return room for the filter's states, shape (N, `STATES`), with initial speeds if it starts in motion."""
     states = np.zeros((recording.time.size, STATES))
     first = recording.time <= recording.time[0] + _FIRST
-    for column, angle in ((1, recording.motor), (4, recording.load)):
+
+    def speed_of(angle: Array) -> float:
         read = first & np.isfinite(angle)
-        if np.sum(read) > 2:
-            speed = float(np.polyfit(recording.time[read], angle[read], 1)[0])
-            states[0, column] = speed if abs(speed) > _MOVING else 0.0
+        if np.sum(read) <= 2:
+            return 0.0
+        speed = float(np.polyfit(recording.time[read], angle[read], 1)[0])
+        return speed if abs(speed) > _MOVING else 0.0
+
+    start = trace_at(states[0]).state
+    start.motor_speed, start.load_speed = speed_of(recording.motor), speed_of(recording.load)
     return states
 
 
@@ -100,7 +122,7 @@ class Beliefs(NamedTuple):
 
 
 class Point(NamedTuple):
-    """A point of a search: minus twice the logarithm of the likelihood, the parameters, the logarithms of the noise."""
+    """A point of a search: minus twice the logarithm of the likelihood; parameters; logarithms of `Unexplained`."""
 
     cost: float
     parameters: Array
@@ -126,19 +148,16 @@ class Problem:
     counts: tuple[float, float]
     effort: Effort = field(default_factory=Effort)
     whole: int = 0
-    innovations: Array = field(init=False)
-    derivatives: Array = field(init=False)
-    logs: Array = field(init=False)
-    states: Array = field(init=False)
+    results: Results = field(init=False)
 
     def __post_init__(self) -> None:
         size = self.recording.time.size
-        self.innovations, self.logs, self.states = (
-            np.zeros((size, 2)),
-            np.zeros((size, 2)),
-            first_states(self.recording),
+        self.results = Results(
+            innovations=np.zeros((size, 2)),
+            derivatives=np.zeros((size, 2, PARAMETERS)),
+            logs=np.zeros((size, 2)),
+            states=first_states(self.recording),
         )
-        self.derivatives = np.zeros((size, 2, PARAMETERS))
         self._period = float(np.median(np.diff(self.recording.time)))
         self._share = size / (self.whole or size)
 
@@ -156,20 +175,16 @@ class Problem:
         predict = filter_with(self.teeth.law)  # type: ignore[arg-type]
         logs = predict(
             self.side,
-            self.teeth.constants,
-            self.teeth.depth,
+            Teeth(self.teeth.constants, self.teeth.depth),
             self.variances(noise),
             parameters,
             steps,
+            self.recording,
+            self.results,
             derive,
-            *self.recording,
-            self.innovations,
-            self.derivatives,
-            self.logs,
-            self.states,
         )
         off = (parameters - self.beliefs.mean) / self.beliefs.spread
-        result = float(np.sum(loss_of(self.innovations[1:]))) + logs + float(off @ off)
+        result = float(np.sum(loss_of(self.results.innovations[1:]))) + logs + float(off @ off)
         return result if math.isfinite(result) else math.inf
 
     def cost(self, parameters: Array, noise: Array, steps: Steps = FINE) -> float:
@@ -181,7 +196,7 @@ class Problem:
         cost = self._run(parameters, noise, steps, derive=True)
         if not math.isfinite(cost):
             return math.inf, np.zeros(PARAMETERS), np.eye(PARAMETERS)
-        innovations, slopes = self.innovations[1:].ravel(), self.derivatives[1:].reshape(-1, PARAMETERS)
+        innovations, slopes = self.results.innovations[1:].ravel(), self.results.derivatives[1:].reshape(-1, PARAMETERS)
         weighed = slopes / np.sqrt(1.0 + (innovations / KNEE) ** 2)[:, None]
         mean, spread = self.beliefs.mean, self.beliefs.spread
         gradient = weighed.T @ innovations + (parameters - mean) / spread**2
@@ -189,21 +204,21 @@ class Problem:
 
     def pressed(self, parameters: Array, gradient: Array) -> NDArray[np.bool_]:
         """Return which parameters are pressed against a bound, where they stay."""
-        low, high = self.beliefs[2:4]
+        low, high = self.beliefs.low, self.beliefs.high
         return (parameters <= low) & (gradient > 0.0) | (parameters >= high) & (gradient < 0.0)
 
     def solve(self, start: Point, most: int, enough: float, steps: Steps = FINE) -> Point:
         """Improve the parameters until a step gains less than ``enough`` or ``most`` steps are done."""
         damping, parameters = 1e-3, start.parameters
         cost, gradient, matrix = self.look(parameters, start.noise, steps)
-        low, high, largest = self.beliefs[2:]
+        low, high, largest = self.beliefs.low, self.beliefs.high, self.beliefs.largest
         for _ in range(most):
             if self.effort.spent or not math.isfinite(cost):
                 break
             gain = 0.0
             free = ~self.pressed(parameters, gradient)
             curved = matrix[np.ix_(free, free)]
-            for tried in range(_TRIES):
+            for tried in range(_DAMPINGS):
                 step = np.zeros(PARAMETERS)
                 step[free] = np.linalg.solve(curved + damping * np.diag(np.diag(curved)), -gradient[free])
                 new = np.clip(parameters + np.clip(step, -largest, largest), low, high)
@@ -248,7 +263,7 @@ class Problem:
 
     def _slopes_by_noise(self, cost: float, parameters: Array, noise: Array, least: Array) -> tuple[Array, Array]:
         """Return the cost's gradient by the noise and a matrix for Newton's step, after a pass at this point."""
-        innovations, logs = self.innovations[1:].ravel().copy(), self.logs[1:].ravel().copy()
+        innovations, logs = self.results.innovations[1:].ravel().copy(), self.results.logs[1:].ravel().copy()
         gradient = np.zeros(NOISES)
         by_logs, by_innovations = np.zeros((NOISES, logs.size)), np.zeros((NOISES, logs.size))
         for k in np.flatnonzero(least == 0):
@@ -256,8 +271,8 @@ class Problem:
             other = noise.copy()
             other[k] += apart
             gradient[k] = (self.cost(parameters, other) - cost) / apart
-            by_logs[k] = (self.logs[1:].ravel() - logs) / apart
-            by_innovations[k] = (self.innovations[1:].ravel() - innovations) / apart
+            by_logs[k] = (self.results.logs[1:].ravel() - logs) / apart
+            by_innovations[k] = (self.results.innovations[1:].ravel() - innovations) / apart
         # Where the model misses by more than the noise, the cost bends more than it would for the likeliest noise.
         bends = np.maximum(1.0, loss_of(innovations))
         matrix = (by_logs * bends) @ by_logs.T + 2.0 * by_innovations @ by_innovations.T

@@ -30,30 +30,66 @@ from backlash_ros.identification.locked_output.lost_motion import Curve, LostMot
 from backlash_ros.identification.locked_output.ramps import Ramps, ramps_of
 from backlash_ros.identification.newey_west import newey_west
 
-_BLOCK, _SETTLED, _FAST = 0.008, 0.06, 0.5
-"""Averaging time of the samples, s; time for which the motor must have been slow before they count, s: slower than this
-share of the speed through the gap."""
-_WARM_UP, _END = 2, 2
-"""Branches of the torque, at first and at last, that do not count."""
+_BLOCK = 0.008
+"""Averaging time of the samples, s; tuned."""
+_SETTLED = 0.06
+"""Time for which the motor must have been slow before samples count, s; tuned."""
+_FAST = 0.5
+"""Share of the speed through the gap above which the motor is not slow."""
+_RATE_OVER = 0.02
+"""Time to either side over which the motor's speed is taken, s; tuned."""
+_WARM_UP = 2
+"""Branches of the torque, at first, that do not count; tuned."""
+_END = 2
+"""Branches of the torque, at last, that do not count; tuned."""
 _FAINT = 0.01
 """Share of the torque below which the teeth's place says little."""
 _MOST_LOSS = 0.4
 """Largest share of the torque that friction may take."""
-_BETTER, _AS_GOOD = 0.8, 1.1
-"""Share of the own law's residual below which another law is taken; largest multiple of the best residual."""
-_LOSS, _WEIGHT = 0.05, 4.0
-"""Prior standard deviation of the teeth's loss; its weight, in single counts."""
-_FITS, _FITS_COUNTS = 0.03, 1.0
-"""Largest residual: share of the gap, or counts."""
+_BETTER = 0.8
+"""Share of the own law's residual below which another law is taken; tuned."""
+_AS_GOOD = 1.1
+"""Largest multiple of the best residual with which a law is as good, so that its gap counts."""
+_LOSS = 0.05
+"""Prior standard deviation of the teeth's loss, a share; tuned."""
+_WEIGHT = 4.0
+"""Weight of that prior, in single counts; tuned."""
+_FITS = 0.03
+"""Largest residual, a share of the gap."""
+_FITS_COUNTS = 1.0
+"""Largest residual, in counts, where these are coarser."""
 _REPEATS = 0.05
-"""Largest spread from cycle to cycle: share of the gap."""
-_SURE, _HALF_COUNT = 0.05, 0.5
-"""Largest standard uncertainty: share of the gap, or counts."""
-_NOISE, _MODEL, _COUNT = 1.25, 0.006, 0.12
-"""Components of the uncertainty: a factor on the residuals' standard deviation, a share, and a share of a count."""
-_GIVE_MODEL, _GIVE_COUNT = 0.01, 0.3
-"""The same for a stiffness: a share, and a share of a count divided by the travel that it comes from."""
-_X0, _H, _C, _MU, _GIVE = range(5)
+"""Largest spread from cycle to cycle, a share of the gap."""
+_SURE = 0.05
+"""Largest standard uncertainty, a share of the gap."""
+_HALF_COUNT = 0.5
+"""Largest standard uncertainty, in counts, where these are coarser."""
+_NOISE = 1.25
+"""Component of the uncertainty: a factor on the residuals' standard deviation; tuned."""
+_MODEL = 0.006
+"""Component of the uncertainty: a share of the gap; tuned."""
+_COUNT = 0.12
+"""Component of the uncertainty: a share of a count; tuned."""
+_GIVE_MODEL = 0.01
+"""Component of a stiffness's uncertainty: a share of it; tuned."""
+_GIVE_COUNT = 0.3
+"""Component of a stiffness's uncertainty: a share of a count divided by the travel that it comes from; tuned."""
+_FEWEST_POINTS = 50
+"""Fewest points that count for a fit."""
+_FEWEST_ON_FLANK = 20
+"""Fewest of them on either flank."""
+_SHOWN = 600
+"""About how many points of the curve are kept to be drawn."""
+
+
+class _Values(NamedTuple):
+    """What is fitted."""
+
+    middle: float  # of the gap, motor angle less load angle, rad
+    half_gap: float  # rad
+    friction: float  # C, N m
+    loss: float  # mu, a share
+    give: float = 0.0  # of a linear spring, rad/(N m)
 
 
 class _Points(NamedTuple):
@@ -67,11 +103,27 @@ class _Points(NamedTuple):
 
 
 class _Found(NamedTuple):
+    """A fit with one law: ``rms`` of its residuals, rad, and torque of the ``teeth`` at each point, N m."""
+
     contact: Contact
-    values: Array
+    vector: Array
     covariance: Array
     rms: float
     teeth: Array
+
+    @property
+    def values(self) -> _Values:
+        """What was fitted, by name."""
+        return _values(self.vector)
+
+    @property
+    def deviations(self) -> _Values:
+        """Its standard deviations."""
+        return _Values(*(math.sqrt(max(float(variance), 0.0)) for variance in np.diag(self.covariance)))
+
+
+def _values(vector: Array) -> _Values:
+    return _Values(*(float(value) for value in vector))
 
 
 def _points(curve: Curve, drive: Drive, speed: float) -> _Points:
@@ -84,7 +136,7 @@ def _points(curve: Curve, drive: Drive, speed: float) -> _Points:
         return np.asarray(values[:n].reshape(-1, size).mean(axis=1))
 
     x, torque, time = mean(curve.motor - curve.load), mean(curve.torque), mean(curve.time)
-    near = max(1, round(0.02 / (size * period)))
+    near = max(1, round(_RATE_OVER / (size * period)))
     rate = np.zeros_like(x)
     rate[near:-near] = (x[2 * near :] - x[: -2 * near]) / (time[2 * near :] - time[: -2 * near])
     torque = torque - motor_side(drive).viscous * rate
@@ -116,11 +168,11 @@ def static_place(drive: Drive, contact: Contact, half_gap: float, torque: float)
     return gap_at_rest(contact, constants, radius * half_gap, torque / radius) / radius
 
 
-def _places(drive: Drive, contact: Contact, values: Array, teeth: Array) -> Array:
+def _places(drive: Drive, contact: Contact, values: _Values, teeth: Array) -> Array:
     """Return the distances from the middle of the gap for torques of the teeth (N m, >= 0), rad."""
-    half_gap = float(values[_H])
+    half_gap = values.half_gap
     if isinstance(contact, SpringContact):
-        return np.asarray(half_gap + values[_GIVE] * teeth)
+        return np.asarray(half_gap + values.give * teeth)
     top = float(np.max(teeth)) + 1e-9
     grid = np.geomspace(0.2 * _FAINT * top, 1.001 * top, 24)
     placed = [static_place(drive, contact, half_gap, float(each)) for each in grid]
@@ -138,12 +190,13 @@ def _fit(drive: Drive, contact: Contact, points: _Points, count: float) -> _Foun
     spring = isinstance(contact, SpringContact)
     top = float(np.max(np.abs(points.torque)))
 
-    def residual(values: Array) -> Array:
-        teeth = _teeth_torque(points.torque, float(values[_C]), float(values[_MU]))
+    def residual(vector: Array) -> Array:
+        values = _values(vector)
+        teeth = _teeth_torque(points.torque, values.friction, values.loss)
         pressed = np.maximum(points.side * teeth, 0.0)
         weight = np.clip(pressed / (_FAINT * top) - 1.0, 0.0, 1.0) * points.counts
-        off = points.x - values[_X0] - points.side * _places(drive, contact, values, pressed)
-        return np.append(weight * off, _WEIGHT * count / math.sqrt(12.0) * values[_MU] / _LOSS)
+        off = points.x - values.middle - points.side * _places(drive, contact, values, pressed)
+        return np.append(weight * off, _WEIGHT * count / math.sqrt(12.0) * values.loss / _LOSS)
 
     x = points.x[points.counts]
     reach = 0.5 * float(np.ptp(x))
@@ -157,7 +210,8 @@ def _fit(drive: Drive, contact: Contact, points: _Points, count: float) -> _Foun
     off, jacobian = found.fun[:-1], found.jac[:-1]
     rms = math.sqrt(float(np.sum(off**2)) / max(1, int(np.count_nonzero(off))))
     together = max(2, int(np.sum(points.counts)) // 24)
-    teeth = _teeth_torque(points.torque, float(found.x[_C]), float(found.x[_MU]))
+    values = _values(found.x)
+    teeth = _teeth_torque(points.torque, values.friction, values.loss)
     return _Found(contact, found.x, _covariance(jacobian, off, together), rms, teeth)
 
 
@@ -211,77 +265,125 @@ def measure_lost_motion(
     contacts : the laws to try, the drive's own first; see `contacts_of`
     """
     points = _points(curve, drive, speed)
-    count_m = count_of(curve.motor)
-    count_l = count_of(curve.load) if np.ptp(curve.load) > 0.0 else 0.0
-    count = math.hypot(count_m, count_l)
-    if np.sum(points.counts) < 50 or min(np.sum(points.counts & (points.side == s)) for s in (-1.0, 1.0)) < 20:
-        return _refused("the motor hardly moved, or did not come to rest on both flanks: check its encoder and command")
-    if np.ptp(points.x[points.counts]) < 3.0 * max(count_m, 1e-7):
-        return _refused("the motor hardly moved under the torque: its encoder stands still, or there is no gap")
+    counts = count_of(curve.motor), count_of(curve.load) if np.ptp(curve.load) > 0.0 else 0.0
+    if reason := _too_little(points, counts[0]):
+        return _refused(reason)
+    count = math.hypot(*counts)
     tried = [_fit(drive, contact, points, count) for contact in contacts or contacts_of(drive)]
     best = min(tried, key=lambda each: each.rms)
     if tried[0].rms * _BETTER <= best.rms:
         best = tried[0]
-    gap = 2.0 * float(best.values[_H])
-    travels = _cycle_travels(points, best.teeth)
-    spread = float(np.ptp(travels)) if travels.size > 1 else math.inf
-    repeat = float(np.std(travels, ddof=1)) / math.sqrt(travels.size) if travels.size > 1 else math.inf
-    others = [2.0 * float(each.values[_H]) for each in tried if each.rms <= _AS_GOOD * best.rms]
+    gap, spread = _gap(points, best, tried, counts)
+    found = _lost(drive, points, best, gap, spread.error, at, count)
+    if why := _doubt(points, best, found, gap, spread, count):
+        return replace(found, valid=False, reason=why)
+    told = f"{spread.cycles} cycles of torque on an output that stood; {found.in_words()}"
+    return replace(found, valid=True, reason=told)
+
+
+class _Gap(NamedTuple):
+    """A gap, rad, with its ``deviation`` by what was seen, and the ``floor`` of its uncertainty by model and counts."""
+
+    width: float
+    deviation: float
+    floor: float
+
+    @property
+    def uncertainty(self) -> float:
+        """The standard uncertainty, rad."""
+        return math.hypot(self.deviation, self.floor)
+
+
+class _Spread(NamedTuple):
+    """How many ``cycles`` there were, by how much they differ, rad, and the standard error of their mean, rad."""
+
+    cycles: int
+    range: float
+    error: float
+
+
+def _too_little(points: _Points, count: float) -> str:
+    """Return why there is nothing to fit; ``count`` of the motor's encoder, rad."""
+    least = min(np.sum(points.counts & (points.side == side)) for side in (-1.0, 1.0))
+    if np.sum(points.counts) < _FEWEST_POINTS or least < _FEWEST_ON_FLANK:
+        return "the motor hardly moved, or did not come to rest on both flanks: check its encoder and command"
+    if np.ptp(points.x[points.counts]) < 3.0 * max(count, 1e-7):
+        return "the motor hardly moved under the torque: its encoder stands still, or there is no gap"
+    return ""
+
+
+def _gap(points: _Points, best: _Found, tried: Sequence[_Found], counts: tuple[float, float]) -> tuple[_Gap, _Spread]:
+    """Return the gap, and how it repeats; ``counts`` of both encoders, rad."""
+    gap, travels = 2.0 * best.values.half_gap, _cycle_travels(points, best.teeth)
+    spread = _Spread(0, math.inf, math.inf)._replace(cycles=travels.size)
+    if travels.size > 1:
+        error = float(np.std(travels, ddof=1)) / math.sqrt(travels.size)
+        spread = _Spread(travels.size, float(np.ptp(travels)), error)
+    # Other laws that explain the curve as well may have another gap.
+    others = [2.0 * each.values.half_gap for each in tried if each.rms <= _AS_GOOD * best.rms]
     unsure = 0.5 * (max([gap, *others]) - min([gap, *others]))
-    deviation = math.hypot(_NOISE * 2.0 * math.sqrt(best.covariance[_H, _H]), repeat, unsure)
-    floor = math.hypot(_MODEL * gap, _COUNT * count_m, _COUNT * count_l)
-    uncertainty = math.hypot(deviation, floor)
+    deviation = math.hypot(_NOISE * 2.0 * best.deviations.half_gap, spread.error, unsure)
+    return _Gap(gap, deviation, math.hypot(_MODEL * gap, _COUNT * counts[0], _COUNT * counts[1])), spread
+
+
+def _lost(drive: Drive, points: _Points, best: _Found, gap: _Gap, error: float, at: float, count: float) -> LostMotion:
+    """Return what was found, not judged yet; ``error`` is the standard error of the cycles, rad."""
     lost, lost_deviation = _lost_motion(drive, best, at)
     flanks = [_slope(points, best.teeth, side, count) for side in (-1.0, 1.0)]
-    top = min(float(np.max(best.teeth)), -float(np.min(best.teeth)))
-    edge = 0.0 if isinstance(best.contact, SpringContact) else _edge_torque(drive, best)
-    every = max(1, points.x.size // 600)
+    every = max(1, points.x.size // _SHOWN)
     pressed = np.maximum(points.side * best.teeth, 0.0)
     modelled = points.side * _places(drive, best.contact, best.values, pressed)
     modelled[pressed < _FAINT * np.max(pressed)] = math.nan
-    found = LostMotion(
+    return LostMotion(
         valid=True,
         reason="",
-        gap=gap,
-        gap_uncertainty=uncertainty,
+        gap=gap.width,
+        gap_uncertainty=gap.uncertainty,
         lost_motion=lost,
-        lost_motion_uncertainty=math.hypot(_NOISE * lost_deviation, repeat, floor),
+        lost_motion_uncertainty=math.hypot(_NOISE * lost_deviation, error, gap.floor),
         at=at,
         stiffness=(flanks[0][0], flanks[1][0]),
         stiffness_uncertainty=(flanks[0][1], flanks[1][1]),
-        friction=float(best.values[_C]),
-        friction_uncertainty=_NOISE * math.sqrt(best.covariance[_C, _C]),
-        loss=float(best.values[_MU]),
-        torque=top,
+        friction=best.values.friction,
+        friction_uncertainty=_NOISE * best.deviations.friction,
+        loss=best.values.loss,
+        torque=min(float(np.max(best.teeth)), -float(np.min(best.teeth))),
         contact=law_name(best.contact),
-        gap_torque=edge,
+        gap_torque=0.0 if isinstance(best.contact, SpringContact) else _edge_torque(drive, best),
         torques=points.torque[::every],
-        angles=points.x[::every] - best.values[_X0],
+        angles=points.x[::every] - best.values.middle,
         modelled=modelled[::every],
         ramps=_ramps(points, at),
     )
-    why = ""
-    if not best.rms <= max(_FITS * gap, _FITS_COUNTS * count):
-        why = (
+
+
+def _doubt(points: _Points, best: _Found, found: LostMotion, gap: _Gap, spread: _Spread, count: float) -> str:
+    """Return why what was found cannot be used; nothing if it can."""
+    if not best.rms <= max(_FITS * gap.width, _FITS_COUNTS * count):
+        return (
             f"no model of teeth and friction explains the curve: its angles are {best.rms:.2g} rad off (rms); check "
             "the couplings, that nothing else moves the load, and that encoders count without gaps"
         )
-    elif best.values[_C] + best.values[_MU] * top > _MOST_LOSS * float(np.max(points.torque)):
-        why = "friction takes about half of the torque: the motor does not feel the tooth load of a self-locking gear"
-    elif not spread <= max(_REPEATS * gap, 2.0 * count):
-        why = (
-            f"the cycles differ by {spread:.2g} rad; the limit is {max(_REPEATS * gap, 2.0 * count):.2g} rad: "
+    if found.friction + found.loss * found.torque > _MOST_LOSS * float(np.max(points.torque)):
+        return "friction takes about half of the torque: the motor does not feel the tooth load of a self-locking gear"
+    limit = max(_REPEATS * gap.width, 2.0 * count)
+    if not spread.range <= limit:
+        return (
+            f"the cycles differ by {spread.range:.2g} rad; the limit is {limit:.2g} rad: "
             "something slips, gives way or warms up; hold the output better, or go more slowly"
         )
-    elif not deviation <= max(_SURE * gap, _HALF_COUNT * count) or not uncertainty < 0.5 * gap:
-        why = f"the gap is {gap:.3g} rad with a standard uncertainty of {uncertainty:.2g} rad, too large to be used"
-    told = f"{travels.size} cycles of torque on an output that stood; {found.in_words()}"
-    return replace(found, valid=not why, reason=why or told)
+    enough = max(_SURE * gap.width, _HALF_COUNT * count)
+    if not gap.deviation <= enough or not gap.uncertainty < 0.5 * gap.width:
+        return (
+            f"the gap is {gap.width:.3g} rad with a standard uncertainty of {gap.uncertainty:.2g} rad, "
+            "too large to be used"
+        )
+    return ""
 
 
 def _edge_torque(drive: Drive, found: _Found) -> float:
     """Return what the teeth bear at the edge of the gap, N m."""
-    radius, half_gap = drive.gear.load_radius, drive.gear.load_radius * float(found.values[_H])
+    radius, half_gap = drive.gear.load_radius, drive.gear.load_radius * found.values.half_gap
     constants = found.contact.constants(radius, drive.contact_mass)
     return radius * found.contact.force(constants, half_gap, half_gap, 0.0)[3]
 
@@ -289,15 +391,15 @@ def _edge_torque(drive: Drive, found: _Found) -> float:
 def _lost_motion(drive: Drive, found: _Found, at: float) -> tuple[float, float]:
     """Return the angle between plus and minus ``at`` (N m), rad, and its standard deviation."""
 
-    def of(values: Array) -> float:
-        half_gap = float(values[_H])
+    def of(vector: Array) -> float:
+        values = _values(vector)
         if isinstance(found.contact, SpringContact):
-            return 2.0 * (half_gap + float(values[_GIVE]) * at)
-        return 2.0 * static_place(drive, found.contact, half_gap, at)
+            return 2.0 * (values.half_gap + values.give * at)
+        return 2.0 * static_place(drive, found.contact, values.half_gap, at)
 
-    here, slopes = of(found.values), np.zeros(found.values.size)
+    here, slopes = of(found.vector), np.zeros(found.vector.size)
     for k in range(slopes.size):
         step = np.zeros(slopes.size)
-        step[k] = 1e-4 * max(abs(float(found.values[k])), 1e-9)
-        slopes[k] = (of(found.values + step) - here) / step[k]
+        step[k] = 1e-4 * max(abs(float(found.vector[k])), 1e-9)
+        slopes[k] = (of(found.vector + step) - here) / step[k]
     return here, math.sqrt(max(float(slopes @ found.covariance @ slopes), 0.0))

@@ -24,20 +24,30 @@ from scipy.special import stdtrit
 
 from backlash_ros.foundation.record import Array
 
-_SMOOTH, _SMOOTH_RAMP, _MOST_ROWS, _MOST_OF_RAMP = 0.002, 0.02, 200, 40
-"""Noise of the torque that averaging leaves: share of its range while ramps are sought, then of a ramp's torque; the
-average covers at most this part of the recording, and of a branch."""
-_BAND, _BAND_NOISE = 0.005, 6.0
-"""Torque beyond which it is on a side: share of the range, and standard deviations of its noise."""
-_SLIGHT, _ALIKE = 0.2, 0.7
-"""Peak that is no turn, as a share of both of its neighbours; least ratio of successive peaks of one set of ramps."""
+_SMOOTH = 0.002
+"""Noise of the torque that averaging leaves while ramps are sought, a share of its range; tuned."""
+_SMOOTH_RAMP = 0.02
+"""Noise of the torque that averaging leaves in a ramp, a share of the ramp's torque; tuned."""
+_MOST_ROWS = 200
+"""The average over the recording covers at most one in so many parts of it; tuned."""
+_MOST_OF_RAMP = 40
+"""The average in a branch covers at most one in so many parts of it; tuned."""
+_BAND = 0.005
+"""Torque beyond which it is on a side, a share of the range; tuned."""
+_BAND_NOISE = 6.0
+"""Torque beyond which it is on a side, in standard deviations of its noise; tuned."""
+_SLIGHT = 0.2
+"""Peak that is no turn, as a share of both of its neighbours; tuned."""
+_ALIKE = 0.7
+"""Least ratio of successive peaks of one set of ramps; tuned."""
 _FEW = 5
 """Least samples of a branch."""
 _STEPS = 40
 """Torques of a branch up to which it goes in steps."""
-_NEAR, _FINE = 0.01, 3.0
-"""Share of the torque by which a branch may end before a torque that counts as reached; least multiple of the torque's
-noise or steps that the flank's end must be away."""
+_NEAR = 0.01
+"""Share of the torque by which a branch may end before a torque that counts as reached."""
+_FINE = 3.0
+"""Least multiple of the torque's noise or steps that the flank's end must be away; tuned."""
 _LEAST = 1e-9
 """Least range of a torque, N m."""
 _BEYOND = 1.1
@@ -46,14 +56,20 @@ _QUARTER = 0.25
 """Share of the way to the other flank at which the motor has broken away."""
 _JUMP = 0.1
 """Share of a branch's way between two rows that is no wind-up."""
-_REACH, _WIDE = 0.95, 0.8
-"""Largest torque between which a lost motion is taken, as a share of the ramps' torque."""
-_LOADING, _CLEAR, _UNLOADING = (0.5, 0.97), 1.1, (0.1, 0.5)
-"""Shares of the torque between which a flank's slope is taken, on the way out and back; multiple of the breakaway
-torque where the first begins at least."""
-_ON, _DRIFT = 0.25, 0.3
-"""Share of the lost motion by which the angle may go on while the torque falls; share of the distance of both ends of
-the angle by which they may move from ramp to ramp."""
+_REACH = 0.95
+"""Largest torque between which a lost motion is taken, as a share of the ramps' torque; tuned."""
+_WIDE = 0.8
+"""Largest torque at which both sides are compared, as a share of the ramps' torque; tuned."""
+_LOADING = (0.5, 0.97)
+"""Shares of the torque between which a flank's slope is taken on the way out."""
+_CLEAR = 1.1
+"""Multiple of the breakaway torque where that begins at least."""
+_UNLOADING = (0.1, 0.5)
+"""Shares of the torque between which a flank's slope is taken on the way back."""
+_ON = 0.25
+"""Share of the lost motion by which the angle may go on while the torque falls; tuned."""
+_DRIFT = 0.3
+"""Share of the distance of both ends of the angle by which they may move from ramp to ramp; tuned."""
 
 
 @dataclass(frozen=True)

@@ -3,49 +3,58 @@
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.record import Array
-from backlash_ros.identification.fitting.filter import (
-    COULOMB_L,
-    COULOMB_M,
-    DELAY,
-    ECCENTRICITY,
-    GAP_SLOPE,
-    GRAVITY,
-    LN_BRAKING,
-    LN_GAIN,
-    LN_INERTIA,
-    LN_VISCOUS,
-    LOSS,
-    OFFSET,
-    TORQUE,
-)
 from backlash_ros.identification.fitting.fit import Fit
+from backlash_ros.identification.fitting.parameters import Parameters, parameters_of, place_of
 from backlash_ros.identification.gap import Gap
 
-NOISE, MODEL, LEAST, LEAST_DELAY = 2.0, 0.005, 1e-4, 0.005
-"""Components of an uncertainty: a factor on the standard deviation from the noise; in addition a share of the value, a
-share of the standstill torque for torques, and of the period for the delay."""
-UNEXPLAINED, OF_MOTOR, OF_TEETH = 20.0, 10.0, 1.0
-"""Components of the inertia's uncertainty, shares: times the load's and the motor's unexplained torque as shares of the
-standstill torque, and the teeth's, as a share of it. A load that is not rigid, or that something else moves, shows as
-such a torque."""
+NOISE = 2.0
+"""Component of an uncertainty: a factor on the standard deviation from the noise; tuned."""
+MODEL = 0.005
+"""Component of an uncertainty: a share of the value; tuned."""
+LEAST = 1e-4
+"""Component of a torque's uncertainty: a share of the standstill torque; tuned."""
+LEAST_DELAY = 0.005
+"""Component of the delay's uncertainty: a share of the period; tuned."""
+UNEXPLAINED = 20.0
+"""Component of the inertia's uncertainty: a share, times the load's unexplained torque over the standstill torque.
+
+A load that is not rigid, or that something else moves, shows as such a torque."""
+OF_MOTOR = 10.0
+"""Component of the inertia's uncertainty: a share, times the motor's unexplained torque over the standstill torque."""
+OF_TEETH = 1.0
+"""Component of the inertia's uncertainty: a share, times the unexplained share of the teeth's torque."""
 MOST_LOSS = 0.5
 """Largest loss of the gear with which the load's inertia is told: a worm passes on less of it than of the torque."""
 UNSEEN = 3.0
 """Factor on all other uncertainties if the gap is unknown: unknown teeth bias everything that acts through them."""
-SURE_INERTIA, SURE_FRICTION, SURE_RESISTANCE, SURE_TORQUE = 0.05, 0.25, 0.1, 0.1
-"""Largest standard uncertainty of a finding, as a share of its value; except for the inertia, `SMALL` also suffices."""
+SURE_INERTIA = 0.05
+"""Largest standard uncertainty of the inertia, a share of it; tuned."""
+SURE_FRICTION = 0.25
+"""Largest standard uncertainty of a friction, a share of it, where it exceeds `SMALL`; tuned."""
+SURE_RESISTANCE = 0.1
+"""Largest standard uncertainty of the load's total friction, a share of it, where it exceeds `SMALL`; tuned."""
+SURE_TORQUE = 0.1
+"""Largest standard uncertainty of the load torque and its slope, a share, where it exceeds `SMALL`; tuned."""
 SMALL = 1e-3
 """Torque that hardly matters, as a share of the standstill torque."""
-SURE_DELAY, SURE_SLOPE, SURE_TEETH, SURE_SCALE, SURE_MOTOR, SURE_LOSS = 0.25, 0.1, 0.2, 2.5e-3, 0.05, 0.05
-"""Largest standard uncertainty: of the delay, in periods; of what the gap changes by, in gaps for each rad; of the
-teeth's stiffness, as a share; of the share by which the load's encoder reads too much; of the motor's constant and
-resistance, as shares; of the gear's loss, itself a share."""
-_CONSTANT, _RESISTANCE = {LN_BRAKING: 1.0, LN_GAIN: -1.0}, {LN_BRAKING: 1.0, LN_GAIN: -2.0}
-"""K_m and R by the gain K/R and the braking K^2/R, as powers."""
+SURE_DELAY = 0.25
+"""Largest standard uncertainty of the delay, in periods; tuned."""
+SURE_SLOPE = 0.1
+"""Largest standard uncertainty of what the gap changes by, in gaps for each rad; tuned."""
+SURE_TEETH = 0.2
+"""Largest standard uncertainty of the teeth's stiffness, a share of it; tuned."""
+SURE_SCALE = 2.5e-3
+"""Largest standard uncertainty of the share by which the load's encoder reads too much; tuned."""
+SURE_MOTOR = 0.05
+"""Largest standard uncertainty of the motor's constant and resistance, shares of them; tuned."""
+SURE_LOSS = 0.05
+"""Largest standard uncertainty of the gear's loss, itself a share; tuned."""
+_CONSTANT = {"ln_motor_braking": 1.0, "ln_motor_gain": -1.0}
+"""K_m by the gain K/R and the braking K^2/R, as powers."""
+_RESISTANCE = {"ln_motor_braking": 1.0, "ln_motor_gain": -2.0}
+"""R by the gain K/R and the braking K^2/R, as powers."""
 SPEEDS = 1.0, 10.0
 """Speed of the load, rad/s, at which its total friction is given, viscous and dry."""
 
@@ -77,15 +86,18 @@ class _Rules:
 
     drive: Drive
     found: Fit
-    x: Array
+    x: Parameters
     covariance: Array
     period: float
     stall: float
 
-    def deviation(self, index: int) -> float:
-        least = {DELAY: LEAST_DELAY * self.period, **dict.fromkeys((COULOMB_L, COULOMB_M, TORQUE), LEAST * self.stall)}
-        deviation = NOISE * math.sqrt(max(float(self.covariance[index, index]), 0.0))
-        return math.hypot(deviation, least.get(index, 0.0))
+    def deviation(self, name: str) -> float:
+        """Return the standard uncertainty of a parameter, in its unit."""
+        least = {"delay": LEAST_DELAY * self.period}
+        least |= dict.fromkeys(("load_coulomb", "motor_coulomb", "load_torque"), LEAST * self.stall)
+        place = place_of(name)
+        deviation = NOISE * math.sqrt(max(float(self.covariance[place, place]), 0.0))
+        return math.hypot(deviation, least.get(name, 0.0))
 
     def decide(
         self, row: Finding, value: float, deviation: float, bound: float, hint: str = "", model: float = MODEL
@@ -99,15 +111,15 @@ class _Rules:
 
     def resistance(self, speed: float) -> tuple[float, float]:
         """Return the load's friction at a speed, viscous and dry, and its deviation, N m."""
-        viscous = math.exp(self.x[LN_VISCOUS]) * speed
-        cov, v, c = self.covariance, LN_VISCOUS, COULOMB_L
+        viscous = math.exp(self.x.ln_load_viscous) * speed
+        cov, v, c = self.covariance, place_of("ln_load_viscous"), place_of("load_coulomb")
         variance = viscous**2 * cov[v, v] + cov[c, c] + 2.0 * viscous * cov[v, c]
         deviation = NOISE * math.sqrt(max(float(variance), 0.0))
-        return viscous + float(self.x[c]), math.hypot(deviation, LEAST * self.stall)
+        return viscous + float(self.x.load_coulomb), math.hypot(deviation, LEAST * self.stall)
 
     def _unexplained(self) -> str:
         """Return what to say of an inertia that is uncertain because something else moves the load."""
-        share, loss = self.found.noise[1], self.x[LOSS]
+        share, loss = self.found.noise[1], self.x.gear_loss
         if loss > MOST_LOSS:
             return f": the gear loses {100.0 * loss:.0f} % of the torque, and what the motor feels of the load differs"
         if UNEXPLAINED * share < SURE_INERTIA:
@@ -119,8 +131,10 @@ class _Rules:
 
     def load(self) -> list[Finding]:
         x, small, (motor, load, teeth) = self.x, SMALL * self.stall, self.found.noise[:3]
-        lost = math.inf if x[LOSS] > MOST_LOSS else 0.0
-        inertia, viscous, dry = math.exp(x[LN_INERTIA]), math.exp(x[LN_VISCOUS]), float(x[COULOMB_L])
+        lost = math.inf if x.gear_loss > MOST_LOSS else 0.0
+        inertia, viscous, dry = math.exp(x.ln_load_inertia), math.exp(x.ln_load_viscous), float(x.load_coulomb)
+        own = self.deviation("ln_load_inertia")
+        deviation = math.hypot(own, UNEXPLAINED * load, OF_MOTOR * motor, OF_TEETH * teeth, lost)
         both = [
             self.decide(
                 Finding("", f"{speed:g} B_l + c_l", f"the load's friction at {speed:g} rad/s", "N m"),
@@ -134,22 +148,21 @@ class _Rules:
             self.decide(
                 Finding("load.inertia", "J_l", "the load's inertia", "kg m^2"),
                 inertia,
-                math.hypot(self.deviation(LN_INERTIA), UNEXPLAINED * load, OF_MOTOR * motor, OF_TEETH * teeth, lost)
-                * inertia,
+                deviation * inertia,
                 SURE_INERTIA * inertia,
                 self._unexplained(),
             ),
             self.decide(
                 Finding("load.viscous_friction", "B_l", "the load's viscous friction", "N m s/rad"),
                 viscous,
-                self.deviation(LN_VISCOUS) * viscous,
+                self.deviation("ln_load_viscous") * viscous,
                 SURE_FRICTION * viscous,
                 hint,
             ),
             self.decide(
                 Finding("load.coulomb_friction", "c_l", "the load's dry friction", "N m"),
                 dry,
-                self.deviation(COULOMB_L),
+                self.deviation("load_coulomb"),
                 max(SURE_FRICTION * dry, small),
                 hint,
             ),
@@ -159,18 +172,18 @@ class _Rules:
     def around(self) -> list[Finding]:
         """Return the external torques on both shafts, and the delay."""
         x, ratio, small = self.x, self.drive.gear.ratio, SMALL * self.stall
-        dry, torque, slope = float(x[COULOMB_M]), float(x[TORQUE]), float(x[GRAVITY])
+        dry, torque, slope = float(x.motor_coulomb), float(x.load_torque), float(x.load_torque_slope)
         return [
             self.decide(
                 Finding("motor.coulomb_friction", "c_m", "the motor's dry friction, before the gear", "N m"),
                 dry * ratio,
-                self.deviation(COULOMB_M) * ratio,
+                self.deviation("motor_coulomb") * ratio,
                 max(SURE_FRICTION * dry, small) * ratio,
             ),
             self.decide(
                 Finding("expected_load_torque", "tau_l", "load torque and weight at the load's start position", "N m"),
                 torque,
-                self.deviation(TORQUE),
+                self.deviation("load_torque"),
                 max(SURE_TORQUE * abs(torque), 2.0 * small),
             ),
             self.decide(
@@ -181,13 +194,13 @@ class _Rules:
                     "N m/rad",
                 ),
                 slope,
-                self.deviation(GRAVITY),
+                self.deviation("load_torque_slope"),
                 max(SURE_TORQUE * abs(slope), 10.0 * small),
             ),
             self.decide(
                 Finding("delay.command", "delay", "time from a sample to when its command acts", "s"),
-                float(x[DELAY]),
-                self.deviation(DELAY),
+                float(x.delay),
+                self.deviation("delay"),
                 SURE_DELAY * self.period,
             ),
         ]
@@ -195,7 +208,7 @@ class _Rules:
     def motor(self) -> list[Finding]:
         """Return what the data sheet says of motor and gear, as found: the rotor's inertia sets the unit of torque."""
         motor = self.drive.motor
-        constant, resistance = ({LN_GAIN: 1.0}, {}) if self.drive.takes_current else (_CONSTANT, _RESISTANCE)
+        constant, resistance = ({"ln_motor_gain": 1.0}, {}) if self.drive.takes_current else (_CONSTANT, _RESISTANCE)
         rows = [
             self._of_logarithms(
                 Finding("motor.torque_constant", "K_m", "the motor's torque constant, by its inertia", "N m/A"),
@@ -210,19 +223,19 @@ class _Rules:
         ]
         rows = rows[:1] if self.drive.takes_current else rows
         loss = Finding("", "loss", "loss of the gear, a share of the teeth's torque", "")
-        return [*rows, self.decide(loss, float(self.x[LOSS]), self.deviation(LOSS), SURE_LOSS)]
+        return [*rows, self.decide(loss, float(self.x.gear_loss), self.deviation("gear_loss"), SURE_LOSS)]
 
-    def _of_logarithms(self, row: Finding, told: float, powers: dict[int, float]) -> Finding:
+    def _of_logarithms(self, row: Finding, told: float, powers: dict[str, float]) -> Finding:
         """Return the row of a ``told`` value times the exponential of parameters with factors."""
-        factors = np.array([powers.get(index, 0.0) for index in range(self.x.size)])
-        value = told * math.exp(float(factors @ self.x))
+        factors = parameters_of(**powers)
+        value = told * math.exp(float(factors @ self.found.parameters))
         deviation = NOISE * math.sqrt(max(float(factors @ self.covariance @ factors), 0.0))
         return self.decide(row, value, deviation * value, SURE_MOTOR * value)
 
     def encoder(self) -> Finding:
         """Return the relative scale error of the load's encoder at its position, an effect of eccentricity."""
         row = Finding("", "eccentricity", "relative scale error of the load's encoder here", "")
-        return self.decide(row, float(self.x[ECCENTRICITY]), self.deviation(ECCENTRICITY), SURE_SCALE)
+        return self.decide(row, float(self.x.load_scale_error), self.deviation("load_scale_error"), SURE_SCALE)
 
     def teeth(self) -> list[Finding]:
         """Return the other properties of the gap if both flanks were seen."""
@@ -230,15 +243,15 @@ class _Rules:
         rows = [
             self.decide(
                 Finding("sensors.load_offset", "offset", "reading of the load's encoder at the motor's zero", "rad"),
-                -float(x[OFFSET]),
-                self.deviation(OFFSET),
+                -float(x.offset),
+                self.deviation("offset"),
                 math.inf,
                 model=0.0,
             ),
             self.decide(
                 Finding("", "(db/dtheta_l)/b", "relative growth of the gap with the load's angle", "1/rad"),
-                float(x[GAP_SLOPE]),
-                self.deviation(GAP_SLOPE),
+                float(x.gap_slope),
+                self.deviation("gap_slope"),
                 SURE_SLOPE,
             ),
         ]
@@ -260,7 +273,7 @@ def findings_of(drive: Drive, gap: Gap, found: Fit, period: float) -> list[Findi
     period : of the samples, s
     """
     covariance = found.covariance * (1.0 if gap.valid else UNSEEN**2)
-    rules = _Rules(drive, found, found.parameters, covariance, period, drive.standstill_torque())
+    rules = _Rules(drive, found, found.values, covariance, period, drive.standstill_torque())
     teeth = rules.teeth()
     width = Finding("gear.backlash_angle", "b", "the gap at the load's start position", "rad")
     if gap.valid:

@@ -8,16 +8,9 @@ import numpy as np
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.record import Array
 from backlash_ros.identification.fitting.candidates import Candidate, told_teeth
-from backlash_ros.identification.fitting.filter import (
-    COULOMB_L,
-    COULOMB_M,
-    LN_HALF_GAP,
-    LN_INERTIA,
-    LN_VISCOUS,
-    OFFSET,
-    PARAMETERS,
-)
-from backlash_ros.identification.fitting.fit import Fit, row_of
+from backlash_ros.identification.fitting.fit import Fit
+from backlash_ros.identification.fitting.memory import motion_of, trace_at
+from backlash_ros.identification.fitting.parameters import parameters_at, parameters_of
 from backlash_ros.identification.fitting.problem import Beliefs, Problem, motor_side
 from backlash_ros.identification.recording import Recording
 
@@ -46,13 +39,14 @@ class Score:
 
 def told_parameters(drive: Drive, recording: Recording) -> Array:
     """Return the filter's parameters of a drive as given: no load torque, no delay, the gap around the load."""
-    x = np.zeros(PARAMETERS)
-    x[LN_HALF_GAP] = math.log(0.5 * drive.gear.backlash_angle)
-    x[OFFSET] = 0.5 * float(np.min(recording.travel) + np.max(recording.travel))
-    x[LN_INERTIA] = math.log(drive.load.inertia)
-    x[LN_VISCOUS] = math.log(max(drive.load.viscous_friction, 1e-9))
-    x[COULOMB_L], x[COULOMB_M] = drive.load.coulomb_friction, drive.motor.coulomb_friction / drive.gear.ratio
-    return x
+    told = parameters_of()
+    x = parameters_at(told)
+    x.ln_half_gap = math.log(0.5 * drive.gear.backlash_angle)
+    x.offset = 0.5 * float(np.min(recording.travel) + np.max(recording.travel))
+    x.ln_load_inertia = math.log(drive.load.inertia)
+    x.ln_load_viscous = math.log(max(drive.load.viscous_friction, 1e-9))
+    x.load_coulomb, x.motor_coulomb = drive.load.coulomb_friction, drive.motor.coulomb_friction / drive.gear.ratio
+    return told
 
 
 def follow(
@@ -69,18 +63,19 @@ def follow(
     told : other teeth and parameters than those of the fit
     """
     teeth, parameters = told or (found.teeth, found.parameters)
-    none = row_of({}, 0.0)
+    none = parameters_of()
     beliefs = Beliefs(none, none + 1.0, none, none, none)
     problem = Problem(motor_side(drive), teeth, recording, drive.standstill_torque(), beliefs, found.counts)
     if state is not None:
-        problem.states[0] = state
+        problem.results.states[0] = state
     motor, load, share, timing = found.noise
-    load *= problem.side.inertia / math.exp(found.parameters[LN_INERTIA])
+    load *= problem.side.inertia / math.exp(found.values.ln_load_inertia)
+    results = problem.results
     if math.isinf(problem.cost(parameters, np.log([motor, load, share, timing]))):
-        problem.innovations[:], problem.states[:] = math.inf, math.inf
+        results.innovations[:], results.states[:] = math.inf, math.inf
     read = np.isfinite(np.stack((recording.motor, recording.load), axis=1))
     read[0] = False
-    return np.where(read, problem.innovations, math.nan), problem.states
+    return np.where(read, results.innovations, math.nan), results.states
 
 
 def _as_told(drive: Drive, parameters: Array) -> tuple[Candidate, Array]:
@@ -124,7 +119,8 @@ def free_simulations(drive: Drive, found: Fit, recording: Recording) -> list[Rec
     result = []
     for begin in _begins(recording, first + SHARE * (last - first)):
         row, end, states = _free(drive, found, recording, begin)
-        result.append(recording.part(slice(row, end))._replace(motor=states[:, 0], load=states[:, 3]))
+        motion = motion_of(states)
+        result.append(recording.part(slice(row, end))._replace(motor=motion.motor_angle, load=motion.load_angle))
     return result
 
 
@@ -136,16 +132,17 @@ def _errors(drive: Drive, found: Fit, recording: Recording, start: float) -> tup
     as_told = told_parameters(drive, recording)
     for begin in _begins(recording, start):
         first, end, states = _free(drive, found, recording, begin)
-        own.append(states[:, 3] - load[first:end])
-        state = states[0]
+        own.append(motion_of(states).load_angle - load[first:end])
+        state = trace_at(states[0]).state
         angles = [np.full(end - first, math.nan) for _ in range(2)]
-        angles[0][0], angles[1][0] = state[0], state[3]
-        x, half = as_told.copy(), 0.5 * drive.gear.backlash_angle
-        inside = min(max(state[0] - state[3] - found.parameters[OFFSET], -0.9 * half), 0.9 * half)
-        x[OFFSET] = state[0] - state[3] - inside
+        angles[0][0], angles[1][0] = state.motor_angle, state.load_angle
+        placed, half = as_told.copy(), 0.5 * drive.gear.backlash_angle
+        apart = state.motor_angle - state.load_angle
+        inside = min(max(apart - found.values.offset, -0.9 * half), 0.9 * half)
+        parameters_at(placed).offset = apart - inside
         alone = recording.part(slice(first, end))._replace(motor=angles[0], load=angles[1])
-        _, states = follow(drive, found, alone, state, _as_told(drive, x))
-        other.append(states[:, 3] - load[first:end])
+        _, states = follow(drive, found, alone, states[0], _as_told(drive, placed))
+        other.append(motion_of(states).load_angle - load[first:end])
     return _error(own), _error(other)
 
 

@@ -20,13 +20,18 @@ from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.stretch import HOLE, LONGEST
 
 _TURN = 2.0 * math.pi
-_REST, _STILL, _COUNTS = 0.15, 0.05, 3.0
-"""Time for which both shafts rest, s; within this share of their relative travel, or within this many counts."""
+_REST = 0.15
+"""Time for which both shafts rest, s; tuned."""
+_STILL = 0.05
+"""Share of their relative travel within which they rest; tuned."""
+_COUNTS = 3.0
+"""Counts within which they rest, where these are coarser; tuned."""
 _KEPT = 0.25
 """Rest that is kept ahead of the motion, s."""
-_SIDE, _CROSSINGS = 0.25, 4
-"""Distance from the middle beyond which a flank counts as met, as a share of that travel; and the smallest number of
-crossings."""
+_SIDE = 0.25
+"""Distance from the middle beyond which a flank counts as met, as a share of that travel: half of the way to it."""
+_CROSSINGS = 4
+"""Smallest number of crossings; tuned."""
 _ROUND = 1.5
 """Distance, in mean distances of neighbours, up to which the last place is also a neighbour of the first."""
 

@@ -12,15 +12,28 @@ from backlash_ros.identification.fitting.problem import motor_side
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.regression import guess_of
 
-SAMPLES, LENGTH, COUNTS = 100, 0.4, 10
-"""Smallest number of samples, duration, s, and motion of each shaft in counts."""
-_LIMIT, _FAST = 1.02, 1.5
-"""Multiples of the drive's largest command and of its no-load speed beyond which a unit is wrong."""
-_FARTHER, _LOST = 1.5, 0.5
-"""Times the motor's way that the load may go, and rad of the motor's way that a gap may take from it."""
-_ALIKE, _BETTER, _GOOD, _INERTIAS = 0.9, 0.3, 0.1, (0.02, 20.0)
-"""Least correlation of both angles that says something of their scale. What is suspected has to explain the motion:
-with so much of the misfit as told, so much of the torque left, and a load of so many times the motor's inertia."""
+SAMPLES = 100
+"""Smallest number of samples; tuned."""
+LENGTH = 0.4
+"""Shortest duration, s; tuned."""
+COUNTS = 10
+"""Smallest motion of each shaft, in counts; tuned."""
+_LIMIT = 1.02
+"""Multiple of the drive's largest command beyond which a unit is wrong; tuned."""
+_FAST = 1.5
+"""Multiple of the drive's no-load speed beyond which a unit is wrong; tuned."""
+_FARTHER = 1.5
+"""Times the motor's way that the load may go; tuned."""
+_LOST = 0.5
+"""Part of the motor's way that a gap may take from the load's, rad; tuned."""
+_ALIKE = 0.9
+"""Least correlation of both angles that says something of their scale; tuned."""
+_BETTER = 0.3
+"""Share of the misfit as told that what is suspected may leave; tuned."""
+_GOOD = 0.1
+"""Share of the torque that what is suspected may leave unexplained; tuned."""
+_INERTIAS = (0.02, 20.0)
+"""Inertias of the load over that of the motor between which what is suspected has to find it; tuned."""
 _DEGREE = math.degrees(1.0)
 
 

@@ -20,17 +20,24 @@ from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.plausible import wrong_command
 from backlash_ros.identification.recordings.stretch import HOLE
 
-_MOVEMENT, _OF_WAY = 0.005, 0.25
-"""Largest motion of an output at rest: rad, or a share of the shafts' relative travel."""
-_DIFFERENCE, _SMOOTH = 0.01, 0.04
-"""Half the time over which a speed is taken, s, and averaging time of the torque before its reversals are sought, s."""
-_TURNS, _TURNED = 7, 0.25
-"""Smallest number of reversals of the torque, and its return after one, as a share of its range."""
+_MOVEMENT = 0.005
+"""Largest motion of an output at rest, rad; tuned."""
+_OF_WAY = 0.25
+"""Largest motion of an output at rest, a share of the shafts' relative travel, where this is more; tuned."""
+_DIFFERENCE = 0.01
+"""Half the time over which a speed is taken, s; tuned."""
+_SMOOTH = 0.04
+"""Averaging time of the torque before its reversals are sought, s; tuned."""
+_TURNS = 7
+"""Smallest number of reversals of the torque; tuned."""
+_TURNED = 0.25
+"""Return of the torque after a reversal, as a share of its range; tuned."""
 _SLOW = 0.5
 """Shortest median time between reversals, s."""
-_MIDDLE, _MOVING = 0.25, 0.1
-"""Share of the way of the shafts against each other, to either side of its middle, in which the gap is crossed; share
-of the largest speed there from which on the motor crosses it."""
+_MIDDLE = 0.25
+"""Share of the way of the shafts against each other, to either side of its middle, in which the gap is crossed."""
+_MOVING = 0.1
+"""Share of the largest speed there from which on the motor crosses the gap."""
 _BORNE = 0.8
 """Largest torque for the lost motion, as a share of the recorded torque."""
 _SEEN = 0.3

@@ -8,8 +8,10 @@ LONGEST = 12.0
 """Longest part that is fitted, s."""
 HOLE = 10
 """Periods without a sample that end a stretch: what happened in between is unknown."""
-_STEP, _STILL = 0.5, 0.3
-"""Step between the stretches that are tried, s, and rest that is kept before the motion, s."""
+_STEP = 0.5
+"""Step between the stretches that are tried, s; tuned."""
+_STILL = 0.3
+"""Rest that is kept before the motion, s; tuned."""
 
 
 def _starts(recording: Recording, first: int) -> int:

@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-
-from backlash_ros.identification.one_encoder.output_error import ServoFit, fit_servo, mean_errors, refit
-from backlash_ros.identification.one_encoder.position_servo import ServoRun
+from output_error import ServoFit, fit_servo, mean_errors, refit
+from position_servo import ServoRun
 
 FOLDS = 4
 LEAST_GAIN = 0.1

@@ -182,21 +182,22 @@ def _goal_at(goal: Array, where: float) -> float:
     return float(goal[k] + (where - k) * (goal[k + 1] - goal[k]))
 
 
+class _Inputs(NamedTuple):
+    """What a `ServoRun` gives, as compiled functions take it."""
+
+    goal: Array
+    enabled: Array
+    supply: Array
+    gain: float
+    largest_duty: float
+    load_inertia: float
+    weight: float
+
+
 @compiled
-def _play(
-    servo: _Constants,
-    period: float,
-    steps: int,
-    goal: Array,
-    enabled: Array,
-    supply: Array,
-    gain: float,
-    largest_duty: float,
-    load_inertia: float,
-    weight: float,
-    angle: Array,
-) -> None:
+def _play(servo: _Constants, period: float, steps: int, run: _Inputs, angle: Array) -> None:
     """Fill in the angles after the first, where the servo is at rest, in ``steps`` between two samples."""
+    goal, enabled, supply, gain, largest_duty, load_inertia, weight = run
     h = period / steps
     half_gap = 0.5 * servo.backlash_angle
     q, w, inner = angle[0], 0.0, goal[0]
@@ -263,10 +264,7 @@ def simulate(servo: PositionServo, runs: Sequence[ServoRun]) -> list[Array]:
             raise ValueError(f"run.load_inertia must be > 0 kg m^2 beyond a gap, got {run.load_inertia!r}")
         angle = np.empty_like(run.angle)
         angle[0] = run.angle[0]
-        _play(
-            constants,
-            run.period,
-            math.ceil(run.period / _STEP),
+        inputs = _Inputs(
             run.goal,
             run.enabled,
             run.supply,
@@ -274,7 +272,7 @@ def simulate(servo: PositionServo, runs: Sequence[ServoRun]) -> list[Array]:
             float(run.largest_duty),
             float(run.load_inertia),
             float(run.weight_torque),
-            angle,
         )
+        _play(constants, run.period, math.ceil(run.period / _STEP), inputs, angle)
         angles.append(angle)
     return angles

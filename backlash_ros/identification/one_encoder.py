@@ -18,20 +18,8 @@ from backlash_ros.drivetrain.contacts.elastic import SpringContact
 from backlash_ros.foundation.record import Array
 from backlash_ros.identification.counts import count_of
 from backlash_ros.identification.fitting.candidates import contacts_of, told_teeth
-from backlash_ros.identification.fitting.filter import (
-    COULOMB_L,
-    COULOMB_M,
-    DELAY,
-    ECCENTRICITY,
-    GAP_SLOPE,
-    GRAVITY,
-    LN_HALF_GAP,
-    LN_INERTIA,
-    LN_STIFFNESS,
-    LN_VISCOUS,
-    TORQUE,
-)
-from backlash_ros.identification.fitting.fit import Fit, Found, fit_of, row_of
+from backlash_ros.identification.fitting.fit import Fit, Found, fit_of
+from backlash_ros.identification.fitting.parameters import parameters_at, parameters_of
 from backlash_ros.identification.fitting.problem import Beliefs, Point, Problem, loss_of, motor_side
 from backlash_ros.identification.gap import Gap
 from backlash_ros.identification.recording import Recording
@@ -48,46 +36,72 @@ class Stage(NamedTuple):
 
 STAGES = (Stage(1.0, 4.0, 0.05), Stage(0.3, 1.0, 0.035), Stage(0.09, 0.25, 0.02), Stage(0.03, 0.12, 0.013))
 """One encoder does not show the noise apart from the other shaft's motion, so it is lowered from stage to stage."""
-_UNREAD_LOAD, _UNREAD_MOTOR = 0.01, 0.1
-"""Shares of the noise between the samples for the shaft that is not read: no reading would correct it."""
+_UNREAD_LOAD = 0.01
+"""Share of the noise between the samples for a load that is not read: no reading would correct it."""
+_UNREAD_MOTOR = 0.1
+"""Share of the noise between the samples for a motor that is not read: no reading would correct it."""
 _HOT = 10.0
 """Times as much noise at first, so that starts that are far off find their way."""
 _WHERE = 0.01
 """Beforehand, how far one shaft may be from the middle of the gap: a count, rad, that stands for an angle not read."""
 _CALM = 0.35
-_THIN, _COARSE = 4e-3, 2e-4
-"""Share of the recording, which is gentle, that tells the start. A reading each so many s, with counts of so many rad,
-is enough to find the way; finer ones make it rugged."""
+"""Share of the recording, which is gentle, that tells the start."""
+_THIN = 4e-3
+"""A reading each so many s is enough to find the way; more of them make it rugged."""
+_COARSE = 2e-4
+"""Counts of so many rad are enough to find the way; finer ones make it rugged."""
 _WIDTHS = np.geomspace(0.003, 0.13, 12)
-_INERTIAS, _OTHER = (0.1, 0.35, 1.0), 0.6
-"""Gaps, rad, and inertias of the load over that of the motor, that are tried; ln by which these differ from a guess."""
-_FIXED, _STIFF, _SPRING, _PUNCTUAL = 1e-6, 0.02, 0.7, 1e-5
-"""Standard deviation of what is not fitted; of the force of the teeth, as ln, and of a spring; and of the times of the
-samples, in periods."""
-_LEAST_INERTIA, _LARGEST_INERTIA = 0.06, 1.2
+"""Gaps that are tried, rad; tuned."""
+_INERTIAS = (0.1, 0.35, 1.0)
+"""Inertias of the load over that of the motor that are tried beside a guess; tuned."""
+_OTHER = 0.6
+"""By how much, as ln, these have to differ from the guess; tuned."""
+_FIXED = 1e-6
+"""Standard deviation of what is not fitted: as good as 0."""
+_STIFF = 0.02
+"""Standard deviation of the force of the teeth by a told law, as ln: it is taken as told."""
+_SPRING = 0.7
+"""Standard deviation of the force of the teeth by a spring, as ln: a factor of two; tuned."""
+_PUNCTUAL = 1e-5
+"""Standard deviation of the times of the samples, in periods: as good as 0."""
+_LEAST_INERTIA = 0.06
+"""Least inertia of the load over that of the motor that a guess may have; tuned."""
+_LARGEST_INERTIA = 1.2
+"""Largest inertia of the load over that of the motor that a guess may have; tuned."""
 _VISCOUS = 2.5e-3
-_STARTS, _KEPT = 6, 3
+"""Viscous friction of the load with which a search begins, N m s/rad; tuned."""
+_STARTS = 6
+"""Number of starts that are improved; tuned."""
+_KEPT = 3
+"""Number of them that go through all stages; tuned."""
 _FACTORS = (0.5, 0.65, 0.8, 1.25, 1.6)
 """Of a gap that was found: other widths that are tried."""
 _SOFTER = (0.9, 1.1)
 """Of a gap that was found with one contact law: widths from which the other laws start."""
 _DRY = 2e-3
 """Share of the torque at standstill that dry friction has to have to be tried on either side."""
-_FITS, _FINE = 1.05, 0.5
-"""Largest rms of the innovations for which the model is taken for the drive's; by what it is less for a fine encoder,
-the counts of which are taken for coarser than they are."""
+_FITS = 1.05
+"""Largest rms of the innovations for which the model is taken for the drive's: 1 is that of a true model."""
+_FINE = 0.5
+"""By what that is less for a fine encoder, the counts of which are taken for coarser than they are."""
 _HOPELESS = 1.5
 """Rms of the innovations, over the largest that fits, beyond which neither other widths nor more readings are tried."""
 _FLANK = 0.02
 """Share of the torque at standstill that a flank has borne to be counted as seen."""
 _LIGHTEST = 0.12
 """Of a load that a motor feels: inertia over that of the motor."""
-_APART, _WORSE = 0.15, 60.0
-"""A gap that differs by so much, as ln, has to be worse by so much."""
+_APART = 0.15
+"""By how much, as ln, a gap differs to be another one, which has to be worse."""
+_WORSE = 60.0
+"""Cost by which another gap has to be worse; tuned."""
 _SURE = 0.06
-_NOISE, _MODEL, _CURVED = 1.5, 0.01, 0.05
-"""Largest standard uncertainty, a share; what it is made of: times the standard deviation by the noise, a share of the
-gap, another one for each square radian of the way, since a gap varies."""
+"""Largest standard deviation of a gap by the noise, a share of it."""
+_NOISE = 1.5
+"""Component of the uncertainty: times the standard deviation by the noise; tuned."""
+_MODEL = 0.01
+"""Component of the uncertainty: a share of the gap; tuned."""
+_CURVED = 0.05
+"""Component of the uncertainty: a share of the gap for each square radian of the way, since a gap varies."""
 
 
 class Minimum(NamedTuple):
@@ -103,6 +117,18 @@ class Minimum(NamedTuple):
 def cost_of(found: Minimum) -> float:
     """Return the cost, to sort by."""
     return found.cost
+
+
+def _ln_half_gap(x: Array) -> float:
+    """Return the logarithm of half the gap, rad."""
+    return float(parameters_at(x).ln_half_gap)
+
+
+def _widened(x: Array, factor: float) -> Array:
+    """Return parameters with a gap that is wider by a factor."""
+    wider = x.copy()
+    parameters_at(wider).ln_half_gap += math.log(factor)
+    return wider
 
 
 def _pinned(recording: Recording) -> tuple[Recording, Array, bool]:
@@ -146,22 +172,49 @@ class _Search:
         self._calm = self._thin.part(slice(math.ceil(_CALM * time.size)))
 
     def _problem(self, contact: Contact, recording: Recording) -> Problem:
-        torque, start = self._torque, self._start(0.02, 0.3 * self._side.inertia, 0.0, 0.0)
-        mean = start.copy()
-        mean[TORQUE], mean[LN_VISCOUS] = 0.0, math.log(2.0 * _VISCOUS)
-        teeth = _SPRING if isinstance(contact, SpringContact) else _STIFF
-        spread = {LN_HALF_GAP: 3.0, GAP_SLOPE: 0.2, LN_STIFFNESS: teeth, LN_INERTIA: 1.5, LN_VISCOUS: 3.0}
-        spread |= dict.fromkeys((COULOMB_L, TORQUE, COULOMB_M), 0.2 * torque)
-        spread |= {GRAVITY: 0.05 * torque, DELAY: 2.0 * self._period}
-        spread |= {ECCENTRICITY: _FIXED if self.by_motor else 0.005}
+        torque, unbounded = self._torque, math.inf
+        mean = self._start(0.02, 0.3 * self._side.inertia, 0.0, 0.0)
+        expected = parameters_at(mean)
+        expected.load_torque, expected.ln_load_viscous = 0.0, math.log(2.0 * _VISCOUS)
         # Where one shaft is in the gap is the filter's to find; motor and gear are taken as given.
-        low = {LN_HALF_GAP: -14.0, LN_STIFFNESS: -5.0, LN_INERTIA: -25.0, LN_VISCOUS: -18.0}
-        low |= dict.fromkeys((COULOMB_L, COULOMB_M, DELAY), 0.0)
-        high = {LN_HALF_GAP: 1.0, LN_STIFFNESS: 5.0, LN_INERTIA: 12.0, LN_VISCOUS: 12.0}
-        largest = {LN_HALF_GAP: 0.3, GAP_SLOPE: 0.1, LN_STIFFNESS: 0.5, LN_INERTIA: 0.7, LN_VISCOUS: 1.0}
-        largest |= {ECCENTRICITY: 0.01}
         beliefs = Beliefs(
-            mean, row_of(spread, _FIXED), row_of(low, -math.inf), row_of(high, math.inf), row_of(largest, math.inf)
+            mean=mean,
+            spread=parameters_of(
+                _FIXED,
+                ln_half_gap=3.0,
+                gap_slope=0.2,
+                ln_stiffness=_SPRING if isinstance(contact, SpringContact) else _STIFF,
+                ln_load_inertia=1.5,
+                ln_load_viscous=3.0,
+                load_coulomb=0.2 * torque,
+                load_torque=0.2 * torque,
+                motor_coulomb=0.2 * torque,
+                load_torque_slope=0.05 * torque,
+                delay=2.0 * self._period,
+                load_scale_error=_FIXED if self.by_motor else 0.005,
+            ),
+            low=parameters_of(
+                -unbounded,
+                ln_half_gap=-14.0,
+                ln_stiffness=-5.0,
+                ln_load_inertia=-25.0,
+                ln_load_viscous=-18.0,
+                load_coulomb=0.0,
+                motor_coulomb=0.0,
+                delay=0.0,
+            ),
+            high=parameters_of(
+                unbounded, ln_half_gap=1.0, ln_stiffness=5.0, ln_load_inertia=12.0, ln_load_viscous=12.0
+            ),
+            largest=parameters_of(
+                unbounded,
+                ln_half_gap=0.3,
+                gap_slope=0.1,
+                ln_stiffness=0.5,
+                ln_load_inertia=0.7,
+                ln_load_viscous=1.0,
+                load_scale_error=0.01,
+            ),
         )
         return Problem(self._side, told_teeth(self._drive, contact), recording, torque, beliefs, self._counts)
 
@@ -174,7 +227,7 @@ class _Search:
     def solve(self, problem: Problem, contact: Contact, x: Array, stage: Stage, most: int, enough: float) -> Minimum:
         """Minimise from ``x`` with the noise of a stage until a step gains less than ``enough``."""
         point = problem.solve(Point(math.inf, x, self._noise(stage)), most, enough)
-        sizes = np.sqrt(np.mean(loss_of(problem.innovations[1:]), axis=0))
+        sizes = np.sqrt(np.mean(loss_of(problem.results.innovations[1:]), axis=0))
         found = (float(sizes[0]), float(sizes[1])) if math.isfinite(point.cost) else (math.inf, math.inf)
         return Minimum(point.cost, point.parameters, problem, contact, found)
 
@@ -190,11 +243,15 @@ class _Search:
         return fit_of(Found(point, found.problem), (), self._drive)
 
     def _start(self, gap: float, inertia: float, coulomb_l: float, coulomb_m: float) -> Array:
-        x = row_of({}, 0.0)
-        x[LN_HALF_GAP], x[LN_INERTIA], x[LN_VISCOUS] = math.log(0.5 * gap), math.log(inertia), math.log(_VISCOUS)
-        x[COULOMB_L], x[COULOMB_M] = coulomb_l, coulomb_m
-        x[TORQUE], x[DELAY] = self._guess.load_torque, 0.5 * self._period
-        return x
+        return parameters_of(
+            ln_half_gap=math.log(0.5 * gap),
+            ln_load_inertia=math.log(inertia),
+            ln_load_viscous=math.log(_VISCOUS),
+            load_coulomb=coulomb_l,
+            motor_coulomb=coulomb_m,
+            load_torque=self._guess.load_torque,
+            delay=0.5 * self._period,
+        )
 
     def _starts(self) -> Iterator[Array]:
         """Yield gaps of any width, with light and heavy loads, and dry friction on either side."""
@@ -214,8 +271,8 @@ class _Search:
         calm = self._problem(contact, self._calm)
         nearest: dict[float, tuple[float, int, Array]] = {}
         for k, x in enumerate(self._starts()):
-            looked = calm.cost(x, self._noise(warmer)), k, x
-            nearest[x[LN_HALF_GAP]] = min(looked, nearest.get(x[LN_HALF_GAP], looked), key=lambda each: each[:2])
+            looked, width = (calm.cost(x, self._noise(warmer)), k, x), _ln_half_gap(x)
+            nearest[width] = min(looked, nearest.get(width, looked), key=lambda each: each[:2])
         ends = sorted((self.solve(calm, contact, x, warmer, 5, 1.0) for _, _, x in nearest.values()), key=cost_of)
         ends = sorted((self.solve(calm, contact, end.x, warm, 5, 1.0) for end in ends[:_STARTS]), key=cost_of)
         for stage in self.stages[:2]:
@@ -230,12 +287,7 @@ class _Search:
 
     def widths(self, found: Minimum) -> list[Minimum]:
         """Return the minima reached from other widths of the gap."""
-        starts = []
-        for factor in _FACTORS:
-            x = found.x.copy()
-            x[LN_HALF_GAP] += math.log(factor)
-            starts.append(found._replace(x=x))
-        return [self.go_on(start) for start in starts]
+        return [self.go_on(found._replace(x=_widened(found.x, factor))) for factor in _FACTORS]
 
     def other_laws(self, found: Minimum, contacts: Sequence[Contact]) -> list[Minimum]:
         """Return the minima of the other contact laws, reached from what was found.
@@ -247,9 +299,8 @@ class _Search:
             if type(contact) is not type(found.contact):
                 problem = self._problem(contact, self.recording)
                 for factor in _SOFTER:
-                    x = found.x.copy()
-                    x[LN_HALF_GAP] += math.log(factor)
-                    x[LN_STIFFNESS] = 0.0
+                    x = _widened(found.x, factor)
+                    parameters_at(x).ln_stiffness = 0.0
                     ends.append(self.go_on(found._replace(x=x, problem=problem, contact=contact)))
         return ends
 
@@ -287,7 +338,7 @@ def fit_one_sided(
         return search.fit(ends[0]), 0.0
     ends = sorted([*ends, *search.widths(ends[0])], key=cost_of)
     best = ends[0]
-    others = [end.cost - best.cost for end in ends if abs(end.x[LN_HALF_GAP] - best.x[LN_HALF_GAP]) > _APART]
+    others = [end.cost - best.cost for end in ends if abs(_ln_half_gap(end.x) - _ln_half_gap(best.x)) > _APART]
     return search.fit(search.finish(best)), min(others, default=math.inf)
 
 
@@ -311,7 +362,7 @@ def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> 
     elif not found.torques[0] < -_FLANK * torque < _FLANK * torque < found.torques[1]:
         side = "negative" if found.torques[0] >= -_FLANK * torque else "positive"
         why = f"the teeth never bore a {side} torque, so the far flank was not seen"
-    elif by_motor and (share := math.exp(found.parameters[LN_INERTIA]) / drive.reflected_inertia) < _LIGHTEST:
+    elif by_motor and (share := math.exp(found.values.ln_load_inertia) / drive.reflected_inertia) < _LIGHTEST:
         why = (
             f"the load's inertia is {share:.2g} of the motor's, as seen at the output: below {_LIGHTEST:g} of it "
             "the motor hardly feels it"

@@ -17,17 +17,17 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
-
-from backlash_ros.foundation.quantity import quantities
-from backlash_ros.foundation.record import Array
-from backlash_ros.identification.one_encoder.position_servo import (
+from position_servo import (
     NO_LIMIT,
     PARAMETERS,
     PositionServo,
     ServoRun,
     simulate,
 )
+from scipy.optimize import least_squares
+
+from backlash_ros.foundation.quantity import quantities
+from backlash_ros.foundation.record import Array
 
 LOSS = 0.02
 """Beyond this error the loss grows like its magnitude instead of its square, rad."""
@@ -35,6 +35,7 @@ _STEPS = (1e-1, 3e-2, 1e-2, 3e-3)
 """Of the parameters, for derivatives: of a logarithm, or a tenth in rad. Friction that holds or lets go and a goal that
 waits make the cost rugged: long steps look over small hills, then shorter ones end the search."""
 _TOLERANCE = 3e-5
+"""Relative change of cost and parameters below which a search ends; tuned."""
 _STRETCHES = 40
 """Smallest number of stretches for the uncertainties, unless the runs are too short."""
 _SHORTEST = 20
@@ -44,10 +45,13 @@ _UNSURE = 0.5
 _TIED = 0.97
 """Correlation above which two parameters may be known only together: another fit decides."""
 _LEAST_MOTION = 5e-3
+"""Least motion of a run, rad, that says something."""
 _GAP = 5e-3
 """Where the search for a gap starts, rad, unless told."""
-_REACH, _TURN = 10.0, 1.0
-"""Largest change of a logarithm, and of an offset, rad, from the start."""
+_REACH = 10.0
+"""Largest change of a logarithm from the start; tuned."""
+_TURN = 1.0
+"""Largest change of an offset from the start, rad; tuned."""
 _LOST = 100.0
 """Larger errors count as this, rad."""
 
