@@ -5,6 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from backlash_ros.commands.command import DONE, NOTHING, Command
 from backlash_ros.foundation.reading.parameter_files import named
 from backlash_ros.recordings.rounding import counted
 from backlash_ros.studies.check import check_drive
@@ -13,14 +14,14 @@ DESCRIPTION = "Checks a drive file and its loop: prints figures, and warnings wi
 EXAMPLE = "example: backlash check config/nominal_drive.yaml"
 
 
-def add_check(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments to a parser."""
     parser.description, parser.epilog = DESCRIPTION, EXAMPLE
     text = "ROS parameter files of the drive and its gains; later ones override earlier ones"
     parser.add_argument("drive", type=Path, nargs="+", metavar="DRIVE", help=text)
 
 
-def check_and_show(given: argparse.Namespace, console: Console) -> int:
+def check(given: argparse.Namespace, console: Console) -> int:
     """Print figures and warnings; return 1 if a controller would not start with that drive, else 0.
 
     Raises
@@ -40,7 +41,10 @@ def check_and_show(given: argparse.Namespace, console: Console) -> int:
         say(f"warning: {warning.what}\n  -> {warning.remedy}")
     if found.fails:
         say(f"fails: {found.fails}" + (f"\n  -> {found.remedy}" if found.remedy else ""))
-        return 1
+        return NOTHING
     many = counted(len(found.warnings), "warning") if found.warnings else "no warnings"
     say(f"{named(given.drive)}: the loop is stable, {many}")
-    return 0
+    return DONE
+
+
+COMMAND = Command(check, add_arguments)

@@ -9,6 +9,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from backlash_ros.commands.command import DONE, NOTHING, Command
 from backlash_ros.control.design.stability import LONGEST_DELAY
 from backlash_ros.control.design.start import RATE
 from backlash_ros.drive_file.drive_file import read_axis, read_parameters, read_surroundings, start_of
@@ -19,17 +20,16 @@ from backlash_ros.studies.design.search import Design, NothingQuietError, design
 from backlash_ros.studies.design.trial import Loop
 from backlash_ros.studies.design.uncertainty import Uncertainty
 
-DESIGNED, REFUSED = 0, 1
 DESCRIPTION = (
     "Designs over-damped gains of the two-region law and the width of their region, so that the load comes to rest on "
     "every drive of a range around the described drive, as fast as possible."
 )
 EXAMPLE = "example: backlash design config/nominal_drive.yaml --inertia 0.7 1.3 --out gains.yaml --plot design.png"
 WRITTEN = ("out", "json", "plot")
-"""Options that name files to write."""
+"""Options of files to write."""
 
 
-def add_design(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments to a parser."""
     parser.description, parser.epilog = DESCRIPTION, EXAMPLE
     add, default = parser.add_argument, Uncertainty()
@@ -98,7 +98,7 @@ def design_gains_for(given: argparse.Namespace, console: Console) -> int:
             found = _designed(loop, uncertainty)
         except NothingQuietError as error:
             console.print(str(error), highlight=False, markup=False, soft_wrap=True)
-            return REFUSED
+            return NOTHING
         content = content_of(found, str(given.drive))
         show(content, console)
         if given.out is not None:
@@ -116,8 +116,8 @@ def design_gains_for(given: argparse.Namespace, console: Console) -> int:
         console.print(f"written: {'; '.join(map(str, places))}", highlight=False, markup=False, soft_wrap=True)
     if found.refusal:
         console.print(f"not quiet: {found.refusal}", highlight=False, markup=False, soft_wrap=True)
-        return REFUSED
-    return DESIGNED
+        return NOTHING
+    return DONE
 
 
 def _designed(loop: Loop, uncertainty: Uncertainty) -> Design:
@@ -129,3 +129,6 @@ def _designed(loop: Loop, uncertainty: Uncertainty) -> Design:
         found = design(loop, uncertainty, lambda what, share: bar.update(shown, description=what, completed=share))
         bar.update(shown, description="designed", completed=1.0)
     return found
+
+
+COMMAND = Command(design_gains_for, add_arguments, written=WRITTEN)

@@ -9,15 +9,10 @@ from pathlib import Path
 
 from rich.console import Console
 
-from backlash_ros.commands.identify_arguments import (
-    add_angles,
-    add_topics,
-    number_of,
-    reading_of,
-    refuse_unused,
-    topics_of,
-)
-from backlash_ros.commands.identify_results import show_findings
+from backlash_ros.commands.argument_types import number_of
+from backlash_ros.commands.command import DONE, NOTHING, Command
+from backlash_ros.commands.identification_results import show_findings
+from backlash_ros.commands.recording_arguments import add_angles, add_topics, reading_of, refuse_unused, topics_of
 from backlash_ros.drive_file.drive_file import read_axis
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.foundation.jsonable import jsonable
@@ -30,8 +25,6 @@ from backlash_ros.recordings.csv_file import ColumnNames, is_table, read_csv
 from backlash_ros.recordings.locked_output import curve_of
 from backlash_ros.recordings.samples import TIME_UNITS, Columns, Reading, drive_for
 
-WRITTEN = ("json", "certificate")
-"""Options that name files to write."""
 _NAMES = ColumnNames(command="torque", kinds=("time", "motor", "load", "torque"))
 _OF_TABLES = ("time_column", "motor_column", "load_column", "torque_column", "time_unit")
 _DESCRIPTION = (
@@ -47,7 +40,7 @@ _EXAMPLE = """example: a table of a test bench, the angle from the motor's encod
 docs/lost_motion.md has the rules."""
 
 
-def add_lost_motion(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments to a parser."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.description, parser.epilog = _DESCRIPTION.replace("%", "%%"), _EXAMPLE
@@ -141,7 +134,7 @@ def measure(given: argparse.Namespace, console: Console) -> int:
     written = [str(place) for place in (given.json, given.certificate) if place is not None]
     if written:
         console.print(f"written: {'; '.join(written)}", highlight=False, markup=False, soft_wrap=True)
-    return 0 if any(each.valid for each in found) else 1
+    return DONE if any(each.valid for each in found) else NOTHING
 
 
 def content_of(ramps: Ramps) -> dict[str, object]:
@@ -150,3 +143,6 @@ def content_of(ramps: Ramps) -> dict[str, object]:
     for name in ("torques", "angles", "begins"):
         del content[name]
     return content
+
+
+COMMAND = Command(measure, add_arguments, written=("json", "certificate"))

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from backlash_ros.commands.command import DONE, NOTHING, Command
 from backlash_ros.foundation.jsonable import jsonable
 from backlash_ros.foundation.staging import staging
 from backlash_ros.studies.replay.again import Replayed, replay
 from backlash_ros.studies.replay.recorded import read_recorded
 from backlash_ros.studies.replay.what_if import Changes
 
-EQUAL, DIFFERENT = 0, 1
 DESCRIPTION = (
     "Recorded samples through the controller's law again, with the recorded parameters, from each activation in the "
     "bag on: whether the commands are equal to the last bit. The exit code is 0 where all are, 1 where not."
@@ -27,11 +27,11 @@ _OPEN_LOOP = (
     "commands. The drive would have moved otherwise."
 )
 WRITTEN = ("json", "plot")
-"""Options that name files to write."""
+"""Options of files to write."""
 Pairs = Sequence[tuple[Replayed, Replayed | None]]
 
 
-def add_replay(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments to a parser."""
     parser.description, parser.epilog = DESCRIPTION, EXAMPLE
     add = parser.add_argument
@@ -144,4 +144,7 @@ def replay_bag(given: argparse.Namespace, console: Console) -> int:
             made.replace(place)
     if places:
         console.print(f"written: {'; '.join(map(str, places))}", highlight=False, markup=False, soft_wrap=True)
-    return EQUAL if equal else DIFFERENT
+    return DONE if equal else NOTHING
+
+
+COMMAND = Command(replay_bag, add_arguments, written=WRITTEN)

@@ -10,7 +10,9 @@ from pathlib import Path
 
 from rich.console import Console
 
-from backlash_ros.commands.identify_arguments import add_topics, add_units, number_of, reading_of, topics_of
+from backlash_ros.commands.argument_types import number_of
+from backlash_ros.commands.command import DONE, Command
+from backlash_ros.commands.recording_arguments import add_topics, add_units, reading_of, topics_of
 from backlash_ros.foundation.staging import write_text
 from backlash_ros.pages.report.library import chart_library
 from backlash_ros.pages.report.page import page_of
@@ -31,11 +33,8 @@ EXAMPLE = """examples: the demo's recording; a drive of somebody else's, in degr
 
 docs/report.md says what each figure means."""
 
-WRITTEN = ("out", "json")
-"""Options that name files to write."""
 
-
-def add_report(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments to a parser."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.description, parser.epilog = DESCRIPTION, EXAMPLE
@@ -138,4 +137,7 @@ def write_report(given: argparse.Namespace, console: Console) -> int:
     for place, text in texts.items():
         write_text(place, text, overwrite=given.force)
     say(f"written: {', '.join(map(str, texts))}")
-    return 0
+    return DONE
+
+
+COMMAND = Command(write_report, add_arguments, written=("out", "json"))

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from backlash_ros.commands.command import DONE, NOTHING, Command
 from backlash_ros.control import AUTO, LAWS, ServoSettings, design_law
 from backlash_ros.control.design.start import CannotStartError
 from backlash_ros.control.laws import BEST, UNTIL_THEN, law_of
@@ -45,7 +46,7 @@ EXAMPLE = (
     "--set load.inertia=0.002 --reference 0.5 --plot step.png --csv step.csv; backlash simulate axis.yaml gains.yaml"
 )
 WRITTEN = ("plot", "csv")
-"""Options that name files to write."""
+"""Options of files to write."""
 _LONGEST, _LAST = 600.0, 1.0
 """Longest simulation, and its end within which a load must be near its target to count as settled, s."""
 _OF_DRIVES: dict[str, Any] = {
@@ -65,7 +66,7 @@ _OURS = (
 """Parameters of a file that a simulation uses, in addition to those of its law."""
 
 
-def add_simulate(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments to a parser."""
     parser.description, parser.epilog = DESCRIPTION, EXAMPLE
     add = parser.add_argument
@@ -197,7 +198,7 @@ def simulate(given: argparse.Namespace, console: Console) -> int:
         law = _PAPER if given.law in (None, AUTO) else given.law
         figures = judge(respond(law, condition), condition)
         console.print_json(json.dumps(jsonable({"law": law, "case": case, **figures})))
-        return 0
+        return DONE
     for name, default in _OF_DRIVES.items():
         if getattr(given, name) is None:
             setattr(given, name, default)
@@ -221,4 +222,7 @@ def simulate(given: argparse.Namespace, console: Console) -> int:
         **_figures(result, given.reference),
     }
     console.print_json(json.dumps(jsonable(content)))
-    return 1 if result.fault else 0
+    return NOTHING if result.fault else DONE
+
+
+COMMAND = Command(simulate, add_arguments, written=WRITTEN)

@@ -18,7 +18,7 @@ import yaml
 from rich.console import Console
 
 from backlash_ros.cli import main
-from backlash_ros.commands import identify as command
+from backlash_ros.commands import identification as command
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.identification.gap_map import GapMap, Mapped
 from backlash_ros.identification.locked_output.lost_motion import LostMotion

@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from backlash_ros.commands.evaluate import number_text, open_journal, report_of, rows_in, run_drives
+from backlash_ros.commands.evaluation import number_text, open_journal, report_of, rows_in, run_drives
 from backlash_ros.foundation.jsonable import jsonable
 from backlash_ros.foundation.staging import staging
 from backlash_ros.studies.evaluation.effects import EFFECTS
@@ -36,7 +36,7 @@ def evaluate_effects(
 ) -> None:
     """Evaluate the first ``drives`` drives with each effect of ``names`` alone, and write ``target``, JSON.
 
-    It has the report of each effect, as `command.evaluate` writes it. The same command continues after an interruption.
+    It has the report of each effect, as `evaluate` writes it. The same command continues after an interruption.
 
     Raises
     ------
