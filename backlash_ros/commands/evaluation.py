@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from backlash_ros.commands.places import staged
 from backlash_ros.foundation.jsonable import jsonable
 from backlash_ros.foundation.staging import staging
 from backlash_ros.simulation.batch import Journal, code_digest, run_batch
@@ -88,11 +89,10 @@ def replay(task: Task, number: int, plot: Path | None, console: Console) -> None
         "laws": {law: asdict(verdict) for law, verdict in verdicts.items()},
     }
     if plot is not None:
-        with staging(plot) as folder:
-            from backlash_ros.studies.evaluation.pictures import draw_runs  # noqa: PLC0415 - matplotlib takes a second
+        from backlash_ros.studies.evaluation.pictures import draw_runs  # noqa: PLC0415 - matplotlib takes a second
 
-            draw_runs(member, runs, folder / plot.name)
-            (folder / plot.name).replace(plot)
+        with staged(plot) as files:
+            draw_runs(member, runs, files[plot])
     console.print_json(json.dumps(jsonable(content)))
 
 
@@ -209,6 +209,17 @@ def table_of(summary: dict[str, Any]) -> list[list[str]]:
     return rows
 
 
+def printable(rows: list[list[str]], title: str) -> Table:
+    """Return a table for the terminal; the first row has the names of the columns."""
+    head, *others = rows
+    table = Table(title=title)
+    for name in head:
+        table.add_column(name, overflow="fold")
+    for row in others:
+        table.add_row(*row)
+    return table
+
+
 def learning_of(summary: dict[str, Any]) -> list[str]:
     """Return what learning achieved as lines of text."""
     return [
@@ -233,13 +244,8 @@ def learning_of(summary: dict[str, Any]) -> list[str]:
 
 def show(content: dict[str, Any], console: Console) -> None:
     """Print the table, the ten worst drives and what failures have in common."""
-    head, *rows = table_of(content["summary"])
-    table = Table(title=f"{content['drives']} drives of seed {content['seed']}; 95 % intervals in brackets")
-    for name in head:
-        table.add_column(name, overflow="fold")
-    for row in rows:
-        table.add_row(*row)
-    console.print(table)
+    title = f"{content['drives']} drives of seed {content['seed']}; 95 % intervals in brackets"
+    console.print(printable(table_of(content["summary"]), title))
     say = partial(console.print, highlight=False, soft_wrap=True, markup=False)
     for line in learning_of(content["summary"]):
         say(line)

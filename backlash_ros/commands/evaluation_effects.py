@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
-from backlash_ros.commands.evaluation import number_text, open_journal, report_of, rows_in, run_drives
+from backlash_ros.commands.evaluation import number_text, open_journal, printable, report_of, rows_in, run_drives
 from backlash_ros.foundation.jsonable import jsonable
-from backlash_ros.foundation.staging import staging
+from backlash_ros.foundation.staging import write_text
 from backlash_ros.studies.evaluation.effects import EFFECTS
 from backlash_ros.studies.evaluation.summary import Collected
 from backlash_ros.studies.evaluation.task import Task
@@ -60,9 +59,7 @@ def evaluate_effects(
             "drives": drives,
             "effects": reports,
         }
-        with staging(target) as folder:
-            (folder / target.name).write_text(json.dumps(jsonable(content), indent=1) + "\n")
-            (folder / target.name).replace(target)
+        write_text(target, json.dumps(jsonable(content), indent=1) + "\n", overwrite=True)
         for journal in journals:
             journal.remove()
     show(content, console)
@@ -96,11 +93,6 @@ def effects_table(content: dict[str, Any]) -> list[list[str]]:
 
 def show(content: dict[str, Any], console: Console) -> None:
     """Print the table."""
-    head, *rows = effects_table(content)
     first = next(iter(content["effects"].values()))
-    table = Table(title=f"{content['drives']} drives of seed {content['seed']} an effect, law {first['judged_law']}")
-    for name in head:
-        table.add_column(name, overflow="fold")
-    for row in rows:
-        table.add_row(*row)
-    console.print(table)
+    title = f"{content['drives']} drives of seed {content['seed']} an effect, law {first['judged_law']}"
+    console.print(printable(effects_table(content), title))

@@ -14,7 +14,7 @@ from backlash_ros.drive_file.drive_file import Axis, axis_of, read_axis
 from backlash_ros.drive_file.drive_text import drive_text
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.foundation.reading.parameter_files import in_sections
-from backlash_ros.foundation.staging import staging
+from backlash_ros.foundation.staging import write_text
 from backlash_ros.identification.recordings.identify import Identified, identify
 from backlash_ros.identification.recordings.places import map_findings
 from backlash_ros.identification.recordings.slow_torque import hysteresis_findings, hysteresis_of
@@ -42,7 +42,6 @@ class Request:
     drive: Path | None = None
     json: Path | None = None
     drive_file: Path | None = None
-    force: bool = False
     certificate: Path | None = None
     rated_torque: float = 0.0
     command: str = ""
@@ -70,13 +69,6 @@ def _joints(request: Request, axis: Axis) -> tuple[str, str]:
     if is_table(request.recording):
         return axis.motor_joint, axis.load_joint
     return request.topics.motor_joint, request.topics.load_joint
-
-
-def _write(place: Path, text: str) -> None:
-    """Write a whole file or nothing."""
-    with staging(place) as folder:
-        (folder / place.name).write_text(text, encoding="utf-8")
-        (folder / place.name).replace(place)
 
 
 def counts_of(found: Identified, reading: Reading, drive: Drive) -> tuple[float, float]:
@@ -122,18 +114,17 @@ def identify_recording(request: Request, console: Console) -> int:
         slow,
     )
     show(subject, found, console)
-    written = []
+    texts = {}
     if request.json is not None:
-        _write(request.json, json.dumps(content_of(subject, found), indent=1) + "\n")
-        written.append(str(request.json))
+        texts[request.json] = json.dumps(content_of(subject, found), indent=1) + "\n"
     if request.drive_file is not None and found.valid:
-        _write(request.drive_file, drive_text(found, axis, counts, subject.source))
-        written.append(str(request.drive_file))
+        texts[request.drive_file] = drive_text(found, axis, counts, subject.source)
     if request.certificate is not None:
         from backlash_ros.pages.certificate.page import certificate  # noqa: PLC0415 - matplotlib takes a second
 
-        _write(request.certificate, certificate(subject, found))
-        written.append(str(request.certificate))
-    if written:
-        console.print(f"written: {'; '.join(written)}", highlight=False, markup=False, soft_wrap=True)
+        texts[request.certificate] = certificate(subject, found)
+    for place, text in texts.items():
+        write_text(place, text, overwrite=True)
+    if texts:
+        console.print(f"written: {'; '.join(map(str, texts))}", highlight=False, markup=False, soft_wrap=True)
     return DONE if found.valid or around is not None or slow.valid else NOTHING

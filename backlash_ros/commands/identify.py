@@ -88,7 +88,6 @@ def request_of(given: argparse.Namespace) -> Request:
         given.drive,
         given.json,
         given.drive_file,
-        given.force,
         given.certificate,
         given.rated_torque,
         shlex.join(["backlash", *given.words]),

@@ -3,7 +3,6 @@
 import argparse
 import json
 from collections.abc import Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +10,8 @@ import numpy as np
 from rich.console import Console
 
 from backlash_ros.commands.command import DONE, NOTHING, Command
+from backlash_ros.commands.places import staged
 from backlash_ros.foundation.jsonable import jsonable
-from backlash_ros.foundation.staging import staging
 from backlash_ros.studies.replay.again import Replayed, replay
 from backlash_ros.studies.replay.recorded import read_recorded
 from backlash_ros.studies.replay.what_if import Changes
@@ -26,8 +25,6 @@ _OPEN_LOOP = (
     "Open loop: each command is what these values would have given for the recorded samples, after the recorded "
     "commands. The drive would have moved otherwise."
 )
-WRITTEN = ("json", "plot")
-"""Options of files to write."""
 Pairs = Sequence[tuple[Replayed, Replayed | None]]
 
 
@@ -131,20 +128,16 @@ def replay_bag(given: argparse.Namespace, console: Console) -> int:
     result["damage"] = list(recorded.damage)
     if changes.given:
         result |= {"set": dict(changes.given), "open_loop": _OPEN_LOOP}
-    places = [place for name in WRITTEN if (place := getattr(given, name)) is not None]
-    with ExitStack() as stack:
-        staged = {place: stack.enter_context(staging(place)) / place.name for place in places}
+    with staged(given.json, given.plot) as files:
         if given.json is not None:
-            staged[given.json].write_text(json.dumps(jsonable(result), indent=1) + "\n", encoding="utf-8")
+            files[given.json].write_text(json.dumps(jsonable(result), indent=1) + "\n", encoding="utf-8")
         if given.plot is not None:
             from backlash_ros.studies.replay.picture import draw  # noqa: PLC0415 - matplotlib takes a second
 
-            draw(pairs, staged[given.plot])
-        for place, made in staged.items():
-            made.replace(place)
-    if places:
-        console.print(f"written: {'; '.join(map(str, places))}", highlight=False, markup=False, soft_wrap=True)
+            draw(pairs, files[given.plot])
+    if files:
+        console.print(f"written: {'; '.join(map(str, files))}", highlight=False, markup=False, soft_wrap=True)
     return DONE if equal else NOTHING
 
 
-COMMAND = Command(replay_bag, add_arguments, written=WRITTEN)
+COMMAND = Command(replay_bag, add_arguments, written=("json", "plot"))

@@ -187,7 +187,7 @@ def test_a_page_that_cannot_be_written_whole_is_not_written(
     place = tmp_path / "page.html"
     place.write_text("before")
     monkeypatch.setattr(Path, "replace", fail)
-    request = command.Request(table, certificate=place, force=True)
+    request = command.Request(table, certificate=place)
     with pytest.raises(OSError, match="No space"):
         command.identify_recording(request, Console(quiet=True))
     assert place.read_text() == "before"

@@ -11,10 +11,10 @@ from backlash_ros.pages.report import charts, pictures
 from backlash_ros.pages.report.charts import ChartBook
 from backlash_ros.pages.report.report import AxisReport, Report
 from backlash_ros.pages.report.steps import NEAR, Step
-from backlash_ros.pages.report.timing import SETTLING, TAIL, Timing
+from backlash_ros.pages.report.timing import SETTLING, Timing
 from backlash_ros.recordings.rounding import brief, counted, shown
 from backlash_ros.recordings.subject import PACKAGE, version_of_package
-from backlash_ros.studies.judging import SETTLED
+from backlash_ros.studies.metrics import SETTLED, TAIL
 
 DOUBTFUL = 0.01
 """Share of samples missing or late above which the page warns."""

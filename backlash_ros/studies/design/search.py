@@ -19,8 +19,8 @@ from backlash_ros.control.design.start import default_weights
 from backlash_ros.drivetrain import Drive, rigid_model
 from backlash_ros.studies.design.trial import AIM, LENGTH, MARGIN, Choice, Loop, Outcome, attempt
 from backlash_ros.studies.design.uncertainty import Case, Uncertainty
-from backlash_ros.studies.judging import PRECISE, QUIET, SETTLED, TAIL
-from backlash_ros.studies.metrics import Array
+from backlash_ros.studies.judging import PRECISE, QUIET
+from backlash_ros.studies.metrics import SETTLED, TAIL, Array
 
 _SAMPLES, _BATCHES = 64, 4
 """Choices in the first, evenly spread batch (Sobol, a power of 2); batches that are tried while none is quiet."""
