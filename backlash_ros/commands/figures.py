@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from backlash_ros.commands.command import DONE, Command
 from backlash_ros.foundation.jsonable import jsonable
 from backlash_ros.foundation.staging import staging
-from backlash_ros.pages.paper import write_page
+from backlash_ros.pages.paper.page import write_page
 from backlash_ros.studies.paper import PARTS, reproduce
 
 _EXAMPLE = "examples: backlash figures --out results/figures; backlash figures two_encoder --out results/figures"

@@ -14,7 +14,7 @@ import pytest
 from backlash_ros.cli import main
 from backlash_ros.commands import figures as command
 from backlash_ros.control import LAWS
-from backlash_ros.pages.paper import write_page
+from backlash_ros.pages.paper.page import write_page
 from backlash_ros.studies import figures
 from backlash_ros.studies.figures import FIGURES
 from backlash_ros.studies.paper import CASES, NOISY, respond
