@@ -6,6 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from backlash_ros.commands.command import DONE, NOTHING, Command
+from backlash_ros.commands.output import say
 from backlash_ros.foundation.reading.parameter_files import named
 from backlash_ros.recordings.rounding import counted
 from backlash_ros.studies.check import check_drive
@@ -31,19 +32,16 @@ def check(given: argparse.Namespace, console: Console) -> int:
     """
     found = check_drive(*given.drive)
 
-    def say(text: str) -> None:
-        console.print(text, highlight=False, markup=False, soft_wrap=True)
-
     width = max(map(len, found.figures))
     for name, value in found.figures.items():
-        say(f"{name:{width}}  {value}")
+        say(console, f"{name:{width}}  {value}")
     for warning in found.warnings:
-        say(f"warning: {warning.what}\n  -> {warning.remedy}")
+        say(console, f"warning: {warning.what}\n  -> {warning.remedy}")
     if found.fails:
-        say(f"fails: {found.fails}" + (f"\n  -> {found.remedy}" if found.remedy else ""))
+        say(console, f"fails: {found.fails}" + (f"\n  -> {found.remedy}" if found.remedy else ""))
         return NOTHING
     many = counted(len(found.warnings), "warning") if found.warnings else "no warnings"
-    say(f"{named(given.drive)}: the loop is stable, {many}")
+    say(console, f"{named(given.drive)}: the loop is stable, {many}")
     return DONE
 
 

@@ -1,7 +1,6 @@
 """`backlash design`: its arguments; reads a drive file, designs, prints and writes."""
 
 import argparse
-import json
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -9,7 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from backlash_ros.commands.command import DONE, NOTHING, Command
-from backlash_ros.commands.places import staged
+from backlash_ros.commands.output import json_text, say, say_written, staged
 from backlash_ros.control.design.stability import LONGEST_DELAY
 from backlash_ros.control.design.start import RATE
 from backlash_ros.drive_file.drive_file import read_axis, read_parameters, read_surroundings, start_of
@@ -92,7 +91,7 @@ def design_gains_for(given: argparse.Namespace, console: Console) -> int:
         try:
             found = _designed(loop, uncertainty)
         except NothingQuietError as error:
-            console.print(str(error), highlight=False, markup=False, soft_wrap=True)
+            say(console, str(error))
             return NOTHING
         content = content_of(found, str(given.drive))
         show(content, console)
@@ -100,15 +99,14 @@ def design_gains_for(given: argparse.Namespace, console: Console) -> int:
             text = gain_text(loop, found.choice, str(given.drive), found.refusal)
             files[given.out].write_text(text, encoding="utf-8")
         if given.json is not None:
-            files[given.json].write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+            files[given.json].write_text(json_text(content), encoding="utf-8")
         if given.plot is not None:
             from backlash_ros.studies.design.picture import draw  # noqa: PLC0415 - matplotlib takes a second
 
             draw(found, files[given.plot])
-    if files:
-        console.print(f"written: {'; '.join(map(str, files))}", highlight=False, markup=False, soft_wrap=True)
+    say_written(console, files)
     if found.refusal:
-        console.print(f"not quiet: {found.refusal}", highlight=False, markup=False, soft_wrap=True)
+        say(console, f"not quiet: {found.refusal}")
         return NOTHING
     return DONE
 

@@ -1,7 +1,6 @@
 """`backlash evaluate`: from the arguments to the files, the table and the pictures."""
 
 import hashlib
-import json
 import shlex
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -15,8 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from backlash_ros.commands.places import staged
-from backlash_ros.foundation.jsonable import jsonable
+from backlash_ros.commands.output import json_text, print_json, say, staged
 from backlash_ros.foundation.staging import staging
 from backlash_ros.simulation.batch import Journal, code_digest, run_batch
 from backlash_ros.studies.evaluation.failures import group_failures, worst_drives
@@ -68,7 +66,7 @@ def evaluate(
             for _ in rows_in(task, drives, journal, collected, failures):
                 pass
         content = report_of(task, drives, collected, failures, drive)
-        report.write_text(json.dumps(jsonable(content), indent=1) + "\n")
+        report.write_text(json_text(content))
         for source, place in staged.items():
             place.mkdir(parents=True, exist_ok=True)
             for file in sorted(source.iterdir()):
@@ -76,7 +74,7 @@ def evaluate(
         journal.remove()
     show(content, console)
     written = [str(target)] + ([f"runs.parquet, shares.png and settling.png in {out}"] if out else [])
-    console.print(f"written: {'; '.join(written)}", highlight=False, soft_wrap=True)
+    say(console, f"written: {'; '.join(written)}")
 
 
 def replay(task: Task, number: int, plot: Path | None, console: Console) -> None:
@@ -93,7 +91,7 @@ def replay(task: Task, number: int, plot: Path | None, console: Console) -> None
 
         with staged(plot) as files:
             draw_runs(member, runs, files[plot])
-    console.print_json(json.dumps(jsonable(content)))
+    print_json(console, content)
 
 
 def open_journal(task: Task, target: Path) -> Journal:
@@ -107,7 +105,7 @@ def run_drives(task: Task, drives: int, journal: Journal, scheduler: str, consol
     """Evaluate the drives that the journal does not have yet, and show the progress."""
     done = sum(number in journal for number in range(drives))
     if done:
-        console.print(f"{done} of {drives} drives are in {journal.path} already", highlight=False, soft_wrap=True)
+        say(console, f"{done} of {drives} drives are in {journal.path} already")
     columns = (
         TextColumn("{task.description}"),
         *(BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left:"), TimeRemainingColumn()),
@@ -246,20 +244,19 @@ def show(content: dict[str, Any], console: Console) -> None:
     """Print the table, the ten worst drives and what failures have in common."""
     title = f"{content['drives']} drives of seed {content['seed']}; 95 % intervals in brackets"
     console.print(printable(table_of(content["summary"]), title))
-    say = partial(console.print, highlight=False, soft_wrap=True, markup=False)
     for line in learning_of(content["summary"]):
-        say(line)
+        say(console, line)
     if content["failures"]:
-        say("\nFailures, and what is more frequent among them than among all drives:")
+        say(console, "\nFailures, and what is more frequent among them than among all drives:")
     for group in content["failures"]:
         common = ", ".join(
             f"{each['condition']} {100 * each['share']:.0f} % ({100 * each['share_of_all']:.0f} % of all)"
             for each in group["in_common"]
         )
-        say(f"  {group['drives']:5d}  {group['what']}" + (f": {common}" if common else ""))
+        say(console, f"  {group['drives']:5d}  {group['what']}" + (f": {common}" if common else ""))
     if content["failed_runs"]:
-        say(f"\n{len(content['failed_runs'])} drives could not be run; the file says which and why")
+        say(console, f"\n{len(content['failed_runs'])} drives could not be run; the file says which and why")
     if content["worst"]:
-        say(f"\nThe worst drives for {content['judged_law']}, with how many times a threshold is passed:")
+        say(console, f"\nThe worst drives for {content['judged_law']}, with how many times a threshold is passed:")
     for each in content["worst"]:
-        say(f"  {each['times']:8.3g}  {each['command']}")
+        say(console, f"  {each['times']:8.3g}  {each['command']}")

@@ -1,6 +1,5 @@
 """`backlash evaluate --effects`: one effect at a time on a population, and a table with a row for each."""
 
-import json
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any
 from rich.console import Console
 
 from backlash_ros.commands.evaluation import number_text, open_journal, printable, report_of, rows_in, run_drives
-from backlash_ros.foundation.jsonable import jsonable
+from backlash_ros.commands.output import json_text, say
 from backlash_ros.foundation.staging import write_text
 from backlash_ros.studies.evaluation.effects import EFFECTS
 from backlash_ros.studies.evaluation.summary import Collected
@@ -59,11 +58,11 @@ def evaluate_effects(
             "drives": drives,
             "effects": reports,
         }
-        write_text(target, json.dumps(jsonable(content), indent=1) + "\n", overwrite=True)
+        write_text(target, json_text(content), overwrite=True)
         for journal in journals:
             journal.remove()
     show(content, console)
-    console.print(f"written: {target}", highlight=False, soft_wrap=True)
+    say(console, f"written: {target}")
 
 
 def _percent(share: float | None) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from backlash_ros.commands.command import DONE, Command
-from backlash_ros.commands.places import print_or_write
+from backlash_ros.commands.output import print_or_write
 from backlash_ros.drive_file.drive_file import read_axis
 from backlash_ros.export import FORMATS
 

@@ -1,7 +1,6 @@
 """`backlash figures`: the paper's figures and page, or the figures that explain law two_encoder."""
 
 import argparse
-import json
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -9,6 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from backlash_ros.commands.command import DONE, Command
+from backlash_ros.commands.output import json_text
 from backlash_ros.foundation.jsonable import jsonable
 from backlash_ros.foundation.staging import staging
 from backlash_ros.pages.paper.page import write_page
@@ -59,7 +59,7 @@ def draw_paper(out: Path, page: Path | None, console: Console) -> None:
             done = reproduce(progress)
             draw(done, drawn, progress)
         numbers = jsonable(done.numbers)
-        (drawn / "figures.json").write_text(json.dumps(numbers, indent=1) + "\n")
+        (drawn / "figures.json").write_text(json_text(numbers))
         if page is not None:
             (written / page.name).write_text(write_page(numbers))
         for folder, place in results.items():

@@ -1,6 +1,5 @@
 """The work of `backlash identify`: reads, identifies, prints, writes."""
 
-import json
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,6 +8,7 @@ from rich.console import Console
 
 from backlash_ros.commands.command import DONE, NOTHING
 from backlash_ros.commands.identification_results import content_of, show
+from backlash_ros.commands.output import json_text, say_written
 from backlash_ros.control import HysteresisSettings
 from backlash_ros.drive_file.drive_file import Axis, axis_of, read_axis
 from backlash_ros.drive_file.drive_text import drive_text
@@ -116,7 +116,7 @@ def identify_recording(request: Request, console: Console) -> int:
     show(subject, found, console)
     texts = {}
     if request.json is not None:
-        texts[request.json] = json.dumps(content_of(subject, found), indent=1) + "\n"
+        texts[request.json] = json_text(content_of(subject, found))
     if request.drive_file is not None and found.valid:
         texts[request.drive_file] = drive_text(found, axis, counts, subject.source)
     if request.certificate is not None:
@@ -125,6 +125,5 @@ def identify_recording(request: Request, console: Console) -> int:
         texts[request.certificate] = certificate(subject, found)
     for place, text in texts.items():
         write_text(place, text, overwrite=True)
-    if texts:
-        console.print(f"written: {'; '.join(map(str, texts))}", highlight=False, markup=False, soft_wrap=True)
+    say_written(console, texts)
     return DONE if found.valid or around is not None or slow.valid else NOTHING

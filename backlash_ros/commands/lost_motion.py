@@ -1,7 +1,6 @@
 """`backlash lost-motion`: arguments, and the work: reads, measures, prints, writes."""
 
 import argparse
-import json
 import math
 import shlex
 from dataclasses import asdict, replace
@@ -12,10 +11,10 @@ from rich.console import Console
 from backlash_ros.commands.argument_types import number_of
 from backlash_ros.commands.command import DONE, NOTHING, Command
 from backlash_ros.commands.identification_results import show_findings
+from backlash_ros.commands.output import json_text, say, say_written
 from backlash_ros.commands.recording_arguments import add_angles, add_topics, reading_of, refuse_unused, topics_of
 from backlash_ros.drive_file.drive_file import read_axis
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
-from backlash_ros.foundation.jsonable import jsonable
 from backlash_ros.foundation.staging import write_text
 from backlash_ros.identification.locked_output.ramps import Ramps, ramps_of
 from backlash_ros.identification.recordings.slow_torque import ramps_findings
@@ -115,25 +114,23 @@ def measure(given: argparse.Namespace, console: Console) -> int:
     torque = -torque if given.reversed else torque
     at = LOST_MOTION_SHARE * given.rated_torque
     found = [Ramps(valid=False, reason=why)] if why else ramps_of(torque, angle, at, LOST_MOTION_SHARE)
-    console.print(f"{given.recording}", highlight=False, markup=False, soft_wrap=True)
+    say(console, f"{given.recording}")
     for text in [f"  {note}" for note in notes]:
-        console.print(text, highlight=False, markup=False, soft_wrap=True)
+        say(console, text)
     for ramps in found:
         text = f"\n{ramps.in_words()}." if ramps.valid else f"Nothing can be told: {ramps.reason}."
-        console.print(text, highlight=False, markup=False, soft_wrap=True)
+        say(console, text)
         if ramps.valid:
             show_findings(ramps_findings(ramps), console)
     if given.json is not None:
         content = {"recording": str(given.recording), "notes": notes, "ramps": [content_of(each) for each in found]}
-        write_text(given.json, json.dumps(jsonable(content), indent=1) + "\n", overwrite=given.force)
+        write_text(given.json, json_text(content), overwrite=given.force)
     if given.certificate is not None:
         from backlash_ros.pages.certificate.locked_output import page  # noqa: PLC0415 - matplotlib takes a second
 
         command = shlex.join(["backlash", *given.words])
         write_text(given.certificate, page(str(given.recording), found, notes, command), overwrite=given.force)
-    written = [str(place) for place in (given.json, given.certificate) if place is not None]
-    if written:
-        console.print(f"written: {'; '.join(written)}", highlight=False, markup=False, soft_wrap=True)
+    say_written(console, [place for place in (given.json, given.certificate) if place is not None])
     return DONE if any(each.valid for each in found) else NOTHING
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from backlash_ros.commands.command import DONE, Command, with_ros
-from backlash_ros.commands.places import print_or_write
+from backlash_ros.commands.output import print_or_write
 
 _NODES = ("plant_simulator", "controller")
 

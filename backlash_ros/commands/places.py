@@ -4,11 +4,11 @@ import argparse
 import errno
 import os
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 from backlash_ros.commands.command import Command, with_ros
-from backlash_ros.foundation.staging import staging, write_text
+from backlash_ros.foundation.staging import staging
 
 
 def refuse_unusable(command: Command, given: argparse.Namespace) -> None:
@@ -29,25 +29,6 @@ def refuse_unusable(command: Command, given: argparse.Namespace) -> None:
     drive = getattr(given, "drive", None) or ()
     if files := [drive] if isinstance(drive, Path) else drive:
         _refuse_misspelled(*files)
-
-
-@contextmanager
-def staged(*places: Path | None) -> Iterator[dict[Path, Path]]:
-    """Yield by place the file to write, beside it; in the end what was written is put there, or nothing on an error."""
-    with ExitStack() as stack:
-        written = {place: stack.enter_context(staging(place)) / place.name for place in places if place is not None}
-        yield written
-        for place, file in written.items():
-            if file.exists():
-                file.replace(place)
-
-
-def print_or_write(given: argparse.Namespace, text: str) -> None:
-    """Print a text, or write it to ``--out``."""
-    if given.out is None:
-        print(text, end="")
-    else:
-        write_text(given.out, text, overwrite=given.force)
 
 
 def _places(command: Command, given: argparse.Namespace) -> Iterator[tuple[str, Path, bool]]:

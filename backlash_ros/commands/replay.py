@@ -1,8 +1,6 @@
 """`backlash replay`: its arguments; reads a bag, replays, prints and writes."""
 
 import argparse
-import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +8,7 @@ import numpy as np
 from rich.console import Console
 
 from backlash_ros.commands.command import DONE, NOTHING, Command
-from backlash_ros.commands.places import staged
-from backlash_ros.foundation.jsonable import jsonable
+from backlash_ros.commands.output import json_text, say, say_written, staged
 from backlash_ros.studies.replay.again import Replayed, replay
 from backlash_ros.studies.replay.recorded import read_recorded
 from backlash_ros.studies.replay.what_if import Changes
@@ -25,7 +22,6 @@ _OPEN_LOOP = (
     "Open loop: each command is what these values would have given for the recorded samples, after the recorded "
     "commands. The drive would have moved otherwise."
 )
-Pairs = Sequence[tuple[Replayed, Replayed | None]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -110,7 +106,7 @@ def replay_bag(given: argparse.Namespace, console: Console) -> int:
     changes = Changes.parsed(given.changes)
     recorded = read_recorded(given.bag, given.controller)
     for text in recorded.damage:
-        console.print(f"{given.bag}: {text}", highlight=False, markup=False, soft_wrap=True)
+        say(console, f"{given.bag}: {text}")
     pairs = [replay(recorded, activation, changes) for activation in recorded.activations]
     activations = []
     for k, (done, other) in enumerate(pairs):
@@ -120,9 +116,9 @@ def replay_bag(given: argparse.Namespace, console: Console) -> int:
             content["changed"] = content_of(other)
             lines += _lines(content["changed"], "  with what was set")
         activations.append(content)
-        console.print("\n".join(lines), highlight=False, markup=False, soft_wrap=True)
+        say(console, "\n".join(lines))
     if changes.given:
-        console.print(_OPEN_LOOP, highlight=False, markup=False, soft_wrap=True)
+        say(console, _OPEN_LOOP)
     equal = all(done.equal for done, _ in pairs)
     result = {"bag": str(given.bag), "controller": recorded.controller, "equal": equal, "activations": activations}
     result["damage"] = list(recorded.damage)
@@ -130,13 +126,12 @@ def replay_bag(given: argparse.Namespace, console: Console) -> int:
         result |= {"set": dict(changes.given), "open_loop": _OPEN_LOOP}
     with staged(given.json, given.plot) as files:
         if given.json is not None:
-            files[given.json].write_text(json.dumps(jsonable(result), indent=1) + "\n", encoding="utf-8")
+            files[given.json].write_text(json_text(result), encoding="utf-8")
         if given.plot is not None:
             from backlash_ros.studies.replay.picture import draw  # noqa: PLC0415 - matplotlib takes a second
 
             draw(pairs, files[given.plot])
-    if files:
-        console.print(f"written: {'; '.join(map(str, files))}", highlight=False, markup=False, soft_wrap=True)
+    say_written(console, files)
     return DONE if equal else NOTHING
 
 

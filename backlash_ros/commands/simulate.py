@@ -2,7 +2,6 @@
 
 import argparse
 import csv
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from backlash_ros.commands.command import DONE, NOTHING, Command
-from backlash_ros.commands.places import staged
+from backlash_ros.commands.output import print_json, staged
 from backlash_ros.control import AUTO, LAWS, ServoSettings, design_law
 from backlash_ros.control.design.start import CannotStartError
 from backlash_ros.control.laws import BEST, UNTIL_THEN, law_of
@@ -24,7 +23,6 @@ from backlash_ros.drive_file.drive_file import (
     surroundings_of,
 )
 from backlash_ros.drivetrain.sensors import POSITIONS
-from backlash_ros.foundation.jsonable import jsonable
 from backlash_ros.foundation.reading.parameter_files import in_sections, merged, named
 from backlash_ros.simulation import Run, Scenario, run
 from backlash_ros.simulation.simulated_drive import largest_load_torque
@@ -192,7 +190,7 @@ def simulate(given: argparse.Namespace, console: Console) -> int:
         condition = CASES[case]
         law = _PAPER if given.law in (None, AUTO) else given.law
         figures = judge(respond(law, condition), condition)
-        console.print_json(json.dumps(jsonable({"law": law, "case": case, **figures})))
+        print_json(console, {"law": law, "case": case, **figures})
         return DONE
     for name, default in _OF_DRIVES.items():
         if getattr(given, name) is None:
@@ -212,7 +210,7 @@ def simulate(given: argparse.Namespace, console: Console) -> int:
         "set": given.set,
         **_figures(result, given.reference),
     }
-    console.print_json(json.dumps(jsonable(content)))
+    print_json(console, content)
     return NOTHING if result.fault else DONE
 
 

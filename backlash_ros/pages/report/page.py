@@ -50,11 +50,11 @@ class Part:
     notes: Sequence[str] = ()
 
 
-def _number(value: float, digits: int = 3, never: str = "never") -> str:
+def _number(value: float) -> str:
     """Return a number; a dash if the recording does not show it."""
     if math.isnan(value):
         return _NONE
-    return never if math.isinf(value) else brief(value, digits)
+    return "never" if math.isinf(value) else brief(value)
 
 
 def _at(seconds: float) -> str:
