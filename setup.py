@@ -32,7 +32,11 @@ setup(
     maintainer="backlash_ros maintainers",
     maintainer_email="maintainers@backlash-ros.example.org",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={f"{NAME}.ros": ["*.xml"], f"{NAME}.pages.report": ["*.js"], f"{NAME}.dashboard": ["static/*"]},
+    package_data={
+        f"{NAME}.ros": ["*.xml"],
+        f"{NAME}.pages": ["*.j2", "*/*.j2", "*/*.js", "*/*.css"],
+        f"{NAME}.dashboard": ["static/*"],
+    },
     classifiers=[
         "Development Status :: 4 - Beta",
         "Intended Audience :: Manufacturing",
@@ -44,6 +48,7 @@ setup(
     ],
     python_requires=">=3.10",
     install_requires=[
+        "jinja2>=3.1",
         "matplotlib>=3.6",
         "numba>=0.58",
         "numpy>=1.26",

@@ -5,6 +5,8 @@ from pathlib import Path
 
 from rich.console import Console
 
+from backlash_ros.commands.command import DONE, NOTHING, Command
+from backlash_ros.commands.output import say
 from backlash_ros.foundation.reading.parameter_files import named
 from backlash_ros.recordings.rounding import counted
 from backlash_ros.studies.check import check_drive
@@ -13,14 +15,14 @@ DESCRIPTION = "Checks a drive file and its loop: prints figures, and warnings wi
 EXAMPLE = "example: backlash check config/nominal_drive.yaml"
 
 
-def add_check(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments to a parser."""
     parser.description, parser.epilog = DESCRIPTION, EXAMPLE
     text = "ROS parameter files of the drive and its gains; later ones override earlier ones"
     parser.add_argument("drive", type=Path, nargs="+", metavar="DRIVE", help=text)
 
 
-def check_and_show(given: argparse.Namespace, console: Console) -> int:
+def check(given: argparse.Namespace, console: Console) -> int:
     """Print figures and warnings; return 1 if a controller would not start with that drive, else 0.
 
     Raises
@@ -30,17 +32,17 @@ def check_and_show(given: argparse.Namespace, console: Console) -> int:
     """
     found = check_drive(*given.drive)
 
-    def say(text: str) -> None:
-        console.print(text, highlight=False, markup=False, soft_wrap=True)
-
     width = max(map(len, found.figures))
     for name, value in found.figures.items():
-        say(f"{name:{width}}  {value}")
+        say(console, f"{name:{width}}  {value}")
     for warning in found.warnings:
-        say(f"warning: {warning.what}\n  -> {warning.remedy}")
+        say(console, f"warning: {warning.what}\n  -> {warning.remedy}")
     if found.fails:
-        say(f"fails: {found.fails}" + (f"\n  -> {found.remedy}" if found.remedy else ""))
-        return 1
+        say(console, f"fails: {found.fails}" + (f"\n  -> {found.remedy}" if found.remedy else ""))
+        return NOTHING
     many = counted(len(found.warnings), "warning") if found.warnings else "no warnings"
-    say(f"{named(given.drive)}: the loop is stable, {many}")
-    return 0
+    say(console, f"{named(given.drive)}: the loop is stable, {many}")
+    return DONE
+
+
+COMMAND = Command(check, add_arguments)

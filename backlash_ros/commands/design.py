@@ -1,35 +1,31 @@
 """`backlash design`: its arguments; reads a drive file, designs, prints and writes."""
 
 import argparse
-import json
-from contextlib import ExitStack
 from dataclasses import fields, replace
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from backlash_ros.commands.command import DONE, NOTHING, Command
+from backlash_ros.commands.output import json_text, say, say_written, staged
 from backlash_ros.control.design.stability import LONGEST_DELAY
 from backlash_ros.control.design.start import RATE
 from backlash_ros.drive_file.drive_file import read_axis, read_parameters, read_surroundings, start_of
 from backlash_ros.drivetrain.delay import Delay
-from backlash_ros.foundation.staging import staging
 from backlash_ros.studies.design.report import content_of, gain_text, show
 from backlash_ros.studies.design.search import Design, NothingQuietError, design
 from backlash_ros.studies.design.trial import Loop
 from backlash_ros.studies.design.uncertainty import Uncertainty
 
-DESIGNED, REFUSED = 0, 1
 DESCRIPTION = (
     "Designs over-damped gains of the two-region law and the width of their region, so that the load comes to rest on "
     "every drive of a range around the described drive, as fast as possible."
 )
 EXAMPLE = "example: backlash design config/nominal_drive.yaml --inertia 0.7 1.3 --out gains.yaml --plot design.png"
-WRITTEN = ("out", "json", "plot")
-"""Options that name files to write."""
 
 
-def add_design(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments to a parser."""
     parser.description, parser.epilog = DESCRIPTION, EXAMPLE
     add, default = parser.add_argument, Uncertainty()
@@ -91,33 +87,28 @@ def design_gains_for(given: argparse.Namespace, console: Console) -> int:
     """
     uncertainty = Uncertainty(**{field.name: getattr(given, field.name) for field in fields(Uncertainty)})
     loop = loop_of(given)
-    with ExitStack() as stack:
-        places = [place for name in WRITTEN if (place := getattr(given, name)) is not None]
-        staged = {place: stack.enter_context(staging(place)) / place.name for place in places}
+    with staged(given.out, given.json, given.plot) as files:
         try:
             found = _designed(loop, uncertainty)
         except NothingQuietError as error:
-            console.print(str(error), highlight=False, markup=False, soft_wrap=True)
-            return REFUSED
+            say(console, str(error))
+            return NOTHING
         content = content_of(found, str(given.drive))
         show(content, console)
         if given.out is not None:
             text = gain_text(loop, found.choice, str(given.drive), found.refusal)
-            staged[given.out].write_text(text, encoding="utf-8")
+            files[given.out].write_text(text, encoding="utf-8")
         if given.json is not None:
-            staged[given.json].write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+            files[given.json].write_text(json_text(content), encoding="utf-8")
         if given.plot is not None:
             from backlash_ros.studies.design.picture import draw  # noqa: PLC0415 - matplotlib takes a second
 
-            draw(found, staged[given.plot])
-        for place, made in staged.items():
-            made.replace(place)
-    if places:
-        console.print(f"written: {'; '.join(map(str, places))}", highlight=False, markup=False, soft_wrap=True)
+            draw(found, files[given.plot])
+    say_written(console, files)
     if found.refusal:
-        console.print(f"not quiet: {found.refusal}", highlight=False, markup=False, soft_wrap=True)
-        return REFUSED
-    return DESIGNED
+        say(console, f"not quiet: {found.refusal}")
+        return NOTHING
+    return DONE
 
 
 def _designed(loop: Loop, uncertainty: Uncertainty) -> Design:
@@ -129,3 +120,6 @@ def _designed(loop: Loop, uncertainty: Uncertainty) -> Design:
         found = design(loop, uncertainty, lambda what, share: bar.update(shown, description=what, completed=share))
         bar.update(shown, description="designed", completed=1.0)
     return found
+
+
+COMMAND = Command(design_gains_for, add_arguments, written=("out", "json", "plot"))

@@ -1,139 +1,102 @@
-"""The work of `backlash identify`: reads, identifies, prints, writes."""
+"""`backlash identify`: its arguments, and the request that they make."""
 
-import json
+import argparse
 import math
-from dataclasses import dataclass, field
+import shlex
 from pathlib import Path
 
 from rich.console import Console
 
-from backlash_ros.commands.identify_results import content_of, show
-from backlash_ros.control import HysteresisSettings
-from backlash_ros.drive_file.drive_file import Axis, axis_of, read_axis
-from backlash_ros.drive_file.drive_text import drive_text
-from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
-from backlash_ros.foundation.reading.parameter_files import in_sections
-from backlash_ros.foundation.staging import staging
-from backlash_ros.identification.recordings.identify import Identified, identify
-from backlash_ros.identification.recordings.places import map_findings
-from backlash_ros.identification.recordings.slow_torque import hysteresis_findings, hysteresis_of
-from backlash_ros.identification.teeth import LOST_MOTION_SHARE, lost_motion_of
-from backlash_ros.recordings.bag_topics import Topics, read_topics
-from backlash_ros.recordings.csv_file import ColumnNames, is_table, read_csv
-from backlash_ros.recordings.samples import Columns, Reading, began, drive_for, recording_of
-from backlash_ros.recordings.subject import Subject
+from backlash_ros.commands.argument_types import number_of
+from backlash_ros.commands.command import Command
+from backlash_ros.commands.identification import Request, identify_recording
+from backlash_ros.commands.recording_arguments import add_topics, add_units, reading_of, refuse_unused, topics_of
+from backlash_ros.recordings.csv_file import ColumnNames
+from backlash_ros.recordings.samples import TIME_UNITS
 
-FOUND, REFUSED = 0, 1
-_WHOLE = 0.01
-"""Largest deviation of the counts per turn from a whole number that is rounded away."""
+EXAMPLE = """example: an axis recorded as a table, the motor's encoder counted before the gear, the load's in degrees
 
+  backlash identify axis.csv --drive my_axis.yaml --motor-unit counts --motor-counts 4096 --load-unit deg \\
+      --load-column angle --command-column volts --drive-file identified.yaml
 
-@dataclass(frozen=True)
-class Request:
-    """What to read and how, and what to write; ``drive`` None is the bag's, or else the nominal one.
-
-    ``rated_torque`` in N m at the output, 0 for half of the motor's at standstill; ``command`` is the command line.
-    """
-
-    recording: Path
-    reading: Reading = field(default_factory=Reading)
-    columns: ColumnNames = field(default_factory=ColumnNames)
-    topics: Topics = field(default_factory=Topics)
-    drive: Path | None = None
-    json: Path | None = None
-    drive_file: Path | None = None
-    force: bool = False
-    certificate: Path | None = None
-    rated_torque: float = 0.0
-    command: str = ""
+docs/identification.md has the rules."""
+DESCRIPTION = (
+    "The load's inertia and friction, load torque, delay, gap and encoder offset of a drive, with standard "
+    "uncertainties, from any recording of both encoders and the command. What the recording cannot tell is named."
+)
+_OF_TABLES = ("time_column", "motor_column", "load_column", "command_column", "time_unit")
 
 
-def _read(request: Request) -> Columns:
-    path = request.recording
-    return read_csv(path, request.columns) if is_table(path) else read_topics(path, request.topics)
-
-
-def _axis_in(recording: Path, columns: Columns) -> tuple[Axis, str]:
-    """Return the axis as the bag's controller was told, and who says so; the nominal drive and nobody without one."""
-    if not columns.in_use:
-        return Axis(NOMINAL_DRIVE), ""
-    try:
-        return axis_of(in_sections(columns.in_use)), f"{columns.controller} in {recording}"
-    except (ValueError, TypeError) as error:
-        raise ValueError(
-            f"{recording}: the parameters in use describe no drive ({error}); give one with --drive"
-        ) from error
-
-
-def _joints(request: Request, axis: Axis) -> tuple[str, str]:
-    """Return the names of both joints: from the bag, or for a table from the drive file."""
-    if is_table(request.recording):
-        return axis.motor_joint, axis.load_joint
-    return request.topics.motor_joint, request.topics.load_joint
-
-
-def _write(place: Path, text: str) -> None:
-    """Write a whole file or nothing."""
-    with staging(place) as folder:
-        (folder / place.name).write_text(text, encoding="utf-8")
-        (folder / place.name).replace(place)
-
-
-def counts_of(found: Identified, reading: Reading, drive: Drive) -> tuple[float, float]:
-    """Return the counts of both encoders per turn of their shafts: as given, else as seen; 0 without counts."""
-    seen = found.fit.counts if found.fit is not None else (0.0, 0.0)
-    result = []
-    for encoder, count in ((reading.motor, seen[0] / drive.gear.ratio), (reading.load, seen[1])):
-        turn = 2.0 * math.pi / count if count > 0.0 else 0.0
-        result.append(encoder.counts or (float(round(turn)) if abs(turn - round(turn)) < _WHOLE else 0.0))
-    return result[0], result[1]
-
-
-def identify_recording(request: Request, console: Console) -> int:
-    """Identify, print and write; return the exit code: 0 if something was found, else 1.
-
-    Raises
-    ------
-    OSError, ValueError
-        If a file cannot be read or written, or does not fit the arguments.
-    """
-    told = (read_axis(request.drive), str(request.drive)) if request.drive else None
-    columns = _read(request)
-    axis, sheet = told or _axis_in(request.recording, columns)
-    drive = drive_for(axis.drive, request.reading)
-    recording, notes = recording_of(columns, request.reading, drive)
-    found = identify(drive, recording)
-    rated = request.rated_torque or HysteresisSettings().rated(drive)
-    around, slow = found.around.map, hysteresis_of(drive, recording, LOST_MOTION_SHARE * rated)
-    derived = hysteresis_findings(slow) if slow.valid else lost_motion_of(found, rated)
-    counts = counts_of(found, request.reading, drive)
-    subject = Subject(
-        str(request.recording),
-        _joints(request, axis),
-        recording,
-        drive,
-        sheet,
-        request.command,
-        counts,
-        tuple(notes),
-        began(columns, request.reading),
-        (*derived, *(map_findings(around) if around is not None else ())),
-        (rated, request.rated_torque > 0.0),
-        slow,
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments to a parser."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description, parser.epilog = DESCRIPTION, EXAMPLE
+    add = parser.add_argument
+    add("recording", type=Path, metavar="RECORDING", help="folder or file of a rosbag2 (mcap, sqlite3), or a CSV table")
+    add("--drive", type=Path, metavar="FILE", help="drive file with the motor and the gear, which are kept")
+    add("--drive-file", type=Path, metavar="FILE", help="file for the identified drive")
+    add("--json", type=Path, metavar="FILE", help="file for all figures")
+    add("--certificate", type=Path, metavar="FILE.html", help="file for a page with results and pictures")
+    add(
+        "--rated-torque",
+        type=number_of(0.0, above=True),
+        default=0.0,
+        metavar="T",
+        help="N m at the output; lost motion is given at 3 %% of it; by default half the standstill torque",
     )
-    show(subject, found, console)
-    written = []
-    if request.json is not None:
-        _write(request.json, json.dumps(content_of(subject, found), indent=1) + "\n")
-        written.append(str(request.json))
-    if request.drive_file is not None and found.valid:
-        _write(request.drive_file, drive_text(found, axis, counts, subject.source))
-        written.append(str(request.drive_file))
-    if request.certificate is not None:
-        from backlash_ros.pages.certificate.page import certificate  # noqa: PLC0415 - matplotlib takes a second
+    add("--force", action="store_true", help="overwrite existing files")
+    add(
+        "--from",
+        type=number_of(0.0),
+        default=0.0,
+        dest="start",
+        metavar="S",
+        help="use samples from this time on, s from the start",
+    )
+    add(
+        "--to",
+        type=number_of(0.0, above=True),
+        default=math.inf,
+        dest="end",
+        metavar="S",
+        help="use samples up to here",
+    )
 
-        _write(request.certificate, certificate(subject, found))
-        written.append(str(request.certificate))
-    if written:
-        console.print(f"written: {'; '.join(written)}", highlight=False, markup=False, soft_wrap=True)
-    return FOUND if found.valid or around is not None or slow.valid else REFUSED
+    units = add_units(parser)
+    text = "a row's command: the answer to its angles (the default), or what acted when they were read"
+    units.add_argument("--command-row", choices=["answer", "acting"], default="answer", help=text)
+
+    table, names = parser.add_argument_group("tables"), ColumnNames()
+    for name in ("time", "motor", "load", "command"):
+        default = getattr(names, name)
+        table.add_argument(f"--{name}-column", default=default, metavar="NAME", help=f"by default {default}")
+    table.add_argument("--time-unit", choices=list(TIME_UNITS), default="s")
+
+    add_topics(parser)
+
+
+def request_of(given: argparse.Namespace) -> Request:
+    """Return the request; OSError without a recording, ValueError for contradicting arguments."""
+    answer = given.command_row == "answer"
+    reading = reading_of(given, time_unit=given.time_unit, answer=answer, start=given.start, end=given.end)
+    refuse_unused(given, _OF_TABLES)
+    return Request(
+        given.recording,
+        reading,
+        ColumnNames(given.time_column, given.motor_column, given.load_column, given.command_column),
+        topics_of(given),
+        given.drive,
+        given.json,
+        given.drive_file,
+        given.certificate,
+        given.rated_torque,
+        shlex.join(["backlash", *given.words]),
+    )
+
+
+def identify(given: argparse.Namespace, console: Console) -> int:
+    """Do the work of `backlash identify`; see `request_of` and `identify_recording`."""
+    return identify_recording(request_of(given), console)
+
+
+COMMAND = Command(identify, add_arguments, written=("json", "drive_file", "certificate"))

@@ -1,7 +1,6 @@
 """`backlash lost-motion`: arguments, and the work: reads, measures, prints, writes."""
 
 import argparse
-import json
 import math
 import shlex
 from dataclasses import asdict, replace
@@ -9,18 +8,13 @@ from pathlib import Path
 
 from rich.console import Console
 
-from backlash_ros.commands.identify_arguments import (
-    add_angles,
-    add_topics,
-    number_of,
-    reading_of,
-    refuse_unused,
-    topics_of,
-)
-from backlash_ros.commands.identify_results import show_findings
+from backlash_ros.commands.argument_types import number_of
+from backlash_ros.commands.command import DONE, NOTHING, Command
+from backlash_ros.commands.identification_results import show_findings
+from backlash_ros.commands.output import json_text, say, say_written
+from backlash_ros.commands.recording_arguments import add_angles, add_topics, reading_of, refuse_unused, topics_of
 from backlash_ros.drive_file.drive_file import read_axis
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
-from backlash_ros.foundation.jsonable import jsonable
 from backlash_ros.foundation.staging import write_text
 from backlash_ros.identification.locked_output.ramps import Ramps, ramps_of
 from backlash_ros.identification.recordings.slow_torque import ramps_findings
@@ -30,8 +24,6 @@ from backlash_ros.recordings.csv_file import ColumnNames, is_table, read_csv
 from backlash_ros.recordings.locked_output import curve_of
 from backlash_ros.recordings.samples import TIME_UNITS, Columns, Reading, drive_for
 
-WRITTEN = ("json", "certificate")
-"""Options that name files to write."""
 _NAMES = ColumnNames(command="torque", kinds=("time", "motor", "load", "torque"))
 _OF_TABLES = ("time_column", "motor_column", "load_column", "torque_column", "time_unit")
 _DESCRIPTION = (
@@ -47,7 +39,7 @@ _EXAMPLE = """example: a table of a test bench, the angle from the motor's encod
 docs/lost_motion.md has the rules."""
 
 
-def add_lost_motion(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments to a parser."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.description, parser.epilog = _DESCRIPTION.replace("%", "%%"), _EXAMPLE
@@ -122,26 +114,24 @@ def measure(given: argparse.Namespace, console: Console) -> int:
     torque = -torque if given.reversed else torque
     at = LOST_MOTION_SHARE * given.rated_torque
     found = [Ramps(valid=False, reason=why)] if why else ramps_of(torque, angle, at, LOST_MOTION_SHARE)
-    console.print(f"{given.recording}", highlight=False, markup=False, soft_wrap=True)
+    say(console, f"{given.recording}")
     for text in [f"  {note}" for note in notes]:
-        console.print(text, highlight=False, markup=False, soft_wrap=True)
+        say(console, text)
     for ramps in found:
         text = f"\n{ramps.in_words()}." if ramps.valid else f"Nothing can be told: {ramps.reason}."
-        console.print(text, highlight=False, markup=False, soft_wrap=True)
+        say(console, text)
         if ramps.valid:
             show_findings(ramps_findings(ramps), console)
     if given.json is not None:
         content = {"recording": str(given.recording), "notes": notes, "ramps": [content_of(each) for each in found]}
-        write_text(given.json, json.dumps(jsonable(content), indent=1) + "\n", overwrite=given.force)
+        write_text(given.json, json_text(content), overwrite=given.force)
     if given.certificate is not None:
         from backlash_ros.pages.certificate.locked_output import page  # noqa: PLC0415 - matplotlib takes a second
 
         command = shlex.join(["backlash", *given.words])
         write_text(given.certificate, page(str(given.recording), found, notes, command), overwrite=given.force)
-    written = [str(place) for place in (given.json, given.certificate) if place is not None]
-    if written:
-        console.print(f"written: {'; '.join(written)}", highlight=False, markup=False, soft_wrap=True)
-    return 0 if any(each.valid for each in found) else 1
+    say_written(console, [place for place in (given.json, given.certificate) if place is not None])
+    return DONE if any(each.valid for each in found) else NOTHING
 
 
 def content_of(ramps: Ramps) -> dict[str, object]:
@@ -150,3 +140,6 @@ def content_of(ramps: Ramps) -> dict[str, object]:
     for name in ("torques", "angles", "begins"):
         del content[name]
     return content
+
+
+COMMAND = Command(measure, add_arguments, written=("json", "certificate"))

@@ -1,22 +1,18 @@
 """`backlash replay`: its arguments; reads a bag, replays, prints and writes."""
 
 import argparse
-import json
-from collections.abc import Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 
-from backlash_ros.foundation.jsonable import jsonable
-from backlash_ros.foundation.staging import staging
+from backlash_ros.commands.command import DONE, NOTHING, Command
+from backlash_ros.commands.output import json_text, say, say_written, staged
 from backlash_ros.studies.replay.again import Replayed, replay
 from backlash_ros.studies.replay.recorded import read_recorded
 from backlash_ros.studies.replay.what_if import Changes
 
-EQUAL, DIFFERENT = 0, 1
 DESCRIPTION = (
     "Recorded samples through the controller's law again, with the recorded parameters, from each activation in the "
     "bag on: whether the commands are equal to the last bit. The exit code is 0 where all are, 1 where not."
@@ -26,12 +22,9 @@ _OPEN_LOOP = (
     "Open loop: each command is what these values would have given for the recorded samples, after the recorded "
     "commands. The drive would have moved otherwise."
 )
-WRITTEN = ("json", "plot")
-"""Options that name files to write."""
-Pairs = Sequence[tuple[Replayed, Replayed | None]]
 
 
-def add_replay(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments to a parser."""
     parser.description, parser.epilog = DESCRIPTION, EXAMPLE
     add = parser.add_argument
@@ -113,7 +106,7 @@ def replay_bag(given: argparse.Namespace, console: Console) -> int:
     changes = Changes.parsed(given.changes)
     recorded = read_recorded(given.bag, given.controller)
     for text in recorded.damage:
-        console.print(f"{given.bag}: {text}", highlight=False, markup=False, soft_wrap=True)
+        say(console, f"{given.bag}: {text}")
     pairs = [replay(recorded, activation, changes) for activation in recorded.activations]
     activations = []
     for k, (done, other) in enumerate(pairs):
@@ -123,25 +116,23 @@ def replay_bag(given: argparse.Namespace, console: Console) -> int:
             content["changed"] = content_of(other)
             lines += _lines(content["changed"], "  with what was set")
         activations.append(content)
-        console.print("\n".join(lines), highlight=False, markup=False, soft_wrap=True)
+        say(console, "\n".join(lines))
     if changes.given:
-        console.print(_OPEN_LOOP, highlight=False, markup=False, soft_wrap=True)
+        say(console, _OPEN_LOOP)
     equal = all(done.equal for done, _ in pairs)
     result = {"bag": str(given.bag), "controller": recorded.controller, "equal": equal, "activations": activations}
     result["damage"] = list(recorded.damage)
     if changes.given:
         result |= {"set": dict(changes.given), "open_loop": _OPEN_LOOP}
-    places = [place for name in WRITTEN if (place := getattr(given, name)) is not None]
-    with ExitStack() as stack:
-        staged = {place: stack.enter_context(staging(place)) / place.name for place in places}
+    with staged(given.json, given.plot) as files:
         if given.json is not None:
-            staged[given.json].write_text(json.dumps(jsonable(result), indent=1) + "\n", encoding="utf-8")
+            files[given.json].write_text(json_text(result), encoding="utf-8")
         if given.plot is not None:
             from backlash_ros.studies.replay.picture import draw  # noqa: PLC0415 - matplotlib takes a second
 
-            draw(pairs, staged[given.plot])
-        for place, made in staged.items():
-            made.replace(place)
-    if places:
-        console.print(f"written: {'; '.join(map(str, places))}", highlight=False, markup=False, soft_wrap=True)
-    return EQUAL if equal else DIFFERENT
+            draw(pairs, files[given.plot])
+    say_written(console, files)
+    return DONE if equal else NOTHING
+
+
+COMMAND = Command(replay_bag, add_arguments, written=("json", "plot"))

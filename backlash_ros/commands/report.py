@@ -1,7 +1,6 @@
 """`backlash report`: its arguments; reads a bag, prints a line for each axis, writes page and numbers."""
 
 import argparse
-import json
 import math
 import shlex
 from collections.abc import Sequence
@@ -10,7 +9,10 @@ from pathlib import Path
 
 from rich.console import Console
 
-from backlash_ros.commands.identify_arguments import add_topics, add_units, number_of, reading_of, topics_of
+from backlash_ros.commands.argument_types import number_of
+from backlash_ros.commands.command import DONE, Command
+from backlash_ros.commands.output import json_text, say
+from backlash_ros.commands.recording_arguments import add_topics, add_units, reading_of, topics_of
 from backlash_ros.foundation.staging import write_text
 from backlash_ros.pages.report.library import chart_library
 from backlash_ros.pages.report.page import page_of
@@ -31,11 +33,8 @@ EXAMPLE = """examples: the demo's recording; a drive of somebody else's, in degr
 
 docs/report.md says what each figure means."""
 
-WRITTEN = ("out", "json")
-"""Options that name files to write."""
 
-
-def add_report(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments to a parser."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.description, parser.epilog = DESCRIPTION, EXAMPLE
@@ -114,10 +113,6 @@ def write_report(given: argparse.Namespace, console: Console) -> int:
     OSError, ValueError
         If the bag cannot be read, a file cannot be written, or an option does not fit the bag.
     """
-
-    def say(text: str) -> None:
-        console.print(text, highlight=False, markup=False, soft_wrap=True)
-
     given.bag.stat()  # says that there is none
     out = given.out or Path(f"{given.bag.resolve().stem}.html")
     if out.exists() and not given.force:
@@ -125,17 +120,20 @@ def write_report(given: argparse.Namespace, console: Console) -> int:
     chart_library()  # before the bag is read, which takes a while
     report = report_of(given.bag, options_of(given), shlex.join(["backlash", *given.words]))
     for what in report.contents.damage:
-        say(f"the bag is not whole: {what}")
+        say(console, f"the bag is not whole: {what}")
     for axis in report.axes:
-        say(_line(axis))
+        say(console, _line(axis))
         for cycle in _cycles(axis):
-            say(f"  {cycle}")
+            say(console, f"  {cycle}")
         for missing in axis.axis.missing:
-            say(f"  not in this recording: {missing}")
+            say(console, f"  not in this recording: {missing}")
     texts = {out: page_of(report)}
     if given.json is not None:
-        texts[given.json] = json.dumps(content_of(report), indent=1) + "\n"
+        texts[given.json] = json_text(content_of(report))
     for place, text in texts.items():
         write_text(place, text, overwrite=given.force)
-    say(f"written: {', '.join(map(str, texts))}")
-    return 0
+    say(console, f"written: {', '.join(map(str, texts))}")
+    return DONE
+
+
+COMMAND = Command(write_report, add_arguments, written=("out", "json"))

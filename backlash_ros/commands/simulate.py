@@ -2,16 +2,15 @@
 
 import argparse
 import csv
-import json
-import math
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 
+from backlash_ros.commands.command import DONE, NOTHING, Command
+from backlash_ros.commands.output import print_json, staged
 from backlash_ros.control import AUTO, LAWS, ServoSettings, design_law
 from backlash_ros.control.design.start import CannotStartError
 from backlash_ros.control.laws import BEST, UNTIL_THEN, law_of
@@ -24,12 +23,10 @@ from backlash_ros.drive_file.drive_file import (
     surroundings_of,
 )
 from backlash_ros.drivetrain.sensors import POSITIONS
-from backlash_ros.foundation.jsonable import jsonable
 from backlash_ros.foundation.reading.parameter_files import in_sections, merged, named
-from backlash_ros.foundation.staging import staging
 from backlash_ros.simulation import Run, Scenario, run
 from backlash_ros.simulation.simulated_drive import largest_load_torque
-from backlash_ros.studies.metrics import settling_time, step_response
+from backlash_ros.studies.metrics import step_response
 from backlash_ros.studies.paper import CASES, SECONDS, judge, respond
 from backlash_ros.studies.replay.what_if import Changes
 
@@ -44,10 +41,8 @@ EXAMPLE = (
     "examples: backlash simulate --law cascade --case 'load inertia x4'; backlash simulate config/nominal_drive.yaml "
     "--set load.inertia=0.002 --reference 0.5 --plot step.png --csv step.csv; backlash simulate axis.yaml gains.yaml"
 )
-WRITTEN = ("plot", "csv")
-"""Options that name files to write."""
-_LONGEST, _LAST = 600.0, 1.0
-"""Longest simulation, and its end within which a load must be near its target to count as settled, s."""
+_LONGEST = 600.0
+"""Longest simulation, s."""
 _OF_DRIVES: dict[str, Any] = {
     "set": [],
     "plot": None,
@@ -65,7 +60,7 @@ _OURS = (
 """Parameters of a file that a simulation uses, in addition to those of its law."""
 
 
-def add_simulate(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments to a parser."""
     parser.description, parser.epilog = DESCRIPTION, EXAMPLE
     add = parser.add_argument
@@ -139,7 +134,6 @@ def _simulated(given: argparse.Namespace) -> Run:
 def _figures(result: Run, reference: float) -> dict[str, Any]:
     gear = result.drive.gear
     b = gear.backlash_angle
-    settled = settling_time(result.time, result.load_angle, reference, 0.25 * b)
     judged = step_response(
         result.time,
         result.load_angle,
@@ -150,7 +144,7 @@ def _figures(result: Run, reference: float) -> dict[str, Any]:
     )
     return {
         "rise_time_s": judged.rise_time,
-        "settling_time_s": settled if settled <= result.time[-1] - _LAST else math.inf,
+        "settling_time_s": judged.settling_time,
         "overshoot_b": max(0.0, judged.overshoot),
         "residual_b": judged.residual,
         "impacts_after_switch": judged.impacts,
@@ -196,8 +190,8 @@ def simulate(given: argparse.Namespace, console: Console) -> int:
         condition = CASES[case]
         law = _PAPER if given.law in (None, AUTO) else given.law
         figures = judge(respond(law, condition), condition)
-        console.print_json(json.dumps(jsonable({"law": law, "case": case, **figures})))
-        return 0
+        print_json(console, {"law": law, "case": case, **figures})
+        return DONE
     for name, default in _OF_DRIVES.items():
         if getattr(given, name) is None:
             setattr(given, name, default)
@@ -205,20 +199,19 @@ def simulate(given: argparse.Namespace, console: Console) -> int:
     if given.case is not None:
         raise ValueError(f"--case is of the nominal drive: leave it or {files} out")
     result = _simulated(given)
-    with ExitStack() as stack:
-        places = {name: place for name in WRITTEN if (place := getattr(given, name)) is not None}
-        staged = {name: stack.enter_context(staging(place)) / place.name for name, place in places.items()}
-        if "csv" in staged:
-            _write_table(result, staged["csv"])
-        if "plot" in staged:
-            _write_picture(result, files, staged["plot"])
-        for name, place in places.items():
-            staged[name].replace(place)
+    with staged(given.plot, given.csv) as written:
+        if given.csv is not None:
+            _write_table(result, written[given.csv])
+        if given.plot is not None:
+            _write_picture(result, files, written[given.plot])
     content = {
         "law": result.law,
         "drive": files,
         "set": given.set,
         **_figures(result, given.reference),
     }
-    console.print_json(json.dumps(jsonable(content)))
-    return 1 if result.fault else 0
+    print_json(console, content)
+    return NOTHING if result.fault else DONE
+
+
+COMMAND = Command(simulate, add_arguments, written=("plot", "csv"))

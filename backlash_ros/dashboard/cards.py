@@ -69,18 +69,30 @@ def _show_link(link: ui.link, station: Station, axis: Axis, kind: str) -> None:
     link.props(f'href="/pages/{kind}?axis={axis.title}"')
 
 
+def _refusal(field: ui.number) -> str:
+    """Return why the value of a field cannot be used; empty if it can."""
+    value, least = field.value, field.min
+    if value is not None and math.isfinite(value) and (least is None or value >= least):
+        return ""
+    bound = "" if least in (None, -math.inf) else f" >= {least:g}"
+    return f"{field.props['label']} must be a number{bound}, got {value}"
+
+
+def _goal(axis: Axis) -> float:
+    """Return the reference of an axis, rad, or without one where its load is."""
+    state = axis.last_state
+    return finite(state.get("reference", math.nan), finite(state.get("load_angle", math.nan)))
+
+
 def move_card(page: Shown) -> Refresh:
     """Step, back and forth, sine, a typed value."""
     station = page.station
     ended = ""
 
     def usable(*fields: ui.number) -> bool:
-        for each in fields:
-            value = each.value
-            if value is None or not math.isfinite(value) or (each.min is not None and value < each.min):
-                bound = "" if each.min in (None, -math.inf) else f" >= {each.min:g}"
-                _tell(said, Answer(False, f"{each.props['label']} must be a number{bound}, got {value}"))
-                return False
+        if why := next(filter(None, map(_refusal, fields)), ""):
+            _tell(said, Answer(False, why))
+            return False
         if page.axis is not None and not page.axis.last_state.get("holding", math.nan):
             _tell(said, Answer(False, "nothing was sent: the controller holds no position and refuses references"))
             return False
@@ -95,15 +107,11 @@ def move_card(page: Shown) -> Refresh:
     def step(sign: float) -> None:
         if usable(amplitude) and page.axis is not None:
             station.end(page.title)
-            state = page.axis.last_state
-            at = finite(state.get("reference", math.nan), finite(state.get("load_angle", math.nan)))
-            page.axis.move(at + sign * amplitude.value)
+            page.axis.move(_goal(page.axis) + sign * amplitude.value)
 
     def begin(smooth: bool) -> None:
         if usable(amplitude, period) and page.axis is not None:
-            state = page.axis.last_state
-            middle = finite(state.get("reference", math.nan), finite(state.get("load_angle", math.nan)))
-            station.begin(page.title, Wave(middle, amplitude.value, period.value, smooth), page)
+            station.begin(page.title, Wave(_goal(page.axis), amplitude.value, period.value, smooth), page)
 
     with _card("Move"):
         with _line():

@@ -56,6 +56,30 @@ def _names(host: str, port: int) -> set[str]:
     return {f"{name}:{port}" for name in (shown, "localhost", "127.0.0.1", "[::1]")}
 
 
+async def _send_samples(connection: Any, station: Any, axis: str) -> None:
+    """Send the samples of an axis over a web socket until it disconnects."""
+    from backlash_ros.dashboard.station import Watcher  # noqa: PLC0415 - of the extra `page`
+    from backlash_ros.ros.aside import give_way  # noqa: PLC0415
+
+    await connection.accept()
+    watcher = Watcher()
+    watchers = station.of(axis).watchers
+    watchers.add(watcher)
+
+    async def send() -> None:
+        while True:
+            await connection.send_bytes(await watcher.get())
+            give_way()
+
+    sending = asyncio.create_task(send())
+    try:
+        while (await connection.receive())["type"] != "websocket.disconnect":
+            pass
+    finally:
+        sending.cancel()
+        watchers.discard(watcher)
+
+
 def build(given: DashboardParameters, station: Any, names: set[str], token: str) -> Any:
     """Return the web application: pages, samples, stop and certificates, behind the guard."""
     from fastapi import FastAPI, WebSocket  # noqa: PLC0415 - of the extra `page`
@@ -65,8 +89,6 @@ def build(given: DashboardParameters, station: Any, names: set[str], token: str)
 
     from backlash_ros.dashboard.guard import Guard  # noqa: PLC0415
     from backlash_ros.dashboard.page import STATIC, Page, static_folder  # noqa: PLC0415
-    from backlash_ros.dashboard.station import Watcher  # noqa: PLC0415
-    from backlash_ros.ros.aside import give_way  # noqa: PLC0415
 
     @asynccontextmanager
     async def life(_app: FastAPI) -> AsyncIterator[None]:
@@ -80,23 +102,7 @@ def build(given: DashboardParameters, station: Any, names: set[str], token: str)
 
     @web.websocket("/samples")
     async def samples(connection: WebSocket, axis: str) -> None:
-        await connection.accept()
-        watcher = Watcher()
-        watchers = station.of(axis).watchers
-        watchers.add(watcher)
-
-        async def send() -> None:
-            while True:
-                await connection.send_bytes(await watcher.get())
-                give_way()
-
-        sending = asyncio.create_task(send())
-        try:
-            while (await connection.receive())["type"] != "websocket.disconnect":
-                pass
-        finally:
-            sending.cancel()
-            watchers.discard(watcher)
+        await _send_samples(connection, station, axis)
 
     @web.get("/pages/{kind}")
     async def left_page(kind: str, axis: str) -> Any:

@@ -19,7 +19,8 @@ from rclpy.validate_namespace import validate_namespace
 from rich.console import Console
 from rich.progress import Progress, TaskID
 
-from backlash_ros.commands.identify import REFUSED, Request, identify_recording
+from backlash_ros.commands.command import NOTHING, STOPPED
+from backlash_ros.commands.identification import Request, identify_recording
 from backlash_ros.foundation.reading.parameter_files import in_sections
 from backlash_ros.foundation.staging import staging
 from backlash_ros.measure import CERTIFICATE
@@ -31,7 +32,6 @@ from backlash_ros.ros.topics import RECEIVE
 
 TOLD, BAG, IDENTIFIED, FIGURES = "told.yaml", "bag", "identified.yaml", "figures.json"
 """The files of a measurement beside its `CERTIFICATE`."""
-INTERRUPTED = 130
 _FIND = 10.0
 _LONGEST = 900.0
 """Time limits for finding the controller and for its answer, s."""
@@ -230,7 +230,7 @@ def measure(request: Measurement, command: str, console: Console) -> int:
         if not interrupted:
             raise
         console.print("stopped: the experiment was cancelled, and nothing was written")
-        return INTERRUPTED
+        return STOPPED
     finally:
         for number, handler in zip((signal.SIGINT, signal.SIGTERM), before, strict=True):
             signal.signal(number, handler)
@@ -252,7 +252,7 @@ def measure(request: Measurement, command: str, console: Console) -> int:
         ),
         console,
     )
-    return REFUSED if refusal else found
+    return NOTHING if refusal else found
 
 
 def folder_of_now() -> Path:

@@ -7,10 +7,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
 
-from backlash_ros.recordings.bag_files import readable
+from backlash_ros.recordings.bag_files import opened
 
 Array = NDArray[np.float64]
 
@@ -74,13 +72,11 @@ def in_use_of(message: Any) -> tuple[float, int, dict[str, Any]]:
     return seconds_of(message.stamp), values.pop("version"), values
 
 
-def _joint_row(message: Any, motor: str, load: str) -> list[float]:
-    row = []
-    for joint in (motor, load):
-        k = message.name.index(joint) if joint in message.name else len(message.name)
-        fields = (message.position, message.velocity, message.effort)
-        row += [float(values[k]) if k < len(values) else float("nan") for values in fields]
-    return row
+def joint_values(message: Any, joint: str) -> list[float]:
+    """Return position, velocity and effort of a joint in a message, nan if missing."""
+    k = message.name.index(joint) if joint in message.name else len(message.name)
+    fields = (message.position, message.velocity, message.effort)
+    return [float(values[k]) if k < len(values) else float("nan") for values in fields]
 
 
 def read_bag(path: str | Path, *, motor_joint: str = "motor", load_joint: str = "load") -> Recording:
@@ -99,10 +95,7 @@ def read_bag(path: str | Path, *, motor_joint: str = "motor", load_joint: str = 
     parameters: list[tuple[float, str, Any]] = []
     in_use: list[tuple[float, int, dict[str, Any]]] = []
     simulated: list[tuple[float, int, dict[str, Any]]] = []
-    with (
-        readable(Path(path)) as bag,
-        AnyReader(bag.paths, default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
-    ):
+    with opened(Path(path)) as (reader, _):
         messages = {connection.topic: 0 for connection in reader.connections}
         for connection, timestamp, raw in reader.messages():
             messages[connection.topic] += 1
@@ -110,7 +103,7 @@ def read_bag(path: str | Path, *, motor_joint: str = "motor", load_joint: str = 
             received = 1e-9 * timestamp
             if connection.msgtype == "sensor_msgs/msg/JointState":
                 stamps.append(seconds_of(message.header.stamp))
-                rows.append(_joint_row(message, motor_joint, load_joint))
+                rows.append([*joint_values(message, motor_joint), *joint_values(message, load_joint)])
             elif connection.topic.endswith("/parameters_in_use"):
                 (simulated if connection.topic.endswith("/plant_simulator/parameters_in_use") else in_use).append(
                     in_use_of(message)

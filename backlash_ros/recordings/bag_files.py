@@ -184,6 +184,22 @@ def reason_of(error: Exception) -> str:
 
 
 @contextmanager
+def opened(bag: Path, *, damaged: bool = False) -> Iterator[tuple[AnyReader, tuple[str, ...]]]:
+    """Yield a reader of what `readable` finds of a bag, and what is wrong with its files.
+
+    Raises
+    ------
+    Exception
+        Whatever a reader raises if there is no bag or on damaged bytes.
+    """
+    with (
+        readable(bag, damaged=damaged) as files,
+        AnyReader(files.paths, default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
+    ):
+        yield reader, files.damage
+
+
+@contextmanager
 def reading(path: Path) -> Iterator[tuple[AnyReader, tuple[str, ...]]]:
     """Yield a reader of a bag, and what is wrong with its files.
 
@@ -197,14 +213,12 @@ def reading(path: Path) -> Iterator[tuple[AnyReader, tuple[str, ...]]]:
     path.stat()
     with ExitStack() as stack:
         try:
-            bag = stack.enter_context(readable(path))
-            reader = AnyReader(bag.paths, default_typestore=get_typestore(Stores.ROS2_JAZZY))
-            stack.enter_context(reader)
+            reader, damage = stack.enter_context(opened(path))
         except PermissionError:
             raise
         except Exception as error:  # whatever a reader raises on other bytes
             raise ValueError(f"{path}: is no rosbag2 that can be read: {reason_of(error)}") from error
-        yield reader, bag.damage
+        yield reader, damage
 
 
 def messages_of(reader: AnyReader, topics: Collection[str], path: Path) -> Iterator[tuple[str, int, Any]]:

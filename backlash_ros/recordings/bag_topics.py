@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from backlash_ros.foundation.messages import answered_sample, stamp_ns
-from backlash_ros.recordings.bag import in_use_of
+from backlash_ros.recordings.bag import in_use_of, joint_values
 from backlash_ros.recordings.bag_files import messages_of, reading
 from backlash_ros.recordings.samples import Columns
 
@@ -76,17 +76,6 @@ def controller_of(topics: Sequence[str], command: str, axes: int) -> str:
     return own.pop() if len(own) == 1 else ""
 
 
-def _positions(message: Any, topics: Topics) -> tuple[float, float]:
-    names = list(message.name)
-    motor, load = (
-        float(message.position[names.index(joint)])
-        if joint in names and names.index(joint) < len(message.position)
-        else math.nan
-        for joint in (topics.motor_joint, topics.load_joint)
-    )
-    return motor, load
-
-
 def _value(message: Any, topic: str, index: int, path: Path) -> float:
     data = np.ravel(getattr(message, "data", ()))
     if index >= data.size or data.dtype.kind not in "iuf":
@@ -109,7 +98,8 @@ def _messages(path: Path, topics: Topics) -> tuple[Messages, str, str]:
             if topic == source:
                 found.stamps.append(stamp_ns(message.header.stamp))
                 found.received.append(received)
-                found.positions.append(_positions(message, topics))
+                motor, load = (joint_values(message, joint)[0] for joint in (topics.motor_joint, topics.load_joint))
+                found.positions.append((motor, load))
                 found.joints |= set(message.name)
             elif topic == in_use:
                 found.in_use.append(in_use_of(message))

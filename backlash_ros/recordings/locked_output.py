@@ -1,9 +1,11 @@
 """Torque and angle of a locked output from the columns of a bag or a table."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.record import Array
@@ -41,49 +43,20 @@ def curve_of(
     ValueError
         Names the column, its value, the bound, and the unit.
     """
-    notes, nothing = list(columns.notes), np.zeros(columns.time.size)
+    notes = list(columns.notes)
     seen = {name: bool(np.any(np.isfinite(getattr(columns, name)))) for name in ("time", "motor", "load")}
-    if not columns.time.size:
-        raise ValueError(f"{path}: there must be a row of numbers, and is none")
-    if not seen["motor"] and not seen["load"]:
-        raise ValueError(
-            f"{path}: there must be {columns.names[1]} or {columns.names[2]}, and there are no numbers of either"
-        )
-    if not seen["time"] and (reading.command_unit == "V" or reading.start > 0.0 or np.isfinite(reading.end)):
-        raise ValueError(f"{path}: there must be {columns.names[0]}, for --from, --to and for a voltage")
-    if seen["motor"] and reading.motor_at == "motor" and drive is None:
-        raise ValueError(
-            "argument --reduction: must be given, or --drive, since the motor's angle is before the gear; if not: "
-            "--motor-at output"
-        )
-    motor, load = (getattr(columns, name) if seen[name] else nothing for name in ("motor", "load"))
-    used = replace(columns, motor=motor, load=load)
-    time = evenly(times_of(used, reading)) if seen["time"] else np.arange(nothing.size, dtype=float)
-    kept = (time >= reading.start) & (time <= reading.end)
-    if np.sum(kept) < 2:
-        raise ValueError(
-            f"{path}: there must be two samples at least from {reading.start:g} to {reading.end:g} s, got "
-            f"{np.sum(kept)}; the recording is {time[-1]:.3f} s long"
-        )
-    rows = np.flatnonzero(kept)
-    used = replace(
-        used,
-        motor=motor[kept],
-        load=load[kept],
-        command=used.command[kept],
-        place=lambda k: columns.place(int(rows[k])),
-    )
+    _refuse_unusable(columns, seen, reading, drive, path)
+    time, used = _used_part(columns, seen, reading, path)
     check_numbers(used, notes)
     whole = np.isfinite(used.motor + used.load + used.command)
     if np.sum(whole) < 2:
         raise ValueError(f"{path}: there must be two samples at least with all numbers, got {np.sum(whole)}")
-    time = time[kept][whole]
-    used = replace(used, motor=used.motor[whole], load=used.load[whole], command=used.command[whole])
+    time, used = time[whole], _rows(used, np.flatnonzero(whole))
     angles = []
     for encoder, values, name in zip(
         (reading.motor, reading.load), (used.motor, used.load), used.names[1:3], strict=True
     ):
-        angle, note = encoder.radians(time, values, name, lambda k: used.place(int(np.flatnonzero(whole)[k])))
+        angle, note = encoder.radians(time, values, name, used.place)
         angles.append(angle)
         notes += [note] if note else []
     motor, load = angles
@@ -98,3 +71,48 @@ def curve_of(
         notes.append("the motor stood and the output moved: the torque is taken for one on the output")
         return torque, load - motor, notes, movement(motor, load - motor, "motor")
     return torque, motor - load, notes, movement(load, motor - load)
+
+
+def _refuse_unusable(
+    columns: Columns, seen: Mapping[str, bool], reading: Reading, drive: Drive | None, path: Path
+) -> None:
+    """Raise ValueError where what was recorded is not enough, or the drive that it needs was not given."""
+    if not columns.time.size:
+        raise ValueError(f"{path}: there must be a row of numbers, and is none")
+    if not seen["motor"] and not seen["load"]:
+        raise ValueError(
+            f"{path}: there must be {columns.names[1]} or {columns.names[2]}, and there are no numbers of either"
+        )
+    if not seen["time"] and (reading.command_unit == "V" or reading.start > 0.0 or np.isfinite(reading.end)):
+        raise ValueError(f"{path}: there must be {columns.names[0]}, for --from, --to and for a voltage")
+    if seen["motor"] and reading.motor_at == "motor" and drive is None:
+        raise ValueError(
+            "argument --reduction: must be given, or --drive, since the motor's angle is before the gear; if not: "
+            "--motor-at output"
+        )
+
+
+def _used_part(columns: Columns, seen: Mapping[str, bool], reading: Reading, path: Path) -> tuple[Array, Columns]:
+    """Return the times, s, and the rows of the part to use; an angle that was not recorded is 0."""
+    nothing = np.zeros(columns.time.size)
+    motor, load = (getattr(columns, name) if seen[name] else nothing for name in ("motor", "load"))
+    columns = replace(columns, motor=motor, load=load)
+    time = evenly(times_of(columns, reading)) if seen["time"] else np.arange(nothing.size, dtype=float)
+    kept = (time >= reading.start) & (time <= reading.end)
+    if np.sum(kept) < 2:
+        raise ValueError(
+            f"{path}: there must be two samples at least from {reading.start:g} to {reading.end:g} s, got "
+            f"{np.sum(kept)}; the recording is {time[-1]:.3f} s long"
+        )
+    return time[kept], _rows(columns, np.flatnonzero(kept))
+
+
+def _rows(columns: Columns, chosen: NDArray[np.intp]) -> Columns:
+    """Return some rows, without their times."""
+    return replace(
+        columns,
+        motor=columns.motor[chosen],
+        load=columns.load[chosen],
+        command=columns.command[chosen],
+        place=lambda k: columns.place(int(chosen[k])),
+    )

@@ -3,14 +3,11 @@
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.identification.locked_output.lost_motion import LostMotion
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding
-
-PACKAGE = "backlash_ros"
 
 
 @dataclass(frozen=True)
@@ -45,11 +42,3 @@ class Subject:
     derived: tuple[Finding, ...] = ()
     rated: tuple[float, bool] = (0.0, False)
     slow: LostMotion = field(default_factory=partial(LostMotion, valid=False, reason="it was not looked for"))
-
-
-def version_of_package() -> str:
-    """Return the version of this package; ``unknown`` if it is not installed."""
-    try:
-        return version(PACKAGE)
-    except PackageNotFoundError:
-        return "unknown"

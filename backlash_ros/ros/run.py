@@ -169,6 +169,24 @@ def _turn(executor: EventsExecutor, nodes: Sequence[Runnable], watch: Timer) -> 
     executor.spin_once(timeout_sec=min(max(wait, 0.0), 0.1))
 
 
+def _spin(executor: EventsExecutor, nodes: Sequence[Runnable], stop: Stop) -> None:
+    """Start the nodes and process events until they are told to stop or have finished, and a while longer."""
+    for node in nodes:
+        executor.add_node(node)
+        node.prepare()
+    # These objects stay: a garbage collection over them would stop the loop for many periods.
+    gc.collect()
+    gc.freeze()
+    for node in nodes:
+        node.start()
+    watch = _watch_output(nodes[0])
+    while not (stop or all(node.finished for node in nodes)):
+        _turn(executor, nodes, watch)
+    end = now() + (max(node.linger for node in nodes) if stop else _FAREWELL)
+    while now() < end:
+        executor.spin_once(timeout_sec=0.01)
+
+
 def run(name: str, about: str, make: Callable[[str], Runnable], args: Sequence[str] | None) -> int:
     """Run the nodes that ``make`` builds, one per axis, until told to stop or shut down; return the exit code.
 
@@ -203,20 +221,7 @@ def run(name: str, about: str, make: Callable[[str], Runnable], args: Sequence[s
         except (ValueError, NameValidationException, ParameterException, InvalidParameterTypeException) as error:
             return _refuse(name, error)
         try:
-            for node in nodes:
-                executor.add_node(node)
-                node.prepare()
-            # These objects stay: a garbage collection over them would stop the loop for many periods.
-            gc.collect()
-            gc.freeze()
-            for node in nodes:
-                node.start()
-            watch = _watch_output(nodes[0])
-            while not (stop or all(node.finished for node in nodes)):
-                _turn(executor, nodes, watch)
-            end = now() + (max(node.linger for node in nodes) if stop else _FAREWELL)
-            while now() < end:
-                executor.spin_once(timeout_sec=0.01)
+            _spin(executor, nodes, stop)
         except Exception as error:  # in any case the drive is left safe and the reason is logged
             _report(nodes[0], error)
             code = 1

@@ -182,19 +182,17 @@ def _sag(drive: Drive, around: Surroundings, start: Choice) -> Iterator[Warned]:
     )
 
 
-def _warnings(
-    axis: Axis, around: Surroundings, start: Choice | None, margins: Mapping[str, Margins]
-) -> Iterator[Warned]:
-    drive = axis.drive
-    load, stall = drive.load, drive.standstill_torque()
+def _tight(around: Surroundings, margins: Mapping[str, Margins]) -> Iterator[Warned]:
     tight = [name for name, margin in margins.items() if margin.tight(1.0 / around.rate)]
     if tight:
         yield Warned(
             f"the {' and '.join(tight)} gains tolerate less than 30 deg of lag, or less than one more period of delay",
             LOWER,
         )
-    yield from _units(drive)
-    ratio = load.inertia / drive.reflected_inertia
+
+
+def _inertia(drive: Drive, start: Choice | None) -> Iterator[Warned]:
+    ratio = drive.load.inertia / drive.reflected_inertia
     default = start is not None and start.values["gains.overdamped.q"] == DEFAULT_WEIGHTS["overdamped"]
     if ratio > HEAVY and default:
         yield Warned(
@@ -204,6 +202,10 @@ def _warnings(
             "or, with two encoders, leave law at auto and call identify: "
             "once it has found inertia and friction, law two_encoder acts",
         )
+
+
+def _drift(drive: Drive) -> Iterator[Warned]:
+    load = drive.load
     coasts = load.inertia / load.viscous_friction if load.viscous_friction else math.inf
     if load.coulomb_friction == 0.0 and coasts > COASTS:
         yield Warned(
@@ -211,6 +213,9 @@ def _warnings(
             f"{coasts:.2g} s: it may drift in the gap for as long, with any law",
             "state its load.coulomb_friction (identify finds it), or let a seal or a brake add some",
         )
+
+
+def _coarse(drive: Drive, around: Surroundings) -> Iterator[Warned]:
     for name, counts in _counts_in_gap(drive, around).items():
         if counts < COARSE:
             yield Warned(
@@ -219,29 +224,49 @@ def _warnings(
                 f"check sensors.{name}_counts, per turn (14 bit are 16384); use a finer encoder, "
                 "or choose wider regions: backlash design DRIVE --out gains.yaml",
             )
-    if start is not None:
-        yield from _sag(drive, around, start)
+
+
+def _losses(drive: Drive) -> Iterator[Warned]:
     if (least := min(drive.gear.efficiency_forward, drive.gear.efficiency_backward)) < LOSSY:
         yield Warned(
             f"the gear lets through {100.0 * least:.3g} % of the torque in one direction: learning has no such losses "
             "in its model and may be refused",
             "if ~/learn is refused, set backlash_angle by hand, from the gear's data sheet or a dial gauge",
         )
-    if "theta_l" not in around.sensors.measured:
-        yield Warned(
-            "the load has no encoder: its position in the gap is unknown",
-            "expect errors of up to the backlash; learning (relay) needs motor and reduction described well",
-        )
+
+
+def _weight(drive: Drive) -> Iterator[Warned]:
+    load = drive.load
     if load.gravity_torque > 0.0:
         yield Warned(
             f"the load's weight turns it with up to {load.gravity_torque:.3g} N m, and a command of 0 does not hold it",
             "use a mechanical brake that the drive engages when commands stop",
         )
-    if (needed := _torque_to_lift(drive)) > 0.8 * stall:
+    if (needed := _torque_to_lift(drive)) > 0.8 * (stall := drive.standstill_torque()):
         yield Warned(
             f"weight and friction of the load take up to {needed:.3g} N m of {stall:.3g} N m at standstill",
             "check motor.torque_constant, motor.voltage_limit and gear.reduction, or use a stronger motor",
         )
+
+
+def _warnings(
+    axis: Axis, around: Surroundings, start: Choice | None, margins: Mapping[str, Margins]
+) -> Iterator[Warned]:
+    drive = axis.drive
+    yield from _tight(around, margins)
+    yield from _units(drive)
+    yield from _inertia(drive, start)
+    yield from _drift(drive)
+    yield from _coarse(drive, around)
+    if start is not None:
+        yield from _sag(drive, around, start)
+    yield from _losses(drive)
+    if "theta_l" not in around.sensors.measured:
+        yield Warned(
+            "the load has no encoder: its position in the gap is unknown",
+            "expect errors of up to the backlash; learning (relay) needs motor and reduction described well",
+        )
+    yield from _weight(drive)
     if not axis.has_ends:
         yield Warned(
             "the load's travel has no ends: a wrong reference may turn it anywhere",

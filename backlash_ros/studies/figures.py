@@ -37,11 +37,11 @@ def _near_target(axes: Axes, result: Run, *, b: float = B, **style: Any) -> None
     axes.plot(result.time, (result.load_angle - 1.0) / b, **style)
 
 
-def _label_error(axes: Axes, seconds: float, low: float = -1.5, high: float = 1.0) -> None:
+def _label_error(axes: Axes, seconds: float, high: float = 1.0) -> None:
     """Label the error in b over the time, and draw the band that is as wide as the backlash."""
     axes.axhspan(-0.5, 0.5, color="0.9", zorder=0, label="±b/2")
     axes.axhline(0.0, color="0.7", linewidth=0.8, zorder=0)
-    axes.set(xlim=(0, seconds), ylim=(low, high), xlabel="time, s", ylabel="error over backlash")
+    axes.set(xlim=(0, seconds), ylim=(-1.5, high), xlabel="time, s", ylabel="error over backlash")
 
 
 def _ticks_at(axes: Axes, values: Sequence[float]) -> None:

@@ -3,14 +3,10 @@
 import math
 from dataclasses import dataclass
 
-import numpy as np
+from backlash_ros.studies.metrics import SETTLED, TAIL, Array, settling_time, step_figures
 
-from backlash_ros.studies.metrics import Array, rise_time, settling_time
-
-QUIET, PRECISE, OVERSHOOT, SETTLED = 0.05, 0.1, 0.25, 0.25
-"""Largest swing in the last second, final error and overshoot, and the band of a settled load, in b."""
-TAIL = 1.0
-"""The end of a record in which swing and final error are taken, s."""
+QUIET, PRECISE, OVERSHOOT = 0.05, 0.1, 0.25
+"""Largest swing in the last second, final error and overshoot, in b."""
 
 
 @dataclass(frozen=True)
@@ -44,15 +40,13 @@ def judge_move(time: Array, position: Array, target: float, b: float, count: flo
     target : rad; the step starts from position[0]
     b, count : mean backlash and count of the load's encoder, rad
     """
-    tail = position[time >= time[-1] - TAIL]
-    direction = math.copysign(1.0, target - position[0])
-    rise = rise_time(time, position, float(position[0]), target)
+    found, end = step_figures(time, position, target, b * threshold(SETTLED, b, count)), float(time[-1])
     return Move(
-        swing=float(np.ptp(tail)) / b,
-        error=abs(float(np.mean(tail)) - target) / b,
-        overshoot=max(0.0, float(np.max(direction * (position - target)))) / b,
-        settle=recovery(time, position, target, b, count),
-        rise=float(time[-1]) if math.isnan(rise) else rise,
+        swing=found.swing / b,
+        error=abs(found.error) / b,
+        overshoot=max(0.0, found.overshoot) / b,
+        settle=min(found.settling, end),
+        rise=end if math.isnan(found.rise) else found.rise,
     )
 
 
@@ -62,5 +56,4 @@ def recovery(time: Array, position: Array, target: float, b: float, count: float
     ``share`` replaces 1/4. The load must stay there for at least the last second, so that a swinging load does not
     count as settled.
     """
-    settled, end = settling_time(time, position, target, b * threshold(share, b, count)), float(time[-1])
-    return settled if settled <= end - TAIL else end
+    return min(settling_time(time, position, target, b * threshold(share, b, count), TAIL), float(time[-1]))

@@ -1,5 +1,6 @@
-"""Pure computation: figures of a step response."""
+"""Pure computation: figures of a step response, the same for every page and study that judges one."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,20 +10,42 @@ Array = NDArray[np.float64]
 
 CONTACT = 0.9
 """Teeth touch if abs(gap) >= 0.9 d/2: the paper's law is soft, and few samples show the peak of a contact."""
+SETTLED = 0.25
+"""Band of a settled load, in b."""
+TAIL = 1.0
+"""The end of a record in which swing and error are taken, and for which a settled load must stay in its band, s."""
+
+
+@dataclass(frozen=True)
+class StepFigures:
+    """A step response in figures: times in s, angles in rad.
+
+    ``rise`` 10 to 90 %, nan if 90 % is never reached. ``settling``: when it entered the band for good, inf if never.
+    ``overshoot`` beyond the target, negative if it stays short of it. In the last second ``swing``, peak to peak, and
+    ``error``, of the mean.
+    """
+
+    rise: float
+    settling: float
+    overshoot: float
+    swing: float
+    error: float
 
 
 @dataclass(frozen=True)
 class StepResponse:
-    """A step response in figures.
+    """A step response in figures, in units of the backlash.
 
-    ``rise_time`` 10 to 90 %, s. ``overshoot`` beyond the target and ``residual`` peak to peak at the end, in units of
-    the backlash. ``impacts``: flank contacts after the loop first came within the backlash of the target.
+    ``rise_time`` 10 to 90 %, s. ``overshoot`` beyond the target and ``residual`` peak to peak at the end, in b.
+    ``impacts``: flank contacts after the loop first came within the backlash of the target. ``settling_time``: when it
+    was within b/4 for good, s, inf if never.
     """
 
     rise_time: float
     overshoot: float
     residual: float
     impacts: int
+    settling_time: float
 
 
 def rise_time(time: Array, position: Array, start: float, target: float) -> float:
@@ -48,23 +71,52 @@ def count_impacts(gap: Array, backlash: float) -> int:
     return int(np.count_nonzero(touching[1:] & ~touching[:-1]))
 
 
-def settling_time(time: Array, position: Array, target: float, band: float) -> float:
-    """Return when abs(position - target) was last above ``band``; inf if it still is at the end."""
+def settling_time(time: Array, position: Array, target: float, band: float, last: float = 0.0) -> float:
+    """Return when abs(position - target) was last above ``band``, s.
+
+    Inf if it still is at the end, or was in the ``last`` seconds: a swinging load has not settled.
+    """
     outside = np.flatnonzero(np.abs(position - target) > band)
     if outside.size == 0:
-        return 0.0
-    return float("inf") if outside[-1] == position.size - 1 else float(time[outside[-1] + 1])
+        settled = 0.0
+    else:
+        settled = math.inf if outside[-1] == position.size - 1 else float(time[outside[-1] + 1])
+    return settled if settled <= time[-1] - last else math.inf
+
+
+def step_figures(
+    time: Array,
+    position: Array,
+    target: float,
+    band: float,
+    *,
+    origin: float | None = None,
+    end: float | None = None,
+    tail: float = TAIL,
+) -> StepFigures:
+    """Judge a step response.
+
+    Parameters
+    ----------
+    time, position : shape (N,), from the step on: s and rad
+    target, band : of the settled load, rad
+    origin : of the reference, rad, which tells the direction; by default position[0]
+    end, tail : the end of the part in which swing and error are taken, by default that of the record, and its length, s
+    """
+    start, end = float(position[0]), float(time[-1]) if end is None else end
+    direction = math.copysign(1.0, target - (start if origin is None else origin))
+    rest = position[(time >= end - tail) & (time <= end)]
+    return StepFigures(
+        rise=rise_time(time, position, start, target),
+        settling=settling_time(time, position, target, band, tail),
+        overshoot=float(np.max(direction * (position - target))),
+        swing=float(np.ptp(rest)),
+        error=float(np.mean(rest)) - target,
+    )
 
 
 def step_response(
-    time: Array,
-    position: Array,
-    gap: Array,
-    *,
-    target: float,
-    backlash: float,
-    backlash_angle: float,
-    tail: float = 1.0,
+    time: Array, position: Array, gap: Array, *, target: float, backlash: float, backlash_angle: float
 ) -> StepResponse:
     """Judge one step response.
 
@@ -73,16 +125,14 @@ def step_response(
     time, position, gap : shape (N,), from the step on: s, load angle in rad, R1 theta_m - R2 theta_l in m
     target : rad; the step starts at position[0]
     backlash, backlash_angle : d in m and b in rad, the units of the result
-    tail : length of the end in which the residual is taken, s
     """
-    start = float(position[0])
-    direction = 1.0 if target > start else -1.0
-    end = position[time >= time[-1] - tail]
+    found = step_figures(time, position, target, SETTLED * backlash_angle)
     within = np.flatnonzero(np.abs(position - target) < backlash_angle)
     arrived = int(within[0]) if within.size else position.size
     return StepResponse(
-        rise_time=rise_time(time, position, start, target),
-        overshoot=float(np.max(direction * (position - target))) / backlash_angle,
-        residual=float(np.ptp(end)) / backlash_angle,
+        rise_time=found.rise,
+        overshoot=found.overshoot / backlash_angle,
+        residual=found.swing / backlash_angle,
         impacts=count_impacts(gap[arrived:], backlash),
+        settling_time=found.settling,
     )

@@ -1,6 +1,5 @@
 """Judging a recorded session in lockstep: step responses, a swap of gains, load steps; in numbers."""
 
-import math
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -8,8 +7,7 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.recordings.bag import Recording
-from backlash_ros.studies.judging import SETTLED, TAIL
-from backlash_ros.studies.metrics import Array, settling_time, step_response
+from backlash_ros.studies.metrics import Array, step_response
 
 PAPER = ("fast", "overdamped", "two_region")
 COMPARED = ("two_region", "two_encoder")
@@ -46,9 +44,7 @@ def judge_step(recording: Recording, interval: Interval, drive: Drive) -> dict[s
     part = recording.joint_states.between(interval.start, interval.end)
     time, angle, gear = part.time - interval.start, part.values[:, 3], drive.gear
     lengths = {"backlash": gear.backlash, "backlash_angle": gear.backlash_angle}
-    response = step_response(time, angle, gap(part.values, drive), target=interval.target, **lengths)
-    settled = settling_time(time, angle, interval.target, SETTLED * gear.backlash_angle)
-    return {**asdict(response), "settling_time": settled if settled <= time[-1] - TAIL else math.inf}
+    return asdict(step_response(time, angle, gap(part.values, drive), target=interval.target, **lengths))
 
 
 def came_on(recording: Recording, interval: Interval, drive: Drive) -> Interval:

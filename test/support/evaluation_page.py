@@ -8,8 +8,8 @@ from pathlib import Path
 from shutil import copyfile
 from typing import Any
 
-from backlash_ros.commands.evaluate import learning_of, table_of
-from backlash_ros.commands.evaluate_effects import effects_table
+from backlash_ros.commands.evaluation import learning_of, table_of
+from backlash_ros.commands.evaluation_effects import effects_table
 
 PAGE = Path(__file__).parents[2] / "docs" / "evaluation.md"
 _EFFECTS = re.compile(r"(<!-- effects: begin -->\n).*(<!-- effects: end -->)", re.DOTALL)

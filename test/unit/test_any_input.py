@@ -11,6 +11,7 @@ import pytest
 
 from backlash_ros import cli
 from backlash_ros.commands import design as designer
+from backlash_ros.commands import evaluate as evaluating
 from backlash_ros.studies.design.search import NothingQuietError
 
 QUICK, MANY, PART = 100, 2000, 100
@@ -62,7 +63,7 @@ def faults_of(
         raise NothingQuietError("not searched here")
 
     monkeypatch.setattr(designer, "design", nothing_quiet)
-    monkeypatch.setattr(cli, "replay", lambda *_: None)
+    monkeypatch.setattr(evaluating, "replay", lambda *_: None)
     found = []
     for seed in seeds:
         place = folder / str(seed)

@@ -18,7 +18,7 @@ import yaml
 from rich.console import Console
 
 from backlash_ros.cli import main
-from backlash_ros.commands import identify as command
+from backlash_ros.commands import identification as command
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.identification.gap_map import GapMap, Mapped
 from backlash_ros.identification.locked_output.lost_motion import LostMotion
@@ -187,7 +187,7 @@ def test_a_page_that_cannot_be_written_whole_is_not_written(
     place = tmp_path / "page.html"
     place.write_text("before")
     monkeypatch.setattr(Path, "replace", fail)
-    request = command.Request(table, certificate=place, force=True)
+    request = command.Request(table, certificate=place)
     with pytest.raises(OSError, match="No space"):
         command.identify_recording(request, Console(quiet=True))
     assert place.read_text() == "before"

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 ROOT = Path(__file__).parents[2]
 ROSDEP_KEYS = {
     "control": "python-control-pip",
+    "jinja2": "python3-jinja2",
     "matplotlib": "python3-matplotlib",
     "numba": "python3-numba",
     "numpy": "python3-numpy",
@@ -32,7 +33,7 @@ def package_keys() -> set[str]:
 
 def setup_requirements() -> dict[str, str]:
     text = (ROOT / "setup.py").read_text()
-    return dict(re.findall(r'"([a-z-]+)(?:\[\w+\])?>=([\d.]+)', text))
+    return dict(re.findall(r'"([a-z0-9-]+)(?:\[\w+\])?>=([\d.]+)', text))
 
 
 def listed(name: str) -> set[str]:
@@ -57,7 +58,9 @@ def test_every_requirement_is_locked_with_hashes() -> None:
 
 
 def test_floors_are_what_setup_asks_for() -> None:
-    floors = dict(re.findall(r"^([a-z-]+)==([\d.]+)$", (ROOT / "requirements" / "floors.in").read_text(), re.MULTILINE))
+    floors = dict(
+        re.findall(r"^([a-z0-9-]+)==([\d.]+)$", (ROOT / "requirements" / "floors.in").read_text(), re.MULTILINE)
+    )
     for name, version in setup_requirements().items():
         if not name.startswith("ros-"):
             assert floors[name].startswith(version), name

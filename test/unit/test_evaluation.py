@@ -16,8 +16,8 @@ import pytest
 from evaluation_page import PAGE, filled
 
 from backlash_ros.cli import main
-from backlash_ros.commands.evaluate import report_of, table_of
-from backlash_ros.commands.evaluate_effects import effects_table, with_effect
+from backlash_ros.commands.evaluation import report_of, table_of
+from backlash_ros.commands.evaluation_effects import effects_table, with_effect
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, IntegrationError
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import Sensors

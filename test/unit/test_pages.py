@@ -2,6 +2,8 @@
 
 import re
 import shlex
+import subprocess
+import sys
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -10,7 +12,7 @@ import pytest
 from pages import PAGES, ROOT, commands, runner
 
 from backlash_ros import __version__
-from backlash_ros.cli import main, parser_of
+from backlash_ros.cli import COMMANDS, main, parser_of
 
 PARAMETERS = (ROOT / "docs" / "parameters.md").read_text()
 OF_ROS = {"use_sim_time"}
@@ -107,3 +109,14 @@ def test_all_places_have_one_version(capsys: pytest.CaptureFixture[str]) -> None
     assert f"<version>{__version__}</version>" in (ROOT / "package.xml").read_text()
     assert f'version="{__version__}"' in (ROOT / "setup.py").read_text()
     assert f"## {__version__}" in (ROOT / "CHANGELOG.md").read_text()
+
+
+def test_every_command_is_listed() -> None:
+    modules = (ROOT / "backlash_ros" / "commands").glob("*.py")
+    assert {path.stem.replace("_", "-") for path in modules if "\nCOMMAND = " in path.read_text()} == set(COMMANDS)
+
+
+def test_help_does_not_wait_for_what_the_commands_import() -> None:
+    code = "import sys; from backlash_ros.cli import parser_of; parser_of([]).format_help(); print(*sys.modules)"
+    modules = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"numba", "numpy", "scipy", "rclpy"} & set(modules)

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backlash_ros import cli
 from backlash_ros.cli import main
+from backlash_ros.commands import figures as command
 from backlash_ros.control import LAWS
-from backlash_ros.pages.paper import write_page
+from backlash_ros.pages.paper.page import write_page
 from backlash_ros.studies import figures
 from backlash_ros.studies.figures import FIGURES
 from backlash_ros.studies.paper import CASES, NOISY, respond
@@ -150,7 +150,7 @@ def test_place_that_cannot_be_written_is_told_before_anything_is_computed(
     page: str,
     reason: str,
 ) -> None:
-    monkeypatch.setattr(cli, "reproduce", lambda _: pytest.fail("computed for nothing"))
+    monkeypatch.setattr(command, "reproduce", lambda _: pytest.fail("computed for nothing"))
     (tmp_path / "file").write_text("")
     with pytest.raises(SystemExit, match="2"):
         main(["figures", "--out", str(tmp_path / out), "--page", str(tmp_path / page)])
@@ -165,7 +165,7 @@ def test_figures_that_fail_leave_the_old_ones(tmp_path: Path, monkeypatch: pytes
         (folder / "fig07_open_loop.png").write_text("half")
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(cli, "reproduce", lambda _: None)
+    monkeypatch.setattr(command, "reproduce", lambda _: None)
     monkeypatch.setattr(figures, "draw", full)
     (tmp_path / "fig07_open_loop.png").write_text("old")
     with pytest.raises(SystemExit, match="2"):

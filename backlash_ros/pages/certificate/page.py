@@ -1,9 +1,10 @@
 """A certificate as one self-contained page of HTML: no script, no other file, no network."""
 
 import math
-import re
+from collections.abc import Sequence
 
-from backlash_ros.foundation.markup import pairs, text_of
+from markupsafe import Markup
+
 from backlash_ros.identification.gap_map import GapMap
 from backlash_ros.identification.locked_output.lost_motion import LostMotion
 from backlash_ros.identification.recordings.held_out import Score
@@ -18,16 +19,19 @@ from backlash_ros.pages.certificate.pictures import (
     motion_picture,
 )
 from backlash_ros.pages.certificate.rows import (
-    Row,
     counts_at_output,
     fitted_part,
     recording_rows,
     result_rows,
     told_rows,
+    typeset,
 )
-from backlash_ros.pages.markup import document, paragraph
+from backlash_ros.pages.template import render
 from backlash_ros.recordings.rounding import brief, in_gear_units, in_si
-from backlash_ros.recordings.subject import PACKAGE, Subject, version_of_package
+from backlash_ros.recordings.subject import Subject
+
+Pictures = Sequence[tuple[Markup, str]]
+"""Pictures with their captions."""
 
 _UNCERTAINTY = (
     "Values of the motion come from fits to all samples that were used, those around the turn from one fit at each "
@@ -67,50 +71,30 @@ def certificate(subject: Subject, found: Identified) -> str:
     ----------
     found : what was identified in ``subject.recording``; if nothing was, the page gives the reason
     """
-    title = f"Drive certificate: {subject.joints[0]}, {subject.joints[1]}"
-    rows = result_rows(subject, found)
-    parts = [
-        f"<h1>{text_of(title)}</h1>",
-        f'<p class="under">{text_of(subject.source)}</p>',
-        _verdict(subject, found),
-        *([] if subject.sheet else [paragraph(_NO_SHEET, "verdict bad")]),
-    ]
-    if rows:
-        parts += ["<h2>Results</h2>", results_table(rows), *_about(subject, found)]
-    parts += ["<h2>Pictures</h2>", '<div class="pictures">', *_pictures(subject, found), "</div>"]
-    if found.score is not None:
-        parts += ["<h2>Held out</h2>", _held_out(found.score)]
+    summary, told = _summary(subject, found)
     missing = [] if subject.slow.valid else [_SLOW.format(subject.slow.reason)]
     missing += [] if found.around.map is not None else [_NO_MAP.format(found.around.reason)]
-    if missing:
-        parts += ["<h2>Not in this recording</h2>", *map(paragraph, missing)]
-    given = f"from {subject.sheet}" if subject.sheet else "the nominal drive's"
-    parts += [
-        "<h2>Recording</h2>",
-        pairs(recording_rows(subject, found)),
-        "<h2>Taken as given</h2>",
-        paragraph(f"These are {given}. The recording shows errors in them only where they are large."),
-        pairs(told_rows(subject, found)),
-        "<h2>Make it again</h2>",
-        paragraph(f"{PACKAGE} {version_of_package()}"),
-        f"<pre>{text_of(subject.command)}</pre>",
-    ]
-    return document(title, "\n".join(parts))
+    return render(
+        "certificate/certificate.html.j2",
+        title=f"Drive certificate: {subject.joints[0]}, {subject.joints[1]}",
+        source=subject.source,
+        summary=summary,
+        told=told,
+        sheet=subject.sheet,
+        rows=result_rows(subject, found),
+        notes=_notes(subject, found),
+        pictures=_pictures(subject, found),
+        held_out=None if found.score is None else _held_out(found.score),
+        missing=missing,
+        recording=recording_rows(subject, found),
+        given=f"from {subject.sheet}" if subject.sheet else "the nominal drive's",
+        taken=told_rows(subject, found),
+        command=subject.command,
+    )
 
 
-_NO_SHEET = (
-    "No drive file was given, so motor and gear ratio are those of the nominal drive. The values below hold only for "
-    "a drive that has this motor and this ratio."
-)
-
-
-def _words(text: str) -> str:
-    """Return a text of findings with typographic signs."""
-    return re.sub(r"(?<![\w.])-(?=\d)", "\u2212", text.replace("+-", "\u00b1"))
-
-
-def _verdict(subject: Subject, found: Identified) -> str:
-    """Return a summary of the results in a few words."""
+def _summary(subject: Subject, found: Identified) -> tuple[str, bool]:
+    """Return the results in a few words, and whether there are any."""
     told, untold = [], []
     if found.gap is not None and found.gap.valid and found.findings:
         width = found.of("b")
@@ -129,62 +113,35 @@ def _verdict(subject: Subject, found: Identified) -> str:
         untold.append(f"The recording does not show the gap: {found.gap.reason}")
     if missing := sum(not row.told for row in found.findings):
         untold.append(f"{missing} of {len(found.findings)} quantities cannot be determined")
-    return paragraph(f"{'. '.join([*told, *untold])}.", "verdict" if told else "verdict bad")
+    return f"{'. '.join([*told, *untold])}.", bool(told)
 
 
-def results_table(rows: list[Row]) -> str:
-    """Return a table of results."""
-    lines = [
-        "<table>",
-        '<thead><tr><th scope="col">quantity</th><th scope="col">value \u00b1 standard uncertainty</th>'
-        '<th scope="col">in gear makers\u2019 units</th><th scope="col">method, and what it comes from</th>'
-        "</tr></thead>",
-        "<tbody>",
-    ]
-    for row in rows:
-        name = f'<th scope="row">{text_of(_words(row.what))} <span class="symbol">{text_of(row.symbol)}</span></th>'
-        if row.why:
-            lines.append(f'<tr>{name}<td class="why" colspan="3">cannot be determined: {text_of(row.why)}</td></tr>')
-            continue
-        lines.append(
-            f'<tr>{name}<td class="number">{text_of(row.value)}</td><td class="number">{text_of(row.gear)}</td>'
-            f"<td>{text_of(row.method)}</td></tr>"
-        )
-    return "\n".join([*lines, "</tbody>", "</table>"])
-
-
-def _about(subject: Subject, found: Identified) -> list[str]:
+def _notes(subject: Subject, found: Identified) -> list[str]:
     """Return the notes that are needed to read the results."""
-    parts = []
+    notes = []
     if found.gap is not None and found.gap.valid:
         where = f"What is not said of the turn comes from {found.stretch}. " if found.around.map is not None else ""
-        reason = _words(found.gap.reason)
-        parts.append(paragraph(f"{where}The gap comes from {reason}. It holds for this law and these torques."))
+        reason = typeset(found.gap.reason)
+        notes.append(f"{where}The gap comes from {reason}. It holds for this law and these torques.")
     rated, told = subject.rated
     if any(row.symbol == "lost motion" for row in subject.derived):
         whose = (
             "the rated torque" if told else "half of the motor's torque at standstill, since no rated torque was given"
         )
         source = _BY_CURVE if subject.slow.valid else _BY_MOTION
-        parts.append(
-            paragraph(_LOST.format(share=100.0 * LOST_MOTION_SHARE, whose=whose, rated=brief(rated), source=source))
-        )
+        notes.append(_LOST.format(share=100.0 * LOST_MOTION_SHARE, whose=whose, rated=brief(rated), source=source))
     if subject.slow.valid:
-        parts.append(paragraph(_CURVE_UNCERTAINTY))
-    return [*parts, paragraph(_UNCERTAINTY)] if found.findings or found.around.map is not None else parts
+        notes.append(_CURVE_UNCERTAINTY)
+    return [*notes, _UNCERTAINTY] if found.findings or found.around.map is not None else notes
 
 
-def _figure(picture: str, caption: str) -> str:
-    return f"<figure>{picture}<figcaption>{text_of(caption)}</figcaption></figure>"
-
-
-def _pictures(subject: Subject, found: Identified) -> list[str]:
+def _pictures(subject: Subject, found: Identified) -> Pictures:
     part, fit = fitted_part(subject, found), found.fit
     motion = draw(motion_picture, subject, part, found.before, found.score, counts_at_output(subject))
     around = [_hysteresis(subject.slow)] if subject.slow.valid else []
     around += [] if found.around.map is None else [_around(found.around.map)]
     if found.score is None or found.before is None or fit is None:
-        return [_figure(motion, "Both angles as measured, the motor's through the gear."), *around]
+        return [(motion, "Both angles as measured, the motor's through the gear."), *around]
     caption = (
         f"Dots: measured. Lines: simulated from the command alone, begun anew every {brief(found.score.free, 2)} s, by "
         "a fit that did not see this part. Below: measured less simulated. The motor's angle is taken through the gear "
@@ -197,19 +154,19 @@ def _pictures(subject: Subject, found: Identified) -> list[str]:
         f"{shaded}Dots: torque and twist at each sample as the filter has them. Line: the law of the teeth that was "
         "fitted, at rest. Dots beside the line are damping of the teeth, and noise."
     )
-    return [_figure(motion, caption), _figure(loop, told), *around]
+    return [(motion, caption), (loop, told), *around]
 
 
-def _hysteresis(found: LostMotion) -> str:
+def _hysteresis(found: LostMotion) -> tuple[Markup, str]:
     caption = (
         "Dots: measured, as the torque went slowly up and down. Lines: the branches of the fit, teeth by the "
         f"{found.contact} law; friction puts those up and down apart. Shaded: the gap. Arrow: the lost motion between "
         f"\u00b1{brief(found.at)} N m at the teeth."
     )
-    return _figure(draw(hysteresis_picture, found), caption)
+    return draw(hysteresis_picture, found), caption
 
 
-def _around(found: GapMap) -> str:
+def _around(found: GapMap) -> tuple[Markup, str]:
     beside = (
         f" Apart from the gap, the load's encoder reads {brief(1e3 * found.eccentricity)} mrad \u00d7 "
         f"sin(angle + {brief(found.phase)} rad) too much, which an eccentric encoder or gear does."
@@ -220,12 +177,12 @@ def _around(found: GapMap) -> str:
         "Dots: the gap from a fit at each place; bars: its standard uncertainty, where it is larger than the dot. "
         "Between the places the gap was not measured."
     )
-    return _figure(draw(around_picture, found), caption + beside)
+    return draw(around_picture, found), caption + beside
 
 
-def _held_out(score: Score) -> str:
+def _held_out(score: Score) -> dict[str, object]:
+    """Return the text about a second fit, and rows with the errors of both drives."""
     verdict = "as well as" if score.rms <= _AS_WELL else "less well than"
-    head = '<thead><tr><th scope="col"></th><th scope="col">as found</th><th scope="col">as told</th></tr></thead>'
     rows = (
         ("each sample against its prediction, in standard deviations (1 is as expected)", score.rms, score.told_rms),
         (
@@ -234,17 +191,13 @@ def _held_out(score: Score) -> str:
             score.told_error,
         ),
     )
-    cells = [
-        f'<tr><th scope="row">{text_of(what)}</th>' + _scored("as found", own) + _scored("as told", told) + "</tr>"
-        for what, own, told in rows
-    ]
     text = (
         f"A second fit saw the first {score.start:.2f} s alone. From one sample to the next it predicts the "
         f"{score.length:.2f} s after {verdict} those that it saw; from the command alone its errors add up. Beside it "
         "the drive as told."
     )
-    return "\n".join([paragraph(text), "<table>", head, "<tbody>", *cells, "</tbody>", "</table>"])
+    return {"text": text, "rows": [(what, _error(own), _error(told)) for what, own, told in rows]}
 
 
-def _scored(name: str, value: float) -> str:
-    return f'<td class="number" data-name="{name}">{brief(value) if math.isfinite(value) else "cannot follow"}</td>'
+def _error(value: float) -> str:
+    return brief(value) if math.isfinite(value) else "cannot follow"

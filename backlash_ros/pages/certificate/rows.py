@@ -1,6 +1,7 @@
 """The rows of a certificate: each quantity in words, with the range of motion that it is based on."""
 
 import math
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,17 +83,23 @@ def ranges_of(subject: Subject, found: Identified) -> Ranges:
     )
 
 
-def _row(finding: Finding, method: str) -> Row:
+def typeset(text: str) -> str:
+    """Return a text of findings with typographic signs."""
+    return re.sub(r"(?<![\w.])-(?=\d)", "\u2212", text.replace("+-", "\u00b1"))
+
+
+def row_of(finding: Finding, method: str) -> Row:
+    """Return a finding as a row."""
     if not finding.told:
-        return Row(finding.what, finding.symbol, why=finding.why)
-    return Row(finding.what, finding.symbol, in_si(finding), in_gear_units(finding), method)
+        return Row(typeset(finding.what), finding.symbol, why=finding.why)
+    return Row(typeset(finding.what), finding.symbol, in_si(finding), in_gear_units(finding), method)
 
 
 def result_rows(subject: Subject, found: Identified) -> list[Row]:
     """Return all results, or why there are none; those of gap and teeth first."""
     ranges = ranges_of(subject, found)
     rows = (*found.findings[:1], *subject.derived, *found.findings[1:])
-    return [_row(f, f"fit; {ranges.of(f.symbol)}") for f in rows]
+    return [row_of(f, f"fit; {ranges.of(f.symbol)}") for f in rows]
 
 
 def recording_rows(subject: Subject, found: Identified) -> list[tuple[str, str]]:

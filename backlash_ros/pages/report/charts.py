@@ -10,9 +10,9 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from backlash_ros.foundation.jsonable import jsonable
-from backlash_ros.foundation.markup import text_of
 from backlash_ros.foundation.record import Array
 from backlash_ros.pages.report.library import chart_library
 from backlash_ros.recordings.bag import Series
@@ -24,28 +24,6 @@ already has the third number of points, so that it stays small enough to be sent
 _HOLE = 10.0
 """Time without a point, in median periods, that interrupts a curve."""
 _DIGITS = 6
-_BUTTONS = {
-    "in": ("+", "zoom in"),
-    "out": ("\u2212", "zoom out"),
-    "left": ("\u25c0", "move left"),
-    "right": ("\u25b6", "move right"),
-    "all": ("all", "show all of it"),
-}
-
-STYLE = """
-.chart { margin: 1rem 0 1.6rem; break-inside: avoid; }
-.chart .plot { width: 100%; }
-.chart .plot svg { max-width: 100%; display: block; }
-.tools { display: flex; flex-wrap: wrap; gap: .3rem; align-items: center; font-size: .85rem; color: var(--faint); }
-.tools button {
-  font: inherit; color: var(--ink); background: var(--band); border: 1px solid var(--line); border-radius: .25rem;
-  min-width: 2rem; padding: .1rem .5rem; cursor: pointer;
-}
-.tools button:focus-visible { outline: 2px solid var(--motor); outline-offset: 1px; }
-.tools output { margin-left: .5rem; font-variant-numeric: tabular-nums; }
-html:not([data-charts]) .tools { display: none; }
-@media print { .tools { display: none; } .chart { margin: .6rem 0; } }
-"""
 
 
 @dataclass(frozen=True)
@@ -84,9 +62,22 @@ class Chart:
     axis: str = "time, s"
 
 
-def identity_of(place: str) -> str:
-    """Return the id of a chart's place in the page; empty if it has none."""
-    return place.partition(' id="')[2].partition('"')[0]
+@dataclass(frozen=True)
+class Place:
+    """The place of a chart in a page: its id, what it shows in words, and whether it was thinned, in words."""
+
+    identity: str
+    told: str
+    thinned: str = ""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What draws the charts of a page: library and data, compressed, and the script."""
+
+    library: Markup
+    data: Markup
+    script: Markup
 
 
 def held(series: Series, time: Array) -> Array:
@@ -119,80 +110,67 @@ def _interrupted(time: Array, values: Array) -> tuple[Array, Array]:
 
 @dataclass
 class ChartBook:
-    """All charts of a page: collects them one by one, gives their HTML, and packs their data."""
+    """All charts of a page: collects them one by one, and packs their data."""
 
     _charts: list[dict[str, Any]] = field(default_factory=list)
     _points: int = 0
 
-    def add(self, chart: Chart) -> str:
+    def add(self, chart: Chart) -> Place:
         """Add a chart; return its place in the page."""
-        number, full, sent = len(self._charts) + 1, 0, 0
-        times: list[list[float]] = []
-        known: dict[bytes, int] = {}
-        panels: list[dict[str, Any]] = []
-        for panel in chart.panels:
-            series = []
-            for line in panel.lines:
-                most = MOST if self._points < BUDGET else FEW
-                time, values = thinned(*_interrupted(line.time, line.values), most)
-                self._points += time.size
-                full, sent = full + line.time.size, sent + min(time.size, line.time.size)
-                key = time.tobytes()
-                if key not in known:
-                    known[key] = len(times)
-                    times.append([round(float(t), _DIGITS) for t in time])
-                series.append(
-                    {
-                        "name": line.name,
-                        "colour": line.colour,
-                        "dashed": line.dashed,
-                        "step": line.step,
-                        "times": known[key],
-                        "values": [float(f"{v:.{_DIGITS}g}") for v in values],
-                    }
-                )
-            panels.append(
-                {
-                    "label": panel.label,
-                    "series": series,
-                    "bands": [list(band) for band in panel.bands],
-                    "lines": list(panel.at),
-                    "low": panel.low,
-                    "high": panel.high,
-                }
-            )
-        first = min((row[0] for row in times if row), default=0.0)
-        last = max((row[-1] for row in times if row), default=1.0)
-        identity = f"chart-{number}"
+        times = _Times()
+        panels = [self._panel(panel, times) for panel in chart.panels]
+        first = min((row[0] for row in times.rows if row), default=0.0)
+        last = max((row[-1] for row in times.rows if row), default=1.0)
+        identity = f"chart-{len(self._charts) + 1}"
         self._charts.append(
             {
                 "id": identity,
                 "axis": chart.axis,
                 "from": first,
                 "to": max(last, first + 1e-3),
-                "times": times,
+                "times": times.rows,
                 "panels": panels,
                 "marks": [list(mark) for mark in chart.marks],
                 "spans": [list(span) for span in chart.spans],
             }
         )
+        full, sent = times.full, times.sent
         thin = f" Thinned: {sent} of {full} points, the least and the largest of every few." if sent < full else ""
-        said = f"{chart.title}. {chart.told}".strip()
-        buttons = "".join(
-            f'<button type="button" data-zoom="{move}" aria-label="{what}" title="{what}">{sign}</button>'
-            for move, (sign, what) in _BUTTONS.items()
-        )
-        return (
-            f'<figure class="chart" id="{identity}">'
-            f'<div class="plot" role="img" aria-label="{text_of(said)}"></div>'
-            f'<div class="tools">{buttons}<output aria-live="polite"></output></div>'
-            f"<figcaption>{text_of(said + thin)}</figcaption></figure>"
-        )
+        return Place(identity, f"{chart.title}. {chart.told}".strip(), thin)
 
-    def scripts(self) -> str:
-        """Return library, data and script, as the end of the page."""
+    def _panel(self, panel: Panel, times: "_Times") -> dict[str, Any]:
+        return {
+            "label": panel.label,
+            "series": [self._series(line, times) for line in panel.lines],
+            "bands": [list(band) for band in panel.bands],
+            "lines": list(panel.at),
+            "low": panel.low,
+            "high": panel.high,
+        }
+
+    def _series(self, line: Line, times: "_Times") -> dict[str, Any]:
+        time, values = thinned(*_interrupted(line.time, line.values), MOST if self._points < BUDGET else FEW)
+        self._points += time.size
+        times.full, times.sent = times.full + line.time.size, times.sent + min(time.size, line.time.size)
+        return {
+            "name": line.name,
+            "colour": line.colour,
+            "dashed": line.dashed,
+            "step": line.step,
+            "times": times.index_of(time),
+            "values": [float(f"{v:.{_DIGITS}g}") for v in values],
+        }
+
+    def drawn(self) -> Drawn | None:
+        """Return library, data and script for the end of the page; None without charts.
+
+        Raises
+        ------
+        NoLibraryError
+            If the library of the charts is not installed.
+        """
         if not self._charts:
-            return ""
+            return None
         library, name = chart_library()
         content = {
             "name": name,
@@ -201,17 +179,28 @@ class ChartBook:
         }
         script = files(__package__).joinpath("charts.js").read_text("utf-8")
         data = json.dumps(jsonable(content), allow_nan=False, separators=(",", ":"))
-        return "\n".join(
-            [
-                "<noscript><p>The charts need JavaScript; all figures are in the tables.</p></noscript>",
-                _packed("library", library),
-                _packed("data", data),
-                f'<script type="module">\n{script}</script>',
-            ]
-        )
+        return Drawn(_packed(library), _packed(data), Markup(script))  # noqa: S704 - a file of this package
 
 
-def _packed(identity: str, text: str) -> str:
-    """Return a text as an inert element, compressed and in characters without meaning in HTML."""
-    packed = base64.b64encode(gzip.compress(text.encode("utf-8"), 9, mtime=0)).decode("ascii")
-    return f'<script type="application/gzip" id="{identity}">{packed}</script>'
+@dataclass
+class _Times:
+    """The times of a chart's curves, each kept once; number of points before and after thinning."""
+
+    rows: list[list[float]] = field(default_factory=list)
+    full: int = 0
+    sent: int = 0
+    _known: dict[bytes, int] = field(default_factory=dict)
+
+    def index_of(self, time: Array) -> int:
+        """Return the index of the row with these times."""
+        key = time.tobytes()
+        if key not in self._known:
+            self._known[key] = len(self.rows)
+            self.rows.append([round(float(t), _DIGITS) for t in time])
+        return self._known[key]
+
+
+def _packed(text: str) -> Markup:
+    """Return a text, compressed and in characters without meaning in HTML."""
+    packed = base64.b64encode(gzip.compress(text.encode("utf-8"), 9, mtime=0))
+    return Markup(packed.decode("ascii"))  # noqa: S704 - letters and digits

@@ -11,7 +11,7 @@ _EXPORT = re.compile(r"export\{(.+?)\}")
 _MAP = re.compile(r"^//# sourceMappingURL=.*$", re.MULTILINE)
 
 
-class NoLibraryError(Exception):
+class NoLibraryError(ImportError):
     """The library is missing or has moved; the text says what to do."""
 
 

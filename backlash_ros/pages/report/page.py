@@ -1,45 +1,60 @@
 """A report as one page of HTML: tables of figures, charts to zoom, nothing loaded from elsewhere."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from backlash_ros.control.tick import MISSING
-from backlash_ros.foundation.markup import pairs, text_of
-from backlash_ros.pages.markup import document, paragraph
-from backlash_ros.pages.report import charts, pictures
-from backlash_ros.pages.report.charts import ChartBook
+from backlash_ros.pages.report import pictures
+from backlash_ros.pages.report.charts import ChartBook, Place
 from backlash_ros.pages.report.report import AxisReport, Report
 from backlash_ros.pages.report.steps import NEAR, Step
-from backlash_ros.pages.report.timing import SETTLING, TAIL, Timing
+from backlash_ros.pages.report.timing import SETTLING, Timing
+from backlash_ros.pages.template import render
 from backlash_ros.recordings.rounding import brief, counted, shown
-from backlash_ros.recordings.subject import PACKAGE, version_of_package
-from backlash_ros.studies.judging import SETTLED
+from backlash_ros.studies.metrics import SETTLED, TAIL
 
 DOUBTFUL = 0.01
 """Share of samples missing or late above which the page warns."""
 MOST_CHARTS = 60
 """Largest number of steps, of learning runs and of faults of an axis with a chart of their own, the first ones."""
-_STYLE = """
-h3 { font-size: 1rem; margin: 1.4rem 0 .4rem; break-after: avoid; }
-section > h2 { border-top: 2px solid var(--line); padding-top: 1rem; }
-.wide { overflow-x: auto; }
-.figures { font-variant-numeric: tabular-nums; }
-.figures th, .figures td { padding-right: .6rem; overflow-wrap: normal; }
-.figures tbody th { width: auto; white-space: nowrap; }
-.figures td.remark { color: var(--faint); }
-.late { color: var(--bad); }
-nav ul { padding-left: 1.2rem; }
-a { color: var(--motor); }
-"""
 _NONE = "\u2013"
 
 
-def _number(value: float, digits: int = 3, never: str = "never") -> str:
+@dataclass(frozen=True)
+class Table:
+    """Rows of text under ``heads``; ``links``: the ids that the first cells of the rows lead to, empty for none."""
+
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    links: Sequence[str] = ()
+
+    @property
+    def lines(self) -> Iterator[tuple[str, str, list[tuple[str, str]]]]:
+        """The rows: link, first cell, and the other cells with their heads."""
+        for (first, *rest), link in zip(self.rows, self.links or [""] * len(self.rows), strict=True):
+            yield link, first, list(zip(self.heads[1:], rest, strict=True))
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of an axis: a table of figures, or pairs of names and values, remarks, charts and notes."""
+
+    title: str
+    table: Table | None = None
+    pairs: Sequence[tuple[str, str]] = ()
+    about: str = ""
+    remarks: Sequence[str] = ()
+    charts: Sequence[Place] = ()
+    notes: Sequence[str] = ()
+
+
+def _number(value: float) -> str:
     """Return a number; a dash if the recording does not show it."""
     if math.isnan(value):
         return _NONE
-    return never if math.isinf(value) else brief(value, digits)
+    return "never" if math.isinf(value) else brief(value)
 
 
 def _at(seconds: float) -> str:
@@ -56,21 +71,6 @@ def _value(value: Any) -> str:
     return "none" if value is None else str(value)
 
 
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "figures") -> str:
-    """Return a table of cells that are HTML; the first cell of a row is its heading."""
-    head = "".join(f'<th scope="col">{text_of(name)}</th>' for name in heads)
-    lines = []
-    for first, *rest in rows:
-        cells = "".join(
-            f'<td data-name="{text_of(name)}">{cell}</td>' for name, cell in zip(heads[1:], rest, strict=True)
-        )
-        lines.append(f'<tr><th scope="row">{first}</th>{cells}</tr>')
-    body = "\n".join(lines)
-    return (
-        f'<div class="wide"><table class="{kind}"><thead><tr>{head}</tr></thead><tbody>\n{body}\n</tbody></table></div>'
-    )
-
-
 def _in_b(report: AxisReport, angle: float) -> str:
     """Return an angle in b, or in mrad if the backlash is unknown."""
     return _NONE if math.isnan(angle) else f"{angle / report.b if report.b > 0.0 else 1e3 * angle:.3f}"
@@ -85,14 +85,13 @@ def _cycle(report: AxisReport, step: Step) -> str:
     return f"{_in_b(report, step.amplitude)} {often}"
 
 
-def _step_row(report: AxisReport, number: int, step: Step, link: str) -> list[str]:
-    name = f'<a href="#{link}">{number}</a>' if link else str(number)
+def _step_row(report: AxisReport, number: int, step: Step) -> list[str]:
     law = f"{step.law} ({step.gain_set})" if step.law else _NONE
     return [
-        name,
+        str(number),
         _at(step.start),
         f"{brief(step.origin, 4)} to {brief(step.target, 4)}",
-        text_of(law),
+        law,
         _number(step.rise),
         _number(step.settling),
         _in_b(report, step.overshoot),
@@ -134,46 +133,39 @@ def _step_words(report: AxisReport, step: Step) -> str:
     return f"{'; '.join([*law, *said])}. Shaded: within {_in_b(report, step.band)} {unit} of the target."
 
 
-def _steps(report: AxisReport, book: ChartBook) -> list[str]:
+def _steps(report: AxisReport, book: ChartBook) -> Part:
     unit = "b" if report.b > 0.0 else "mrad"
     if not report.steps:
         moves = "the reference was not known" if report.axis.reference is None else "the reference made no step"
-        return ["<h3>Steps</h3>", paragraph(f"None: {moves}, or there were no samples of the load.")]
+        return Part("Steps", about=f"None: {moves}, or there were no samples of the load.")
     drawn = [
-        book.add(pictures.step_chart(report, k, _step_words(report, step))) if k <= MOST_CHARTS else ""
-        for k, step in enumerate(report.steps, 1)
+        book.add(pictures.step_chart(report, k, _step_words(report, step)))
+        for k, step in enumerate(report.steps[:MOST_CHARTS], 1)
     ]
     heads: tuple[str, ...] = ("step", "at, s", "from, to, rad", "law (gain set)", "rise, s", "settled, s")
     heads += (f"overshoot, {unit}", f"residual, {unit}", f"limit cycle, {unit}", "impacts", "peak torque, N m")
     heads += ("peak speed, rad/s",)
-    rows = [
-        _step_row(report, k, step, charts.identity_of(place))
-        for k, (step, place) in enumerate(zip(report.steps, drawn, strict=True), 1)
-    ]
-    remarks = [f"Step {k}: {'; '.join(found)}." for k, step in enumerate(report.steps, 1) if (found := _remarks(step))]
+    rows = [_step_row(report, k, step) for k, step in enumerate(report.steps, 1)]
     band = f"{SETTLED:g} b" if report.b > 0.0 else f"{100 * NEAR:g} % of the step"
     about = (
         f"Rise from 10 to 90 %; settled within {band} of the target for good; residual and limit cycle peak to peak in "
         "the last second; impacts: how often the teeth met after the load first came within b of the target; torque "
         f"of the motor before the gear, speed of the load. {_NONE}: the recording does not tell."
     )
-    parts = ["<h3>Steps</h3>", _table(heads, rows), paragraph(about, "under")]
-    if remarks:
-        parts.append(f"<ul>{''.join(f'<li>{text_of(remark)}</li>' for remark in remarks)}</ul>")
-    parts += [place for place in drawn if place]
-    if len(drawn) > MOST_CHARTS:
-        parts.append(paragraph(f"The first {MOST_CHARTS} of {len(drawn)} steps have a chart; all are in the table."))
+    remarks = [f"Step {k}: {'; '.join(found)}." for k, step in enumerate(report.steps, 1) if (found := _remarks(step))]
+    notes = []
+    if len(rows) > MOST_CHARTS:
+        notes.append(f"The first {MOST_CHARTS} of {len(rows)} steps have a chart; all are in the table.")
     if paths := sum(move.path for move in report.events.moves):
-        parts.append(
-            paragraph(f"In addition, the reference followed {counted(paths, 'path')}; no figure judges a path.")
-        )
-    return parts
+        notes.append(f"In addition, the reference followed {counted(paths, 'path')}; no figure judges a path.")
+    links = [place.identity for place in drawn] + [""] * (len(rows) - len(drawn))
+    return Part("Steps", Table(heads, rows, links), about=about, remarks=remarks, charts=drawn, notes=notes)
 
 
-def _holds(report: AxisReport) -> list[str]:
+def _holds(report: AxisReport) -> Part | None:
     """Return the rests that no step led to."""
     if not report.holds:
-        return []
+        return None
     unit = "b" if report.b > 0.0 else "mrad"
     heads = ("hold", "from, s", "until, s", "reference, rad", f"residual, {unit}", f"limit cycle, {unit}", "")
     rows = [
@@ -184,60 +176,61 @@ def _holds(report: AxisReport) -> list[str]:
             brief(hold.target, 4),
             _in_b(report, hold.residual),
             _cycle(report, hold),
-            text_of("; ".join(_remarks(hold))),
+            "; ".join(_remarks(hold)),
         ]
         for k, hold in enumerate(report.holds, 1)
     ]
     about = "Where the reference stood still after no step: from the start on, after a path, a learning run or a fault."
-    return ["<h3>Holds</h3>", _table(heads, rows), paragraph(about, "under")]
+    return Part("Holds", Table(heads, rows), about=about)
 
 
-def _learning(report: AxisReport, book: ChartBook) -> list[str]:
-    if not report.events.runs:
-        return []
-    rows, drawn = [], []
-    for k, run in enumerate(report.events.runs, 1):
-        place = book.add(pictures.run_chart(report, k, run)) if k <= MOST_CHARTS and report.timing else ""
-        drawn.append(place)
-        name = f'<a href="#{charts.identity_of(place)}">{k}</a>' if place else str(k)
+def _learning(report: AxisReport, book: ChartBook) -> Part | None:
+    runs = report.events.runs
+    if not runs:
+        return None
+    charted = runs[:MOST_CHARTS] if report.timing else []
+    drawn = [book.add(pictures.run_chart(report, k, run)) for k, run in enumerate(charted, 1)]
+    rows = []
+    for k, run in enumerate(runs, 1):
         learned = "nothing" if math.isnan(run.learned) else f"b = {run.learned:.5g} rad"
         ended = "" if run.ended else " (still under way at the end)"
-        rows.append([name, _at(run.start), f"{run.end - run.start:.2f}", text_of(learned + ended)])
-    return ["<h3>Learning runs</h3>", _table(("run", "at, s", "length, s", "learned"), rows), *drawn]
+        rows.append([str(k), _at(run.start), f"{run.end - run.start:.2f}", learned + ended])
+    links = [place.identity for place in drawn] + [""] * (len(rows) - len(drawn))
+    return Part("Learning runs", Table(("run", "at, s", "length, s", "learned"), rows, links), charts=drawn)
 
 
-def _changes(report: AxisReport) -> list[str]:
+def _changes(report: AxisReport) -> Part | None:
     if not report.events.changes:
-        return []
+        return None
     rows = []
     for change in report.events.changes:
         step = next((k for k, s in enumerate(report.steps, 1) if s.start < change.time < s.end), 0)
         said = "; ".join(f"{name}: {_value(old)} to {_value(new)}" for name, (old, new) in change.values.items())
-        rows.append([_at(change.time), text_of(said), f"during step {step}" if step else ""])
-    return ["<h3>Changes of gains, laws and other parameters</h3>", _table(("in use from, s", "changed", ""), rows)]
+        rows.append([_at(change.time), said, f"during step {step}" if step else ""])
+    return Part("Changes of gains, laws and other parameters", Table(("in use from, s", "changed", ""), rows))
 
 
-def _faults(report: AxisReport, book: ChartBook) -> list[str]:
+def _faults(report: AxisReport, book: ChartBook) -> Part | None:
     if not report.events.faults:
-        return [] if "fault" not in report.axis.state else ["<h3>Faults</h3>", paragraph("None was latched.")]
+        return None if "fault" not in report.axis.state else Part("Faults", about="None was latched.")
     rows = [
         [
-            text_of(fault.name),
+            fault.name,
             _at(fault.start),
             _at(fault.end) if math.isfinite(fault.end) else "still latched at the end",
-            text_of(fault.text),
+            fault.text,
         ]
         for fault in report.events.faults
     ]
     drawn = [book.add(pictures.fault_chart(report, f)) for f in report.events.faults[:MOST_CHARTS] if report.timing]
-    return ["<h3>Faults</h3>", _table(("fault", "from, s", "until, s", ""), rows), *drawn]
+    return Part("Faults", Table(("fault", "from, s", "until, s", ""), rows), charts=drawn)
 
 
 def _ms(*seconds: float) -> str:
     return ", ".join(_number(1e3 * value) for value in seconds)
 
 
-def _timing(report: AxisReport, timing: Timing, book: ChartBook) -> list[str]:
+def _timing(report: AxisReport, timing: Timing, book: ChartBook) -> Part:
     rows = [
         ("samples", f"{timing.samples} in {timing.length:.2f} s"),
         ("rate", f"{brief(timing.rate, 4)} Hz (period {brief(1e3 * timing.period, 4)} ms)"),
@@ -271,10 +264,10 @@ def _timing(report: AxisReport, timing: Timing, book: ChartBook) -> list[str]:
                 f"{_ms(timing.answered, timing.answered_99)} ms",
             )
         )
-    return ["<h3>Timing</h3>", pairs(rows), book.add(pictures.timing_chart(report))]
+    return Part("Timing", pairs=rows, charts=[book.add(pictures.timing_chart(report))])
 
 
-def _about(report: AxisReport) -> str:
+def _about(report: AxisReport) -> list[tuple[str, str]]:
     """Return a description of an axis, with the backlash that is the unit of its figures."""
     axis, gap = report.axis, report.gap
     rows = [
@@ -296,12 +289,13 @@ def _about(report: AxisReport) -> str:
         else f"cannot be told: {gap.why}"
     )
     rows += [("backlash b that figures are in", used), ("backlash estimated from this recording", found)]
-    return pairs(rows + [("note", note) for note in axis.notes])
+    return rows + [("note", note) for note in axis.notes]
 
 
-def _summary(report: AxisReport) -> list[str]:
-    """Return in a line how the steps went, and in another what makes the recording doubtful."""
-    steps, timing, lines = report.steps, report.timing, []
+def _verdicts(report: AxisReport) -> list[tuple[bool, str]]:
+    """Return in a line how the steps went, in another what makes the recording doubtful, and whether each is good."""
+    steps, timing = report.steps, report.timing
+    lines = []
     if steps:
         settled = sum(math.isfinite(step.settling) for step in steps)
         swinging = sum(math.isfinite(step.amplitude) for step in steps)
@@ -325,61 +319,61 @@ def _summary(report: AxisReport) -> list[str]:
                 "answered within their period: what the load does here may be due to the machine's timing",
             )
         )
-    return [paragraph(f"{said}.", "verdict" if good else "verdict bad") for good, said in lines]
+    return lines
 
 
-def _axis(report: AxisReport, number: int, book: ChartBook) -> list[str]:
+def _axis(report: AxisReport, book: ChartBook) -> dict[str, Any]:
+    """Return what the page shows of an axis; charts are added to the book in the order of the page."""
     axis = report.axis
-    name = "Axis" if axis.name == "/" else f"Axis {axis.name}"
-    parts = [f'<section id="axis-{number}">', f"<h2>{text_of(name)}</h2>", *_summary(report), _about(report)]
-    if report.timing:
-        parts.append(book.add(pictures.overview(report)))
-    parts += [
-        *_steps(report, book),
-        *_holds(report),
-        *_learning(report, book),
-        *_changes(report),
-        *_faults(report, book),
+    overview = book.add(pictures.overview(report)) if report.timing else None
+    parts = [
+        _steps(report, book),
+        _holds(report),
+        _learning(report, book),
+        _changes(report),
+        _faults(report, book),
+        _timing(report, report.timing, book) if report.timing else None,
+        Part("Not in this recording", remarks=[f"{what}." for what in axis.missing]) if axis.missing else None,
     ]
-    parts += _timing(report, report.timing, book) if report.timing else []
-    if axis.missing:
-        parts += [
-            "<h3>Not in this recording</h3>",
-            f"<ul>{''.join(f'<li>{text_of(m)}.</li>' for m in axis.missing)}</ul>",
-        ]
-    return [*parts, "</section>"]
+    return {
+        "name": "Axis" if axis.name == "/" else f"Axis {axis.name}",
+        "verdicts": _verdicts(report),
+        "about": _about(report),
+        "overview": overview,
+        "parts": [part for part in parts if part is not None],
+    }
 
 
-def _index(report: Report) -> list[str]:
+def _index(report: Report) -> Table | None:
     """Return a table of the axes with links to them, if there are several."""
     if len(report.axes) < 2:
-        return []
+        return None
     rows = []
-    for k, found in enumerate(report.axes, 1):
+    for found in report.axes:
         timing, gap = found.timing, found.gap
         rows.append(
             [
-                f'<a href="#axis-{k}">{text_of(found.axis.name)}</a>',
+                found.axis.name,
                 str(len(found.steps)),
                 f"{found.b:.5g}" if found.b > 0.0 else _NONE,
-                text_of(shown(gap.angle, gap.uncertainty, "")) if gap.told else _NONE,
+                shown(gap.angle, gap.uncertainty, "") if gap.told else _NONE,
                 brief(timing.rate, 4) if timing else _NONE,
                 str(timing.lost) if timing else _NONE,
-                text_of(", ".join(dict.fromkeys(fault.name for fault in found.events.faults)) or "none"),
+                ", ".join(dict.fromkeys(fault.name for fault in found.events.faults)) or "none",
             ]
         )
     heads = ("axis", "steps", "b in use, rad", "b estimated, rad", "rate, Hz", "samples lost", "faults")
-    return ["<nav>", "<h2>Axes</h2>", _table(heads, rows), "</nav>"]
+    return Table(heads, rows, [f"axis-{k}" for k in range(1, len(rows) + 1)])
 
 
-def _diagnostics(report: Report) -> list[str]:
+def _diagnostics(report: Report) -> Table | None:
     if not report.warnings:
-        return []
+        return None
     rows = [
         [
-            text_of(warned.name),
+            warned.name,
             "error" if warned.level > 1 else "warning",
-            text_of(warned.text),
+            warned.text,
             str(warned.times),
             _at(warned.first),
             _at(warned.last),
@@ -388,7 +382,7 @@ def _diagnostics(report: Report) -> list[str]:
     ]
     clock = ", recorder's clock" if any(axis.axis.clock for axis in report.axes) else ""
     heads = ("status", "level", "text, as first said", "times", f"first, s{clock}", f"last, s{clock}")
-    return ["<h2>Warnings and errors of diagnostics</h2>", _table(heads, rows)]
+    return Table(heads, rows)
 
 
 def page_of(report: Report) -> str:
@@ -402,28 +396,16 @@ def page_of(report: Report) -> str:
     book, contents = ChartBook(), report.contents
     began = f"{report.began:%Y-%m-%d %H:%M:%S} UTC" if report.began else "a clock that shows no date"
     messages = sum(count for _, count in contents.topics.values())
-    title = f"Recording {report.source}"
-    parts = [
-        f"<h1>{text_of(title)}</h1>",
-        paragraph(
-            f"Begun {began}, {report.length:.2f} s long, {counted(messages, 'message')}. Times count from the start.",
-            "under",
-        ),
-        *(paragraph(f"The bag is not whole: {what}.", "verdict bad") for what in contents.damage),
-    ]
-    if not messages:
-        parts.append(paragraph("There is no message in this bag.", "verdict bad"))
-    parts += _index(report)
-    for k, axis in enumerate(report.axes, 1):
-        parts += _axis(axis, k, book)
-    parts += _diagnostics(report)
-    topics = [(name, f"{count} of {kind}") for name, (kind, count) in sorted(contents.topics.items())]
-    parts += [
-        "<h2>Topics</h2>",
-        pairs(topics) if topics else paragraph("None."),
-        "<h2>Make it again</h2>",
-        paragraph(f"{PACKAGE} {version_of_package()}"),
-        f"<pre>{text_of(report.command)}</pre>",
-        book.scripts(),
-    ]
-    return document(title, "\n".join(parts), _STYLE + charts.STYLE)
+    return render(
+        "report/report.html.j2",
+        title=f"Recording {report.source}",
+        begun=f"Begun {began}, {report.length:.2f} s long, {counted(messages, 'message')}. Times count from the start.",
+        damage=contents.damage,
+        messages=messages,
+        index=_index(report),
+        axes=[_axis(axis, book) for axis in report.axes],
+        diagnostics=_diagnostics(report),
+        topics=[(name, f"{count} of {kind}") for name, (kind, count) in sorted(contents.topics.items())],
+        command=report.command,
+        drawn=book.drawn(),
+    )

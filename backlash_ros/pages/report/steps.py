@@ -2,17 +2,18 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from backlash_ros.foundation.record import Array
 from backlash_ros.pages.report.events import Events, Move, in_use_at
-from backlash_ros.pages.report.timing import SETTLING, TAIL, last_quiet, late_answers
+from backlash_ros.pages.report.timing import SETTLING, last_quiet, late_answers
 from backlash_ros.recordings.axes.axis import Axis
-from backlash_ros.studies.judging import QUIET, SETTLED
-from backlash_ros.studies.metrics import count_impacts, rise_time, settling_time
+from backlash_ros.studies.judging import QUIET
+from backlash_ros.studies.metrics import SETTLED, TAIL, count_impacts, step_figures
 
 Mask = NDArray[np.bool_]
 
@@ -135,31 +136,25 @@ def judge(axis: Axis, events: Events, move: Move, b: float, centre: float) -> St
     b : backlash at the output, rad; 0 if unknown
     centre : of the gap, see `gap_centre`
     """
-    height, told = abs(move.target - move.origin), in_use_at(axis, move.start)
+    height = abs(move.target - move.origin)
     near = b if b > 0.0 else 0.1 * height
     first = max(int(np.searchsorted(axis.time, move.start)) - 1, 0)  # where the load was before
     inside = (axis.time >= axis.time[first]) & (axis.time < move.end)
     within = np.flatnonzero(inside & (np.abs(axis.position - move.target) < near))
     end, why = _end_of_rest(axis.time[inside], move, events, float(axis.time[within[0]]) if within.size else math.inf)
-    step = Step(
-        move.start,
-        end,
-        move.origin,
-        move.target,
-        why,
-        str(told.get("law", "")),
-        str(told.get("gain_set", "")),
-        SETTLED * b if b > 0.0 else NEAR * height,
-    )
+    step = _begun(axis, move, end, why, band=SETTLED * b if b > 0.0 else NEAR * height)
     chosen = inside & (axis.time < end) & np.isfinite(axis.position)
     time, position = axis.time[chosen] - move.start, axis.position[chosen]
     if time.size < _SHORTEST:
-        return _with(step, remarks=("too few samples to judge it",))
+        return replace(step, remarks=("too few samples to judge it",))
     return _judged(axis, events, step, chosen, time, position, b, centre)
 
 
-def _with(step: Step, **values: object) -> Step:
-    return Step(**{**step.__dict__, **values})
+def _begun(axis: Axis, move: Move, end: float, why: str, **figures: Any) -> Step:
+    """Return a step with what was in use at its start; it ended, or its rest, because of ``why``."""
+    told = in_use_at(axis, move.start)
+    law, gain_set = (str(told.get(name, "")) for name in ("law", "gain_set"))
+    return Step(move.start, end, move.origin, move.target, why, law, gain_set, **figures)
 
 
 def _peak(values: Array) -> float:
@@ -171,16 +166,15 @@ def _peak(values: Array) -> float:
 def _judged(
     axis: Axis, events: Events, step: Step, chosen: Mask, time: Array, position: Array, b: float, centre: float
 ) -> Step:
-    direction = math.copysign(1.0, step.target - step.origin)
-    rise = rise_time(time, position, float(position[0]), step.target)
     answers = axis.command.between(step.start, step.end).time - step.start if axis.command is not None else time
     samples, middle = time[time >= 0.0], 0.5 * float(time[-1])
     late = late_answers(samples, answers)
-    rising = float(time[-1]) if math.isnan(rise) else float(time[np.argmin(np.abs(position - step.target) > step.band)])
     quiet = last_quiet(samples, answers, middle)
     length = min(TAIL, middle)
     rest_end = quiet if quiet is not None else float(time[-1])
-    tail = (time >= rest_end - length) & (time <= rest_end)
+    found = step_figures(time, position, step.target, step.band, origin=step.origin, end=rest_end, tail=length)
+    entered = float(time[np.argmin(np.abs(position - step.target) > step.band)])
+    rising = float(time[-1]) if math.isnan(found.rise) else entered
     arrived = np.flatnonzero(np.abs(position - step.target) < (b if b > 0.0 else step.band))
     remarks = [
         f"{change.names} changed {change.time - step.start:.3f} s after the start"
@@ -193,21 +187,20 @@ def _judged(
     if arrived.size:
         cycling = (time >= max(float(time[arrived[0]]), rest_end - _CYCLE_TIME, 0.5 * rest_end)) & (time <= rest_end)
         least = QUIET * b if b > 0.0 else _LEAST_CYCLE * abs(step.target - step.origin)
-        if np.sum(cycling) >= _SHORTEST and float(np.ptp(position[tail])) > least:
+        if np.sum(cycling) >= _SHORTEST and found.swing > least:
             swing, frequency = limit_cycle(time[cycling], position[cycling], least)
-            amplitude = math.nan if math.isnan(swing) else float(np.ptp(position[tail]))
+            amplitude = math.nan if math.isnan(swing) else found.swing
     impacts = -1
     if b > 0.0 and math.isfinite(centre):
         twist = axis.twist[chosen][arrived[0] if arrived.size else time.size :]
         impacts = count_impacts(twist[np.isfinite(twist)] - centre, b)
-    settled = max(0.0, settling_time(time, position, step.target, step.band))
-    return _with(
+    return replace(
         step,
-        rise=rise,
-        settling=settled if settled <= float(time[-1]) - length else math.inf,
-        overshoot=max(0.0, float(np.max(direction * (position - step.target)))),
-        residual=float(np.ptp(position[tail])),
-        error=float(np.mean(position[tail])) - step.target,
+        rise=found.rise,
+        settling=max(0.0, found.settling),
+        overshoot=max(0.0, found.overshoot),
+        residual=found.swing,
+        error=found.error,
         amplitude=amplitude,
         frequency=frequency,
         impacts=impacts,
@@ -227,7 +220,6 @@ def holds_of(axis: Axis, events: Events, b: float) -> Sequence[Step]:
 
 
 def _judge_hold(axis: Axis, events: Events, hold: Move, b: float) -> Step | None:
-    told = in_use_at(axis, hold.start)
     inside = (axis.time >= hold.start) & (axis.time < hold.end)
     end, why = _end_of_rest(axis.time[inside], hold, events, hold.start)
     chosen = inside & (axis.time < end) & np.isfinite(axis.position)
@@ -242,14 +234,11 @@ def _judge_hold(axis: Axis, events: Events, hold: Move, b: float) -> Step | None
     cycling = (time >= max(rest_end - _HOLD_TIME, middle)) & (time <= rest_end)
     least = QUIET * b if b > 0.0 else _LEAST_SWING
     amplitude, frequency = limit_cycle(time[cycling], position[cycling], least)
-    return Step(
-        hold.start,
+    return _begun(
+        axis,
+        hold,
         end,
-        hold.origin,
-        hold.target,
         why,
-        str(told.get("law", "")),
-        str(told.get("gain_set", "")),
         residual=float(np.ptp(position[tail])),
         error=float(np.mean(position[tail])) - hold.target,
         amplitude=amplitude,

@@ -9,13 +9,12 @@ from backlash_ros.control.monitoring.beat import Beat
 from backlash_ros.control.tick import MISSING
 from backlash_ros.foundation.record import Array
 from backlash_ros.recordings.axes.axis import Axis
+from backlash_ros.studies.metrics import TAIL
 
 _SPAN = 4
 """Number of periods over which the period is averaged."""
-
-
-TAIL, SETTLING = 1.0, 0.3
-"""Time over which a residual is taken, and waiting time after a disturbance, s."""
+SETTLING = 0.3
+"""Waiting time after a disturbance, s."""
 
 
 def late_answers(samples: Array, answers: Array) -> Array:

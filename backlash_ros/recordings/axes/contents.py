@@ -1,6 +1,5 @@
 """Everything that a report needs from a bag, by topic, read in one pass; and what is wrong with the bag."""
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,17 +7,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
 
+from backlash_ros.foundation.messages import answered_sample
 from backlash_ros.recordings.bag import in_use_of, seconds_of
-from backlash_ros.recordings.bag_files import readable, reason_of
+from backlash_ros.recordings.bag_files import opened, reason_of
 from backlash_ros.recordings.csv_file import is_table
 
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 _DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 _PARAMETERS = "rcl_interfaces/msg/ParameterEvent"
 _STD = "std_msgs/msg/"
-_STAMP = re.compile(r"(-?\d+)\.(\d{9})")
 
 
 class Sample(NamedTuple):
@@ -72,9 +70,10 @@ class Contents:
 
 def _answered(message: Any) -> float:
     """Return the stamp of the sample that a command names in its label, s; nan if it names none."""
-    layout = getattr(message, "layout", None)
-    named = _STAMP.fullmatch(layout.dim[0].label) if layout is not None and layout.dim else None
-    return float("nan") if named is None else int(named[1]) + 1e-9 * int(named[2])
+    if (stamp := answered_sample(message)) is None:
+        return float("nan")
+    seconds, ns = divmod(stamp, 10**9)
+    return seconds + 1e-9 * ns
 
 
 def _number(text: str) -> float:
@@ -130,11 +129,8 @@ def _messages(reader: AnyReader, contents: Contents) -> Iterator[tuple[str, str,
 
 def _read(path: Path, *, damaged: bool) -> Contents:
     contents = Contents()
-    with (
-        readable(path, damaged=damaged) as bag,
-        AnyReader(bag.paths, default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
-    ):
-        contents.damage += bag.damage
+    with opened(path, damaged=damaged) as (reader, damage):
+        contents.damage += damage
         contents.topics = {connection.topic: (connection.msgtype, 0) for connection in reader.connections}
         for topic, kind, time, content in _messages(reader, contents):
             received = 1e-9 * time

@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 from backlash_ros.drivetrain import IntegrationError
 from backlash_ros.studies.design.search import Design
 from backlash_ros.studies.design.trial import simulate, targets_of
-from backlash_ros.studies.judging import SETTLED
+from backlash_ros.studies.metrics import SETTLED
 
 _SHOWN = 4.0
 """Of each step, s."""

@@ -7,7 +7,7 @@ the range allows.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -19,8 +19,8 @@ from backlash_ros.control.design.start import default_weights
 from backlash_ros.drivetrain import Drive, rigid_model
 from backlash_ros.studies.design.trial import AIM, LENGTH, MARGIN, Choice, Loop, Outcome, attempt
 from backlash_ros.studies.design.uncertainty import Case, Uncertainty
-from backlash_ros.studies.judging import PRECISE, QUIET, SETTLED, TAIL
-from backlash_ros.studies.metrics import Array
+from backlash_ros.studies.judging import PRECISE, QUIET
+from backlash_ros.studies.metrics import SETTLED, TAIL, Array
 
 _SAMPLES, _BATCHES = 64, 4
 """Choices in the first, evenly spread batch (Sobol, a power of 2); batches that are tried while none is quiet."""
@@ -44,6 +44,8 @@ _LEAD = (-0.3, 0.6)
 _WINDING = (0.5, 4.0)
 """(R + k3)/R: below 1 the motor is stiffer against the load, above it gives way."""
 _WIDTH = (0.4, 4.0)
+Outcomes = tuple[tuple[Case, Outcome], ...]
+"""What a choice does on each drive of a range."""
 _LOWER, _UPPER = np.array([_RATE, _LEAD, _WINDING, _WIDTH]).T
 _GEOMETRIC = _LOWER > 0
 
@@ -62,9 +64,9 @@ class Design:
     loop: Loop
     uncertainty: Uncertainty
     choice: Choice
-    outcomes: tuple[tuple[Case, Outcome], ...]
+    outcomes: Outcomes
     default: Choice
-    default_outcomes: tuple[tuple[Case, Outcome], ...]
+    default_outcomes: Outcomes
     refusal: str = ""
 
 
@@ -160,6 +162,11 @@ class _Search:
         self.swinging: tuple[float, Choice] | None = None
         """Cost and choice of the best one with a predicted limit cycle, which is never among those found."""
 
+    @property
+    def first(self) -> Case:
+        """The first of the trials, on which limit cycles are predicted."""
+        return self._trials[0]
+
     def tell(self, what: str) -> None:
         """Report one more trial, and what it is, with the share of all trials that there can be."""
         self._done += 1
@@ -188,7 +195,7 @@ class _Search:
     def _swings(self, choice: Choice) -> bool:
         """Return whether a limit cycle is predicted on the first of the trials."""
         if choice not in self._cycles:
-            self._cycles[choice] = predicted_cycle(self._loop, self._trials[0].drive, choice) is not None
+            self._cycles[choice] = predicted_cycle(self._loop, self.first.drive, choice) is not None
         return self._cycles[choice]
 
     def _cost(self, choice: Choice, bound: float) -> float:
@@ -282,22 +289,44 @@ def design(
         )
     check_stable("gains.fast.k", loop.drive, loop.fast, 1.0 / loop.rate, loop.delay.mean)
     cases = uncertainty.cases(loop.drive)
-    by_flank = sorted((case for case in cases if not case.load_torque), key=lambda case: flank_rate(case.drive))
-    trials = list(dict.fromkeys([by_flank[0], cases[0], by_flank[-1]]))
     refinement = 8 * _BEST
     most = _BATCHES * _SAMPLES + len(_SIZES) * refinement + _MOST_ROUNDS * (len(cases) + refinement) + len(cases)
-    search = _Search(loop, trials, progress, most)
+    search = _Search(loop, _first_trials(cases), progress, most)
 
-    def judged(choice: Choice) -> tuple[tuple[Case, Outcome], ...]:
+    def judged(choice: Choice) -> Outcomes:
         outcomes = []
         for case in cases:
             search.tell("judging the range")
             outcomes.append((case, attempt(loop, choice, case)))
         return tuple(outcomes)
 
-    search.try_point(_point(loop.drive, default_choice(loop), search.scale))
+    _spread_out(search, loop)
+    best = _best_on_the_range(search, loop, judged) or _least_swinging(search, judged)
+    default = default_choice(loop)
+    return Design(loop, uncertainty, best.choice, best.outcomes, default, judged(default), best.refusal)
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """A choice, its outcomes on the whole range, the worst cost there, and why it is refused, if it is."""
+
+    choice: Choice
+    outcomes: Outcomes
+    cost: float
+    refusal: str
+
+
+def _first_trials(cases: Sequence[Case]) -> list[Case]:
+    """Return the few drives to try on: as described, the least damped load, and the most damped one."""
+    by_flank = sorted((case for case in cases if not case.load_torque), key=lambda case: flank_rate(case.drive))
+    return list(dict.fromkeys([by_flank[0], cases[0], by_flank[-1]]))
+
+
+def _spread_out(search: _Search, loop: Loop) -> None:
+    """Try the default choice, and points over the whole search until one is quiet; then the neighbours of the best."""
     from scipy.stats import qmc  # noqa: PLC0415 - slow to load, and most who import this need it not
 
+    search.try_point(_point(loop.drive, default_choice(loop), search.scale))
     sampler = qmc.Sobol(4, scramble=False)
     for _ in range(_BATCHES):
         for share in sampler.random(_SAMPLES):
@@ -305,33 +334,40 @@ def design(
         if search.found and search.found[0][0] < LENGTH:
             break
     search.refine(*_SIZES)
-    best: tuple[float, Choice, tuple[tuple[Case, Outcome], ...], str] | None = None
+
+
+def _best_on_the_range(search: _Search, loop: Loop, judged: Callable[[Choice], Outcomes]) -> _Judged | None:
+    """Return the best of the choices found, judged on the whole range, or None if none was found.
+
+    While the best of a round fails on a drive or is slow there, that drive is added to the trials.
+    """
+    best: _Judged | None = None
     for number in range(_MOST_ROUNDS):
         if not search.found:
             break
         cost, _, choice = search.found[0]
         outcomes = judged(choice)
-        refusal = _refusal(loop, outcomes)
         costs = [cost_of(loop, *each) for each in outcomes]
-        good = not refusal and (number >= _ROUNDS - 1 or max(costs) <= _SLACK * cost)
-        if good or best is None or (bool(refusal), max(costs)) < (bool(best[3]), best[0]):
-            best = max(costs), choice, outcomes, refusal
+        found = _Judged(choice, outcomes, max(costs), _refusal(loop, outcomes))
+        good = not found.refusal and (number >= _ROUNDS - 1 or found.cost <= _SLACK * cost)
+        if good or best is None or (bool(found.refusal), found.cost) < (bool(best.refusal), best.cost):
+            best = found
         if good:
             break
         search.add_trial(outcomes[int(np.argmax(costs))][0])
         search.refine(_SIZES[-1])
-    if best is None:
-        if search.swinging is None:
-            raise NothingQuietError(f"no gains can be tried: all are unstable, or oscillate in contact; {_ADVICE}")
-        choice = search.swinging[1]
-        refusal = f"no gains are without a limit cycle: with {trials[0].label}; {_ADVICE}"
-        best = 0.0, choice, judged(choice), refusal
-    _, choice, outcomes, refusal = best
-    default = default_choice(loop)
-    return Design(loop, uncertainty, choice, outcomes, default, judged(default), refusal)
+    return best
 
 
-def _refusal(loop: Loop, outcomes: tuple[tuple[Case, Outcome], ...]) -> str:
+def _least_swinging(search: _Search, judged: Callable[[Choice], Outcomes]) -> _Judged:
+    """Return the best choice that has a limit cycle; NothingQuietError without one."""
+    if search.swinging is None:
+        raise NothingQuietError(f"no gains can be tried: all are unstable, or oscillate in contact; {_ADVICE}")
+    refusal = f"no gains are without a limit cycle: with {search.first.label}; {_ADVICE}"
+    return _Judged(search.swinging[1], judged(search.swinging[1]), 0.0, refusal)
+
+
+def _refusal(loop: Loop, outcomes: Outcomes) -> str:
     """Return the worst drive in words if a choice is not quiet on the whole range, else an empty text."""
 
     def excess(each: tuple[Case, Outcome]) -> float:

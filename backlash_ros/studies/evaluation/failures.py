@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from backlash_ros.studies.evaluation.conditions import CONDITION_NAMES, CONDITIONS
 from backlash_ros.studies.evaluation.summary import Collected, wilson
 
-_CAUSES = 4
-"""Conditions named for a group."""
+_CAUSES, _WORST = 4, 10
+"""Conditions that are named for a group, and drives that are named as the worst."""
 
 
 def _in_common(conditions: NDArray[np.int64], group: NDArray[np.bool_], names: tuple[str, ...]) -> list[dict[str, Any]]:
@@ -75,11 +75,11 @@ def _combinations(law: str, kinds: dict[str, NDArray[np.bool_]]) -> dict[str, ND
     }
 
 
-def worst_drives(collected: Collected, law: str, most: int = 10) -> list[dict[str, Any]]:
+def worst_drives(collected: Collected, law: str) -> list[dict[str, Any]]:
     """Return the drives on which ``law`` fails most: their ``number`` and ``times`` beyond the threshold.
 
     ``times`` is infinite for a faulted or failed run; drives on which nothing fails are left out.
     """
     number, beyond = collected.drives("number"), collected.law(law, "severity")
-    order = np.lexsort((number, -beyond))[:most]
+    order = np.lexsort((number, -beyond))[:_WORST]
     return [{"number": int(number[k]), "times": float(beyond[k])} for k in order if beyond[k] > 1.0]

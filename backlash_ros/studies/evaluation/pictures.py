@@ -15,8 +15,8 @@ from backlash_ros.simulation import Run
 from backlash_ros.studies.evaluation.population import Member
 from backlash_ros.studies.evaluation.summary import Collected, wilson
 from backlash_ros.studies.evaluation.task import CHANGE, STAND, STEP, scenario_of, true_reading
-from backlash_ros.studies.judging import SETTLED, threshold
-from backlash_ros.studies.metrics import Array
+from backlash_ros.studies.judging import threshold
+from backlash_ros.studies.metrics import SETTLED, Array
 
 _SHARES = {"quiet": "quiet", "precise": "precise", "overshoot_ok": "overshoot ok"}
 _INERTIA = np.geomspace(1 / 16, 1.0, 6)

@@ -2,13 +2,13 @@
 
 Drive k of a seed does not depend on the number of drives. `core` and `full` share their draws: drive k of `core` is
 drive k of `full` without motor friction, eccentricity, varying gap and gravity, and with motor and reduction of the
-drive that the population is drawn around. The ranges are in `draw_member`, and in docs/evaluation.md. `wild` is `full`
+drive that the population is drawn around. The ranges are in `_Drawn.of`, and in docs/evaluation.md. `wild` is `full`
 with the effects of real axes, `mild` and `all` are `core` with some and with most of them: see `effects`.
 """
 
 import math
-from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -24,6 +24,8 @@ POPULATIONS = ("full", "core", "wild", "mild", "all")
 ENCODERS = {"both": POSITIONS, "load": ("theta_l",), "motor": ("theta_m",)}
 """The measured angles for each value of ``--encoders``."""
 MODELS = ("nominal", "true", "identified")
+
+T = TypeVar("T")
 
 _DRAWS = 64
 """Numbers drawn for each drive: more than are used, so that a new quantity does not change the others."""
@@ -63,85 +65,148 @@ def draw_member(
     if population not in POPULATIONS:
         raise ValueError(f"population must be one of {list(POPULATIONS)}, got {population!r}")
     full, centre = population in ("full", "wild"), around or NOMINAL_DRIVE
-    # Plain doubles of PCG64 are the same with every version of numpy; what is made of them is said here.
-    random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(number,))))
-    draws: Iterator[float] = iter(random.random(_DRAWS).tolist())
-
-    def between(low: float, high: float) -> float:
-        return low + (high - low) * next(draws)
-
-    def log_between(low: float, high: float) -> float:
-        return float(low * (high / low) ** next(draws))
-
-    def often(value: float) -> float:
-        """Return 0 for one half of the drives."""
-        return value if next(draws) < 0.5 else 0.0
-
-    reduction = log_between(0.5, 20.0)
-    winding = log_between(0.25, 4.0)
-    motor, gear = centre.motor, centre.gear
-    if full and around is None:
-        motor = replace(
-            motor,
-            torque_constant=motor.torque_constant / reduction,
-            inertia=motor.inertia / reduction**2,
-            viscous_friction=motor.viscous_friction / reduction**2,
-            resistance=motor.resistance * winding,
-            inductance=motor.inductance * winding,
-        )
-        gear = replace(gear, reduction=gear.reduction * reduction)
-    moved = replace(centre, motor=motor, gear=gear)
-    stall = moved.standstill_torque()
+    drawn = _Drawn.of(_Draws(seed, number))
     scale = centre.standstill_torque() / NOMINAL_DRIVE.standstill_torque(24.0)
-
-    inertia = centre.load.inertia * log_between(0.25, 4.0)
-    viscous = centre.load.viscous_friction * log_between(0.5, 2.0)
-    gap = gear.backlash_angle * log_between(0.2, 5.0)
-    variation, gap_phase = often(between(0.0, 0.3)), between(-math.pi, math.pi)
-    load_torque = scale * often(between(-0.5, 0.5))
-    gravity, gravity_offset = scale * often(between(0.0, 0.3)), between(-math.pi, math.pi)
-    load_friction = often(log_between(0.001, 0.05) * stall)
-    motor_friction = often(log_between(0.001, 0.05) * stall * gear.ratio)
-    contact = CONTACTS["power" if next(draws) < 0.5 else "elastic"]()
-    motor_bits, load_bits = int(between(12, 19)), int(between(12, 19))
-    motor_offset, load_offset = between(-math.pi, math.pi), between(-math.pi, math.pi)
-    eccentricity, phase = often(between(0.0, 0.1) * gap), between(-math.pi, math.pi)
-    late = int(between(0, 3)) / 2
-    rate = 250.0 if next(draws) < 0.5 else 1000.0
-    change = scale * (0.2 if next(draws) < 0.5 else -0.2)
-
-    drive = Drive(
-        replace(motor, coulomb_friction=motor_friction if full else 0.0),
-        replace(
-            gear,
-            backlash_angle=gap,
-            backlash_variation=variation if full else 0.0,
-            backlash_phase=gap_phase if full else 0.0,
-            contact=gear.contact if around else contact,
-        ),
-        replace(
-            centre.load,
-            inertia=inertia,
-            viscous_friction=viscous,
-            coulomb_friction=load_friction,
-            gravity_torque=gravity if full else 0.0,
-            gravity_offset=gravity_offset if full else 0.0,
-        ),
-        centre.command_interface,
-    )
-    sensors = Sensors(
-        measured=ENCODERS[encoders],
-        motor_counts=2.0**motor_bits,
-        load_counts=2.0**load_bits,
-        motor_offset=motor_offset,
-        load_offset=load_offset,
-        load_eccentricity=eccentricity if full else 0.0,
-        eccentricity_phase=phase if full else 0.0,
-    )
-    member = Member(number, drive, sensors, Delay(command=late / rate), rate, load_torque, change)
+    drive = _drive_of(drawn, centre, scale, own_motor=full and around is None, full=full, own_contact=around is None)
+    gap = drive.gear.backlash_angle
+    sensors = _sensors_of(drawn, gap, ENCODERS[encoders], full=full)
+    delay = Delay(command=drawn.late / drawn.rate)
+    member = Member(number, drive, sensors, delay, drawn.rate, scale * drawn.load_torque, scale * drawn.change)
     if population in MIXTURES:
         member = draw_mixture(member, seed, population)
     return put_on(member, seed, effects) if effects else member
+
+
+class _Draws:
+    """The random numbers of one drive, in their order."""
+
+    def __init__(self, seed: int, number: int) -> None:
+        # Plain doubles of PCG64 are the same with every version of numpy; what is made of them is said here.
+        random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(number,))))
+        self._next = iter(random.random(_DRAWS).tolist()).__next__
+
+    def between(self, low: float, high: float) -> float:
+        return float(low + (high - low) * self._next())
+
+    def log_between(self, low: float, high: float) -> float:
+        return float(low * (high / low) ** self._next())
+
+    def often(self, value: float) -> float:
+        """Return 0 for one half of the drives."""
+        return value if self._next() < 0.5 else 0.0
+
+    def one_of(self, first: T, second: T) -> T:
+        return first if self._next() < 0.5 else second
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """What is drawn for a drive, before it is put on the centre of the population: most are factors on its values.
+
+    Frictions are shares of the standstill torque, ``load_torque`` and ``gravity`` N m where the centre is the nominal
+    drive, ``eccentricity`` is a share of the gap. ``late``: periods of delay.
+    """
+
+    reduction: float
+    winding: float
+    inertia: float
+    viscous: float
+    gap: float
+    variation: float
+    gap_phase: float
+    load_torque: float
+    gravity: float
+    gravity_offset: float
+    load_friction: float
+    motor_friction: float
+    contact: str
+    motor_bits: int
+    load_bits: int
+    motor_offset: float
+    load_offset: float
+    eccentricity: float
+    phase: float
+    late: float
+    rate: float
+    change: float
+
+    @classmethod
+    def of(cls, draw: _Draws) -> "_Drawn":
+        """Draw in the order of the fields: another order makes other drives."""
+        return cls(
+            reduction=draw.log_between(0.5, 20.0),
+            winding=draw.log_between(0.25, 4.0),
+            inertia=draw.log_between(0.25, 4.0),
+            viscous=draw.log_between(0.5, 2.0),
+            gap=draw.log_between(0.2, 5.0),
+            variation=draw.often(draw.between(0.0, 0.3)),
+            gap_phase=draw.between(-math.pi, math.pi),
+            load_torque=draw.often(draw.between(-0.5, 0.5)),
+            gravity=draw.often(draw.between(0.0, 0.3)),
+            gravity_offset=draw.between(-math.pi, math.pi),
+            load_friction=draw.often(draw.log_between(0.001, 0.05)),
+            motor_friction=draw.often(draw.log_between(0.001, 0.05)),
+            contact=draw.one_of("power", "elastic"),
+            motor_bits=int(draw.between(12, 19)),
+            load_bits=int(draw.between(12, 19)),
+            motor_offset=draw.between(-math.pi, math.pi),
+            load_offset=draw.between(-math.pi, math.pi),
+            eccentricity=draw.often(draw.between(0.0, 0.1)),
+            phase=draw.between(-math.pi, math.pi),
+            late=int(draw.between(0, 3)) / 2,
+            rate=draw.one_of(250.0, 1000.0),
+            change=draw.one_of(0.2, -0.2),
+        )
+
+
+def _moved(drawn: _Drawn, centre: Drive) -> Drive:
+    """Return the centre with another reduction and winding: the motor as it is seen at the output stays."""
+    motor = replace(
+        centre.motor,
+        torque_constant=centre.motor.torque_constant / drawn.reduction,
+        inertia=centre.motor.inertia / drawn.reduction**2,
+        viscous_friction=centre.motor.viscous_friction / drawn.reduction**2,
+        resistance=centre.motor.resistance * drawn.winding,
+        inductance=centre.motor.inductance * drawn.winding,
+    )
+    return replace(centre, motor=motor, gear=replace(centre.gear, reduction=centre.gear.reduction * drawn.reduction))
+
+
+def _drive_of(drawn: _Drawn, centre: Drive, scale: float, *, own_motor: bool, own_contact: bool, full: bool) -> Drive:
+    """Return the drive; ``own_motor``, ``own_contact``: as drawn, not the centre's; ``full``: with all of it."""
+    moved = _moved(drawn, centre) if own_motor else centre
+    stall, gear = moved.standstill_torque(), moved.gear
+    return Drive(
+        replace(moved.motor, coulomb_friction=drawn.motor_friction * stall * gear.ratio if full else 0.0),
+        replace(
+            gear,
+            backlash_angle=gear.backlash_angle * drawn.gap,
+            backlash_variation=drawn.variation if full else 0.0,
+            backlash_phase=drawn.gap_phase if full else 0.0,
+            contact=CONTACTS[drawn.contact]() if own_contact else gear.contact,
+        ),
+        replace(
+            centre.load,
+            inertia=centre.load.inertia * drawn.inertia,
+            viscous_friction=centre.load.viscous_friction * drawn.viscous,
+            coulomb_friction=drawn.load_friction * stall,
+            gravity_torque=scale * drawn.gravity if full else 0.0,
+            gravity_offset=drawn.gravity_offset if full else 0.0,
+        ),
+        centre.command_interface,
+    )
+
+
+def _sensors_of(drawn: _Drawn, gap: float, measured: tuple[str, ...], *, full: bool) -> Sensors:
+    return Sensors(
+        measured=measured,
+        motor_counts=2.0**drawn.motor_bits,
+        load_counts=2.0**drawn.load_bits,
+        motor_offset=drawn.motor_offset,
+        load_offset=drawn.load_offset,
+        load_eccentricity=drawn.eccentricity * gap if full else 0.0,
+        eccentricity_phase=drawn.phase if full else 0.0,
+    )
 
 
 def told_model(member: Member, model: str, around: Drive | None = None) -> Drive:

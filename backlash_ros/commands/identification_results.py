@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from backlash_ros.commands.output import say
 from backlash_ros.foundation.jsonable import jsonable
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.held_out import Score
@@ -47,28 +48,24 @@ def _told_by(subject: Subject) -> str:
 
 def show(subject: Subject, found: Identified, console: Console) -> None:
     """Print the results, or why there are none."""
-
-    def say(text: str) -> None:
-        console.print(text, highlight=False, markup=False, soft_wrap=True)
-
-    say(f"{subject.source}; motor and gear ratio as told by {_told_by(subject)}")
+    say(console, f"{subject.source}; motor and gear ratio as told by {_told_by(subject)}")
     for note in subject.notes:
-        say(f"  {note}")
+        say(console, f"  {note}")
     if found.stretch and not subject.slow.valid:
-        say(f"  used: {found.stretch}")
+        say(console, f"  used: {found.stretch}")
     if found.around.map is not None:
-        say(f"Around the turn, by {found.around.reason}.")
+        say(console, f"Around the turn, by {found.around.reason}.")
     if subject.slow.valid:
-        say(f"By {subject.slow.reason}.")
+        say(console, f"By {subject.slow.reason}.")
     if found.reason:
         told = found.around.map is not None or subject.slow.valid
-        say(f"Nothing {'else ' if told else ''}can be told: {found.reason}.")
+        say(console, f"Nothing {'else ' if told else ''}can be told: {found.reason}.")
         return
     show_findings(found.findings, console)
     if found.gap is not None and found.gap.valid:
-        say(f"The gap comes from {found.gap.reason}.")
+        say(console, f"The gap comes from {found.gap.reason}.")
     if found.score is not None:
-        say(_scored(found.score))
+        say(console, _scored(found.score))
 
 
 def show_findings(findings: Sequence[Finding], console: Console) -> None:
@@ -86,7 +83,7 @@ def show_findings(findings: Sequence[Finding], console: Console) -> None:
     if reasons:
         console.print("The recording cannot tell:", highlight=False)
     for why, symbols in reasons.items():
-        console.print(f"  {', '.join(symbols)}: {why}", highlight=False, markup=False, soft_wrap=True)
+        say(console, f"  {', '.join(symbols)}: {why}")
 
 
 def content_of(subject: Subject, found: Identified) -> dict[str, Any]:

@@ -1,17 +1,15 @@
 """`backlash evaluate --effects`: one effect at a time on a population, and a table with a row for each."""
 
-import json
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
-from backlash_ros.commands.evaluate import number_text, open_journal, report_of, rows_in, run_drives
-from backlash_ros.foundation.jsonable import jsonable
-from backlash_ros.foundation.staging import staging
+from backlash_ros.commands.evaluation import number_text, open_journal, printable, report_of, rows_in, run_drives
+from backlash_ros.commands.output import json_text, say
+from backlash_ros.foundation.staging import write_text
 from backlash_ros.studies.evaluation.effects import EFFECTS
 from backlash_ros.studies.evaluation.summary import Collected
 from backlash_ros.studies.evaluation.task import Task
@@ -36,7 +34,7 @@ def evaluate_effects(
 ) -> None:
     """Evaluate the first ``drives`` drives with each effect of ``names`` alone, and write ``target``, JSON.
 
-    It has the report of each effect, as `command.evaluate` writes it. The same command continues after an interruption.
+    It has the report of each effect, as `evaluate` writes it. The same command continues after an interruption.
 
     Raises
     ------
@@ -60,13 +58,11 @@ def evaluate_effects(
             "drives": drives,
             "effects": reports,
         }
-        with staging(target) as folder:
-            (folder / target.name).write_text(json.dumps(jsonable(content), indent=1) + "\n")
-            (folder / target.name).replace(target)
+        write_text(target, json_text(content), overwrite=True)
         for journal in journals:
             journal.remove()
     show(content, console)
-    console.print(f"written: {target}", highlight=False, soft_wrap=True)
+    say(console, f"written: {target}")
 
 
 def _percent(share: float | None) -> str:
@@ -96,11 +92,6 @@ def effects_table(content: dict[str, Any]) -> list[list[str]]:
 
 def show(content: dict[str, Any], console: Console) -> None:
     """Print the table."""
-    head, *rows = effects_table(content)
     first = next(iter(content["effects"].values()))
-    table = Table(title=f"{content['drives']} drives of seed {content['seed']} an effect, law {first['judged_law']}")
-    for name in head:
-        table.add_column(name, overflow="fold")
-    for row in rows:
-        table.add_row(*row)
-    console.print(table)
+    title = f"{content['drives']} drives of seed {content['seed']} an effect, law {first['judged_law']}"
+    console.print(printable(effects_table(content), title))
