@@ -99,7 +99,7 @@ class Controlling(NamedTuple):
     segments: Array
 
 
-class Inputs(NamedTuple):
+class Given(NamedTuple):
     """The inputs of a run, sample by sample: see `Scenario`; no ``references`` where a plan is followed."""
 
     references: Array
@@ -113,7 +113,7 @@ def _loop(
     moving: Moving,
     sensing: Sensing,
     controlling: Controlling,
-    given: Inputs,
+    given: Given,
     states: Array,
     signals: Array,
 ) -> tuple[int, float, int]:
@@ -189,7 +189,7 @@ def _compiled_loop() -> Callable[..., tuple[int, float, int]]:
         tuple_of(Moving, PLAYER_SIGNATURE.args[0], flat, flat, line, number, number),
         tuple_of(Sensing, sensors, flat, flat),
         tuple_of(Controlling, *TICK_SIGNATURE.args[:5]),
-        tuple_of(Inputs, flat, flat, _types.boolean),
+        tuple_of(Given, flat, flat, _types.boolean),
         *(table, table),
     )
     return compiled_as(signature)(_loop)
@@ -217,7 +217,7 @@ def _start_of(scenario: Scenario) -> PlantState:
     return state
 
 
-def _inputs_of(scenario: Scenario) -> Inputs:
+def _inputs_of(scenario: Scenario) -> Given:
     """Return the inputs sample by sample; ValueError if one is not finite."""
 
     def samples(name: str, values: Array) -> Array:
@@ -229,7 +229,7 @@ def _inputs_of(scenario: Scenario) -> Inputs:
     load_torque = samples("load_torque", scenario.load_torque)
     if scenario.source is not None:
         references = np.empty(0)
-    return Inputs(references, load_torque, scenario.known_load_torque)
+    return Given(references, load_torque, scenario.known_load_torque)
 
 
 def run(

@@ -16,7 +16,8 @@ from backlash_ros.foundation.signals import POSITION, Setpoint
 from backlash_ros.simulation import Run, Scenario, run
 from backlash_ros.studies.evaluation.member import Member
 from backlash_ros.studies.evaluation.task import NotReadyError, Task, first_reading, prepare, true_reading
-from backlash_ros.studies.judging import SETTLED, threshold
+from backlash_ros.studies.judging import threshold
+from backlash_ros.studies.metrics import SETTLED
 
 LEAD = 1.0
 """Time for which the load is held before a path begins, s."""
