@@ -36,7 +36,7 @@ def told(gains: GainSet, load_torques: list[float]) -> Array:
     law = design_law(NOMINAL_DRIVE, settings_of(gains))
     state, shifts = law.state.copy(), []
     for torque in load_torques:
-        law.step(law.constants, state, np.array([0.0, 0.0, 0.0, 0.0, 0.0, torque]), np.zeros(3), -24.0, 24.0)
+        law.step(law.constants, state, np.array([0.0, 0.0, 0.0, 0.0, 0.0, torque]), np.zeros((1, 3)), -24.0, 24.0)
         shifts.append(float(dual_loop_state_at(state).shift))
     return np.array(shifts)
 

@@ -297,7 +297,7 @@ def test_it_has_no_part_of_the_memory_that_is_not_finite_after_any_sample(gains:
         estimate, setpoint = np.zeros(LOAD_TORQUE + 1), np.zeros(3)
         estimate[:] = random.normal(size=6) * [60.0, 500.0, 6.0, 50.0, 10.0, 5.0]
         setpoint[:] = random.choice([0.0, 1.0], size=3) * random.normal(size=3)
-        assert -24.0 <= law.step(law.constants, state, estimate, setpoint, -24.0, 24.0) <= 24.0
+        assert -24.0 <= law.step(law.constants, state, estimate, setpoint[None], -24.0, 24.0) <= 24.0
         assert np.all(np.isfinite(state))
     assert memory_at(state).phase in PHASES
 

@@ -50,7 +50,7 @@ def _target_leaps(constants: Constants, memory: Memory, path: Array) -> bool:
     period = constants.period
     leap = abs(path[0, POSITION] - memory.target) - abs(path[0, VELOCITY]) * period
     memory.target = path[0, POSITION]
-    return leap > _CREEPS * period * constants.gap
+    return bool(leap > _CREEPS * period * constants.gap)
 
 
 @compiled
