@@ -53,7 +53,7 @@ def _target_leaps(constants: Constants, memory: Memory, setpoint: Setpoint) -> b
     period = constants.period
     leap = abs(setpoint[POSITION] - memory.target) - abs(setpoint[VELOCITY]) * period
     memory.target = setpoint[POSITION]
-    return leap > _CREEPS * period * constants.gap
+    return bool(leap > _CREEPS * period * constants.gap)
 
 
 @compiled
