@@ -193,9 +193,9 @@ def hold(done: Trace) -> Figure:
     torque.text(0.013, 0.7, words, fontsize="small", va="center")
     torque.plot(time, done.load_torque, color="C3", linewidth=1.4, label="load torque")
     estimated = [memory.load_torque.estimated for memory in done.memories]
-    torque.plot(time, estimated, label="load torque, estimated", **_PLANNED)
+    torque.plot(time, estimated, label="load torque as estimated", **_PLANNED)
     compensation = [memory.motor.compensation for memory in done.memories]
-    torque.plot(time, compensation, label="unforeseen torque: its compensation", **_COMPENSATED)
+    torque.plot(time, compensation, label="unforeseen torque: compensation", **_COMPENSATED)
     torque.set(ylabel="N m", ylim=(-0.3, 0.9))
     torque.set(xlabel="time after the load torque, s", xlim=(least, most))
     torque.legend(loc="upper right", fontsize="small")
