@@ -549,7 +549,7 @@ def test_a_load_that_falls_through_a_wide_gap_at_the_start_is_seen_to(gains: Gai
     choice = settings_of(gains, backlash_angle=0.06, period=1.0 / rate)
     sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=4096)
     servo, plant = Servo(drive, choice), SimulatedDrive(drive, 1.0 / rate, sensors=sensors)
-    state, off = servo._chosen.state, []
+    state, off = servo.law_arrays[1], []
     for _ in range(round(0.5 * rate)):
         command = servo.update(plant.sample(), plant.elapsed)
         off.append([state[LOAD] - plant.state[THETA_L], state[LOAD_SPEED] - plant.state[OMEGA_L]])
