@@ -17,7 +17,7 @@ def play(servo: Servo, plant: SimulatedDrive, samples: int, torque: float = 0.0)
     for _ in range(samples):
         plant.advance(servo.update(plant.sample(), plant.elapsed), torque)
         way = max(way, abs(float(plant.state[THETA_L])))
-        if servo._outcome is not None:
+        if servo.experimenting and not servo.experiment:
             break
     return way
 

@@ -202,7 +202,7 @@ def test_it_stays_within_its_range_and_speed_and_comes_back(
     progress, outcome = [], None
     while outcome is None:
         rig.step()
-        run = rig.servo._experiment
+        run = rig.servo._experiment.run
         if run is not None and run._run._probe is None:  # type: ignore[attr-defined]
             assert abs(RATIO * float(rig.plant.state[OMEGA_M])) < 1.3 * 2.0 + 0.5
         outcome = rig.servo.take_outcome()

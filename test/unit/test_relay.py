@@ -90,7 +90,8 @@ def run(
         measured[[THETA_M, THETA_L]] += (jumps or {}).get(k, 0.0)
         plant.advance(servo.update(Measurement(measured), plant.elapsed), torque)
         swing = max(swing, abs(float(plant.state[THETA_L])))
-        if servo.latched or (servo._experiment is not None and servo._experiment.outcome is not None):
+        experiment = servo._experiment.run
+        if servo.latched or (experiment is not None and experiment.outcome is not None):
             break
     return swing
 

@@ -540,7 +540,7 @@ def test_a_load_that_falls_through_a_wide_gap_at_the_start_is_seen_to(gains: Gai
     choice = settings_of(gains, backlash_angle=0.06, period=1.0 / rate)
     sensors = Sensors(measured=POSITIONS, motor_counts=16384, load_counts=4096)
     servo, plant = Servo(drive, choice), SimulatedDrive(drive, 1.0 / rate, sensors=sensors)
-    load, off = memory_at(servo._chosen.state).load, []
+    load, off = memory_at(servo.law_arrays[1]).load, []
     for _ in range(round(0.5 * rate)):
         command = servo.update(plant.sample(), plant.elapsed)
         off.append([load.angle - plant.state[THETA_L], load.speed - plant.state[OMEGA_L]])
