@@ -43,7 +43,6 @@ from backlash_ros.foundation.signals import (
     THETA_M,
     Estimate,
     Measurement,
-    Setpoint,
     as_estimate,
     as_measurement,
     as_setpoint,
@@ -169,12 +168,14 @@ def _goes_away(
 
 
 @compiled
-def _add_offset(ends: RangeConstants, setpoint: Setpoint, inputs: Inputs) -> None:
-    """Add an experiment's offset: not beyond an end, unless the load is held there."""
-    planned, largest = setpoint[POSITION], abs(inputs.offset)
+def _add_offset(ends: RangeConstants, memory: TickMemory, inputs: Inputs) -> None:
+    """Add an experiment's offset to the path: not beyond an end, unless the load is held there."""
+    planned, largest = memory.setpoint[POSITION], abs(inputs.offset)
     beyond = min(max(planned + inputs.offset, ends.lower_end), ends.upper_end)
     inputs.offset = min(max(beyond - planned, -largest), largest)
-    setpoint[POSITION] += inputs.offset
+    memory.setpoint[POSITION] += inputs.offset
+    for k in range(memory.path.shape[0]):
+        memory.path[k, POSITION] += inputs.offset
 
 
 @compiled
@@ -234,9 +235,7 @@ def _tick(
         results.fault = _AWAY
         return 0.0
     if inputs.offset != 0.0:
-        _add_offset(constants.range, setpoint, inputs)
-        for k in range(memory.path.shape[0]):
-            memory.path[k, POSITION] += inputs.offset
+        _add_offset(constants.range, memory, inputs)
     low, high = voltage_range(constants.range, estimate)
     results.low, results.high = low, high
     # An experiment's torque is subtracted from the range, so that both together stay within it.
