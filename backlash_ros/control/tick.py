@@ -213,7 +213,6 @@ def _tick(
     constants, memory, inputs = tick_constants_at(constants_row), tick_memory_at(memory_row), inputs_at(inputs_row)
     observer, results, watched = constants.observer, memory.results, constants.watched != 0.0
     used, estimate = as_measurement(memory.used), as_estimate(memory.observer.estimate)
-    setpoint = as_setpoint(memory.setpoint)
     used[:] = measured
     before = results.command
     elapsed = inputs.elapsed if inputs.elapsed > 0.0 else observer.period  # nan, too
