@@ -9,12 +9,15 @@ from backlash_ros.commands.argument_types import entry_of, whole
 from backlash_ros.commands.command import DONE, STOPPED, Command
 from backlash_ros.commands.evaluation import evaluate, replay
 from backlash_ros.commands.evaluation_effects import EFFECT_NAMES, evaluate_effects, with_effect
+from backlash_ros.commands.evaluation_motion import evaluate_motions
 from backlash_ros.control import AUTO, EXPERIMENTS, LAWS
 from backlash_ros.drive_file.drive_file import read_start
 from backlash_ros.drivetrain import Drive
 from backlash_ros.studies.evaluation.population import ENCODERS, MODELS, POPULATIONS
 from backlash_ros.studies.evaluation.task import DESIGNED, Task
 
+SUITES = "steps", "motion"
+"""What the drives do."""
 _EXAMPLE = "example: backlash evaluate --seed 1 --drives 20 --json results/evaluation.json"
 
 
@@ -32,6 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--population", choices=POPULATIONS, help="by default full; core with --effects")
     text = "put each of these effects of real axes alone on every drive; without a NAME, each that there is"
     add("--effects", nargs="*", choices=EFFECT_NAMES, metavar="NAME", help=f"{text}: {', '.join(EFFECT_NAMES)}")
+    text = "steps: 1 rad, five gaps, and a hold; motion: paths, beside laws as drives have them"
+    add("--suite", choices=SUITES, default=SUITES[0], help=text)
     add("--encoders", choices=list(ENCODERS), default=default.encoders)
     add("--drive", type=Path, metavar="FILE", help="draw the population around the drive of a ROS parameter file")
     add("--out", type=Path, metavar="DIR", help="folder for the table of all runs and the pictures")
@@ -54,6 +59,10 @@ def _refuse_contradictions(given: argparse.Namespace) -> None:
                 raise ValueError(f"argument --{name}: has no use with --only, which prints one drive")
         if given.effects is not None and len(given.effects) != 1:
             raise ValueError(f"argument --effects: needs one name with --only, got {len(given.effects)}")
+    if given.suite == "motion":
+        for name in ("only", "effects", "out"):
+            if getattr(given, name) is not None:
+                raise ValueError(f"argument --{name}: has no use with --suite motion")
     if given.effects is not None and given.out is not None:
         raise ValueError("argument --out: has no use with --effects, which writes a report for each effect")
 
@@ -85,7 +94,9 @@ def run(given: argparse.Namespace, console: Console) -> int:
         return DONE
     drive, scheduler = str(given.drive or ""), given.scheduler
     try:
-        if given.effects is None:
+        if given.suite == "motion":
+            evaluate_motions(task, given.drives, given.json, console, scheduler=scheduler, drive=drive)
+        elif given.effects is None:
             evaluate(task, given.drives, given.json, given.out, console, scheduler=scheduler, drive=drive)
         else:
             names = list(dict.fromkeys(given.effects or EFFECT_NAMES))

@@ -2,7 +2,7 @@
 
 import hashlib
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from functools import partial
@@ -94,15 +94,22 @@ def replay(task: Task, number: int, plot: Path | None, console: Console) -> None
     print_json(console, content)
 
 
-def open_journal(task: Task, target: Path) -> Journal:
+def open_journal(task: Task, target: Path, suite: str = "") -> Journal:
     """Return the journal of a task, beside its result; its name depends on the arguments and on the code."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    digest = hashlib.sha256(f"{task!r} {code_digest()}".encode()).hexdigest()
+    digest = hashlib.sha256(f"{suite}{task!r} {code_digest()}".encode()).hexdigest()
     return Journal(target.with_name(f".{target.name}.{digest[:12]}.journal"))
 
 
-def run_drives(task: Task, drives: int, journal: Journal, scheduler: str, console: Console) -> None:
-    """Evaluate the drives that the journal does not have yet, and show the progress."""
+def run_drives(
+    task: Task,
+    drives: int,
+    journal: Journal,
+    scheduler: str,
+    console: Console,
+    job: Callable[[Task, int], dict[str, Any]] = evaluate_drive,
+) -> None:
+    """Evaluate the drives that the journal does not have yet, each by ``job``, and show the progress."""
     done = sum(number in journal for number in range(drives))
     if done:
         say(console, f"{done} of {drives} drives are in {journal.path} already")
@@ -112,8 +119,9 @@ def run_drives(task: Task, drives: int, journal: Journal, scheduler: str, consol
     )
     with Progress(*columns, console=console, speed_estimate_period=600) as bar:
         shown = bar.add_task("drives", total=drives, completed=done)
-        job = partial(evaluate_drive, task)
-        run_batch(job, range(drives), journal, scheduler=scheduler, ended=lambda _entry: bar.advance(shown))
+        run_batch(
+            partial(job, task), range(drives), journal, scheduler=scheduler, ended=lambda _entry: bar.advance(shown)
+        )
 
 
 def rows_in(

@@ -60,6 +60,18 @@ def test_feedforward_leaves_no_error_at_rest_under_a_load_torque(gains: GainSet,
     assert answer(make(gains, law), 0.0, 0.0, current, torque) == pytest.approx(2.0 * current)
 
 
+@pytest.mark.parametrize("law", ["fast", "overdamped", "two_region"])
+def test_feedforward_leaves_no_error_in_an_even_motion(gains: GainSet, law: str) -> None:
+    """With the torque of friction and of acceleration, the law gives just the voltage of that motion."""
+    speed, acceleration, torque, drive = 2.0, 30.0, 0.1, NOMINAL_DRIVE
+    needed = drive.effective_inertia * acceleration + drive.effective_friction * speed - torque
+    current = 0.1 * needed / 0.05
+    designed = make(gains, law)
+    estimate, path = np.array([3.0, 10 * speed, 0.3, speed, current, torque]), np.array([[0.3, speed, acceleration]])
+    voltage = designed.step(designed.constants, designed.state.copy(), estimate, path, -100.0, 100.0)
+    assert voltage == pytest.approx(2.0 * current + 0.05 * 10 * speed)
+
+
 def test_switch_has_hysteresis(gains: GainSet) -> None:
     errors = [2 * B, 0.99 * B, 1.2 * B, 1.49 * B, 1.5 * B, 1.2 * B, 0.99 * B]
     fast, slow = FAST_REGION, OVERDAMPED_REGION

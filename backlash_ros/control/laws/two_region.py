@@ -1,8 +1,9 @@
 """The paper's laws, state feedback (eq 15): fast; over-damped; two-region, fast only far from the target.
 
-    V = k_tau tau_l + k1 (theta_d - theta_l) + k2 (omega_d - omega_l) - k3 i
+    V = k_tau (tau_l - J_e a_d - B_e omega_d) + k1 (theta_d - theta_l) + k2 (omega_d - omega_l) - k3 i + K_m omega_d/n
 
-with the wanted angle and speed of the setpoint.
+with angle, speed and acceleration of the setpoint. The paper takes steps: torque and back-EMF of the wanted motion, the
+terms with a_d, B_e and K_m, are not in it.
 """
 
 import math
@@ -17,6 +18,7 @@ from backlash_ros.foundation.compiled import compiled_as
 from backlash_ros.foundation.quantity import Validated, quantity
 from backlash_ros.foundation.record import Array, Record, part, row_of, view_of
 from backlash_ros.foundation.signals import (
+    ACCELERATION,
     CURRENT,
     LOAD_TORQUE,
     OMEGA_L,
@@ -47,6 +49,9 @@ class TwoRegionConstants(Record):
     enter: float = 0.0  # rad, error below which the over-damped gains act
     leave: float = 0.0  # rad, error from which on the fast ones act again
     dwell: float = 0.0  # samples, at least so many in a region
+    inertia: float = 0.0  # J_e, kg m^2
+    friction: float = 0.0  # B_e, N m s/rad
+    back_emf: float = 0.0  # K_m/n, V s/rad
 
 
 class TwoRegionState(LawState):
@@ -94,7 +99,8 @@ def two_region_step(law: Array, state: Array, estimate: Estimate, path: Array, l
             memory.region, memory.samples = FAST_REGION, 0.0
     gains = constants.fast if memory.region == FAST_REGION else constants.overdamped
     speed_error = path[0, VELOCITY] - estimate[OMEGA_L]
-    voltage = gains.load_torque * estimate[LOAD_TORQUE]
+    wanted_torque = constants.inertia * path[0, ACCELERATION] + constants.friction * path[0, VELOCITY]
+    voltage = gains.load_torque * (estimate[LOAD_TORQUE] - wanted_torque) + constants.back_emf * path[0, VELOCITY]
     voltage += gains.position * error + gains.velocity * speed_error - gains.current * estimate[CURRENT]
     return clamp(voltage, low, high)
 
@@ -113,6 +119,9 @@ def _law(drive: Drive, settings: "ServoSettings", enter: float, leave: float, mi
         enter=enter,
         leave=leave,
         dwell=math.ceil(min_dwell / settings.period - 1e-9),
+        inertia=drive.effective_inertia,
+        friction=drive.effective_friction,
+        back_emf=drive.motor.torque_constant / drive.gear.ratio,
     )
     return ControlLaw(two_region_step, constants, row_of(TwoRegionState))
 
