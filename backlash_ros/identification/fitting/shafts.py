@@ -7,7 +7,7 @@ import math
 from functools import partial
 from typing import NamedTuple
 
-from backlash_ros.foundation.compiled import compiled, fused, specialize, unbound
+from backlash_ros.foundation.compiled import compiled, specialize, unbound
 from backlash_ros.foundation.record import Array
 from backlash_ros.identification.fitting.candidates import Shape, ToothTorque, TorqueFunction
 from backlash_ros.identification.fitting.memory import (
@@ -242,7 +242,7 @@ def motor_torque(side: MotorSide, memory: Memory, torque: float, volts: float, l
     return Torque(settled + (tau - settled) * lag, settled + (tau - settled) * decay, lag, decay, halfway)
 
 
-@fused
+@_inlined
 def _force_by_teeth(forcing: Forcing, tooth: ToothTorque, on_motor: float, half_gap: float, along: float) -> None:
     """Write how the teeth's parameters act in a step; ``along``: the load's angle from its start, rad."""
     motor, load = columns_at(forcing.on_motor).parameter, columns_at(forcing.on_load).parameter
@@ -262,7 +262,7 @@ def _force_by_teeth(forcing: Forcing, tooth: ToothTorque, on_motor: float, half_
     motor.ln_exponent, load.ln_exponent = -on_motor * by, by
 
 
-@fused
+@_inlined
 def _force_by_motor(memory: Memory, acting: Acting, drive: Torque) -> None:
     """Write how delay, gain and braking act in a step."""
     model, forcing = memory.model, memory.forcing
@@ -275,7 +275,7 @@ def _force_by_motor(memory: Memory, acting: Acting, drive: Torque) -> None:
     motor.ln_motor_braking, end.ln_motor_braking = (1.0 - drive.lag) * by, (1.0 - drive.decay) * by
 
 
-@fused
+@_inlined
 def _force_by_shafts(memory: Memory, solved: Solved, torque: float, rate: float) -> None:
     """Write how load and friction act in a step, at a ``torque`` of the teeth; ``rate``: load inertia over time."""
     motor, load = columns_at(memory.forcing.on_motor).parameter, columns_at(memory.forcing.on_load).parameter
@@ -287,7 +287,7 @@ def _force_by_shafts(memory: Memory, solved: Solved, torque: float, rate: float)
     motor.gear_loss = -solved.motor_side * abs(torque)
 
 
-@fused
+@_inlined
 def _halfway(tooth: ToothTorque, rate: float, solved: Solved, length: float) -> ToothTorque:
     """Return the derivatives of the teeth at half the step, linearly from its start; ``rate`` of the twist, rad/s."""
     rate_halfway = 0.5 * (rate + solved.motor_speed - solved.load_speed)
