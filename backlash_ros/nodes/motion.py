@@ -1,23 +1,20 @@
 """What moves the load beside single references: trajectories by topic, and a service that holds it."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from backlash_ros.control import Servo
 from backlash_ros.control.motion.trajectory import TrajectoryError, trajectory_of
+from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.topics import SEND
-
-if TYPE_CHECKING:
-    from backlash_ros.nodes.controller import Controller
 
 
 class Motion:
     """Takes trajectories for the load's joint; ``taken`` is told of each, with the reason if it is refused."""
 
-    def __init__(self, node: "Controller", servo: Servo, joint: str, taken: Callable[[str], None]) -> None:
+    def __init__(self, node: ManagedNode, servo: Servo, joint: str, taken: Callable[[str], None]) -> None:
         self._node, self._servo, self._joint, self._taken = node, servo, joint, taken
         self.newest_sample = 0
         """Stamp of the newest sample that was taken, ns; 0 if it has none."""
