@@ -123,6 +123,26 @@ def test_every_way_to_assign_is_seen(line: str, tmp_path: Path) -> None:
     assert "X" in assigned(source)
 
 
+COUNTED = {
+    "signals.py": "the signals, which are looped over and sent",
+    "delay.py": "streams of random numbers",
+    "integrator.py": "how an integration ended",
+    "isolation.py": "domain ids",
+}
+"""Files that number things with ``range``, and what; all other cells of rows have names: `foundation.record`."""
+
+
+def counted(source: Path) -> bool:
+    """Return whether a file gives names to the numbers of a ``range``."""
+    values = [node.value for node in ast.parse(source.read_text()).body if isinstance(node, ast.Assign)]
+    calls = [value.func for value in values if isinstance(value, ast.Call)]
+    return any(isinstance(call, ast.Name) and call.id == "range" for call in calls)
+
+
+def test_cells_have_names_and_not_numbers() -> None:
+    assert {source.name for source in PACKAGE.rglob("*.py") if counted(source)} == COUNTED.keys()
+
+
 def test_every_file_says_in_its_first_line_why_it_exists() -> None:
     said = {source: ast.get_docstring(ast.parse(source.read_text())) or "" for source in PACKAGE.rglob("*.py")}
     assert [source.name for source, text in said.items() if len(text.partition("\n")[0]) <= 20] == []
