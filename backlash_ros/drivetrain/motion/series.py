@@ -157,6 +157,18 @@ def _force_at(piece: LinearPiece, gap: Array, t: float) -> float:
     return piece[0] + piece[1] * place + piece[2] * rate
 
 
+@fused
+def _largest_force(piece: LinearPiece, gap: Array, h: float) -> float:
+    """Return the largest contact force within ``h`` seconds, N."""
+    # A parabola through three places has the peak.
+    first, middle, last = _force_at(piece, gap, 0.0), _force_at(piece, gap, 0.5 * h), _force_at(piece, gap, h)
+    force = max(abs(first), abs(middle), abs(last))
+    tilt, bend = 0.5 * (last - first), 0.5 * (first + last) - middle
+    if abs(tilt) < 2.0 * abs(bend):
+        force = max(force, abs(middle - 0.25 * tilt * tilt / bend))
+    return force
+
+
 _linear: LinearFunction = unbound
 
 
@@ -213,14 +225,7 @@ def _step(
     state[CURRENT] = _value(series.current, h)
     if not touches:
         return h, 0.0
-    # A parabola through three places has the peak.
-    gaps = series.gap
-    first, middle, last = _force_at(piece, gaps, 0.0), _force_at(piece, gaps, 0.5 * h), _force_at(piece, gaps, h)
-    force = max(abs(first), abs(middle), abs(last))
-    tilt, bend = 0.5 * (last - first), 0.5 * (first + last) - middle
-    if abs(tilt) < 2.0 * abs(bend):
-        force = max(force, abs(middle - 0.25 * tilt * tilt / bend))
-    return h, force
+    return h, _largest_force(piece, series.gap, h)
 
 
 SeriesStep = Callable[[PlantConstants, Array, float, float, float, Array], tuple[float, float]]
