@@ -154,7 +154,7 @@ def test_hold_ends_a_trajectory_at_rest(start: Start, peer: Peer, tmp_path: Path
     answers = {axis: client.call_async(Trigger.Request()) for axis, client in axes.holds.items()}
     peer.wait("the answers", lambda: all(future.done() for future in answers.values()))
     assert all(future.result().success for future in answers.values())
-    held = {axis: float(future.result().message.split()[5]) for axis, future in answers.items()}
+    held = {axis: float(future.result().message.split()[4]) for axis, future in answers.items()}
     assert held["shoulder"] < 0.8
     axes.run_until(axes.time + 1.0)
     for axis in AXES:
