@@ -16,8 +16,7 @@ from backlash_ros.control.memory import InputRow, TickRow
 from backlash_ros.control.monitoring.faults import describe_fault
 from backlash_ros.control.monitoring.monitor import forget_ends
 from backlash_ros.control.motion.plan import Plan
-from backlash_ros.control.motion.setpoint import AtRest, Source
-from backlash_ros.control.motion.trajectory import Stop
+from backlash_ros.control.motion.setpoint import AtRest, Source, Stop, is_reference
 from backlash_ros.control.observer import keep_estimate
 from backlash_ros.control.settings import ServoSettings
 from backlash_ros.control.tick import Tick, tick_constants_at
@@ -201,29 +200,39 @@ class Servo:
         ``at_once``: the plan began with the last sample, as a path does that goes on from there; by default it begins
         with the next one, whenever that comes.
         """
-        hindrance = ""
-        if self.latched:
-            hindrance = f"while {self.latched.name} is latched: call reset_fault"
-        elif self.experimenting:
-            hindrance = "while learning"
-        elif not self.holding:
-            hindrance = "while no position is held"
         fastest = self.settings.thresholds_of(self.drive).velocity
-        return self._plan.follow(source, self.limits, fastest, hindrance, at_once=at_once)
+        return self._plan.follow(source, self.limits, fastest, self._hindrance, at_once=at_once)
 
     def stop(self) -> str:
-        """Come to rest along the path and hold there; return an empty text, or why that is refused.
+        """Come to rest along the path and hold there; return an empty text, or why nothing is held.
 
         A step, whose setpoint is at its end already, stops where the load can.
         """
-        setpoint = self.memory.setpoint
-        start = Setpoint(setpoint.copy())
+        if self._hindrance:
+            return f"nothing is held {self._hindrance}"
+        limits, start = self.limits, Setpoint(self.memory.setpoint.copy())
         moves = abs(self.estimate[OMEGA_L]) > _SLOW * self.settings.thresholds_of(self.drive).velocity
         away = abs(self.tracking_error) > max(self.settings.backlash_angle, _NEAR)
-        if not np.any(setpoint[VELOCITY:]) and (moves or away):
-            start[POSITION], start[VELOCITY] = self.load_angle, self.estimate[OMEGA_L]
+        stands = not np.any(start[VELOCITY:])
+        if stands and (moves or away):
+            start[POSITION], start[VELOCITY], stands = self.load_angle, self.estimate[OMEGA_L], not moves
+        elif stands and is_reference(self.segments):
+            return ""
         deceleration = float(tick_constants_at(self.constants).motion.acceleration)
-        return self.follow(Stop(deceleration, start), at_once=True)
+        stopping = Stop(start, deceleration, limits.position_lower, limits.position_upper)
+        if not stands and not self.follow(stopping, at_once=True):
+            return ""
+        # A load that stands, or for which no smooth stop fits before an end of the travel, is held at once.
+        return self.set_reference(limits.clamp(float(start[POSITION])))
+
+    @property
+    def _hindrance(self) -> str:
+        """Why nothing is followed now, whatever it is; empty if that is not so."""
+        if self.latched:
+            return f"while {self.latched.name} is latched: call reset_fault"
+        if self.experimenting:
+            return "while learning"
+        return "" if self.holding else "while no position is held"
 
     @property
     def segments(self) -> Array:

@@ -86,7 +86,7 @@ class Controller(ManagedNode):
         self.listen(JointState, "joint_states", self._on_joint_states, RECEIVE_PAIR)
         self.listen(Float64, "reference", self._on_reference)
         self._learning = Learning(self, self._servo, self._tunables, given)
-        self._motion = Motion(self, self._servo, self._joints[1], self._took)
+        self._motion = Motion(self, self._servo, self._joints[1], self._state_timeout, self._took)
         self._watchdog = Timer(0.5 * self._state_timeout, self._watch)
         self.own_timers += [self._watchdog, Timer(_WATCH, self._watch_publishers)]
 

@@ -8,14 +8,25 @@ from trajectory_msgs.msg import JointTrajectory
 from backlash_ros.control import Servo
 from backlash_ros.control.motion.trajectory import TrajectoryError, trajectory_of
 from backlash_ros.ros.lifecycle import ManagedNode
+from backlash_ros.ros.timer import in_ns
 from backlash_ros.ros.topics import SEND
 
 
 class Motion:
-    """Takes trajectories for the load's joint; ``taken`` is told of each, with the reason if it is refused."""
+    """Takes trajectories for the load's joint.
 
-    def __init__(self, node: ManagedNode, servo: Servo, joint: str, taken: Callable[[str], None]) -> None:
+    Parameters
+    ----------
+    joint : name of the load's joint
+    timeout : age beyond which a sample's stamp is not of this node's clock, s
+    taken : is told of each message, with the reason if it is refused
+    """
+
+    def __init__(
+        self, node: ManagedNode, servo: Servo, joint: str, timeout: float, taken: Callable[[str], None]
+    ) -> None:
         self._node, self._servo, self._joint, self._taken = node, servo, joint, taken
+        self._timeout = in_ns(timeout)
         self.newest_sample = 0
         """Stamp of the newest sample that was taken, ns; 0 if it has none."""
         node.listen(JointTrajectory, "joint_trajectory", self._on_trajectory, SEND)
@@ -27,20 +38,30 @@ class Motion:
     def _follow(self, message: JointTrajectory) -> str:
         """Follow a trajectory from the newest sample on; return why it is refused.
 
-        A plan goes on with the samples. By their stamps, all axes that get the same message start at the same one.
+        A plan goes on with the samples. By their stamps, all axes that get the same message start at the same one. A
+        drive with a clock of its own tells nothing of the time that the message means.
         """
         if not self._node.active:
             return "joint_trajectory came while not active"
-        now = self.newest_sample or self._node.get_clock().now().nanoseconds
+        now = self._node.get_clock().now().nanoseconds
+        if abs(now - self.newest_sample) < self._timeout:
+            now = self.newest_sample
         try:
-            refusal = self._servo.follow(trajectory_of(message, self._joint, now), at_once=True)
+            refusal = self._servo.follow(path := trajectory_of(message, self._joint, now), at_once=True)
         except TrajectoryError as error:
             refusal = str(error)
-        return refusal and f"joint_trajectory is refused: {refusal}"
+        if refusal:
+            return f"joint_trajectory is refused: {refusal}"
+        points, left, end = path.times.size, path.times[-1] - path.age, self._servo.reference
+        self._node.get_logger().info(
+            f"follows a trajectory of {points} points, to {end:.6g} rad in {left:.3g} s", throttle_duration_sec=1.0
+        )
+        return ""
 
     def _on_hold(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         refusal = self._servo.stop() if self._node.active else f"the controller is {self._node.state}, not active"
-        self._taken(refusal)
+        if not refusal:
+            self._taken("")
         response.success = not refusal
         response.message = refusal or f"comes to rest at {self._servo.reference:.6g} rad and holds it"
         return response

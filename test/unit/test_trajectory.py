@@ -1,18 +1,22 @@
 """Trajectories mean what they mean to joint_trajectory_controller, and never make the setpoint leap."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
+from backlash_ros.control import GainSet, Limits, Servo, ServoSettings
 from backlash_ros.control.motion.setpoint import DURATION, evaluate
 from backlash_ros.control.motion.trajectory import START, Trajectory, TrajectoryError, trajectory_of
+from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.foundation.record import Array
-from backlash_ros.foundation.signals import Setpoint
+from backlash_ros.foundation.signals import Measurement, Setpoint
+from backlash_ros.gates.faults import Fault
 
 
 def setpoint(position: float = 0.0, velocity: float = 0.0, acceleration: float = 0.0) -> Setpoint:
@@ -168,14 +172,142 @@ def test_the_setpoint_is_continuous_whatever_comes(
             Trajectory(times, states, age)
         return
     rows = Trajectory(times, states, age).segments(setpoint(*start))
-    before = np.array(start)[:kinds]
+    before, off = np.array(start)[:kinds], np.zeros(kinds)
     for row in rows:
         begins, ends = np.polynomial.Polynomial(row[:DURATION]), row[DURATION]
         if math.isinf(ends):
             return
-        scale = 1.0 + np.abs(row[:DURATION] * ends ** np.arange(DURATION)).sum()
+        # Rounding, of each derivative, at either end of a segment.
+        rounding = 1e-9 * (1.0 + np.abs(row[:DURATION] * ends ** np.arange(DURATION)).sum()) / ends ** np.arange(kinds)
         for k in range(kinds):
-            polynomial = begins.deriv(k) if k else begins
-            assert polynomial(0.0) == pytest.approx(before[k], abs=1e-9 * scale / ends**k)
-        before = np.array([(begins.deriv(k) if k else begins)(ends) for k in range(kinds)])
-    assert before[0] == pytest.approx(states[-1, 0], abs=1e-8 * scale)
+            assert (begins.deriv(k) if k else begins)(0.0) == pytest.approx(before[k], abs=off[k] + rounding[k])
+        before, off = np.array([(begins.deriv(k) if k else begins)(ends) for k in range(kinds)]), rounding
+    assert before[0] == pytest.approx(states[-1, 0], abs=off[0])
+
+
+# How the servo takes them up
+
+
+HELD = Measurement(np.array([0.0, 0.0, 0.0, 0.0, 0.0]))
+PERIOD = 0.004
+
+
+def holding(gains: GainSet, **limits: float) -> Servo:
+    """Return a servo that holds 0 rad; the load of these tests stays there, so nothing watches it."""
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains), replace(Limits.of(NOMINAL_DRIVE), **limits), watched=False)
+    servo.update(HELD)
+    return servo
+
+
+def test_a_trajectory_goes_on_from_the_setpoint_of_the_newest_sample(gains: GainSet) -> None:
+    servo = holding(gains)
+    assert servo.follow(points([1.0, 2.0], [1.0, 2.0], [1.0, 0.0]), at_once=True) == ""
+    servo.update(HELD)
+    assert servo.memory.setpoint[0] == pytest.approx(2.0 * PERIOD**2 - PERIOD**3)  # a period after it came
+    assert servo.reference == 2.0
+
+
+def test_a_thousand_replacements_in_flight_never_leap(gains: GainSet) -> None:
+    """Position and speed go on from sample to sample, whatever replaces what."""
+    servo, random = holding(gains), np.random.default_rng(11)
+    seen = []
+    for _ in range(1000):
+        times = np.cumsum(random.uniform(0.2, 1.0, size=3))
+        states = random.uniform(-1.0, 1.0, size=(3, 3))
+        states[-1, 1:] = 0.0
+        assert servo.follow(Trajectory(times, states), at_once=True) == ""
+        for _ in range(random.integers(1, 40)):
+            servo.update(HELD)
+            seen.append(servo.memory.setpoint.copy())
+    position, speed, acceleration = np.array(seen).T
+    largest = 1.01 * np.max(np.abs(acceleration))
+    assert np.max(np.abs(np.diff(speed))) <= PERIOD * largest
+    assert np.max(np.abs(np.diff(position))) <= PERIOD * (np.max(np.abs(speed)) + PERIOD * largest)
+
+
+@pytest.mark.parametrize("upper", [10.0, 0.301])
+@pytest.mark.parametrize("after", [1, 40, 125])
+def test_hold_comes_to_rest_within_the_travel(gains: GainSet, after: int, upper: float) -> None:
+    """Amid the motion, at its begin, and where no smooth stop fits before the end of the travel."""
+    servo = holding(gains, position_upper=upper)
+    assert servo.follow(points([0.5, 0.52], [0.29, 0.3], [1.0, 0.0]), at_once=True) == ""
+    for _ in range(after):
+        servo.update(HELD)
+    before = servo.memory.setpoint.copy()
+    assert servo.stop() == ""
+    assert before[0] <= servo.reference <= min(upper, before[0] + 0.1)
+    for _ in range(100):
+        servo.update(HELD)
+        assert servo.memory.setpoint[0] <= servo.reference + 1e-9
+    np.testing.assert_allclose(servo.memory.setpoint, [servo.reference, 0.0, 0.0])
+
+
+def test_hold_ends_a_trajectory_that_waits(gains: GainSet) -> None:
+    servo = holding(gains)
+    assert servo.follow(points([1.0, 2.0], [0.0, 1.0]), at_once=True) == ""
+    servo.update(HELD)
+    assert servo.stop() == ""
+    for _ in range(1000):
+        servo.update(HELD)
+        assert servo.memory.setpoint[0] == 0.0
+
+
+def test_hold_stops_a_load_on_its_way_to_a_step(gains: GainSet) -> None:
+    servo = holding(gains)
+    assert servo.set_reference(1.0) == ""
+    moving = Measurement(np.array([2.0, 40.0, 0.2, 4.0, 0.0]))
+    servo.update(moving)
+    assert servo.stop() == ""
+    assert 0.2 < servo.reference < 0.6
+
+
+@pytest.mark.parametrize("end", [True, False])
+def test_hold_says_why_nothing_is_held(gains: GainSet, end: bool) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
+    if end:
+        servo.update(HELD)
+        servo.fail(Fault.TRACKING, "away")
+    text = "while TRACKING is latched: call reset_fault" if end else "while no position is held"
+    assert servo.stop() == f"nothing is held {text}"
+
+
+def test_a_path_that_is_too_fast_is_refused(gains: GainSet) -> None:
+    servo = holding(gains)
+    fastest = servo.settings.thresholds_of(NOMINAL_DRIVE).velocity
+    reason = servo.follow(points([0.01], [0.02 * fastest]), at_once=True)
+    assert reason == f"path must be slower than faults.velocity = {fastest:.4g} rad/s, got {2.0 * fastest:.4g}"
+    assert servo.reference == 0.0
+
+
+_anything = st.floats() | st.sampled_from([0.0, 1.0, -1.0, 1e-300, 1e300])
+
+
+@pytest.mark.parametrize("kinds", [pytest.param(kinds, id=str(kinds)) for kinds in (1, 2, 3)])
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    steps=st.lists(st.integers(-1, 2**31) | st.integers(0, 3), min_size=0, max_size=4),
+    nanoseconds=st.integers(0, 2**32 - 1),
+    stamp=st.integers(0, 2**31),
+    data=st.data(),
+)
+def test_whatever_a_message_says_the_setpoint_stays_sound(
+    gains: GainSet, kinds: int, steps: list[int], nanoseconds: int, stamp: int, data: st.DataObject
+) -> None:
+    """It is followed, or refused with a reason and nothing changes; the setpoint is finite and within the travel."""
+    servo = holding(gains, position_lower=-2.0, position_upper=2.0)
+    columns = {kind: [[data.draw(_anything)] for _ in steps] for kind in KINDS[:kinds]}
+    sent = message(times=tuple(float(time) for time in steps), stamp=0.0, **columns)
+    sent.header.stamp = SimpleNamespace(sec=stamp, nanosec=nanoseconds)
+    for point in sent.points:
+        point.time_from_start.nanosec = nanoseconds
+    before = servo.segments.copy()
+    try:
+        refusal = servo.follow(trajectory_of(sent, "load", now=2**30 * 10**9), at_once=True)
+    except TrajectoryError as error:
+        refusal = str(error)
+    if refusal:
+        np.testing.assert_array_equal(servo.segments, before)
+    for _ in range(5):
+        assert math.isfinite(servo.update(HELD))
+        assert np.all(np.isfinite(servo.memory.setpoint))
+        assert abs(servo.memory.setpoint[0]) <= 2.0 + 1e-9

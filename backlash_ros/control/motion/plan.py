@@ -64,7 +64,7 @@ class Plan:
         taken = float(self._memory.motion.reference)
         if reason := plan_rejection(segments, limits, self.position if math.isnan(taken) else taken):
             return reason
-        if (speed := top_speed(segments)) > fastest:
+        if not (speed := top_speed(segments)) <= fastest:  # nan, too
             return f"path must be slower than faults.velocity = {fastest:.4g} rad/s, got {speed:.4g}"
         self.segments, self._end, self._reach = segments, end, (least, largest)
         self._memory.plan_time = 0.0 if at_once else NOT_BEGUN

@@ -26,6 +26,10 @@ AHEAD = 64
 """Setpoints that a law sees, a period apart: at 1 kHz more than half a crossing of a wide gap and the longest delay."""
 
 
+_SHORTEST_STOP = 0.03
+"""Shortest time to come to rest, s: about the time in which the teeth change sides."""
+
+
 class Source(Protocol):
     """A planner of setpoints: a reference at rest, a profile, a trajectory."""
 
@@ -47,6 +51,54 @@ class AtRest:
     def segments(self, start: Setpoint) -> Array:  # noqa: ARG002  independent of the start
         """Return one segment without an end."""
         return np.array([[self.position, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf]])
+
+
+def joined(begins: Array, ends: Array, durations: Array) -> Array:
+    """Return the polynomials between states that are so many seconds apart, lowest power first.
+
+    Parameters
+    ----------
+    begins, ends : position and, if given, its derivatives, shape (segments, 1 to 3); the result has twice the columns
+    durations : s, shape (segments,)
+    """
+    order = begins.shape[1]
+    powers, derivatives = np.arange(2 * order), np.arange(order)
+    # In units of the duration: the value at 1 of each derivative of each power.
+    at_end = np.array([[math.perm(int(power), int(k)) for power in powers] for k in derivatives], dtype=np.float64)
+    scale = durations[:, None] ** powers
+    low = begins * scale[:, :order] / [math.factorial(int(k)) for k in derivatives]
+    missing = ends * scale[:, :order] - low @ at_end[:, :order].T
+    high = np.linalg.solve(at_end[:, order:], missing.T).T
+    return np.hstack([low, high]) / scale
+
+
+@dataclass(frozen=True, eq=False)
+class Stop:
+    """A motion that comes to rest along its way, as a source: it decelerates evenly, but for a smooth begin and end.
+
+    Parameters
+    ----------
+    begin : where it begins, wherever the setpoint is
+    deceleration : about, rad/s^2; more where it would pass an end of the travel
+    lower, upper : ends of the travel, rad
+    """
+
+    begin: Setpoint
+    deceleration: float
+    lower: float
+    upper: float
+
+    def segments(self, start: Setpoint) -> Array:  # noqa: ARG002  it says itself where it starts
+        """Return one segment."""
+        position, velocity, acceleration = (float(value) for value in self.begin)
+        # A quintic decelerates with up to 1.5 times the mean; what accelerates now goes on for a while.
+        length = max(1.5 * abs(velocity) / self.deceleration, _SHORTEST_STOP)
+        end = position + length * (0.5 * velocity + acceleration * length / 12.0)
+        end = min(max(end, self.lower), self.upper)
+        if velocity != 0.0:
+            length = min(length, max(2.0 * abs(end - position) / abs(velocity), _SHORTEST_STOP))
+        row = joined(self.begin[None], np.array([[end, 0.0, 0.0]]), np.array([length]))
+        return np.hstack([row, [[length]]])
 
 
 @dataclass(frozen=True, eq=False)

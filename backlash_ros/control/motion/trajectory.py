@@ -13,15 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from backlash_ros.control.motion.setpoint import DURATION, AtRest
+from backlash_ros.control.motion.setpoint import DURATION, joined
 from backlash_ros.foundation.messages import stamp_ns
 from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import ACCELERATION, POSITION, VELOCITY, Setpoint
 
 START = 0.05
 """Largest distance from the setpoint to a first point that is due at once, rad: five times what MoveIt allows."""
-_SHORTEST_STOP = 0.03
-"""Shortest time to come to rest, s: about the time in which the teeth change sides."""
 _FIELDS = "positions", "velocities", "accelerations"
 
 
@@ -99,48 +97,6 @@ class Trajectory:
         rows[:, : 2 * ends.shape[1]] = joined(begins, ends, durations)
         rows[:, DURATION] = durations
         return rows
-
-
-def joined(begins: Array, ends: Array, durations: Array) -> Array:
-    """Return the polynomials between states that are so many seconds apart, lowest power first.
-
-    Parameters
-    ----------
-    begins, ends : position and, if given, its derivatives, shape (segments, 1 to 3); the result has twice the columns
-    durations : s, shape (segments,)
-    """
-    order = begins.shape[1]
-    powers, derivatives = np.arange(2 * order), np.arange(order)
-    # In units of the duration: the value at 1 of each derivative of each power.
-    at_end = np.array([[math.perm(int(power), int(k)) for power in powers] for k in derivatives], dtype=np.float64)
-    scale = durations[:, None] ** powers
-    low = begins * scale[:, :order] / [math.factorial(int(k)) for k in derivatives]
-    missing = ends * scale[:, :order] - low @ at_end[:, :order].T
-    high = np.linalg.solve(at_end[:, order:], missing.T).T
-    return np.hstack([low, high]) / scale
-
-
-@dataclass(frozen=True)
-class Stop:
-    """A motion that comes to rest along its way, as a source.
-
-    ``deceleration``, rad/s^2, about; ``begin``: where it begins, wherever the setpoint is.
-    """
-
-    deceleration: float
-    begin: Setpoint
-
-    def segments(self, start: Setpoint) -> Array:
-        """Return the plan, see `setpoint.Source`."""
-        position, velocity, acceleration = self.begin
-        if velocity == 0.0 and acceleration == 0.0:
-            return AtRest(float(position)).segments(start)
-        # A quintic decelerates with up to 1.5 times the mean; what accelerates now goes on for a third of the time.
-        length = max(1.5 * (abs(velocity)) / self.deceleration, _SHORTEST_STOP)
-        end = position + length * (0.5 * velocity + acceleration * length / 12.0)
-        begins = np.array([[position, velocity, acceleration]])
-        row = joined(begins, np.array([[end, 0.0, 0.0]]), np.array([length]))
-        return np.hstack([row, [[length]]])
 
 
 def trajectory_of(message: Any, joint: str, now: int) -> Trajectory:

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from backlash_ros.control import Polynomials, ServoSettings
-from backlash_ros.control.motion.setpoint import DURATION, evaluate
-from backlash_ros.control.motion.trajectory import joined
+from backlash_ros.control.motion.setpoint import DURATION, evaluate, joined
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import POSITION, Setpoint

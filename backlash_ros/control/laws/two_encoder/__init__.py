@@ -10,9 +10,10 @@ quiet with any load. The files:
     phases                flight, hold or follow; take_off: start the move that was chosen
     flight                which move takes the load to its target
     throw, press, carry   the moves; moves: what they share
-    plan                  the segments of a move, and what they say of a time
+    plan                  the segments of a move, what they say of a time, and the motor's motion along them
     hold, parking         a load at its target
-    follow                behind a setpoint that moves, and along a plan
+    follow                with a reference that moves; reference: where it goes and what torque that needs;
+                          crossing: when the motor changes flanks, and where it is meanwhile
     command               from the wanted motion of the motor to the voltage
     constants, memory     all numbers by name; teeth: where they carry a torque
     design, parameters    from a drive and the user's choice to the constants

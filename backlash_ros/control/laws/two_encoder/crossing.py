@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.memory import Memory
-from backlash_ros.control.laws.two_encoder.reference import moves_within, needed_torque, reference_at
-from backlash_ros.control.laws.two_encoder.teeth import gap_position, light_contact_distance
+from backlash_ros.control.laws.two_encoder.reference import learned_of, moves_within, needed_torque, reference_at
+from backlash_ros.control.laws.two_encoder.teeth import gap_position, light_contact_distance, on_the_way
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Array
 
@@ -42,33 +42,21 @@ class GapMotion(NamedTuple):
 def seat(constants: Constants, memory: Memory, flank: float, torque: float) -> float:
     """Return g on a flank whose teeth carry a torque, N m, with what was learned of this flank, rad."""
     carried = torque if torque * flank > 0.0 else TOUCHING_SHARE * constants.stall_torque
-    learned = memory.follow.forward_seat if flank > 0.0 else memory.follow.backward_seat
-    return flank * light_contact_distance(constants, carried) + learned
-
-
-@compiled
-def _on_the_way(memory: Memory, u: float) -> GapMotion:
-    """Return the motion at a share of the crossing: a quintic from the present motion to rest at the other seat."""
-    crossing = memory.follow.crossing
-    left, distance, duration = 1.0 - u, crossing.end - crossing.begin, crossing.duration
-    position = crossing.begin + distance * u * u * u * (10.0 - 15.0 * u + 6.0 * u * u)
-    speed = distance * 30.0 * u * u * left * left / duration
-    position += crossing.speed * duration * u * left * left * left * (1.0 + 3.0 * u)
-    speed += crossing.speed * left * left * (left * (1.0 + 6.0 * u) - 3.0 * u * (1.0 + 3.0 * u))
-    return GapMotion(position, speed, 0.0)
+    return flank * light_contact_distance(constants, carried) + learned_of(memory.follow, flank).seat
 
 
 @compiled
 def gap_motion_at(constants: Constants, memory: Memory, path: Array, k: float) -> GapMotion:
     """Return where in the gap the motor is to be k periods after the sample."""
-    follow, flank = memory.follow, memory.follow.flank
+    follow, crossing, flank = memory.follow, memory.follow.crossing, memory.follow.flank
     if follow.crosses != 0.0:
-        u = (k - follow.crossing.starts) * constants.period / follow.crossing.duration
+        u = (k - crossing.starts) * constants.period / crossing.duration
         if u < 1.0:
-            return _on_the_way(memory, max(u, 0.0))
-        flank = follow.crossing.flank
+            at = on_the_way(crossing.begin, crossing.end, crossing.speed, crossing.duration, max(u, 0.0))
+            return GapMotion(at.position, at.speed, 0.0)
+        flank = crossing.flank
     if flank == 0.0:
-        return GapMotion(follow.crossing.end, 0.0, 0.0)
+        return GapMotion(crossing.end, 0.0, 0.0)
     before, after = needed_torque(constants, memory, path, k - 0.5), needed_torque(constants, memory, path, k + 0.5)
     torque = 0.5 * (before + after)
     change = seat(constants, memory, flank, after) - seat(constants, memory, flank, before)
@@ -109,7 +97,7 @@ def _cross(constants: Constants, memory: Memory, path: Array, k: float, duration
         crossing.begin = motor.angle - load.angle - constants.delay * load.speed - memory.middle
         crossing.speed = motor.speed - load.speed
     if flank == 0.0:
-        crossing.end = follow.forward_seat if follow.flank > 0.0 else follow.backward_seat
+        crossing.end = learned_of(follow, follow.flank).seat
     else:
         torque = needed_torque(constants, memory, path, k + duration / constants.period)
         crossing.end = seat(constants, memory, flank, torque)

@@ -13,7 +13,13 @@ from backlash_ros.control.laws.two_encoder.crossing import choose_flank, gap_mot
 from backlash_ros.control.laws.two_encoder.load_torque import holds_load, load_torque_at
 from backlash_ros.control.laws.two_encoder.memory import FOLLOW, Memory
 from backlash_ros.control.laws.two_encoder.motor import dry_friction, loop_slowdown
-from backlash_ros.control.laws.two_encoder.reference import direction_at, needed_torque, reference_at, resting_torque
+from backlash_ros.control.laws.two_encoder.reference import (
+    direction_at,
+    learned_of,
+    needed_torque,
+    reference_at,
+    resting_torque,
+)
 from backlash_ros.control.laws.two_encoder.teeth import gap_position
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Array
@@ -34,9 +40,11 @@ _KNOWN_COUNT = 0.3
 """Share of the gap up to which an encoder count is added to this."""
 _SETTLES = 0.012
 """Time after a crossing, s, for which a landing swings. Tuned on random drives."""
-_SEAT_RATE, _FIRST_TIME = 12.0, 0.03
-"""Rate with which the error of a flank's seat is learned, 1/s; at first as the mean over the time spent on it, from so
-many seconds on. Tuned on random drives."""
+_SEAT_RATE = 12.0
+"""Rate with which the error of a flank's seat is learned, 1/s. Tuned on random drives."""
+_FIRST_TIME = 0.03
+"""Time, s, from which on it is learned as the mean over the time spent on the flank, while that is faster. Tuned on
+random drives."""
 _QUARTER_COUNT = 0.25
 """Share of a count below which an error is none."""
 _FINE_COUNT = 0.2
@@ -54,8 +62,9 @@ def begin_to_follow(constants: Constants, memory: Memory) -> None:
     """Begin to follow from where the motor is in the gap."""
     memory.phase, memory.hold.time_since_landing, follow = FOLLOW, 0.0, memory.follow
     follow.crosses = follow.time_on_flank = follow.direction = follow.momentum = 0.0
-    follow.forward_drag = follow.backward_drag = follow.forward_seat = follow.backward_seat = 0.0
-    follow.forward_time = follow.backward_time = follow.crossing.end = 0.0
+    follow.crossing.end = 0.0
+    for learned in (follow.forward, follow.backward):
+        learned.drag = learned.seat = learned.seat_time = 0.0
     follow.flank = lies_on_flank(constants, memory, holds_load(constants, memory.load_torque.estimated))
 
 
@@ -63,10 +72,7 @@ def begin_to_follow(constants: Constants, memory: Memory) -> None:
 def stop_following(memory: Memory) -> None:
     """Take what was learned of the flank in use for the middle of the gap."""
     follow = memory.follow
-    if follow.flank == 0.0:
-        memory.middle += follow.crossing.end
-    else:
-        memory.middle += follow.forward_seat if follow.flank > 0.0 else follow.backward_seat
+    memory.middle += follow.crossing.end if follow.flank == 0.0 else learned_of(follow, follow.flank).seat
 
 
 @compiled
@@ -84,10 +90,8 @@ def _learn_drag(constants: Constants, memory: Memory, path: Array) -> None:
     given -= dry_friction(constants, motor.speed) + math.copysign(constants.load_dry_friction, reference.speed)
     given += load_torque_at(memory.load_torque, load.angle)
     unexplained, share = gained / constants.period - given, min(_DRAG_RATE * constants.period, 1.0)
-    if reference.speed > 0.0:
-        follow.forward_drag -= share * (unexplained + follow.forward_drag)
-    else:
-        follow.backward_drag -= share * (unexplained + follow.backward_drag)
+    learned = learned_of(follow, reference.speed)
+    learned.drag -= share * (unexplained + learned.drag)
 
 
 @compiled
@@ -107,23 +111,19 @@ def _learn_seat(constants: Constants, memory: Memory, path: Array) -> None:
     """Learn how far off the flank in use is from where it should be, from the load's error."""
     if not _teeth_touch(constants, memory, path):
         return
-    follow, load, period, gap = memory.follow, memory.load, constants.period, constants.gap
-    forward = follow.flank > 0.0
-    if forward:
-        follow.forward_time += period
-    else:
-        follow.backward_time += period
-    spent = follow.forward_time if forward else follow.backward_time
-    rate = max(_SEAT_RATE, 1.0 / (spent + _FIRST_TIME)) / loop_slowdown(constants, memory)
+    learned, load, period, gap = (
+        learned_of(memory.follow, memory.follow.flank),
+        memory.load,
+        constants.period,
+        constants.gap,
+    )
+    learned.seat_time += period
+    rate = max(_SEAT_RATE, 1.0 / (learned.seat_time + _FIRST_TIME)) / loop_slowdown(constants, memory)
     error = reference_at(constants, path, 0.0).angle - load.angle
     if abs(error) <= (_QUARTER_COUNT * load.count if load.count < _FINE_COUNT * gap else 0.0):
         return
     change = min(rate * period, _LARGEST_SHARE) * clamp(error, -_LARGEST_ERROR * gap, _LARGEST_ERROR * gap)
-    most = _LARGEST_SEAT * gap
-    if forward:
-        follow.forward_seat = clamp(follow.forward_seat + change, -most, most)
-    else:
-        follow.backward_seat = clamp(follow.backward_seat + change, -most, most)
+    learned.seat = clamp(learned.seat + change, -_LARGEST_SEAT * gap, _LARGEST_SEAT * gap)
 
 
 @compiled

@@ -179,6 +179,14 @@ class Crossing(Record):
     end: float = 0.0  # rad, g
 
 
+class Learned(Record):
+    """What following has shown of motion in a direction, and of the flank that drives it."""
+
+    drag: float = 0.0  # N m, that motion in this direction costs beyond the model
+    seat: float = 0.0  # rad, error of g on the flank
+    seat_time: float = 0.0  # s, for which that was learned
+
+
 class Follow(Record):
     """How a reference in motion is followed."""
 
@@ -188,12 +196,8 @@ class Follow(Record):
     time_on_flank: float = 0.0  # s
     direction: float = 0.0  # of the motion, the last one there was
     momentum: float = 0.0  # N m s, of both shafts
-    forward_drag: float = 0.0  # N m, that motion forward costs beyond the model
-    backward_drag: float = 0.0  # N m, that motion backward costs beyond the model
-    forward_seat: float = 0.0  # rad, error of g on the forward flank
-    backward_seat: float = 0.0  # rad, error of g on the backward flank
-    forward_time: float = 0.0  # s, for which the forward seat was learned
-    backward_time: float = 0.0  # s, for which the backward seat was learned
+    forward: Learned = part(Learned)
+    backward: Learned = part(Learned)
 
 
 class Memory(Record):

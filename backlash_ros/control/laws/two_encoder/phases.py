@@ -6,13 +6,10 @@ from backlash_ros.control.laws.two_encoder.load_torque import holds_load, use_wh
 from backlash_ros.control.laws.two_encoder.memory import FLIGHT, FOLLOW, HOLD, NO_MOVE, TO_FLY, Hold, Memory
 from backlash_ros.control.laws.two_encoder.motor import forget_friction_at_rest
 from backlash_ros.control.laws.two_encoder.plan import length_of
-from backlash_ros.control.laws.two_encoder.reference import moves_within
+from backlash_ros.control.laws.two_encoder.reference import CREEPS, moves_within
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import POSITION, VELOCITY
-
-_CREEPS = 0.1
-"""Leap of the target in a sample, in gaps per second, up to which it creeps: it is held like one at rest."""
 
 
 @compiled
@@ -50,7 +47,7 @@ def _target_leaps(constants: Constants, memory: Memory, path: Array) -> bool:
     period = constants.period
     leap = abs(path[0, POSITION] - memory.target) - abs(path[0, VELOCITY]) * period
     memory.target = path[0, POSITION]
-    return bool(leap > _CREEPS * period * constants.gap)
+    return bool(leap > CREEPS * period * constants.gap)
 
 
 @compiled

@@ -7,10 +7,11 @@ for a move forward; a move backward is its mirror image.
 
 from typing import NamedTuple
 
+from backlash_ros.control.laws.two_encoder.command import Wanted
 from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.load_torque import load_torque_at
 from backlash_ros.control.laws.two_encoder.memory import LoadTorque, Memory, Plan, Segment
-from backlash_ros.control.laws.two_encoder.teeth import contact_distance
+from backlash_ros.control.laws.two_encoder.teeth import GapPosition, contact_distance, on_the_way
 from backlash_ros.foundation.compiled import compiled
 
 _STEP_SHARE = 0.02
@@ -78,13 +79,6 @@ class _LoadMotion(NamedTuple):
     jerk: float  # rad/s^3
 
 
-class _Position(NamedTuple):
-    """Where the motor is in the gap, in the move's own direction."""
-
-    gap_position: float  # g, rad
-    closing_speed: float  # rad/s
-
-
 @compiled
 def _load_motion(segment: Segment, time: float) -> _LoadMotion:
     """Return the motion of the load at a time in a segment, s."""
@@ -101,17 +95,6 @@ def _load_motion(segment: Segment, time: float) -> _LoadMotion:
     angle = segment.angle + segment.speed * time
     angle += length * length * (0.5 * first * u * u + rise * u * u * u / 6.0 + bump * in_angle)
     return _LoadMotion(angle, speed, acceleration, (rise + bump * rate) / length)
-
-
-@compiled
-def _crossing(segment: Segment, u: float) -> _Position:
-    """Return where a motor that crosses is, at a share of the segment's time: a quintic, from its closing speed on."""
-    back, distance, closing = 1.0 - u, segment.crosses_to - segment.crosses_from, segment.closing_speed
-    position = segment.crosses_from + distance * u * u * u * (10.0 - 15.0 * u + 6.0 * u * u)
-    speed = distance * 30.0 * u * u * back * back / segment.duration
-    position += closing * segment.duration * u * back**3 * (1.0 + 3.0 * u)
-    speed += closing * back * back * (back * (1.0 + 6.0 * u) - 3.0 * u * (1.0 + 3.0 * u))
-    return _Position(position, speed)
 
 
 @compiled
@@ -136,7 +119,8 @@ def evaluate(constants: Constants, memory: Memory, time: float) -> Planned:
     load, at_rest = _load_motion(segment, time), over and k == last
     torque = direction * plan.rest_torque if at_rest else 0.0
     if flank == 0.0:
-        at = _crossing(segment, time / segment.duration)
+        u, begin, end = time / segment.duration, segment.crosses_from, segment.crosses_to
+        at = on_the_way(begin, end, segment.closing_speed, segment.duration, u)
     else:
         if not at_rest:
             resistance = resistance_at(constants, memory.load_torque, direction, load.angle)
@@ -148,6 +132,27 @@ def evaluate(constants: Constants, memory: Memory, time: float) -> Planned:
         if torque != 0.0 and not over:
             rate = constants.load_inertia * load.jerk + constants.load_friction * load.acceleration
             closing = _yield_rate(constants, torque) * rate
-        at = _Position(flank * contact_distance(constants, torque), closing)
-    angle = direction * (load.angle + at.gap_position) + memory.middle
-    return Planned(angle, direction * (load.speed + at.closing_speed), direction * torque)
+        at = GapPosition(flank * contact_distance(constants, torque), closing)
+    angle = direction * (load.angle + at.position) + memory.middle
+    return Planned(angle, direction * (load.speed + at.speed), direction * torque)
+
+
+@compiled
+def fly_on(constants: Constants, memory: Memory) -> Wanted:
+    """Follow the plan for one period: the motor goes by its own encoder, without feedback from the load.
+
+    The torque is that of an inverse model of the motor, read ahead by the winding's time constant.
+    """
+    plan, period = memory.plan, constants.period
+    time, later = plan.time, plan.time + constants.electrical_time
+    now, end = evaluate(constants, memory, time), evaluate(constants, memory, time + period)
+    carried = evaluate(constants, memory, time + 0.5 * period).teeth_torque
+    first = evaluate(constants, memory, later)
+    half = evaluate(constants, memory, later + 0.5 * period)
+    last = evaluate(constants, memory, later + period)
+    acceleration_torque = constants.motor_inertia * (last.speed - first.speed) / period
+    torque = acceleration_torque + constants.motor_friction * (last.angle - first.angle) / period
+    torque += (first.teeth_torque + 4.0 * half.teeth_torque + last.teeth_torque) / 6.0
+    memory.motor_target = end.angle
+    plan.time += period
+    return Wanted(now.angle, now.speed, torque, carried, (end.angle - now.angle) / period)

@@ -6,12 +6,12 @@ from typing import NamedTuple
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.load_torque import holds_load, load_torque_at
-from backlash_ros.control.laws.two_encoder.memory import Memory
+from backlash_ros.control.laws.two_encoder.memory import Follow, Learned, Memory
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import ACCELERATION, POSITION, VELOCITY
 
-_CREEPS = 0.1
+CREEPS = 0.1
 """Speed of a reference, in gaps per second, up to which it is held like one at rest. Holding lets the load be off by a
 twelfth of the gap, so nothing is lost."""
 _NO_DIRECTION = 1e-6
@@ -47,7 +47,7 @@ def moves_within(constants: Constants, path: Array, first: float, rows: int) -> 
     """Return whether the reference moves at one of so many rows of the path, the first of them given."""
     for k in range(int(first), min(int(first) + rows, path.shape[0])):
         speed = abs(path[k, VELOCITY]) + constants.crossing_time * abs(path[k, ACCELERATION])
-        if speed > _CREEPS * constants.gap:
+        if speed > CREEPS * constants.gap:
             return True
     return False
 
@@ -63,9 +63,15 @@ def direction_at(reference: Reference, last: float) -> float:
 
 
 @compiled
+def learned_of(follow: Follow, direction: float) -> Learned:
+    """Return what was learned of a direction and its flank."""
+    return follow.forward if direction > 0.0 else follow.backward
+
+
+@compiled
 def _drag(constants: Constants, memory: Memory, direction: float) -> float:
     """Return what motion in a direction costs beyond the model, N m, without what may be noise."""
-    drag = memory.follow.forward_drag if direction > 0.0 else memory.follow.backward_drag
+    drag = learned_of(memory.follow, direction).drag
     noise = _NOISE_SHARE * constants.stall_torque
     return drag - clamp(drag, -noise, noise)
 

@@ -7,7 +7,6 @@ from backlash_ros.control.command_range import clamp
 from backlash_ros.control.law import LAW_SIGNATURE
 from backlash_ros.control.laws.two_encoder.command import Wanted, remember, voltage_for
 from backlash_ros.control.laws.two_encoder.constants import Constants, constants_at
-from backlash_ros.control.laws.two_encoder.flying import fly_on
 from backlash_ros.control.laws.two_encoder.follow import follow_path
 from backlash_ros.control.laws.two_encoder.hold import hold_load
 from backlash_ros.control.laws.two_encoder.load import observe_load
@@ -16,6 +15,7 @@ from backlash_ros.control.laws.two_encoder.memory import FOLLOW, HOLD, NO_MOVE, 
 from backlash_ros.control.laws.two_encoder.middle import learn_middle
 from backlash_ros.control.laws.two_encoder.motor import observe_motor, predict_motor
 from backlash_ros.control.laws.two_encoder.phases import choose_phase
+from backlash_ros.control.laws.two_encoder.plan import fly_on
 from backlash_ros.control.laws.two_encoder.start import start
 from backlash_ros.control.laws.two_encoder.take_off import take_off
 from backlash_ros.foundation.compiled import compiled, compiled_as

@@ -1,6 +1,7 @@
 """Where the motor is in the gap, and where teeth at rest carry a torque."""
 
 import math
+from typing import NamedTuple
 
 from backlash_ros.control.laws.two_encoder.constants import TABLE_SIZE, Constants
 from backlash_ros.control.laws.two_encoder.memory import Memory
@@ -32,6 +33,24 @@ def light_contact_distance(constants: Constants, torque: float) -> float:
     distances, least = constants.teeth_distances, 1e-3 * first
     power = math.log(distances[1] / distances[0]) / math.log(constants.teeth_torques[1] / first)
     return float(distances[0] * (max(size, least) / first) ** power)
+
+
+class GapPosition(NamedTuple):
+    """Where a motor that crosses is in the gap."""
+
+    position: float  # g, rad
+    speed: float  # rad/s, of g
+
+
+@compiled
+def on_the_way(begin: float, end: float, speed: float, duration: float, u: float) -> GapPosition:
+    """Return where a motor is at a share ``u`` of its crossing: a quintic from g and its speed to rest at the end."""
+    left, distance = 1.0 - u, end - begin
+    position = begin + distance * u * u * u * (10.0 - 15.0 * u + 6.0 * u * u)
+    closing = distance * 30.0 * u * u * left * left / duration
+    position += speed * duration * u * left**3 * (1.0 + 3.0 * u)
+    closing += speed * left * left * (left * (1.0 + 6.0 * u) - 3.0 * u * (1.0 + 3.0 * u))
+    return GapPosition(position, closing)
 
 
 @compiled
