@@ -9,6 +9,7 @@ import math
 from collections.abc import MutableSequence, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -86,7 +87,8 @@ class Controller(ManagedNode):
         self.listen(JointState, "joint_states", self._on_joint_states, RECEIVE_PAIR)
         self.listen(Float64, "reference", self._on_reference)
         self._learning = Learning(self, self._servo, self._tunables, given)
-        self._motion = Motion(self, self._servo, self._joints[1], self._state_timeout, self._took)
+        taken = partial(self._took, often=False)
+        self._motion = Motion(self, self._servo, self._joints[1], self._state_timeout, taken)
         self._watchdog = Timer(0.5 * self._state_timeout, self._watch)
         self.own_timers += [self._watchdog, Timer(_WATCH, self._watch_publishers)]
 
@@ -293,14 +295,17 @@ class Controller(ManagedNode):
             refusal = self._servo.set_reference(message.data)
         self._took(refusal)
 
-    def _took(self, refusal: str) -> None:
-        """Publish a new reference, or say why it was refused."""
+    def _took(self, refusal: str, *, often: bool = True) -> None:
+        """Publish a new reference, or say why it was refused: once a second if such messages may come ``often``."""
         if not refusal:
             self._changed = True
+            return
+        self._gate.drop(refusal)
+        text = f"{refusal}; {self._gate.dropped} messages dropped so far"
+        if often:
+            self.get_logger().warning(text, throttle_duration_sec=1.0)
         else:
-            self._gate.drop(refusal)
-            dropped = self._gate.dropped
-            self.get_logger().warning(f"{refusal}; {dropped} messages dropped so far", throttle_duration_sec=1.0)
+            self.get_logger().warning(text)
 
     def _watch_publishers(self) -> None:
         if self.active and not self._gate.fault and (why := self._neighbours.look()):
