@@ -72,7 +72,8 @@ class NamedLaw(NamedTuple):
     """A law that can be chosen: its title in figures and tables, its design function, its parameters' defaults.
 
     ``adapts``: whether it uses the learned backlash, so that a rattling load means wear. ``both_encoders``: whether it
-    needs both encoders; without them the over-damped gains act. ``identified``: whether it plans with load, friction
+    uses both encoders; if one is lost, the over-damped gains act. ``one_encoder``: whether it can then be designed for
+    the other one alone. ``identified``: whether it plans with load, friction
     and gap; until these are found, the over-damped gains act. ``design`` takes the drive, the servo's settings and the
     law's own parameters; ValueError if these allow no design.
     """
@@ -82,4 +83,5 @@ class NamedLaw(NamedTuple):
     parameters: Validated = NoParameters()
     adapts: bool = False
     both_encoders: bool = False
+    one_encoder: bool = False
     identified: bool = False

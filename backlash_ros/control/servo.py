@@ -1,6 +1,7 @@
 """The controller without ROS: samples in, commands out. The node and offline runs both call it."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from backlash_ros.control.monitoring.monitor import forget_ends
 from backlash_ros.control.motion.plan import Plan
 from backlash_ros.control.motion.setpoint import AtRest, Source, Stop, is_reference
 from backlash_ros.control.observer import keep_estimate
-from backlash_ros.control.settings import ServoSettings
+from backlash_ros.control.settings import BOTH, LOAD, MOTOR, ServoSettings
 from backlash_ros.control.tick import Tick, tick_constants_at
 from backlash_ros.control.tick_constants import tick_constants
 from backlash_ros.drivetrain import Drive
@@ -68,7 +69,7 @@ class Servo:
         self.latched, self.fault = Fault.NONE, ""
         self.memory, self._inputs = TickRow(), InputRow()
         self.estimate: Estimate = self.memory.estimate
-        self._watched = watched
+        self._watched, self._encoders = watched, ""
         self._plan = Plan(self.memory, self._inputs)
         self._experiment = ExperimentInUse()
         self.use(settings, limits or Limits.of(drive))
@@ -87,6 +88,7 @@ class Servo:
             If the law cannot be designed; nothing changes.
         """
         limits, drive = limits or self.limits, drive or self.drive
+        settings = replace(settings, encoders=self._encoders or settings.encoders)
         law, observer = design_law(drive, settings), settings.observer(drive)
         self.constants = tick_constants(drive, settings, limits, observer, watched=self._watched)
         if drive != self.drive:
@@ -381,6 +383,17 @@ class Servo:
 
     # The loop.
 
+    def _look_at_encoders(self, measured: Measurement) -> None:
+        """Design the law for the encoders that the first sample shows; calm the load if one is lost later."""
+        no_motor, no_load = math.isnan(measured[THETA_M]), math.isnan(measured[THETA_L])
+        seen = BOTH if no_motor == no_load else LOAD if no_motor else MOTOR
+        if not self.holding:
+            self._encoders = seen
+            if seen != self.settings.encoders:
+                self.use(self.settings)
+        elif seen != BOTH == self._encoders and LAWS[self._law.name].both_encoders:
+            self.calm()
+
     def update(self, measured: Measurement, elapsed: float | None = None) -> float:
         """Take one sample and return the command, V or A; 0 while a fault is latched or if no finite command follows.
 
@@ -391,8 +404,7 @@ class Servo:
         """
         if self.latched:
             return 0.0
-        if LAWS[self._law.name].both_encoders and math.isnan(measured[THETA_M] + measured[THETA_L]):
-            self.calm()
+        self._look_at_encoders(measured)
         memory, inputs = self.memory, self._inputs
         inputs.elapsed = elapsed or self.settings.period
         if self._experiment.run is not None:

@@ -1,5 +1,6 @@
 """Everything about the servo that can be tuned, as one immutable value."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 from backlash_ros.control.design.gains import GainSet
@@ -9,9 +10,17 @@ from backlash_ros.control.observer import ObserverConstants, observer_constants
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.quantity import Validated, quantity
 
+BOTH, LOAD, MOTOR = ENCODERS = "both", "load", "motor"
+"""The encoders that a drive may have: of both shafts, or of one alone."""
 AUTO = "auto"
 """The experiment that the encoders allow: `gap_probe` with both, else `relay`. Also the best law for what is known of
 the drive: see `laws.law_of`."""
+
+
+def encoders_in(measured: Collection[str]) -> str:
+    """Return which of `ENCODERS` are among the names of the measured signals."""
+    both = {"theta_m", "theta_l"} <= {*measured}
+    return BOTH if both else LOAD if "theta_l" in measured else MOTOR
 
 
 @dataclass(frozen=True)
@@ -24,7 +33,7 @@ class ServoSettings(Validated):
     ``law_parameters`` and ``experiment_parameters`` are pairs of name and parameters, where these are not the defaults;
     ``thresholds`` are by default the drive's. ``renew``: whether wear is answered by learning again; a gap up to six
     times as wide as learned is then no fault. ``identified``: whether load and friction were found on this drive, so
-    that a law may use them.
+    that a law may use them. ``encoders``: one of `ENCODERS`; a servo sees by its first sample which there are.
     """
 
     gains: GainSet
@@ -37,6 +46,7 @@ class ServoSettings(Validated):
     thresholds: FaultThresholds | None = None
     renew: bool = False
     identified: bool = False
+    encoders: str = BOTH
     backlash_angle: float = quantity(
         "backlash at the output shaft, within which the over-damped gains act; 0: unknown",
         "rad",

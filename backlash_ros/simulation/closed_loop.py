@@ -1,7 +1,7 @@
 """The closed loop offline: the simulated drive and the tick, with the same compiled functions as the nodes."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ from backlash_ros.control import LAWS, Limits, Servo, ServoSettings
 from backlash_ros.control.law import law_state_at
 from backlash_ros.control.laws import law_of
 from backlash_ros.control.motion.setpoint import Source, evaluate, plan_rejection
+from backlash_ros.control.settings import BOTH, encoders_in
 from backlash_ros.control.tick import TICK_SIGNATURE, Inputs, Tick, inputs_at, tick_memory_at
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.constants import PlantConstants, plant_constants
@@ -202,10 +203,10 @@ def _law_checked(drive: Drive, model: Drive, settings: ServoSettings, scenario: 
             f"command_interface of the model must be the drive's, {drive.command_interface!r}, "
             f"got {model.command_interface!r}"
         )
-    law = law_of(model, settings)
-    if LAWS[law].both_encoders and not {"theta_m", "theta_l"} <= {*scenario.sensors.measured}:
-        raise ValueError(f"law = {law!r} needs both encoders, got measured = {scenario.sensors.measured}")
-    return law
+    law = LAWS.get(settings.law)
+    if settings.encoders != BOTH and law is not None and law.both_encoders and not law.one_encoder:
+        raise ValueError(f"law = {settings.law!r} needs both encoders, got measured = {scenario.sensors.measured}")
+    return law_of(model, settings)
 
 
 def _start_of(scenario: Scenario) -> PlantState:
@@ -258,7 +259,7 @@ def run(
         If the plant cannot be integrated; names the time and the state.
     """
     count, substeps = scenario.reference.size, scenario.substeps
-    model = model or drive
+    model, settings = model or drive, replace(settings, encoders=encoders_in(scenario.sensors.measured))
     law = _law_checked(drive, model, settings, scenario)
     servo, state = Servo(model, settings, limits, watched=watched), _start_of(scenario)
     states, signals = np.empty((count * substeps + 1, 5)), np.zeros((count, 5))

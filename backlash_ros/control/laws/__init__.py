@@ -3,7 +3,7 @@
 from functools import lru_cache
 
 from backlash_ros.control.law import ControlLaw, NamedLaw
-from backlash_ros.control.settings import AUTO, ServoSettings
+from backlash_ros.control.settings import AUTO, BOTH, ServoSettings
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.registry import Registry
 
@@ -54,7 +54,9 @@ def law_of(drive: Drive, settings: ServoSettings) -> str:
     """
     if settings.law == AUTO:
         return UNTIL_THEN if lacks(settings) or best_refusal(drive, settings) else BEST
-    return _QUIET if lacks(settings) else settings.law
+    law = LAWS[settings.law]
+    lacks_encoder = settings.encoders != BOTH and law.both_encoders and not law.one_encoder
+    return _QUIET if lacks_encoder or lacks(settings) else settings.law
 
 
 @lru_cache(maxsize=16)

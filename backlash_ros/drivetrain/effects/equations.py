@@ -195,15 +195,18 @@ def speed_slopes(plant: PlantConstants, state: Array, acting: Acting) -> SpeedSl
     return work[OMEGA_M], work[OMEGA_L]
 
 
-def piece_of(plant: PlantConstants, state: Array, slip_m: float) -> int:
-    """Return in which smooth piece of the equations a state is: of both contacts, and which way power flows."""
+def piece_of(plant: PlantConstants, state: Array, slip_m: float) -> tuple[int, float]:
+    """Return in which smooth piece of the equations a state is, and the rate of the gap, m/s.
+
+    The piece is that of both contacts, and which way power flows.
+    """
     gap, gap_rate, half_gap, second, second_rate, second_half = gaps_of(plant, state)
     piece = 2 * _contact_piece(plant.contact, half_gap, gap, gap_rate)
     if plant.forward != 1.0 or plant.backward != 1.0:
         piece += 1 if _contact_force(plant.contact, half_gap, gap, gap_rate)[0] * slip_m > 0.0 else 0
     if effects_in(plant.effects).first_gap != 1.0:
         piece += 100 * _contact_piece(plant.contact, second_half, second, second_rate)
-    return piece
+    return piece, gap_rate
 
 
 def stored_energy(plant: PlantConstants, state: Array) -> float:
@@ -231,7 +234,7 @@ class RealEquations(NamedTuple):
     held_torque: HeldTorque
     derivative: Derivative
     speed_slopes: Callable[[PlantConstants, Array, Acting], SpeedSlopes]
-    piece_of: Callable[[PlantConstants, Array, float], int]
+    piece_of: Callable[[PlantConstants, Array, float], tuple[int, float]]
     stored_energy: Callable[[PlantConstants, Array], float]
 
 

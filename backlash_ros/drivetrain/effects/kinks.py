@@ -10,15 +10,10 @@ from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.effects.equations import real_equations
 from backlash_ros.drivetrain.effects.state import WHOLE, whole_at
 from backlash_ros.drivetrain.motion.dynamics import SpeedSlopes
-from backlash_ros.drivetrain.motion.kinks import FirstKink, between, first_kink
+from backlash_ros.drivetrain.motion.kinks import FirstKink, angle_between, between, first_kink
 from backlash_ros.foundation.compiled import compiled, specialize, unbound
 from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M
-
-
-@compiled
-def _angle(before: Array, after: Array, angle: int, speed: int, used: float, share: float) -> float:
-    return between(before[angle], after[angle], used * before[speed], used * after[speed], share)
 
 
 @compiled
@@ -31,7 +26,7 @@ def _wheel_speed(before: Array, after: Array, used: float, share: float) -> floa
     return float((start + share * (2.0 * bend + 3.0 * share * twist)) / used)
 
 
-_piece_of: Callable[[object, Array, float], int] = unbound
+_piece_of: Callable[[object, Array, float], tuple[int, float]] = unbound
 
 
 def _piece(
@@ -43,15 +38,16 @@ def _piece(
     slip_m: float,
     used: float,
     share: float,
-) -> int:
-    """Return in which smooth piece of the equations the drive is at a share of a step."""
+) -> tuple[int, float]:
+    """Return in which smooth piece of the equations the drive is at a share of a step, and how fast the gap closes."""
     if share >= 1.0:
         return _piece_of(plant, after, slip_m)
     state = np.zeros(WHOLE)
-    state[THETA_M] = _angle(before, after, THETA_M, OMEGA_M, used, share)
-    state[THETA_L] = _angle(before, after, THETA_L, OMEGA_L, used, share)
-    state[OMEGA_M] = between(before[OMEGA_M], after[OMEGA_M], used * slopes_before[0], used * slopes_after[0], share)
-    state[OMEGA_L] = between(before[OMEGA_L], after[OMEGA_L], used * slopes_before[1], used * slopes_after[1], share)
+    slopes_m, slopes_l = (slopes_before[0], slopes_after[0]), (slopes_before[1], slopes_after[1])
+    state[THETA_M] = angle_between(before, after, slopes_m, THETA_M, used, share)
+    state[THETA_L] = angle_between(before, after, slopes_l, THETA_L, used, share)
+    state[OMEGA_M] = between(before[OMEGA_M], after[OMEGA_M], used * slopes_m[0], used * slopes_m[1], share)
+    state[OMEGA_L] = between(before[OMEGA_L], after[OMEGA_L], used * slopes_l[0], used * slopes_l[1], share)
     first, last, here = whole_at(before), whole_at(after), whole_at(state)
     here.wheel_angle = between(
         first.wheel_angle, last.wheel_angle, used * first.wheel_speed, used * last.wheel_speed, share

@@ -29,6 +29,26 @@ def between(before: float, after: float, slope_before: float, slope_after: float
     return before + share * (slope_before + share * (bend + share * twist))
 
 
+@compiled
+def angle_between(
+    before: Array, after: Array, slopes: tuple[float, float], angle: int, used: float, share: float
+) -> float:
+    """Return an angle at a share of a step of ``used`` s: the quintic through its ends, with their accelerations.
+
+    ``angle``: its index, which that of its speed follows; ``slopes``: of the speed at both ends, rad/s^2.
+    """
+    start, end = used * before[angle + 1], used * after[angle + 1]
+    first, last = used * used * slopes[0], used * used * slopes[1]
+    rise, turn, bend = after[angle] - before[angle] - start - 0.5 * first, end - start - first, last - first
+    third, fourth, fifth = (
+        10.0 * rise - 4.0 * turn + 0.5 * bend,
+        -15.0 * rise + 7.0 * turn - bend,
+        6.0 * rise - 3.0 * turn + 0.5 * bend,
+    )
+    more = 0.5 * first + share * (third + share * (fourth + share * fifth))
+    return float(before[angle] + share * (start + share * more))
+
+
 _contact_piece: PieceFunction = unbound
 _contact_force: ForceFunction = unbound
 
@@ -42,24 +62,21 @@ def _piece(
     slip_m: float,
     used: float,
     share: float,
-) -> int:
-    """Return in which smooth piece of the equations the drive is at a share of a step."""
+) -> tuple[int, float]:
+    """Return in which smooth piece of the equations the drive is at a share of a step, and how fast the gap closes."""
     theta_m, theta_l, omega_m, omega_l = after[THETA_M], after[THETA_L], after[OMEGA_M], after[OMEGA_L]
     if share < 1.0:
-        start, end = used * before[OMEGA_M], used * after[OMEGA_M]
-        theta_m = between(before[THETA_M], after[THETA_M], start, end, share)
-        start, end = used * before[OMEGA_L], used * after[OMEGA_L]
-        theta_l = between(before[THETA_L], after[THETA_L], start, end, share)
-        start, end = used * slopes_before[0], used * slopes_after[0]
-        omega_m = between(before[OMEGA_M], after[OMEGA_M], start, end, share)
-        start, end = used * slopes_before[1], used * slopes_after[1]
-        omega_l = between(before[OMEGA_L], after[OMEGA_L], start, end, share)
+        slopes_m, slopes_l = (slopes_before[0], slopes_after[0]), (slopes_before[1], slopes_after[1])
+        theta_m = angle_between(before, after, slopes_m, THETA_M, used, share)
+        theta_l = angle_between(before, after, slopes_l, THETA_L, used, share)
+        omega_m = between(before[OMEGA_M], after[OMEGA_M], used * slopes_m[0], used * slopes_m[1], share)
+        omega_l = between(before[OMEGA_L], after[OMEGA_L], used * slopes_l[0], used * slopes_l[1], share)
     gap, gap_rate = plant.R1 * theta_m - plant.R2 * theta_l, plant.R1 * omega_m - plant.R2 * omega_l
     half_gap, _, _ = half_gap_of(plant, theta_l)
     piece = 2 * _contact_piece(plant.contact, half_gap, gap, gap_rate)
     if plant.forward != 1.0 or plant.backward != 1.0:
         piece += 1 if _contact_force(plant.contact, half_gap, gap, gap_rate)[0] * slip_m > 0.0 else 0
-    return piece
+    return piece, gap_rate
 
 
 def first_kink(
@@ -71,14 +88,30 @@ def first_kink(
     slip_m: float,
     used: float,
 ) -> float:
-    """Return where in a step, 0 to 1, another smooth piece of the equations begins; 2 where none does."""
-    piece = _piece(plant, before, after, slopes_before, slopes_after, slip_m, used, _NEARBY)
+    """Return where in a step, 0 to 1, another smooth piece of the equations begins; 2 where none does.
+
+    Teeth that touch and part between two looks are nearest to each other where the gap turns back.
+    """
+    piece, rate = _piece(plant, before, after, slopes_before, slopes_after, slip_m, used, _NEARBY)
     for look in range(1, _LOOKS + 1):
         low, high = max(_NEARBY, (look - 1.0) / _LOOKS), look / _LOOKS
-        if _piece(plant, before, after, slopes_before, slopes_after, slip_m, used, high) != piece:
+        there, later = _piece(plant, before, after, slopes_before, slopes_after, slip_m, used, high)
+        if there == piece and rate * later < 0.0:
+            start, end = low, high
+            for _ in range(_HALVINGS):
+                high = 0.5 * (start + end)
+                there, closing = _piece(plant, before, after, slopes_before, slopes_after, slip_m, used, high)
+                if there != piece:
+                    break
+                if closing * rate > 0.0:
+                    start = high
+                else:
+                    end = high
+        rate = later
+        if there != piece:
             for _ in range(_HALVINGS):
                 middle = 0.5 * (low + high)
-                if _piece(plant, before, after, slopes_before, slopes_after, slip_m, used, middle) != piece:
+                if _piece(plant, before, after, slopes_before, slopes_after, slip_m, used, middle)[0] != piece:
                     high = middle
                 else:
                     low = middle

@@ -27,6 +27,11 @@ __all__ = ["LAWS", "TwoEncoderParameters"]
 
 LAWS = {
     "two_encoder": NamedLaw(
-        "planned for two encoders", two_encoder, TwoEncoderParameters(), both_encoders=True, identified=True
+        "planned for two encoders",
+        two_encoder,
+        TwoEncoderParameters(),
+        both_encoders=True,
+        one_encoder=True,
+        identified=True,
     )
 }

@@ -7,11 +7,16 @@ import numpy as np
 from scipy.linalg import expm, solve_discrete_are
 
 from backlash_ros.control.law import ControlLaw
+from backlash_ros.control.laws.two_encoder.alone.design import alone_constants
+from backlash_ros.control.laws.two_encoder.alone.memory import AloneMemory
+from backlash_ros.control.laws.two_encoder.alone.start import take_over_alone
+from backlash_ros.control.laws.two_encoder.alone.step import alone_step
 from backlash_ros.control.laws.two_encoder.constants import TABLE_SIZE, Constants, constants_at
 from backlash_ros.control.laws.two_encoder.memory import REMEMBERED, Memory
 from backlash_ros.control.laws.two_encoder.parameters import TwoEncoderParameters
 from backlash_ros.control.laws.two_encoder.start import take_over
 from backlash_ros.control.laws.two_encoder.step import two_encoder_step
+from backlash_ros.control.settings import BOTH
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.contact import gap_at_rest
 from backlash_ros.foundation.record import Array, cell_of, row_of
@@ -202,4 +207,7 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
     gain = constants.gain
     gain.angle, gain.speed, gain.current_torque, gain.disturbance = _gain(full, settings.period)
     shown = {name: cell_of(Memory, name) for name in ("phase", "flank")}
-    return ControlLaw(two_encoder_step, row, row_of(Memory), take_over, shown)
+    if settings.encoders == BOTH:
+        return ControlLaw(two_encoder_step, row, row_of(Memory), take_over, shown)
+    alone = alone_constants(drive, settings, constants, row)
+    return ControlLaw(alone_step, alone, row_of(AloneMemory), take_over_alone, shown)

@@ -76,7 +76,7 @@ def _move_held_load(constants: Constants, memory: Memory, error: float) -> float
 
 
 @compiled
-def _hold_held_load(constants: Constants, memory: Memory, error: float) -> Wanted:
+def hold_held_load(constants: Constants, memory: Memory, error: float) -> Wanted:
     """Hold a load that a torque holds on a flank."""
     hold, load, inner = memory.hold, memory.load, inner_band(constants, memory.load)
     torque, speed = -memory.load_torque.estimated, 0.0
@@ -92,7 +92,7 @@ def _hold_held_load(constants: Constants, memory: Memory, error: float) -> Wante
 
 
 @compiled
-def _choose_flank(constants: Constants, hold: Hold, error: float, resting_error: float, inner: float) -> None:
+def choose_flank(constants: Constants, hold: Hold, error: float, resting_error: float, inner: float) -> None:
     """Choose the flank that leads a free load in, and keep it for a while."""
     hold.leading_time += constants.period
     turned = hold.leading_flank * resting_error < -max(2.0 * inner, _AHEAD * abs(error))
@@ -145,7 +145,7 @@ def _hold_free_load(constants: Constants, memory: Memory, error: float, load_ang
         hold.attempts += 1.0
         memory.next_move = TO_FLY
     elif constants.load_dry_friction <= DRY:
-        _choose_flank(constants, hold, error, resting_error, inner)
+        choose_flank(constants, hold, error, resting_error, inner)
         return _lead_free_load(constants, memory, error, load_angle)
     elif has_watched(hold):
         hold.attempts += 1.0
@@ -163,7 +163,7 @@ def hold_load(constants: Constants, memory: Memory, target: float) -> Wanted:
     hold.time_since_landing += constants.period
     angle = load.angle + constants.delay * load.speed
     if held:
-        wanted = _hold_held_load(constants, memory, target - angle)
+        wanted = hold_held_load(constants, memory, target - angle)
     else:
         wanted = _hold_free_load(constants, memory, target - angle, angle)
     if memory.next_move == NO_MOVE:

@@ -41,7 +41,7 @@ _LEAST_LAG = 0.1
 
 
 @compiled
-def _measure_count(constants: Constants, load: Load, reading: float, holds: bool) -> None:
+def measure_count(constants: Constants, load: Load, reading: float, holds: bool) -> None:
     """Look for the smallest step of the readings and, in hold, for their noise."""
     change = reading - load.last_reading
     step = abs(change)
@@ -88,7 +88,7 @@ def _correct(load: Load, error: float, uncertainty: float, period: float) -> Non
 def observe_load(constants: Constants, memory: Memory, reading: float) -> None:
     """Take the load's angle, rad, one period after the previous one."""
     load, period, holds, before = memory.load, constants.period, memory.phase == HOLD, memory.load.last_reading
-    _measure_count(constants, load, reading, holds)
+    measure_count(constants, load, reading, holds)
     load.angle += period * load.speed
     error, unexpected_motion = reading - load.angle, reading - before - period * load.speed
     bound = largest_error(constants, memory, load.count)

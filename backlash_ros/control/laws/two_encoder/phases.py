@@ -27,7 +27,7 @@ def forget_attempts(hold: Hold) -> None:
 
 
 @compiled
-def _follow_or_stop(constants: Constants, memory: Memory, path: Array) -> None:
+def follow_or_stop(constants: Constants, memory: Memory, path: Array) -> None:
     """Begin to follow a reference that moves, or that is about to, and to hold where it stops."""
     sees = int((constants.crossing_time + constants.delay) / constants.period) + 3
     moves = moves_within(constants, path, 0.0, sees)
@@ -42,7 +42,7 @@ def _follow_or_stop(constants: Constants, memory: Memory, path: Array) -> None:
 
 
 @compiled
-def _target_leaps(constants: Constants, memory: Memory, path: Array) -> bool:
+def target_leaps(constants: Constants, memory: Memory, path: Array) -> bool:
     """Take the reference for the target, and return whether that has leapt; one that creeps is held."""
     period = constants.period
     leap = abs(path[0, POSITION] - memory.target) - abs(path[0, VELOCITY]) * period
@@ -51,7 +51,7 @@ def _target_leaps(constants: Constants, memory: Memory, path: Array) -> bool:
 
 
 @compiled
-def _has_landed(constants: Constants, memory: Memory) -> bool:
+def has_landed(constants: Constants, memory: Memory) -> bool:
     """Return whether a plan has come to its end, and the motor with it."""
     if memory.phase != FLIGHT:
         return False
@@ -61,11 +61,11 @@ def _has_landed(constants: Constants, memory: Memory) -> bool:
 @compiled
 def choose_phase(constants: Constants, memory: Memory, path: Array) -> None:
     """Start what the path asks for, and end what is done."""
-    _follow_or_stop(constants, memory, path)
-    if memory.phase != FOLLOW and _target_leaps(constants, memory, path):
+    follow_or_stop(constants, memory, path)
+    if memory.phase != FOLLOW and target_leaps(constants, memory, path):
         forget_attempts(memory.hold)
         memory.next_move = TO_FLY
-    elif _has_landed(constants, memory):
+    elif has_landed(constants, memory):
         use_what_motion_showed(constants, memory)
         start_holding(memory)
     held = 1.0 if holds_load(constants, memory.load_torque.estimated) else 0.0
