@@ -74,6 +74,10 @@ def observe_by_motor(constants: AloneConstants, memory: AloneMemory, reading: fl
     shafts.current_torque += gain.current_torque * error
     estimated.disturbance += gain.disturbance * error
     if abs(carried) > _TOUCHES:
+        if shafts.load_speed != 0.0:
+            # Else each correction would press the teeth, and the load would bounce off.
+            shafts.load_angle += gain.angle * error
+            shafts.load_speed += gain.speed * error
         _learn_in_contact(constants, memory, carried)
     else:
         _look_for_the_load(constants, memory)
