@@ -1,7 +1,7 @@
 """Hold with one encoder alone: as with two, but the motor never looks for the middle of the gap.
 
 With the load's encoder the motor's place is known by touching; so it backs off from a free load by just as much as the
-teeth let go, and stays. With the motor's encoder it is a free load whose place is not known. The motor blocks: it stands
+teeth let go, and stays. With the motor's encoder the place of a free load is not known. The motor blocks: it stands
 where the load cannot pass the target, until a load that coasts has come to rest. Then it wipes: it goes on through the
 gap, slower than the load slows down by itself. Whatever lies in its way is pushed to the target, and stays there.
 """

@@ -18,6 +18,7 @@ from backlash_ros.control.laws.two_encoder.alone.memory import (
     AloneMemory,
 )
 from backlash_ros.control.laws.two_encoder.alone.model import Response, advance, command_in
+from backlash_ros.control.laws.two_encoder.alone.readings import believe
 from backlash_ros.control.laws.two_encoder.load import UNKNOWN_COUNT, measure_count
 from backlash_ros.control.laws.two_encoder.memory import HOLD
 from backlash_ros.foundation.compiled import compiled
@@ -94,11 +95,11 @@ def _predict(constants: AloneConstants, memory: AloneMemory) -> None:
 
 
 @compiled
-def _correct(memory: AloneMemory, reading: float, variance: float) -> None:
-    """Correct all states by the load's angle, rad, with its variance, rad^2."""
+def _correct(memory: AloneMemory, error: float, variance: float) -> None:
+    """Correct all states by an error of the load's angle, rad, with its variance, rad^2."""
     shafts, covariance, room = memory.shafts, memory.covariance[:], memory.room[:]
     total = covariance[LOAD_ANGLE, LOAD_ANGLE] + variance
-    miss = (reading - shafts.load_angle) / total
+    miss = error / total
     shafts.angle += covariance[ANGLE, LOAD_ANGLE] * miss
     shafts.speed += covariance[SPEED, LOAD_ANGLE] * miss
     shafts.current_torque += covariance[CURRENT_TORQUE, LOAD_ANGLE] * miss
@@ -120,4 +121,11 @@ def observe_by_load(constants: AloneConstants, memory: AloneMemory, reading: flo
     measure_count(plans, readings, reading, memory.plans.phase == HOLD)
     readings.count = readings.smallest_step if readings.smallest_step > 0.0 else UNKNOWN_COUNT * plans.gap
     _predict(constants, memory)
-    _correct(memory, reading, (_READING_NOISE * readings.count) ** 2)
+    if not believe(constants, memory, readings, reading, memory.shafts.load_angle):
+        return
+    error = reading - memory.shafts.load_angle
+    if memory.plans.phase == HOLD:
+        # A load at rest within a count of its encoder shows nothing: the law must not hunt for the count's middle.
+        half = _READING_NOISE * readings.count
+        error -= min(max(error, -half), half)
+    _correct(memory, error, (_READING_NOISE * readings.count) ** 2)

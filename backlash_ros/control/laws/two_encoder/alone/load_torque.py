@@ -1,4 +1,4 @@
-"""The load torque that plans and hold use: what the model has found, while the load is held, and nothing where nothing is.
+"""The load torque that plans and hold use: what the model has found where it holds the load, and nothing elsewhere.
 
 A load that is believed to be pulled by next to nothing would bounce through the model's gap for ever, and the real one
 would follow. So a load that no torque holds has none.
@@ -11,6 +11,7 @@ from backlash_ros.control.laws.two_encoder.alone.memory import LOAD_TORQUE, STAT
 from backlash_ros.control.laws.two_encoder.load_torque import HOLDING_EXCESS, LEAST_SHOWN, set_load_torque
 from backlash_ros.control.laws.two_encoder.memory import HOLD
 from backlash_ros.control.laws.two_encoder.phases import start_holding
+from backlash_ros.control.laws.two_encoder.teeth import contact_distance
 from backlash_ros.foundation.compiled import compiled
 
 _KNOWN = 0.05
@@ -19,8 +20,14 @@ _FOLLOW_TIME = 0.02
 """Time in which it is followed, s."""
 _SLOW = 0.3
 """Speed of the load, rad/s, below which nothing is taken for nothing."""
-_NEXT_TO_NOTHING = 0.02
-"""Standard deviation of a load torque that is taken for nothing, N m."""
+_NEXT_TO_NOTHING = 5.0
+"""Standard deviation of a load torque that is taken for nothing, in torques that just hold the load."""
+_LEAST_PULL = 2.0
+"""Acceleration, rad/s^2, that a load torque gives the load at least to hold it."""
+_SHOWN = 1.5
+"""What plans know at least of a load torque, in torques that just hold the load."""
+_APART = 0.9
+"""Share of the way to a flank up to which the teeth are apart."""
 _BY_MOTOR = 2e-3
 """Standard deviation of the load torque as the motor alone shows it, N m."""
 
@@ -34,21 +41,33 @@ def _uncertainty(constants: AloneConstants, memory: AloneMemory) -> float:
 
 
 @compiled
-def _take_for_nothing(constants: AloneConstants, memory: AloneMemory) -> None:
-    """Take a load torque that holds nothing for none, or for what friction may hide."""
-    shafts, dry = memory.shafts, constants.plans.load_dry_friction
-    shafts.load_torque = min(max(shafts.load_torque, -dry), dry)
-    if dry == 0.0 and constants.sees_load != 0.0:
+def _take_for_nothing(constants: AloneConstants, memory: AloneMemory, edge: float) -> None:
+    """Take a load torque of a touched load that holds nothing for none, or for what friction may hide."""
+    shafts, known = memory.shafts, constants.plans
+    sees = constants.sees_load != 0.0
+    if sees and abs(shafts.angle - shafts.load_angle) < _APART * contact_distance(known, 0.0):
+        # The load shows by itself, in the gap, what pulls it.
+        return
+    shafts.load_torque = min(max(shafts.load_torque, -known.load_dry_friction), known.load_dry_friction)
+    if sees and known.load_dry_friction == 0.0:
         for k in range(STATES):
             memory.covariance[LOAD_TORQUE, k] = memory.covariance[k, LOAD_TORQUE] = 0.0
-        memory.covariance[LOAD_TORQUE, LOAD_TORQUE] = _NEXT_TO_NOTHING**2
+        memory.covariance[LOAD_TORQUE, LOAD_TORQUE] = (_NEXT_TO_NOTHING * edge) ** 2
+
+
+@compiled
+def _least_holding(constants: AloneConstants) -> float:
+    """Return the torque beyond friction that holds the load, N m."""
+    if constants.sees_load == 0.0:
+        return HOLDING_EXCESS
+    return min(HOLDING_EXCESS, _LEAST_PULL * constants.plans.load_inertia)
 
 
 @compiled
 def use_load_torque(constants: AloneConstants, memory: AloneMemory) -> None:
     """Let plans and hold know the load torque, and whether it holds the load."""
-    plans, off, edge = memory.plans, _uncertainty(constants, memory), constants.plans.load_dry_friction + HOLDING_EXCESS
-    load_torque, period = plans.load_torque, constants.plans.period
+    plans, off, holding = memory.plans, _uncertainty(constants, memory), _least_holding(constants)
+    load_torque, period, edge = plans.load_torque, constants.plans.period, constants.plans.load_dry_friction + holding
     if plans.phase != HOLD:
         return
     if off < _KNOWN:
@@ -62,7 +81,8 @@ def use_load_torque(constants: AloneConstants, memory: AloneMemory) -> None:
     if held != plans.held:
         plans.held = held
         start_holding(plans)
-    set_load_torque(load_torque, believed if held != 0.0 or abs(believed) > LEAST_SHOWN else 0.0, plans.load.angle)
+    least = min(LEAST_SHOWN, _SHOWN * holding)
+    set_load_torque(load_torque, believed if held != 0.0 or abs(believed) > least else 0.0, plans.load.angle)
     slow = abs(memory.ahead.load_speed) < _SLOW
     if held == 0.0 and slow and abs(memory.shafts.load_torque) < edge + off:
-        _take_for_nothing(constants, memory)
+        _take_for_nothing(constants, memory, holding)

@@ -30,7 +30,7 @@ class AloneMemory(Record):
     ahead: Shafts = part(Shafts)  # when the next command begins to act
     covariance: Array = cells(STATES, STATES)  # of `shafts`, if the load is measured
     room: Array = cells(STATES, STATES)  # to compute in
-    readings: Load = part(Load)  # of the load's encoder, whose count they show
+    readings: Load = part(Load)  # of the encoder that is there: its last angle, its speed, its count, and doubts
     lost_momentum: float = 0.0  # N m s, that a motor in the gap gains from nothing that is known
     direction: float = 0.0  # of the last flight, 1 or -1
 

@@ -9,6 +9,7 @@ import math
 from backlash_ros.control.laws.two_encoder.alone.constants import AloneConstants
 from backlash_ros.control.laws.two_encoder.alone.memory import AloneMemory
 from backlash_ros.control.laws.two_encoder.alone.model import advance, command_in, teeth_at
+from backlash_ros.control.laws.two_encoder.alone.readings import believe
 from backlash_ros.control.laws.two_encoder.teeth import contact_distance
 from backlash_ros.foundation.compiled import compiled
 
@@ -68,6 +69,9 @@ def observe_by_motor(constants: AloneConstants, memory: AloneMemory, reading: fl
     for step in range(int(constants.steps)):
         command = command_in(constants, memory.plans.sent, step)
         carried += advance(constants, shafts, command, estimated.disturbance).teeth.torque / constants.steps
+    memory.readings.speed = shafts.speed
+    if not believe(constants, memory, memory.readings, reading, shafts.angle):
+        return
     error = reading - shafts.angle
     shafts.angle += gain.angle * error
     shafts.speed += gain.speed * error

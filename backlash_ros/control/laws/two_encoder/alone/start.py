@@ -19,7 +19,7 @@ def start_alone(constants: AloneConstants, memory: AloneMemory, estimate: Estima
     angle = estimate[THETA_L] if constants.sees_load != 0.0 else constants.plans.ratio * estimate[THETA_M]
     shafts.angle = shafts.load_angle = angle
     shafts.load_torque = plans.load_torque.smoothed = plans.load_torque.estimated
-    memory.readings.last_reading = angle
+    memory.readings.last_reading = memory.readings.angle = angle
     memory.covariance[ANGLE, ANGLE] = (UNKNOWN_PLACE * constants.plans.gap) ** 2
     memory.covariance[LOAD_TORQUE, LOAD_TORQUE] = FIRST_TORQUE**2
 
