@@ -18,7 +18,7 @@ from backlash_ros.control.laws.two_encoder.alone.memory import (
     AloneMemory,
 )
 from backlash_ros.control.laws.two_encoder.alone.model import Response, advance, command_in
-from backlash_ros.control.laws.two_encoder.alone.readings import believe
+from backlash_ros.control.laws.two_encoder.alone.readings import UNKNOWN_PLACE, believe
 from backlash_ros.control.laws.two_encoder.load import UNKNOWN_COUNT, measure_count
 from backlash_ros.control.laws.two_encoder.memory import HOLD
 from backlash_ros.foundation.compiled import compiled
@@ -33,11 +33,7 @@ _LOAD_NOISE = 0.3
 _TORQUE_NOISE = 0.1
 """Noise of the load torque, N m per root s."""
 _LARGEST_TORQUE = 1.0
-"""Largest standard deviation of the load torque, N m."""
-FIRST_TORQUE = 0.3
-"""Its first one, N m."""
-UNKNOWN_PLACE = 0.29
-"""Standard deviation of a place in the gap of which nothing is known, in gaps: it is anywhere."""
+"""Largest standard deviation of the load torque, N m; no drive is meant to hold more than its standstill torque."""
 _READING_NOISE = 0.5
 """Standard deviation of a reading, in counts."""
 
@@ -90,12 +86,12 @@ def _predict(constants: AloneConstants, memory: AloneMemory) -> None:
         covariance[SPEED, SPEED] += (_MOTOR_NOISE**2 + pushed * pushed) * h
         covariance[LOAD_SPEED, LOAD_SPEED] += _LOAD_NOISE**2 * h
         more = covariance[LOAD_TORQUE, LOAD_TORQUE] + _TORQUE_NOISE**2 * h
-        covariance[LOAD_TORQUE, LOAD_TORQUE] = min(more, _LARGEST_TORQUE**2)
+        covariance[LOAD_TORQUE, LOAD_TORQUE] = min(more, min(_LARGEST_TORQUE, constants.plans.stall_torque) ** 2)
         _bound(constants, covariance)
 
 
 @compiled
-def _correct(memory: AloneMemory, error: float, variance: float) -> None:
+def _correct(constants: AloneConstants, memory: AloneMemory, error: float, variance: float) -> None:
     """Correct all states by an error of the load's angle, rad, with its variance, rad^2."""
     shafts, covariance, room = memory.shafts, memory.covariance[:], memory.room[:]
     total = covariance[LOAD_ANGLE, LOAD_ANGLE] + variance
@@ -104,7 +100,8 @@ def _correct(memory: AloneMemory, error: float, variance: float) -> None:
     shafts.speed += covariance[SPEED, LOAD_ANGLE] * miss
     shafts.current_torque += covariance[CURRENT_TORQUE, LOAD_ANGLE] * miss
     shafts.load_speed += covariance[LOAD_SPEED, LOAD_ANGLE] * miss
-    shafts.load_torque += covariance[LOAD_TORQUE, LOAD_ANGLE] * miss
+    torque, most = shafts.load_torque + covariance[LOAD_TORQUE, LOAD_ANGLE] * miss, constants.plans.stall_torque
+    shafts.load_torque = min(max(torque, -most), most)
     shafts.load_angle += covariance[LOAD_ANGLE, LOAD_ANGLE] * miss
     for k in range(STATES):
         room[0, k] = covariance[LOAD_ANGLE, k]
@@ -123,9 +120,4 @@ def observe_by_load(constants: AloneConstants, memory: AloneMemory, reading: flo
     _predict(constants, memory)
     if not believe(constants, memory, readings, reading, memory.shafts.load_angle):
         return
-    error = reading - memory.shafts.load_angle
-    if memory.plans.phase == HOLD:
-        # A load at rest within a count of its encoder shows nothing: the law must not hunt for the count's middle.
-        half = _READING_NOISE * readings.count
-        error -= min(max(error, -half), half)
-    _correct(memory, error, (_READING_NOISE * readings.count) ** 2)
+    _correct(constants, memory, reading - memory.shafts.load_angle, (_READING_NOISE * readings.count) ** 2)

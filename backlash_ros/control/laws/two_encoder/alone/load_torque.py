@@ -20,11 +20,11 @@ _FOLLOW_TIME = 0.02
 """Time in which it is followed, s."""
 _SLOW = 0.3
 """Speed of the load, rad/s, below which nothing is taken for nothing."""
-_NEXT_TO_NOTHING = 5.0
+_NEXT_TO_NOTHING = 10.0
 """Standard deviation of a load torque that is taken for nothing, in torques that just hold the load."""
-_LEAST_PULL = 2.0
+_LEAST_PULL = 1.0
 """Acceleration, rad/s^2, that a load torque gives the load at least to hold it."""
-_SHOWN = 1.5
+_SHOWN = 2.0
 """What plans know at least of a load torque, in torques that just hold the load."""
 _APART = 0.9
 """Share of the way to a flank up to which the teeth are apart."""
@@ -74,7 +74,7 @@ def use_load_torque(constants: AloneConstants, memory: AloneMemory) -> None:
         share = min(period / _FOLLOW_TIME, 1.0)
         load_torque.smoothed += share * (memory.shafts.load_torque - load_torque.smoothed)
     believed, held = load_torque.smoothed, plans.held
-    if abs(believed) > edge + off:
+    if abs(believed) > edge + min(off, holding):
         held = 1.0
     elif abs(believed) < edge:
         held = 0.0

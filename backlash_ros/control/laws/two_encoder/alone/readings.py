@@ -1,10 +1,25 @@
 """Which readings of the one encoder are believed, and what becomes of the shafts where it has leapt."""
 
 from backlash_ros.control.laws.two_encoder.alone.constants import AloneConstants
-from backlash_ros.control.laws.two_encoder.alone.memory import AloneMemory
+from backlash_ros.control.laws.two_encoder.alone.memory import ANGLE, LOAD_TORQUE, STATES, AloneMemory
 from backlash_ros.control.laws.two_encoder.memory import Load
 from backlash_ros.control.laws.two_encoder.readings import check_reading, largest_error
 from backlash_ros.foundation.compiled import compiled
+
+UNKNOWN_PLACE = 0.29
+"""Standard deviation of a place in the gap of which nothing is known, in gaps: it is anywhere."""
+_FIRST_TORQUE = 0.3
+"""Standard deviation of the load torque of which nothing is known, N m."""
+
+
+@compiled
+def forget(constants: AloneConstants, memory: AloneMemory) -> None:
+    """Know nothing of the motor's place in the gap, nor of the load torque."""
+    for j in range(STATES):
+        for k in range(STATES):
+            memory.covariance[j, k] = 0.0
+    memory.covariance[ANGLE, ANGLE] = (UNKNOWN_PLACE * constants.plans.gap) ** 2
+    memory.covariance[LOAD_TORQUE, LOAD_TORQUE] = min(_FIRST_TORQUE, constants.plans.stall_torque) ** 2
 
 
 @compiled
@@ -15,9 +30,13 @@ def believe(constants: AloneConstants, memory: AloneMemory, readings: Load, read
     readings.angle = reading
     bound = largest_error(plans, memory.plans, readings.count)
     correction = check_reading(readings.doubt, error, unexpected_motion, bound, period)
-    if not correction.plausible:
+    if correction.angle != 0.0:
+        # The encoder has leapt, or the model is lost: all but the place in the gap begins anew.
         shafts.angle += correction.angle
         shafts.load_angle += correction.angle
-        shafts.speed += correction.speed
-        shafts.load_speed += correction.speed
+        shafts.speed = shafts.load_speed = (
+            readings.speed + unexpected_motion / period if correction.speed != 0.0 else 0.0
+        )
+        shafts.load_torque = 0.0
+        forget(constants, memory)
     return correction.plausible

@@ -1,8 +1,8 @@
 """Start with one encoder alone, at the present position, and take a load over from another law."""
 
 from backlash_ros.control.laws.two_encoder.alone.constants import AloneConstants, alone_constants_at
-from backlash_ros.control.laws.two_encoder.alone.load_alone import FIRST_TORQUE, UNKNOWN_PLACE
-from backlash_ros.control.laws.two_encoder.alone.memory import ANGLE, LOAD_TORQUE, AloneMemory, alone_memory_at
+from backlash_ros.control.laws.two_encoder.alone.memory import AloneMemory, alone_memory_at
+from backlash_ros.control.laws.two_encoder.alone.readings import forget
 from backlash_ros.control.laws.two_encoder.start import start
 from backlash_ros.control.laws.two_encoder.teeth import contact_distance
 from backlash_ros.foundation.compiled import compiled
@@ -20,8 +20,7 @@ def start_alone(constants: AloneConstants, memory: AloneMemory, estimate: Estima
     shafts.angle = shafts.load_angle = angle
     shafts.load_torque = plans.load_torque.smoothed = plans.load_torque.estimated
     memory.readings.last_reading = memory.readings.angle = angle
-    memory.covariance[ANGLE, ANGLE] = (UNKNOWN_PLACE * constants.plans.gap) ** 2
-    memory.covariance[LOAD_TORQUE, LOAD_TORQUE] = FIRST_TORQUE**2
+    forget(constants, memory)
 
 
 def take_over_alone(law: Array, state: Array, estimate: Estimate, setpoint: Setpoint, holding: float) -> None:
