@@ -36,6 +36,8 @@ _LARGEST_TORQUE = 1.0
 """Largest standard deviation of the load torque, N m; no drive is meant to hold more than its standstill torque."""
 _READING_NOISE = 0.5
 """Standard deviation of a reading, in counts."""
+_PARKED_NOISE = 2.0
+"""The same of a load that is held at rest, whose readings err for long by the same part of a count."""
 
 
 @compiled
@@ -120,4 +122,6 @@ def observe_by_load(constants: AloneConstants, memory: AloneMemory, reading: flo
     _predict(constants, memory)
     if not believe(constants, memory, readings, reading, memory.shafts.load_angle):
         return
-    _correct(constants, memory, reading - memory.shafts.load_angle, (_READING_NOISE * readings.count) ** 2)
+    parked = memory.plans.phase == HOLD and memory.plans.held != 0.0 and memory.plans.hold.parking_time >= 0.0
+    off = (_PARKED_NOISE if parked else _READING_NOISE) * readings.count
+    _correct(constants, memory, reading - memory.shafts.load_angle, off * off)
