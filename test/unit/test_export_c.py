@@ -1,4 +1,4 @@
-"""`backlash export-c`: the controller in C gives the package's own commands, takes no memory, and refuses what is wrong."""
+"""`backlash export-c`: the controller in C gives the package's own commands, allocates nothing, refuses bad input."""
 
 import ctypes
 import math
@@ -8,7 +8,6 @@ import shutil
 import stat
 import subprocess
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,8 +47,8 @@ HELD, OUT = 0.7, 2.0
 
 
 def written(folder: Path, parameters: str) -> Path:
-    """A parameter file, beside the nominal one's values."""
-    text = "\n".join(f"    {line}" for line in parameters.splitlines())
+    """A parameter file; what it leaves out is the nominal drive's."""
+    text = "\n".join(f"    {line}" for line in ("gear: {reduction: 10.0}", *parameters.splitlines()))
     file = folder / "axis.yaml"
     file.write_text(f"/**:\n  ros__parameters:\n{text}\n")
     return file
@@ -170,7 +169,7 @@ def allocating_step(law: Any, state: Any, estimate: Any, path: Any, low: float, 
 
 def test_a_law_that_takes_memory_is_refused() -> None:
     law = ActingLaw(ControlLaw(allocating_step, np.zeros(1), np.ones(1)))
-    with pytest.raises(ValueError, match="needs NRT_.*which no C library has; keep arrays in the law's state"):
+    with pytest.raises(ValueError, match=r"needs NRT_.*which no C library has; keep arrays in the law's state"):
         object_file({"tick": law}, next(iter(TARGETS)))
 
 
@@ -371,7 +370,7 @@ def refusal(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
 @pytest.mark.parametrize(
     ("parameters", "law", "reason"),
     [
-        ("gear: {reduction: 0.0}", "cascade", "gear.reduction must be >= 0.001"),
+        ("load: {inertia: 0.0}", "cascade", "load.inertia must be >= 1e-09 kg m^2"),
         (
             "rate: 250.0",
             "two_encoder",
@@ -379,7 +378,7 @@ def refusal(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
         ),
         ("backlash_angle: 0.02", "dual_loop", "law = 'dual_loop' acts once the drive is identified, which"),
         (f"{IDENTIFIED}\n{ONE_ENCODER}", "two_encoder", "law = 'two_encoder' needs both encoders"),
-        ("gear: [", "cascade", "line"),
+        ("load: [", "cascade", "line"),
     ],
 )
 def test_what_lacks_something_is_refused(

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from backlash_ros import __version__
+import backlash_ros
 from backlash_ros.control import LAWS, Servo, design_law
 from backlash_ros.control.acting import ActingLaw
 from backlash_ros.control.design.choice import Choice
@@ -141,7 +141,7 @@ def _values(controller: Controller, servo: Servo, law: ActingLaw, slow: ActingLa
     return {
         "name": name,
         "N": name.upper(),
-        "version": __version__,
+        "version": backlash_ros.__version__,
         "source": controller.source,
         "law": controller.law,
         **_bounds(controller.choice),
