@@ -36,6 +36,7 @@ setup(
         f"{NAME}.ros": ["*.xml"],
         f"{NAME}.pages": ["*.j2", "*/*.j2", "*/*.js", "*/*.css"],
         f"{NAME}.dashboard": ["static/*"],
+        f"{NAME}.export.c": ["*.j2"],
     },
     classifiers=[
         "Development Status :: 4 - Beta",

@@ -19,6 +19,7 @@ COMMANDS = {
     "simulate": "simulate one step: figures as JSON, a picture, a table",
     "evaluate": "judge learning and laws on a random population of drives",
     "export": "export a drive for MuJoCo, or as URDF or SDF",
+    "export-c": "write a controller as C: object file, header, self-test, example",
     "params": "write a commented file of all parameters, to start from",
     "identify": "identify a drive from a recording, with uncertainties",
     "lost-motion": "measure the lost motion of a locked output from ramps of its torque",

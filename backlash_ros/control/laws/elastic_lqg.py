@@ -53,6 +53,7 @@ class ElasticLqgState(LawState):
     """The predictor and the lag of the reference."""
 
     predicted: Array = cells(_STATES)  # the states at the next sample
+    following: Array = cells(_STATES)  # those after them, while they are computed
     started: float = 0.0  # 1 once a sample has been seen
     slow_reference: float = 0.0  # rad, behind the lag
 
@@ -103,7 +104,7 @@ def elastic_lqg_step(law: Array, state: Array, estimate: Estimate, path: Array, 
     acted_on = reference + (voltage - wanted) / (per_target * (1.0 + lead))
     memory.slow_reference += constants.forgetting * (acted_on - memory.slow_reference)
     innovation = estimate[THETA_L] - predicted[THETA_L]
-    following = np.empty(_STATES)
+    following = memory.following
     for i in range(_STATES):
         following[i] = constants.input[i] * voltage + constants.correction[i] * innovation
         for j in range(_STATES):

@@ -8,8 +8,6 @@ the tick.
 
 import math
 
-import numpy as np
-
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Array, Record, cells, view_of
 from backlash_ros.foundation.signals import OMEGA_L, THETA_L, Estimate
@@ -74,4 +72,7 @@ def departure(
     stopping = 0.5 * estimate[OMEGA_L] ** 2 / (_BRAKES * acceleration)
     block, smallest = int(memory.block), memory.smallest
     smallest[block] = min(smallest[block], beyond + stopping)
-    return float(max(beyond - np.min(smallest), 0.0))
+    least = smallest[block]
+    for distance in smallest:
+        least = min(least, distance)
+    return float(max(beyond - least, 0.0))
