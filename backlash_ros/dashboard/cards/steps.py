@@ -53,7 +53,7 @@ class _Step:
                 ui.html(f"<h2><b>{STEPS.index(name) + 1}</b> {title}</h2>", sanitize=False)
             self._result = ui.label("").classes("result").props(f"data-name={name}-result")
             self._gain = ui.label("").classes("muted").props(f"data-name={name}-gain")
-            self._said = Said(f"{name}-answer")
+            self._said = Said(f"step-{name}-answer")
         self._button: ui.button | None = None
 
     def offer(self, text: str, act: Callable[..., Any]) -> None:
