@@ -10,7 +10,7 @@
 #   make paper   the paper's figures and docs/paper.md, which judges them
 #   make evaluation  2,000 random drives, learned, identified and played, for docs/evaluation.md; DRIVES=200 judges fewer
 #   make docs    docs/parameters.md and docs/interface.md's table from the code; the pictures of docs/concepts.md; the
-#                picture of the dashboard, with Chromium
+#                pictures of the dashboard, with Chromium
 #   make site    the documentation as a site, in results/site
 #   make bench   about ten minutes on two cores, for docs/performance.md: the plant against the same equations in C and
 #                against scipy; batches of runs on one core and on two, and their memory; the cost of a tick; references

@@ -88,7 +88,8 @@ def build(given: DashboardParameters, station: Any, names: set[str], token: str)
     from nicegui import Client, ui  # noqa: PLC0415
 
     from backlash_ros.dashboard.guard import Guard  # noqa: PLC0415
-    from backlash_ros.dashboard.page import STATIC, Page, static_folder  # noqa: PLC0415
+    from backlash_ros.dashboard.header import STATIC  # noqa: PLC0415
+    from backlash_ros.dashboard.page import Page, static_folder  # noqa: PLC0415
 
     @asynccontextmanager
     async def life(_app: FastAPI) -> AsyncIterator[None]:

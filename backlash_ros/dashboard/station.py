@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Callable
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -16,10 +15,11 @@ from typing import Protocol
 
 from lifecycle_msgs.msg import Transition
 
-from backlash_ros.dashboard.axis import Answer, Axis
+from backlash_ros.dashboard.axis import EXPERIMENT, Answer, Axis
 from backlash_ros.dashboard.graph import Graph
 from backlash_ros.dashboard.motion import Wave, wave
 from backlash_ros.dashboard.rows import frame
+from backlash_ros.dashboard.state import Run, results_of
 from backlash_ros.measure import CERTIFICATE
 from backlash_ros.ros.client import start_node, stop_node
 
@@ -103,6 +103,8 @@ class OfAxis:
     motion: "tuple[asyncio.Task[None], ...]" = ()
     mover: Mover | None = None
     ended: str = ""
+    run: Run | None = None
+    found: dict[str, Run] = field(default_factory=dict)
     recorder: Work | None = None
     measurement: Work | None = None
     report: Work | None = None
@@ -185,6 +187,25 @@ class Station:
             return Answer(True, f"the controller is {axis.lifecycle}: it sends no commands")
         return answer
 
+    # Experiments.
+
+    async def experiment(self, title: str, service: str) -> Answer:
+        """Let the controller ``learn`` or ``identify``; all pages see that it runs, and what it found."""
+        self.end(title)
+        axis, run = self.of(title), Run(service)
+        if axis.run is not None:
+            return Answer(False, f"cannot {service}: a run is already in progress")
+        axis.run = run
+        try:
+            answer = await self.axes[title].call(service, EXPERIMENT)
+        finally:
+            axis.run = None
+        if answer.success:
+            run.answer, run.results = answer.text, results_of(answer.text)
+            axis.found.pop(service, None)
+            axis.found[service] = run  # the newest is the last
+        return answer
+
     # Processes.
 
     def _new_folder(self, title: str, what: str) -> Path:
@@ -243,7 +264,3 @@ def megabytes(size: int) -> str:
 def finite(value: float, otherwise: float = 0.0) -> float:
     """Return ``value`` if it is finite."""
     return value if math.isfinite(value) else otherwise
-
-
-Refresh = Callable[[Axis], None]
-"""Shows the present state of an axis."""

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +26,21 @@ from std_msgs.msg import Float64, Float64MultiArray
 
 from backlash_ros.ros.topics import RECEIVE
 
+LOOKS = Path(__file__).parents[1] / "support" / "looks.js"
+WIDTHS = (360, 901, 1920)
+BOXES = ("[data-name=stop]", ".strip", ".curves", "#tooth", "[data-name=go]")
+
+
+def screen(width: int, height: int) -> dict[str, Any]:
+    return {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 900}
+
 
 class Page:
     """The page in a browser, used as a person would: by what is written on it."""
 
     def __init__(self, browser: Chrome, address: str, peer: Peer) -> None:
         self.browser, self._peer = browser, peer
-        browser.set_window_size(1400, 1500)
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen(1400, 900))
         browser.get(address)
         self.wait("samples", lambda: self.run("return window.live?.joints.length ?? 0") > 100)
 
@@ -71,6 +80,30 @@ class Page:
 
         self.wait(f"a click on the button {words!r}", clicked)
 
+    def unfold(self, words: str) -> None:
+        script = """
+            const heads = [...document.querySelectorAll('.fold .q-item')];
+            heads.find(head => head.innerText.startsWith(arguments[0])).click()"""
+        self.run(script, words)
+
+    def box(self, selector: str) -> dict[str, float]:
+        return dict(self.run("return document.querySelector(arguments[0]).getBoundingClientRect().toJSON()", selector))
+
+    def looks(self, states: list[str]) -> dict[tuple[int, str], Any]:
+        """Return where the boxes of the first screen are in one of these states, by width and scheme."""
+        self.wait(f"the state {states}", lambda: self.said("state") in states)
+        places = {}
+        for scheme, width in product(("light", "dark"), WIDTHS):
+            emulate(self.browser, scheme=scheme)
+            self.browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen(width, 900))
+            look = self.run(LOOKS.read_text())
+            assert look == {"overlaps": [], "pale": [], "wide": False}, (self.said("state"), width, scheme)
+            places[width, scheme] = [self.box(each) for each in BOXES]
+        assert self.said("state") in states
+        emulate(self.browser)
+        self.browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen(1400, 900))
+        return places
+
     def slider(self, name: str) -> Any:
         """Return what of a slider takes keys."""
         return self.browser.find_element(By.CSS_SELECTOR, f"[data-name={name}] [tabindex='0']")
@@ -91,6 +124,16 @@ class Page:
             )
         )
 
+    def trail(self) -> float:
+        """Return how far apart the pictures of the load's last second are, in gaps."""
+        return float(
+            self.run(
+                "const places = [...document.querySelectorAll('#trail .load')].filter(e => e.checkVisibility())"
+                ".map(e => e.getBoundingClientRect().x), scale = document.querySelector('#scale');"
+                "return (Math.max(...places) - Math.min(...places)) / scale.getBoundingClientRect().width"
+            )
+        )
+
     def drawn(self, name: str) -> list[Any]:
         """Return the points of a curve as the chart has them."""
         return list(self.run(f"return window.live.chart.getOption().series.find(s => s.name === '{name}').data"))
@@ -102,28 +145,61 @@ class TestOneDrive:
     def test_a_newcomer_sees_the_rattle_and_ends_it_by_clicks(self, system: System, browser: Chrome) -> None:
         served, peer = system.served, system.peer
         page = Page(browser, served.address, peer)
-        assert page.said("backlash") == "the backlash is not learned yet"
-        page.click("Step forward")
+        assert page.said("learn-result") == "b is not known"
+        page.click("Step of 0.5 rad")
         page.wait("the step", lambda: page.at_rest_at(0.5))
         page.wait("the rattle", lambda: 0.5 * B < page.swing() < 1.5 * B)
         before = page.drawn("error")[-1]
         page.wait("curves that move", lambda: page.drawn("error")[-1] != before)
         time, error = np.array(page.drawn("error"), dtype=float).T
         assert 0.5 * B < 1e-3 * np.ptp(error[time > time[-1] - 1.0]) < 1.5 * B  # in mrad while b is not known
-        page.wait("the rattle in words", lambda: re.search(r"The load moved by [12]\d\.\d+ mrad", page.text()))
+        page.wait("the rattle in words", lambda: re.search(r"The load moved by 1\d\.\d mrad", page.text()))
+        page.wait("the rattle as a figure", lambda: re.search(r"rattles by 1\d\.\d mrad", page.text()))
+        assert "The tooth beats on both flanks." in page.text()
+        assert page.trail() > 0.5  # its second is seen on a still picture
         page.click("Learn the backlash")
+        page.wait("how long it computes", lambda: re.fullmatch(r"computing for \d+ s", page.said("learn-result")))
         page.wait(
-            "what was learned", lambda: re.fullmatch(r"backlash in use: (19\.9|20|20\.1) mrad", page.said("backlash"))
+            "what was learned, with its uncertainty",
+            lambda: re.fullmatch(r"b = (19\.9|20\.[01])\d* ± 0\.\d+ mrad", page.said("learn-result")),
         )
-        page.wait("its uncertainty", lambda: "+-" in page.said("experiment-answer"))
         page.wait("quiet", lambda: page.swing() < 0.05 * B)
-        page.click("Step back")
+        page.click("Step of 0.5 rad")
         page.wait("the step back", lambda: page.at_rest_at(0.0))
         page.wait("quiet", lambda: page.swing() < 0.05 * B)
-        page.wait("b in the text", lambda: "The load moved by 0.0" in page.text() and " b in the last" in page.text())
+        page.wait("b in the text", lambda: re.search(r"The load moved by 0\.0\d b in the last second", page.text()))
+        assert page.trail() < 0.05
+        page.wait("the step in figures", lambda: re.search(r"settled in \d\.\d{3} ± 0\.004 s", page.text()))
+        assert page.run("return document.scrollingElement.scrollTop") == 0.0  # all that it takes is on the first screen
         assert console_of(browser) == []
         own = f"http://{served.host}/"
         assert all(url.startswith((own, f"ws://{served.host}/", "data:", "blob:")) for url in requests_of(browser))
+
+    def test_stop_never_moves_and_no_text_overlaps_or_is_pale(self, system: System, browser: Chrome) -> None:
+        """Nor does any other box in the first screen: in each state, at each width, light and dark."""
+        page = Page(browser, system.served.address, system.peer)
+        simulator = Parameters(system.peer, "plant_simulator")
+        places = page.looks(["active"])
+        page.click("Identify the drive")
+        assert page.looks(["identifying"]) == places
+        page.click("Cancel")
+        page.wait("why it has no result", lambda: "cancelled" in page.said("step-identify-answer"))
+        page.click("Stop: 0 V")
+        assert page.looks(["inactive"]) == places
+        assert "stopped: 0 V" in page.text()
+        assert page.said("step-identify-answer") == ""  # it was about another state
+        page.click("Activate")
+        assert page.looks(["ready", "active"]) == places
+        assert "stopped: 0 V" not in page.text()
+        try:
+            assert simulator.set(sensors__load_offset=0.5)[0]
+            assert page.looks(["fault"]) == places
+            page.wait("what happened", lambda: len(page.said("fault-text")) > 200)
+            assert page.said("fault-text").endswith("Then reset.")
+        finally:
+            assert simulator.set(sensors__load_offset=0.0)[0]
+        page.click("Reset")
+        assert page.looks(["active"]) == places
 
     @pytest.mark.grid
     def test_gains_that_are_refused_say_why_and_go_back(self, system: System, browser: Chrome) -> None:
@@ -183,13 +259,13 @@ class TestOneDrive:
             if stop() < WATCHDOG:
                 break
             page.click("Activate")
-            page.wait("the state", lambda: page.said("lifecycle") == "controller active")
+            page.wait("the state", lambda: page.said("state") == "active")
         else:
             pytest.fail(f"0 V came later than {WATCHDOG} s after the request, each time")
         assert Lifecycle(peer, "controller").state == "inactive"
-        page.wait("the state", lambda: "inactive" in page.said("lifecycle"))
+        page.wait("the state", lambda: page.said("state") == "inactive")
         page.click("Activate")
-        page.wait("the state", lambda: page.said("lifecycle") == "controller active")
+        page.wait("the state", lambda: page.said("state") == "active")
         references: list[float] = []
         peer.node.create_subscription(Float64, "reference", lambda m: references.append(m.data), 10)
         page.click("Step forward")  # the sine has ended, so this is all that comes
@@ -254,16 +330,18 @@ class TestOneDrive:
 
     @pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.grid)])
     def test_it_fits_a_telephone(self, system: System, browser: Chrome, scheme: str) -> None:
-        size = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
-        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
         emulate(browser, scheme=scheme)
         try:
             page = Page(browser, system.served.address, system.peer)
+            browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen(390, 844))
+            page.wait("the narrow page", lambda: page.box(".curves")["width"] < 390.0)
             assert page.run("return document.documentElement.scrollWidth") <= 390
-            stop = page.run("return document.querySelector('[data-name=stop]').getBoundingClientRect().toJSON()")
-            assert 0 <= stop["left"] < stop["right"] <= 390
-            assert stop["height"] >= 44  # for a thumb
-            assert page.run("return document.querySelector('[data-name=curves]').offsetWidth") > 300
+            assert page.box("[data-name=stop]")["height"] >= 44  # for a thumb
+            assert page.box(".curves")["width"] > 300
+            for part in ("[data-name=stop]", ".step.now", ".curves", "#tooth", "[data-name=go]", "[data-name=stay]"):
+                box = page.box(part)
+                assert 0 <= box["left"] < box["right"] <= 390, part
+                assert 0 <= box["top"] < box["bottom"] <= 844, part  # on one screen
         finally:
             browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
@@ -273,12 +351,13 @@ class TestOneDrive:
         page = Page(browser, served.address, peer)
         page.click("Step forward")
         page.wait("the step", lambda: page.at_rest_at(0.5))
+        page.unfold("Simulated drive")
         page.slider("load-torque").send_keys(Keys.PAGE_UP)
         page.wait("the load torque", lambda: page.run("return window.live.state.last('load_torque')") > 0.05)
         page.click("Load encoder jumps")
         page.wait("the fault", lambda: page.said("fact-fault").startswith("ENCODERS_DISAGREE: "))
         page.click("As it was")
-        page.click("Reset the fault")
+        page.click("Reset")
         page.wait("no fault", lambda: page.said("fact-fault") == "none")
         assert Parameters(peer, "plant_simulator").get("sensors.load_offset") == [0.0]
 
@@ -291,16 +370,16 @@ def test_a_drive_that_goes_and_comes_is_said_and_watched_again(
     page = Page(browser, serve().address, peer)
     page.wait("the drive", lambda: page.said("fact-drive") == "simulated by /plant_simulator")
     drive.kill()
-    page.wait("its absence", lambda: "no joint states from the drive" in page.said("lifecycle"))
+    page.wait("its absence", lambda: "no joint states from the drive" in page.said("acts"))
     page.wait("the fault", lambda: page.said("fact-fault").startswith("NO_SAMPLES: No usable joint states came"))
-    assert "Then reset the fault." in page.said("fact-what-to-do")
+    assert page.said("fault-text").endswith("Then reset.")
     page.click("Step forward")
     page.wait("that it is not sent", lambda: "the controller holds no position" in page.said("move-answer"))
     start("plant_simulator", lockstep=True)
-    page.wait("its return", lambda: "no joint states" not in page.said("lifecycle"))
-    page.click("Reset the fault")
+    page.wait("its return", lambda: "no joint states" not in page.said("acts"))
+    page.click("Reset")
     page.wait("no fault", lambda: page.said("fact-fault") == "none")
-    page.wait("a held position", lambda: "no position" not in page.said("fact-law-acts"))
+    page.wait("a held position", lambda: "no position" not in page.said("acts"))
     page.click("Step forward")
     page.wait("a step", lambda: page.swing() > 0.1)
     assert console_of(browser) == []

@@ -1,4 +1,4 @@
-"""Draws docs/images/dashboard.png: the page of `make live` before and after the backlash is learned, in Chromium."""
+"""Draws the dashboard's pictures in docs/images, in Chromium, with `make live`: the page and the tooth."""
 
 import argparse
 import re
@@ -16,6 +16,7 @@ from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
 
 _PATIENCE = 120.0
+STEP = "Step of 0.5 rad"
 
 
 def _wait(what: str, condition: Callable[[], Any]) -> Any:
@@ -37,27 +38,30 @@ def _pause(browser: Chrome, seconds: float) -> None:
     _wait("time", lambda: browser.execute_script("return live.joints.last('time')") > now + seconds)
 
 
-def draw(browser: Chrome, address: str, place: Path) -> None:
-    """Do what the newcomer does, and take the picture."""
-    browser.set_window_size(1400, 1260)
+def draw(browser: Chrome, address: str, folder: Path) -> None:
+    """Do what the newcomer does, and take the pictures."""
+    screen = {"width": 1400, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
     browser.get(address)
     _wait("samples", lambda: browser.execute_script("return window.live?.joints.length > 100"))
     _click(browser, "30 s")
-    _click(browser, "Step forward")
-    _pause(browser, 7.0)
-    _click(browser, "Learn the backlash")
-    _wait("what is learned", lambda: "backlash in use: 20 mrad" in browser.page_source)
-    _pause(browser, 4.0)
-    _click(browser, "Step back")
+    _click(browser, STEP)
     _pause(browser, 5.0)
-    browser.save_screenshot(str(place))
+    browser.find_element(By.ID, "tooth").screenshot(str(folder / "tooth.png"))
+    for words, result in (("Learn the backlash", "b = "), ("Identify the drive", "J_l = ")):
+        _click(browser, words)
+        _wait(result, lambda result=result: result in browser.find_element(By.CLASS_NAME, "strip").text)
+        _pause(browser, 2.0)
+    _click(browser, STEP)
+    _pause(browser, 5.0)
+    browser.save_screenshot(str(folder / "dashboard.png"))
 
 
 def main() -> int:
     """Start it all, draw, end it all."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("docs/images/dashboard.png"), help="file to write")
-    place = parser.parse_args().out
+    parser.add_argument("--out", type=Path, default=Path("docs/images"), help="folder to write to")
+    out = parser.parse_args().out
     with TemporaryDirectory() as folder, Path(folder, "log").open("w+") as log:
         command = [sys.executable, "-m", "backlash_ros.dashboard.live", "--out", folder]
         running = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
@@ -65,7 +69,7 @@ def main() -> int:
             said = Path(log.name).read_text
             address = _wait("the address", lambda: re.search(r"^http://\S+$", said(), re.MULTILINE))[0]
             with chromium(Path(folder, "browser")) as browser:
-                draw(browser, address, place)
+                draw(browser, address, out)
         finally:
             running.send_signal(signal.SIGINT)
             running.wait()

@@ -1,4 +1,6 @@
-// Curves and the tooth in its gap, drawn from the samples that the server sends; and the stop.
+// Curves, drawn from the samples that the server sends; and the stop.
+
+import { Tooth } from "./tooth.js";
 
 const KEPT = 65; // s of samples that are kept
 const FRAME = 50; // ms between two pictures
@@ -72,19 +74,31 @@ function span(values, from) {
   return [low, high];
 }
 
-const COLORS = { light: ["#0b5fa5", "#b3541e", "#5c6670", "#7b3fa0", "#2f7d32"], dark: ["#6cb6f5", "#f0a36b", "#a9b4be", "#c79be8", "#81c784"] };
+const ROWS = [["angle, rad", 25], ["error, b", 25], ["command", 17], ["load torque, N m", 15], ["region, flank", 12]];
+const NARROW = 600; // px; a narrower chart has the first two rows alone
+const CURVES = [
+  ["load", 0, "load"], ["motor through the gear", 0, "motor"], ["setpoint", 0, "faint", "dashed"],
+  ["error", 1, "load"],
+  ["command", 2, "command"], ["limits", 2, "faint", "dotted"], ["lower limit", 2, "faint", "dotted"],
+  ["load torque", 3, "torque"],
+  ["region", 4, "command"], ["flank", 4, "motor", "dashed"],
+];
+const LEAST_SPAN = [1e-3, 0, 0.1, 1e-3, 0]; // of an axis by its row, so that no rounding noise fills it
+
+const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
 class Live {
   constructor(options) {
     this.options = options;
     this.window = 10;
     this.paused = false;
-    this.forget();
     this.drawn = 0;
     this.chart = options.chart;
     this.chart.on("datazoom", () => this.onZoom());
-    this.dark = window.matchMedia("(prefers-color-scheme: dark)");
-    this.dark.addEventListener("change", () => this.layOut());
+    this.tooth = new Tooth(document.getElementById("tooth"), document.getElementById("tooth-text"));
+    this.forget();
+    window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.layOut());
+    new ResizeObserver(() => this.narrow !== this.chart.getWidth() < NARROW && this.layOut()).observe(this.chart.getDom());
     this.layOut();
     const draw = () => {
       const now = performance.now();
@@ -116,7 +130,7 @@ class Live {
   forget() {
     this.joints = new Table(this.options.joints);
     this.state = new Table(this.options.state);
-    this.low = this.high = this.strongest = undefined; // of the twist and of the force
+    this.tooth.forget();
   }
 
   watch(axis) {
@@ -131,42 +145,45 @@ class Live {
   }
 
   layOut() {
-    const dark = this.dark.matches;
-    const colors = COLORS[dark ? "dark" : "light"];
-    const text = dark ? "#e3e6e8" : "#20262b";
-    const line = dark ? "#3d464e" : "#d5dade";
-    const rows = [
-      ["angle, rad", 25], ["error, b", 25], ["command", 17], ["load torque, N m", 15], ["region, flank", 12],
-    ];
-    let top = 4;
+    this.narrow = this.chart.getWidth() < NARROW;
+    const rows = this.narrow ? ROWS.slice(0, 2) : ROWS;
+    const whole = rows.reduce((sum, [, height]) => sum + height, 0);
+    const text = colour("ink"), line = colour("line");
+    const axis = { type: "value", axisLine: { onZero: false, lineStyle: { color: line } }, splitLine: { lineStyle: { color: line } } };
+    let top = this.narrow ? 9 : 5;
     const grids = [], x = [], y = [];
-    rows.forEach(([name, height], i) => {
-      grids.push({ left: 64, right: 16, top: `${top}%`, height: `${height - 5}%` });
+    rows.forEach(([name, part], i) => {
+      const last = i === rows.length - 1, height = ((99 - (this.narrow ? 9 : 5)) * part) / whole;
+      grids.push({ left: 64, right: 16, top: `${top}%`, height: `${height - (this.narrow ? 10 : 5)}%`, outerBoundsMode: "none" });
       top += height;
-      x.push({ type: "value", gridIndex: i, axisLine: { onZero: false, lineStyle: { color: line } }, axisLabel: { show: i === rows.length - 1, color: text, formatter: (v) => v.toFixed(1) }, axisTick: { show: i === rows.length - 1 }, splitLine: { lineStyle: { color: line } }, name: i === rows.length - 1 ? "s" : "", nameTextStyle: { color: text } });
-      y.push({ type: "value", gridIndex: i, axisLine: { onZero: false, lineStyle: { color: line } }, name, nameLocation: "end", nameGap: 6, nameTextStyle: { color: text, align: "left", padding: [0, 0, 0, -56] }, scale: true, axisLabel: { color: text, showMaxLabel: false, hideOverlap: true }, splitLine: { lineStyle: { color: line } }, splitNumber: 3 });
+      x.push({ ...axis, gridIndex: i, axisLabel: { show: last, color: text, formatter: (v) => `${v.toFixed(1)} s` }, axisTick: { show: last } });
+      y.push({
+        ...axis, gridIndex: i, name, nameLocation: "end", nameGap: 6, scale: true, splitNumber: 3,
+        nameTextStyle: { color: text, align: "left", padding: [0, 0, 0, -56] },
+        axisLabel: { color: text, showMaxLabel: false, hideOverlap: true, formatter: (v) => `${+v.toPrecision(3)}` },
+        min: ({ min, max }) => (max - min < LEAST_SPAN[i] ? (min + max - LEAST_SPAN[i]) / 2 : null),
+        max: ({ min, max }) => (max - min < LEAST_SPAN[i] ? (min + max + LEAST_SPAN[i]) / 2 : null),
+      });
     });
-    Object.assign(y[4], { min: -1, max: 3, interval: 1 });
-    const curve = (name, grid, color, more = {}) => ({ name, type: "line", xAxisIndex: grid, yAxisIndex: grid, showSymbol: false, animation: false, data: [], lineStyle: { width: 1.4, color, ...more.lineStyle }, itemStyle: { color }, step: more.step });
-    this.curves = ["load", "motor through the gear", "setpoint", "error", "command", "limits", "lower limit", "load torque", "region", "flank"];
+    if (!this.narrow) Object.assign(y[4], { min: -1, max: 3, interval: 1 });
+    this.curves = CURVES.filter(([, row]) => row < rows.length);
+    const series = this.curves.map(([name, row, hue, type = "solid"]) => ({
+      name, type: "line", xAxisIndex: row, yAxisIndex: row, showSymbol: false, animation: false, data: [], step: row === 4 ? "end" : false,
+      lineStyle: { width: type === "dotted" ? 1 : 1.4, color: colour(hue), type }, itemStyle: { color: colour(hue) },
+    }));
+    const band = series.find(({ name }) => name === "error");
+    band.markArea = { silent: true, itemStyle: { color: colour("good"), opacity: 0.13 }, data: [[{ yAxis: -0.5 }, { yAxis: 0.5 }]] };
     this.chart.setOption({
       animation: false,
       aria: { enabled: true, label: { description: "Angles, error, command, load torque and region over time, as they are now." } },
       backgroundColor: "transparent",
       textStyle: { color: text, fontFamily: "system-ui, sans-serif" },
-      grid: grids, xAxis: x, yAxis: y,
+      grid: grids, xAxis: x, yAxis: y, series,
       tooltip: { trigger: "axis", confine: true, valueFormatter: (v) => (typeof v === "number" ? v.toPrecision(4) : "") },
       axisPointer: { link: [{ xAxisIndex: "all" }] },
-      legend: { type: "scroll", top: 0, left: 96, right: 8, textStyle: { color: text }, data: ["setpoint", "load", "motor through the gear", "region", "flank"], itemHeight: 8 },
-      dataZoom: [{ type: "inside", xAxisIndex: [0, 1, 2, 3, 4], filterMode: "none" }],
-      series: [
-        curve("load", 0, colors[0]), curve("motor through the gear", 0, colors[1]), curve("setpoint", 0, colors[2], { lineStyle: { type: "dashed" } }),
-        { ...curve("error", 1, colors[0]), markArea: { silent: true, itemStyle: { color: dark ? "#81c78433" : "#2f7d3222" }, data: [[{ yAxis: -0.5 }, { yAxis: 0.5 }]] } },
-        curve("command", 2, colors[3]), curve("limits", 2, colors[2], { lineStyle: { type: "dotted" } }), curve("lower limit", 2, colors[2], { lineStyle: { type: "dotted" } }),
-        curve("load torque", 3, colors[4]),
-        curve("region", 4, colors[3], { step: "end" }), curve("flank", 4, colors[1], { step: "end", lineStyle: { type: "dashed" } }),
-      ],
-    }, { replaceMerge: ["series"] });
+      legend: { type: "scroll", top: 0, left: 96, right: 8, textStyle: { color: text }, data: ["setpoint", "load", "motor through the gear"], itemHeight: 8 },
+      dataZoom: [{ type: "inside", xAxisIndex: rows.map((_, i) => i), filterMode: "none" }],
+    }, { replaceMerge: ["grid", "xAxis", "yAxis", "series", "dataZoom"] });
   }
 
   live() {
@@ -239,76 +256,58 @@ class Live {
     const of = (name) => thin(st, state.of(name), s0, s1, this.zero);
     const limit = (name) => (this.options.facts().unit === "V" ? of(name) : []); // limits are told in V
     const joint = (values) => thin(jt, values, j0, j1, this.zero);
-    const data = [joint(load), joint(joints.of("motor")), of("setpoint"), joint(error), of("command"), limit("range_high"), limit("range_low"), of("load_torque"), of("region"), of("flank")];
+    const data = {
+      load: joint(load), "motor through the gear": joint(joints.of("motor")), setpoint: of("setpoint"), error: joint(error),
+      command: of("command"), limits: limit("range_high"), "lower limit": limit("range_low"),
+      "load torque": of("load_torque"), region: of("region"), flank: of("flank"),
+    };
+    const y = [{}, { name: b ? "error, b" : "error, mrad (b is not learned yet)", min: -scale, max: scale }, { name: `command, ${this.options.facts().unit}` }, {}, {}];
+    const rows = this.narrow ? 2 : 5;
     chart.setOption({
-      xAxis: Array.from({ length: 5 }, () => ({ min: -this.window, max: 0 })),
-      yAxis: [{}, { name: b ? "error, b" : "error, mrad (b is not learned yet)", min: -scale, max: scale }, { name: `command, ${this.options.facts().unit}` }, {}, {}],
-      series: this.curves.map((name, i) => ({ name, data: data[i] })),
+      xAxis: Array.from({ length: rows }, () => ({ min: -this.window, max: 0 })),
+      yAxis: y.slice(0, rows),
+      series: this.curves.map(([name]) => ({ name, data: data[name] })),
     }, { lazyUpdate: true });
   }
 
   draw() {
-    const axis = this.options.facts().axis;
+    const { axis, active, simulated, gap } = this.options.facts();
     if (axis && axis !== this.axis) this.watch(axis);
     if (!this.paused) this.fill();
-    this.tooth();
+    this.tooth.draw(this.joints, this.state, { b: this.b, simulated, gap });
+    this.tellStep();
+    if (stopped === "asked" && !active) stopped = "done";
+    if (stopped === "done" && active) tellStop(""); // what it speaks of is over
   }
 
-  // The tooth of the motor's gear in the gap of the load's, magnified.
-  tooth() {
+  // The figures of the last step, beside its button.
+  tellStep() {
+    const now = performance.now();
+    if (now - (this.toldStep || 0) < 250) return;
+    this.toldStep = now;
+    const [result, more] = this.stepText();
+    document.getElementById("step-result").textContent = result;
+    document.getElementById("step-more").textContent = more;
+  }
+  stepText() {
     const { joints, state } = this;
-    const svg = document.getElementById("tooth");
-    if (!svg || !joints.length) return;
-    const motor = joints.of("motor"), load = joints.of("load");
-    const now = joints.length - 1, recent = joints.from(joints.last("time") - SWING);
-    const twist = motor[now] - load[now];
-    if (Number.isNaN(twist)) return; // with one encoder nobody sees it
-    if (!(this.low <= twist)) this.low = twist;
-    if (!(this.high >= twist)) this.high = twist;
-    for (let i = recent; i <= now; i++) {
-      const value = motor[i] - load[i];
-      if (value < this.low) this.low = value;
-      if (value > this.high) this.high = value;
-    }
-    const b = this.b;
-    const width = b || this.options.facts().gap || Math.max(this.high - this.low, 1e-6);
-    // Where the middle of the gap is: between the flanks where both were seen, else as near to 0 as what was seen allows.
-    const [least, most] = [this.high - width / 2, this.low + width / 2];
-    const middle = least > most ? (least + most) / 2 : Math.min(Math.max(0, least), most);
-    const place = Math.max(-0.62, Math.min(0.62, (twist - middle) / width));
-    const setpoint = state.last("setpoint");
-    const swing = span(load, recent);
-    const off = Number.isFinite(setpoint) ? (load[now] - setpoint) / width : 0;
-    const px = 90; // of the gap
-    const clip = (value) => Math.max(-1.2, Math.min(1.2, value));
-    const x = 230 + clip(off) * px;
-    svg.querySelector("#gap").setAttribute("transform", `translate(${x} 0)`);
-    svg.querySelector("#pinion").setAttribute("transform", `translate(${x + place * px} 0)`);
-    const torque = joints.last("gear_torque");
-    const simulated = this.options.facts().simulated && Number.isFinite(torque);
-    const touches = simulated ? Math.sign(torque) * (Math.abs(torque) > 1e-4) : Math.abs(place) > 0.49 ? Math.sign(place) : 0;
-    svg.querySelector("#right").classList.toggle("touched", touches > 0);
-    svg.querySelector("#left").classList.toggle("touched", touches < 0);
-    const arrow = svg.querySelector("#force");
-    arrow.style.display = simulated && touches ? "" : "none";
-    if (simulated && touches) {
-      this.strongest = Math.max((this.strongest || 0) * 0.999, Math.abs(torque), 1e-3);
-      const length = 12 + (48 * Math.abs(torque)) / this.strongest;
-      const at = x + place * px + touches * 32;
-      arrow.setAttribute("d", `M${at} 62 h${touches * length} m${-touches * 8} -5 l${touches * 8} 5 l${-touches * 8} 5`);
-    }
-    const bar = svg.querySelector("#swing");
-    const ends = swing.map((value) => 230 + clip((value - setpoint) / width) * px);
-    bar.setAttribute("x", Math.min(...ends) || 0);
-    bar.setAttribute("width", Math.max(2, Math.abs(ends[1] - ends[0]) || 2));
-    const told = swing[1] - swing[0];
-    const size = b ? `${(told / b).toFixed(2)} b` : `${(1e3 * told).toFixed(2)} mrad`;
-    const side = touches > 0 ? "on the flank that drives the load forward" : touches < 0 ? "on the flank that holds the load back" : "between the flanks";
-    const text = `The load moved by ${size} in the last second. The tooth is ${side}${simulated && touches ? `, with ${Math.abs(torque).toPrecision(2)} N m` : ""}.`;
-    if (performance.now() - (this.told || 0) > 250) {
-      this.told = performance.now();
-      document.getElementById("swing-text").textContent = text;
-    }
+    const reference = state.of("reference"), time = state.of("time"), jt = joints.of("time"), load = joints.of("load");
+    let k = reference.length - 1;
+    const target = reference[k];
+    while (k > 0 && reference[k - 1] === target && !state.of("experiment")[k]) k--;
+    if (!(k > 0) || !Number.isFinite(target - reference[k - 1]) || reference[k - 1] === target || !joints.length) return ["no step yet", ""];
+    const from = joints.from(time[k]), last = joints.length - 1;
+    if (jt[last] - time[k] < SWING || Number.isNaN(load[last])) return ["moves", ""];
+    const inWords = (angle) => (this.b ? `${(angle / this.b).toFixed(2)} b` : `${(1e3 * angle).toFixed(1)} mrad`);
+    const [low, high] = span(load, Math.max(from, joints.from(jt[last] - SWING)));
+    const swing = `swing ${inWords(high - low)} in the last second`;
+    if (state.last("rattle") > 0) return [`rattles by ${inWords(state.last("rattle"))}`, swing];
+    const band = this.b ? this.b / 4 : 0.02 * Math.abs(target - reference[k - 1]);
+    let outside = last;
+    while (outside >= from && Math.abs(load[outside] - target) <= band) outside--;
+    if (jt[last] - jt[outside] < SWING) return ["not settled", swing];
+    const sure = (jt[last] - jt[from]) / (last - from); // one sample
+    return [`settled in ${Math.max(0, jt[outside] - time[k]).toFixed(3)} \u00b1 ${sure.toFixed(3)} s`, swing];
   }
 }
 
@@ -316,13 +315,20 @@ export function start(options) {
   window.live = new Live(options);
 }
 
+let stopped = ""; // whether 0 V was asked for, and came
+
+function tellStop(text) {
+  stopped = "";
+  document.getElementById("stop-text").textContent = text;
+}
+
 export async function stop(axis) {
-  const told = document.getElementById("stop-text");
-  told.textContent = "stopping ...";
+  tellStop("stopping ...");
   try {
     const answer = await fetch(`/stop?axis=${encodeURIComponent(axis)}`, { method: "POST" });
-    told.textContent = await answer.text();
+    tellStop(await answer.text());
+    if (answer.ok) stopped = "asked";
   } catch {
-    told.textContent = "The dashboard does not answer: stop the drive at the machine.";
+    tellStop("The dashboard does not answer: stop the drive at the machine.");
   }
 }

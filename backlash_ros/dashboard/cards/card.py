@@ -1,0 +1,65 @@
+"""What all cards share: their frame, buttons of two ranks, and answers that end with what they speak of."""
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from nicegui import ui
+
+from backlash_ros.dashboard.axis import Answer, Axis
+from backlash_ros.dashboard.state import situation
+from backlash_ros.dashboard.station import Mover, Station
+
+FIELD = "dense outlined"
+OPTIONS = f"{FIELD} options-dense"
+
+Refresh = Callable[[Axis], None]
+"""Shows the present state of an axis."""
+
+
+class Shown(Mover, Protocol):
+    """The page that a card is on."""
+
+    station: Station
+    read_only: bool
+    title: str
+
+    @property
+    def axis(self) -> Axis | None:
+        """The axis that is shown, or None."""
+
+
+def card(title: str) -> ui.element:
+    """Return a card with a title."""
+    made = ui.element("section").classes("card")
+    with made:
+        ui.html(f"<h2>{title}</h2>", sanitize=False)
+    return made
+
+
+def line() -> ui.element:
+    """Return a row of fields and buttons."""
+    return ui.element("div").classes("line")
+
+
+def button(text: str, act: Callable[..., Any], name: str = "", *, primary: bool = False) -> ui.button:
+    """Return a button; a card has one ``primary`` one at most."""
+    made = ui.button(text, on_click=act).props(f"dense no-caps {'unelevated' if primary else 'outline'}")
+    return made.props(f"data-name={name}") if name else made
+
+
+class Said:
+    """An answer in words, shown until the axis is in another state than when it came."""
+
+    def __init__(self, name: str) -> None:
+        self._label = ui.label("").classes("answer").props(f'data-name={name} aria-live="polite"')
+        self._about: Any = None
+
+    def tell(self, axis: Axis | None, answer: Answer) -> None:
+        """Show why something failed; a success shows itself."""
+        self._about = axis and situation(axis)
+        self._label.set_text("" if answer.success else answer.text)
+
+    def refresh(self, axis: Axis) -> None:
+        """Forget what was said of another state."""
+        if self._label.text and situation(axis) != self._about:
+            self._label.set_text("")

@@ -1,0 +1,52 @@
+"""The card of results: what the last experiment found, each value with its standard uncertainty."""
+
+from html import escape
+
+from nicegui import ui
+
+from backlash_ros.dashboard.axis import Axis
+from backlash_ros.dashboard.cards.card import Refresh, Shown, card
+
+_WORDS = {
+    "b": "backlash",
+    "J_l": "load: inertia",
+    "B_l": "load: viscous friction",
+    "c_l": "load: dry friction",
+    "1 B_l + c_l": "load: friction at 1 rad/s",
+    "10 B_l + c_l": "load: friction at 10 rad/s",
+    "tau_l": "load torque",
+    "dtau_l/dtheta_l": "its growth with the angle",
+    "c_m": "motor: dry friction",
+    "K_m": "motor: torque constant",
+    "R": "motor: resistance",
+    "loss": "gear: loss",
+    "wind-up": "gear: wind-up of the teeth",
+    "(db/dtheta_l)/b": "gear: growth of the gap with the angle",
+    "delay": "delay of the loop",
+    "offset": "load encoder: offset",
+    "eccentricity": "load encoder: scale error here",
+}
+
+
+def results_card(page: Shown) -> Refresh:
+    """Make the card, hidden until there are results."""
+    shown: list[object] = [None]
+    made = card("Found by the last experiment")
+    with made:
+        table = ui.html("", sanitize=True)
+        rest = ui.label("").classes("muted")
+
+    def refresh(axis: Axis) -> None:
+        run = next(reversed(page.station.of(axis.title).found.values()), None)
+        made.set_visibility(run is not None and bool(run.results))
+        if run is not None and run is not shown[0]:
+            shown[0] = run
+            rows = (
+                f"<tr><td>{escape(_WORDS.get(each.symbol, ''))} <span>{escape(each.symbol)}</span></td>"
+                f"<td>{escape(each.text)}</td></tr>"
+                for each in run.results
+            )
+            table.set_content(f'<table class="results"><tbody>{"".join(rows)}</tbody></table>')
+            rest.set_text(f"from {run.answer.partition(', from ')[2]}")
+
+    return refresh

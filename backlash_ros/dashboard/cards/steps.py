@@ -1,0 +1,228 @@
+"""The strip on top: connect, learn, identify, move; where one is, each step's button, result and gain."""
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+from lifecycle_msgs.msg import Transition
+from nicegui import ui
+
+from backlash_ros.dashboard.axis import ANSWER, Answer, Axis
+from backlash_ros.dashboard.cards.card import Refresh, Said, Shown, button
+from backlash_ros.dashboard.cards.move import refusal, step
+from backlash_ros.dashboard.state import STEPS, Run, fault_of, law_of, quantity, remedy, step_of
+
+_WAY = 0.5
+"""Length of a step, rad."""
+_EXPERIMENTS = {"learning": "learn", "identifying": "identify"}
+
+Words = Callable[[Axis], tuple[str, str]]
+"""Result of a step, and what it gains, or would gain."""
+
+
+def steps_card(page: Shown) -> Refresh:
+    """Make the strip; a fault takes its place, so that nothing moves."""
+    with ui.element("nav").classes("strip").props('aria-label="steps"'):
+        refreshers = [made(page) for made in (_connect, _learn, _identify, _move)]
+        with ui.element("div").classes("alert").props('role="alert" data-name=fault') as alert:
+            name = ui.label("").classes("bad")
+            text = ui.label("").props("data-name=fault-text")
+
+    def refresh(axis: Axis) -> None:
+        fault, why = fault_of(axis)
+        alert.set_visibility(bool(fault))
+        if fault:
+            name.set_text(fault)
+            text.set_text(f"{why}. {remedy(fault)} Then reset.")
+        for each in refreshers:
+            each(axis)
+
+    return refresh
+
+
+class _Step:
+    """One step: its number and title, its button, its result, what it gains, and why it was refused."""
+
+    def __init__(self, name: str, title: str) -> None:
+        self.name = name
+        self.box = ui.element("section").classes("step").props(f"data-name=step-{name}")
+        with self.box:
+            self.head = ui.element("div").classes("head")
+            with self.head:
+                ui.html(f"<h2><b>{STEPS.index(name) + 1}</b> {title}</h2>", sanitize=False)
+            self._result = ui.label("").classes("result").props(f"data-name={name}-result")
+            self._gain = ui.label("").classes("muted").props(f"data-name={name}-gain")
+            self._said = Said(f"step-{name}-answer")
+        self._button: ui.button | None = None
+
+    def offer(self, text: str, act: Callable[..., Any]) -> None:
+        """Add its button."""
+        with self.head:
+            self._button = button(text, act, f"{self.name}-button")
+
+    def tell(self, axis: Axis | None, answer: Answer) -> None:
+        """Say why it was refused."""
+        self._said.tell(axis, answer)
+
+    def refresh(self, axis: Axis, words: tuple[str, str], label: str = "", *, wanted: bool = True) -> None:
+        """Show result and gain, and the button with another ``label``, if it is ``wanted``."""
+        now = step_of(axis) == self.name
+        fault = bool(fault_of(axis)[0])
+        self.box.set_visibility(not fault)
+        self.box.classes(add="now" if now else "", remove="" if now else "now")
+        self.box.props('aria-current="step"' if now else 'aria-current="false"')
+        self._said.refresh(axis)
+        result, gain = words
+        self._result.set_text(result)
+        self._gain.set_text(gain)
+        if self._button is not None:
+            self._button.set_visibility(wanted)
+            self._button.set_text(label or self._button.text)
+            first = now and label != "Cancel"
+            self._button.props(remove="outline" if first else "unelevated", add="unelevated" if first else "outline")
+
+
+def _connect(page: Shown) -> Refresh:
+    shown = _Step("connect", "Connect")
+
+    async def activate() -> None:
+        if page.axis is not None:
+            if page.axis.lifecycle == "unconfigured":
+                await page.axis.change(Transition.TRANSITION_CONFIGURE)
+            shown.tell(page.axis, await page.axis.change(Transition.TRANSITION_ACTIVATE))
+
+    if not page.read_only:
+        shown.offer("Activate", activate)
+
+    def refresh(axis: Axis) -> None:
+        idle = axis.present and axis.lifecycle in ("inactive", "unconfigured")
+        timing = axis.diagnoses.get("controller: timing")
+        if idle:
+            words = "0 V", "would hold the load where it is"
+        elif step_of(axis) == "connect":
+            words = "no samples", "start the drive, which publishes joint_states"
+        else:
+            rate = timing.values.get("rate_Hz", "nan") if timing else "nan"
+            late = timing.values.get("late_samples", "0") if timing else "0"
+            words = f"{float(rate):.4g} Hz", f"{late} samples late" + (", simulated drive" if axis.simulated else "")
+        shown.refresh(axis, words, wanted=idle)
+
+    return refresh
+
+
+def _experiment(page: Shown, name: str, title: str, label: str, words: Words) -> Refresh:
+    """Make a step that runs an experiment: its button starts, cancels, or applies."""
+    shown, does = _Step(name, title), ""
+
+    async def act() -> None:
+        axis = page.axis
+        if axis is None:
+            return
+        if does == "run":
+            shown.tell(axis, await page.station.experiment(page.title, name))
+        else:
+            shown.tell(axis, await axis.call(does, ANSWER))
+
+    if not page.read_only:
+        shown.offer(label, act)
+
+    def refresh(axis: Axis) -> None:
+        nonlocal does
+        run = page.station.of(axis.title).run
+        if run is not None:
+            run.look(axis)
+        if progress := _progress(axis, run, name):
+            does = "cancel"
+            shown.refresh(axis, (progress, "the motor moves" if "%" in progress else ""), "Cancel")
+        elif _waits(axis, name):
+            does = "apply_estimate"
+            shown.refresh(axis, words(axis), "Apply the estimate")
+        else:
+            does = "run"
+            shown.refresh(axis, words(axis), label)
+
+    return refresh
+
+
+def _progress(axis: Axis, run: Run | None, name: str) -> str:
+    """Return what an experiment is doing; empty if it does not run."""
+    state = axis.last_state
+    word = {1: "learning", 2: "identifying"}.get(int(state.get("experiment", 0.0)), "")
+    if _EXPERIMENTS.get(word) == name:
+        return f"{word}: {100.0 * state.get('progress', 0.0):.0f} %"
+    if run is None or run.service != name:
+        return ""
+    if math.isfinite(run.computing_since):
+        return f"computing for {time.monotonic() - run.computing_since:.0f} s"
+    return "begins"
+
+
+def _kept(axis: Axis) -> dict[str, str]:
+    """Return what the controller says of its newest estimate."""
+    servo = axis.diagnoses.get("controller: servo")
+    return dict(servo.values) if servo and axis.present else {}
+
+
+def _waits(axis: Axis, name: str) -> bool:
+    """Return whether an estimate of this step waits to be applied."""
+    kept = _kept(axis)
+    by = "identify" if kept.get("estimate_method") == "identify" else "learn"
+    return kept.get("estimate_applied") == "False" and by == name
+
+
+def _learn(page: Shown) -> Refresh:
+    def words(axis: Axis) -> tuple[str, str]:
+        if not axis.b:
+            swing = axis.last_state.get("rattle", 0.0)
+            now = f": {1e3 * swing:.1f} mrad now" if swing else ""
+            return "b is not known", f"would end the rattle after a move{now}"
+        kept = _kept(axis)
+        sure = kept.get("estimate_uncertainty_rad", "")
+        ours = sure and kept.get("estimate_applied") == "True" and math.isclose(float(kept["estimate_rad"]), axis.b)
+        text = quantity(axis.b, float(sure), "rad") if ours else f"{1e3 * axis.b:.4g} mrad"
+        deaf = law_of(axis) == "fast"
+        return f"b = {text}", "law fast does not use it" if deaf else "in use: moves end without a rattle"
+
+    return _experiment(page, "learn", "Learn", "Learn the backlash", words)
+
+
+def _identify(page: Shown) -> Refresh:
+    def words(axis: Axis) -> tuple[str, str]:
+        if not axis.told.values.get("identified"):
+            return "the load is not known", "would settle in 0.14 s, not 0.45 s (median of 2,000 drives)"
+        used = axis.told.values["load.inertia"]
+        run = page.station.of(axis.title).found.get("identify")
+        ours = (
+            [each.text for each in run.results if each.symbol == "J_l" and math.isclose(each.value, used, rel_tol=1e-3)]
+            if run
+            else []
+        )
+        inertia = ours[0] if ours else f"{1e4 * used:.4g} kg cm²"
+        return f"J_l = {inertia}", f"in use: law {law_of(axis)} acts"
+
+    return _experiment(page, "identify", "Identify", "Identify the drive", words)
+
+
+def _move(page: Shown) -> Refresh:
+    shown = _Step("move", "Move")
+    with shown.box:  # the browser fills it
+        ui.html('<p class="result" id="step-result"></p><p class="muted" id="step-more"></p>', sanitize=False)
+    sign = 1.0
+
+    def act() -> None:
+        nonlocal sign
+        if page.axis is not None:
+            why = refusal(page.axis)
+            shown.tell(page.axis, Answer(not why, why))
+            if not why:
+                step(page, sign * _WAY)
+                sign = -sign
+
+    if not page.read_only:
+        shown.offer(f"Step of {_WAY:g} rad", act)
+
+    def refresh(axis: Axis) -> None:
+        shown.refresh(axis, ("", ""))
+
+    return refresh

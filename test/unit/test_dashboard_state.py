@@ -1,0 +1,119 @@
+"""What the page says of an axis: its state, its fault, the law that acts, and what an experiment found."""
+
+import math
+import time
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs rclpy")
+
+from backlash_ros.control.estimates.requests import describe_outcome
+from backlash_ros.control.experiment import BacklashEstimate, DriveEstimate, Method
+from backlash_ros.dashboard import state
+from backlash_ros.dashboard.axis import Axis, Diagnosis, Told
+from backlash_ros.gates.faults import FAULTS, Fault
+from backlash_ros.identification.recordings.findings import Finding
+
+
+@dataclass
+class Seen:
+    """What the page knows of an axis that holds its position."""
+
+    title: str = "/"
+    present: bool = True
+    simulated: bool = False
+    lifecycle: str = "active"
+    silent: float = 0.0
+    b: float = 0.0
+    told: Told = field(default_factory=Told)
+    last_state: dict[str, float] = field(default_factory=lambda: {"holding": 1.0, "fault": 0.0, "experiment": 0.0})
+    diagnoses: dict[str, Diagnosis] = field(default_factory=dict)
+
+    def says(self, part: str, **values: str) -> "Seen":
+        self.diagnoses[part] = Diagnosis(0, "", values, 0.0)
+        return self
+
+    def now(self, **values: float) -> "Seen":
+        self.last_state |= values
+        return self
+
+    @property
+    def axis(self) -> Axis:
+        return cast("Axis", self)
+
+
+def test_an_answer_is_read_as_it_is_written() -> None:
+    findings = (
+        Finding("", "b", "", "rad", 0.0199902, 2.6e-5),
+        Finding("load.inertia", "J_l", "", "kg m^2", 5.012e-4, 4e-6),
+        Finding("", "10 B_l + c_l", "", "N m", -0.05021, 9.7e-4),
+        Finding("", "delay", "", "s", why="its standard uncertainty is 0.1 s, more than 0.01"),
+        Finding("", "wind-up", "", "rad/(N m)", 1.2e-3, 1e-5),
+        Finding("", "loss", "", "", 0.0, 1.4e-3),
+    )
+    drive = DriveEstimate(0.0199902, Method.IDENTIFY, True, "3.6 s of motion, = 1 +- 2 s", findings=findings)
+    found = state.results_of(describe_outcome(drive))
+    assert [each.symbol for each in found] == ["b", "J_l", "10 B_l + c_l", "wind-up", "loss"]
+    assert [each.value for each in found] == [0.01999, 5.012e-4, -0.05021, 1.2e-3, 0.0]
+    assert found[1].text == "5.012 ± 0.040 kg cm²"
+    learned = BacklashEstimate(0.0199902, Method.GAP_PROBE, True, "3.6 s of motion", uncertainty=2.6e-5)
+    assert state.results_of(describe_outcome(learned)) == [state.Result("b", 0.0199902, "19.990 ± 0.026 mrad")]
+
+
+@pytest.mark.parametrize(
+    ("seen", "word", "step"),
+    [
+        (Seen(), "active", "learn"),
+        (Seen(b=0.02), "active", "identify"),
+        (Seen(b=0.02, told=Told(1, {"identified": True})), "active", "move"),
+        (Seen().now(holding=0.0), "ready", "learn"),
+        (Seen().now(experiment=1.0), "learning", "learn"),
+        (Seen(lifecycle="inactive"), "inactive", "connect"),
+        (Seen(silent=2.0), "no samples", "connect"),
+        (Seen().now(fault=5.0, holding=0.0), "fault", "connect"),
+        (Seen(silent=math.inf, last_state={}), "no samples", "connect"),
+        (Seen(present=False, lifecycle="not there").now(fault=5.0), "not there", "connect"),
+    ],
+)
+def test_each_state_has_its_word_and_its_next_step(seen: Seen, word: str, step: str) -> None:
+    assert state.state_of(seen.axis, None).word == word
+    assert state.step_of(seen.axis) == step
+
+
+def test_a_fault_is_told_before_its_diagnosis_and_gone_before_it() -> None:
+    seen = Seen().now(fault=float(Fault.ENCODERS_DISAGREE))
+    assert state.fault_of(seen.axis) == ("ENCODERS_DISAGREE", FAULTS[Fault.ENCODERS_DISAGREE].meaning)
+    seen.says("controller: servo", fault_name="ENCODERS_DISAGREE", fault="0.5 rad apart")
+    assert state.fault_of(seen.axis) == ("ENCODERS_DISAGREE", "0.5 rad apart")
+    assert state.fault_of(seen.now(fault=0.0).axis) == ("", "")
+    seen.says("simulator: drive", fault_name="NO_COMMANDS", fault="none for 0.1 s")
+    assert state.fault_of(seen.axis) == ("", "")  # another drive's
+    seen.simulated = True
+    assert state.fault_of(seen.axis) == ("NO_COMMANDS", "none for 0.1 s")
+
+
+def test_only_what_the_acting_law_uses_is_said() -> None:
+    seen = Seen().now(region=1.0, phase=2.0).says("controller: servo", law_in_use="two_encoder")
+    assert state.acts(seen.axis) == "law two_encoder: hold"
+    seen.says("controller: servo", law_in_use="two_region")
+    assert state.acts(seen.axis) == "law two_region: fast gains"
+    assert state.acts(seen.now(holding=0.0).axis) == ""
+
+
+def test_a_result_is_being_computed_once_the_motion_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    run, seen = state.Run("learn"), Seen()
+    monkeypatch.setattr(time, "monotonic", lambda: 7.0)
+    run.look(seen.axis)  # it has not begun
+    assert state.state_of(seen.axis, run).word == "active"
+    run.look(seen.now(experiment=1.0).axis)
+    run.look(seen.now(experiment=0.0).axis)
+    assert run.computing_since == 7.0
+    assert state.state_of(seen.axis, run).word == "computing"
+
+
+@pytest.mark.parametrize("change", [{"fault": 5.0}, {"experiment": 1.0}, {"holding": 0.0}])
+def test_an_answer_is_about_one_situation(change: dict[str, Any]) -> None:
+    assert state.situation(Seen().axis) == state.situation(Seen().now(progress=0.5, load_angle=1.0).axis)
+    assert state.situation(Seen().axis) != state.situation(Seen().now(**change).axis)
