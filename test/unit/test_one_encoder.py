@@ -60,9 +60,9 @@ def test_a_load_torque_that_nobody_told_leaves_no_error(gains: GainSet, encoder:
     assert abs(np.mean(after) - 1.0) <= 0.1 * B
 
 
-@each_encoder
-def test_a_mirrored_run_is_the_mirror_image(gains: GainSet, encoder: str) -> None:
-    there, back = (played(gains, encoder, 0.1, sign) for sign in (1.0, -1.0))
+def test_a_mirrored_run_is_the_mirror_image(gains: GainSet) -> None:
+    """With the motor's encoder a free load is wiped to one side first, as no move has shown one."""
+    there, back = (played(gains, "load", 0.1, sign) for sign in (1.0, -1.0))
     assert np.max(np.abs(there.load_angle + back.load_angle)) <= 0.02 * B
 
 
@@ -129,25 +129,28 @@ def test_after_any_readings_memory_and_command_are_finite_and_within_the_range(g
 
 
 @each_encoder
-def test_one_wrong_reading_moves_the_load_by_little(gains: GainSet, encoder: str) -> None:
-    for wrong in (0.5 * B, 5.0 * B, 1.0, 100.0):
-        servo = Servo(NOMINAL_DRIVE, settings_of(gains))
-        plant = SimulatedDrive(NOMINAL_DRIVE, 0.004, sensors=SENSORS[encoder])
-        way = []
-        for k in range(600):
-            measured = plant.sample()
-            if k == 300:
-                measured[KEPT[encoder]] += wrong * (1.0 if encoder == "load" else 10.0)
-            plant.advance(servo.update(measured, plant.elapsed), 0.1)
-            way.append(plant.state[THETA_L])
-        assert np.ptp(way[290:]) <= B, wrong
+@pytest.mark.parametrize("wrong", [0.5 * B, 5.0 * B, 0.5, 1.0, 100.0])
+def test_one_wrong_reading_moves_the_load_by_little_or_is_a_fault(gains: GainSet, encoder: str, wrong: float) -> None:
+    servo = Servo(NOMINAL_DRIVE, settings_of(gains))
+    plant = SimulatedDrive(NOMINAL_DRIVE, 0.004, sensors=SENSORS[encoder])
+    way = []
+    for k in range(600):
+        measured = plant.sample()
+        if k == 300:
+            measured[KEPT[encoder]] += wrong / (1.0 if encoder == "load" else NOMINAL_DRIVE.gear.ratio)
+        command = servo.update(measured, plant.elapsed)
+        if servo.latched:
+            assert (k, command, wrong >= 1.0) == (300, 0.0, True)  # a speed beyond faults.velocity
+            break
+        plant.advance(command, 0.1)
+        way.append(plant.state[THETA_L])
+    assert np.ptp(way[290:]) <= B
 
 
 @each_encoder
 def test_a_path_is_followed_and_ends_at_rest(gains: GainSet, encoder: str) -> None:
     """1 rad in one second and on; the setpoint of the motor's encoder lies where its model has the load."""
-    ease = [0.0, 0.0, 0.0, 10.0, -15.0, 6.0]
-    source = Polynomials([(1.0, ease)]) if encoder else None
+    source = Polynomials(np.array([[0.0, 0.0, 0.0, 10.0, -15.0, 6.0, 1.0]]))
     scenario = Scenario(np.zeros(750), sensors=SENSORS[encoder], source=source)
     done = run(NOMINAL_DRIVE, settings_of(gains), scenario)
     assert done.fault == ""

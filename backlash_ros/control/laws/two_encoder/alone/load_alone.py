@@ -21,6 +21,7 @@ from backlash_ros.control.laws.two_encoder.alone.model import Response, advance,
 from backlash_ros.control.laws.two_encoder.alone.readings import UNKNOWN_PLACE, believe
 from backlash_ros.control.laws.two_encoder.load import UNKNOWN_COUNT, measure_count
 from backlash_ros.control.laws.two_encoder.memory import HOLD
+from backlash_ros.control.laws.two_encoder.teeth import contact_distance
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Array
 
@@ -32,6 +33,10 @@ _LOAD_NOISE = 0.3
 """Noise of the load's speed, rad/s per root s."""
 _TORQUE_NOISE = 0.1
 """Noise of the load torque, N m per root s."""
+_CALM = 0.1
+"""Share of both in which a free load between the teeth is disturbed."""
+APART = 0.9
+"""Share of the way to a flank up to which the teeth are apart."""
 _LARGEST_TORQUE = 1.0
 """Largest standard deviation of the load torque, N m; no drive is meant to hold more than its standstill torque."""
 _READING_NOISE = 0.5
@@ -75,9 +80,19 @@ def _bound(constants: AloneConstants, covariance: Array) -> None:
 
 
 @compiled
+def _is_calm(constants: AloneConstants, memory: AloneMemory) -> bool:
+    """Return whether the load is free and nothing touches it."""
+    if memory.plans.phase != HOLD or memory.plans.held != 0.0:
+        return False
+    gap_position = memory.shafts.angle - memory.shafts.load_angle
+    return abs(gap_position) < APART * contact_distance(constants.plans, 0.0)
+
+
+@compiled
 def _predict(constants: AloneConstants, memory: AloneMemory) -> None:
     """Advance shafts and covariance by the period up to this sample."""
     shafts, covariance, room, h = memory.shafts, memory.covariance[:], memory.room[:], constants.step
+    calm = _CALM if _is_calm(constants, memory) else 1.0
     for step in range(int(constants.steps)):
         command = command_in(constants, memory.plans.sent, step)
         response = advance(constants, shafts, command, 0.0)
@@ -86,8 +101,8 @@ def _predict(constants: AloneConstants, memory: AloneMemory) -> None:
         _carry_through(constants, covariance, room, response)
         pushed = _CURRENT_NOISE * shafts.current_torque / constants.plans.motor_inertia
         covariance[SPEED, SPEED] += (_MOTOR_NOISE**2 + pushed * pushed) * h
-        covariance[LOAD_SPEED, LOAD_SPEED] += _LOAD_NOISE**2 * h
-        more = covariance[LOAD_TORQUE, LOAD_TORQUE] + _TORQUE_NOISE**2 * h
+        covariance[LOAD_SPEED, LOAD_SPEED] += (calm * _LOAD_NOISE) ** 2 * h
+        more = covariance[LOAD_TORQUE, LOAD_TORQUE] + (calm * _TORQUE_NOISE) ** 2 * h
         covariance[LOAD_TORQUE, LOAD_TORQUE] = min(more, min(_LARGEST_TORQUE, constants.plans.stall_torque) ** 2)
         _bound(constants, covariance)
 
@@ -117,11 +132,14 @@ def observe_by_load(constants: AloneConstants, memory: AloneMemory, reading: flo
     """Take the load's angle, rad, one period after the previous one."""
     readings, plans = memory.readings, constants.plans
     readings.speed = memory.shafts.load_speed
-    measure_count(plans, readings, reading, memory.plans.phase == HOLD)
-    readings.count = readings.smallest_step if readings.smallest_step > 0.0 else UNKNOWN_COUNT * plans.gap
+    if readings.count == 0.0:
+        readings.count = UNKNOWN_COUNT * plans.gap
     _predict(constants, memory)
     if not believe(constants, memory, readings, reading, memory.shafts.load_angle):
         return
+    measure_count(plans, readings, reading, memory.plans.phase == HOLD)
+    if readings.smallest_step > 0.0:
+        readings.count = readings.smallest_step
     parked = memory.plans.phase == HOLD and memory.plans.held != 0.0 and memory.plans.hold.parking_time >= 0.0
     off = (_PARKED_NOISE if parked else _READING_NOISE) * readings.count
     _correct(constants, memory, reading - memory.shafts.load_angle, off * off)

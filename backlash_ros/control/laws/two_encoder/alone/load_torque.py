@@ -7,6 +7,7 @@ would follow. So a load that no torque holds has none.
 import math
 
 from backlash_ros.control.laws.two_encoder.alone.constants import AloneConstants
+from backlash_ros.control.laws.two_encoder.alone.load_alone import APART
 from backlash_ros.control.laws.two_encoder.alone.memory import LOAD_TORQUE, STATES, AloneMemory
 from backlash_ros.control.laws.two_encoder.load_torque import HOLDING_EXCESS, LEAST_SHOWN, set_load_torque
 from backlash_ros.control.laws.two_encoder.memory import HOLD
@@ -20,14 +21,14 @@ _FOLLOW_TIME = 0.02
 """Time in which it is followed, s."""
 _SLOW = 0.3
 """Speed of the load, rad/s, below which nothing is taken for nothing."""
-_NEXT_TO_NOTHING = 10.0
+_NEXT_TO_NOTHING = 5.0
 """Standard deviation of a load torque that is taken for nothing, in torques that just hold the load."""
-_LEAST_PULL = 1.0
+_LEAST_PULL = 2.0
 """Acceleration, rad/s^2, that a load torque gives the load at least to hold it."""
-_SHOWN = 2.0
+_UNSURE = 0.25
+"""By how much more a load torque must be that begins to hold the load, in the same, if it is not known better."""
+_SHOWN = 1.5
 """What plans know at least of a load torque, in torques that just hold the load."""
-_APART = 0.9
-"""Share of the way to a flank up to which the teeth are apart."""
 _BY_MOTOR = 2e-3
 """Standard deviation of the load torque as the motor alone shows it, N m."""
 
@@ -45,7 +46,7 @@ def _take_for_nothing(constants: AloneConstants, memory: AloneMemory, edge: floa
     """Take a load torque of a touched load that holds nothing for none, or for what friction may hide."""
     shafts, known = memory.shafts, constants.plans
     sees = constants.sees_load != 0.0
-    if sees and abs(shafts.angle - shafts.load_angle) < _APART * contact_distance(known, 0.0):
+    if sees and abs(shafts.angle - shafts.load_angle) < APART * contact_distance(known, 0.0):
         # The load shows by itself, in the gap, what pulls it.
         return
     shafts.load_torque = min(max(shafts.load_torque, -known.load_dry_friction), known.load_dry_friction)
@@ -74,7 +75,7 @@ def use_load_torque(constants: AloneConstants, memory: AloneMemory) -> None:
         share = min(period / _FOLLOW_TIME, 1.0)
         load_torque.smoothed += share * (memory.shafts.load_torque - load_torque.smoothed)
     believed, held = load_torque.smoothed, plans.held
-    if abs(believed) > edge + min(off, holding):
+    if abs(believed) > edge + min(off, _UNSURE * holding):
         held = 1.0
     elif abs(believed) < edge:
         held = 0.0
