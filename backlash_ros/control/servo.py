@@ -210,6 +210,11 @@ class Servo:
         """
         if self._hindrance:
             return f"nothing is held {self._hindrance}"
+        refusal = self._come_to_rest()
+        self._plan.asked = False
+        return refusal
+
+    def _come_to_rest(self) -> str:
         limits, start = self.limits, Setpoint(self.memory.setpoint.copy())
         moves = abs(self.estimate[OMEGA_L]) > _SLOW * self.settings.thresholds_of(self.drive).velocity
         away = abs(self.tracking_error) > max(self.settings.backlash_angle, _NEAR)
@@ -252,6 +257,16 @@ class Servo:
     def holding(self) -> bool:
         """Whether a sample has been seen since the last `release`."""
         return self._plan.holding
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the setpoint is at the end of the plan, at rest."""
+        return self._plan.arrived
+
+    @property
+    def asked(self) -> bool:
+        """Whether the end of the plan was asked for: it is not where the load was found or stopped."""
+        return self._plan.asked
 
     # Results of the tick.
 
