@@ -88,7 +88,7 @@ class Servo:
         """
         limits, drive = limits or self.limits, drive or self.drive
         law, observer = design_law(drive, settings), settings.observer(drive)
-        self.constants = tick_constants(drive, settings, limits, observer, watched=self._watched)
+        self.constants = tick_constants(drive, settings, limits, observer, ahead=law.ahead, watched=self._watched)
         if drive != self.drive:
             keep_estimate(observer, self.memory.observer)
             keep_estimate(observer, self.memory.monitor.observer)

@@ -45,6 +45,9 @@ _TORQUE_RATIO = 1.8
 """Ratio of one torque of the table of the teeth to the next. Tuned on the populations."""
 _FREE_TORQUE = 1e-6
 """Torque of the teeth, as a share of the standstill torque, that moves no load."""
+_MORE_AHEAD = 3
+"""Periods of a path that the law wants to see beyond half a crossing and the delay: it looks one further on, and the
+torque must keep its new sign."""
 _ROUNDING = 1e-9
 """Share of a period that is rounding, where a delay is counted in periods."""
 
@@ -202,4 +205,5 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
     gain = constants.gain
     gain.angle, gain.speed, gain.current_torque, gain.disturbance = _gain(full, settings.period)
     shown = {name: cell_of(Memory, name) for name in ("phase", "flank")}
-    return ControlLaw(two_encoder_step, row, row_of(Memory), take_over, shown)
+    ahead = math.ceil((0.5 * constants.crossing_time + constants.delay) / settings.period) + _MORE_AHEAD
+    return ControlLaw(two_encoder_step, row, row_of(Memory), take_over, shown, ahead)
