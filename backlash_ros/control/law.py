@@ -53,7 +53,8 @@ class ControlLaw:
 
     ``constants`` and the initial ``state`` are rows of records; that of the state is derived from `LawState`. A law
     that replaces another one while the load is held starts with ``take_over``: plain Python, called once before its
-    first step. ``shown`` has the indices in the state of what telemetry calls ``phase`` and ``flank``.
+    first step. ``shown`` has the indices in the state of what telemetry calls ``phase`` and ``flank``. References that
+    keep coming are followed ``ahead`` periods later, so that the law sees the path for so long.
     """
 
     step: LawStep
@@ -61,6 +62,7 @@ class ControlLaw:
     state: Array
     take_over: TakeOver = _remembers_nothing
     shown: Mapping[str, int] = field(default_factory=dict)
+    ahead: int = 0
 
 
 @dataclass(frozen=True)

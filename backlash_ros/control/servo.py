@@ -90,7 +90,7 @@ class Servo:
         limits, drive = limits or self.limits, drive or self.drive
         settings = replace(settings, encoders=self._encoders or settings.encoders)
         law, observer = design_law(drive, settings), settings.observer(drive)
-        self.constants = tick_constants(drive, settings, limits, observer, watched=self._watched)
+        self.constants = tick_constants(drive, settings, limits, observer, ahead=law.ahead, watched=self._watched)
         if drive != self.drive:
             keep_estimate(observer, self.memory.observer)
             keep_estimate(observer, self.memory.monitor.observer)
@@ -212,6 +212,11 @@ class Servo:
         """
         if self._hindrance:
             return f"nothing is held {self._hindrance}"
+        refusal = self._come_to_rest()
+        self._plan.asked = False
+        return refusal
+
+    def _come_to_rest(self) -> str:
         limits, start = self.limits, Setpoint(self.memory.setpoint.copy())
         moves = abs(self.estimate[OMEGA_L]) > _SLOW * self.settings.thresholds_of(self.drive).velocity
         away = abs(self.tracking_error) > max(self.settings.backlash_angle, _NEAR)
@@ -254,6 +259,16 @@ class Servo:
     def holding(self) -> bool:
         """Whether a sample has been seen since the last `release`."""
         return self._plan.holding
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the setpoint is at the end of the plan, at rest."""
+        return self._plan.arrived
+
+    @property
+    def asked(self) -> bool:
+        """Whether the end of the plan was asked for: it is not where the load was found or stopped."""
+        return self._plan.asked
 
     # Results of the tick.
 

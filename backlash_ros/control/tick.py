@@ -28,9 +28,9 @@ from backlash_ros.control.motion.moving_reference import (
     MotionConstants,
     MotionMemory,
     forget_path,
-    reference_setpoint,
+    reference_path,
 )
-from backlash_ros.control.motion.setpoint import AHEAD, Cursor, go_on, is_reference, look_ahead
+from backlash_ros.control.motion.setpoint import AHEAD, Cursor, is_reference, look_ahead
 from backlash_ros.control.observer import ObserverConstants, ObserverMemory, observer_step
 from backlash_ros.foundation.compiled import compiled, specialize, unbound
 from backlash_ros.foundation.record import Array, Record, cells, part, view_of
@@ -45,7 +45,6 @@ from backlash_ros.foundation.signals import (
     Measurement,
     as_estimate,
     as_measurement,
-    as_setpoint,
 )
 from backlash_ros.gates.faults import Fault
 
@@ -132,19 +131,18 @@ def _plan_setpoint(
 
     ``period``: since the previous sample, s; ``nominal``: between two samples.
     """
-    results, setpoint = memory.results, as_setpoint(memory.setpoint)
+    results = memory.results
     if math.isnan(segments[0, 0]):
         segments[0, 0] = estimate[THETA_L]
     if results.plan_time < 0.0:
         memory.cursor.row, memory.cursor.begins = 0.0, 0.0
     results.plan_time = 0.0 if results.plan_time < 0.0 else results.plan_time + period
     if is_reference(segments):
-        reference_setpoint(constants, memory.motion, segments[0, 0], estimate, period, setpoint)
-        go_on(setpoint, nominal, memory.path)
-        return
-    forget_path(memory.motion)
-    look_ahead(segments, memory.cursor, results.plan_time, nominal, memory.path)
-    setpoint[:] = memory.path[0]
+        reference_path(constants, memory.motion, segments[0, 0], estimate, period, nominal, memory.path[:])
+    else:
+        forget_path(memory.motion)
+        look_ahead(segments, memory.cursor, results.plan_time, nominal, memory.path)
+    memory.setpoint[:] = memory.path[0]
 
 
 @compiled

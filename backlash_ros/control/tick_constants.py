@@ -13,7 +13,7 @@ from backlash_ros.foundation.record import Array, row_of
 
 
 def tick_constants(
-    drive: Drive, settings: ServoSettings, limits: Limits, observer: ObserverConstants, *, watched: bool
+    drive: Drive, settings: ServoSettings, limits: Limits, observer: ObserverConstants, *, ahead: int, watched: bool
 ) -> Array:
     """Return the row of `TickConstants`.
 
@@ -21,6 +21,7 @@ def tick_constants(
     ----------
     drive : as the controller knows it
     observer : of the same drive and settings
+    ahead : periods of a path of references that the law wants to see
     watched : whether the monitor is on
     """
     gains = settings.gains
@@ -40,6 +41,6 @@ def tick_constants(
         monitor=monitor,
         plausibility=plausibility_constants(drive),
         range=range_constants(drive, limits),
-        motion=motion_constants(drive, limits),
+        motion=motion_constants(drive, limits, ahead),
         watched=float(watched),
     )

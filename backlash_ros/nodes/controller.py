@@ -137,6 +137,7 @@ class Controller(ManagedNode):
         self._servo.reset()
         self._publish_in_use()
         self._publish_estimate()
+        self._motion.configure()
 
     def activate(self) -> None:
         """Hold the position of the first sample received once ``command`` has a subscriber."""
@@ -157,6 +158,7 @@ class Controller(ManagedNode):
         """Command 0 V and wait until it is sent."""
         self._command.publish(answer(0.0))  # first, before an experiment is cancelled
         self._servo.release("the controller is no longer active")
+        self._motion.released()
         self._command.publisher.wait_for_all_acked(_ACKNOWLEDGED)
         self._learning.stop("the controller is no longer active")
         self.get_logger().info(f"stopped after {self._gate.taken} samples, {self._gate.dropped} messages dropped")
@@ -243,6 +245,7 @@ class Controller(ManagedNode):
             if abs(age) < self._state_timeout and not clock.ros_time_is_active:
                 self._servo.answered(1e-9 * answered)
             self._learning.look(self._measured, 1e-9 * judged.elapsed)
+            self._motion.look(self._measured, 1e-9 * judged.elapsed)
         self._after(judged, stamp)
 
     def _act(self, action: Action, elapsed: float) -> float:
@@ -355,6 +358,7 @@ class Controller(ManagedNode):
         """Log and publish a fault that was just latched."""
         before, self._told = self._told, self._servo.latched
         if self._told and self._told is not before:
+            self._motion.released()
             unit = self._servo.drive.command_unit
             self.get_logger().error(f"{self._told.name}: {self._servo.fault}: command 0 {unit} until reset_fault")
             self.publish_diagnostics()
@@ -396,6 +400,7 @@ topics, relative to the namespace
               reference       std_msgs/Float64             target angle of the load, rad
               joint_trajectory  trajectory_msgs/JointTrajectory  path of the load, by the name of its joint
   publishes   command         std_msgs/Float64MultiArray   data[0]: V, or A with command_interface:=current
+              ~/in_position   std_msgs/String              released, moving, settled, holding or limit
               ~/state         diagnostic_msgs/DiagnosticArray, ~/backlash_estimate, ~/parameters_in_use, /diagnostics
 services (std_srvs/Trigger)
   ~/learn, ~/identify, ~/apply_estimate, ~/cancel, ~/hold, ~/reset_fault; also the lifecycle services

@@ -1,19 +1,22 @@
-"""What moves the load beside single references: trajectories by topic, and a service that holds it."""
+"""What moves the load beside single references: trajectories by topic, and a service that holds it; what it does."""
 
 from collections.abc import Callable
 
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from backlash_ros.control import Servo
+from backlash_ros.control.motion.in_position import InPosition
 from backlash_ros.control.motion.trajectory import TrajectoryError, trajectory_of
+from backlash_ros.foundation.signals import Measurement
 from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.timer import in_ns
-from backlash_ros.ros.topics import SEND
+from backlash_ros.ros.topics import SEND, TRANSIENT_LOCAL
 
 
 class Motion:
-    """Takes trajectories for the load's joint.
+    """Takes trajectories for the load's joint, and says whether the load is in position.
 
     Parameters
     ----------
@@ -29,8 +32,31 @@ class Motion:
         self._timeout = in_ns(timeout)
         self.newest_sample = 0
         """Stamp of the newest sample that was taken, ns; 0 if it has none."""
+        self._watch, self._told = InPosition(servo), ""
+        self._in_position = node.speak(String, "~/in_position", TRANSIENT_LOCAL)
         node.listen(JointTrajectory, "joint_trajectory", self._on_trajectory, SEND)
         node.create_service(Trigger, "~/hold", self._on_hold)
+
+    def configure(self) -> None:
+        """Say that nothing is held yet: the topic is new."""
+        self._told = ""
+        self.tell()
+
+    def look(self, measured: Measurement, elapsed: float) -> None:
+        """Take an answered sample, ``elapsed`` s after the previous one."""
+        self._watch.look(measured, elapsed)
+        self.tell()
+
+    def tell(self) -> None:
+        """Publish whether the load is in position, if that has changed."""
+        if (state := self._watch.state) != self._told:
+            self._told = state
+            self._in_position.publish(String(data=state))
+
+    def released(self) -> None:
+        """Say at once that no position is held any more."""
+        self._watch.release()
+        self.tell()
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
         self._taken(self._follow(message))

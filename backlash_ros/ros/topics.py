@@ -7,7 +7,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Float64MultiArray
+from std_msgs.msg import Float64, Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 
 TOPICS: dict[str, type] = {
@@ -21,6 +21,7 @@ TOPICS: dict[str, type] = {
     "plant_simulator/parameters_in_use": ParameterEvent,
     "/diagnostics": DiagnosticArray,
     "controller/backlash_estimate": Float64,
+    "controller/in_position": String,
     "parameter_events": ParameterEvent,
     "controller/transition_event": TransitionEvent,
     "plant_simulator/transition_event": TransitionEvent,

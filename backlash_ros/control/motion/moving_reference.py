@@ -5,17 +5,30 @@ whoever sends them: a ramp, a jog, a hand on a slider. A law that plans a move f
 first milliseconds of any. So the setpoint then goes to the newest reference along a quintic, which begins with the
 position, velocity and acceleration that it has, ends at rest at the reference, and takes no less time than the drive
 needs. Each new reference starts another quintic. The setpoint never passes a reference that was the last one, and lags
-behind a steady ramp by half of the quintic's time. Pure computation, compiled into the tick.
+behind a steady ramp by half of the quintic's time.
+
+A law that crosses a gap must begin before the load's motion turns. So the setpoint follows the quintics as many periods
+later as the law wants to see ahead, and the law gets what lies between. Pure computation, compiled into the tick.
 """
 
 import math
 
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.limits import Limits
+from backlash_ros.control.motion.setpoint import AHEAD, go_on
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Array, Record, cells, row_of, view_of
-from backlash_ros.foundation.signals import ACCELERATION, OMEGA_L, POSITION, THETA_L, VELOCITY, Estimate, Setpoint
+from backlash_ros.foundation.signals import (
+    ACCELERATION,
+    OMEGA_L,
+    POSITION,
+    THETA_L,
+    VELOCITY,
+    Estimate,
+    Setpoint,
+    as_setpoint,
+)
 
 _QUICK = 0.25
 """Longest time between two references of one path, s: more than two periods of the slowest path, 10 Hz, so that one
@@ -46,6 +59,7 @@ class MotionConstants(Record):
     acceleration: float  # rad/s^2
     lower_end: float  # rad
     upper_end: float  # rad
+    ahead: float  # periods, of a path that the law wants to see beyond the present one
 
 
 class MotionMemory(Record):
@@ -55,16 +69,18 @@ class MotionMemory(Record):
     since: float = math.inf  # s, since it came
     quick_references: float = 0.0  # so many came quickly one after the other
     on_path: float = 0.0  # 1 while the setpoint goes along a path
-    time: float = 0.0  # s, in the present quintic
+    ahead: float = 0.0  # periods, by which the present path's newest setpoint is ahead of the one in use
+    time: float = 0.0  # s, in the present quintic, of the newest setpoint
     duration: float = 0.0  # s, of the present quintic
     start: Array = cells(3)  # `Setpoint` at its start
+    path: Array = cells(AHEAD, 3)  # from the setpoint in use to the newest one, a period apart
 
 
 _constants_at, motion_memory_at = view_of(MotionConstants), view_of(MotionMemory)
 
 
-def motion_constants(drive: Drive, limits: Limits) -> MotionConstants:
-    """Return what ``drive`` can do within ``limits``."""
+def motion_constants(drive: Drive, limits: Limits, ahead: int) -> MotionConstants:
+    """Return what ``drive`` can do within ``limits``; ``ahead``: periods that the law wants to see, as far as kept."""
     motor, command = drive.motor, min(drive.command_limit, limits.command)
     no_load = drive.gear.ratio * motor.voltage_limit / motor.torque_constant
     row = row_of(
@@ -73,6 +89,7 @@ def motion_constants(drive: Drive, limits: Limits) -> MotionConstants:
         acceleration=_ACCELERATION_SHARE * drive.standstill_torque(command) / drive.effective_inertia,
         lower_end=limits.position_lower,
         upper_end=limits.position_upper,
+        ahead=min(ahead, AHEAD - 1),
     )
     return _constants_at(row)
 
@@ -89,10 +106,10 @@ def _take(
     memory: MotionMemory,
     reference: float,
     estimate: Estimate,
-    period: float,
-    setpoint: Setpoint,
+    nominal: float,
+    time: float,
 ) -> None:
-    """Take a new reference: a step, or the next point of a path.
+    """Take a new reference: a step, or the next point of a path; ``time``: s, since the newest setpoint.
 
     A step may be corrected once while it lasts, so the third quick reference begins the path. The load may still be far
     from the second: the path begins where the load is.
@@ -105,10 +122,11 @@ def _take(
         return
     start = memory.start
     if memory.on_path != 0.0:
-        start[:], memory.time = setpoint, period  # that of the sample before
+        start[:], memory.time = memory.path[int(memory.ahead)], time
     else:
         start[POSITION], start[VELOCITY], start[ACCELERATION] = estimate[THETA_L], estimate[OMEGA_L], 0.0
-        memory.time = 0.0
+        memory.ahead = constants.ahead
+        memory.time = memory.ahead * nominal
     memory.on_path = 1.0
     distance = abs(reference - start[POSITION])
     memory.duration = max(
@@ -121,10 +139,13 @@ def _take(
 
 
 @compiled
-def _evaluate(constants: MotionConstants, memory: MotionMemory, setpoint: Setpoint) -> None:
-    """Write the quintic's point at the present time into ``setpoint``."""
+def _evaluate(constants: MotionConstants, memory: MotionMemory, time: float, setpoint: Setpoint) -> None:
+    """Write the quintic's point at ``time``, s, into ``setpoint``; after its end the reference, at rest."""
     reference, duration, start = memory.reference, memory.duration, memory.start
-    u = memory.time / duration
+    if duration - time <= 0.0:
+        setpoint[POSITION], setpoint[VELOCITY], setpoint[ACCELERATION] = reference, 0.0, 0.0
+        return
+    u = time / duration
     # In units of the duration: the distance left, and speed and acceleration at the start.
     distance = reference - start[POSITION]
     speed, bend = start[VELOCITY] * duration, start[ACCELERATION] * duration * duration
@@ -142,27 +163,38 @@ def _evaluate(constants: MotionConstants, memory: MotionMemory, setpoint: Setpoi
 
 
 @compiled
-def reference_setpoint(
+def reference_path(
     constants: MotionConstants,
     memory: MotionMemory,
     reference: float,
     estimate: Estimate,
-    period: float,
-    setpoint: Setpoint,
+    elapsed: float,
+    nominal: float,
+    path: Array,
 ) -> None:
-    """Write the setpoint of a sample into ``setpoint``, which has that of the sample before.
+    """Write the setpoint of a sample, and those of the next samples, into ``path``, shape (`AHEAD`, 3).
 
     Parameters
     ----------
     memory : updated in place
     reference : the newest one, rad
-    period : since the previous sample, s
+    elapsed : since the previous sample, s
+    nominal : between two samples, s
     """
-    memory.since += period
-    memory.time += period
+    passed = max(round(elapsed / nominal), 1)
+    memory.since += elapsed
+    memory.time += passed * nominal
     if reference != memory.reference:
-        _take(constants, memory, reference, estimate, period, setpoint)
-    if memory.on_path == 0.0 or memory.duration - memory.time <= 0.0:
-        setpoint[POSITION], setpoint[VELOCITY], setpoint[ACCELERATION] = reference, 0.0, 0.0
+        _take(constants, memory, reference, estimate, nominal, passed * nominal)
+    if memory.on_path == 0.0:
+        path[:, POSITION], path[:, VELOCITY:] = reference, 0.0
         return
-    _evaluate(constants, memory, setpoint)
+    ahead = int(memory.ahead)
+    for k in range(ahead + 1):
+        time = memory.time + (k - ahead) * nominal
+        if time < 0.0:  # of an earlier quintic
+            memory.path[k] = memory.path[k + passed]
+        else:
+            _evaluate(constants, memory, time, as_setpoint(memory.path[k]))
+        path[k] = memory.path[k]
+    go_on(nominal, ahead, path)

@@ -11,12 +11,13 @@ from backlash_ros.control.motion.setpoint import (
     AtRest,
     Source,
     extent,
+    is_reference,
     plan_rejection,
     top_speed,
 )
 from backlash_ros.control.tick import NOT_BEGUN
 from backlash_ros.foundation.record import Array
-from backlash_ros.foundation.signals import POSITION, Setpoint
+from backlash_ros.foundation.signals import POSITION, VELOCITY, Setpoint
 
 
 class Plan:
@@ -28,6 +29,8 @@ class Plan:
     """
 
     segments: Array
+    asked: bool
+    """Whether its end was asked for: it is not where the load was found or stopped."""
 
     def __init__(self, memory: TickRow, inputs: InputRow) -> None:
         self._memory, self._inputs = memory, inputs
@@ -38,6 +41,7 @@ class Plan:
         self.segments = AtRest(math.nan).segments(self._memory.setpoint)
         self._end: float | None = None
         self._reach: tuple[float, float] | None = None
+        self.asked = False
 
     def hold_at(self, angle: float) -> None:
         """Hold a load that is far from its reference at an angle, rad, so that it does not jump back."""
@@ -45,6 +49,7 @@ class Plan:
         self._memory.setpoint[:] = angle, 0.0, 0.0
         self._memory.plan_time = NOT_BEGUN
         self._end = self._reach = None
+        self.asked = False
 
     def follow(self, source: Source, limits: Limits, fastest: float, hindrance: str, *, at_once: bool = False) -> str:
         """Plan ``source`` from the present setpoint on; return an empty text, or why it is refused.
@@ -69,6 +74,7 @@ class Plan:
         self.segments, self._end, self._reach = segments, end, (least, largest)
         self._memory.plan_time = 0.0 if at_once else NOT_BEGUN
         self._memory.cursor.row = self._memory.cursor.begins = 0.0
+        self.asked = True
         return ""
 
     @property
@@ -79,8 +85,17 @@ class Plan:
     @property
     def extremes(self) -> tuple[float, float]:
         """Smallest and largest position, rad, until its end."""
-        over = self._memory.plan_time >= np.sum(self.segments[:, DURATION])
-        return (self.end, self.end) if self._reach is None or over else self._reach
+        return (self.end, self.end) if self._reach is None or self._over else self._reach
+
+    @property
+    def _over(self) -> bool:
+        return bool(self._memory.plan_time >= self.segments[:, DURATION].sum())
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the setpoint is at its end, at rest."""
+        rests = not any(self._memory.setpoint[VELOCITY:].tolist())
+        return rests and (self._over or bool(is_reference(self.segments)))
 
     @property
     def end(self) -> float:

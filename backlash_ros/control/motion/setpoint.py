@@ -269,9 +269,8 @@ def look_ahead(segments: Array, cursor: Cursor, time: float, period: float, path
 
 
 @compiled
-def go_on(setpoint: Setpoint, period: float, path: Array) -> None:
-    """Write into ``path`` what a setpoint without a known future does: it goes on at its speed."""
-    path[0] = setpoint
-    for k in range(1, path.shape[0]):
-        path[k, POSITION] = setpoint[POSITION] + k * period * setpoint[VELOCITY]
-        path[k, VELOCITY], path[k, ACCELERATION] = setpoint[VELOCITY], 0.0
+def go_on(period: float, last: int, path: Array) -> None:
+    """Write into ``path``, after row ``last``, what is not known: the setpoint goes on at its speed."""
+    for k in range(last + 1, path.shape[0]):
+        path[k, POSITION] = path[last, POSITION] + (k - last) * period * path[last, VELOCITY]
+        path[k, VELOCITY], path[k, ACCELERATION] = path[last, VELOCITY], 0.0

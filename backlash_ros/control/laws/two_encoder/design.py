@@ -50,6 +50,9 @@ _TORQUE_RATIO = 1.8
 """Ratio of one torque of the table of the teeth to the next. Tuned on the populations."""
 _FREE_TORQUE = 1e-6
 """Torque of the teeth, as a share of the standstill torque, that moves no load."""
+_MORE_AHEAD = 3
+"""Periods of a path that the law wants to see beyond half a crossing and the delay: it looks one further on, and the
+torque must keep its new sign."""
 _ROUNDING = 1e-9
 """Share of a period that is rounding, where a delay is counted in periods."""
 
@@ -207,7 +210,8 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
     gain = constants.gain
     gain.angle, gain.speed, gain.current_torque, gain.disturbance = _gain(full, settings.period)
     shown = {name: cell_of(Memory, name) for name in ("phase", "flank")}
+    ahead = math.ceil((0.5 * constants.crossing_time + constants.delay) / settings.period) + _MORE_AHEAD
     if settings.encoders == BOTH:
-        return ControlLaw(two_encoder_step, row, row_of(Memory), take_over, shown)
+        return ControlLaw(two_encoder_step, row, row_of(Memory), take_over, shown, ahead)
     alone = alone_constants(drive, settings, constants, row)
-    return ControlLaw(alone_step, alone, row_of(AloneMemory), take_over_alone, shown)
+    return ControlLaw(alone_step, alone, row_of(AloneMemory), take_over_alone, shown, ahead)
