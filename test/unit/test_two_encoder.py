@@ -288,12 +288,6 @@ def test_the_overdamped_gains_act_where_an_encoder_is_missing(gains: GainSet, mi
     assert not servo.calmed
 
 
-def test_a_run_with_one_encoder_is_refused(gains: GainSet) -> None:
-    scenario = Scenario(np.zeros(10), sensors=Sensors(measured=("theta_l",)))
-    with pytest.raises(ValueError, match=r"law = 'two_encoder' needs both encoders, got measured = \('theta_l',\)"):
-        run(NOMINAL_DRIVE, settings_of(gains), scenario)
-
-
 def test_it_has_no_part_of_the_memory_that_is_not_finite_after_any_sample(gains: GainSet) -> None:
     """Samples that leap by up to a turn leave commands within the range, and a memory that goes on."""
     random = np.random.default_rng(3)
