@@ -88,7 +88,8 @@ class Servo:
             If the law cannot be designed; nothing changes.
         """
         limits, drive = limits or self.limits, drive or self.drive
-        settings = replace(settings, encoders=self._encoders or settings.encoders)
+        if self._encoders not in ("", settings.encoders):
+            settings = replace(settings, encoders=self._encoders)
         law, observer = design_law(drive, settings), settings.observer(drive)
         self.constants = tick_constants(drive, settings, limits, observer, ahead=law.ahead, watched=self._watched)
         if drive != self.drive:

@@ -54,7 +54,7 @@ def law_of(drive: Drive, settings: ServoSettings) -> str:
     """
     if settings.law == AUTO:
         return UNTIL_THEN if lacks(settings) or best_refusal(drive, settings) else BEST
-    law = LAWS[settings.law]
+    law = LAWS.choose("law", settings.law, AUTO)
     lacks_encoder = settings.encoders != BOTH and law.both_encoders and not law.one_encoder
     return _QUIET if lacks_encoder or lacks(settings) else settings.law
 

@@ -80,7 +80,9 @@ class Task:
     @property
     def default_law(self) -> str:
         """The law that a controller has in use by default, once it has learned the drive."""
-        return UNTIL_THEN if self.model == "nominal" or self.encoders != "both" else BEST
+        # One encoder does not identify a drive.
+        one = self.encoders != "both" and self.model == "identified"
+        return UNTIL_THEN if self.model == "nominal" or one else BEST
 
     @property
     def played(self) -> tuple[str, ...]:

@@ -12,9 +12,9 @@ from backlash_ros.control.laws.two_encoder.alone.memory import (
     CURRENT_TORQUE,
     LOAD_ANGLE,
     LOAD_SPEED,
-    LOAD_TORQUE,
     SPEED,
     STATES,
+    TORQUE,
     AloneMemory,
 )
 from backlash_ros.control.laws.two_encoder.alone.model import Response, advance, command_in
@@ -53,7 +53,7 @@ def _carry_through(constants: AloneConstants, told: Array, given: Array, respons
     for k in range(STATES):
         ties = teeth.stiffness * (given[ANGLE, k] - given[LOAD_ANGLE, k])
         on_motor = plans.motor_inertia / h * given[SPEED, k] + constants.decay * given[CURRENT_TORQUE, k] - ties
-        on_load = plans.load_inertia / h * given[LOAD_SPEED, k] + given[LOAD_TORQUE, k] + ties
+        on_load = plans.load_inertia / h * given[LOAD_SPEED, k] + given[TORQUE, k] + ties
         speed = response.motor * on_motor + response.both * on_load
         load_speed = response.both * on_motor + response.load * on_load
         told[k, ANGLE] = given[ANGLE, k] + h * speed
@@ -61,7 +61,7 @@ def _carry_through(constants: AloneConstants, told: Array, given: Array, respons
         told[k, CURRENT_TORQUE] = constants.decay * given[CURRENT_TORQUE, k] - brakes * speed
         told[k, LOAD_ANGLE] = given[LOAD_ANGLE, k] + h * load_speed
         told[k, LOAD_SPEED] = load_speed
-        told[k, LOAD_TORQUE] = given[LOAD_TORQUE, k]
+        told[k, TORQUE] = given[TORQUE, k]
 
 
 @compiled
@@ -102,8 +102,8 @@ def _predict(constants: AloneConstants, memory: AloneMemory) -> None:
         pushed = _CURRENT_NOISE * shafts.current_torque / constants.plans.motor_inertia
         covariance[SPEED, SPEED] += (_MOTOR_NOISE**2 + pushed * pushed) * h
         covariance[LOAD_SPEED, LOAD_SPEED] += (calm * _LOAD_NOISE) ** 2 * h
-        more = covariance[LOAD_TORQUE, LOAD_TORQUE] + (calm * _TORQUE_NOISE) ** 2 * h
-        covariance[LOAD_TORQUE, LOAD_TORQUE] = min(more, min(_LARGEST_TORQUE, constants.plans.stall_torque) ** 2)
+        more = covariance[TORQUE, TORQUE] + (calm * _TORQUE_NOISE) ** 2 * h
+        covariance[TORQUE, TORQUE] = min(more, min(_LARGEST_TORQUE, constants.plans.stall_torque) ** 2)
         _bound(constants, covariance)
 
 
@@ -117,7 +117,7 @@ def _correct(constants: AloneConstants, memory: AloneMemory, error: float, varia
     shafts.speed += covariance[SPEED, LOAD_ANGLE] * miss
     shafts.current_torque += covariance[CURRENT_TORQUE, LOAD_ANGLE] * miss
     shafts.load_speed += covariance[LOAD_SPEED, LOAD_ANGLE] * miss
-    torque, most = shafts.load_torque + covariance[LOAD_TORQUE, LOAD_ANGLE] * miss, constants.plans.stall_torque
+    torque, most = shafts.load_torque + covariance[TORQUE, LOAD_ANGLE] * miss, constants.plans.stall_torque
     shafts.load_torque = min(max(torque, -most), most)
     shafts.load_angle += covariance[LOAD_ANGLE, LOAD_ANGLE] * miss
     for k in range(STATES):

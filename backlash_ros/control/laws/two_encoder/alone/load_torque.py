@@ -8,7 +8,7 @@ import math
 
 from backlash_ros.control.laws.two_encoder.alone.constants import AloneConstants
 from backlash_ros.control.laws.two_encoder.alone.load_alone import APART
-from backlash_ros.control.laws.two_encoder.alone.memory import LOAD_TORQUE, STATES, AloneMemory
+from backlash_ros.control.laws.two_encoder.alone.memory import STATES, TORQUE, AloneMemory
 from backlash_ros.control.laws.two_encoder.load_torque import HOLDING_EXCESS, LEAST_SHOWN, set_load_torque
 from backlash_ros.control.laws.two_encoder.memory import HOLD
 from backlash_ros.control.laws.two_encoder.phases import start_holding
@@ -38,7 +38,7 @@ def _uncertainty(constants: AloneConstants, memory: AloneMemory) -> float:
     """Return the standard deviation of the load torque, N m."""
     if constants.sees_load == 0.0:
         return _BY_MOTOR
-    return math.sqrt(max(memory.covariance[LOAD_TORQUE, LOAD_TORQUE], 0.0))
+    return math.sqrt(max(memory.covariance[TORQUE, TORQUE], 0.0))
 
 
 @compiled
@@ -52,8 +52,8 @@ def _take_for_nothing(constants: AloneConstants, memory: AloneMemory, edge: floa
     shafts.load_torque = min(max(shafts.load_torque, -known.load_dry_friction), known.load_dry_friction)
     if sees and known.load_dry_friction == 0.0:
         for k in range(STATES):
-            memory.covariance[LOAD_TORQUE, k] = memory.covariance[k, LOAD_TORQUE] = 0.0
-        memory.covariance[LOAD_TORQUE, LOAD_TORQUE] = (_NEXT_TO_NOTHING * edge) ** 2
+            memory.covariance[TORQUE, k] = memory.covariance[k, TORQUE] = 0.0
+        memory.covariance[TORQUE, TORQUE] = (_NEXT_TO_NOTHING * edge) ** 2
 
 
 @compiled

@@ -15,7 +15,7 @@ class Shafts(Record):
     load_torque: float = 0.0  # N m, at the load's angle
 
 
-ANGLE, SPEED, CURRENT_TORQUE, LOAD_ANGLE, LOAD_SPEED, LOAD_TORQUE = (
+ANGLE, SPEED, CURRENT_TORQUE, LOAD_ANGLE, LOAD_SPEED, TORQUE = (
     cell_of(Shafts, name) for name in ("angle", "speed", "current_torque", "load_angle", "load_speed", "load_torque")
 )
 """Rows and columns of a covariance."""

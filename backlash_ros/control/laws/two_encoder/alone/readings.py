@@ -1,7 +1,7 @@
 """Which readings of the one encoder are believed, and what becomes of the shafts where it has leapt."""
 
 from backlash_ros.control.laws.two_encoder.alone.constants import AloneConstants
-from backlash_ros.control.laws.two_encoder.alone.memory import ANGLE, LOAD_TORQUE, STATES, AloneMemory
+from backlash_ros.control.laws.two_encoder.alone.memory import ANGLE, STATES, TORQUE, AloneMemory
 from backlash_ros.control.laws.two_encoder.memory import Load
 from backlash_ros.control.laws.two_encoder.readings import check_reading, largest_error
 from backlash_ros.foundation.compiled import compiled
@@ -19,7 +19,7 @@ def forget(constants: AloneConstants, memory: AloneMemory) -> None:
         for k in range(STATES):
             memory.covariance[j, k] = 0.0
     memory.covariance[ANGLE, ANGLE] = (UNKNOWN_PLACE * constants.plans.gap) ** 2
-    memory.covariance[LOAD_TORQUE, LOAD_TORQUE] = min(_FIRST_TORQUE, constants.plans.stall_torque) ** 2
+    memory.covariance[TORQUE, TORQUE] = min(_FIRST_TORQUE, constants.plans.stall_torque) ** 2
 
 
 @compiled
