@@ -90,7 +90,7 @@ class Page:
         return dict(self.run("return document.querySelector(arguments[0]).getBoundingClientRect().toJSON()", selector))
 
     def looks(self, states: list[str]) -> dict[tuple[int, str], Any]:
-        """Return where the boxes of the first screen are in one of these states, by width and scheme, while it lasts."""
+        """Return where the first screen's boxes are in one of these states, by width and scheme, while it lasts."""
         self.wait(f"the state {states}", lambda: self.said("state") in states)
         places = {}
         for scheme, width in product(("light", "dark"), WIDTHS):
