@@ -74,10 +74,10 @@ class NamedLaw(NamedTuple):
     """A law that can be chosen: its title in figures and tables, its design function, its parameters' defaults.
 
     ``adapts``: whether it uses the learned backlash, so that a rattling load means wear. ``both_encoders``: whether it
-    uses both encoders; if one is lost, the over-damped gains act. ``one_encoder``: whether it can then be designed for
-    the other one alone. ``identified``: whether it plans with load, friction
-    and gap; until these are found, the over-damped gains act. ``design`` takes the drive, the servo's settings and the
-    law's own parameters; ValueError if these allow no design.
+    uses both encoders; if one is lost, the over-damped gains act. ``one_encoder``: whether it can also be designed for
+    a drive that has one alone. ``identified``: whether it plans with load, friction and gap; until these are found, the
+    over-damped gains act. ``design`` takes the drive, the servo's settings and the law's own parameters; ValueError if
+    these allow no design.
     """
 
     title: str

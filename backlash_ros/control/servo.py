@@ -407,7 +407,7 @@ class Servo:
             self._encoders = seen
             if seen != self.settings.encoders:
                 self.use(self.settings)
-        elif seen != BOTH == self._encoders and LAWS[self._law.name].both_encoders:
+        elif self._encoders == BOTH and seen != BOTH and LAWS[self._law.name].both_encoders:
             self.calm()
 
     def update(self, measured: Measurement, elapsed: float | None = None) -> float:

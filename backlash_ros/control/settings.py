@@ -106,6 +106,11 @@ class ServoSettings(Validated):
         default=40.0,
     )
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.encoders not in ENCODERS:
+            raise ValueError(f"encoders must be one of {list(ENCODERS)}, got {self.encoders!r}")
+
     def with_law(self, law: str, parameters: Validated | None = None) -> "ServoSettings":
         """Return the same settings with another law and, if given, its parameters."""
         own = {**dict(self.law_parameters), **({law: parameters} if parameters is not None else {})}

@@ -118,7 +118,8 @@ class Controller(ManagedNode):
     def configure(self) -> None:
         """Read the estimate file; compile every law, also the one of experiments that act alone.
 
-        So a change of the law never stalls the loop. A law that needs an identified drive is compiled for one.
+        So neither a change of the law nor the first sample of a drive with one encoder stalls the loop. A law that
+        needs an identified drive is compiled for one.
         """
         self._neighbours = self.held(PublisherWatch(self, "joint_states", self._joints), PublisherWatch.close)
         self._learning.configure()
@@ -126,13 +127,16 @@ class Controller(ManagedNode):
         self._tell_chosen()
         ActingLaw(IDLE)
         at_rest = Measurement(np.zeros(5))
+        alone = Measurement(np.where(np.arange(5) == THETA_M, np.nan, 0.0))
         gap = NOMINAL_DRIVE.gear.backlash_angle
         settings = replace(self._tunables.in_use.settings, identified=True, backlash_angle=gap)
-        for law in LAWS:
+        for law, named in LAWS.items():
             # A law that cannot be designed for this drive may be possible once the drive is identified.
             for drive in (self._servo.drive, NOMINAL_DRIVE):
                 with suppress(ValueError):
                     Servo(drive, settings.with_law(law)).update(at_rest)
+                    if named.one_encoder:
+                        Servo(drive, settings.with_law(law)).update(alone)
                     break
         self._servo.reset()
         self._publish_in_use()

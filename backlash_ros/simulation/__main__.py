@@ -11,6 +11,7 @@ import numpy as np
 
 from backlash_ros.control import LAWS, GainSet, ServoSettings
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Plant
+from backlash_ros.drivetrain.sensors import Sensors
 from backlash_ros.identification.fitting.fit import compile_filters
 from backlash_ros.simulation import Scenario, run
 
@@ -22,8 +23,9 @@ def parts() -> list[Callable[[], None]]:
         GainSet.of(NOMINAL_DRIVE), identified=True, backlash_angle=gap
     )  # what a law needs to act itself
     scenario = Scenario(np.ones(2))
+    alone = replace(scenario, sensors=Sensors(measured=("theta_l",)))
 
-    def follow(law: str) -> None:
+    def follow(law: str, scenario: Scenario) -> None:
         with suppress(ValueError):  # one from outside that is not made for this drive
             run(NOMINAL_DRIVE, settings.with_law(law), scenario)
 
@@ -35,7 +37,8 @@ def parts() -> list[Callable[[], None]]:
     rough = [replace(drive, load=replace(drive.load, coulomb_friction=0.01)) for drive in plain]
     return [
         *(partial(move, drive) for drive in (*plain, *rough)),
-        *(partial(follow, law) for law in LAWS),
+        *(partial(follow, law, scenario) for law in LAWS),
+        *(partial(follow, law, alone) for law, named in LAWS.items() if named.one_encoder),
         partial(compile_filters, CONTACTS.values()),
     ]
 

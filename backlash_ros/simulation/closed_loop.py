@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from backlash_ros.control import LAWS, Limits, Servo, ServoSettings
+from backlash_ros.control import Limits, Servo, ServoSettings
 from backlash_ros.control.law import law_state_at
-from backlash_ros.control.laws import law_of
+from backlash_ros.control.laws import lacks_encoder, law_of
 from backlash_ros.control.motion.setpoint import Source, evaluate, plan_rejection
-from backlash_ros.control.settings import BOTH, encoders_in
+from backlash_ros.control.settings import encoders_in
 from backlash_ros.control.tick import TICK_SIGNATURE, Inputs, Tick, inputs_at, tick_memory_at
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.constants import PlantConstants, plant_constants
@@ -203,8 +203,7 @@ def _law_checked(drive: Drive, model: Drive, settings: ServoSettings, scenario: 
             f"command_interface of the model must be the drive's, {drive.command_interface!r}, "
             f"got {model.command_interface!r}"
         )
-    law = LAWS.get(settings.law)
-    if settings.encoders != BOTH and law is not None and law.both_encoders and not law.one_encoder:
+    if lacks_encoder(settings):
         raise ValueError(f"law = {settings.law!r} needs both encoders, got measured = {scenario.sensors.measured}")
     return law_of(model, settings)
 

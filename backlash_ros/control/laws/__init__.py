@@ -33,6 +33,14 @@ def lacks(settings: ServoSettings) -> str:
     return " and ".join(lacking)
 
 
+def lacks_encoder(settings: ServoSettings) -> bool:
+    """Return whether the chosen law needs both encoders, and one is missing; ValueError for an unknown law."""
+    if settings.law == AUTO or settings.encoders == BOTH:
+        return False
+    law = LAWS.choose("law", settings.law, AUTO)
+    return law.both_encoders and not law.one_encoder
+
+
 @lru_cache(maxsize=16)
 def best_refusal(drive: Drive, settings: ServoSettings) -> str:
     """Return why `BEST` cannot be designed, though it lacks nothing; else an empty text. Cached like `design_law`."""
@@ -54,9 +62,7 @@ def law_of(drive: Drive, settings: ServoSettings) -> str:
     """
     if settings.law == AUTO:
         return UNTIL_THEN if lacks(settings) or best_refusal(drive, settings) else BEST
-    law = LAWS.choose("law", settings.law, AUTO)
-    lacks_encoder = settings.encoders != BOTH and law.both_encoders and not law.one_encoder
-    return _QUIET if lacks_encoder or lacks(settings) else settings.law
+    return _QUIET if lacks_encoder(settings) or lacks(settings) else settings.law
 
 
 @lru_cache(maxsize=16)

@@ -16,6 +16,7 @@ from backlash_ros.control.design.choice import Tuning, given_sets
 from backlash_ros.control.design.stability import LONGEST_DELAY
 from backlash_ros.control.design.start import emulated
 from backlash_ros.control.laws import BEST, UNTIL_THEN
+from backlash_ros.control.settings import BOTH
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.foundation.signals import THETA_L, THETA_M
@@ -81,7 +82,7 @@ class Task:
     def default_law(self) -> str:
         """The law that a controller has in use by default, once it has learned the drive."""
         # One encoder does not identify a drive.
-        one = self.encoders != "both" and self.model == "identified"
+        one = self.encoders != BOTH and self.model == "identified"
         return UNTIL_THEN if self.model == "nominal" or one else BEST
 
     @property

@@ -35,15 +35,15 @@ _SHIFT_SPEED = 0.5
 """Speed of the load, rad/s, below which it can be shifted. Tuned on the populations."""
 _HELD_RATE = 15.0
 """Rate, 1/s, with which a held load is led in. Tuned on the populations."""
-_FREE_RATE = 12.0
+FREE_RATE = 12.0
 """Rate, 1/s, with which a free load is led in at most. Tuned on the populations."""
 _OWN_RATE_SHARE = 0.65
 """Share of its own rate B/J with which a free load is led in: it must slow down faster than the flank to stay on it."""
-_MEET_RATE = 20.0
+MEET_RATE = 20.0
 """Rate, 1/s, with which a free load is met. Tuned on the populations."""
-_TOUCHED = 0.06
+TOUCHED = 0.06
 """Share of the gap within which a free load is touched. Tuned on the populations."""
-_AHEAD = 0.3
+AHEAD = 0.3
 """Share of the gap by which the motor's target is ahead of the motor at most, and of the error by which a free load
 must come to rest beyond its target for the other flank to lead. Tuned on the populations."""
 _AHEAD_TIME = 0.3
@@ -95,7 +95,7 @@ def hold_held_load(constants: Constants, memory: Memory, error: float) -> Wanted
 def choose_flank(constants: Constants, hold: Hold, error: float, resting_error: float, inner: float) -> None:
     """Choose the flank that leads a free load in, and keep it for a while."""
     hold.leading_time += constants.period
-    turned = hold.leading_flank * resting_error < -max(2.0 * inner, _AHEAD * abs(error))
+    turned = hold.leading_flank * resting_error < -max(2.0 * inner, AHEAD * abs(error))
     if hold.leading_time > DWELL and (hold.leading_flank == 0.0 or turned):
         hold.leading_flank, hold.leading_time = math.copysign(1.0, resting_error), 0.0
 
@@ -105,13 +105,13 @@ def _lead_free_load(constants: Constants, memory: Memory, error: float, load_ang
     """Lead a free load in by the flank that was chosen."""
     flank, motor = memory.hold.leading_flank, memory.motor.predicted
     left = flank * contact_distance(constants, 0.0) - (motor.angle - load_angle - memory.middle)
-    if flank * left > _TOUCHED * constants.gap:
-        speed = clamp(memory.load.speed + _MEET_RATE * left, -LARGEST_LEAD, LARGEST_LEAD)
+    if flank * left > TOUCHED * constants.gap:
+        speed = clamp(memory.load.speed + MEET_RATE * left, -LARGEST_LEAD, LARGEST_LEAD)
     else:
-        speed = min(_OWN_RATE_SHARE * constants.load_friction / constants.load_inertia, _FREE_RATE) * error
+        speed = min(_OWN_RATE_SHARE * constants.load_friction / constants.load_inertia, FREE_RATE) * error
     memory.flank = flank
     wanted = Wanted(memory.motor_target, speed, 0.0, 0.0, motor.speed)
-    angle, ahead = memory.motor_target + constants.period * speed, _AHEAD * constants.gap
+    angle, ahead = memory.motor_target + constants.period * speed, AHEAD * constants.gap
     memory.motor_target = clamp(angle, motor.angle - ahead, motor.angle + ahead)
     return wanted
 

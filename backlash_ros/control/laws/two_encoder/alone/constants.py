@@ -8,14 +8,14 @@ class AloneConstants(Record):
     """The constants of the plans, and the model of both shafts in steps that are parts of a period."""
 
     plans: Constants = part(Constants)
-    sees_load: float = 0.0  # 1 if the load's encoder is there, 0 if the motor's is
-    steps: float = 0.0  # so many in a period
-    step: float = 0.0  # s, the length of each
-    torque_per_command: float = 0.0  # N m at standstill, for each V or A
-    braking: float = 0.0  # N m s/rad, by the back-EMF of a winding that the command feeds with a voltage
-    decay: float = 0.0  # of the winding's current in a step; 0 where the current is imposed
+    sees_load: float  # 1 if the load's encoder is there, 0 if the motor's is
+    steps: float  # so many in a period
+    step: float  # s, the length of each
+    torque_per_command: float  # N m at standstill, for each V or A
+    braking: float  # N m s/rad, by the back-EMF of a winding that the command feeds with a voltage
+    decay: float  # of the winding's current in a step; 0 where the current is imposed
     teeth_dampings: Array = cells(TABLE_SIZE)  # N m s/rad, of teeth that carry the torques of the table
-    first_power: float = 0.0  # with which the torque grows with the distance below the table
+    first_power: float  # with which the torque grows with the distance below the table
 
 
 alone_constants_at = view_of(AloneConstants)

@@ -7,6 +7,7 @@ import numpy as np
 
 from backlash_ros.control.laws.two_encoder.alone.constants import AloneConstants
 from backlash_ros.control.laws.two_encoder.constants import TABLE_SIZE, Constants
+from backlash_ros.control.settings import LOAD
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.record import Array, row_of
 
@@ -27,7 +28,7 @@ def alone_constants(drive: Drive, settings: "ServoSettings", plans: Constants, r
     forces = [gear.contact.force(contact, half, radius * distance, 0.0) for distance in plans.teeth_distances]
     made = row_of(
         AloneConstants,
-        sees_load=float(settings.encoders == "load"),
+        sees_load=float(settings.encoders == LOAD),
         steps=steps,
         step=step,
         torque_per_command=per_ampere if drive.takes_current else per_ampere / motor.resistance,

@@ -10,10 +10,17 @@ import math
 
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.alone.constants import AloneConstants
-from backlash_ros.control.laws.two_encoder.alone.memory import ANGLE, LOAD_ANGLE, AloneMemory
+from backlash_ros.control.laws.two_encoder.alone.memory import AloneMemory, gap_variance
 from backlash_ros.control.laws.two_encoder.command import Wanted
 from backlash_ros.control.laws.two_encoder.constants import DRY, Constants
-from backlash_ros.control.laws.two_encoder.hold import choose_flank, hold_held_load
+from backlash_ros.control.laws.two_encoder.hold import (
+    AHEAD,
+    FREE_RATE,
+    MEET_RATE,
+    TOUCHED,
+    choose_flank,
+    hold_held_load,
+)
 from backlash_ros.control.laws.two_encoder.memory import TO_FLY, TO_PRESS, Memory
 from backlash_ros.control.laws.two_encoder.moves import coasting_distance
 from backlash_ros.control.laws.two_encoder.parking import (
@@ -33,18 +40,10 @@ _BACKS_OFF = 0.8
 """Share of the way to a flank within which the motor stays beside a free load that rests."""
 _RATE_SHARE = 0.5
 """Share of its own rate B/J with which a free load is led in: it must slow down faster than the flank to stay on it."""
-_FREE_RATE = 12.0
-"""The same at most, 1/s."""
-_MEET_RATE = 20.0
-"""Rate, 1/s, with which a free load is met."""
-_TOUCHED = 0.06
-"""Share of the gap within which a free load that is measured is touched."""
 _SURELY_TOUCHED = 0.02
 """Share of the gap within which it is pushed."""
 _MAY_BE_TOUCHED = 0.4
 """Share of the gap within which a free load that is not measured may be touched."""
-_AHEAD = 0.3
-"""Share of the gap by which the motor's target is ahead of the motor at most."""
 _PUSHED = 0.1
 """Share of the gap by which a motor beside a free load must be pushed to say that the load has gone."""
 _WIPE_TORQUE = 1e-4
@@ -56,17 +55,9 @@ _LONGEST_BLOCK = 1.5
 
 
 @compiled
-def _spread_of_gap(memory: AloneMemory) -> float:
-    """Return the standard deviation of g, rad."""
-    covariance = memory.covariance
-    off = covariance[ANGLE, ANGLE] + covariance[LOAD_ANGLE, LOAD_ANGLE] - 2.0 * covariance[ANGLE, LOAD_ANGLE]
-    return math.sqrt(max(off, 0.0))
-
-
-@compiled
 def _go(constants: Constants, memory: Memory, flank: float, speed: float) -> Wanted:
     """Let the motor lead a free load with a speed, rad/s, on a flank."""
-    motor, ahead = memory.motor.predicted, _AHEAD * constants.gap
+    motor, ahead = memory.motor.predicted, AHEAD * constants.gap
     memory.flank = flank
     angle = memory.motor_target + constants.period * speed
     memory.motor_target = clamp(angle, motor.angle - ahead, motor.angle + ahead)
@@ -76,7 +67,7 @@ def _go(constants: Constants, memory: Memory, flank: float, speed: float) -> Wan
 @compiled
 def _own_rate(constants: Constants) -> float:
     """Return the rate with which a free load is led in, 1/s."""
-    return min(_RATE_SHARE * constants.load_friction / constants.load_inertia, _FREE_RATE)
+    return min(_RATE_SHARE * constants.load_friction / constants.load_inertia, FREE_RATE)
 
 
 @compiled
@@ -86,11 +77,11 @@ def _lead_measured_load(constants: AloneConstants, memory: AloneMemory, error: f
     choose_flank(known, hold, error, resting_error, inner_band(known, plans.load))
     flank, speed, way = hold.leading_flank, memory.ahead.load_speed, _own_rate(known) * error
     left = flank * contact_distance(known, 0.0) - (memory.ahead.angle - memory.ahead.load_angle)
-    near = max(_TOUCHED * known.gap, _spread_of_gap(memory))
+    near = max(TOUCHED * known.gap, math.sqrt(gap_variance(memory.covariance[:])))
     if flank * left > near:
         # A blow must not let it coast farther than the error.
         return _go(
-            known, plans, flank, clamp(speed + _MEET_RATE * (left - flank * near) + way, -LARGEST_LEAD, LARGEST_LEAD)
+            known, plans, flank, clamp(speed + MEET_RATE * (left - flank * near) + way, -LARGEST_LEAD, LARGEST_LEAD)
         )
     if flank * left > _SURELY_TOUCHED * known.gap:
         return _go(known, plans, flank, speed + way)
@@ -102,7 +93,8 @@ def _block_then_wipe(constants: AloneConstants, memory: AloneMemory, target: flo
     """Bring a free load to its target that is not measured."""
     plans, hold, known = memory.plans, memory.plans.hold, constants.plans
     if hold.leading_flank == 0.0:
-        hold.leading_flank = memory.direction if memory.direction != 0.0 else 1.0
+        # That of the last move; before the first one either is right.
+        hold.leading_flank = plans.plan.move.direction if plans.plan.move.direction != 0.0 else 1.0
     flank, motor, touch = hold.leading_flank, plans.motor.predicted, light_contact_distance(known, _WIPE_TORQUE)
     stops = _BLOCK * known.load_inertia / max(known.load_friction, 1e-12)
     if hold.waiting_time < min(stops, _LONGEST_BLOCK):
@@ -115,7 +107,7 @@ def _block_then_wipe(constants: AloneConstants, memory: AloneMemory, target: flo
     left = flank * contact_distance(known, 0.0) - (memory.ahead.angle - memory.ahead.load_angle)
     near, speed = _MAY_BE_TOUCHED * known.gap, _own_rate(known) * way
     if flank * left > near:
-        speed = clamp(memory.ahead.load_speed + _MEET_RATE * (left - flank * near) + speed, -LARGEST_LEAD, LARGEST_LEAD)
+        speed = clamp(memory.ahead.load_speed + MEET_RATE * (left - flank * near) + speed, -LARGEST_LEAD, LARGEST_LEAD)
     return _go(known, plans, flank, speed)
 
 

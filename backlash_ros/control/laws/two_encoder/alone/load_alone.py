@@ -16,8 +16,9 @@ from backlash_ros.control.laws.two_encoder.alone.memory import (
     STATES,
     TORQUE,
     AloneMemory,
+    gap_variance,
 )
-from backlash_ros.control.laws.two_encoder.alone.model import Response, advance, command_in
+from backlash_ros.control.laws.two_encoder.alone.model import Response, advance, command_at
 from backlash_ros.control.laws.two_encoder.alone.readings import UNKNOWN_PLACE, believe
 from backlash_ros.control.laws.two_encoder.load import UNKNOWN_COUNT, measure_count
 from backlash_ros.control.laws.two_encoder.memory import HOLD
@@ -68,7 +69,7 @@ def _carry_through(constants: AloneConstants, told: Array, given: Array, respons
 def _bound(constants: AloneConstants, covariance: Array) -> None:
     """Bound the variance of g: the motor cannot be beyond the gap."""
     most = (UNKNOWN_PLACE * constants.plans.gap) ** 2
-    off = covariance[ANGLE, ANGLE] + covariance[LOAD_ANGLE, LOAD_ANGLE] - 2.0 * covariance[ANGLE, LOAD_ANGLE]
+    off = gap_variance(covariance)
     if off <= most:
         return
     share = math.sqrt(most / off)
@@ -94,7 +95,7 @@ def _predict(constants: AloneConstants, memory: AloneMemory) -> None:
     shafts, covariance, room, h = memory.shafts, memory.covariance[:], memory.room[:], constants.step
     calm = _CALM if _is_calm(constants, memory) else 1.0
     for step in range(int(constants.steps)):
-        command = command_in(constants, memory.plans.sent, step)
+        command = command_at(constants, memory.plans.sent, (step + 0.5) * h)
         response = advance(constants, shafts, command, 0.0)
         # What friction holds goes on in the covariance, so that readings can break it loose.
         _carry_through(constants, room, covariance, response)

@@ -1,6 +1,7 @@
 """What the law remembers with one encoder alone: the memory of the plans, and both shafts as the model has them."""
 
 from backlash_ros.control.laws.two_encoder.memory import Load, Memory
+from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Array, Record, cell_of, cells, part, size_of, view_of
 
 
@@ -22,6 +23,13 @@ ANGLE, SPEED, CURRENT_TORQUE, LOAD_ANGLE, LOAD_SPEED, TORQUE = (
 STATES = size_of(Shafts)
 
 
+@compiled
+def gap_variance(covariance: Array) -> float:
+    """Return the variance of g, rad^2."""
+    apart = covariance[ANGLE, ANGLE] + covariance[LOAD_ANGLE, LOAD_ANGLE] - 2.0 * covariance[ANGLE, LOAD_ANGLE]
+    return max(float(apart), 0.0)
+
+
 class AloneMemory(Record):
     """All that the law remembers."""
 
@@ -32,7 +40,6 @@ class AloneMemory(Record):
     room: Array = cells(STATES, STATES)  # to compute in
     readings: Load = part(Load)  # of the encoder that is there: its last angle, its speed, its count, and doubts
     lost_momentum: float = 0.0  # N m s, that a motor in the gap gains from nothing that is known
-    direction: float = 0.0  # of the last flight, 1 or -1
 
 
 alone_memory_at = view_of(AloneMemory)

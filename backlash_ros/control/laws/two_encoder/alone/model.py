@@ -99,9 +99,9 @@ def advance(constants: AloneConstants, shafts: Shafts, command: float, disturban
 
 
 @compiled
-def command_in(constants: AloneConstants, sent: Sent, step: int) -> float:
-    """Return the command that acts in a step of the period that ends with the newest sample."""
-    time, k = (step + 0.5) * constants.step, 0
+def command_at(constants: AloneConstants, sent: Sent, time: float) -> float:
+    """Return the command that acts ``time`` s after the sample to which the newest one answered."""
+    k = 0
     while time < constants.plans.delay - k * constants.plans.period:
         k += 1
     return float(sent.commands[k])
@@ -112,9 +112,6 @@ def look_ahead(constants: AloneConstants, now: Shafts, ahead: Shafts, sent: Sent
     """Predict both shafts when the next command begins to act."""
     ahead.angle, ahead.speed, ahead.current_torque = now.angle, now.speed, now.current_torque
     ahead.load_angle, ahead.load_speed, ahead.load_torque = now.load_angle, now.load_speed, now.load_torque
-    delay, period = constants.plans.delay, constants.plans.period
-    for step in range(int(delay / constants.step + 0.5)):
-        time, k = (step + 0.5) * constants.step, 0
-        while time < delay - (k + 1) * period:
-            k += 1
-        advance(constants, ahead, sent.commands[k], 0.0)
+    for step in range(int(constants.plans.delay / constants.step + 0.5)):
+        time = constants.plans.period + (step + 0.5) * constants.step
+        advance(constants, ahead, command_at(constants, sent, time), 0.0)

@@ -8,7 +8,7 @@ import math
 
 from backlash_ros.control.laws.two_encoder.alone.constants import AloneConstants
 from backlash_ros.control.laws.two_encoder.alone.memory import AloneMemory
-from backlash_ros.control.laws.two_encoder.alone.model import advance, command_in, teeth_at
+from backlash_ros.control.laws.two_encoder.alone.model import advance, command_at, teeth_at
 from backlash_ros.control.laws.two_encoder.alone.readings import believe
 from backlash_ros.control.laws.two_encoder.teeth import contact_distance
 from backlash_ros.foundation.compiled import compiled
@@ -67,7 +67,7 @@ def observe_by_motor(constants: AloneConstants, memory: AloneMemory, reading: fl
     shafts, estimated, gain = memory.shafts, memory.plans.motor.estimated, constants.plans.gain
     carried = 0.0
     for step in range(int(constants.steps)):
-        command = command_in(constants, memory.plans.sent, step)
+        command = command_at(constants, memory.plans.sent, (step + 0.5) * constants.step)
         carried += advance(constants, shafts, command, estimated.disturbance).teeth.torque / constants.steps
     memory.readings.speed = shafts.speed
     if not believe(constants, memory, memory.readings, reading, shafts.angle):

@@ -50,9 +50,10 @@ def _observe(constants: AloneConstants, memory: AloneMemory, estimate: Estimate,
     motor.estimated.current_torque = shafts.current_torque
     motor.predicted.angle, motor.predicted.speed = memory.ahead.angle, memory.ahead.speed
     load.angle, load.speed = shafts.load_angle, shafts.load_speed
-    off = math.sqrt(max(memory.covariance[LOAD_ANGLE, LOAD_ANGLE], 0.0))
-    unseen = _UNSEEN * constants.plans.gap
-    load.count = max(memory.readings.count, _TWICE * off) if constants.sees_load != 0.0 else unseen
+    load.count = _UNSEEN * constants.plans.gap
+    if constants.sees_load != 0.0:
+        off = math.sqrt(max(memory.covariance[LOAD_ANGLE, LOAD_ANGLE], 0.0))
+        load.count = max(memory.readings.count, _TWICE * off)
 
 
 @compiled
@@ -80,7 +81,6 @@ def _wanted(constants: AloneConstants, memory: AloneMemory, path: Array) -> Want
             return wanted
     if plans.next_move != NO_MOVE:
         take_off(known, plans)
-        memory.direction = plans.plan.move.direction
     return fly_on(known, plans)
 
 
