@@ -157,7 +157,7 @@ class Page:
         told = axis.told_by_simulator.values
         facts = {
             "axis": self.title,
-            "active": axis.lifecycle == "active",
+            "stopped": self.station.of(self.title).stopped if axis.lifecycle == "inactive" else "",
             "unit": "A" if axis.told.values.get("command_interface") == "current" else "V",
             "gap": float(told.get("gear.backlash_angle", 0.0)) if axis.simulated else 0.0,
             "simulated": axis.simulated,

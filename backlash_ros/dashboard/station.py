@@ -103,6 +103,7 @@ class OfAxis:
     motion: "tuple[asyncio.Task[None], ...]" = ()
     mover: Mover | None = None
     ended: str = ""
+    stopped: str = ""
     run: Run | None = None
     found: dict[str, Run] = field(default_factory=dict)
     recorder: Work | None = None
@@ -182,7 +183,8 @@ class Station:
         self.end(title)
         answer = await axis.change(Transition.TRANSITION_DEACTIVATE)
         if answer.success:
-            return Answer(True, "stopped: 0 V; activate to go on")
+            self.of(title).stopped = "stopped: 0 V; activate to go on"
+            return Answer(True, self.of(title).stopped)
         if axis.lifecycle in {"inactive", "unconfigured", "finalized"}:
             return Answer(True, f"the controller is {axis.lifecycle}: it sends no commands")
         return answer

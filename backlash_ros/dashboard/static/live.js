@@ -271,13 +271,12 @@ class Live {
   }
 
   draw() {
-    const { axis, active, simulated, gap } = this.options.facts();
+    const { axis, stopped = "", simulated, gap } = this.options.facts();
     if (axis && axis !== this.axis) this.watch(axis);
     if (!this.paused) this.fill();
     this.tooth.draw(this.joints, this.state, { b: this.b, simulated, gap });
     this.tellStep();
-    if (stopped === "asked" && !active) stopped = "done";
-    if (stopped === "done" && active) tellStop(""); // what it speaks of is over
+    if (stopped !== told) tellStop((told = stopped)); // after the page was loaded anew, too
   }
 
   // The figures of the last step, beside its button.
@@ -315,10 +314,9 @@ export function start(options) {
   window.live = new Live(options);
 }
 
-let stopped = ""; // whether 0 V was asked for, and came
+let told = ""; // what the server says of a stop
 
 function tellStop(text) {
-  stopped = "";
   document.getElementById("stop-text").textContent = text;
 }
 
@@ -327,7 +325,6 @@ export async function stop(axis) {
   try {
     const answer = await fetch(`/stop?axis=${encodeURIComponent(axis)}`, { method: "POST" });
     tellStop(await answer.text());
-    if (answer.ok) stopped = "asked";
   } catch {
     tellStop("The dashboard does not answer: stop the drive at the machine.");
   }
