@@ -11,6 +11,7 @@ from graph import Lifecycle, Parameters, Peer, Process
 from lifecycle_msgs.msg import Transition
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
 from websockets.sync.client import connect
 
 from backlash_ros.dashboard.rows import JOINT_COLUMNS, STATE_COLUMNS
@@ -98,12 +99,14 @@ class System:
         self.peer.wait("the dashboard", lambda: self.served.address)
         self.parameters = Parameters(self.peer, "controller")
         self._reference = self.peer.node.create_publisher(Float64, "reference", 10)
+        self._faults = self.peer.node.create_client(Trigger, "controller/reset_fault")
         self._load: list[float] = []
         self.peer.node.create_subscription(JointState, "joint_states", lambda m: self._load.append(m.position[1]), 10)
         self._at_first = dict(zip(ANEW, self.parameters.get(*ANEW), strict=True))
 
     def anew(self) -> None:
         """Put back what a test may have changed, and let the load come to rest at 0."""
+        self._faults.call_async(Trigger.Request())
         if Lifecycle(self.peer, "controller").state == "inactive":
             Lifecycle(self.peer, "controller").change(Transition.TRANSITION_ACTIVATE)
         assert self.parameters.set(**{name.replace(".", "__"): value for name, value in self._at_first.items()})[0]
