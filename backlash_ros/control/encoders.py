@@ -13,7 +13,7 @@ from backlash_ros.gates.faults import Fault
 _SHAFT = {Fault.MOTOR_JUMP: MOTOR, Fault.MOTOR_SPEED: MOTOR, Fault.LOAD_JUMP: LOAD, Fault.LOAD_SPEED: LOAD}
 """Faults that name the encoder that lies."""
 _STANDS = 0.5
-"""Share of how far the shafts may move apart that one shaft moves while the other's encoder stands still: then that one is lost."""
+"""Share of how far the shafts may move apart: one that moves so far alone shows that the other's encoder is lost."""
 _OTHER = {MOTOR: LOAD, LOAD: MOTOR}
 _ANGLES = {MOTOR: (THETA_M, OMEGA_M), LOAD: (THETA_L, OMEGA_L)}
 
