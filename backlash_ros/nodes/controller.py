@@ -32,7 +32,7 @@ from backlash_ros.gates import Action, Fault, Judged, SampleGate
 from backlash_ros.nodes.learning import Learning
 from backlash_ros.nodes.motion import Motion
 from backlash_ros.nodes.parameters import declare_controller, refuse_unknown
-from backlash_ros.nodes.reports import LOST, ControllerReport, NodeFacts
+from backlash_ros.nodes.reports import ONE_IS_LOST, ControllerReport, NodeFacts
 from backlash_ros.nodes.start_lines import margins_line, stands_in, untold_drive
 from backlash_ros.nodes.tunables import Tunables
 from backlash_ros.ros.diagnostics import ERROR, OK, UNSTAMPED, status
@@ -287,7 +287,7 @@ class Controller(ManagedNode):
         if self._servo.lost_encoder != self._lost:
             self._lost, self._changed = self._servo.lost_encoder, True
             if self._lost:
-                self.get_logger().warning(f"{LOST.format(self._lost)}; reset_fault begins with both again")
+                self.get_logger().warning(f"{ONE_IS_LOST.format(self._lost)}; reset_fault begins with both again")
         regular = judged.action is Action.TAKE and self._gate.taken % self._telemetry_every == 0
         if regular or ((self._news or self._owed) and judged.action in (Action.TAKE, Action.REFUSE)):
             self._publish_state(stamp, 1e-9 * judged.elapsed)

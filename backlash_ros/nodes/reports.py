@@ -22,7 +22,7 @@ from backlash_ros.ros.diagnostics import (
 )
 from backlash_ros.ros.timer import in_ns, now
 
-LOST = "the {}'s encoder is lost: the axis goes on, slower, with the other one alone"
+ONE_IS_LOST = "the {}'s encoder is lost: the axis goes on, slower, with the other one alone"
 """What is said of an encoder that is lost while faults.on_lost_encoder is continue."""
 
 
@@ -118,7 +118,7 @@ class ControllerReport:
         if servo.latched:
             judgements.append((ERROR, servo.fault))
         if servo.lost_encoder:
-            judgements.append((WARN, LOST.format(servo.lost_encoder)))
+            judgements.append((WARN, ONE_IS_LOST.format(servo.lost_encoder)))
         if facts.active and not facts.heard and (gate.unheard or servo.holding):
             judgements.append((WARN, f"command has no subscriber{' any more' if servo.holding else ''}"))
         elif facts.active and gate.waiting:
