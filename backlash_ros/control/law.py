@@ -53,8 +53,9 @@ class ControlLaw:
 
     ``constants`` and the initial ``state`` are rows of records; that of the state is derived from `LawState`. A law
     that replaces another one while the load is held starts with ``take_over``: plain Python, called once before its
-    first step. ``shown`` has the indices in the state of what telemetry calls ``phase`` and ``flank``. References that
-    keep coming are followed ``ahead`` periods later, so that the law sees the path for so long.
+    first step. ``shown`` has the indices in the state of what telemetry calls ``phase`` and ``flank``, of ``middle``,
+    motor less load in the middle of the gap, rad at the output, and of ``load_torque``, N m. References that keep
+    coming are followed ``ahead`` periods later, so that the law sees the path for so long.
     """
 
     step: LawStep

@@ -31,8 +31,8 @@ def _result(name: str) -> _Cell:
 class TickRow:
     """The memory of a tick: one array, ``row``, laid out as `TickMemory`, and what Python needs of it.
 
-    ``used`` is the last `Measurement` as used, ``setpoint`` the last `Setpoint`, ``monitor`` and ``motion`` are parts
-    of the memory: all are views. The others are `Results` by name.
+    ``used`` is the last `Measurement` as used, ``setpoint`` the last `Setpoint`, ``monitor``, ``motion`` and
+    ``plausibility`` are parts of the memory: all are views. The others are `Results` by name.
     """
 
     command = _result("command")
@@ -47,6 +47,7 @@ class TickRow:
         self.used, self.setpoint = Measurement(memory.used), Setpoint(memory.setpoint)
         self.estimate = Estimate(memory.observer.estimate)
         self.observer, self.monitor, self.motion = memory.observer, memory.monitor, memory.motion
+        self.plausibility = memory.plausibility
         self.cursor = memory.cursor
         self.details = memory.results.details
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from backlash_ros.control.acting import ActingLaw
 from backlash_ros.control.changes import drive_rejection, limits_rejection
+from backlash_ros.control.encoders import Encoders, encoders_of
 from backlash_ros.control.experiment import Deferred, Excitation, NamedExperiment, Outcome
 from backlash_ros.control.experiment_in_use import ExperimentInUse, choose, parameters_of, swing_refusal
 from backlash_ros.control.law import REGION
@@ -19,8 +20,8 @@ from backlash_ros.control.monitoring.monitor import forget_ends
 from backlash_ros.control.motion.plan import Plan
 from backlash_ros.control.motion.setpoint import AtRest, Source, Stop, is_reference
 from backlash_ros.control.observer import keep_estimate
-from backlash_ros.control.settings import BOTH, LOAD, MOTOR, ServoSettings
-from backlash_ros.control.tick import Tick, tick_constants_at
+from backlash_ros.control.settings import BOTH, CONTINUE, LOAD, MOTOR, ServoSettings
+from backlash_ros.control.tick import Tick, tick_constants_at, tick_with
 from backlash_ros.control.tick_constants import tick_constants
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.quantity import Validated
@@ -69,7 +70,7 @@ class Servo:
         self.latched, self.fault = Fault.NONE, ""
         self.memory, self._inputs = TickRow(), InputRow()
         self.estimate: Estimate = self.memory.estimate
-        self._watched, self._encoders = watched, ""
+        self._watched, self._encoders = watched, Encoders(drive.gear.ratio)
         self._plan = Plan(self.memory, self._inputs)
         self._experiment = ExperimentInUse()
         self.use(settings, limits or Limits.of(drive))
@@ -88,8 +89,11 @@ class Servo:
             If the law cannot be designed; nothing changes.
         """
         limits, drive = limits or self.limits, drive or self.drive
-        if self._encoders not in ("", settings.encoders):
-            settings = replace(settings, encoders=self._encoders)
+        if self._encoders.used not in ("", settings.encoders):
+            settings = replace(settings, encoders=self._encoders.used)
+        if settings.on_lost_encoder == CONTINUE and settings.encoders == BOTH:
+            for one in (MOTOR, LOAD):  # not first when it is needed, between two samples
+                tick_with(design_law(drive, replace(settings, encoders=one)).step)
         law, observer = design_law(drive, settings), settings.observer(drive)
         self.constants = tick_constants(drive, settings, limits, observer, ahead=law.ahead, watched=self._watched)
         if drive != self.drive:
@@ -159,9 +163,14 @@ class Servo:
 
     def shown(self, name: str) -> int:
         """Return the "phase" or "flank" of the law that acts; 0 if it has none."""
+        value = self._shown_by_law(name)
+        return 0 if math.isnan(value) else int(value)
+
+    def _shown_by_law(self, name: str) -> float:
+        """Return what the law that acts knows by this name, see `ControlLaw.shown`; nan if it does not."""
         acting = self._acting
         at = acting.law.shown.get(name)
-        return 0 if at is None else int(acting.state[at])
+        return math.nan if at is None else float(acting.state[at])
 
     # Holding and faults.
 
@@ -303,9 +312,13 @@ class Servo:
 
         It does not use the law's estimate: there is none with one encoder, and ``torque_bandwidth`` may be 0.
         """
+        return self._voltage_against(float(self.memory.monitor.unexplained_torque))
+
+    def _voltage_against(self, load_torque: float) -> float:
+        """Return the voltage that holds a load torque (N m) as far as the limits allow, V."""
         drive = self.drive
         reach = drive.standstill_torque(self.limits.command)
-        torque = min(max(float(self.memory.monitor.unexplained_torque), -reach), reach)
+        torque = min(max(load_torque, -reach), reach)
         return -torque * drive.gear.ratio * drive.motor.resistance / drive.motor.torque_constant
 
     # Experiments.
@@ -399,16 +412,40 @@ class Servo:
 
     # The loop.
 
-    def _look_at_encoders(self, measured: Measurement) -> None:
-        """Design the law for the encoders that the first sample shows; calm the load if one is lost later."""
-        no_motor, no_load = math.isnan(measured[THETA_M]), math.isnan(measured[THETA_L])
-        seen = BOTH if no_motor == no_load else LOAD if no_motor else MOTOR
+    @property
+    def lost_encoder(self) -> str:
+        """The encoder that is lost while the other one goes on, "motor" or "load"; empty if none is."""
+        return self._encoders.lost
+
+    def _look_at_encoders(self, measured: Measurement) -> Measurement:
+        """Return the sample as the law may use it.
+
+        The first one shows which encoders there are. If one of two is lost later, the settings say whether the other
+        goes on alone; else a law that needs both is calmed.
+        """
+        encoders = self._encoders
         if not self.holding:
-            self._encoders = seen
-            if seen != self.settings.encoders:
+            encoders.forget()
+            encoders.first = encoders_of(measured)
+            if encoders.first != self.settings.encoders:
                 self.use(self.settings)
-        elif self._encoders == BOTH and seen != BOTH and LAWS[self._law.name].both_encoders:
-            self.calm()
+        elif encoders.used == BOTH and (seen := encoders_of(measured)) != BOTH:
+            if self.settings.on_lost_encoder == CONTINUE:
+                self._lose(MOTOR if seen == LOAD else LOAD)
+            elif LAWS[self._law.name].both_encoders:
+                self.calm()
+        return encoders.seen(measured)
+
+    def _lose(self, side: str) -> None:
+        """Go on without an encoder: the law for the other one alone takes over from the last good sample."""
+        self.cancel(f"the {side}'s encoder is lost")
+        self._encoders.lose(side)
+        estimate, torque = self._encoders.shifted(self.estimate), self._shown_by_law("load_torque")
+        holding = self.holding_voltage if math.isnan(torque) else self._voltage_against(torque)
+        self._encoders.go_on(tick_constants_at(self.constants).observer, self.memory)
+        self.use(self.settings)
+        self._law.start()
+        self._law.acting.take_over(estimate, self.memory.setpoint, holding)
 
     def update(self, measured: Measurement, elapsed: float | None = None) -> float:
         """Take one sample and return the command, V or A; 0 while a fault is latched or if no finite command follows.
@@ -420,20 +457,42 @@ class Servo:
         """
         if self.latched:
             return 0.0
-        self._look_at_encoders(measured)
-        memory, inputs = self.memory, self._inputs
+        inputs = self._inputs
         inputs.elapsed = elapsed or self.settings.period
+        sample = self._look_at_encoders(measured)
         if self._experiment.run is not None:
-            self._excite(measured)
-        run = self._experiment.run
-        inputs.experimenting = 0.0 if run is None else 1.0
-        acting = self._law.acting if run is None else run.acting
-        command = acting.tick(
-            self.constants, memory.row, acting.law.constants, acting.state, self._plan.segments, measured, inputs.row
-        )
-        if memory.fault:
-            self.fail(Fault(int(memory.fault)), self.described_fault)
+            self._excite(sample)
+        inputs.experimenting = 0.0 if self._experiment.run is None else 1.0
+        watches = self.settings.on_lost_encoder == CONTINUE and self._encoders.used == BOTH
+        before = self.memory.row.copy() if watches else None
+        command = self._tick(sample)
+        if before is not None:
+            command = self._watch_encoders(sample, before, command)
+        if self.memory.fault:
+            self.fail(Fault(int(self.memory.fault)), self.described_fault)
         return command
+
+    def _tick(self, sample: Measurement) -> float:
+        acting, inputs, segments = self._acting, self._inputs.row, self._plan.segments
+        return acting.tick(
+            self.constants, self.memory.row, acting.law.constants, acting.state, segments, sample, inputs
+        )
+
+    def _watch_encoders(self, measured: Measurement, before: Array, command: float) -> float:
+        """Return the command, or that with one encoder where the sample's fault shows that the other one is lost.
+
+        ``before`` is the tick's memory before this sample.
+        """
+        memory, encoders = self.memory, self._encoders
+        if not memory.fault:
+            encoders.look(measured, self._shown_by_law("middle"))
+            return command
+        lost = encoders.lost_by(Fault(int(memory.fault)), float(memory.details.bound))
+        if not lost:
+            return command
+        memory.row[:] = before
+        self._lose(lost)
+        return self._tick(encoders.seen(measured))
 
     def answered(self, at: float) -> None:
         """Note when the command of the last `update` was sent, s of a steady clock, if known."""

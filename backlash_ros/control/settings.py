@@ -12,6 +12,8 @@ from backlash_ros.foundation.quantity import Validated, quantity
 
 BOTH, LOAD, MOTOR = ENCODERS = "both", "load", "motor"
 """The encoders that a drive may have: of both shafts, or of one alone."""
+STOP, CONTINUE = ON_LOST_ENCODER = "stop", "continue"
+"""What a servo does that has lost one of two encoders."""
 AUTO = "auto"
 """The experiment that the encoders allow: `gap_probe` with both, else `relay`. Also the best law for what is known of
 the drive: see `laws.law_of`."""
@@ -34,6 +36,7 @@ class ServoSettings(Validated):
     ``thresholds`` are by default the drive's. ``renew``: whether wear is answered by learning again; a gap up to six
     times as wide as learned is then no fault. ``identified``: whether load and friction were found on this drive, so
     that a law may use them. ``encoders``: one of `ENCODERS`; a servo sees by its first sample which there are.
+    ``on_lost_encoder``: one of `ON_LOST_ENCODER`, whether one that is lost is a fault, or the other one is enough.
     """
 
     gains: GainSet
@@ -47,6 +50,7 @@ class ServoSettings(Validated):
     renew: bool = False
     identified: bool = False
     encoders: str = BOTH
+    on_lost_encoder: str = STOP
     backlash_angle: float = quantity(
         "backlash at the output shaft, within which the over-damped gains act; 0: unknown",
         "rad",
@@ -110,6 +114,10 @@ class ServoSettings(Validated):
         super().__post_init__()
         if self.encoders not in ENCODERS:
             raise ValueError(f"encoders must be one of {list(ENCODERS)}, got {self.encoders!r}")
+        if self.on_lost_encoder not in ON_LOST_ENCODER:
+            raise ValueError(
+                f"faults.on_lost_encoder must be one of {list(ON_LOST_ENCODER)}, got {self.on_lost_encoder!r}"
+            )
 
     def with_law(self, law: str, parameters: Validated | None = None) -> "ServoSettings":
         """Return the same settings with another law and, if given, its parameters."""

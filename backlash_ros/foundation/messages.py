@@ -42,7 +42,13 @@ def _usable(what: str, joint: str, value: float, unit: str) -> float:
 
 
 def read_joint_state(
-    message: Any, motor_joint: str, load_joint: str, torque_constant: float, out: Measurement | None = None
+    message: Any,
+    motor_joint: str,
+    load_joint: str,
+    torque_constant: float,
+    out: Measurement | None = None,
+    *,
+    nan_is_absent: bool = False,
 ) -> Measurement:
     """Return the measurement in a message, nan where a value is missing.
 
@@ -53,6 +59,7 @@ def read_joint_state(
     ----------
     torque_constant : of the motor, N m/A: its effort over this is the current
     out : to write into and return; a new array by default
+    nan_is_absent : whether a position of nan says that the joint is absent
 
     Raises
     ------
@@ -78,6 +85,8 @@ def read_joint_state(
         if names.count(joint) > 1:
             raise BadSampleError(f"joint {joint!r} appears {names.count(joint)} times in one message")
         seen, k = True, names.index(joint)
+        if nan_is_absent and math.isnan(positions[k]):
+            continue
         measured[angle] = _usable("position", joint, positions[k], "rad")
         if len(speeds) and not math.isnan(speeds[k]):
             measured[speed] = _usable("velocity", joint, speeds[k], "rad/s")

@@ -27,6 +27,9 @@ _COMPANY = 50_000_000
 _ACQUAINTED = 500_000_000
 """Time for which several publishers are listened to before a position is held, ns."""
 
+_MISSES = 3
+"""So many samples in a row without a joint that was there say that its encoder is lost."""
+
 _BOTH = True, True
 _SIDES = "motor", "load"
 
@@ -56,7 +59,8 @@ class SampleGate:
     A ``fault`` is latched, with its text in ``why``: no sample is taken until `open`. Nor is one taken before the
     commands have a subscriber: otherwise the controller would hold a position without the drive receiving commands.
 
-    ``fastest``: speeds of motor and load, each at its own shaft, beyond which no motion explains a jump, rad/s.
+    ``may_lose``: whether one joint that disappears for three samples leaves the other one to go on with. ``fastest``:
+    speeds of motor and load, each at its own shaft, beyond which no motion explains a jump, rad/s.
 
     Parameters
     ----------
@@ -83,6 +87,7 @@ class SampleGate:
         self._positions = [Position(wrap, late_after // 3) for wrap in wraps]
         self._halves = Halves(max(_COMPANY, 2 * late_after))
         self.fastest = math.inf, math.inf
+        self.may_lose = False
         self.taken = self.dropped = self.late = self.jumps = 0
         self.last_dropped = ""
         self.open()
@@ -101,6 +106,7 @@ class SampleGate:
         self._strays = 0
         self._strayed = -_MEMORY * self._timeout
         self._several_since: int | None = None
+        self._misses = 0
         self._halves.forget()
         for position in self._positions:
             position.forget()
@@ -156,11 +162,14 @@ class SampleGate:
                 joints, content = _BOTH, None
         if judged := judged or self._out_of_turn(stamp, now, content):
             return judged
-        if unusable or (self.begun and joints != self._joints):
+        if unusable or (self.begun and joints != self._joints and not self._is_lost()):
             return self._drop(Action.REFUSE, f"unusable joint_states: {unusable or self._changed(joints)}")
         elapsed, reason = self._elapsed(stamp, now)
-        self.stamp, self._arrived, self._content, self._joints = stamp, now, content, joints
+        self.stamp, self._arrived, self._content = stamp, now, content
+        self._joints = self._joints or joints
         self._refused = ""
+        if joints == _BOTH and self._misses < _MISSES:
+            self._misses = 0
         if self._go_on(values, elapsed):
             return Judged(Action.REFUSE)
         self.taken += 1
@@ -189,6 +198,13 @@ class SampleGate:
         self.drop(reason)
         self._refused = reason
         return Judged(action, 0, reason)
+
+    def _is_lost(self) -> bool:
+        """Whether a joint that was there is missing for good, and the other one is enough."""
+        if not self.may_lose or self._joints != _BOTH:
+            return False
+        self._misses += 1
+        return self._misses >= _MISSES
 
     def _changed(self, joints: tuple[bool, bool]) -> str:
         """Return which joint has appeared or disappeared: the held position relies on those at the start."""

@@ -22,6 +22,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 from backlash_ros.control import AUTO, LAWS, Servo
 from backlash_ros.control.acting import IDLE, ActingLaw
 from backlash_ros.control.design.choice import chosen_for_rate
+from backlash_ros.control.settings import CONTINUE
 from backlash_ros.control.telemetry import telemetry
 from backlash_ros.control.tick import MISSING
 from backlash_ros.drivetrain import NOMINAL_DRIVE
@@ -31,7 +32,7 @@ from backlash_ros.gates import Action, Fault, Judged, SampleGate
 from backlash_ros.nodes.learning import Learning
 from backlash_ros.nodes.motion import Motion
 from backlash_ros.nodes.parameters import declare_controller, refuse_unknown
-from backlash_ros.nodes.reports import ControllerReport, NodeFacts
+from backlash_ros.nodes.reports import ONE_IS_LOST, ControllerReport, NodeFacts
 from backlash_ros.nodes.start_lines import margins_line, stands_in, untold_drive
 from backlash_ros.nodes.tunables import Tunables
 from backlash_ros.ros.diagnostics import ERROR, OK, UNSTAMPED, status
@@ -72,11 +73,11 @@ class Controller(ManagedNode):
         self._tunables.rejection_reason, self._tunables.changed = self._servo.rejection_reason, self._use
         timeout, late_after = in_ns(self._state_timeout), in_ns(MISSING / self._rate)
         self._gate = SampleGate(timeout, late_after, self._joints, wraps=given.wraps, angles=(THETA_M, THETA_L))
-        self._set_fastest()
+        self._tell_gate()
         self._measured, self._answer = Measurement(np.empty(5)), Answer()
         self._values = cast("MutableSequence[float]", memoryview(self._measured))  # the same, as the gate takes it
         self._told_chosen: set[str] = set()
-        self._told, self._said = Fault.NONE, (False, False, Fault.NONE)
+        self._told, self._said, self._lost = Fault.NONE, (False, False, Fault.NONE), ""
         self._estimated = self._changed = False
         self._owed = False  # whether a message was sent between samples, so that the next sample must repeat it
         self._report = ControllerReport(self._rate, self._state_timeout)
@@ -181,7 +182,7 @@ class Controller(ManagedNode):
     def _use(self, names: set[str]) -> None:
         _, drive, _, settings, limits = self._tunables.in_use
         self._servo.use(settings, limits, drive)
-        self._set_fastest()
+        self._tell_gate()
         self._changed = True
         if self.configured:
             self._publish_in_use()
@@ -191,11 +192,12 @@ class Controller(ManagedNode):
         if _LAW & names and (text := stands_in(drive, settings)):
             self.get_logger().info(text)
 
-    def _set_fastest(self) -> None:
-        """Tell the gate beyond which speeds no motion explains a jump."""
+    def _tell_gate(self) -> None:
+        """Tell the gate beyond which speeds no motion explains a jump, and whether one encoder may be enough."""
         drive, settings = self._servo.drive, self._servo.settings
         load = settings.thresholds_of(drive).velocity
         self._gate.fastest = load / drive.gear.ratio, load
+        self._gate.may_lose = settings.on_lost_encoder == CONTINUE
 
     def _publish_in_use(self) -> None:
         self._in_use.publish(self._tunables.message())
@@ -214,7 +216,13 @@ class Controller(ManagedNode):
             return
         unusable = ""
         try:
-            read_joint_state(message, *self._joints, self._servo.drive.motor.torque_constant, out=self._measured)
+            read_joint_state(
+                message,
+                *self._joints,
+                self._servo.drive.motor.torque_constant,
+                out=self._measured,
+                nan_is_absent=self._gate.may_lose and self._gate.begun,
+            )
         except NotOurJointsError:
             return
         except BadSampleError as error:
@@ -276,6 +284,10 @@ class Controller(ManagedNode):
         if self._servo.experimenting and not self._said[1]:
             self.get_logger().info(self._learning.doing)
         self._tell_fault()
+        if self._servo.lost_encoder != self._lost:
+            self._lost, self._changed = self._servo.lost_encoder, True
+            if self._lost:
+                self.get_logger().warning(f"{ONE_IS_LOST.format(self._lost)}; reset_fault begins with both again")
         regular = judged.action is Action.TAKE and self._gate.taken % self._telemetry_every == 0
         if regular or ((self._news or self._owed) and judged.action in (Action.TAKE, Action.REFUSE)):
             self._publish_state(stamp, 1e-9 * judged.elapsed)
@@ -369,13 +381,13 @@ class Controller(ManagedNode):
 
     def reset_fault(self) -> tuple[bool, str]:
         """Clear a latched fault and hold the position of the next sample."""
-        fault, text = self._servo.latched, self._servo.fault
-        if not fault:
+        fault, text, lost = self._servo.latched, self._servo.fault, self._servo.lost_encoder
+        if not fault and not lost:
             return True, "no fault was latched"
         self._open_gate()
         self._servo.reset()
         self._told = Fault.NONE
-        return True, f"reset {fault.name}: {text}"
+        return True, f"reset {fault.name}: {text}" if fault else f"reset the loss of the {lost}'s encoder"
 
     def statuses(self) -> Sequence[DiagnosticStatus]:
         """Report the servo's state and gains, and the timing of samples and answers."""

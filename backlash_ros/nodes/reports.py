@@ -22,6 +22,9 @@ from backlash_ros.ros.diagnostics import (
 )
 from backlash_ros.ros.timer import in_ns, now
 
+ONE_IS_LOST = "the {}'s encoder is lost: the axis goes on, slower, with the other one alone"
+"""What is said of an encoder that is lost while faults.on_lost_encoder is continue."""
+
 
 @dataclass(frozen=True)
 class NodeFacts:
@@ -79,6 +82,7 @@ class ControllerReport:
             "state": facts.state,
             "fault": servo.fault,
             "fault_name": servo.latched.name if servo.latched else "",
+            "lost_encoder": servo.lost_encoder,
             "learning": servo.experimenting,
             "progress": f"{servo.progress:.2f}",
             "samples_answered": gate.taken,
@@ -113,6 +117,8 @@ class ControllerReport:
         judgements = facts.judged()
         if servo.latched:
             judgements.append((ERROR, servo.fault))
+        if servo.lost_encoder:
+            judgements.append((WARN, ONE_IS_LOST.format(servo.lost_encoder)))
         if facts.active and not facts.heard and (gate.unheard or servo.holding):
             judgements.append((WARN, f"command has no subscriber{' any more' if servo.holding else ''}"))
         elif facts.active and gate.waiting:

@@ -26,6 +26,7 @@ from backlash_ros.control import (
 from backlash_ros.control.design.choice import APPLY_BOUND, Choice, Tuning, check_set_names, delay_bound
 from backlash_ros.control.design.gain_sets import CUSTOM, NO_WEIGHTS, REGIONS
 from backlash_ros.control.design.start import emulated, explained
+from backlash_ros.control.settings import ON_LOST_ENCODER, STOP
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.parameters import drive_of
 from backlash_ros.ros.parameters import (
@@ -97,6 +98,11 @@ def _declare_beside_gains(node: Node, drive: Drive, rate: float) -> dict[str, An
     values["learning.apply"] = declare(node, "learning.apply", "auto", text)
     values |= declare_quantities(node, Limits.of(drive), dynamic=ALL)
     values |= declare_quantities(node, FaultThresholds.of(drive), dynamic=ALL)
+    text = describe(
+        "whether an encoder that is lost is a fault, or the axis goes on with the other one, slower",
+        constraint=f"one of {list(ON_LOST_ENCODER)}",
+    )
+    values["faults.on_lost_encoder"] = declare(node, "faults.on_lost_encoder", STOP, text)
     any_gains = Gains(1.0, 0.0, 0.0)
     return values | declare_quantities(node, ServoSettings(GainSet(any_gains, any_gains)), dynamic=ALL)
 

@@ -331,6 +331,26 @@ def test_no_sample_that_can_be_used__0_v_at_once__mend_it_and_reset_the_controll
     watched.recovers()
 
 
+def test_an_encoder_is_lost_while_the_other_one_may_be_enough__0_v_for_two_periods_then_it_goes_on__reset_uses_both(
+    start: Start, peer: Peer, measure: Measure
+) -> None:
+    """With faults.on_lost_encoder: continue; the load's joint is missing from a sample on."""
+    watched = Watched(start, peer, law="two_region", faults__on_lost_encoder="continue")
+    drive = watched.drive
+    missing = BAD["load's joint missing"]
+
+    def without_load() -> JointState:
+        plant = drive.plant
+        return drive.sample(**missing | {"position": [plant.motor_angle], "velocity": [plant.motor_speed]})
+
+    commands = [drive.exchange(without_load()) for _ in range(4)]
+    assert [command == 0.0 for command in commands] == [True, True, False, False]
+    measure(2.0 * drive.period)
+    words = "the load's encoder is lost: the axis goes on, slower, with the other one alone"
+    peer.wait("the log", lambda: words in watched.process.output())
+    watched.recovers()
+
+
 def test_joints_in_another_order_or_among_others__nothing__none_needed(
     start: Start, peer: Peer, measure: Measure
 ) -> None:

@@ -31,6 +31,7 @@ from backlash_ros.control.design.gain_sets import (
 from backlash_ros.control.design.stability import LONGEST_DELAY
 from backlash_ros.control.design.start import CannotStartError, default_weights, emulated, explained
 from backlash_ros.control.estimates import APPLY
+from backlash_ros.control.settings import STOP
 from backlash_ros.drivetrain import CONTACTS, Drive
 from backlash_ros.drivetrain.parameters import FOUND, drive_of, values_of
 from backlash_ros.foundation.quantity import Quantity, Validated, quantities, take
@@ -70,6 +71,7 @@ def dynamic_names(drive: Drive) -> set[str]:
         *(f"gains.{region}.{kind}" for region in REGIONS for kind in ("k", "q")),
         *("gain_set", "identified", "law", "loop_delay"),
         *("learning.apply", "learning.experiment", "learning.renew"),
+        "faults.on_lost_encoder",
     }
 
 
@@ -198,6 +200,7 @@ class Tuning:
             loop_delay=delay,
             experiment=values["learning.experiment"],
             renew=values["learning.renew"],
+            on_lost_encoder=values["faults.on_lost_encoder"],
             identified=values["identified"],
             experiment_parameters=_parameters_of(EXPERIMENTS, values),
             thresholds=take(FaultThresholds, values),
@@ -261,7 +264,8 @@ def _defaults(drive: Drive) -> dict[str, Any]:
         for name in quantities(type(part))
     }
     fixed = {"law": AUTO, "loop_delay": 0.0, "identified": False, "learning.apply": APPLY[0]}
-    return values | fixed | {"learning.experiment": AUTO, "learning.renew": False}
+    fixed |= {"learning.experiment": AUTO, "learning.renew": False, "faults.on_lost_encoder": STOP}
+    return values | fixed
 
 
 def _for_another(drive: Drive, changes: Mapping[str, Any], before: Choice) -> dict[str, Any]:

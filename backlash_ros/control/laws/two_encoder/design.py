@@ -12,7 +12,7 @@ from backlash_ros.control.laws.two_encoder.alone.memory import AloneMemory
 from backlash_ros.control.laws.two_encoder.alone.start import take_over_alone
 from backlash_ros.control.laws.two_encoder.alone.step import alone_step
 from backlash_ros.control.laws.two_encoder.constants import TABLE_SIZE, Constants, constants_at
-from backlash_ros.control.laws.two_encoder.memory import REMEMBERED, Memory
+from backlash_ros.control.laws.two_encoder.memory import REMEMBERED, LoadTorque, Memory
 from backlash_ros.control.laws.two_encoder.parameters import TwoEncoderParameters
 from backlash_ros.control.laws.two_encoder.start import take_over
 from backlash_ros.control.laws.two_encoder.step import two_encoder_step
@@ -209,7 +209,8 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
         model.angle[:], model.speed[:], model.current_torque[:] = found[:3]
     gain = constants.gain
     gain.angle, gain.speed, gain.current_torque, gain.disturbance = _gain(full, settings.period)
-    shown = {name: cell_of(Memory, name) for name in ("phase", "flank")}
+    shown = {name: cell_of(Memory, name) for name in ("phase", "flank", "middle")}
+    shown["load_torque"] = cell_of(Memory, "load_torque") + cell_of(LoadTorque, "estimated")
     ahead = math.ceil((0.5 * constants.crossing_time + constants.delay) / settings.period) + _MORE_AHEAD
     if settings.encoders == BOTH:
         return ControlLaw(two_encoder_step, row, row_of(Memory), take_over, shown, ahead)
