@@ -16,7 +16,7 @@ COMMANDS = {
     "demo": "run simulator, controller and recorder: learn, step, judge",
     "live": "run a simulated drive, its controller and a page in the browser",
     "figures": "compute and draw the paper's figures, or those that explain law two_encoder",
-    "simulate": "simulate one step: figures as JSON, a picture, a table",
+    "simulate": "simulate one step, or a path: figures as JSON, a picture, a table",
     "evaluate": "judge learning and laws on a random population of drives",
     "export": "export a drive for MuJoCo, or as URDF or SDF",
     "export-c": "write a controller as C: object file, header, self-test, example",
