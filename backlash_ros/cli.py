@@ -25,6 +25,7 @@ COMMANDS = {
     "lost-motion": "measure the lost motion of a locked output from ramps of its torque",
     "report": "write a page about a recording: steps, faults, backlash, timing, charts",
     "design": "design over-damped gains and their region's width for a range of drives",
+    "setup": "ask in the terminal what a drive is, and write and check its file",
     "check": "check a drive file and its loop before anything moves",
     "replay": "compute a recorded controller's commands again, to the last bit",
     "measure": "let a running controller measure its drive: recording, drive file and certificate",
