@@ -39,6 +39,11 @@ class DataSheet:
         return 1.0 if math.isnan(self.reduction) else self.reduction
 
     @property
+    def has_winding(self) -> bool:
+        """Whether it says the constants of the winding itself."""
+        return not math.isnan(self.resistance + self.torque_constant)
+
+    @property
     def winding(self) -> tuple[float, float]:
         """Resistance, ohm, and torque constant, N m/A: as the sheet says them, or as its voltage and speed tell.
 

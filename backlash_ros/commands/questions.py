@@ -2,6 +2,7 @@
 
 import math
 import re
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -14,7 +15,8 @@ _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)", re.A
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "arcmin": math.pi / 10800.0}
 INERTIAS = {"kg m^2": 1.0, "kg cm^2": 1e-4, "g m^2": 1e-3, "g cm^2": 1e-7}
-Convert = Callable[[float], float]
+Units = Mapping[str, float | Callable[[float], float]]
+"""Factor to SI units, or function, by name."""
 
 
 class NoAnswerError(ValueError):
@@ -39,11 +41,11 @@ class Number:
     text: str
     bound: Quantity
     default: float | None
-    units: Mapping[str, float | Convert] = field(default_factory=dict)
+    units: Units = field(default_factory=dict)
     explained: str = ""
 
     @property
-    def _known(self) -> Mapping[str, float | Convert]:
+    def _known(self) -> Units:
         return self.units or {self.bound.unit: 1.0}
 
     @property
@@ -51,9 +53,9 @@ class Number:
         """What is shown: the question, its units, and the default in the first of them."""
         first, factor = next(iter(self._known.items()))
         assert isinstance(factor, (int, float))
-        default = "none" if self.default is None else f"{self.default / factor:.6g}"
-        others = ", ".join(filter(None, self._known))
-        return f"{self.text}{f', {others}' if others else ''} [{default}{f' {first}' if first else ''}]: "
+        default = "none" if self.default is None else f"{self.default / factor:.6g} {first}".rstrip()
+        units = ", ".join(filter(None, self._known))
+        return f"{self.text}{f', {units}' if units else ''} [{default}]: "
 
     def read(self, text: str) -> float | None:
         """Return the number in an answer, in SI units; ValueError says what is wrong with it."""
@@ -146,6 +148,8 @@ class Terminal:
                 ) from None
             except UnicodeDecodeError:
                 raise NoAnswerError(f"the answer to {question.key} must be text in UTF-8: nothing is written") from None
+            if not sys.stdin.isatty():  # shows what a pipe answers
+                self._say(answer)
             if answer == EXPLAIN:
                 self._say(f"  {question.explained or question.text}")
                 continue

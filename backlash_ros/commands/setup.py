@@ -14,7 +14,7 @@ from backlash_ros.commands.check import tell
 from backlash_ros.commands.command import Command
 from backlash_ros.commands.motors import RPM, DataSheet, data_sheets
 from backlash_ros.commands.output import say, staged
-from backlash_ros.commands.questions import ANGLES, INERTIAS, LENGTHS, Answers, Asker, Choice, Number, Terminal
+from backlash_ros.commands.questions import ANGLES, INERTIAS, LENGTHS, Answers, Asker, Choice, Number, Terminal, Units
 from backlash_ros.control.design.start import RATE
 from backlash_ros.control.limits import NO_LIMIT
 from backlash_ros.drive_file.drive_text import yaml_number
@@ -49,7 +49,8 @@ _G = 9.81
 """m/s^2."""
 _CURRENT, _WEIGHT = Quantity("", "A", 0.0, 1e5), Quantity("", "N m", 0.0, 1e5)
 _MASS, _LONGEST = Quantity("", "kg", 0.0, 1e6, open_lower=True), 1e3
-_SHEET, _TOLD, _GUESS = "data sheet", "as told", "assumed: no sheet says it"
+_SHEET, _TOLD, _GUESS = "data sheet", "as told", "assumed"
+_FOLLOWS = "follows from voltage, speed and standstill of the data sheet"
 _DEGREES = {"deg": ANGLES["deg"], **ANGLES}
 
 
@@ -78,6 +79,8 @@ class Described:
     """The parameters by name as they are told: value, where it is from, and unit."""
 
     values: dict[str, tuple[Any, str, str]] = field(default_factory=dict)
+    motor: str = ""
+    """The motor and where its data sheet is, in words."""
 
     def put(self, key: str, value: Any, source: str, unit: str = "") -> None:
         """Take a parameter: a number or text."""
@@ -89,7 +92,9 @@ class Described:
 
     def text(self) -> str:
         """Return the file: what is in no section first."""
-        lines = ["# A drive as `backlash setup` was told. SI units, angles in rad.", "/**:", "  ros__parameters:"]
+        lines = ["# A drive as `backlash setup` was told. SI units, angles in rad."]
+        lines += [f"# {self.motor}"] if self.motor else []
+        lines += ["/**:", "  ros__parameters:"]
         section = ""
         for key in sorted(self.values, key=lambda name: "." in name):
             (value, source, unit), (within, _, name) = self.values[key], key.rpartition(".")
@@ -142,7 +147,8 @@ def _motor(ask: Asker, to: Described) -> DataSheet | None:
         idle = ask(Number("no_load_current", "current without load", _CURRENT, default, units, why))
         speed = max(volts - resistance * idle, 0.1 * volts) / constant
     else:
-        (resistance, constant), source = sheet.winding, _SHEET
+        (resistance, constant), source = sheet.winding, _SHEET if sheet.has_winding else _FOLLOWS
+        to.motor = f"Motor: {sheet.name}: {sheet.source}"
         inductance, inertia, idle = sheet.inductance, sheet.inertia, sheet.no_load_current
         speed = sheet.ratio * sheet.no_load_speed
     to.put("motor.resistance", resistance, source, "ohm")
@@ -167,7 +173,7 @@ def _winding(ask: Asker) -> tuple[float, float]:
     bounds = quantities(Motor)
     why = "between the terminals: voltage divided by the current at standstill"
     resistance = ask(Number("motor.resistance", "resistance of the winding", bounds["resistance"], 2.0, explained=why))
-    units = {"N m/A": 1.0, "mN m/A": 1e-3, "rpm/V": lambda value: 1.0 / (value * RPM)}
+    units: Units = {"N m/A": 1.0, "mN m/A": 1e-3, "rpm/V": lambda value: 1.0 / (value * RPM)}
     why = "also the back-EMF constant, V s/rad; the speed constant, in rpm/V, will do as well"
     question = Number("motor.torque_constant", "torque constant", bounds["torque_constant"], 0.05, units, why)
     return float(resistance), float(ask(question))
@@ -223,7 +229,8 @@ def _sensors(ask: Asker, sheet: DataSheet | None, to: Described) -> None:
     sides = ("motor", "load") if which == "both" else (which,)
     to.put("sensors.measured", f"[{', '.join(f'theta_{side[0]}' for side in sides)}]", _TOLD)
     for side in sides:
-        key, units = f"{side}_counts", {"": 1.0, "bit": lambda bits: 2.0 ** min(bits, 64.0)}
+        key = f"{side}_counts"
+        units: Units = {"": 1.0, "bit": lambda bits: 2.0 ** min(bits, 64.0)}
         why = "all edges: four times the lines of an incremental encoder; 12 bit are 4096; 0: not known"
         text, bound = f"counts of the {side}'s encoder, per turn of its shaft", quantities(Sensors)[key]
         counts = ask(Number(f"sensors.{key}", text, bound, built_in.get(side, 4096.0), units, why))
