@@ -33,7 +33,8 @@ class Number:
     text : what is asked, without its unit
     bound : of the number, in SI units
     default : in SI units; None: a number need not be given
-    units : factor to SI units, or a function, by name; an answer without a unit has the first
+    units : factor to SI units, or a function, by name; the default is shown in the first, and an answer without a unit
+        is in SI units, if the first is
     explained : what is meant, and where to find it
     """
 
@@ -68,8 +69,9 @@ class Number:
             units = " or ".join(filter(None, self._known))
             remedy = ", with a point" if "," in text else ""
             raise ValueError(f"{self.key} must be a number{f' in {units}' if units else ''}{remedy}, got {text[:40]!r}")
-        factor = known[unit] if unit else next(iter(self._known.values()))
-        number = float(found[1])
+        number, factor = float(found[1]), known[unit] if unit else next(iter(self._known.values()))
+        if not unit and number and factor != 1.0:  # a parameter of the same name is in SI units
+            raise ValueError(f"{self.key} must have a unit, {' or '.join(self._known)}, got {text[:40]!r}")
         if callable(factor):
             if not number > 0.0:
                 raise ValueError(f"{self.key} must be > 0 {found[2].strip()}, got {text[:40]!r}")

@@ -44,7 +44,7 @@ _LIGHT = 0.25
 _BEARS = 0.25
 """Share of the current at standstill that a small motor bears for seconds."""
 _FIRST = 0.25
-"""Share of the largest command with which a first start is made: enough to learn."""
+"""Share of the voltage with which a first start is made: enough to learn. A largest current is little by itself."""
 _G = 9.81
 """m/s^2."""
 _CURRENT, _WEIGHT = Quantity("", "A", 0.0, 1e5), Quantity("", "N m", 0.0, 1e5)
@@ -246,8 +246,9 @@ def _limits(ask: Asker, largest: float, unit: str, to: Described) -> None:
         if end is not None:
             to.put(key, end, _TOLD, "rad")
             least = end
-    bound, why = Quantity("", unit, 0.0, largest, open_lower=True), "a quarter is enough to learn; raise it in the file"
-    command = ask(Number("limits.command", "largest command to begin with", bound, _FIRST * largest, explained=why))
+    bound, why = Quantity("", unit, 0.0, largest, open_lower=True), "little is enough to learn; raise it in the file"
+    first = _FIRST * largest if unit == "V" else largest
+    command = ask(Number("limits.command", "largest command to begin with", bound, first, explained=why))
     to.put("limits.command", command, f"{_TOLD}: to begin with; {largest:.6g} when all works", unit)
 
 

@@ -83,7 +83,7 @@ def faults_of(
     [
         *(["check"], ["design"], ["simulate"], ["export", "--format=sdf"], ["identify"], ["report"], ["replay"]),
         ["lost-motion"],
-        ["simulate", DRIVE, "--trajectory"],
+        *(["simulate", DRIVE, "--trajectory"], ["setup", "--answers"]),
         *(["evaluate", "--seed=1", "--only=0", "--drive"], ["identify", "nowhere", "--drive"]),
     ],
 )
