@@ -170,8 +170,10 @@ class Answers:
     def __call__(self, question: Number | Choice) -> Any:
         """Return the answer; ValueError if it cannot be used."""
         self._asked.append(question.key)
-        value = self._given.get(question.key, "")
-        if isinstance(value, (list, dict, bool)) or value is None:
+        value = self._given.get(question.key)
+        if value is None:
+            return question.read("")
+        if isinstance(value, (list, dict, bool)):
             raise ValueError(f"{question.key} must be a number or text, got {value!r}")
         return question.read(repr(value) if isinstance(value, float) else str(value).strip())
 
