@@ -56,7 +56,7 @@ class Number:
         assert isinstance(factor, (int, float))
         default = "none" if self.default is None else f"{self.default / factor:.6g} {first}".rstrip()
         units = ", ".join(filter(None, self._known))
-        return f"{self.text}{f', {units}' if units else ''} [{default}]: "
+        return f"{self.text}{f' ({units})' if units else ''} [{default}]: "
 
     def read(self, text: str) -> float | None:
         """Return the number in an answer, in SI units; ValueError says what is wrong with it."""

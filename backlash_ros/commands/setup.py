@@ -63,13 +63,13 @@ class _Body:
     size: str
 
     def __str__(self) -> str:
-        return f"inertia {self.inertia:.3g} m l^2; l is {self.size}"
+        return f"inertia {self.inertia:.3g} m l^2, where l is {self.size}"
 
 
 _BODIES = {
     "disc": _Body(1 / 2, 0.0, "its radius"),
-    "point": _Body(1.0, 1.0, "its distance from the shaft, on a light arm"),
-    "rod": _Body(1 / 3, 1 / 2, "its length, from the shaft"),
+    "point": _Body(1.0, 1.0, "its distance from the shaft"),
+    "rod": _Body(1 / 3, 1 / 2, "its length from the shaft"),
 }
 _KNOWN = "known"
 
@@ -206,10 +206,10 @@ def _load(ask: Asker, to: Described) -> None:
     else:
         body = _BODIES[shape]
         why = "of all that turns behind the gear"
-        mass = ask(Number("load.mass", "its mass, m", _MASS, 0.5, {"kg": 1.0, "g": 1e-3}, why))
+        mass = ask(Number("load.mass", "its mass m", _MASS, 0.5, {"kg": 1.0, "g": 1e-3}, why))
         least, most = (math.sqrt(end / (body.inertia * mass)) for end in (bound.lower, bound.upper))
         length = Quantity("", "m", least, min(most, _LONGEST))
-        size = ask(Number("load.size", f"{body.size}, l", length, _within(length, 0.05), LENGTHS, str(body)))
+        size = ask(Number("load.size", f"{body.size} l", length, _within(length, 0.05), LENGTHS, str(body)))
         inertia, weight = body.inertia * mass * size**2, body.weight * mass * _G * size
         to.put("load.inertia", _within(bound, inertia), f"{shape}: m = {mass:g} kg, l = {size:g} m", bound.unit)
     friction = to.number("load.inertia") / _COASTS
@@ -317,6 +317,7 @@ _NEXT = """next:
   ros2 run backlash_ros plant_simulator --ros-args --params-file {file}    its stand-in, to try all else with
   ros2 run backlash_ros controller --ros-args --params-file {file}
   ros2 service call /controller/learn std_srvs/srv/Trigger
+  ros2 service call /controller/identify std_srvs/srv/Trigger
 Before the motor has power, read docs/real_drive.md: what to connect, and how to check signs and units."""
 
 COMMAND = Command(setup, add_arguments, written=("out",))
