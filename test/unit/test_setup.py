@@ -139,6 +139,7 @@ def test_every_known_motor_has_a_source_and_starts_and_runs_as_its_sheet_says(tm
         lost = motor.resistance * motor.viscous_friction / motor.torque_constant
         speed = motor.voltage_limit / (motor.torque_constant + lost) / turns
         assert speed == pytest.approx(sheet.no_load_speed, rel=0.06), sheet.name
+        assert 0.003 < motor.inertia * motor.resistance / motor.torque_constant**2 < 0.02, sheet.name
         stall = motor.torque_constant * motor.voltage_limit / motor.resistance * turns
         if not math.isnan(sheet.stall_torque):  # gears lose some of it
             assert 0.97 * sheet.stall_torque < stall < 2.0 * sheet.stall_torque, sheet.name
