@@ -106,9 +106,9 @@ def test_a_path_is_followed_alike_from_a_table_and_from_a_message(
     late = figures_of(capsys, DRIVE, "--law", "cascade", "--trajectory", str(table))
     assert late["lag_s"] > 10.0 * abs(found["lag_s"])
     assert late["rms_error_rad"] > 10.0 * found["rms_error_rad"]
-    named.write_text("limits: {command: 0.7}")
+    named.write_text("limits: {command: 0.4}")
     limited = figures_of(capsys, DRIVE, str(named), "--law", "cascade", "--trajectory", str(table))
-    assert limited["peak_command"] == 0.7 < late["peak_command"]
+    assert limited["peak_command"] == 0.4 < late["peak_command"]
 
 
 def test_a_path_is_refused_as_on_the_topic_and_says_where(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
