@@ -229,16 +229,17 @@ def _write_table(result: Run, place: Path) -> None:
 
 
 def _write_picture(result: Run, title: str, place: Path, largest: float) -> None:
-    """Draw the run; the load from its setpoint at least up to the ``largest`` error, b."""
+    """Draw the run; of a path, whose ``largest`` error, b, is given, all of it."""
     import matplotlib  # noqa: PLC0415 - takes a second
     import matplotlib.pyplot as plt  # noqa: PLC0415
 
     matplotlib.use("Agg")
     figure = result.plot()
     whole, near, *_ = figure.axes
-    whole.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncol=3)  # beside the title: a path may be anywhere
-    reach = max(1.1 * largest, *near.get_ylim())
-    near.set_ylim(-reach, reach)
+    if largest:  # a path, which may be anywhere: the legend stands beside the title
+        whole.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncol=3, frameon=False, fontsize="small")
+        reach = max(1.1 * largest, *near.get_ylim())
+        near.set_ylim(-reach, reach)
     figure.suptitle(title, fontsize="medium")
     figure.savefig(place, dpi=110)
     plt.close(figure)
