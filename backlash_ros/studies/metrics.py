@@ -56,8 +56,8 @@ class StepResponse:
 class PathFigures:
     """How a load followed a path: angles in rad, times in s.
 
-    ``rms`` and ``largest`` error until the path ends, ``final`` error, with its sign, at the end of the record.
-    ``lag``: the time by which the path, shifted, fits the load best; nan where it does not move. ``reversals`` of the
+    ``rms`` error until the path ends, ``largest`` error also after that, ``final`` error, with its sign, at the end of
+    the record. ``lag``: the time by which the path, shifted, fits the load best; nan where it does not move. ``reversals`` of the
     path, at each of which the teeth may change sides.
     """
 
@@ -76,7 +76,7 @@ def path_figures(time: Array, position: Array, setpoint: Array, end: float) -> P
     ways = ways[np.abs(ways) > _STANDS]
     return PathFigures(
         rms=float(np.sqrt(np.mean(error[during] ** 2))),
-        largest=float(np.max(np.abs(error[during]))),
+        largest=float(np.max(np.abs(error))),
         final=float(error[-1]),
         lag=_lag(time, position, setpoint),
         reversals=int(np.count_nonzero(np.diff(np.sign(ways)))),
