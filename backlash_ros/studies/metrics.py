@@ -57,8 +57,8 @@ class PathFigures:
     """How a load followed a path: angles in rad, times in s.
 
     ``rms`` error until the path ends, ``largest`` error also after that, ``final`` error, with its sign, at the end of
-    the record. ``lag``: the time by which the path, shifted, fits the load best; nan where it does not move. ``reversals`` of the
-    path, at each of which the teeth may change sides.
+    the record. ``lag``: the time by which the path, shifted, fits the load best; nan where it does not move.
+    ``reversals`` of the path, at each of which the teeth may change sides.
     """
 
     rms: float
