@@ -34,6 +34,7 @@ setup(
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
         f"{NAME}.ros": ["*.xml"],
+        f"{NAME}.commands": ["*.csv"],
         f"{NAME}.pages": ["*.j2", "*/*.j2", "*/*.js", "*/*.css"],
         f"{NAME}.dashboard": ["static/*"],
         f"{NAME}.export.c": ["*.j2"],

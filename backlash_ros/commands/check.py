@@ -9,7 +9,7 @@ from backlash_ros.commands.command import DONE, NOTHING, Command
 from backlash_ros.commands.output import say
 from backlash_ros.foundation.reading.parameter_files import named
 from backlash_ros.recordings.rounding import counted
-from backlash_ros.studies.check import check_drive
+from backlash_ros.studies.check import Checked, check_drive
 
 DESCRIPTION = "Checks a drive file and its loop: prints figures, and warnings with remedies. Nothing moves."
 EXAMPLE = "example: backlash check config/nominal_drive.yaml"
@@ -30,8 +30,11 @@ def check(given: argparse.Namespace, console: Console) -> int:
     OSError, ValueError
         As `check_drive`.
     """
-    found = check_drive(*given.drive)
+    return tell(console, check_drive(*given.drive), named(given.drive))
 
+
+def tell(console: Console, found: Checked, files: str) -> int:
+    """Print what a check found of ``files``; return 1 if a controller would not start, else 0."""
     width = max(map(len, found.figures))
     for name, value in found.figures.items():
         say(console, f"{name:{width}}  {value}")
@@ -41,7 +44,7 @@ def check(given: argparse.Namespace, console: Console) -> int:
         say(console, f"fails: {found.fails}" + (f"\n  -> {found.remedy}" if found.remedy else ""))
         return NOTHING
     many = counted(len(found.warnings), "warning") if found.warnings else "no warnings"
-    say(console, f"{named(given.drive)}: the loop is stable, {many}")
+    say(console, f"{files}: the loop is stable, {many}")
     return DONE
 
 

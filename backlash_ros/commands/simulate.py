@@ -1,8 +1,10 @@
-"""`backlash simulate`: its arguments; simulates a step, judges, prints, draws and writes."""
+"""`backlash simulate`: its arguments; simulates a step or a path, judges, prints, draws and writes."""
 
 import argparse
 import csv
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +13,10 @@ from rich.console import Console
 
 from backlash_ros.commands.command import DONE, NOTHING, Command
 from backlash_ros.commands.output import print_json, staged
-from backlash_ros.control import AUTO, LAWS, ServoSettings, design_law
+from backlash_ros.control import AUTO, LAWS, Limits, Servo, ServoSettings, design_law
 from backlash_ros.control.design.start import CannotStartError
 from backlash_ros.control.laws import BEST, UNTIL_THEN, law_of
+from backlash_ros.control.motion.trajectory import Trajectory, TrajectoryError
 from backlash_ros.drive_file.drive_file import (
     axis_of,
     law_named,
@@ -22,24 +25,31 @@ from backlash_ros.drive_file.drive_file import (
     start_of,
     surroundings_of,
 )
+from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.sensors import POSITIONS
 from backlash_ros.foundation.reading.parameter_files import in_sections, merged, named
+from backlash_ros.foundation.signals import Measurement
+from backlash_ros.recordings.trajectory_file import JOINED, PathFile, read_trajectory
 from backlash_ros.simulation import Run, Scenario, run
 from backlash_ros.simulation.simulated_drive import largest_load_torque
-from backlash_ros.studies.metrics import step_response
+from backlash_ros.studies.metrics import path_figures, step_response
 from backlash_ros.studies.paper import CASES, SECONDS, judge, respond
 from backlash_ros.studies.replay.what_if import Changes
 
 DESCRIPTION = (
-    "Simulates one step of the reference and prints its figures as JSON: of the nominal drive under one of the paper's "
-    "conditions, or of the drive in parameter files, with their rate, sensors, delay, law and gains. The controller "
+    "Simulates one step of the reference, or a path, and prints its figures as JSON: of the nominal drive under one of "
+    "the paper's conditions, or of the drive in parameter files, with their rate, sensors, delay, law and gains. A "
+    "path is a table with the columns time, position[, velocity[, acceleration]] in s and rad, or a "
+    "trajectory_msgs/JointTrajectory in YAML; it is followed, or refused, as on the topic joint_trajectory, under the "
+    "files' limits. The controller "
     "knows the drive and its backlash, as after `identify`: with both encoders, law auto is two_encoder. "
     "Before, it is two_region (--law two_region). A load that does not stay within a quarter of the backlash for the "
     "last second has not settled: null."
 )
 EXAMPLE = (
     "examples: backlash simulate --law cascade --case 'load inertia x4'; backlash simulate config/nominal_drive.yaml "
-    "--set load.inertia=0.002 --reference 0.5 --plot step.png --csv step.csv; backlash simulate axis.yaml gains.yaml"
+    "--set load.inertia=0.002 --reference 0.5 --plot step.png --csv step.csv; backlash simulate axis.yaml gains.yaml; "
+    "backlash simulate axis.yaml --trajectory path.csv --plot path.png"
 )
 _LONGEST = 600.0
 """Longest simulation, s."""
@@ -50,8 +60,13 @@ _OF_DRIVES: dict[str, Any] = {
     "reference": 1.0,
     "seconds": SECONDS,
     "load_torque": 0.0,
+    "trajectory": None,
 }
 """Options that need a drive file, and their defaults with one."""
+_OF_STEPS = "reference", "seconds"
+"""Options that have no use with a path, which has its own end and length."""
+_AFTER = 1.5
+"""Time for which a path's end is watched, s."""
 _PAPER = "two_region"
 _OURS = (
     *("motor", "gear", "load", "contact", "effects", "sensors", "delay", "rate", "loop_delay", "command_interface"),
@@ -75,6 +90,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--seconds", type=float, metavar="S", help=f"with DRIVE; by default {SECONDS:g}")
     text = "with DRIVE: constant torque on the output, N m; by default 0"
     add("--load-torque", type=float, metavar="T", help=text)
+    text = "with DRIVE: follow the path in this table or YAML file, from 0, instead of a step"
+    add("--trajectory", type=Path, metavar="FILE", help=text)
     add("--plot", type=Path, metavar="FILE", help="with DRIVE: file for a picture, such as step.png")
     add("--csv", type=Path, metavar="FILE", help="with DRIVE: file for a table with one row per sample, true values")
     add("--force", action="store_true", help="overwrite existing files")
@@ -95,8 +112,8 @@ def _check(name: str, value: float, least: float, most: float, unit: str) -> Non
         raise ValueError(f"{name} must be >= {least:g} and <= {most:g} {unit}, got {value!r}")
 
 
-def _simulated(given: argparse.Namespace) -> Run:
-    """Return the requested run; ValueError names what is wrong."""
+def _simulated(given: argparse.Namespace) -> tuple[Run, PathFile | None]:
+    """Return the requested run, and the path that was followed, if one was; ValueError names what is wrong."""
     _check("--seconds", given.seconds, 0.1, _LONGEST, "s")
     _check("--reference", abs(given.reference), 1e-6, 1e3, "rad, either way")
     try:
@@ -104,6 +121,7 @@ def _simulated(given: argparse.Namespace) -> Run:
         law = given.law or law_named(parameters)
         parameters = merged(parameters, _changes(given.set, law))
         axis = axis_of(parameters)
+        path = None if given.trajectory is None else read_trajectory(given.trajectory, axis.load_joint)
         heaviest = largest_load_torque(axis.drive)
         _check(
             "--load-torque", abs(given.load_torque), 0.0, heaviest, "N m, either way, ten times what the motor holds"
@@ -126,9 +144,29 @@ def _simulated(given: argparse.Namespace) -> Run:
             raise CannotStartError(str(error)) from error
     except TypeError as error:
         raise ValueError(str(error)) from error
-    reference = np.full(max(1, round(given.seconds * around.rate)), given.reference)
-    scenario = Scenario(reference, np.array(given.load_torque), sensors=around.sensors, delay=around.delay)
-    return run(axis.drive, settings, scenario, model=start.drive)
+    load_torque = np.array(given.load_torque)
+    if path is None:
+        reference = np.full(max(1, round(given.seconds * around.rate)), given.reference)
+        scenario = Scenario(reference, load_torque, sensors=around.sensors, delay=around.delay)
+        return run(axis.drive, settings, scenario, model=start.drive), None
+    settings = replace(settings, thresholds=start.settings.thresholds)
+    if refusal := _refusal(start.drive, settings, start.limits, path.trajectory):
+        raise ValueError(f"{given.trajectory}: {refusal}")
+    length = float(path.trajectory.times[-1]) + _AFTER
+    _check(f"{given.trajectory}: time to the end of the path", length - _AFTER, 0.0, _LONGEST, "s")
+    still = np.zeros(math.ceil(length * around.rate))
+    scenario = Scenario(still, load_torque, sensors=around.sensors, delay=around.delay, source=path.trajectory)
+    return run(axis.drive, settings, scenario, model=start.drive, limits=start.limits), path
+
+
+def _refusal(drive: Drive, settings: ServoSettings, limits: Limits, path: Trajectory) -> str:
+    """Return why a controller that holds the load at 0 refuses a path; empty if it follows it."""
+    servo = Servo(drive, settings, limits)
+    servo.update(Measurement(np.zeros(5)))
+    try:
+        return servo.follow(path, at_once=True)
+    except TrajectoryError as error:
+        return str(error)
 
 
 def _figures(result: Run, reference: float) -> dict[str, Any]:
@@ -149,6 +187,33 @@ def _figures(result: Run, reference: float) -> dict[str, Any]:
         "residual_b": judged.residual,
         "impacts_after_switch": judged.impacts,
         "final_error_b": float(result.load_angle[-1] - reference) / b,
+        **_largest(result),
+    }
+
+
+def _path_figures(result: Run, path: PathFile) -> dict[str, Any]:
+    b, samples = result.drive.gear.backlash_angle, slice(0, -1, None)
+    end = float(path.trajectory.times[-1])
+    judged = path_figures(result.time[samples], result.load_angle[samples], result.setpoint, end)
+    return {
+        "points": path.trajectory.times.size,
+        "joined_by": JOINED[path.trajectory.states.shape[1] - 1],
+        "notes": path.notes,
+        "end_s": end,
+        "rms_error_b": judged.rms / b,
+        "largest_error_b": judged.largest / b,
+        "final_error_b": judged.final / b,
+        "rms_error_rad": judged.rms,
+        "largest_error_rad": judged.largest,
+        "final_error_rad": judged.final,
+        "lag_s": judged.lag,
+        "reversals": judged.reversals,
+        **_largest(result),
+    }
+
+
+def _largest(result: Run) -> dict[str, Any]:
+    return {
         "peak_force_N": float(np.max(result.peak_force)),
         "peak_command": float(np.max(np.abs(result.command))),
         "fault": result.fault,
@@ -163,12 +228,18 @@ def _write_table(result: Run, place: Path) -> None:
         writer.writerows(zip(*(values.tolist() for _, values in table.values()), strict=True))
 
 
-def _write_picture(result: Run, title: str, place: Path) -> None:
+def _write_picture(result: Run, title: str, place: Path, largest: float) -> None:
+    """Draw the run; of a path, whose ``largest`` error, b, is given, all of it."""
     import matplotlib  # noqa: PLC0415 - takes a second
     import matplotlib.pyplot as plt  # noqa: PLC0415
 
     matplotlib.use("Agg")
     figure = result.plot()
+    whole, near, *_ = figure.axes
+    if largest:  # a path, which may be anywhere: the legend stands beside the title
+        whole.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncol=3, frameon=False, fontsize="small")
+        reach = max(1.1 * largest, *near.get_ylim())
+        near.set_ylim(-reach, reach)
     figure.suptitle(title, fontsize="medium")
     figure.savefig(place, dpi=110)
     plt.close(figure)
@@ -192,23 +263,29 @@ def simulate(given: argparse.Namespace, console: Console) -> int:
         figures = judge(respond(law, condition), condition)
         print_json(console, {"law": law, "case": case, **figures})
         return DONE
+    for name in _OF_STEPS:
+        if given.trajectory is not None and getattr(given, name) is not None:
+            raise ValueError(f"--{name} has no use with --trajectory")
     for name, default in _OF_DRIVES.items():
         if getattr(given, name) is None:
             setattr(given, name, default)
     files = named(given.drive)
     if given.case is not None:
         raise ValueError(f"--case is of the nominal drive: leave it or {files} out")
-    result = _simulated(given)
+    result, path = _simulated(given)
+    figures = _figures(result, given.reference) if path is None else _path_figures(result, path)
     with staged(given.plot, given.csv) as written:
         if given.csv is not None:
             _write_table(result, written[given.csv])
         if given.plot is not None:
-            _write_picture(result, files, written[given.plot])
+            title = files if path is None else f"{files}, {given.trajectory}"
+            _write_picture(result, title, written[given.plot], figures.get("largest_error_b", 0.0))
     content = {
         "law": result.law,
         "drive": files,
         "set": given.set,
-        **_figures(result, given.reference),
+        **({} if path is None else {"trajectory": str(given.trajectory)}),
+        **figures,
     }
     print_json(console, content)
     return NOTHING if result.fault else DONE

@@ -15,7 +15,7 @@ LONGEST_DELAY = 10
 """Largest delay of a controller, in periods."""
 
 
-def _number(value: float | int) -> str:
+def yaml_number(value: float | int) -> str:
     """Return a number as YAML 1.1 and ROS read it: a float has a point."""
     if isinstance(value, int):
         return str(value)
@@ -59,7 +59,7 @@ def _section(part: Validated, name: str, found: Identified, indent: int, *, whol
         value = getattr(part, field.name)
         if replaced and not isinstance(value, int):
             value = _rounded(value, keys.get(key))
-        lines.append(f"{' ' * (indent + 2)}{f'{field.name}: {_number(value)}':34s} {remark}".rstrip())
+        lines.append(f"{' ' * (indent + 2)}{f'{field.name}: {yaml_number(value)}':34s} {remark}".rstrip())
     return lines
 
 
@@ -78,7 +78,7 @@ def drive_text(found: Identified, axis: Axis, counts: tuple[float, float], sourc
         "# What is `as told` is from the drive that was given; `found` has its standard uncertainty. SI units.",
         "/**:",
         "  ros__parameters:",
-        f"    rate: {_number(float(f'{1.0 / found.period:.6g}'))}",
+        f"    rate: {yaml_number(float(f'{1.0 / found.period:.6g}'))}",
         f"    command_interface: {drive.command_interface}",
     ]
     for part, name in ((drive.motor, "motor"), (drive.gear, "gear"), (drive.load, "load")):
@@ -86,7 +86,7 @@ def drive_text(found: Identified, axis: Axis, counts: tuple[float, float], sourc
     lines += ["    contact:", f"      law: {law_name(contact)}"]
     lines += _section(contact, law_name(contact), found, 6, whole=True)
     ends = {"position_lower": axis.position_lower, "position_upper": axis.position_upper}
-    kept = [f"      {name}: {_number(end)}  # as told [rad]" for name, end in ends.items() if math.isfinite(end)]
+    kept = [f"      {name}: {yaml_number(end)}  # as told [rad]" for name, end in ends.items() if math.isfinite(end)]
     lines += ["    limits:", *kept] if kept else []
     sensors = {"motor_counts": counts[0], "load_counts": counts[1]}
     offset = found.of("sensors.load_offset")
@@ -94,24 +94,24 @@ def drive_text(found: Identified, axis: Axis, counts: tuple[float, float], sourc
         sensors["load_offset"] = _rounded(offset.value, offset)
     lines.append("    sensors:")
     lines += ["      measured: [theta_m, theta_l]"]
-    lines += [f"      {name}: {_number(float(value))}" for name, value in sensors.items()]
+    lines += [f"      {name}: {yaml_number(float(value))}" for name, value in sensors.items()]
     delay = found.of("delay.command")
     if delay.told:
         late = _rounded(delay.value, delay)
-        lines += ["    delay:", f"      command: {_number(late)}"]
-        lines.append(f"    loop_delay: {_number(min(late, LONGEST_DELAY * found.period))}")
+        lines += ["    delay:", f"      command: {yaml_number(late)}"]
+        lines.append(f"    loop_delay: {yaml_number(min(late, LONGEST_DELAY * found.period))}")
     if found.replaced >= IDENTIFIED:
         lines.append("    identified: true")
     if found.fit is not None:
-        lines += [f"    {name}: {_number(_rounded(value, None))}" for name, value in found.fit.unexplained.items()]
+        lines += [f"    {name}: {yaml_number(_rounded(value, None))}" for name, value in found.fit.unexplained.items()]
     torque = found.of("tau_l")
     if torque.told:
         assert found.fit is not None
         rounding = {torque.key: torque, (slope := found.of("dtau_l/dtheta_l")).key: slope}
         lines += [
-            f"    {name}: {_number(_rounded(value, rounding.get(name)))}"
+            f"    {name}: {yaml_number(_rounded(value, rounding.get(name)))}"
             for name, value in found.fit.load_torque.items()
         ]
     if found.gap is not None and found.gap.valid:
-        lines.append(f"    backlash_angle: {_number(_rounded(drive.gear.backlash_angle, None))}")
+        lines.append(f"    backlash_angle: {yaml_number(_rounded(drive.gear.backlash_angle, None))}")
     return "\n".join(lines) + "\n"

@@ -38,7 +38,10 @@ _DECIMAL_COMMA = re.compile(r"[-+]?(\d+,\d*|,\d+)([eE][-+]?\d+)?", re.ASCII)
 
 @dataclass(frozen=True)
 class ColumnNames:
-    """Names of the columns to read; ``kinds`` name them in options, ``optional`` are those a table need not have."""
+    """Names of the columns to read; ``kinds`` name them in options, ``optional`` are those a table need not have.
+
+    ``remedy``: what to do where a column is missing; by default, to name another with an option.
+    """
 
     time: str = "time"
     motor: str = "motor"
@@ -46,6 +49,7 @@ class ColumnNames:
     command: str = "command"
     kinds: tuple[str, str, str, str] = ("time", "motor", "load", "command")
     optional: frozenset[str] = frozenset()
+    remedy: str = "--{kind}-column names another"
 
     def all(self) -> tuple[str, str, str, str]:
         """Return them in their order."""
@@ -152,10 +156,14 @@ def _head(lines: Sequence[str], names: ColumnNames, path: Path) -> tuple[int, st
         raise ValueError(
             f"{path}, row {at + 1}: must be a header with the names of the columns above it, got {header}: add one"
         )
-    what, name = next((f"--{kind}-column", name) for kind, name in required.items() if header.count(name) != 1)
-    raise ValueError(
-        f"{path}, row {at + 1}: must have one column '{name}', has {header.count(name)}; columns: {header}: "
-        f"{what} names another; a comma, a semicolon or a tab separates them"
+    kind, name = next((kind, name) for kind, name in required.items() if header.count(name) != 1)
+    raise ValueError(_not_one(f"{path}, row {at + 1}", kind, name, header, names))
+
+
+def _not_one(where: str, kind: str, name: str, header: Sequence[str], names: ColumnNames) -> str:
+    return (
+        f"{where}: must have one column '{name}', has {header.count(name)}; columns: {header}: "
+        f"{names.remedy.format(kind=kind)}; a comma, a semicolon or a tab separates them"
     )
 
 
@@ -220,6 +228,9 @@ def read_csv(path: Path, names: ColumnNames) -> Columns:
     if above := sum(1 for line in lines[:head] if line.strip() and not line.lstrip().startswith("#")):
         were = "line before the header, in row {}, was" if above == 1 else "lines before the header, in row {}, were"
         notes.append(f"{above} {were.format(head + 1)} passed over")
+    for kind, name in zip(names.kinds, names.all(), strict=True):
+        if header.count(name) > 1:
+            raise ValueError(_not_one(f"{path}, row {head + 1}", kind, name, header, names))
     places = [header.index(name) if header.count(name) == 1 else -1 for name in names.all()]
     used = [(k, line) for k, line in enumerate(lines[head + 1 :], head + 2) if line.strip() and line.lstrip()[0] != "#"]
     rows = []

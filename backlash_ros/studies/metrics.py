@@ -1,4 +1,4 @@
-"""Pure computation: figures of a step response, the same for every page and study that judges one."""
+"""Pure computation: figures of a step response or of a path, the same for every page and study that judges one."""
 
 import math
 from dataclasses import dataclass
@@ -12,6 +12,10 @@ CONTACT = 0.9
 """Teeth touch if abs(gap) >= 0.9 d/2: the paper's law is soft, and few samples show the peak of a contact."""
 SETTLED = 0.25
 """Band of a settled load, in b."""
+_STANDS = 1e-9
+"""Way of a setpoint from sample to sample below which it stands, rad: its polynomials are no more exact."""
+_ROUNDS, _LONGEST_LAG = 8, 1.0
+"""Rounds in which a lag is found, and the longest, s."""
 TAIL = 1.0
 """The end of a record in which swing and error are taken, and for which a settled load must stay in its band, s."""
 
@@ -46,6 +50,49 @@ class StepResponse:
     residual: float
     impacts: int
     settling_time: float
+
+
+@dataclass(frozen=True)
+class PathFigures:
+    """How a load followed a path: angles in rad, times in s.
+
+    ``rms`` error until the path ends, ``largest`` error also after that, ``final`` error, with its sign, at the end of
+    the record. ``lag``: the time by which the path, shifted, fits the load best; nan where it does not move.
+    ``reversals`` of the path, at each of which the teeth may change sides.
+    """
+
+    rms: float
+    largest: float
+    final: float
+    lag: float
+    reversals: int
+
+
+def path_figures(time: Array, position: Array, setpoint: Array, end: float) -> PathFigures:
+    """Judge how a load, ``position``, follows a ``setpoint``, both in rad and of shape (N,); ``end`` of the path, s."""
+    error = position - setpoint
+    during = time <= end
+    ways = np.diff(setpoint)
+    ways = ways[np.abs(ways) > _STANDS]
+    return PathFigures(
+        rms=float(np.sqrt(np.mean(error[during] ** 2))),
+        largest=float(np.max(np.abs(error))),
+        final=float(error[-1]),
+        lag=_lag(time, position, setpoint),
+        reversals=int(np.count_nonzero(np.diff(np.sign(ways)))),
+    )
+
+
+def _lag(time: Array, position: Array, setpoint: Array) -> float:
+    """Return the shift of ``setpoint`` that fits ``position`` best, s, by Gauss and Newton; nan if it stands."""
+    speed, lag = np.gradient(setpoint, time), 0.0
+    for _ in range(_ROUNDS):
+        shifted, slope = (np.interp(time - lag, time, values) for values in (setpoint, speed))
+        if (power := float(slope @ slope)) == 0.0:
+            return math.nan
+        lag -= float(slope @ (position - shifted)) / power
+        lag = min(max(lag, -_LONGEST_LAG), _LONGEST_LAG)
+    return lag
 
 
 def rise_time(time: Array, position: Array, start: float, target: float) -> float:

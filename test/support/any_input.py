@@ -82,9 +82,40 @@ DRIVE = """/**:
 TABLE = "time,motor,load,command\n" + "".join(
     f"{0.004 * k:.3f},{0.05 * (k % 20):.4f},{0.009 * (k % 19):.4f},{(-1) ** (k // 10) * 2.0:.1f}\n" for k in range(160)
 )
+PATH = """header: {stamp: {sec: 0, nanosec: 0}}
+joint_names: [load, other]
+points:
+- positions: [0.1, 0.0]
+  velocities: [1.0, 0.0]
+  accelerations: [0.0, 0.0]
+  time_from_start: {sec: 0, nanosec: 100000000}
+- positions: [0.2, 0.0]
+  velocities: [0.0, 0.0]
+  accelerations: [0.0, 0.0]
+  time_from_start: {sec: 0, nanosec: 300000000}
+"""
+PATH_TABLE = "time,position,velocity,acceleration\n0.1,0.1,1.0,0.0\n0.2,0.15,0.3,0.0\n0.3,0.2,0.0,0.0\n"
+ANSWERS = """motor: pololu 4753
+motor.voltage_limit: 12
+motor.inertia: 8 g cm^2
+command_interface: voltage
+gear.reduction: 50
+gear.backlash_angle: 1.5 deg
+load.body: disc
+load.mass: 0.2 kg
+load.size: 40 mm
+encoders: both
+sensors.motor_counts: 64
+sensors.load_counts: 12 bit
+limits.position_lower: -1.0 rad
+limits.position_upper: 90 deg
+limits.command: 3.0
+rate: 250
+"""
 OPTIONS: dict[str, Sequence[str]] = {
     "simulate": ("--load-torque", "--reference", "--seconds", "--set", "--law", "--case"),
     "check": (),
+    "setup": (),
     "design": ("--load-torque", "--rate", "--delay"),
     "export": ("--torque",),
     "evaluate": ("--laws", "--experiments", "--drives", "--scheduler", "--model"),
@@ -130,6 +161,7 @@ LIKELY = (
 OUTPUTS = {
     "simulate": "--csv",
     "design": "--out",
+    "setup": "--out",
     "export": "--out",
     "identify": "--json",
     "lost-motion": "--certificate",
@@ -205,6 +237,39 @@ def _drive_file(folder: Path, chance: random.Random) -> Path:
     return place
 
 
+def _answers(folder: Path, chance: random.Random) -> Path:
+    """Return answers for `backlash setup`, whole or not."""
+    place = folder / "answers.yaml"
+    if chance.random() < 0.15:
+        return _other(place, chance)
+    lines = ANSWERS.splitlines()
+    for _ in range(chance.randrange(3)):
+        k = chance.randrange(len(lines))
+        key = lines[k].partition(":")[0]
+        lines[k] = chance.choice(
+            [f"{key}: {chance.choice(VALUES)}", f"{key}: {chance.choice(VALUES)} deg", "", f"{key}x: 1"]
+        )
+    content = "\n".join(lines).encode()
+    place.write_bytes(_spoilt(content, chance) if chance.random() < 0.2 else content)
+    return place
+
+
+def _path(folder: Path, chance: random.Random) -> Path:
+    """Return a path of the load, as YAML or a table, whole or not."""
+    yaml = chance.random() < 0.5
+    place = folder / ("path.yaml" if yaml else "path.csv")
+    if chance.random() < 0.1:
+        return _other(place, chance)
+    lines = (PATH if yaml else PATH_TABLE).splitlines()
+    for _ in range(chance.randrange(3)):
+        k = chance.randrange(len(lines))
+        begin, mark, _ = lines[k].rpartition(": " if yaml else ",")
+        lines[k] = chance.choice([f"{begin}{mark}{chance.choice(VALUES)}", f"{lines[k]}\n{lines[k]}", ""])
+    content = "\n".join(lines).encode()
+    place.write_bytes(_spoilt(content, chance) if chance.random() < 0.2 else content)
+    return place
+
+
 def _recording(folder: Path, originals: Sequence[Path], chance: random.Random) -> Path:
     """Return a table or a bag, whole or not."""
     way = chance.random()
@@ -247,7 +312,10 @@ def command(seed: int, folder: Path, originals: Sequence[Path]) -> list[str]:
     if name == "lost-motion" and chance.random() < 0.6:
         words += ["--torque-column=command"]
     if name == "simulate" and len(words) > 1:
-        words += ["--seconds", "0.1"]
+        follows = chance.random() < 0.5
+        words += ["--trajectory", str(_path(folder, chance))] if follows else ["--seconds", "0.1"]
+    if name == "setup":
+        words += ["--answers", str(_answers(folder, chance))]
     if name == "export":
         words += ["--format", chance.choice(("mujoco", "urdf", "sdf"))]
     if name == "evaluate":

@@ -18,6 +18,7 @@ RUN_BY = {
     r"backlash identify|backlash .*results/axis": "test/unit/test_identify_command.py",
     r"backlash figures two_encoder": "test/unit/test_law_pictures.py",
     r"backlash lost-motion": "test/unit/test_lost_motion_command.py",
+    r"backlash setup": "test/unit/test_setup.py",
     r"backlash measure": "test/nodes/test_measure.py",
     r"backlash report their_bag": "test/unit/test_report.py",
     r"backlash replay": "test/system/test_demo.py",

@@ -23,7 +23,7 @@ GUIDES = [ROOT / "docs" / name for name in ("quickstart.md", "axes.md")]
 ROS_COMMANDS = list(dict.fromkeys(c for page in GUIDES for c in commands_of(page) if c.startswith("ros2 ")))
 PATIENT = {"plant_simulator": "command_timeout", "controller": "state_timeout"}
 """What lets the nodes bear a machine on which each command starts a Python of its own."""
-SAID = {"simulate": '"residual_b"', "report": "written: results/report.html"}
+SAID = {"simulate": '"peak_force_N"', "report": "written: results/report.html"}
 """What each subcommand of `backlash` prints when it has done its work."""
 
 
@@ -72,7 +72,8 @@ def begin(command: str, environment: dict[str, str], folder: Path) -> subprocess
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with what the commands read."""
-    (tmp_path / "config").symlink_to(ROOT / "config")
+    for name in ("config", "docs"):
+        (tmp_path / name).symlink_to(ROOT / name)
     (tmp_path / "gains.yaml").write_text(DESIGNED)
     monkeypatch.chdir(tmp_path)
     return tmp_path

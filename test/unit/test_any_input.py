@@ -16,6 +16,7 @@ from backlash_ros.studies.design.search import NothingQuietError
 
 QUICK, MANY, PART = 100, 2000, 100
 """Number of inputs here and in the grid, and of those in one of its tests."""
+DRIVE = str(Path(__file__).parents[2] / "config" / "nominal_drive.yaml")
 PYTHON = re.compile(
     r"Traceback|\[Errno|codec|NoneType|object is|object has|invalid literal|could not convert|argument must be|"
     r"unsupported operand|not iterable|subscriptable|unhashable type|datetime\.|PosixPath|<class|\bNone\b|Warning|"
@@ -82,6 +83,7 @@ def faults_of(
     [
         *(["check"], ["design"], ["simulate"], ["export", "--format=sdf"], ["identify"], ["report"], ["replay"]),
         ["lost-motion"],
+        *(["simulate", DRIVE, "--trajectory"], ["setup", "--answers"]),
         *(["evaluate", "--seed=1", "--only=0", "--drive"], ["identify", "nowhere", "--drive"]),
     ],
 )

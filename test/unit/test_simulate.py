@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -74,6 +75,70 @@ def test_the_law_is_by_default_what_auto_stands_for_on_the_drive(
 ) -> None:
     assert figures_of(capsys, DRIVE, *words)["law"] == law
     assert figures_of(capsys, "--law", "auto")["law"] == "two_region"  # the paper's conditions are of its law
+
+
+def test_a_path_is_followed_alike_from_a_table_and_from_a_message(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of the message, the load's joint, whose place and name others have elsewhere; its stamp is that of the start."""
+    table, message, picture = (tmp_path / name for name in ("path.csv", "path.yaml", "path.png"))
+    points = [(0.5, 0.4, 0.5), (1.0, 0.5, 0.0), (2.25, -0.25, 0.0)]
+    table.write_text("time;position;velocity\ns;rad;rad/s\n" + "".join(f"{t};{p};{v}\n" for t, p, v in points))
+    header = "header: {stamp: {sec: 1700000000, nanosec: 7}, frame_id: ''}\njoint_names: [other, axis]\npoints:\n"
+    lines = [
+        f"- {{positions: [9.0, {p}], velocities: [0.0, {v}], time_from_start: {{sec: {t // 1:.0f}, "
+        f"nanosec: {1e9 * (t % 1):.0f}}}}}\n"
+        for t, p, v in points
+    ]
+    message.write_text(header + "".join(lines) + "---\n")
+    named = tmp_path / "axis.yaml"
+    named.write_text("/**: {ros__parameters: {load_joint: axis}}")
+    found = figures_of(capsys, DRIVE, "--trajectory", str(table), "--plot", str(picture))
+    assert figures_of(capsys, DRIVE, str(named), "--trajectory", str(message)) == {
+        **found,
+        "drive": f"{DRIVE} with {named}",
+        "trajectory": str(message),
+        "notes": [],
+    }
+    assert (found["joined_by"], found["reversals"], found["fault"], found["end_s"]) == ("cubics", 1, "", 2.25)
+    assert found["rms_error_b"] < found["largest_error_b"] < 0.3
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    late = figures_of(capsys, DRIVE, "--law", "cascade", "--trajectory", str(table))
+    assert late["lag_s"] > 10.0 * abs(found["lag_s"])
+    assert late["rms_error_rad"] > 10.0 * found["rms_error_rad"]
+    named.write_text("limits: {command: 0.4}")
+    limited = figures_of(capsys, DRIVE, str(named), "--law", "cascade", "--trajectory", str(table))
+    assert limited["peak_command"] == 0.4 < late["peak_command"]
+
+
+def test_a_path_is_refused_as_on_the_topic_and_says_where(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    refused = {
+        ("a.csv", "time,position\n0.5,0.1\n0.4,0.2"): "row 3: time_from_start of point 1 must be > 0.5 s, .*: sort",
+        ("a.csv", "time,position,velocity\n0.5,0.1,0\n0.9,0.3,1"): "row 3: velocities of the last point .*: add a",
+        ("a.csv", "time,position,velocity\n0.5,,0\n0.9,0.3,0"): "row 2: positions of point 0 must be finite, .*: give",
+        ("a.csv", "time,position,velocity,velocity\n0.5,1,0,0"): "row 1: must have one column 'velocity', has 2",
+        ("a.csv", "time,angle\n0.5,1"): "row 1: must have one column 'position', has 0; .* rename it",
+        ("a.csv", "time,position\n0,1\n0.9,0.3"): "within 0.05 rad of the setpoint, 0 rad, got 1; give the point",
+        ("a.csv", "time,position\n0.9,57"): "reference must be within limits.position_lower = -1 rad and .* got 57",
+        ("a.csv", "time,position\n0.001,0.9"): "path must be slower than faults.velocity = 100 rad/s, got 900",
+        ("a.csv", "time,position\n601,0.9"): "time to the end of the path must be >= 0 and <= 600 s",
+        ("a.yaml", "joint_names: [a]\npoints:\n- positions: [1.0]\n"): "line 3: time_from_start of point 0 must be",
+        ("a.yaml", "joint_names: [a]\npoints:\n- {positions: [1.0], time_from_start: 1}"): "must contain 'load'",
+        ("a.yaml", "joint_names: [load]\npoints:\n- {velocity: [1.0]}"): "line 3: velocity is nothing that point 0",
+    }
+    limited = tmp_path / "limited.yaml"
+    limited.write_text("limits: {position_lower: -1.0, position_upper: 1.0}\nfaults: {velocity: 100.0}")
+    for (name, text), says in refused.items():
+        path = tmp_path / name
+        path.write_text(text)
+        with pytest.raises(SystemExit, match="2"):
+            main(["simulate", DRIVE, str(limited), "--trajectory", str(path), "--csv", str(tmp_path / "out.csv")])
+        error = capsys.readouterr().err
+        assert re.fullmatch(f"backlash simulate: {re.escape(str(path))}[:,].*{says}.*\n", error), error
+    assert not (tmp_path / "out.csv").exists()
+    with pytest.raises(SystemExit, match="2"):
+        main(["simulate", DRIVE, "--trajectory", str(path), "--reference", "1"])
+    assert "--reference has no use with --trajectory" in capsys.readouterr().err
 
 
 def test_table_and_picture_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
