@@ -43,6 +43,8 @@ from backlash_ros.identification.fitting.readings import (
     NO_READING,
     correct_by_motor,
     keep_out_of_teeth,
+    keep_symmetric,
+    keep_within_gap,
     no_gain,
     read_load,
     read_motor,
@@ -116,6 +118,9 @@ def _correct(memory: Memory, noise: Noise, recording: Recording, results: Result
     if load_read:
         read_load(memory, noise, results, miss, (load, speed), sample, derive)
     keep_out_of_teeth(memory, motor_read, load_read)
+    if not (motor_read and load_read):
+        keep_symmetric(memory.rows)
+        keep_within_gap(memory)
 
 
 @fused
