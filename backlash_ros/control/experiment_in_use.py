@@ -11,7 +11,7 @@ from backlash_ros.foundation.quantity import Validated
 
 
 def choose(name: str, settings: ServoSettings, *, both_encoders: bool) -> tuple[str, NamedExperiment]:
-    """Return an experiment by name, or that of the settings; `AUTO` chooses by the encoders.
+    """Return an experiment by name, or that of the settings; `AUTO` and ``identify`` choose by the encoders.
 
     Raises
     ------
@@ -21,6 +21,8 @@ def choose(name: str, settings: ServoSettings, *, both_encoders: bool) -> tuple[
     name = name or settings.experiment
     if name == AUTO:
         name = "gap_probe" if both_encoders else "relay"
+    elif name == "identify" and not both_encoders:
+        name = "identify_by_relay"
     return name, EXPERIMENTS.choose("learning.experiment", name, AUTO)
 
 

@@ -54,6 +54,8 @@ _WIDTHS = np.geomspace(0.003, 0.13, 12)
 """Gaps that are tried, rad; tuned."""
 _INERTIAS = (0.1, 0.35, 1.0)
 """Inertias of the load over that of the motor that are tried beside a guess; tuned."""
+_DELAYS = (0.25, 1.0)
+"""Delays that are tried, in periods; tuned."""
 _OTHER = 0.6
 """By how much, as ln, these have to differ from the guess; tuned."""
 _FIXED = 1e-6
@@ -76,6 +78,10 @@ _KEPT = 3
 """Number of them that go through all stages; tuned."""
 _FACTORS = (0.5, 0.65, 0.8, 1.25, 1.6)
 """Of a gap that was found: other widths that are tried."""
+_ABOUT = (0.6, 1.0, 1.6)
+"""Of an inertia that was found: others that are tried with gaps of any width."""
+_ANEW = 4
+"""Number of widths from which the search begins anew; tuned."""
 _SOFTER = (0.9, 1.1)
 """Of a gap that was found with one contact law: widths from which the other laws start."""
 _DRY = 2e-3
@@ -84,7 +90,14 @@ _FITS = 1.05
 """Largest rms of the innovations for which the model is taken for the drive's: 1 is that of a true model."""
 _FINE = 0.5
 """By what that is less for a fine encoder, the counts of which are taken for coarser than they are."""
-_HOPELESS = 1.5
+_SMALL_ERROR = 2.5e-3
+"""Errors of the angle, as a share of the gap, that hardly matter, whatever the counts: the model is not the drive."""
+_MOST = 2.5
+"""Largest rms of the innovations for which they hardly matter."""
+_STEEPEST = 0.6
+"""Growth of the gap with the angle, in gaps for each rad, beyond which the motion has not shown the gap: no gear has
+more; tuned."""
+_HOPELESS = 2.5
 """Rms of the innovations, over the largest that fits, beyond which neither other widths nor more readings are tried."""
 _FLANK = 0.02
 """Share of the torque at standstill that a flank has borne to be counted as seen."""
@@ -242,7 +255,7 @@ class _Search:
         point = Point(found.cost, found.x, self._noise(self.stages[-1]))
         return fit_of(Found(point, found.problem), (), self._drive)
 
-    def _start(self, gap: float, inertia: float, coulomb_l: float, coulomb_m: float) -> Array:
+    def _start(self, gap: float, inertia: float, coulomb_l: float, coulomb_m: float, delay: float = 0.5) -> Array:
         return parameters_of(
             ln_half_gap=math.log(0.5 * gap),
             ln_load_inertia=math.log(inertia),
@@ -250,7 +263,7 @@ class _Search:
             load_coulomb=coulomb_l,
             motor_coulomb=coulomb_m,
             load_torque=self._guess.load_torque,
-            delay=0.5 * self._period,
+            delay=delay * self._period,
         )
 
     def _starts(self) -> Iterator[Array]:
@@ -263,7 +276,8 @@ class _Search:
         for inertia in inertias:
             for share in shares:
                 for gap in _WIDTHS:
-                    yield self._start(float(gap), inertia, (1.0 - share) * dry, share * dry)
+                    for delay in _DELAYS:
+                        yield self._start(float(gap), inertia, (1.0 - share) * dry, share * dry, delay)
 
     def begin(self, contact: Contact) -> list[Minimum]:
         """Return the minima of the gentle part, the best first."""
@@ -284,6 +298,27 @@ class _Search:
         whole = replace(begun.problem, recording=self._thin)
         warm = _warmer(self.stages[0], math.sqrt(_HOT))
         return self.descend(whole, begun.contact, self.solve(whole, begun.contact, begun.x, warm, 5, 0.5).x)
+
+    def anew(self, found: Minimum) -> list[Minimum]:
+        """Return the minima from gaps of any width, with the rest about as found.
+
+        In the gentle part, which tells the start, a load torque may hold the load on one flank.
+        """
+        whole = replace(found.problem, recording=self._thin)
+        noise = self._noise(_warmer(self.stages[0], _HOT))
+        nearest: list[tuple[float, int, Array]] = []
+        for width in _WIDTHS:
+            tried = []
+            for factor in _ABOUT:
+                for delay in (parameters_at(found.x).delay, *(share * self._period for share in _DELAYS)):
+                    x = found.x.copy()
+                    there = parameters_at(x)
+                    there.ln_half_gap, there.delay = math.log(0.5 * width), delay
+                    there.ln_load_inertia += math.log(factor)
+                    tried.append((whole.cost(x, noise), len(nearest), x))
+            nearest.append(min(tried, key=lambda each: each[0]))
+        best = sorted(nearest, key=lambda each: each[:2])[:_ANEW]
+        return [self.go_on(found._replace(x=x)) for _, _, x in best]
 
     def widths(self, found: Minimum) -> list[Minimum]:
         """Return the minima reached from other widths of the gap."""
@@ -333,6 +368,8 @@ def fit_one_sided(
         ends = sorted([*ends, *(search.go_on(found[k]) for found in begun)], key=cost_of)
         if max(ends[0].sizes) <= _FITS:
             break
+    if max(ends[0].sizes) > _FITS:
+        ends = sorted([*ends, *search.anew(ends[0])], key=cost_of)
     ends = sorted([*ends, *search.other_laws(ends[0], laws)], key=cost_of)
     if max(ends[0].sizes) > _HOPELESS * _FITS:
         return search.fit(ends[0]), 0.0
@@ -352,7 +389,9 @@ def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> 
     deviation = _NOISE * found.gap_deviation
     uncertainty = math.hypot(deviation, _MODEL * gap, _CURVED * way**2 * gap)
     why = ""
+    count = max(count_of(angle), _COARSE)
     fits = _FITS * max(_FINE, min(1.0, count_of(angle) / _COARSE))
+    fits = max(fits, min(_SMALL_ERROR * gap / (count / math.sqrt(12.0)), _MOST))
     if not size <= fits:
         why = (
             f"no model of teeth, friction and load explains what was seen: its errors are {size:.2g} times as large "
@@ -366,6 +405,11 @@ def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> 
         why = (
             f"the load's inertia is {share:.2g} of the motor's, as seen at the output: below {_LIGHTEST:g} of it "
             "the motor hardly feels it"
+        )
+    elif abs(slope := float(found.values.gap_slope)) > _STEEPEST:
+        why = (
+            f"the gap would have to grow by {100.0 * slope:.0f} % for each rad, and no gear's does by more than "
+            f"{100.0 * _STEEPEST:.0f} %: the motion shows the far flank at too few places"
         )
     elif worse < _WORSE:
         why = "gaps of different widths explain what was seen equally well"

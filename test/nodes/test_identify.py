@@ -85,6 +85,26 @@ def test_a_random_drive_is_found_and_quiet_from_then_on_and_at_the_next_start(
     assert again.in_use() == found
 
 
+@pytest.mark.parametrize("encoder", ["load", pytest.param("motor", marks=pytest.mark.grid)])
+def test_one_encoder_is_enough_from_unknown_to_quiet(rig: Callable[..., Rig], encoder: str) -> None:
+    """Identified by the relay: the default law plans its move with that encoder alone, lands and rests."""
+    member = draw_member(SEED, 4, "core", encoder)
+    made = rig(member)
+    answer = made.call("identify")
+    assert answer.success, answer.message
+    found, drive, gap = made.in_use(), member.drive, member.drive.gear.backlash_at(0.0)
+    assert found["identified"]
+    assert found["backlash_angle"] == pytest.approx(gap, rel=GAP_NEAR)
+    assert found["load.inertia"] == pytest.approx(drive.load.inertia, rel=INERTIA_NEAR)
+    assert "K_m" not in answer.message  # one encoder does not show it
+    made.drive.run(round(STAND * member.rate))
+    time, position = made.step(0.5, 3.0)
+    move = judge_move(time, position, made.start + 0.5, gap, member.load_count)
+    assert move.swing <= threshold(QUIET, gap, member.load_count)
+    assert move.error <= threshold(PRECISE, gap, member.load_count)
+    assert "law 'auto' is 'two_encoder'" in made.process.output()
+
+
 @pytest.mark.grid  # the demo shows it, too
 def test_from_unknown_to_quiet_with_the_law_for_two_encoders(rig: Callable[..., Rig], peer: Peer) -> None:
     """Learned and identified by services, the law by parameter: it plans its move, lands and rests."""

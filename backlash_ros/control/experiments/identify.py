@@ -1,10 +1,11 @@
-"""Identifying the drive with both encoders: the motion of the gap probe also shows load, friction and delay."""
+"""Identifying the drive: the motion of gap probe or relay also shows load and friction."""
 
 from collections.abc import Callable
 from functools import partial
 
 from backlash_ros.control.experiment import DriveEstimate, Method, NamedExperiment, Outcome, Refusal
 from backlash_ros.control.experiments.gap_probe import GapProbe, GapProbeSettings
+from backlash_ros.control.experiments.relay import Relay, RelaySettings
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.parameters import values_of
 from backlash_ros.identification.recording import Recording
@@ -17,6 +18,19 @@ _NAMES = {"delay.command": "loop_delay", **{name: name for name in (_EXPECTED, f
 
 class Identify(GapProbe):
     """One run of the gap probe, from which the whole drive is identified."""
+
+    def cancel(self, reason: str) -> None:
+        """End without a result, for ``reason``."""
+        if self.outcome is None:
+            self.outcome = _nothing(reason)
+
+    def work(self) -> Callable[[], Outcome]:
+        """Return the work that identifies the drive from the recording."""
+        return partial(_estimate_from, self._drive, self.recording())
+
+
+class IdentifyByRelay(Relay):
+    """One run of the relay, from which the whole drive is identified."""
 
     def cancel(self, reason: str) -> None:
         """End without a result, for ``reason``."""
@@ -73,5 +87,12 @@ EXPERIMENTS = {
         GapProbeSettings(),
         swing="swing",
         law="",
-    )
+    ),
+    "identify_by_relay": NamedExperiment(
+        "load, friction, gap and delay with one encoder, by a relay behind it",
+        IdentifyByRelay,
+        RelaySettings(),
+        swing="swing",
+        law="",
+    ),
 }

@@ -8,6 +8,7 @@ was recorded: see `identification.one_encoder`. The torque goes from gentle to b
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
@@ -30,9 +31,9 @@ _HELD_UNTIL = 0.5
 """Time until which it holds the shaft, to see what torque that takes, s. Tuned."""
 _HELD_AFTER = 0.2
 """Time for which it holds the shaft at the end, s. Tuned."""
-_LEVELS = (0.02, 0.05, 0.13, 0.3)
+_LEVELS = (0.02, 0.05, 0.13, 0.3, 0.6)
 """Share of the torque in each level. Tuned."""
-_TURNS = (1.0, 1.5, 2.5, 1.0)
+_TURNS = (1.0, 1.5, 2.5, 1.0, 1.0)
 """Turning point in each level, as a multiple of ``travel``. Tuned."""
 _WIDE = 1.5
 """Least such multiple with the motor's encoder: the motor itself has to meet both flanks. Tuned."""
@@ -41,7 +42,9 @@ _SWING_SHARE = 0.4
 _LEVEL_TIME = 1.2
 """Time of a level, s. Tuned."""
 _LOADED = 0.005
-"""Share of the standstill torque above which a load torque must be outrun, by the last level. Tuned."""
+"""Share of the standstill torque above which a load torque must be outrun, by the last two levels. Tuned."""
+_TO_OUTRUN = 2
+"""Number of levels that a load without a torque does not need."""
 _SPEED_BANDWIDTH = 200.0
 """Bandwidth of the speed, rad/s. Tuned."""
 _CENTRING = 1200.0
@@ -139,7 +142,7 @@ class Relay:
             self._home = angle
         self._rows.append((self._time, angle, command, late))
         if self._time >= self._end + _HELD_AFTER:
-            self.outcome = Deferred(partial(_estimate_from, self._drive, self.recording(), self._standstill))
+            self.outcome = Deferred(self.work())
             return Excitation()
         if not _HELD_UNTIL <= self._time < self._end:
             torque = self._loop.torque(angle, (self._home, 0.0, 0.0), elapsed)
@@ -148,6 +151,10 @@ class Relay:
             return Excitation(torque=torque)
         torque = self._relay(angle, elapsed)
         return Excitation(torque=min(max(torque, -self._most), self._most))
+
+    def work(self) -> Callable[[], Outcome]:
+        """Return the work that finds the gap in the recording."""
+        return partial(_estimate_from, self._drive, self.recording(), self._standstill)
 
     def recording(self) -> Recording:
         """Return the recording from the time when the shaft was held."""
@@ -162,7 +169,8 @@ class Relay:
         """Return the torque, N m at the output."""
         if self._level < 0:
             self._bias = float(np.mean(self._held))
-            self._levels -= abs(self._bias) < _LOADED * self._standstill
+            if abs(self._bias) < _LOADED * self._standstill:
+                self._levels -= _TO_OUTRUN
         level = min(int((self._time - _HELD_UNTIL) / _LEVEL_TIME + 1e-9), self._levels - 1)
         if level != self._level:
             self._level = level

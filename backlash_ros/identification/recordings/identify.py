@@ -1,4 +1,7 @@
-"""Identifies a drive from a recording of both encoders, whatever made it move, or says why this is impossible."""
+"""Identifies a drive from a recording of both encoders, whatever made it move, or says why this is impossible.
+
+With one encoder the motion must be that of the relay, and motor and gear are taken as told.
+"""
 
 from dataclasses import dataclass, field, replace
 
@@ -9,6 +12,7 @@ from backlash_ros.identification.drive import identified_drive
 from backlash_ros.identification.fitting.fit import Fit, fit
 from backlash_ros.identification.gap import Gap, delays_of, measure_gap
 from backlash_ros.identification.gap_map import FEWEST_PLACES, Mapped
+from backlash_ros.identification.one_encoder import measure_gap_one_sided
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding, findings_of
 from backlash_ros.identification.recordings.held_out import Score, first_part, score
@@ -20,6 +24,8 @@ FRICTION = "load.viscous_friction", "load.coulomb_friction"
 _MOTOR = frozenset({"motor.torque_constant", "motor.resistance"})
 """Both follow from gain and braking, which are of use only together."""
 _TEETH = "gear.backlash_angle"
+_NOT_BY_ONE = frozenset({"K_m", "R", "loss", "offset", "eccentricity"})
+"""Symbols of what one encoder does not show."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +75,8 @@ def identify(drive: Drive, recording: Recording, *, hold_out: bool = True) -> Id
     The values come from the whole fitted stretch; the score from a fit to its first three quarters. If the recording
     goes around the turn from place to place, the stretch is at one of them: elsewhere the gap differs.
     """
+    if np.isnan(recording.motor).all() or np.isnan(recording.load).all():
+        return _identify_by_one(drive, recording)
     places = visits(recording)
     chosen, stretch = informative(recording) if len(places) < FEWEST_PLACES else liveliest(recording, places)
     period = float(np.median(np.diff(chosen.time))) if chosen.time.size > 1 else 0.0
@@ -89,6 +97,18 @@ def identify(drive: Drive, recording: Recording, *, hold_out: bool = True) -> Id
         return result
     before = fit(drive, first_part(chosen), drive.standstill_torque(), delays_of(period))
     return result if before is None else replace(result, score=score(drive, before, chosen), before=before)
+
+
+def _identify_by_one(drive: Drive, recording: Recording) -> Identified:
+    """Return the findings from a relay's recording of one encoder."""
+    period = float(np.median(np.diff(recording.time)))
+    gap = measure_gap_one_sided(drive, recording, drive.standstill_torque())
+    found, refused = gap.fit, Identified("", drive, period=period, recording=recording, gap=gap, fit=gap.fit)
+    if found is None or not gap.valid:
+        return replace(refused, reason=gap.reason)
+    told = [row for row in findings_of(drive, gap, found, period) if row.symbol not in _NOT_BY_ONE]
+    fitted, replaced = _replaced(drive, found, told)
+    return replace(refused, drive=fitted, replaced=replaced, findings=tuple(told))
 
 
 def _replaced(drive: Drive, found: Fit, rows: list[Finding]) -> tuple[Drive, frozenset[str]]:
