@@ -109,7 +109,7 @@ def declare_controller(node: Node) -> ControllerParameters:
     text = "time without joint_states after which the command is 0 V and a fault is latched"
     timeout = declare_timeout(node, "state_timeout", text, 1.0 / rate)
     text = "time without a setpoint after which their stream has ended; a fifth of it may lie between two of them"
-    setpoint_timeout = declare_timeout(node, "setpoint_timeout", text, 1.0 / rate)
+    setpoint_timeout = float(declare_number(node, "setpoint_timeout", 0.1, Quantity(text, "s", 0.0, 10.0, True)))
     described = Quantity(
         "rate of ~/state, at most the sample rate; changes are also sent at once", "Hz", 0.0, rate, True
     )

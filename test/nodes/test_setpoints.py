@@ -4,10 +4,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-import pytest
 from graph import Peer, Process
 from lockstep_drive import LockstepDrive
-from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -39,7 +37,12 @@ class Planner:
             String, "controller/in_position", lambda message: self.words.append(message.data), TRANSIENT_LOCAL
         )
         self.node = start(
-            "controller", use_sim_time=True, state_timeout=10.0, backlash_angle=B, identified=True, setpoint_timeout=TIMEOUT
+            "controller",
+            use_sim_time=True,
+            state_timeout=10.0,
+            backlash_angle=B,
+            identified=True,
+            setpoint_timeout=TIMEOUT,
         )
         self.drive.matched()
         peer.wait("the topic", lambda: self.sent.get_subscription_count() > 0)
@@ -112,7 +115,7 @@ def test_what_is_refused_changes_nothing(start: Start, peer: Peer) -> None:
         lambda time: planner.send(time + 0.001, [0.2, 1000.0, 0.0]),
         lambda time: planner.send(time - 0.005, wanted(0.0)),
         lambda time: planner.send(time + 10.0, wanted(0.0)),
-        lambda time: planner.send(0.0, wanted(0.0)),
+        lambda _time: planner.send(0.0, wanted(0.0)),
     ]
     times, loads = planner.stream(1.5, lambda time, k: bad[k % len(bad)](time) if k else None)
     path = np.array([held + wanted(max(time - planner.delay, 0.0))[0] for time in times])
@@ -125,7 +128,9 @@ def test_hold_ends_a_stream_that_goes_on(start: Start, peer: Peer) -> None:
     hold = peer.node.create_client(Trigger, "controller/hold")
     peer.wait("the service", hold.service_is_ready)
     asked = []
-    times, loads = planner.stream(1.4, lambda _time, k: asked.append(hold.call_async(Trigger.Request())) if k == 50 else None)
+    times, loads = planner.stream(
+        1.4, lambda _time, k: asked.append(hold.call_async(Trigger.Request())) if k == 50 else None
+    )
     peer.wait("the answer", asked[0].done)
     rest = float(asked[0].result().message.split()[4])
     assert rest < 0.6

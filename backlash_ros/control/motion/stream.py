@@ -1,12 +1,10 @@
 """Setpoints that come one by one, from who plans elsewhere, as one plan that grows while it is followed.
 
-Each setpoint says where the load is to be at its time, and is reached a fixed delay later: a law that crosses a gap must
-see the turn of a motion before it comes. So each message plans anew, from the setpoint in use through those whose time
-is still to come. After the last one the plan goes on at its speed for the timeout, then comes to rest before the end of
-the travel. So the load stops where no message comes any more, and nobody must notice for that.
+Each setpoint says where the load is to be at its time, and is reached a fixed delay later: a law that crosses a gap
+must see the turn of a motion before it comes. So each one makes a new plan, from the setpoint in use through those that
+are still due. After the last one the plan goes on at its speed for the timeout, then comes to rest before the end of
+the travel. So the load stops if no other one comes, and nobody has to notice for that.
 """
-
-import math
 
 import numpy as np
 
@@ -15,7 +13,7 @@ from backlash_ros.control.motion.trajectory import START
 from backlash_ros.control.servo import Servo
 from backlash_ros.control.tick import tick_constants_at
 from backlash_ros.foundation.record import Array
-from backlash_ros.foundation.signals import POSITION, VELOCITY, Setpoint
+from backlash_ros.foundation.signals import POSITION, VELOCITY
 
 INTERVALS = 5.0
 """Intervals between setpoints that a timeout has; the delay leaves time for one."""
@@ -91,7 +89,9 @@ class Stream:
             return f"it must be less than {self.delay:.3g} s late and {_EARLIEST:g} s early, got {seen} the clock"
         if self._states:
             if time <= self._last:
-                return f"its time must be later than that of the one before, got {1e-9 * (self._last - time):.3g} s less"
+                return (
+                    f"its time must be later than that of the one before, got {1e-9 * (self._last - time):.3g} s less"
+                )
             return ""
         present = float(self._servo.memory.setpoint[POSITION])
         if not abs(state[POSITION] - present) <= START:
@@ -102,28 +102,26 @@ class Stream:
         return ""
 
     def _follow(self, time: int, state: Array, now: int) -> str:
-        due = time + round(1e9 * self.delay)
-        first = int(np.searchsorted(self._due, now, side="right"))
-        dues, states = [*self._due[first:], due], [*self._states[first:], state]
-        known = min(each.size for each in states)
-        times = 1e-9 * (np.array(dues) - now)
         to_rest = self._to_rest(state)
         if not to_rest.size:
             return f"it must be possible to stop before the end of the travel, got {state[VELOCITY]:.4g} rad/s there"
-        # The path through the setpoints, whose last one need not be at rest.
-        start = Setpoint(self._servo.memory.setpoint.copy())
-        begins = np.vstack([start[:known], *(each[:known] for each in states[:-1])])
+        first = int(np.searchsorted(self._due, now, side="right"))
+        due = [*self._due[first:], time + round(1e9 * self.delay)]
+        states = [*self._states[first:], state]
+        known = min(each.size for each in states)
+        ends = np.array([each[:known] for each in states])
+        times = 1e-9 * (np.array(due) - now)
         durations = np.diff(times, prepend=0.0)
         rows = np.zeros((times.size, DURATION + 1))
-        rows[:, : 2 * known] = joined(begins, np.array([each[:known] for each in states]), durations)
+        rows[:, : 2 * known] = joined(np.vstack([self._servo.memory.setpoint[:known], ends[:-1]]), ends, durations)
         rows[:, DURATION] = durations
         rows = np.vstack([rows, to_rest])
-        fastest, needed = self._acceleration, _top_acceleration(rows)
-        if not needed <= fastest:  # nan, too
-            return f"it must be within reach: the drive accelerates with {fastest:.4g} rad/s^2, it needs {needed:.4g}"
+        able, needed = self._acceleration, _top_acceleration(rows)
+        if not needed <= able:  # nan, too
+            return f"it must be within reach: the drive accelerates with {able:.4g} rad/s^2, it needs {needed:.4g}"
         if refusal := self._servo.follow(Polynomials(rows), at_once=True):
             return refusal
-        self._rows, self._due, self._states, self._last = self._servo.segments, dues, states, time
+        self._rows, self._due, self._states, self._last = self._servo.segments, due, states, time
         self._ends = float(times[-1]) + self.timeout
         return ""
 
@@ -134,7 +132,7 @@ class Stream:
         return servo.drive.standstill_torque(servo.limits.command) / servo.drive.effective_inertia
 
     def _to_rest(self, state: Array) -> Array:
-        """Return how the plan goes on after the last setpoint: at its speed, then smoothly to rest in the travel.
+        """Return how the plan goes on after the last setpoint: at its speed, then smoothly to rest within the travel.
 
         Empty if there is no way left.
         """
@@ -150,12 +148,11 @@ class Stream:
         deceleration = float(tick_constants_at(self._servo.constants).motion.acceleration)
         stop = min(max(1.5 * speed / deceleration, SHORTEST_STOP), 2.0 * way / speed)
         steady = min(self.timeout, way / speed - 0.5 * stop)
-        begin = np.array([[position + steady * velocity, velocity, 0.0]])
-        end = begin + [[0.5 * stop * velocity, -velocity, 0.0]]
-        rest = np.hstack([joined(begin, end, np.array([stop])), [[stop]]])
-        if steady <= 0.0:
-            return rest
-        return np.vstack([[position, velocity, 0.0, 0.0, 0.0, 0.0, steady], rest[0]])
+        begin = position + steady * velocity
+        end = begin + 0.5 * stop * velocity
+        path = joined(np.array([[begin, velocity, 0.0]]), np.array([[end, 0.0, 0.0]]), np.array([stop]))
+        rows = np.array([[position, velocity, 0.0, 0.0, 0.0, 0.0, steady], [*path[0], stop]])
+        return rows if steady > 0.0 else rows[1:]
 
 
 def _top_acceleration(rows: Array) -> float:
