@@ -12,10 +12,16 @@ from backlash_ros.control.motion.stream import Stream
 from backlash_ros.control.motion.trajectory import TrajectoryError, points_of, trajectory_of
 from backlash_ros.foundation.messages import stamp_ns
 from backlash_ros.foundation.signals import Measurement
+from backlash_ros.nodes.follow_trajectory import FollowTrajectory
 from backlash_ros.nodes.parameters import ControllerParameters
 from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.timer import in_ns
 from backlash_ros.ros.topics import RECEIVE_STREAM, SEND, TRANSIENT_LOCAL
+
+try:
+    from control_msgs.action import FollowJointTrajectory
+except ImportError:  # it comes with ros2_control
+    FollowJointTrajectory = None
 
 _FIELDS = 2, 3
 """Numbers of a setpoint: position and velocity, and acceleration if it is known."""
@@ -46,6 +52,11 @@ class Motion:
         node.listen(JointTrajectory, "joint_trajectory", self._on_trajectory, SEND)
         node.listen(JointTrajectory, "setpoint", self._on_setpoint, RECEIVE_STREAM)
         node.create_service(Trigger, "~/hold", self._on_hold)
+        self._action: FollowTrajectory | None = None
+        if FollowJointTrajectory is not None:
+            self._action = FollowTrajectory(
+                node, servo, self._joint, lambda: self._watch.window, lambda: self._now, FollowJointTrajectory
+            )
 
     def configure(self) -> None:
         """Say that nothing is held yet: the topic is new."""
@@ -56,6 +67,8 @@ class Motion:
         """Take an answered sample, ``elapsed`` s after the previous one."""
         if self._ran and not self._stream.runs:
             self._end_stream()
+        if self._action is not None:
+            self._action.look(elapsed)
         self._watch.look(measured, elapsed)
         self.tell()
 
@@ -67,6 +80,8 @@ class Motion:
 
     def released(self) -> None:
         """Say at once that no position is held any more."""
+        if self._action is not None:
+            self._action.released()
         self._watch.release()
         self.tell()
 
