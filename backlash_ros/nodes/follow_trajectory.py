@@ -16,7 +16,7 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 
 from backlash_ros.control import Servo
 from backlash_ros.control.motion.setpoint import DURATION
-from backlash_ros.control.motion.trajectory import TrajectoryError, trajectory_of
+from backlash_ros.control.motion.trajectory import trajectory_of
 from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import OMEGA_L, POSITION, VELOCITY
 from backlash_ros.ros.lifecycle import ManagedNode
@@ -127,7 +127,7 @@ class FollowTrajectory:
         handle._update_state(GoalEvent.EXECUTE)  # without a callback that would have to wait for the end
         try:
             goal = self._begin(handle)
-        except (GoalError, TrajectoryError) as error:
+        except Exception as error:  # one that left this callback would crash the events executor
             code = INVALID_JOINTS if str(error).startswith("joint_names") else INVALID_GOAL
             self._end(handle, "abort", code, f"the goal is refused: {error}")
             return
@@ -228,8 +228,10 @@ class FollowTrajectory:
         """End a goal: ``how`` is the handle's method that does it."""
         result = self._action.Result()
         result.error_code, result.error_string = code, text
-        say = self._node.get_logger().info if code == SUCCESSFUL else self._node.get_logger().warning
-        say(f"follow_joint_trajectory: {text}")
+        if code == SUCCESSFUL:
+            self._node.get_logger().info(f"follow_joint_trajectory: {text}")
+        else:
+            self._node.get_logger().warning(f"follow_joint_trajectory: {text}")
 
         def conclude(ended: Any) -> Any:
             getattr(ended, how)()

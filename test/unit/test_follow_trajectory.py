@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Duration
+from rclpy.logging import get_logger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from backlash_ros.control import GainSet, Limits, Servo, ServoSettings
@@ -65,7 +66,7 @@ class Axis:
 
     def __init__(self, gains: GainSet) -> None:
         self.servo = Servo(NOMINAL_DRIVE, ServoSettings(gains), Limits.of(NOMINAL_DRIVE), watched=False)
-        self.off, log = 0.0, SimpleNamespace(info=print, warning=print)
+        self.off, log = 0.0, get_logger("axis")
         self.node: Any = SimpleNamespace(active=True, state="active", get_logger=lambda: log)
         action = SimpleNamespace(
             Result=lambda: SimpleNamespace(error_code=0, error_string=""),
