@@ -419,6 +419,8 @@ topics, relative to the namespace
               ~/state         diagnostic_msgs/DiagnosticArray, ~/backlash_estimate, ~/parameters_in_use, /diagnostics
 services (std_srvs/Trigger)
   ~/learn, ~/identify, ~/apply_estimate, ~/cancel, ~/hold, ~/reset_fault; also the lifecycle services
+action (control_msgs/FollowJointTrajectory, where that is installed)
+  ~/follow_joint_trajectory
 
 The command is 0 after a fault, when deactivated and when the node ends. 0 does not hold a hanging load.
 

@@ -1,4 +1,4 @@
-"""What moves the load beside single references: trajectories and setpoints by topic, and a service that holds it."""
+"""What moves the load beside single references: trajectories, setpoints, goals, and a service that holds it."""
 
 from typing import Protocol
 
