@@ -55,13 +55,16 @@ def test_a_path_to_the_end_of_the_travel_is_followed_and_ends_within_it(gains: G
     """It touches the end after 1 s. Wherever the stream ends, the load comes to rest within the travel, smoothly."""
     for seconds in (0.3, 0.7, 0.94, 0.97, 0.99, 1.0, 1.2):
         planner = Planner(gains, upper=1.0)
-        times, positions, velocities, _ = planner.follow(seconds, order).T
+        times, positions, velocities, accelerations = planner.follow(seconds, order).T
         late = times - planner.stream.delay
         sent = (late > 0.0) & (late < seconds - 0.011)
         path = np.array([sine(time) for time in late[sent]])
         np.testing.assert_allclose(positions[sent], path[:, 0], atol=1e-6)
+        if order == 3:
+            np.testing.assert_allclose(accelerations[sent], path[:, 2], atol=1e-4)
         assert np.max(positions) <= 1.0
         assert np.max(np.abs(np.diff(positions))) < 1.01 * 0.5 * W * 1e-9 * PERIOD
+        assert seconds > 1.0 or np.min(np.diff(positions)) > -1e-9  # it does not turn back
         assert velocities[-1] == 0.0
         assert planner.stream.stops == (seconds != 1.0)
         assert not planner.stream.runs
