@@ -64,7 +64,7 @@ def test_a_path_to_the_end_of_the_travel_is_followed_and_ends_within_it(gains: G
             np.testing.assert_allclose(accelerations[sent], path[:, 2], atol=1e-4)
         assert np.max(positions) <= 1.0
         assert np.max(np.abs(np.diff(positions))) < 1.01 * 0.5 * W * 1e-9 * PERIOD
-        assert seconds > 1.0 or np.min(np.diff(positions)) > -1e-9  # it does not turn back
+        assert seconds > 1.0 or np.min(np.diff(positions[late > 0.0])) > -1e-9  # it does not turn back
         assert velocities[-1] == 0.0
         assert planner.stream.stops == (seconds != 1.0)
         assert not planner.stream.runs
