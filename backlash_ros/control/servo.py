@@ -213,15 +213,15 @@ class Servo:
         with the next one, whenever that comes.
         """
         fastest = self.settings.thresholds_of(self.drive).velocity
-        return self._plan.follow(source, self.limits, fastest, self._hindrance, at_once=at_once)
+        return self._plan.follow(source, self.limits, fastest, self.hindrance, at_once=at_once)
 
     def stop(self) -> str:
         """Come to rest along the path and hold there; return an empty text, or why nothing is held.
 
         A step, whose setpoint is at its end already, stops where the load can.
         """
-        if self._hindrance:
-            return f"nothing is held {self._hindrance}"
+        if self.hindrance:
+            return f"nothing is held {self.hindrance}"
         refusal = self._come_to_rest()
         self._plan.asked = False
         return refusal
@@ -243,7 +243,7 @@ class Servo:
         return self.set_reference(limits.clamp(float(start[POSITION])))
 
     @property
-    def _hindrance(self) -> str:
+    def hindrance(self) -> str:
         """Why nothing is followed now, whatever it is; empty if that is not so."""
         if self.latched:
             return f"while {self.latched.name} is latched: call reset_fault"
@@ -279,6 +279,10 @@ class Servo:
     def asked(self) -> bool:
         """Whether the end of the plan was asked for: it is not where the load was found or stopped."""
         return self._plan.asked
+
+    @asked.setter
+    def asked(self, asked: bool) -> None:
+        self._plan.asked = asked
 
     # Results of the tick.
 

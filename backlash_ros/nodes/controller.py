@@ -9,7 +9,6 @@ import math
 from collections.abc import MutableSequence, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from typing import cast
 
 import numpy as np
@@ -88,8 +87,7 @@ class Controller(ManagedNode):
         self.listen(JointState, "joint_states", self._on_joint_states, RECEIVE_PAIR)
         self.listen(Float64, "reference", self._on_reference)
         self._learning = Learning(self, self._servo, self._tunables, given)
-        taken = partial(self._took, often=False)
-        self._motion = Motion(self, self._servo, self._joints[1], self._state_timeout, taken)
+        self._motion = Motion(self, self._servo, given, self._took)
         self._watchdog = Timer(0.5 * self._state_timeout, self._watch)
         self.own_timers += [self._watchdog, Timer(_WATCH, self._watch_publishers)]
 
@@ -415,11 +413,14 @@ topics, relative to the namespace
   subscribes  joint_states    sensor_msgs/JointState       motor and load: rad, rad/s, N m
               reference       std_msgs/Float64             target angle of the load, rad
               joint_trajectory  trajectory_msgs/JointTrajectory  path of the load, by the name of its joint
+              setpoint        trajectory_msgs/JointTrajectory  one point of a path, 50 to 250 a second
   publishes   command         std_msgs/Float64MultiArray   data[0]: V, or A with command_interface:=current
               ~/in_position   std_msgs/String              released, moving, settled, holding or limit
               ~/state         diagnostic_msgs/DiagnosticArray, ~/backlash_estimate, ~/parameters_in_use, /diagnostics
 services (std_srvs/Trigger)
   ~/learn, ~/identify, ~/apply_estimate, ~/cancel, ~/hold, ~/reset_fault; also the lifecycle services
+action (control_msgs/FollowJointTrajectory, where that is installed)
+  ~/follow_joint_trajectory
 
 The command is 0 after a fault, when deactivated and when the node ends. 0 does not hold a hanging load.
 

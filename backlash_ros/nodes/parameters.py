@@ -75,6 +75,7 @@ class ControllerParameters:
     wraps: tuple[float, float]
     rate: float
     state_timeout: float
+    setpoint_timeout: float
     telemetry_rate: float
     estimate_file: str
     use_estimate_file: bool
@@ -107,11 +108,15 @@ def declare_controller(node: Node) -> ControllerParameters:
     wraps = _declare_wrap(node, "motor"), _declare_wrap(node, "load")
     text = "time without joint_states after which the command is 0 V and a fault is latched"
     timeout = declare_timeout(node, "state_timeout", text, 1.0 / rate)
+    text = "time without a setpoint after which their stream has ended; a fifth of it may lie between two of them"
+    setpoint_timeout = float(declare_number(node, "setpoint_timeout", 0.1, Quantity(text, "s", 0.0, 10.0, True)))
     described = Quantity(
         "rate of ~/state, at most the sample rate; changes are also sent at once", "Hz", 0.0, rate, True
     )
     telemetry_rate = declare_number(node, "telemetry_rate", min(50.0, rate), described)
-    return ControllerParameters(drive, joints, wraps, rate, timeout, telemetry_rate, *_declare_estimate_file(node))
+    return ControllerParameters(
+        drive, joints, wraps, rate, timeout, setpoint_timeout, telemetry_rate, *_declare_estimate_file(node)
+    )
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ TOPICS: dict[str, type] = {
     "command": Float64MultiArray,
     "reference": Float64,
     "joint_trajectory": JointTrajectory,
+    "setpoint": JointTrajectory,
     "load_torque": Float64,
     "controller/state": DiagnosticArray,
     "controller/parameters_in_use": ParameterEvent,
@@ -40,6 +41,9 @@ RECEIVE = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryP
 
 RECEIVE_PAIR = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=2)
 """The same for joint states: motor and load may come in messages of their own, one right after the other."""
+
+RECEIVE_STREAM = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=10)
+"""QoS of a subscription to a path whose points come one by one: each counts, but none is worth a wait."""
 
 WATCH = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=8)
 """QoS of who looks at the newest joint states now and then."""

@@ -10,7 +10,7 @@ STATES = {
     RELEASED: "no position is held: the node is not active, a fault is latched, or no sample has come yet",
     MOVING: "the setpoint or the load moves, or an experiment moves it",
     SETTLED: "the load has stayed within the window around the end of what was asked for",
-    HOLDING: "the load has stayed within the window around where it was found, or where `hold` stopped it",
+    HOLDING: "the load has stayed within the window around where it was found, or `hold` or a stream's end stopped it",
     LIMIT: "the load rests outside of the window: torque, travel or the law's gains do not bring it nearer",
 }
 """What ``~/in_position`` says, and what it means."""

@@ -26,7 +26,7 @@ AHEAD = 64
 """Setpoints that a law sees, a period apart: at 1 kHz more than half a crossing of a wide gap and the longest delay."""
 
 
-_SHORTEST_STOP = 0.03
+SHORTEST_STOP = 0.03
 """Shortest time to come to rest, s: about the time in which the teeth change sides."""
 
 
@@ -92,11 +92,11 @@ class Stop:
         """Return one segment."""
         position, velocity, acceleration = (float(value) for value in self.begin)
         # A quintic decelerates with up to 1.5 times the mean; what accelerates now goes on for a while.
-        length = max(1.5 * abs(velocity) / self.deceleration, _SHORTEST_STOP)
+        length = max(1.5 * abs(velocity) / self.deceleration, SHORTEST_STOP)
         end = position + length * (0.5 * velocity + acceleration * length / 12.0)
         end = min(max(end, self.lower), self.upper)
         if velocity != 0.0:
-            length = min(length, max(2.0 * abs(end - position) / abs(velocity), _SHORTEST_STOP))
+            length = min(length, max(2.0 * abs(end - position) / abs(velocity), SHORTEST_STOP))
         row = joined(self.begin[None], np.array([[end, 0.0, 0.0]]), np.array([length]))
         return np.hstack([row, [[length]]])
 

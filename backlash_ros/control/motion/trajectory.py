@@ -113,6 +113,19 @@ def trajectory_of(message: Any, joint: str, now: int) -> Trajectory:
     TrajectoryError
         If the joint is not named once, or its points cannot be followed.
     """
+    times, states = points_of(message, joint)
+    stamp = stamp_ns(message.header.stamp)
+    return Trajectory(times, states, 1e-9 * (now - stamp) if stamp else 0.0)
+
+
+def points_of(message: Any, joint: str) -> tuple[Array, Array]:
+    """Return the points that such a message has for one joint: times and states, as `Trajectory` takes them.
+
+    Raises
+    ------
+    TrajectoryError
+        If the joint is not named once, there is no point, or the sizes of its points do not fit.
+    """
     names = list(message.joint_names)
     if doubled := sorted({name for name in names if names.count(name) > 1}):
         raise TrajectoryError(f"joint_names must name each joint once, got {', '.join(doubled)} more than once")
@@ -125,8 +138,7 @@ def trajectory_of(message: Any, joint: str, now: int) -> Trajectory:
     index = names.index(joint)
     times = np.array([_seconds(point.time_from_start) for point in points])
     states = np.array([[getattr(point, kind)[index] for kind in kinds] for point in points], dtype=np.float64)
-    stamp = stamp_ns(message.header.stamp)
-    return Trajectory(times, states, 1e-9 * (now - stamp) if stamp else 0.0)
+    return times, states
 
 
 def _seconds(time: Any) -> float:
