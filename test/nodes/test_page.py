@@ -107,7 +107,7 @@ class Page:
         return places
 
     def is_fine(self) -> bool:
-        """Return whether no text overlaps another, is pale, or is beyond the screen; colours take a moment to change."""
+        """Return whether no text overlaps another, is pale or beyond the screen; colours take a moment to change."""
         self.look = self.run(LOOKS.read_text())
         return bool(self.look == {"overlaps": [], "pale": [], "wide": False})
 
