@@ -44,6 +44,7 @@ def nominal_values(**changes: Any) -> dict[str, Any]:
     values |= {"gain_set": "nominal", "gain_set_names": ["nominal"], "rate": 250.0, "state_timeout": 0.1}
     values |= {"motor_joint": "motor", "load_joint": "load", "loop_delay": 0.0, "identified": False}
     values |= {"learning.experiment": "auto", "learning.apply": "ask", "learning.renew": False, "law": "two_region"}
+    values |= {"faults.on_lost_encoder": "stop"}
     return values | changes
 
 
