@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS")
+
 from builtin_interfaces.msg import Duration
 from rclpy.logging import get_logger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
