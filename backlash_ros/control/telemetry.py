@@ -109,7 +109,9 @@ def telemetry(
         "gap_seen": wear.gap,
         "rattle": wear.rattle.swing if wear.rattle else 0.0,
         "calmed": int(servo.calmed),
-        "experiment": {"": 0, "identify": IDENTIFYING}.get(servo.experiment, LEARNING),
+        "experiment": {"": 0, "identify": IDENTIFYING, "identify_by_relay": IDENTIFYING}.get(
+            servo.experiment, LEARNING
+        ),
         "progress": servo.progress,
         "offset": excitation.offset,
         "torque": excitation.torque,

@@ -173,7 +173,7 @@ def test_table_and_picture_are_written(tmp_path: Path, capsys: pytest.CaptureFix
 
 def test_identify_reads_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table, file = tmp_path / "step.csv", tmp_path / "found.json"
-    figures_of(capsys, DRIVE, "--law", "fast", "--reference", "0.5", "--csv", str(table))
+    figures_of(capsys, DRIVE, "--law", "fast", "--reference", "0.5", "--seconds", "12", "--csv", str(table))
     assert main(["identify", str(table), "--drive", DRIVE, "--json", str(file)]) == 0
     found = {finding["key"]: finding for finding in json.loads(file.read_text())["findings"]}
     for key, true in (
