@@ -40,7 +40,8 @@ class Encoders:
         self.first, self.lost = "", ""
         self._apart = self._shift = 0.0
         self._readings = np.full(2, math.nan)  # rad at the output: of motor and load at the sample before
-        self._alone = np.zeros(2)  # rad: travel of the other shaft since the reading of each last changed
+        self._others = np.full(2, math.nan)  # rad: the other's reading when that of each last changed
+        self._alone = np.zeros(2)  # rad: how far the other shaft has gone from there
 
     @property
     def used(self) -> str:
@@ -50,11 +51,8 @@ class Encoders:
     def look(self, measured: Measurement, middle: float) -> None:
         """Note a sample that showed no fault; ``middle``: motor less load in the middle of the gap, nan if unknown."""
         now = np.array([self._ratio * measured[THETA_M], measured[THETA_L]])
-        moved = np.abs(now - self._readings)
-        self._readings = now
-        if np.isnan(now).any():
-            return
-        self._alone = np.where(moved == 0.0, self._alone + moved[::-1], 0.0)
+        self._others = np.where(now == self._readings, self._others, now[::-1])
+        self._readings, self._alone = now, np.abs(now[::-1] - self._others)
         # An encoder that stands still while the other shaft moves may be lost: the zeros are those from before.
         if not (self._alone > 0.0).any():
             self._apart = now[0] - now[1] if math.isnan(middle) else middle
@@ -62,7 +60,8 @@ class Encoders:
     def lost_by(self, fault: Fault, apart: float) -> str:
         """Return which encoder a fault shows as lost; empty if it does not tell.
 
-        ``apart``: how far the shafts may move apart, rad.
+        The sample with the fault itself does not count: where one shaft rests, a leap of the other's encoder looks the
+        same. ``apart``: how far the shafts may move apart, rad.
         """
         if self.used != BOTH:
             return ""
@@ -92,11 +91,10 @@ class Encoders:
 
     def go_on(self, observer: ObserverConstants, memory: TickRow) -> None:
         """Let the tick's observers go on with the other encoder alone, through the rigid gear."""
-        shift, monitor = self._shift, memory.monitor
+        shift, monitor, motor = self._shift, memory.monitor, memory.plausibility.motor
         monitor.motor_angle -= shift
-        for each in ("believed", "reading"):
-            motor = memory.plausibility.motor
-            setattr(motor, each, getattr(motor, each) - shift)
+        motor.believed -= shift
+        motor.reading -= shift
         for observed in (memory.observer, monitor.observer):
             estimate = Estimate(observed.estimate)
             estimate[THETA_M] -= shift / self._ratio

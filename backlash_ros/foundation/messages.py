@@ -59,7 +59,7 @@ def read_joint_state(
     ----------
     torque_constant : of the motor, N m/A: its effort over this is the current
     out : to write into and return; a new array by default
-    nan_is_absent : whether a position of nan says that the joint is absent
+    nan_is_absent : whether a position of nan says that the joint is absent; one of them must be there
 
     Raises
     ------
@@ -94,4 +94,6 @@ def read_joint_state(
             measured[CURRENT] = _usable("effort", joint, efforts[k], "N m") / torque_constant
     if not seen:
         raise NotOurJointsError
+    if nan_is_absent and math.isnan(measured[THETA_M]) and math.isnan(measured[THETA_L]):
+        raise BadSampleError("no position of our joints is a number")
     return measured

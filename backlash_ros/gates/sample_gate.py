@@ -162,7 +162,7 @@ class SampleGate:
                 joints, content = _BOTH, None
         if judged := judged or self._out_of_turn(stamp, now, content):
             return judged
-        if unusable or (self.begun and joints != self._joints and not self._is_lost()):
+        if unusable or (self.begun and joints != self._joints and not self._loses()):
             return self._drop(Action.REFUSE, f"unusable joint_states: {unusable or self._changed(joints)}")
         elapsed, reason = self._elapsed(stamp, now)
         self.stamp, self._arrived, self._content = stamp, now, content
@@ -199,12 +199,12 @@ class SampleGate:
         self._refused = reason
         return Judged(action, 0, reason)
 
-    def _is_lost(self) -> bool:
-        """Whether a joint that was there is missing for good, and the other one is enough."""
-        if not self.may_lose or self._joints != _BOTH:
+    def _loses(self) -> bool:
+        """Count a sample without one joint that was there; return whether it is missing for good and may be lost."""
+        if self._joints != _BOTH:
             return False
         self._misses += 1
-        return self._misses >= _MISSES
+        return self.may_lose and self._misses >= _MISSES
 
     def _changed(self, joints: tuple[bool, bool]) -> str:
         """Return which joint has appeared or disappeared: the held position relies on those at the start."""

@@ -94,7 +94,7 @@ _SMALL_ERROR = 2.5e-3
 """Errors of the angle, as a share of the gap, that hardly matter, whatever the counts: the model is not the drive."""
 _MOST = 2.5
 """Largest rms of the innovations for which they hardly matter."""
-_STEEPEST = 0.6
+_STEEPEST = 0.4
 """Growth of the gap with the angle, in gaps for each rad, beyond which the motion has not shown the gap: no gear has
 more; tuned."""
 _HOPELESS = 2.5
@@ -389,9 +389,9 @@ def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> 
     deviation = _NOISE * found.gap_deviation
     uncertainty = math.hypot(deviation, _MODEL * gap, _CURVED * way**2 * gap)
     why = ""
-    count = max(count_of(angle), _COARSE)
-    fits = _FITS * max(_FINE, min(1.0, count_of(angle) / _COARSE))
-    fits = max(fits, min(_SMALL_ERROR * gap / (count / math.sqrt(12.0)), _MOST))
+    count = count_of(angle)
+    reading = max(count, _COARSE) / math.sqrt(12.0)  # its standard deviation, as it was assumed
+    fits = max(_FITS * max(_FINE, min(1.0, count / _COARSE)), min(_SMALL_ERROR * gap / reading, _MOST))
     if not size <= fits:
         why = (
             f"no model of teeth, friction and load explains what was seen: its errors are {size:.2g} times as large "

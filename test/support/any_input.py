@@ -221,6 +221,13 @@ def _other(place: Path, chance: random.Random) -> Path:
     return place
 
 
+def _kept(lines: Sequence[str], place: Path, chance: random.Random) -> Path:
+    """Write lines, spoilt now and then."""
+    content = "\n".join(lines).encode()
+    place.write_bytes(_spoilt(content, chance) if chance.random() < 0.2 else content)
+    return place
+
+
 def _drive_file(folder: Path, chance: random.Random) -> Path:
     place = folder / "drive.yaml"
     if chance.random() < 0.15:
@@ -232,9 +239,7 @@ def _drive_file(folder: Path, chance: random.Random) -> Path:
         ways = [f"{key}{colon} {chance.choice(VALUES)}", f"{lines[k]}\n{lines[k]}", f" {lines[k]}", "", f"{key}x: 1.0"]
         ways += [f"{lines[k]}\n    load.inertia: 1.0", f"{lines[k]}\n    1: 2"]
         lines[k] = chance.choice([ways[0], *ways])
-    content = "\n".join(lines).encode()
-    place.write_bytes(_spoilt(content, chance) if chance.random() < 0.2 else content)
-    return place
+    return _kept(lines, place, chance)
 
 
 def _answers(folder: Path, chance: random.Random) -> Path:
@@ -249,9 +254,7 @@ def _answers(folder: Path, chance: random.Random) -> Path:
         lines[k] = chance.choice(
             [f"{key}: {chance.choice(VALUES)}", f"{key}: {chance.choice(VALUES)} deg", "", f"{key}x: 1"]
         )
-    content = "\n".join(lines).encode()
-    place.write_bytes(_spoilt(content, chance) if chance.random() < 0.2 else content)
-    return place
+    return _kept(lines, place, chance)
 
 
 def _path(folder: Path, chance: random.Random) -> Path:
@@ -265,9 +268,7 @@ def _path(folder: Path, chance: random.Random) -> Path:
         k = chance.randrange(len(lines))
         begin, mark, _ = lines[k].rpartition(": " if yaml else ",")
         lines[k] = chance.choice([f"{begin}{mark}{chance.choice(VALUES)}", f"{lines[k]}\n{lines[k]}", ""])
-    content = "\n".join(lines).encode()
-    place.write_bytes(_spoilt(content, chance) if chance.random() < 0.2 else content)
-    return place
+    return _kept(lines, place, chance)
 
 
 def _recording(folder: Path, originals: Sequence[Path], chance: random.Random) -> Path:

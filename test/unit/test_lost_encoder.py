@@ -1,18 +1,22 @@
 """An encoder that is lost while the other one lives: the axis goes on, where it may, and the load stays where it is."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from backlash_ros.control import GainSet, Servo, ServoSettings
+from backlash_ros.control.encoders import Encoders
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.sensors import Sensors
+from backlash_ros.foundation.messages import BadSampleError, read_joint_state
 from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import THETA_L, THETA_M, Measurement
-from backlash_ros.gates import SampleGate
+from backlash_ros.gates import Fault, SampleGate
 from backlash_ros.gates.sample_gate import Action
 from backlash_ros.simulation import SimulatedDrive
 from backlash_ros.studies.evaluation.population import draw_member
@@ -124,6 +128,18 @@ def test_one_that_stands_still_is_found_by_the_other_one(gains: GainSet, side: s
     assert np.max(np.abs(way[-250:] - 0.5)) <= 0.25 * B
 
 
+def test_a_shaft_that_rests_beside_a_motor_that_trembles_is_not_taken_for_a_lost_encoder() -> None:
+    """Nor is a leap of the motor's reading for motion: it comes in the sample of the fault itself."""
+    encoders, count = Encoders(1.0), 1e-3
+    encoders.first = "both"
+    for k in range(1000):
+        encoders.look(Measurement(np.array([count * (k % 2), 0.0, 0.5, 0.0, 0.0])), math.nan)
+    assert encoders.lost_by(Fault.ENCODERS_DISAGREE, 0.1) == ""
+    for k in range(100):
+        encoders.look(Measurement(np.array([count * k, 0.0, 0.5, 0.0, 0.0])), math.nan)
+    assert encoders.lost_by(Fault.ENCODERS_DISAGREE, 0.1) == "load"
+
+
 @pytest.mark.parametrize(
     ("law", "side"),
     [*((law, side) for law in ("two_region", "cascade") for side in ANGLES), ("dual_loop", "load")],
@@ -185,6 +201,16 @@ def test_an_experiment_ends(gains: GainSet) -> None:
 def test_another_choice_is_refused(gains: GainSet) -> None:
     with pytest.raises(ValueError, match=r"faults.on_lost_encoder must be one of \['stop', 'continue'\], got 'ignore'"):
         settings_of(gains, what="ignore")
+
+
+def test_a_position_that_is_not_a_number_says_that_its_joint_is_absent_unless_none_is_left() -> None:
+    def read(motor: float, load: float) -> Measurement:
+        message = SimpleNamespace(name=["motor", "load"], position=[motor, load], velocity=[1.0, 2.0], effort=[])
+        return read_joint_state(message, "motor", "load", 0.05, nan_is_absent=True)
+
+    np.testing.assert_array_equal(read(0.5, math.nan), [0.5, 1.0, math.nan, math.nan, math.nan])
+    with pytest.raises(BadSampleError, match="no position of our joints is a number"):
+        read(math.nan, math.nan)
 
 
 def test_the_gate_takes_a_joint_for_lost_after_three_samples_without_it() -> None:

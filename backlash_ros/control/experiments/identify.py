@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from functools import partial
 
-from backlash_ros.control.experiment import DriveEstimate, Method, NamedExperiment, Outcome, Refusal
+from backlash_ros.control.experiment import Deferred, DriveEstimate, Method, NamedExperiment, Outcome, Refusal
 from backlash_ros.control.experiments.gap_probe import GapProbe, GapProbeSettings
 from backlash_ros.control.experiments.relay import Relay, RelaySettings
 from backlash_ros.drivetrain import Drive
@@ -16,30 +16,29 @@ _NAMES = {"delay.command": "loop_delay", **{name: name for name in (_EXPECTED, f
 """Findings that are not values of the drive: the controller's parameter, by the finding's key."""
 
 
-class Identify(GapProbe):
+class _Identifies:
+    """What makes a run of an experiment one that identifies the whole drive."""
+
+    _drive: Drive
+    outcome: Outcome | Deferred | None
+    recording: Callable[[], Recording]
+
+    def cancel(self, reason: str) -> None:
+        """End without a result, for ``reason``."""
+        if self.outcome is None:
+            self.outcome = _nothing(reason)
+
+    def work(self) -> Callable[[], Outcome]:
+        """Return the work that identifies the drive from the recording."""
+        return partial(_estimate_from, self._drive, self.recording())
+
+
+class Identify(_Identifies, GapProbe):
     """One run of the gap probe, from which the whole drive is identified."""
 
-    def cancel(self, reason: str) -> None:
-        """End without a result, for ``reason``."""
-        if self.outcome is None:
-            self.outcome = _nothing(reason)
 
-    def work(self) -> Callable[[], Outcome]:
-        """Return the work that identifies the drive from the recording."""
-        return partial(_estimate_from, self._drive, self.recording())
-
-
-class IdentifyByRelay(Relay):
+class IdentifyByRelay(_Identifies, Relay):
     """One run of the relay, from which the whole drive is identified."""
-
-    def cancel(self, reason: str) -> None:
-        """End without a result, for ``reason``."""
-        if self.outcome is None:
-            self.outcome = _nothing(reason)
-
-    def work(self) -> Callable[[], Outcome]:
-        """Return the work that identifies the drive from the recording."""
-        return partial(_estimate_from, self._drive, self.recording())
 
 
 def _nothing(reason: str) -> Refusal:

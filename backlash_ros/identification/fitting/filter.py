@@ -44,7 +44,6 @@ from backlash_ros.identification.fitting.readings import (
     correct_by_motor,
     keep_out_of_teeth,
     keep_symmetric,
-    keep_within_gap,
     no_gain,
     read_load,
     read_motor,
@@ -120,7 +119,6 @@ def _correct(memory: Memory, noise: Noise, recording: Recording, results: Result
     keep_out_of_teeth(memory, motor_read, load_read)
     if not (motor_read and load_read):
         keep_symmetric(memory.rows)
-        keep_within_gap(memory)
 
 
 @fused

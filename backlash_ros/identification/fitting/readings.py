@@ -22,10 +22,6 @@ _LEAST_VARIANCE = 0.25
 _INTO_TEETH = 0.2
 """How far beyond the gap, in half gaps, a shaft without a reading may be left by the other one's reading."""
 
-_WITHIN = 0.6
-"""Standard deviation of the shafts' distance at most, in half gaps, while one of them is not read: it is between the
-flanks."""
-
 
 class Miss(NamedTuple):
     """How far the motor's reading was off, rad, with which ``variance``, rad^2.
@@ -166,54 +162,24 @@ def correct_by_motor(memory: Memory, miss: Miss) -> None:
 
 
 @fused
-def _level(one: Array, j: int, other: Array, k: int) -> None:
-    """Give both places of a covariance their mean."""
-    one[j] = other[k] = 0.5 * (one[j] + other[k])
-
-
-@fused
 def keep_symmetric(rows: Rows) -> None:
     """Make the covariance symmetric again: while one shaft is not read, rounding errors apart would grow."""
-    p, w, tau, q, v = rows.motor_angle, rows.motor_speed, rows.drive_torque, rows.load_angle, rows.load_speed
-    _level(p, 1, w, 0)
-    _level(p, 2, tau, 0)
-    _level(p, 3, q, 0)
-    _level(p, 4, v, 0)
-    _level(w, 2, tau, 1)
-    _level(w, 3, q, 1)
-    _level(w, 4, v, 1)
-    _level(tau, 3, q, 2)
-    _level(tau, 4, v, 2)
-    _level(q, 4, v, 3)
-
-
-@fused
-def keep_within_gap(memory: Memory) -> None:
-    """Bound the variance of the shafts' distance: a shaft that is not read cannot be beyond the gap.
-
-    Without this bound the light load of a narrow gap would be corrected by ever more, until the filter is lost.
-    """
-    rows, gain, second = memory.rows, memory.gain, memory.second
-    motor, load = columns_at(rows.motor_angle).state, columns_at(rows.load_angle).state
-    apart = motor.motor_angle + load.load_angle - 2.0 * motor.load_angle
-    most = (_WITHIN * max(memory.half_gap, abs(memory.twist))) ** 2
-    if not apart > most:
-        return
-    seen, share = columns_at(second).state, (apart - most) / (apart * apart)
-    speed, torque, load_speed = (
-        columns_at(rows.motor_speed).state,
+    p, w = columns_at(rows.motor_angle).state, columns_at(rows.motor_speed).state
+    tau, q, v = (
         columns_at(rows.drive_torque).state,
+        columns_at(rows.load_angle).state,
         columns_at(rows.load_speed).state,
     )
-    seen.motor_angle = motor.motor_angle - motor.load_angle
-    seen.motor_speed = speed.motor_angle - speed.load_angle
-    seen.drive_torque = torque.motor_angle - torque.load_angle
-    seen.load_angle = load.motor_angle - load.load_angle
-    seen.load_speed = load_speed.motor_angle - load_speed.load_angle
-    gain.motor_angle, gain.motor_speed = share * seen.motor_angle, share * seen.motor_speed
-    gain.drive_torque = share * seen.drive_torque
-    gain.load_angle, gain.load_speed = share * seen.load_angle, share * seen.load_speed
-    _subtract(rows, gain, second, COUNT)
+    p.motor_speed = w.motor_angle = 0.5 * (p.motor_speed + w.motor_angle)
+    p.drive_torque = tau.motor_angle = 0.5 * (p.drive_torque + tau.motor_angle)
+    p.load_angle = q.motor_angle = 0.5 * (p.load_angle + q.motor_angle)
+    p.load_speed = v.motor_angle = 0.5 * (p.load_speed + v.motor_angle)
+    w.drive_torque = tau.motor_speed = 0.5 * (w.drive_torque + tau.motor_speed)
+    w.load_angle = q.motor_speed = 0.5 * (w.load_angle + q.motor_speed)
+    w.load_speed = v.motor_speed = 0.5 * (w.load_speed + v.motor_speed)
+    tau.load_angle = q.drive_torque = 0.5 * (tau.load_angle + q.drive_torque)
+    tau.load_speed = v.drive_torque = 0.5 * (tau.load_speed + v.drive_torque)
+    q.load_speed = v.load_angle = 0.5 * (q.load_speed + v.load_angle)
 
 
 @fused
