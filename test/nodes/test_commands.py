@@ -24,6 +24,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.corners(4)
 @pytest.mark.parametrize("command", commands("test_commands.py"))
 def test_the_node_starts(command: str, start: Callable[..., Process], peer: Peer, folder: Path) -> None:
     if "gains.yaml" in command:

@@ -70,6 +70,7 @@ LARGEST = {"overdamped": (0.0, 2.0), "elastic_lqg": (8.0, ENDS["command"]), "two
 """Between which the largest command is, V, of a law without memory, one with states and one with a plan."""
 
 
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("law", LARGEST)  # tests by unit have each law the same in the node and offline
 def test_closed_loop_over_dds_with_counts_offsets_delay_and_limits_equals_the_offline_run(
     start: Start, peer: Peer, gains: GainSet, law: str
@@ -231,6 +232,7 @@ def test_shutdown_answers_who_waits_for_learning(start: Start, peer: Peer) -> No
     assert process.wait() == 0
 
 
+@pytest.mark.grid
 def test_learning_without_joint_states_is_refused(start: Start, peer: Peer) -> None:
     start("controller")
     response = peer.call(Trigger, "controller/learn", Trigger.Request())

@@ -16,6 +16,7 @@ from backlash_ros.dashboard.rows import JOINT_COLUMNS
 class TestOneDrive:
     """What leaves the nodes whole, beside the same ones."""
 
+    @pytest.mark.grid
     def test_pages_get_every_sample_and_none_stops_another(self, system: System) -> None:
         served = system.served
         assert served.ask("GET", "/")[0] == 200

@@ -297,6 +297,7 @@ os.fsync = slow
 """
 
 
+@pytest.mark.grid
 def test_samples_are_answered_while_the_disk_is_slow(
     start: Start, peer: Peer, file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -322,6 +323,7 @@ def test_samples_are_answered_while_the_disk_is_slow(
     assert math.isclose(kept(file)[0][0], parameters.get("backlash_angle")[0])
 
 
+@pytest.mark.grid
 def test_the_end_of_the_process_waits_for_the_file_but_not_for_ever(
     start: Start, peer: Peer, file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -93,6 +93,7 @@ def test_drive_is_killed__the_controller_commands_0_v__restart_it_and_reset_the_
     pair.works()
 
 
+@pytest.mark.grid
 def test_drive_stands_still_for_a_while__the_controller_commands_0_v__reset_both(pair: Pair, measure: Measure) -> None:
     began = pair.now()
     pair.simulator.signal(signal.SIGSTOP)
@@ -106,6 +107,7 @@ def test_drive_stands_still_for_a_while__the_controller_commands_0_v__reset_both
     pair.works()
 
 
+@pytest.mark.grid
 def test_drive_is_terminated__the_controller_commands_0_v__restart_it_and_reset_the_controller(
     pair: Pair, measure: Measure
 ) -> None:
@@ -120,6 +122,7 @@ def test_drive_is_terminated__the_controller_commands_0_v__restart_it_and_reset_
     pair.works()
 
 
+@pytest.mark.grid
 def test_listener_stands_still__the_loop_goes_on__none_needed(pair: Pair, start: Start, tmp_path: Path) -> None:
     listener = start("recorder", output=tmp_path / "bag")
     for topic in ("/joint_states", "/command"):

@@ -85,7 +85,8 @@ def test_a_random_drive_is_found_and_quiet_from_then_on_and_at_the_next_start(
     assert again.in_use() == found
 
 
-@pytest.mark.parametrize("encoder", ["load", pytest.param("motor", marks=pytest.mark.grid)])
+@pytest.mark.grid  # test_identify_experiment.py has it offline
+@pytest.mark.parametrize("encoder", ["load", "motor"])
 def test_one_encoder_is_enough_from_unknown_to_quiet(rig: Callable[..., Rig], encoder: str) -> None:
     """Identified by the relay: the default law plans its move with that encoder alone, lands and rests."""
     member = draw_member(SEED, 4, "core", encoder)

@@ -34,6 +34,7 @@ RATTLES = pytest.mark.xfail(
 )
 
 
+@pytest.mark.grid
 @pytest.mark.skipif(not HAS_DC_MOTOR, reason="needs MuJoCo 3.7: dcmotor")
 def test_the_node_is_quiet_and_precise_in_mujoco(start: Callable[..., Process], peer: Peer, tmp_path: Path) -> None:
     """A step of 1 rad of a drive that the node knows, sooner than the over-damped gains could."""

@@ -188,6 +188,7 @@ class TestOneDrive:
         own = f"http://{served.host}/"
         assert all(url.startswith((own, f"ws://{served.host}/", "data:", "blob:")) for url in requests_of(browser))
 
+    @pytest.mark.grid
     def test_stop_never_moves_and_no_text_overlaps_or_is_pale(self, system: System, browser: Chrome) -> None:
         """Nor does any other box in the first screen: in each state, at each width, light and dark."""
         page = Page(browser, system.served.address, system.peer)

@@ -191,6 +191,7 @@ def judge(sent: tuple[bool, bool, list[Item]], response: Any) -> list[list[Item]
     return taken
 
 
+@pytest.mark.grid
 def test_storm_of_parameter_requests__each_is_taken_whole_or_not_at_all__none_needed(
     start: Callable[..., Process], peer: Peer
 ) -> None:

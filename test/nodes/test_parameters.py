@@ -147,6 +147,7 @@ def fast_command(gains: Gains, drive: LockstepDrive, reference: float) -> float:
     return float(-gains.as_array() @ state)
 
 
+@pytest.mark.grid
 def test_what_was_learned_is_a_new_version_in_use(start: Start, peer: Peer) -> None:
     start("controller", learning__experiment="limit_cycle", **PATIENT)
     in_use = InUse(peer)

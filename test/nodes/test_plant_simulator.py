@@ -220,6 +220,7 @@ def test_label_that_names_no_sample_means_nothing(start: Start, peer: Peer) -> N
     assert "until reset_fault" not in process.output()
 
 
+@pytest.mark.grid
 def test_motor_of_a_simulator_that_stood_still_had_voltage_until_the_watchdog_took_it_off(
     start: Start, peer: Peer
 ) -> None:
@@ -306,6 +307,7 @@ def test_in_these_tests_it_stays_on_the_machine_without_shared_memory(start: Sta
     assert addresses <= {"0100007F", "0100FFEF"}  # 239.255.0.1, joined on the loopback device
 
 
+@pytest.mark.grid
 def test_goes_on_when_the_terminal_is_closed_under_nohup(start: Start, peer: Peer) -> None:
     process = start("plant_simulator", under=["nohup"])
     listener = Listener(peer).ready()

@@ -249,6 +249,7 @@ def test_topic_of_the_user_is_recorded_and_told_where_nobody_published_it(
     assert "not recorded because nobody published it: /even" in recorder.output()
 
 
+@pytest.mark.grid
 def test_transitions_and_simulated_time_are_in_the_bag(start: Start, peer: Peer, tmp_path: Path) -> None:
     recorder = start("recorder", output=tmp_path / "bag")
     start("controller", autostart=False, state_timeout=10.0)
@@ -466,6 +467,7 @@ def test_recorder_is_killed__nothing__the_bag_has_all_but_the_last_second(
     assert_says_its_span(tmp_path / "bag")
 
 
+@pytest.mark.grid
 def test_recorder_killed_while_it_writes_loses_only_that(tmp_path: Path) -> None:
     """Wherever the writing of a save stopped: the bag reads up to that save or the one before."""
     types, kind = get_typestore(Stores.ROS2_JAZZY), "std_msgs/msg/Float64"
@@ -547,6 +549,7 @@ def test_save_that_fails_counts_nothing_and_the_next_one_counts_all(
     assert_saved(157)
 
 
+@pytest.mark.grid
 def test_full_disk_at_the_end_is_told_too(start: Start, peer: Peer, tmp_path: Path) -> None:
     stream = Stream(start, peer, tmp_path / "bag")
     stream.wait_for_saved(100)

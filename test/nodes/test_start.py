@@ -137,6 +137,7 @@ def test_ranges_of_positive_numbers_leave_out_zero(start: Start, peer: Peer) -> 
     assert [d.additional_constraints.split()[:2] for d in described] == [[">", "0"]] * 3 + [[">=", "0"]]
 
 
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("node", ["controller", "plant_simulator"])
 def test_all_that_a_node_has_can_be_loaded_again(start: Start, peer: Peer, node: str) -> None:
     """As `ros2 param load` does with what `ros2 param dump` wrote; only what would change is refused."""
@@ -235,7 +236,7 @@ def unread(request: pytest.FixtureRequest) -> Iterator[Unread]:
     made.close()
 
 
-@pytest.mark.corners(1)
+@pytest.mark.grid
 def test_output_that_nobody_reads_stops_neither_the_loop_nor_the_end(domain: int, peer: Peer, unread: Unread) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "backlash_ros.nodes.plant_simulator", "--ros-args", "--log-level", "debug"],
@@ -268,6 +269,7 @@ def stamp(state: JointState) -> float:
     return float(state.header.stamp.sec + 1e-9 * state.header.stamp.nanosec)
 
 
+@pytest.mark.corners(1)
 def test_stop_puts_zero_out_though_nobody_reads_the_output(domain: int, peer: Peer, unread: Unread) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "backlash_ros.nodes.controller", "--ros-args", "--log-level", "debug"],
@@ -314,6 +316,7 @@ def test_the_script_of_the_quick_start_learns_and_steps(start: Start, peer: Peer
     peer.wait("the load at its target", lambda: abs(samples[-1].position[samples[-1].name.index("load")] - 1.0) < 0.02)
 
 
+@pytest.mark.corners(1)
 @pytest.mark.parametrize(
     ("learned", "least", "most", "says"),
     [(True, 1, 10, "not followed: see the log of the controller"), (False, 0, 0, "learn: no")],

@@ -51,6 +51,7 @@ def test_refuses_a_number_that_is_out_of_bounds(tmp_path: Path) -> None:
     assert "--drive-rate: must be a finite number > 0, got '-250'" in done.stderr
 
 
+@pytest.mark.grid
 def test_says_that_the_drive_ended(tmp_path: Path) -> None:
     verdict = judge(tmp_path, "false", "-k", "joints")
     assert list(verdict.failed) == ["test_samples_name_the_joints"]

@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[2]
 DEMO = [sys.executable, "-m", "backlash_ros.demo"]
 PATIENCE = 900
 """Time for the demo, s: it takes one minute alone, and several beside other tests on two cores."""
-pytestmark = pytest.mark.timeout(PATIENCE + 300)
+pytestmark = [pytest.mark.grid, pytest.mark.timeout(PATIENCE + 300)]
 
 
 def offline_rises() -> dict[str, float]:

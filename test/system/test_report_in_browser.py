@@ -41,6 +41,7 @@ def plot(chart: WebElement) -> WebElement:
     return chart.find_element(By.CSS_SELECTOR, ".plot")
 
 
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("name", ["ours", "foreign"])
 def test_all_charts_are_drawn_and_nothing_is_loaded(browser: Chrome, pages: dict[str, Path], name: str) -> None:
     charts = opened(browser, pages[name])
@@ -56,6 +57,7 @@ def test_all_charts_are_drawn_and_nothing_is_loaded(browser: Chrome, pages: dict
     assert console_of(browser) == []
 
 
+@pytest.mark.grid
 def test_a_chart_is_zoomed_by_buttons_keys_wheel_and_drag(browser: Chrome, pages: dict[str, Path]) -> None:
     step = opened(browser, pages["foreign"])[1]
     whole, before = shown(step), curves(step)

@@ -197,7 +197,7 @@ def test_a_drive_is_found_though_answers_are_late(number: int, population: str) 
         assert model.viscous_friction * speed + model.coulomb_friction == pytest.approx(effort, rel=EFFORT_NEAR)
 
 
-@pytest.mark.corners(1)
+@pytest.mark.grid
 @pytest.mark.population
 @pytest.mark.parametrize("told", [True, False])
 def test_late_answers_do_not_hide_that_a_coupling_slips(told: bool) -> None:

@@ -183,6 +183,7 @@ def test_a_fault_and_a_plant_that_stops_are_no_success() -> None:
 # The design
 
 
+@pytest.mark.grid
 def test_a_drive_that_rattles_with_the_default_gains_is_quiet_with_those_designed() -> None:
     drive = loaded(4.0)
     loop = loop_for(drive)

@@ -84,6 +84,7 @@ def test_next_to_nothing_of_an_effect_changes_next_to_nothing() -> None:
 # What the equations say.
 
 
+@pytest.mark.corners(7)
 @pytest.mark.parametrize("exponent", [1.0, 1.5])
 @pytest.mark.parametrize("name", EFFECTS)
 def test_motion_agrees_with_scipy(name: str, exponent: float) -> None:

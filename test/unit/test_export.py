@@ -52,6 +52,7 @@ def numbers(text: str | None) -> list[float]:
     return [float(word) for word in text.split()]
 
 
+@pytest.mark.corners(12)
 @pytest.mark.parametrize("interface", ["voltage", "current"])
 @pytest.mark.parametrize("drive", DRIVES, ids=range(len(DRIVES)))
 def test_every_number_of_the_mjcf_is_the_drives(drive: Drive, interface: str) -> None:

@@ -146,7 +146,7 @@ def test_nothing_but_maths_is_missing_from_the_object_file(law: str, tmp_path: P
 
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.corners(4)
+@pytest.mark.corners(2)
 def test_each_target_gets_its_own_code(target: str, law: str, tmp_path: Path) -> None:
     content = files_of(controller_of(written(tmp_path, IDENTIFIED), law, target=target), 1)["axis_tick.o"]
     wide, machine = {"x": (2, 62), "a": (1, 40), "t": (1, 40)}[target[0]]
@@ -441,7 +441,7 @@ def test_the_commands_of_the_readme_work(tmp_path: Path, capsys: pytest.CaptureF
 @in_c
 @pytest.mark.parametrize("drive", DRIVES)
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.corners(3)
+@pytest.mark.corners(1)
 def test_the_example_brings_the_load_there_and_back(law: str, drive: str, tmp_path: Path) -> None:
     parameters = DRIVES[drive].replace("gravity_torque: 0.1", "gravity_torque: 0.0")
     folder = put(tmp_path / "c", files_of(controller_of(written(tmp_path, parameters), law), 1))

@@ -27,7 +27,7 @@ def loaded(friction: float = 0.0, inertia: float = 5e-4, backlash: float = 0.02)
     return replace(NOMINAL_DRIVE, load=load, gear=replace(NOMINAL_DRIVE.gear, backlash_angle=backlash))
 
 
-@pytest.mark.corners(2)
+@pytest.mark.corners(1)
 @pytest.mark.population
 @pytest.mark.parametrize(
     ("drive", "torque"),

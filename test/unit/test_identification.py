@@ -61,7 +61,7 @@ def measured(number: int) -> Gap:
 DRIVES = [k for k in range(6) if draw_member(SEED, k, "core").can_outrun]
 
 
-@pytest.mark.corners(2)
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("number", DRIVES)
 def test_gap_load_and_delay_are_found_again(number: int) -> None:
     member, _, gap = probed(number)
@@ -174,7 +174,7 @@ def rubbing(drive: Drive) -> Drive:
     )
 
 
-@pytest.mark.corners(2)
+@pytest.mark.corners(1)
 @pytest.mark.population
 @pytest.mark.parametrize("number", [DRIVES[0], DRIVES[2]])
 @pytest.mark.parametrize("other", [lively, soft, warm, lossy, rubbing])

@@ -71,6 +71,7 @@ def test_every_command_of_the_page_works(here: Path, capsys: pytest.CaptureFixtu
     assert not any(isinstance(value, str) for value in floats)
 
 
+@pytest.mark.grid
 def test_what_cannot_be_told_is_not_in_the_drive_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     member, recording = stepped(2, "core")
     table = write_csv(tmp_path / "a.csv", member, recording)

@@ -219,6 +219,7 @@ def followed(
     return float(np.max(off)) / b, float(end - member.load_count) / b, bool(servo.latched)
 
 
+@pytest.mark.corners(3)
 @pytest.mark.parametrize(
     ("number", "path", "hz", "torque", "friction"),
     [

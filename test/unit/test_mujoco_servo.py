@@ -58,7 +58,7 @@ def judged(member: Member, plant: SimulatedDrive) -> tuple[bool, bool]:
     return quiet, precise
 
 
-@pytest.mark.corners(2)
+@pytest.mark.corners(1)
 @pytest.mark.parametrize("number", range(DRIVES))
 def test_it_is_quiet_and_precise_in_mujoco_as_in_our_simulator(number: int) -> None:
     member = draw_member(SEED, number, "core")

@@ -322,6 +322,7 @@ def test_without_a_backlash_figures_are_in_rad_and_the_page_says_so(bags: Path, 
     assert "figures are in mrad" in made.page.text
 
 
+@pytest.mark.grid
 def test_the_backlash_is_estimated_with_an_uncertainty_that_holds(tmp_path: Path) -> None:
     """By the learning run in it alone: what comes after it is a motion that no drive makes."""
     member, recording = probed(0)

@@ -171,6 +171,7 @@ def test_table_and_picture_are_written(tmp_path: Path, capsys: pytest.CaptureFix
     assert table.read_bytes() == before
 
 
+@pytest.mark.grid
 def test_identify_reads_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table, file = tmp_path / "step.csv", tmp_path / "found.json"
     figures_of(capsys, DRIVE, "--law", "fast", "--reference", "0.5", "--seconds", "12", "--csv", str(table))
