@@ -13,8 +13,9 @@ from rich.console import Console
 
 from backlash_ros.commands.command import DONE, NOTHING, Command
 from backlash_ros.commands.output import print_json, staged
-from backlash_ros.control import AUTO, LAWS, Limits, Servo, ServoSettings, design_law
+from backlash_ros.control import AUTO, LAWS, Servo, ServoSettings, design_law
 from backlash_ros.control.design.start import CannotStartError
+from backlash_ros.control.encoders import encoders_of
 from backlash_ros.control.laws import BEST, UNTIL_THEN, law_of
 from backlash_ros.control.motion.trajectory import Trajectory, TrajectoryError
 from backlash_ros.drive_file.drive_file import (
@@ -25,10 +26,9 @@ from backlash_ros.drive_file.drive_file import (
     start_of,
     surroundings_of,
 )
-from backlash_ros.drivetrain import Drive
-from backlash_ros.drivetrain.sensors import POSITIONS
+from backlash_ros.drivetrain.sensors import Sensors
 from backlash_ros.foundation.reading.parameter_files import in_sections, merged, named
-from backlash_ros.foundation.signals import Measurement
+from backlash_ros.foundation.signals import STATE_NAMES, Measurement
 from backlash_ros.recordings.trajectory_file import JOINED, PathFile, read_trajectory
 from backlash_ros.simulation import Run, Scenario, run
 from backlash_ros.simulation.simulated_drive import largest_load_torque
@@ -42,7 +42,7 @@ DESCRIPTION = (
     "path is a table with the columns time, position[, velocity[, acceleration]] in s and rad, or a "
     "trajectory_msgs/JointTrajectory in YAML; it is followed, or refused, as on the topic joint_trajectory, under the "
     "files' limits. The controller "
-    "knows the drive and its backlash, as after `identify`: with both encoders, law auto is two_encoder. "
+    "knows the drive and its backlash, as after `identify`: law auto is two_encoder, with one encoder as with both. "
     "Before, it is two_region (--law two_region). A load that does not stay within a quarter of the backlash for the "
     "last second has not settled: null."
 )
@@ -133,7 +133,8 @@ def _simulated(given: argparse.Namespace) -> tuple[Run, PathFile | None]:
             law=law,
             period=1.0 / around.rate,
             loop_delay=around.delay.mean,
-            identified=set(POSITIONS) <= set(around.sensors.measured),
+            identified=True,
+            encoders=encoders_of(_at_zero(around.sensors)),
             backlash_angle=axis.drive.gear.backlash_angle,
         )
         law = law_of(start.drive, settings)
@@ -150,7 +151,9 @@ def _simulated(given: argparse.Namespace) -> tuple[Run, PathFile | None]:
         scenario = Scenario(reference, load_torque, sensors=around.sensors, delay=around.delay)
         return run(axis.drive, settings, scenario, model=start.drive), None
     settings = replace(settings, thresholds=start.settings.thresholds)
-    if refusal := _refusal(start.drive, settings, start.limits, path.trajectory):
+    servo = Servo(start.drive, settings, start.limits)
+    servo.update(_at_zero(around.sensors))
+    if refusal := _refusal(servo, path.trajectory):
         raise ValueError(f"{given.trajectory}: {refusal}")
     length = float(path.trajectory.times[-1]) + _AFTER
     _check(f"{given.trajectory}: time to the end of the path", length - _AFTER, 0.0, _LONGEST, "s")
@@ -159,10 +162,13 @@ def _simulated(given: argparse.Namespace) -> tuple[Run, PathFile | None]:
     return run(axis.drive, settings, scenario, model=start.drive, limits=start.limits), path
 
 
-def _refusal(drive: Drive, settings: ServoSettings, limits: Limits, path: Trajectory) -> str:
-    """Return why a controller that holds the load at 0 refuses a path; empty if it follows it."""
-    servo = Servo(drive, settings, limits)
-    servo.update(Measurement(np.zeros(5)))
+def _at_zero(sensors: Sensors) -> Measurement:
+    """Return the sample of a drive at 0; nan where nothing is measured."""
+    return Measurement(np.array([0.0 if name in sensors.measured else math.nan for name in STATE_NAMES]))
+
+
+def _refusal(servo: Servo, path: Trajectory) -> str:
+    """Return why a controller that holds the load refuses a path; empty if it follows it."""
     try:
         return servo.follow(path, at_once=True)
     except TrajectoryError as error:

@@ -10,11 +10,12 @@ import pytest
 from backlash_ros.control import Servo
 from backlash_ros.control.estimates.requests import describe_outcome
 from backlash_ros.control.experiment import Deferred, DriveEstimate, Outcome
+from backlash_ros.drivetrain.sensors import POSITIONS
 from backlash_ros.foundation.signals import THETA_L, THETA_M, Measurement
 from backlash_ros.identification.fitting.parameters import parameters_at, place_of
 from backlash_ros.simulation import SimulatedDrive
 from backlash_ros.studies.evaluation.population import Member, draw_member, told_model
-from backlash_ros.studies.evaluation.task import first_reading, settings_for
+from backlash_ros.studies.evaluation.task import DELAY_NEAR, INERTIA_NEAR, first_reading, settings_for
 
 pytestmark = pytest.mark.population
 
@@ -28,7 +29,7 @@ def identified(member: Member, spoil: Callable[[Measurement], None] = lambda _: 
     servo = Servo(model, settings_for(model, member, 0.0), watched=False)
     plant = SimulatedDrive(member.drive, 1.0 / member.rate, sensors=member.sensors, delay=member.delay)
     outcome: Outcome | Deferred | None = None
-    servo.start_experiment("identify")
+    servo.start_experiment("identify" if set(POSITIONS) <= set(member.sensors.measured) else "identify_by_relay")
     while outcome is None:
         shown = plant.sample()
         spoil(shown)
@@ -101,6 +102,19 @@ def test_all_that_is_told_has_its_uncertainty_and_teeth_come_as_a_whole() -> Non
     untold = {"contact.law", "contact.elastic.damping", EXPECTED[1], *UNEXPLAINED}
     assert set(found.uncertainties) == {*found.parameters} - untold
     assert all(0.0 < value < math.inf for value in found.uncertainties.values())
+
+
+@pytest.mark.parametrize("encoder", ["load", pytest.param("motor", marks=pytest.mark.grid)])
+def test_one_encoder_tells_gap_load_and_delay_by_the_relay(encoder: str) -> None:
+    member = draw_member(SEED, 4, "core", encoder)
+    found = identified(member)
+    assert isinstance(found, DriveEstimate)
+    assert found.valid
+    gap = member.drive.gear.backlash_angle
+    assert found.parameters["backlash_angle"] == pytest.approx(gap, abs=3.0 * found.uncertainties["backlash_angle"])
+    assert found.parameters["load.inertia"] == pytest.approx(member.drive.load.inertia, rel=INERTIA_NEAR)
+    assert found.parameters["loop_delay"] == pytest.approx(member.delay.command, abs=DELAY_NEAR / member.rate)
+    assert not {"motor.torque_constant", "motor.resistance"} & set(found.parameters)  # those of the data sheet stay
 
 
 def freeze(shown: Measurement) -> None:

@@ -67,7 +67,8 @@ def test_law_and_gains_of_files_are_those_of_a_controller(tmp_path: Path, capsys
     [
         ((), "two_encoder"),
         (("--law", "auto", "--set", "laws.two_encoder.push_time=0.05"), "two_encoder"),
-        (("--set", "sensors.measured=[theta_m]"), "two_region"),
+        (("--set", "sensors.measured=[theta_m]"), "two_encoder"),
+        (("--law", "two_region", "--set", "sensors.measured=[theta_l]"), "two_region"),
     ],
 )
 def test_the_law_is_by_default_what_auto_stands_for_on_the_drive(
