@@ -60,6 +60,8 @@ class Servo:
 
     settings: ServoSettings
     limits: Limits
+    barred = ""
+    """Why no reference is followed, by others' decision; empty if that is not so. `stop` brings the load to rest."""
     constants: Array
     _law: LawInUse
 
@@ -213,7 +215,7 @@ class Servo:
         with the next one, whenever that comes.
         """
         fastest = self.settings.thresholds_of(self.drive).velocity
-        return self._plan.follow(source, self.limits, fastest, self.hindrance, at_once=at_once)
+        return self._plan.follow(source, self.limits, fastest, self.hindrance or self.barred, at_once=at_once)
 
     def stop(self) -> str:
         """Come to rest along the path and hold there; return an empty text, or why nothing is held.

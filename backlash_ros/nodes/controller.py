@@ -28,6 +28,7 @@ from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.foundation.messages import BadSampleError, NotOurJointsError, read_joint_state, stamp_ns
 from backlash_ros.foundation.signals import THETA_L, THETA_M, Measurement
 from backlash_ros.gates import Action, Fault, Judged, SampleGate
+from backlash_ros.nodes.group import Group
 from backlash_ros.nodes.learning import Learning
 from backlash_ros.nodes.motion import Motion
 from backlash_ros.nodes.parameters import declare_controller, refuse_unknown
@@ -88,6 +89,7 @@ class Controller(ManagedNode):
         self.listen(Float64, "reference", self._on_reference)
         self._learning = Learning(self, self._servo, self._tunables, given)
         self._motion = Motion(self, self._servo, given, self._took)
+        self._group = Group(self, self._servo, given.group, lambda: self._took(""))
         self._watchdog = Timer(0.5 * self._state_timeout, self._watch)
         self.own_timers += [self._watchdog, Timer(_WATCH, self._watch_publishers)]
 
@@ -141,6 +143,7 @@ class Controller(ManagedNode):
         self._publish_in_use()
         self._publish_estimate()
         self._motion.configure()
+        self._group.configure()
 
     def activate(self) -> None:
         """Hold the position of the first sample received once ``command`` has a subscriber."""
@@ -173,6 +176,7 @@ class Controller(ManagedNode):
 
     def state_changed(self) -> None:
         """Publish whether the node is active."""
+        self._group.tell()
         self._publish_state(self.get_clock().now().nanoseconds)
 
     # Parameters.
@@ -373,6 +377,7 @@ class Controller(ManagedNode):
         before, self._told = self._told, self._servo.latched
         if self._told and self._told is not before:
             self._motion.released()
+            self._group.tell()
             unit = self._servo.drive.command_unit
             self.get_logger().error(f"{self._told.name}: {self._servo.fault}: command 0 {unit} until reset_fault")
             self.publish_diagnostics()
@@ -380,11 +385,13 @@ class Controller(ManagedNode):
     def reset_fault(self) -> tuple[bool, str]:
         """Clear a latched fault and hold the position of the next sample."""
         fault, text, lost = self._servo.latched, self._servo.fault, self._servo.lost_encoder
+        self._group.forget()
         if not fault and not lost:
             return True, "no fault was latched"
         self._open_gate()
         self._servo.reset()
         self._told = Fault.NONE
+        self._group.tell()
         return True, f"reset {fault.name}: {text}" if fault else f"reset the loss of the {lost}'s encoder"
 
     def statuses(self) -> Sequence[DiagnosticStatus]:

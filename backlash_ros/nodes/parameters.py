@@ -1,5 +1,6 @@
 """The parameters of each node, declared by functions, so that each node knows all names without creating the others."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -76,6 +77,7 @@ class ControllerParameters:
     rate: float
     state_timeout: float
     setpoint_timeout: float
+    group: str
     telemetry_rate: float
     estimate_file: str
     use_estimate_file: bool
@@ -110,12 +112,18 @@ def declare_controller(node: Node) -> ControllerParameters:
     timeout = declare_timeout(node, "state_timeout", text, 1.0 / rate)
     text = "time without a setpoint after which their stream has ended; a fifth of it may lie between two of them"
     setpoint_timeout = float(declare_number(node, "setpoint_timeout", 0.1, Quantity(text, "s", 0.0, 10.0, True)))
+    text = "axes with the same one move together: while one of them cannot, the others come to rest; empty: alone"
+    group = declare(
+        node, "group", "", describe(text, constraint="a letter, then letters, digits or underscores", read_only=True)
+    )
+    if not re.fullmatch(r"([A-Za-z][A-Za-z0-9_]*)?", group):
+        raise ValueError(f"group must be a letter, then letters, digits or underscores, or be empty, got {group!r}")
     described = Quantity(
         "rate of ~/state, at most the sample rate; changes are also sent at once", "Hz", 0.0, rate, True
     )
     telemetry_rate = declare_number(node, "telemetry_rate", min(50.0, rate), described)
     return ControllerParameters(
-        drive, joints, wraps, rate, timeout, setpoint_timeout, telemetry_rate, *_declare_estimate_file(node)
+        drive, joints, wraps, rate, timeout, setpoint_timeout, group, telemetry_rate, *_declare_estimate_file(node)
     )
 
 

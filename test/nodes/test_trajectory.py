@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
-from graph import Peer, Process
+from graph import Lifecycle, Parameters, Peer, Process
+from lifecycle_msgs.msg import Transition
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -32,7 +33,7 @@ B = NOMINAL_DRIVE.gear.backlash_angle
 class Axes:
     """Two axes in lockstep, with joints of their own names and one topic for trajectories."""
 
-    def __init__(self, start: Start, peer: Peer, folder: Path) -> None:
+    def __init__(self, start: Start, peer: Peer, folder: Path, **parameters: object) -> None:
         self.peer = peer
         self.loads: dict[str, dict[int, float]] = {axis: {} for axis in AXES}
         self.newest = dict.fromkeys(AXES, 0)
@@ -42,20 +43,12 @@ class Axes:
         self.sent = node.create_publisher(JointTrajectory, "joint_trajectory", 10)
         self.holds = {axis: node.create_client(Trigger, f"{axis}/controller/hold") for axis in AXES}
         file = folder / "axes.yaml"
-        parameters = {
-            axis: {"motor_joint": f"{axis}_motor", "load_joint": axis, "backlash_angle": B, "identified": True}
-            for axis in AXES
-        }
+        joints = {axis: {"motor_joint": f"{axis}_motor", "load_joint": axis} for axis in AXES}
+        told = {"backlash_angle": B, "identified": True, "state_timeout": 10.0, **parameters}
         file.write_text(
             json.dumps(
-                {
-                    f"/{axis}/controller": {"ros__parameters": told | {"state_timeout": 10.0}}
-                    for axis, told in parameters.items()
-                }
-                | {
-                    f"/{axis}/plant_simulator": {"ros__parameters": {k: told[k] for k in ("motor_joint", "load_joint")}}
-                    for axis, told in parameters.items()
-                }
+                {f"/{axis}/controller": {"ros__parameters": own | told} for axis, own in joints.items()}
+                | {f"/{axis}/plant_simulator": {"ros__parameters": own} for axis, own in joints.items()}
             )
         )
         deepened = {f"qos_overrides./{axis}/joint_states.publisher.depth": 10_000 for axis in AXES}
@@ -89,13 +82,17 @@ class Axes:
     def run_until(self, time: float) -> None:
         self.peer.wait("simulated time", lambda: self.time > time)
 
-    def send(self, start: float = 0.0, names: tuple[str, ...] = AXES, last_speed: float = 0.0) -> None:
+    def send(
+        self, start: float = 0.0, names: tuple[str, ...] = AXES, last_speed: float = 0.0, slower: float = 1.0
+    ) -> None:
         message = JointTrajectory(joint_names=list(names))
         message.header.stamp = Time(sec=int(start), nanosec=round(1e9 * (start % 1)))
         for k, time in enumerate(TIMES):
             states = np.array([PATHS[axis][k] for axis in names])
             if k == len(TIMES) - 1:
                 states[:, 1] = last_speed
+            states /= [1.0, slower, slower**2]
+            time *= slower  # noqa: PLW2901
             due = Duration(sec=int(time), nanosec=round(1e9 * (time % 1)))
             message.points.append(
                 JointTrajectoryPoint(
@@ -165,3 +162,53 @@ def test_hold_ends_a_trajectory_at_rest(start: Start, peer: Peer, tmp_path: Path
     axes.run_until(axes.time + 1.0)
     for axis in AXES:
         assert abs(axes.path(axis)[1][-1] - held[axis]) < 0.25 * B, axis
+
+
+def test_where_one_axis_of_a_group_fails_the_others_come_to_rest_until_it_is_reset(
+    start: Start, peer: Peer, tmp_path: Path
+) -> None:
+    axes = Axes(start, peer, tmp_path, group="arm")
+    elbow = Parameters(peer, "elbow/plant_simulator")
+
+    def says(axis: str, text: str) -> None:
+        peer.wait(text, lambda: f"[{axis}.controller]: {text}" in axes.controller.output())
+
+    axes.send(slower=20.0)
+    peer.wait("the motion", lambda: axes.path("shoulder")[1][-1] > 0.1)
+    assert elbow.set(sensors__load_offset=0.5)[0]
+    says("elbow", "ENCODERS_DISAGREE")
+    barred = "follows nothing while /elbow/controller of group 'arm' has the fault ENCODERS_DISAGREE"
+    says("shoulder", f"comes to rest, and {barred}")
+    axes.run_until(axes.time + 1.0)
+    held = axes.path("shoulder")[1][-1]
+    assert held < 0.7
+    axes.send(names=("shoulder",))
+    says("shoulder", f"joint_trajectory is refused: reference 0.8 rad came {barred.removeprefix('follows nothing ')}")
+    axes.run_until(axes.time + 1.0)
+    assert np.ptp(axes.path("shoulder")[1][-500:]) < 0.25 * B
+    assert elbow.set(sensors__load_offset=0.0)[0]
+    assert peer.call(Trigger, "elbow/controller/reset_fault", Trigger.Request()).success
+    says("shoulder", "all axes of group 'arm' can move")
+    axes.run_until(axes.time + 1.0)
+    assert abs(axes.path("shoulder")[1][-1] - held) < 0.25 * B  # nothing moves by itself
+    axes.send()
+    peer.wait("the motion", lambda: axes.path("shoulder")[1][-1] > held + 0.1)
+
+
+def test_an_axis_of_a_group_that_ends_without_a_word_is_missed(start: Start, peer: Peer) -> None:
+    alone, other = (start("controller", "-r", f"__ns:=/{name}", group="arm") for name in ("a", "b"))
+    said, b = "of group 'arm'", Lifecycle(peer, "b/controller")
+
+    def says(text: str, times: int = 1) -> None:
+        peer.wait(text, lambda: alone.output().count(text) >= times)
+
+    peer.wait("b", lambda: b.state == "active")
+    assert b.change(Transition.TRANSITION_DEACTIVATE)
+    says(f"follows nothing while /b/controller {said} is not active")
+    before = alone.output().count("can move")
+    assert b.change(Transition.TRANSITION_ACTIVATE)
+    says("can move", before + 1)
+    other.kill()
+    says(f"follows nothing while 1 of 2 axes {said} do not answer: call reset_fault to go on without")
+    assert peer.call(Trigger, "a/controller/reset_fault", Trigger.Request()).success
+    says("can move", before + 2)
