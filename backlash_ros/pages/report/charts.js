@@ -161,15 +161,7 @@ const seen = new IntersectionObserver(
 );
 for (const place of drawn.keys()) seen.observe(place);
 dark.addEventListener("change", () => drawn.forEach((chart) => chart.redraw()));
-// What a link leads to is unfolded; on paper everything is.
-const unfold = (place) => {
-  for (let up = place?.closest("details"); up; up = up.parentElement.closest("details")) up.open = true;
-  place?.scrollIntoView({ block: "center" });
-};
-const target = () => unfold(document.getElementById(location.hash.slice(1)));
-addEventListener("hashchange", target);
-if (location.hash) target();
-let unfolded = [];
+let unfolded = []; // for paper alone
 const print = (on) => {
   printing = on;
   if (on) unfolded = [...document.querySelectorAll("details:not([open])")];
