@@ -122,7 +122,7 @@ def build(given: DashboardParameters, station: Any, names: set[str], token: str)
         shown = Page(station, given.read_only)
         shown.refresh()
         await client.connected()
-        shown.started()
+        await shown.started()
 
     ui.run_with(
         web, title="backlash_ros", dark=None, tailwind=False, show_welcome_message=False, reconnect_timeout=_BACK

@@ -1,12 +1,14 @@
 """The page itself: shows an axis and takes a person's commands."""
 
 import json
+from contextlib import suppress
 from html import escape
 from importlib.resources import files
 from typing import Any
 
 from nicegui import context, ui
 
+from backlash_ros.control.telemetry import TELEMETRY
 from backlash_ros.dashboard.axis import Axis
 from backlash_ros.dashboard.cards.card import Refresh
 from backlash_ros.dashboard.cards.facts import facts_card
@@ -18,6 +20,7 @@ from backlash_ros.dashboard.cards.simulated import simulated_card
 from backlash_ros.dashboard.cards.steps import steps_card
 from backlash_ros.dashboard.header import STATIC, header
 from backlash_ros.dashboard.rows import JOINT_COLUMNS, STATE_COLUMNS
+from backlash_ros.dashboard.state import ANGLES, AngleUnit
 from backlash_ros.dashboard.station import Station
 from backlash_ros.simulation.colours import DARK, LIGHT
 
@@ -61,6 +64,7 @@ class Page:
     def __init__(self, station: Station, read_only: bool) -> None:
         self.station, self.read_only = station, read_only
         self.title = next(iter(station.axes), "")
+        self.angle = ANGLES["rad"]
         self._refreshers: list[Refresh] = []
         self._facts: dict[str, Any] = {}
         self._client = context.client
@@ -93,6 +97,9 @@ class Page:
                 window.on_value_change(lambda event: self._run(f"live.setWindow({int(event.value)})"))
                 for text, code in _LOOK:
                     ui.button(text).props("dense flat no-caps").on("click", js_handler=f"() => window.{code}")
+                self._units = ui.toggle(list(ANGLES), value="rad", on_change=lambda event: self._show_in(event.value))
+                self._units.props('dense unelevated no-caps data-name=unit aria-label="unit of angles"')
+            ui.html('<table id="steps" aria-label="the last two steps"></table>', sanitize=False)
             self._chart = ui.echart({"series": []}).classes("curves").props("data-name=curves")
 
     @staticmethod
@@ -117,6 +124,12 @@ class Page:
 
         self._refreshers.append(refresh)
 
+    def _show_in(self, unit: str) -> None:
+        """Show angles in another unit, and let the browser remember it."""
+        self.angle = ANGLES[unit]
+        ui.run_javascript(f"localStorage.setItem('angle', '{unit}')")
+        self.refresh()
+
     @staticmethod
     def _run(code: str) -> None:
         ui.run_javascript(f"window.{code}")
@@ -133,9 +146,16 @@ class Page:
         except TimeoutError:
             return False
 
-    def started(self) -> None:
-        """Begin to draw, once the browser is connected."""
-        options = f"joints: {list(JOINT_COLUMNS)}, state: {list(STATE_COLUMNS)}, facts: () => window.facts ?? {{}}"
+    async def started(self) -> None:
+        """Begin to draw, once the browser is connected, with the unit that it remembers."""
+        with suppress(TimeoutError):  # it may keep nothing
+            unit = await self._client.run_javascript("return localStorage.getItem('angle')", timeout=_ANSWERS)
+            self._units.set_value(unit if unit in ANGLES else "rad")
+        words = {name: TELEMETRY[name].words for name in ("region", "flank")}
+        options = (
+            f"joints: {list(JOINT_COLUMNS)}, state: {list(STATE_COLUMNS)}, words: {json.dumps(words)}, "
+            f"facts: () => ({{angle: {json.dumps(_scales(ANGLES['rad']))}, ...window.facts}})"
+        )
         # The chart is there a moment after its element.
         self._client.run_javascript(
             f"const draw = () => getElement({self._chart.id})?.chart ? import('{STATIC}/live.js').then(m => "
@@ -161,12 +181,18 @@ class Page:
             "unit": "A" if axis.told.values.get("command_interface") == "current" else "V",
             "gap": float(told.get("gear.backlash_angle", 0.0)) if axis.simulated else 0.0,
             "simulated": axis.simulated,
+            "angle": _scales(self.angle),
         }
         if facts != self._facts:
             self._facts = facts
             ui.run_javascript(f"window.facts = {json.dumps(facts)}")
         for refresh in self._refreshers:
             refresh(axis)
+
+
+def _scales(angle: AngleUnit) -> dict[str, Any]:
+    """Return a unit of angles as the browser takes it."""
+    return {**angle.large._asdict(), "small": angle.small._asdict()}
 
 
 def _table(values: dict[str, Any]) -> str:

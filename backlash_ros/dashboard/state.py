@@ -1,32 +1,59 @@
 """What an axis is doing, in words: its state, its fault, the law that acts, and the next step of a newcomer."""
 
+import json
 import math
-import re
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from backlash_ros.control.telemetry import TELEMETRY
 from backlash_ros.dashboard.axis import SILENCE, Axis
 from backlash_ros.gates.faults import FAULTS, Fault
-from backlash_ros.recordings.rounding import shown
+from backlash_ros.recordings.rounding import shown, unit_text
 
 STEPS = ("connect", "learn", "identify", "move")
 _PLANS = "two_encoder"
 """The law with phases of its own; the regions of the gains mean nothing there."""
-_SCALES = {"rad": (1e3, "mrad"), "s": (1e3, "ms"), "kg m^2": (1e4, "kg cm^2")}
+_SCALES = {"s": (1e3, "ms"), "kg m^2": (1e4, "kg cm^2")}
 """Factor of a unit to that of small numbers, and its name."""
-_RESULT = re.compile(r"(?:^|, )(?P<symbol>\S[^=]*?)(?: =)? (?P<value>\S+) \+- (?P<sure>[^\s,]+)(?: (?P<unit>[^,]+))?")
-"""One quantity in the answer of an experiment."""
+
+
+class Scale(NamedTuple):
+    """A unit of angles: its name, and how many of it make 1 rad."""
+
+    name: str
+    factor: float
+
+
+class AngleUnit(NamedTuple):
+    """How a page shows angles: those of the load, those as small as the gap, and by how much a field's arrows step."""
+
+    large: Scale
+    small: Scale
+    step: float
+
+
+_DEG, _ARCMIN = (Scale(name, per_turn / math.tau) for name, per_turn in (("deg", 360.0), ("arcmin", 21600.0)))
+ANGLES = {
+    "rad": AngleUnit(Scale("rad", 1.0), Scale("mrad", 1e3), 0.1),
+    "deg": AngleUnit(_DEG, _DEG, 5.0),
+    "arcmin": AngleUnit(_ARCMIN, _ARCMIN, 100.0),
+}
+"""The units of angles that people choose from; the first is shown until they do."""
 
 
 class Result(NamedTuple):
-    """A quantity that an experiment found: symbol, value in SI units, and as text with its standard uncertainty."""
+    """A quantity that an experiment found: symbol, value and standard uncertainty, and their unit, of the SI."""
 
     symbol: str
     value: float
-    text: str
+    uncertainty: float
+    unit: str
+
+    def text(self, angle: AngleUnit) -> str:
+        """Return it in units that suit people."""
+        return quantity(self.value, self.uncertainty, self.unit, angle)
 
 
 class State(NamedTuple):
@@ -43,8 +70,6 @@ class Run:
     service: str
     moved: bool = False
     computing_since: float = math.nan
-    answer: str = ""
-    results: Sequence[Result] = field(default=())
 
     def look(self, axis: Axis) -> None:
         """Notice that the motion has begun or ended."""
@@ -54,34 +79,38 @@ class Run:
             self.computing_since = time.monotonic()
 
 
-def quantity(value: float, uncertainty: float, unit: str) -> str:
+def quantity(value: float, uncertainty: float, unit: str, angle: AngleUnit) -> str:
     """Return a value with as many digits as its standard uncertainty bears, in a unit that suits people.
 
-    >>> quantity(0.0199902, 2.6e-05, "rad")
+    >>> quantity(0.0199902, 2.6e-05, "rad", ANGLES["rad"])
     '19.990 ± 0.026 mrad'
     """
     factor, name = _SCALES.get(unit, (1.0, unit))
+    if unit.partition("/")[0] == "rad":
+        factor, name = angle.small.factor, unit.replace("rad", angle.small.name, 1)
+    if not uncertainty > 0.0:  # it is not known
+        return f"{factor * value:.4g} {unit_text(name)}".rstrip()
     return shown(factor * value, factor * uncertainty, name)
 
 
-def results_of(answer: str) -> list[Result]:
-    """Return the quantities in the answer of ``~/learn`` or ``~/identify``.
+def servo_says(axis: Axis) -> Mapping[str, str]:
+    """Return what the controller says of itself once a second, by name; nothing if it is not there."""
+    servo = axis.diagnoses.get("controller: servo")
+    return servo.values if servo and axis.present else {}
 
-    >>> results_of("b = 0.02002 +- 0.00017 rad, loss = 0 +- 0.0014, from 3.6 s of motion")
-    [Result(symbol='b', value=0.02002, text='20.02 ± 0.17 mrad'), Result(symbol='loss', value=0.0, text='0 ± 0.0014')]
-    """
-    told = answer.partition(", from ")[0].replace(" at the output", "")
-    found = []
-    for symbol, value, sure, unit in _RESULT.findall(told):
-        text = quantity(float(value), float(sure), unit)
-        found.append(Result("b" if symbol == "backlash" else symbol, float(value), text))
-    return found
+
+def found_by(axis: Axis) -> dict[str, Sequence[Result]]:
+    """Return what the last run of each service found, the newest last; nothing if the controller does not tell it."""
+    try:
+        told = json.loads(servo_says(axis).get("found") or "{}")
+        return {service: [Result(*each) for each in rows] for service, rows in told.items()}
+    except (ValueError, TypeError, AttributeError):  # another version's controller
+        return {}
 
 
 def law_of(axis: Axis) -> str:
     """Return the law that acts; empty if it is not known."""
-    servo = axis.diagnoses.get("controller: servo")
-    return servo.values.get("law_in_use", "") if servo and axis.present else ""
+    return servo_says(axis).get("law_in_use", "")
 
 
 def _word(axis: Axis, name: str) -> str:
@@ -102,8 +131,7 @@ def fault_of(axis: Axis) -> tuple[str, str]:
     """Return name and text of the fault that is latched, by the controller or else by a simulated drive, or nothing."""
     if not axis.present:
         return "", ""
-    own = axis.diagnoses.get("controller: servo")
-    said = own.values if own else {}
+    said = servo_says(axis)
     value = axis.last_state.get("fault", math.nan)  # comes sooner than the diagnostics
     name = said.get("fault_name", "") if math.isnan(value) else Fault(int(value)).name if value else ""
     if name:

@@ -19,7 +19,7 @@ from backlash_ros.dashboard.axis import EXPERIMENT, Answer, Axis
 from backlash_ros.dashboard.graph import Graph
 from backlash_ros.dashboard.motion import Wave, wave
 from backlash_ros.dashboard.rows import frame
-from backlash_ros.dashboard.state import Run, results_of
+from backlash_ros.dashboard.state import Run
 from backlash_ros.measure import CERTIFICATE
 from backlash_ros.ros.client import start_node, stop_node
 
@@ -105,7 +105,6 @@ class OfAxis:
     ended: str = ""
     stopped: str = ""
     run: Run | None = None
-    found: dict[str, Run] = field(default_factory=dict)
     recorder: Work | None = None
     measurement: Work | None = None
     report: Work | None = None
@@ -192,21 +191,16 @@ class Station:
     # Experiments.
 
     async def experiment(self, title: str, service: str) -> Answer:
-        """Let the controller ``learn`` or ``identify``; all pages see that it runs, and what it found."""
+        """Let the controller ``learn`` or ``identify``; all pages see that it runs."""
         self.end(title)
-        axis, run = self.of(title), Run(service)
+        axis = self.of(title)
         if axis.run is not None:
             return Answer(False, f"cannot {service}: a run is already in progress")
-        axis.run = run
+        axis.run = Run(service)
         try:
-            answer = await self.axes[title].call(service, EXPERIMENT)
+            return await self.axes[title].call(service, EXPERIMENT)
         finally:
             axis.run = None
-        if answer.success:
-            run.answer, run.results = answer.text, results_of(answer.text)
-            axis.found.pop(service, None)
-            axis.found[service] = run  # the newest is the last
-        return answer
 
     # Processes.
 

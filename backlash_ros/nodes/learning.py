@@ -3,6 +3,7 @@
 Requests and estimates are handled by `backlash_ros.control.estimates`.
 """
 
+import json
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -13,6 +14,7 @@ from std_srvs.srv import Trigger
 from backlash_ros.control import Servo
 from backlash_ros.control.estimates import Answer, DriveIdentity, Estimates
 from backlash_ros.control.estimates.requests import EXPERIMENT_OF, LearnRequests, Reply
+from backlash_ros.control.experiment import BacklashEstimate, DriveEstimate
 from backlash_ros.control.monitoring.wear import WearWatch
 from backlash_ros.drivetrain.parameters import IDENTIFIED
 from backlash_ros.foundation.signals import Measurement
@@ -38,6 +40,7 @@ class Learning:
         self._node, self._tunables, self._given = node, tunables, given
         self._requests = LearnRequests(servo, Aside(kind=not node.get_clock().ros_time_is_active))
         self._estimates = Estimates(self._put_in_use, InTurn())
+        self._found: dict[str, list[tuple[str, float, float, str]]] = {}  # by service, the newest last
         self.wear, self._noticed = WearWatch(servo), (False, False)
         self._services = {name: LaterTrigger(node, f"~/{name}", partial(self._ask, name)) for name in EXPERIMENT_OF}
         self._services["apply_estimate"] = LaterTrigger(node, "~/apply_estimate", self._on_apply)
@@ -49,6 +52,7 @@ class Learning:
     def configure(self) -> None:
         """Open the estimate file, and use it if the parameters say so; ValueError if it cannot be used."""
         given, node = self._given, self._node
+        self._found.clear()
         drive = DriveIdentity(node.get_fully_qualified_name(), *given.joints, given.drive["gear.reduction"])
         node.held(self._estimates, Estimates.forget)
         if text := self._estimates.begin(given.estimate_file, drive, use=given.use_estimate_file):
@@ -132,7 +136,11 @@ class Learning:
             self._services[self._requests.service].answer(reply.success, reply.text)
         else:
             apply, service = self._tunables.values["learning.apply"] == "auto", self._requests.service
+            before = self._estimates.newest
             self._estimates.learned(reply.estimate, reply.text, now_ns(), apply=apply, service=service)
+            if self._estimates.newest is not before:
+                self._found.pop(service, None)
+                self._found[service] = quantities_of(reply.estimate)
             self._tell()
 
     def _look(self, *, wait_no_more: bool = False) -> Answer | None:
@@ -158,5 +166,13 @@ class Learning:
         return [(level, text) for level, text in ((OK, offer), (WARN, trouble), (WARN, self.wear.finding)) if text]
 
     def values(self) -> dict[str, Any]:
-        """Return the newest estimate by name, and signs of wear."""
-        return {**self._estimates.values(), "wear": self.wear.finding}
+        """Return the newest estimate by name, what each service found last, and signs of wear."""
+        found = json.dumps(self._found) if self._estimates.newest else ""
+        return {**self._estimates.values(), "found": found, "wear": self.wear.finding}
+
+
+def quantities_of(estimate: BacklashEstimate) -> list[tuple[str, float, float, str]]:
+    """Return what was found: symbols, values, standard uncertainties, 0 where unknown, and units."""
+    if isinstance(estimate, DriveEstimate):
+        return [(each.symbol, each.value, each.uncertainty, each.unit) for each in estimate.findings if each.told]
+    return [("b", estimate.angle, estimate.uncertainty, "rad")]

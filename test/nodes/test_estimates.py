@@ -1,5 +1,6 @@
 """What becomes of an estimate on the live controller: offered, applied, kept in a file, taken from it at the start."""
 
+import json
 import math
 from collections.abc import Callable
 from datetime import datetime, timezone
@@ -102,6 +103,7 @@ def test_an_estimate_is_offered_and_applied_when_asked(start: Start, peer: Peer,
     values = said.wait(DiagnosticStatus.OK, f"an estimate waits for apply_estimate: backlash_angle = {angle:.6g} rad")
     assert (values["estimate_rad"], values["estimate_method"]) == (str(angle), "gap_travel")
     assert (values["estimate_applied"], values["estimate_file"]) == ("False", str(file))
+    assert json.loads(values["found"])["learn"][0][:2] == ["b", angle]
     assert said.in_use == []
     answer = apply(peer)
     assert (answer.success, answer.message) == (True, f"in use: backlash_angle = {angle:.6g} rad")

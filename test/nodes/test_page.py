@@ -141,9 +141,15 @@ class Page:
             )
         )
 
-    def drawn(self, name: str) -> list[Any]:
-        """Return the points of a curve as the chart has them."""
-        return list(self.run(f"return window.live.chart.getOption().series.find(s => s.name === '{name}').data"))
+    def two_steps(self) -> list[list[str]]:
+        """Return the figures of the last step and of the one before it: rise, settling, overshoot, swing, impacts."""
+        cells = "[...row.cells].slice(1).map(cell => cell.innerText)"
+        return list(self.run(f"return [...document.querySelectorAll('#steps tbody tr')].map(row => {cells})"))
+
+    def drawn(self, name: str, row: str = "") -> list[Any]:
+        """Return the points of a curve as the chart has them; ``row``: 0 with the angles, 1 with the error."""
+        script = f"s => s.name === '{name}' && s.id.endsWith('{row}')"
+        return list(self.run(f"return window.live.chart.getOption().series.find({script}).data"))
 
 
 class TestOneDrive:
@@ -183,6 +189,13 @@ class TestOneDrive:
         page.wait("b in the text", lambda: re.search(r"The load moved by 0\.0\d b in the last second", page.text()))
         assert page.trail() < 0.05
         page.wait("the step in figures", lambda: re.search(r"settled in \d\.\d{3} ± 0\.004 s", page.text()))
+        quiet, rattle = page.wait("both steps", lambda: (found := page.two_steps())[0][4].isdigit() and found)
+        assert float(quiet[1]) < 1.0
+        assert rattle[1] == "never"  # by the same measure, though b was not known then
+        assert float(quiet[3]) < 0.05
+        assert 0.5 < float(rattle[3]) < 1.5
+        assert int(quiet[4]) < 10 < int(rattle[4])
+        assert 0.5 < np.ptp([each for _, each in page.drawn("step before", "1")][-100:]) < 1.5
         assert page.run("return document.scrollingElement.scrollTop") == 0.0  # all that it takes is on the first screen
         assert console_of(browser) == []
         own = f"http://{served.host}/"
@@ -215,6 +228,47 @@ class TestOneDrive:
             assert simulator.set(sensors__load_offset=0.0)[0]
         page.click("Reset")
         assert page.looks(["active"]) == places
+
+    def test_angles_are_in_the_unit_that_was_chosen_and_moves_stay_what_they_were(
+        self, system: System, browser: Chrome
+    ) -> None:
+        """A number is taken in the unit beside it; the cursor tells values with units, and none where none came."""
+        page = Page(browser, system.served.address, system.peer)
+        try:
+            page.click("deg")
+            page.wait("the step in degrees", lambda: "Step of 28.65 deg" in page.text())
+            field = browser.find_element(By.CSS_SELECTOR, "[data-name=angle-deg]")
+            assert (field.get_attribute("value"), page.run("return live.units[0]")) == ("57.2958", "deg")
+            field.send_keys(Keys.CONTROL, "a")
+            field.send_keys("30")
+            page.click("Go there")
+            page.wait("30 degrees", lambda: page.at_rest_at(math.radians(30.0)))
+            page.wait("the curve", lambda: page.drawn("load")[-1][1] == pytest.approx(30.0, abs=math.degrees(B)))
+            page.click("arcmin")
+            page.wait("the step in arcmin", lambda: "Step of 1719 arcmin" in page.text())
+            browser.refresh()
+            page.wait("the unit that it remembers", lambda: "Step of 1719 arcmin" in page.text())
+            page.wait("samples", lambda: page.run("return window.live?.joints.length ?? 0") > 600)
+        finally:
+            page.run("localStorage.clear()")
+        page.click("Pause")
+        page.run(
+            "const {state} = live, from = state.from(live.zero - 2), to = state.from(live.zero - 1);"
+            "state.values.forEach(column => column.splice(from, to - from)); live.fill()"
+        )
+        for name in ("command", "setpoint", "error"):
+            assert None in [value for time, value in page.drawn(name) if -2.1 < time < -1.0], name
+        assert None not in [value for _, value in page.drawn("load")]
+        said = page.run("return [-0.5, -1.5].map(at => live.atCursor(at))")
+        (there, missing) = (re.sub("<[^>]*>", "", each) for each in said)
+        assert re.match(r"-0\.500 s.*load 1[78]\d\d[.\d]* arcmin.*command -?[\d.]+ V.*region fast gains", there)
+        assert "load 1" in missing
+        assert not {"command", "setpoint", "error", "region"} & set(missing.split())
+        curves = browser.find_element(By.CSS_SELECTOR, ".curves")
+        over_angle = round(-0.35 * curves.size["height"])  # from its middle
+        ActionChains(browser).move_to_element_with_offset(curves, 0, over_angle).perform()
+        page.wait("values at the cursor", lambda: re.search(r"-\d\.\d{3} s\s+● load 1", page.text()))
+        assert console_of(browser) == []
 
     @pytest.mark.grid
     def test_gains_that_are_refused_say_why_and_go_back(self, system: System, browser: Chrome) -> None:
@@ -358,11 +412,17 @@ class TestOneDrive:
             assert page.run("return document.documentElement.scrollWidth") <= 390
             assert page.box("[data-name=stop]")["height"] >= 44  # for a thumb
             assert page.box(".curves")["width"] > 300
+            touch = {"type": "touchStart", "touchPoints": [{"x": 300, "y": page.box(".curves")["top"] + 60}]}
+            browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True})
+            for event in (touch, {"type": "touchEnd", "touchPoints": []}):
+                browser.execute_cdp_cmd("Input.dispatchTouchEvent", event)
+            page.wait("values where it was touched", lambda: re.search(r"-\d\.\d{3} s\s+● load", page.text()))
             for part in ("[data-name=stop]", ".step.now", ".curves", "#tooth", "[data-name=go]", "[data-name=stay]"):
                 box = page.box(part)
                 assert 0 <= box["left"] < box["right"] <= 390, part
                 assert 0 <= box["top"] < box["bottom"] <= 844, part  # on one screen
         finally:
+            browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
             browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
     @pytest.mark.grid

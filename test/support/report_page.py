@@ -15,6 +15,7 @@ def opened(browser: Chrome, page: Path) -> list[WebElement]:
     """Open a page and return its charts, when all are drawn."""
     browser.get(page.as_uri())
     wait(browser, "return document.documentElement.dataset.charts === 'ready'")
+    browser.execute_script("document.querySelectorAll('details').forEach(each => { each.open = true })")
     charts = browser.find_elements(By.CSS_SELECTOR, "figure.chart")
     for chart in charts:
         browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", chart)

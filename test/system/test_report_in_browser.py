@@ -57,6 +57,26 @@ def test_all_charts_are_drawn_and_nothing_is_loaded(browser: Chrome, pages: dict
     assert console_of(browser) == []
 
 
+def test_the_first_screen_is_the_answer_and_the_rest_unfolds(browser: Chrome, pages: dict[str, Path]) -> None:
+    """Verdicts, and a row with a small picture for each step; a click on a step's number unfolds its chart."""
+    size = {"width": 1400, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    try:
+        browser.get(pages["foreign"].as_uri())
+        wait(browser, "return document.documentElement.dataset.charts === 'ready'")
+        seen = browser.find_elements(By.CSS_SELECTOR, ".verdict, section > .wide tbody tr, .sketch")
+        assert len(seen) == 2 + 2 + 2
+        assert all(each.rect["width"] > 100 and each.rect["y"] + each.rect["height"] < 450 for each in seen)
+        assert browser.execute_script("return document.documentElement.scrollHeight") < 2 * 900
+        chart = browser.find_element(By.ID, "chart-2")
+        assert not chart.is_displayed()
+        browser.find_element(By.LINK_TEXT, "2").click()
+        wait(browser, "return arguments[0].querySelectorAll('svg path').length > 10", chart)
+        assert chart.is_displayed()
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
 @pytest.mark.grid
 def test_a_chart_is_zoomed_by_buttons_keys_wheel_and_drag(browser: Chrome, pages: dict[str, Path]) -> None:
     step = opened(browser, pages["foreign"])[1]

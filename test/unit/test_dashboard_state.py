@@ -1,5 +1,6 @@
 """What the page says of an axis: its state, its fault, the law that acts, and what an experiment found."""
 
+import json
 import math
 import time
 from dataclasses import dataclass, field
@@ -9,12 +10,12 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs rclpy")
 
-from backlash_ros.control.estimates.requests import describe_outcome
 from backlash_ros.control.experiment import BacklashEstimate, DriveEstimate, Method
 from backlash_ros.dashboard import state
 from backlash_ros.dashboard.axis import Axis, Diagnosis, Told
 from backlash_ros.gates.faults import FAULTS, Fault
 from backlash_ros.identification.recordings.findings import Finding
+from backlash_ros.nodes.learning import quantities_of
 
 
 @dataclass
@@ -44,22 +45,28 @@ class Seen:
         return cast("Axis", self)
 
 
-def test_an_answer_is_read_as_it_is_written() -> None:
+def test_what_was_found_is_read_as_it_is_told_and_shown_as_people_want_it() -> None:
     findings = (
         Finding("", "b", "", "rad", 0.0199902, 2.6e-5),
         Finding("load.inertia", "J_l", "", "kg m^2", 5.012e-4, 4e-6),
-        Finding("", "10 B_l + c_l", "", "N m", -0.05021, 9.7e-4),
         Finding("", "delay", "", "s", why="its standard uncertainty is 0.1 s, more than 0.01"),
         Finding("", "wind-up", "", "rad/(N m)", 1.2e-3, 1e-5),
         Finding("", "loss", "", "", 0.0, 1.4e-3),
     )
-    drive = DriveEstimate(0.0199902, Method.IDENTIFY, True, "3.6 s of motion, = 1 +- 2 s", findings=findings)
-    found = state.results_of(describe_outcome(drive))
-    assert [each.symbol for each in found] == ["b", "J_l", "10 B_l + c_l", "wind-up", "loss"]
-    assert [each.value for each in found] == [0.01999, 5.012e-4, -0.05021, 1.2e-3, 0.0]
-    assert found[1].text == "5.012 ± 0.040 kg cm²"
-    learned = BacklashEstimate(0.0199902, Method.GAP_PROBE, True, "3.6 s of motion", uncertainty=2.6e-5)
-    assert state.results_of(describe_outcome(learned)) == [state.Result("b", 0.0199902, "19.990 ± 0.026 mrad")]
+    drive = DriveEstimate(0.0199902, Method.IDENTIFY, True, "3.6 s of motion", findings=findings)
+    learned = BacklashEstimate(0.02, Method.LOAD_AMPLITUDE, True, "9 cycles")
+    told = {"identify": quantities_of(drive), "learn": quantities_of(learned)}
+    found = state.found_by(Seen().says("controller: servo", found=json.dumps(told)).axis)
+    assert list(found) == ["identify", "learn"]
+    for unit, texts in {
+        "rad": ["19.990 ± 0.026 mrad", "5.012 ± 0.040 kg cm²", "1.200 ± 0.010 mrad/(N m)", "0 ± 0.0014"],
+        "deg": ["1.1454 ± 0.0015 deg", "5.012 ± 0.040 kg cm²", "0.06875 ± 0.00057 deg/(N m)", "0 ± 0.0014"],
+        "arcmin": ["68.721 ± 0.089 arcmin", "5.012 ± 0.040 kg cm²", "4.125 ± 0.034 arcmin/(N m)", "0 ± 0.0014"],
+    }.items():
+        assert [each.text(state.ANGLES[unit]) for each in found["identify"]] == texts
+    assert found["learn"][0].text(state.ANGLES["rad"]) == "20 mrad"  # its uncertainty is not known
+    for other in ("", "nonsense", "[1]", '{"learn": [["b"]]}'):  # another version's controller
+        assert state.found_by(Seen().says("controller: servo", found=other).axis) == {}
 
 
 @pytest.mark.parametrize(

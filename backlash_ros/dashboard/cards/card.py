@@ -6,7 +6,7 @@ from typing import Any, Protocol
 from nicegui import ui
 
 from backlash_ros.dashboard.axis import Answer, Axis
-from backlash_ros.dashboard.state import situation
+from backlash_ros.dashboard.state import AngleUnit, situation
 from backlash_ros.dashboard.station import Mover, Station
 
 FIELD = "dense outlined"
@@ -22,6 +22,7 @@ class Shown(Mover, Protocol):
     station: Station
     read_only: bool
     title: str
+    angle: AngleUnit
 
     @property
     def axis(self) -> Axis | None:

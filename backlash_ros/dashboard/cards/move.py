@@ -7,6 +7,7 @@ from nicegui import context, ui
 from backlash_ros.dashboard.axis import Answer, Axis
 from backlash_ros.dashboard.cards.card import FIELD, Refresh, Said, Shown, button, card, line
 from backlash_ros.dashboard.motion import Wave
+from backlash_ros.dashboard.state import ANGLES
 from backlash_ros.dashboard.station import finite
 
 
@@ -39,6 +40,43 @@ def step(page: Shown, way: float) -> None:
         page.axis.move(_goal(page.axis) + way)
 
 
+class _Angle:
+    """A field for an angle: one in each unit, of which the chosen one is seen.
+
+    So a number is always in the unit that was beside it when it was typed, whenever it arrives.
+    """
+
+    def __init__(self, page: Shown, name: str, angle: float, least: float | None = None) -> None:
+        self._page = page
+        self._fields = {}
+        for unit in ANGLES.values():
+            label, value = f"{name}, {unit.large.name}", angle * unit.large.factor
+            made = ui.number(label, value=value, min=least, step=unit.step, format="%g")
+            self._fields[unit] = made.props(f"{FIELD} data-name={name}-{unit.large.name}")
+            made.set_visibility(False)
+        self._seen = page.angle
+
+    @property
+    def field(self) -> ui.number:
+        """The field that is seen."""
+        return self._fields[self._seen]
+
+    @property
+    def angle(self) -> float:
+        """Its angle, rad; only for a field with a usable value."""
+        return float(self.field.value) / self._seen.large.factor
+
+    def refresh(self) -> None:
+        """Show the field in the chosen unit, with the same angle."""
+        chosen = self._page.angle
+        if chosen != self._seen:
+            value = None if _refusal(self.field) else self.angle * chosen.large.factor
+            self._seen = chosen
+            self.field.set_value(value)
+        for unit, field in self._fields.items():
+            field.set_visibility(unit == chosen)
+
+
 def move_card(page: Shown) -> Refresh:
     """Make the card."""
     station = page.station
@@ -51,23 +89,23 @@ def move_card(page: Shown) -> Refresh:
         return not why
 
     def go() -> None:
-        if usable(target) and page.axis is not None:
+        if usable(target.field) and page.axis is not None:
             station.end(page.title)
-            page.axis.move(target.value)
+            page.axis.move(target.angle)
 
     def make_step(sign: float) -> None:
-        if usable(way):
-            step(page, sign * way.value)
+        if usable(way.field):
+            step(page, sign * way.angle)
 
     def begin(smooth: bool) -> None:
-        if usable(way, period) and page.axis is not None:
-            station.begin(page.title, Wave(_goal(page.axis), way.value, period.value, smooth), page)
+        if usable(way.field, period) and page.axis is not None:
+            station.begin(page.title, Wave(_goal(page.axis), way.angle, period.value, smooth), page)
 
     with card("Move"):
         with line():
-            target = ui.number("angle, rad", value=1.0, step=0.1, format="%g").props(FIELD).props("data-name=target")
+            target = _Angle(page, "angle", 1.0)
             button("Go there", go, "go", primary=True)
-            way = ui.number("way, rad", value=0.5, min=0.0, step=0.1, format="%g").props(FIELD).props("data-name=way")
+            way = _Angle(page, "way", 0.5, least=0.0)
             period = ui.number("period, s", value=4.0, min=0.1, step=0.5, format="%g").props(FIELD)
         with line():
             button("Step forward", lambda: make_step(1.0), "step")
@@ -79,6 +117,8 @@ def move_card(page: Shown) -> Refresh:
 
     def refresh(axis: Axis) -> None:
         nonlocal ended
+        target.refresh()
+        way.refresh()
         said.refresh(axis)
         before, ended = ended, station.of(axis.title).ended
         if ended != before:

@@ -6,6 +6,7 @@ from nicegui import ui
 
 from backlash_ros.dashboard.axis import Axis
 from backlash_ros.dashboard.cards.card import Refresh, Shown, card
+from backlash_ros.dashboard.state import found_by, servo_says
 
 _WORDS = {
     "b": "backlash",
@@ -30,23 +31,24 @@ _WORDS = {
 
 def results_card(page: Shown) -> Refresh:
     """Make the card, hidden until there are results."""
-    shown: list[object] = [None]
+    before = ""
     made = card("Found by the last experiment")
     with made:
         table = ui.html("", sanitize=True)
         rest = ui.label("").classes("muted")
 
     def refresh(axis: Axis) -> None:
-        run = next(reversed(page.station.of(axis.title).found.values()), None)
-        made.set_visibility(run is not None and bool(run.results))
-        if run is not None and run is not shown[0]:
-            shown[0] = run
-            rows = (
-                f"<tr><td>{escape(_WORDS.get(each.symbol, ''))} <span>{escape(each.symbol)}</span></td>"
-                f"<td>{escape(each.text)}</td></tr>"
-                for each in run.results
-            )
-            table.set_content(f'<table class="results"><tbody>{"".join(rows)}</tbody></table>')
-            rest.set_text(f"from {run.answer.partition(', from ')[2]}")
+        nonlocal before
+        service, results = next(reversed(found_by(axis).items()), ("", []))
+        made.set_visibility(bool(results))
+        rows = "".join(
+            f"<tr><td>{escape(_WORDS.get(each.symbol, ''))} <span>{escape(each.symbol)}</span></td>"
+            f"<td>{escape(each.text(page.angle))}</td></tr>"
+            for each in results
+        )
+        if rows != before:
+            before = rows
+            table.set_content(f'<table class="results"><tbody>{rows}</tbody></table>')
+            rest.set_text(f"by {service}, {servo_says(axis).get('estimate_learned_at', '')}")
 
     return refresh

@@ -1,11 +1,13 @@
 // Curves, drawn from the samples that the server sends; and the stop.
 
+import { SWING, Steps, first, span } from "./steps.js";
 import { Tooth } from "./tooth.js";
 
 const KEPT = 65; // s of samples that are kept
 const FRAME = 50; // ms between two pictures
 const POINTS = 600; // places along a curve; each shows the least and the largest value there
-const SWING = 1; // s over which the load's swing is told
+const HOLE = 10; // usual times between two points that interrupt a curve
+const NEAR = 0.01; // share of the time shown: as far from the cursor a curve has a value
 
 class Table {
   constructor(columns) {
@@ -34,28 +36,29 @@ class Table {
     }
   }
   from(when) {
-    const time = this.values[0];
-    let low = 0, high = time.length;
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      if (time[middle] < when) low = middle + 1;
-      else high = middle;
-    }
-    return low;
+    return first(this.values[0], when);
+  }
+  // The time without a row that counts as a hole, s.
+  get hole() {
+    const time = this.values[0], step = Math.max(1, time.length >> 5), between = [];
+    for (let i = 1; i < time.length; i += step) between.push(time[i] - time[i - 1]);
+    return HOLE * (between.sort((a, b) => a - b)[between.length >> 1] ?? Infinity);
   }
 }
 
-function thin(time, values, from, to, zero) {
+// The points of a curve, in `unit`, from one place to another; it is interrupted where times or values are missing.
+function thin(time, values, [from, to], zero, hole, unit = 1) {
   const step = Math.max(1, Math.floor((to - from) / POINTS));
   const points = [];
-  for (let i = from; i < to; i += step) {
+  for (let i = from, next; i < to; i = next) {
+    if (i > from && time[i] - time[i - 1] > hole) points.push([time[i - 1] - zero, null]);
     let least = i, largest = i;
-    for (let k = i + 1; k < Math.min(to, i + step); k++) {
-      if (values[k] < values[least] || Number.isNaN(values[least])) least = k;
-      if (values[k] > values[largest] || Number.isNaN(values[largest])) largest = k;
+    for (next = i + 1; next < Math.min(to, i + step) && time[next] - time[next - 1] <= hole; next++) {
+      if (values[next] < values[least] || Number.isNaN(values[least])) least = next;
+      if (values[next] > values[largest] || Number.isNaN(values[largest])) largest = next;
     }
     const ends = least < largest ? [least, largest] : [largest, least];
-    for (const end of new Set(ends)) points.push([time[end] - zero, Number.isNaN(values[end]) ? null : values[end]]);
+    for (const end of new Set(ends)) points.push([time[end] - zero, Number.isNaN(values[end]) ? null : unit * values[end]]);
   }
   return points;
 }
@@ -65,25 +68,18 @@ function niceLimit(value) {
   return power * [1, 1.5, 2, 3, 5, 7.5, 10].find((step) => step * power >= value);
 }
 
-function span(values, from) {
-  let low = Infinity, high = -Infinity;
-  for (let i = from; i < values.length; i++) {
-    if (values[i] < low) low = values[i];
-    if (values[i] > high) high = values[i];
-  }
-  return [low, high];
-}
-
-const ROWS = [["angle, rad", 25], ["error, b", 25], ["command", 17], ["load torque, N m", 15], ["region, flank", 12]];
+const ROWS = [["angle", 24], ["error", 25], ["command", 16], ["load torque, N m", 15], ["region, flank", 14]];
 const NARROW = 600; // px; a narrower chart has the first two rows alone
+const GHOST = "step before";
 const CURVES = [
+  [GHOST, 0, "load", "dashed"], [GHOST, 1, "load", "dashed"], // below the others
   ["load", 0, "load"], ["motor through the gear", 0, "motor"], ["setpoint", 0, "faint", "dashed"],
   ["error", 1, "load"],
   ["command", 2, "command"], ["limits", 2, "faint", "dotted"], ["lower limit", 2, "faint", "dotted"],
   ["load torque", 3, "torque"],
   ["region", 4, "command"], ["flank", 4, "motor", "dashed"],
 ];
-const LEAST_SPAN = [1e-3, 0, 0.1, 1e-3, 0]; // of an axis by its row, so that no rounding noise fills it
+const LEAST_SPAN = [1e-3, 0, 0.1, 1e-3, 0]; // of an axis by its row, in rad or its unit, so that no rounding noise fills it
 
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
@@ -96,6 +92,7 @@ class Live {
     this.chart = options.chart;
     this.chart.on("datazoom", () => this.onZoom());
     this.tooth = new Tooth(document.getElementById("tooth"), document.getElementById("tooth-text"));
+    this.steps = new Steps(document.getElementById("steps"));
     this.forget();
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.layOut());
     new ResizeObserver(() => this.narrow !== this.chart.getWidth() < NARROW && this.layOut()).observe(this.chart.getDom());
@@ -131,6 +128,7 @@ class Live {
     this.joints = new Table(this.options.joints);
     this.state = new Table(this.options.state);
     this.tooth.forget();
+    this.steps.forget();
   }
 
   watch(axis) {
@@ -148,11 +146,12 @@ class Live {
     this.narrow = this.chart.getWidth() < NARROW;
     const rows = this.narrow ? ROWS.slice(0, 2) : ROWS;
     const whole = rows.reduce((sum, [, height]) => sum + height, 0);
-    const text = colour("ink"), line = colour("line");
+    const text = colour("ink"), line = colour("line"), { factor } = (this.angle = this.options.facts().angle);
     const axis = { type: "value", axisLine: { onZero: false, lineStyle: { color: line } }, splitLine: { lineStyle: { color: line } } };
     let top = this.narrow ? 9 : 5;
     const grids = [], x = [], y = [];
     rows.forEach(([name, part], i) => {
+      const least = LEAST_SPAN[i] * (i ? 1 : factor);
       const last = i === rows.length - 1, height = ((99 - (this.narrow ? 9 : 5)) * part) / whole;
       grids.push({ left: 64, right: 16, top: `${top}%`, height: `${height - (this.narrow ? 10 : 5)}%`, outerBoundsMode: "none" });
       top += height;
@@ -160,16 +159,17 @@ class Live {
       y.push({
         ...axis, gridIndex: i, name, nameLocation: "end", nameGap: 6, scale: true, splitNumber: 3,
         nameTextStyle: { color: text, align: "left", padding: [0, 0, 0, -56] },
-        axisLabel: { color: text, showMaxLabel: false, hideOverlap: true, formatter: (v) => `${+v.toPrecision(3)}` },
-        min: ({ min, max }) => (max - min < LEAST_SPAN[i] ? (min + max - LEAST_SPAN[i]) / 2 : null),
-        max: ({ min, max }) => (max - min < LEAST_SPAN[i] ? (min + max + LEAST_SPAN[i]) / 2 : null),
+        axisLabel: { color: text, showMaxLabel: false, showMinLabel: i === 4, fontSize: i === 4 ? 10 : 12, hideOverlap: true, formatter: (v) => `${+v.toPrecision(3)}` },
+        min: ({ min, max }) => (max - min < least ? (min + max - least) / 2 : null),
+        max: ({ min, max }) => (max - min < least ? (min + max + least) / 2 : null),
       });
     });
     if (!this.narrow) Object.assign(y[4], { min: -1, max: 3, interval: 1 });
     this.curves = CURVES.filter(([, row]) => row < rows.length);
     const series = this.curves.map(([name, row, hue, type = "solid"]) => ({
-      name, type: "line", xAxisIndex: row, yAxisIndex: row, showSymbol: false, animation: false, data: [], step: row === 4 ? "end" : false,
-      lineStyle: { width: type === "dotted" ? 1 : 1.4, color: colour(hue), type }, itemStyle: { color: colour(hue) },
+      id: `${name} ${row}`, name, type: "line", xAxisIndex: row, yAxisIndex: row, showSymbol: false, animation: false, data: [], step: row === 4 ? "end" : false,
+      lineStyle: { width: type === "dotted" || name === GHOST ? 1 : 1.4, color: colour(hue), type, opacity: name === GHOST ? 0.55 : 1 },
+      itemStyle: { color: colour(hue) },
     }));
     const band = series.find(({ name }) => name === "error");
     band.markArea = { silent: true, itemStyle: { color: colour("good"), opacity: 0.13 }, data: [[{ yAxis: -0.5 }, { yAxis: 0.5 }]] };
@@ -179,11 +179,15 @@ class Live {
       backgroundColor: "transparent",
       textStyle: { color: text, fontFamily: "system-ui, sans-serif" },
       grid: grids, xAxis: x, yAxis: y, series,
-      tooltip: { trigger: "axis", confine: true, valueFormatter: (v) => (typeof v === "number" ? v.toPrecision(4) : "") },
+      tooltip: {
+        trigger: "axis", confine: true, transitionDuration: 0, padding: [4, 8], formatter: ([{ axisValue }]) => this.atCursor(axisValue),
+        backgroundColor: colour("paper"), borderColor: line, textStyle: { color: text, fontSize: 12 },
+      },
       axisPointer: { link: [{ xAxisIndex: "all" }] },
-      legend: { type: "scroll", top: 0, left: 96, right: 8, textStyle: { color: text }, data: ["setpoint", "load", "motor through the gear"], itemHeight: 8 },
+      legend: { type: "scroll", top: 0, left: 96, right: 8, textStyle: { color: text }, data: ["setpoint", "load", "motor through the gear", GHOST], itemHeight: 8 },
       dataZoom: [{ type: "inside", xAxisIndex: rows.map((_, i) => i), filterMode: "none" }],
     }, { replaceMerge: ["grid", "xAxis", "yAxis", "series", "dataZoom"] });
+    this.fill();
   }
 
   live() {
@@ -226,8 +230,33 @@ class Live {
     return learned > 0 ? learned : 0;
   }
 
+  // Setpoint minus load, rad, of samples from one place to another; NaN where the setpoint is missing.
+  errors(from, to) {
+    const { joints, state } = this;
+    const time = joints.of("time"), load = joints.of("load"), told = state.of("time"), { hole } = state;
+    const setpoint = state.of("setpoint"), offset = state.of("offset"), errors = [];
+    let k = Math.max(0, state.from(time[from]) - 1);
+    for (let i = from; i < to; i++) {
+      while (k + 1 < told.length && told[k + 1] <= time[i]) k++;
+      errors.push(told[k] <= time[i] && time[i] - told[k] <= hole ? setpoint[k] + offset[k] - load[i] : NaN);
+    }
+    return errors;
+  }
+
+  // Time and values at the cursor, s from the newest sample.
+  atCursor(at) {
+    const rows = this.curves.flatMap(([name, row, hue], k) => {
+      const points = this.points[k], after = points.findIndex(([time]) => time >= at);
+      const [time, value] = points[after > 0 && at - points[after - 1][0] < points[after][0] - at ? after - 1 : after] ?? [NaN, null];
+      if (value === null || !(Math.abs(time - at) < NEAR * this.window)) return []; // it is missing there
+      const words = this.options.words[name]?.[value] ?? `${+(+value.toPrecision(4)).toFixed(6)} ${this.units[row]}`;
+      return [`<span style="color: ${colour(hue)}">\u25cf</span> ${name} <b>${words}</b>`];
+    });
+    return [`${at.toFixed(3)} s`, ...rows].join("<br>");
+  }
+
   fill() {
-    const { joints, state, chart } = this;
+    const { joints, state, chart, steps } = this;
     if (!this.paused || this.zero === undefined) {
       const newest = Math.max(joints.length ? joints.last("time") : -Infinity, state.length ? state.last("time") : -Infinity);
       if (!Number.isFinite(newest)) return;
@@ -235,78 +264,71 @@ class Live {
       this.zero = newest;
     }
     const { start, end } = this.paused ? chart.getOption().dataZoom[0] : { start: 0, end: 100 };
-    const first = this.newest - this.window;
-    const left = first + (this.window * start) / 100, right = first + (this.window * end) / 100;
-    const [j0, j1] = [Math.max(0, joints.from(left) - 1), Math.min(joints.length, joints.from(right) + 1)];
-    const [s0, s1] = [Math.max(0, state.from(left) - 1), Math.min(state.length, state.from(right) + 1)];
-    const jt = joints.of("time"), st = state.of("time");
-    const b = this.b, unit = b || 1e-3;
-    const load = joints.of("load"), setpoint = state.of("setpoint"), offset = state.of("offset");
-    const error = new Array(load.length);
-    let k = Math.max(0, s0 - 1);
-    for (let i = j0; i < j1; i++) {
-      while (k + 1 < st.length && st[k + 1] <= jt[i]) k++;
-      error[i] = st.length && st[k] <= jt[i] ? (setpoint[k] + offset[k] - load[i]) / unit : NaN;
-    }
-    this.error = error;
+    const begin = this.newest - this.window;
+    const left = begin + (this.window * start) / 100, right = begin + (this.window * end) / 100;
+    const shown = (time) => [Math.max(0, first(time, left) - 1), Math.min(time.length, first(time, right) + 1)];
+    const jt = joints.of("time"), st = state.of("time"), [j0, j1] = shown(jt), s = shown(st);
+    const { b } = this, { name, factor, small } = this.angle;
+    const unit = b ? 1 / b : small.factor;
+    const errors = this.errors(j0, j1);
     // The scale is that of the last second, so that a rattle is seen beside the step that came before it.
-    const [low, high] = span(error, Math.max(j0, joints.from(joints.last("time") - SWING)));
-    const half = b ? 0.75 : 1;
-    const scale = niceLimit(Math.max(half, Number.isFinite(low) ? 1.3 * Math.max(-low, high) : half));
-    const of = (name) => thin(st, state.of(name), s0, s1, this.zero);
-    const limit = (name) => (this.options.facts().unit === "V" ? of(name) : []); // limits are told in V
-    const joint = (values) => thin(jt, values, j0, j1, this.zero);
+    const [low, high] = span(errors, Math.max(0, joints.from(joints.last("time") - SWING) - j0));
+    const half = b ? 0.75 : 1e-3 * small.factor;
+    const scale = niceLimit(Math.max(half, Number.isFinite(low) ? 1.3 * unit * Math.max(-low, high) : half));
+    const of = (column, factor) => thin(st, state.of(column), s, this.zero, state.hole, factor);
+    const command = this.options.facts().unit;
+    const limit = (column) => (command === "V" ? of(column) : []); // limits are told in V
+    const joint = (column) => thin(jt, joints.of(column), [j0, j1], this.zero, joints.hole, factor);
+    const ghost = (column, factor) => (steps.ghost ? thin(steps.ghost.time, steps.ghost[column], shown(steps.ghost.time), this.zero, Infinity, factor) : []);
     const data = {
-      load: joint(load), "motor through the gear": joint(joints.of("motor")), setpoint: of("setpoint"), error: joint(error),
+      [GHOST]: [ghost("load", factor), ghost("error", unit)],
+      load: [joint("load")], "motor through the gear": [joint("motor")], setpoint: [of("setpoint", factor)],
+      error: [[], thin(jt.slice(j0, j1), errors, [0, errors.length], this.zero, joints.hole, unit)],
       command: of("command"), limits: limit("range_high"), "lower limit": limit("range_low"),
       "load torque": of("load_torque"), region: of("region"), flank: of("flank"),
     };
-    const y = [{}, { name: b ? "error, b" : "error, mrad (b is not learned yet)", min: -scale, max: scale }, { name: `command, ${this.options.facts().unit}` }, {}, {}];
+    this.units = [name, b ? "b" : small.name, command, "N m", ""];
+    const y = [{ name: `angle, ${name}` }, { name: b ? "error, b" : `error, ${small.name} (b is not learned yet)`, min: -scale, max: scale }, { name: `command, ${command}` }, {}, {}];
     const rows = this.narrow ? 2 : 5;
+    this.points = this.curves.map(([name, row]) => (row < 2 ? data[name][row] : data[name]));
     chart.setOption({
       xAxis: Array.from({ length: rows }, () => ({ min: -this.window, max: 0 })),
       yAxis: y.slice(0, rows),
-      series: this.curves.map(([name]) => ({ name, data: data[name] })),
+      series: this.curves.map(([name, row], k) => ({ id: `${name} ${row}`, data: this.points[k] })),
     }, { lazyUpdate: true });
   }
 
   draw() {
-    const { axis, stopped = "", simulated, gap } = this.options.facts();
+    const { axis, stopped = "", simulated, gap, angle } = this.options.facts();
     if (axis && axis !== this.axis) this.watch(axis);
+    if (angle.name !== this.angle.name) this.layOut();
     if (!this.paused) this.fill();
-    this.tooth.draw(this.joints, this.state, { b: this.b, simulated, gap });
+    this.tooth.draw(this.joints, this.state, { b: this.b, simulated, gap, small: angle.small });
     this.tellStep();
     if (stopped !== told) tellStop((told = stopped)); // after the page was loaded anew, too
   }
 
-  // The figures of the last step, beside its button.
+  // The figures of the last step, beside its button, and of both over the curves.
   tellStep() {
     const now = performance.now();
     if (now - (this.toldStep || 0) < 250) return;
     this.toldStep = now;
+    const { steps, b } = this, { small } = this.angle;
+    steps.look(this.joints, this.state, (from, to) => this.errors(from, to), b, this.tooth);
+    steps.tell(b, small);
     const [result, more] = this.stepText();
     document.getElementById("step-result").textContent = result;
     document.getElementById("step-more").textContent = more;
   }
   stepText() {
-    const { joints, state } = this;
-    const reference = state.of("reference"), time = state.of("time"), jt = joints.of("time"), load = joints.of("load");
-    let k = reference.length - 1;
-    const target = reference[k];
-    while (k > 0 && reference[k - 1] === target && !state.of("experiment")[k]) k--;
-    if (!(k > 0) || !Number.isFinite(target - reference[k - 1]) || reference[k - 1] === target || !joints.length) return ["no step yet", ""];
-    const from = joints.from(time[k]), last = joints.length - 1;
-    if (jt[last] - time[k] < SWING || Number.isNaN(load[last])) return ["moves", ""];
-    const inWords = (angle) => (this.b ? `${(angle / this.b).toFixed(2)} b` : `${(1e3 * angle).toFixed(1)} mrad`);
-    const [low, high] = span(load, Math.max(from, joints.from(jt[last] - SWING)));
-    const swing = `swing ${inWords(high - low)} in the last second`;
+    const { b, state } = this, { small } = this.angle, step = this.steps.last;
+    if (!step) return ["no step yet", ""];
+    if (Number.isNaN(step.swing)) return ["moves", ""];
+    const inWords = (angle) => (b ? `${(angle / b).toFixed(2)} b` : `${(angle * small.factor).toPrecision(3)} ${small.name}`);
+    const swing = `swing ${inWords(step.swing)} in the last second`;
     if (state.last("rattle") > 0) return [`rattles by ${inWords(state.last("rattle"))}`, swing];
-    const band = this.b ? this.b / 4 : 0.02 * Math.abs(target - reference[k - 1]);
-    let outside = last;
-    while (outside >= from && Math.abs(load[outside] - target) <= band) outside--;
-    if (jt[last] - jt[outside] < SWING) return ["not settled", swing];
-    const sure = (jt[last] - jt[from]) / (last - from); // one sample
-    return [`settled in ${Math.max(0, jt[outside] - time[k]).toFixed(3)} \u00b1 ${sure.toFixed(3)} s`, swing];
+    if (step.settled === Infinity) return ["not settled", swing];
+    return [`settled in ${step.settled.toFixed(3)} \u00b1 ${step.sample.toFixed(3)} s`, swing];
   }
 }
 

@@ -1,5 +1,7 @@
 // The tooth of the motor's gear in the gap of the load's gear. The teeth are drawn as involutes are, the gap to scale.
 
+import { span } from "./steps.js";
+
 const GAP = 90; // px: the gap is as wide in the drawing, whatever it is in rad
 const TOOTH = 118; // px at the pitch line
 const PITCH = 92, ROOT = 44, TIP = 39; // px: height of the pitch line, and from there to root and tip
@@ -60,6 +62,7 @@ export class Tooth {
   // Of another axis, or after a fault, when the encoders may count from elsewhere.
   forget() {
     this.low = this.high = undefined; // of the twist, motor minus load
+    this.sure = false; // whether both flanks were seen
     this.strongest = 0;
   }
 
@@ -71,7 +74,7 @@ export class Tooth {
     if (this.words.textContent !== text) this.words.textContent = text;
   }
 
-  draw(joints, state, { b, simulated, gap }) {
+  draw(joints, state, { b, simulated, gap, small }) {
     if (!joints.length) return;
     const motor = joints.of("motor"), load = joints.of("load"), now = joints.length - 1;
     const recent = joints.from(joints.last("time") - SECOND);
@@ -80,6 +83,7 @@ export class Tooth {
     if (!seen) return this.tell("Where the tooth is takes both encoders.");
     if (state.last("fault")) this.forget();
     const { width, middle } = this.place(motor, load, recent, b || gap);
+    [this.middle, this.sure] = [middle, this.high - this.low >= 0.8 * width];
     const setpoint = state.last("setpoint") + (state.last("offset") || 0);
     const off = Number.isFinite(setpoint) ? (load[now] - setpoint) / width : 0;
     const x = clip(off, REACH) * GAP; // of the load, in the frame
@@ -91,12 +95,12 @@ export class Tooth {
     this.find("motor-gear").setAttribute("transform", `translate(${tooth} 0)`);
     this.past(joints, recent, load[now] - (x / GAP) * width, middle, width);
     this.press(side, torque, tooth);
-    this.frame(off, x, width, b);
+    this.frame(off, x, width, b, small);
     const beats = !state.last("fault") && this.beats(motor, load, recent, width);
     if (side !== this.side_ || performance.now() - (this.told || 0) > 250) {
       this.side_ = side;
       this.told = performance.now();
-      this.tell(this.inWords(side, beats, load, recent, b));
+      this.tell(this.inWords(side, beats, load, recent, b, small));
     }
   }
 
@@ -150,7 +154,7 @@ export class Tooth {
   }
 
   // The target in the view, or the way to it, and the scale.
-  frame(off, x, width, b) {
+  frame(off, x, width, b, small) {
     const at = x - off * GAP, inside = Math.abs(at) < HALF - 65;
     this.find("target").style.display = inside ? "" : "none";
     this.find("target").setAttribute("transform", `translate(${at} 0)`);
@@ -159,7 +163,7 @@ export class Tooth {
     text.setAttribute("y", inside ? 158 : 188);
     const far = `${Math.abs(off).toPrecision(2)} ${b ? "b" : "gaps"}`;
     text.textContent = inside ? "target" : at > 0 ? `target in ${far} \u2192` : `\u2190 target in ${far}`;
-    const size = `${(1e3 * width).toPrecision(3)} mrad`;
+    const size = `${(width * small.factor).toPrecision(3)} ${small.name}`;
     this.find("scale-text").textContent = b ? `b = ${size}` : `gap, ${size}`;
   }
 
@@ -173,13 +177,9 @@ export class Tooth {
     return high - low > 0.9 * width;
   }
 
-  inWords(side, beats, load, recent, b) {
-    let low = Infinity, high = -Infinity;
-    for (let i = recent; i < load.length; i++) {
-      low = Math.min(low, load[i]);
-      high = Math.max(high, load[i]);
-    }
-    const swing = b ? `${((high - low) / b).toFixed(2)} b` : `${(1e3 * (high - low)).toFixed(1)} mrad`;
+  inWords(side, beats, load, recent, b, small) {
+    const [low, high] = span(load, recent);
+    const swing = b ? `${((high - low) / b).toFixed(2)} b` : `${((high - low) * small.factor).toPrecision(3)} ${small.name}`;
     const flank = side > 0 ? "drives the load on" : side < 0 ? "holds the load back" : "is between the flanks";
     return `The load moved by ${swing} in the last second. The tooth ${beats ? "beats on both flanks" : flank}.`;
   }

@@ -161,8 +161,11 @@ const seen = new IntersectionObserver(
 );
 for (const place of drawn.keys()) seen.observe(place);
 dark.addEventListener("change", () => drawn.forEach((chart) => chart.redraw()));
+let unfolded = []; // for paper alone
 const print = (on) => {
   printing = on;
+  if (on) unfolded = [...document.querySelectorAll("details:not([open])")];
+  for (const each of unfolded) each.open = on;
   drawn.forEach((chart) => chart.paper(on));
 };
 addEventListener("beforeprint", () => print(true));

@@ -64,9 +64,10 @@ class Chart:
 
 @dataclass(frozen=True)
 class Place:
-    """The place of a chart in a page: its id, what it shows in words, and whether it was thinned, in words."""
+    """The place of a chart in a page: id, title, what it shows in words, and whether it was thinned, in words."""
 
     identity: str
+    title: str
     told: str
     thinned: str = ""
 
@@ -136,7 +137,7 @@ class ChartBook:
         )
         full, sent = times.full, times.sent
         thin = f" Thinned: {sent} of {full} points, the least and the largest of every few." if sent < full else ""
-        return Place(identity, f"{chart.title}. {chart.told}".strip(), thin)
+        return Place(identity, chart.title, f"{chart.title}. {chart.told}".strip(), thin)
 
     def _panel(self, panel: Panel, times: "_Times") -> dict[str, Any]:
         return {

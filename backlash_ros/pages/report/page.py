@@ -8,6 +8,7 @@ from typing import Any
 from backlash_ros.control.tick import MISSING
 from backlash_ros.pages.report import pictures
 from backlash_ros.pages.report.charts import ChartBook, Place
+from backlash_ros.pages.report.pictures import Sketch
 from backlash_ros.pages.report.report import AxisReport, Report
 from backlash_ros.pages.report.steps import NEAR, Step
 from backlash_ros.pages.report.timing import SETTLING, Timing
@@ -20,18 +21,20 @@ DOUBTFUL = 0.01
 MOST_CHARTS = 60
 """Largest number of steps, of learning runs and of faults of an axis with a chart of their own, the first ones."""
 _NONE = "\u2013"
+_USUAL = "nominal"
+"""The gain set that is not worth saying."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of text under ``heads``; ``links``: the ids that the first cells of the rows lead to, empty for none."""
+    """Rows of text and sketches under ``heads``; ``links``: ids that the first cells lead to, empty for none."""
 
     heads: Sequence[str]
-    rows: Sequence[Sequence[str]]
+    rows: Sequence[Sequence[str | Sketch]]
     links: Sequence[str] = ()
 
     @property
-    def lines(self) -> Iterator[tuple[str, str, list[tuple[str, str]]]]:
+    def lines(self) -> Iterator[tuple[str, str | Sketch, list[tuple[str, str | Sketch]]]]:
         """The rows: link, first cell, and the other cells with their heads."""
         for (first, *rest), link in zip(self.rows, self.links or [""] * len(self.rows), strict=True):
             yield link, first, list(zip(self.heads[1:], rest, strict=True))
@@ -39,7 +42,10 @@ class Table:
 
 @dataclass(frozen=True)
 class Part:
-    """A part of an axis: a table of figures, or pairs of names and values, remarks, charts and notes."""
+    """A part of an axis, to be unfolded: a table of figures, or pairs of names and values, remarks, charts and notes.
+
+    Where the table ``leads``, it is seen at once, and each chart is unfolded on its own.
+    """
 
     title: str
     table: Table | None = None
@@ -48,6 +54,7 @@ class Part:
     remarks: Sequence[str] = ()
     charts: Sequence[Place] = ()
     notes: Sequence[str] = ()
+    leads: bool = False
 
 
 def _number(value: float) -> str:
@@ -76,6 +83,18 @@ def _in_b(report: AxisReport, angle: float) -> str:
     return _NONE if math.isnan(angle) else f"{angle / report.b if report.b > 0.0 else 1e3 * angle:.3f}"
 
 
+_SETTLED, _SWINGS, _NEVER, _CUT = "settled", "ended in a limit cycle", "did not settle", "ended too soon to tell"
+
+
+def _end(step: Step) -> str:
+    """Return how a step ended: one of four ways."""
+    if math.isfinite(step.amplitude):
+        return _SWINGS
+    if math.isfinite(step.settling):
+        return _SETTLED
+    return _CUT if step.end - step.start < TAIL + SETTLING else _NEVER
+
+
 def _cycle(report: AxisReport, step: Step) -> str:
     if math.isnan(step.residual):
         return _NONE
@@ -85,15 +104,20 @@ def _cycle(report: AxisReport, step: Step) -> str:
     return f"{_in_b(report, step.amplitude)} {often}"
 
 
-def _step_row(report: AxisReport, number: int, step: Step) -> list[str]:
-    law = f"{step.law} ({step.gain_set})" if step.law else _NONE
+def _law(step: Step) -> str:
+    """Return the law of a step, with its gain set if it has one of its own."""
+    return " ".join(filter(None, (step.law, step.gain_set if step.gain_set != _USUAL else ""))) or _NONE
+
+
+def _step_row(report: AxisReport, number: int, step: Step) -> list[str | Sketch]:
     return [
         str(number),
+        pictures.sketch(report, step) if number <= MOST_CHARTS else "",
         _at(step.start),
         f"{brief(step.origin, 4)} to {brief(step.target, 4)}",
-        law,
+        _law(step),
         _number(step.rise),
-        _number(step.settling),
+        _NONE if _end(step) == _CUT else _number(step.settling),
         _in_b(report, step.overshoot),
         _in_b(report, step.residual),
         _cycle(report, step),
@@ -121,9 +145,9 @@ def _step_words(report: AxisReport, step: Step) -> str:
     """Return the figures of a step in a sentence, for its chart."""
     unit = "b" if report.b > 0.0 else "mrad"
     said = [
-        f"{brief(step.origin, 4)} to {brief(step.target, 4)} rad at {step.start:.3f} s",
+        f"at {step.start:.3f} s",
         f"rise {_number(step.rise)} s" if math.isfinite(step.rise) else "90 % was not reached",
-        f"settled after {_number(step.settling)} s" if math.isfinite(step.settling) else "not settled",
+        f"settled after {_number(step.settling)} s" if math.isfinite(step.settling) else _end(step),
         f"overshoot {_in_b(report, step.overshoot)} {unit}",
         f"residual {_in_b(report, step.residual)} {unit}",
     ]
@@ -142,7 +166,8 @@ def _steps(report: AxisReport, book: ChartBook) -> Part:
         book.add(pictures.step_chart(report, k, _step_words(report, step)))
         for k, step in enumerate(report.steps[:MOST_CHARTS], 1)
     ]
-    heads: tuple[str, ...] = ("step", "at, s", "from, to, rad", "law (gain set)", "rise, s", "settled, s")
+    near = f"within {pictures.ROOM * report.b:.2g} rad" if report.b > 0.0 else "near the target"
+    heads: tuple[str, ...] = ("step", near, "at, s", "from, to, rad", "law, gain set", "rise, s", "settled, s")
     heads += (f"overshoot, {unit}", f"residual, {unit}", f"limit cycle, {unit}", "impacts", "peak torque, N m")
     heads += ("peak speed, rad/s",)
     rows = [_step_row(report, k, step) for k, step in enumerate(report.steps, 1)]
@@ -150,7 +175,8 @@ def _steps(report: AxisReport, book: ChartBook) -> Part:
     about = (
         f"Rise from 10 to 90 %; settled within {band} of the target for good; residual and limit cycle peak to peak in "
         "the last second; impacts: how often the teeth met after the load first came within b of the target; torque "
-        f"of the motor before the gear, speed of the load. {_NONE}: the recording does not tell."
+        f"of the motor before the gear, speed of the load. {_NONE}: the recording does not tell. Sketches: the "
+        f"load about its target for {pictures.SKETCH:g} s; the band is where it counts as settled."
     )
     remarks = [f"Step {k}: {'; '.join(found)}." for k, step in enumerate(report.steps, 1) if (found := _remarks(step))]
     notes = []
@@ -159,7 +185,8 @@ def _steps(report: AxisReport, book: ChartBook) -> Part:
     if paths := sum(move.path for move in report.events.moves):
         notes.append(f"In addition, the reference followed {counted(paths, 'path')}; no figure judges a path.")
     links = [place.identity for place in drawn] + [""] * (len(rows) - len(drawn))
-    return Part("Steps", Table(heads, rows, links), about=about, remarks=remarks, charts=drawn, notes=notes)
+    table = Table(heads, rows, links)
+    return Part("Steps", table, about=about, remarks=remarks, charts=drawn, notes=notes, leads=True)
 
 
 def _holds(report: AxisReport) -> Part | None:
@@ -297,17 +324,16 @@ def _verdicts(report: AxisReport) -> list[tuple[bool, str]]:
     steps, timing = report.steps, report.timing
     lines = []
     if steps:
-        settled = sum(math.isfinite(step.settling) for step in steps)
-        swinging = sum(math.isfinite(step.amplitude) for step in steps)
-        neither = sum(not math.isfinite(step.settling) and not math.isfinite(step.amplitude) for step in steps)
-        said = f"{counted(len(steps), 'step')}: {settled} settled, {swinging} ended in a limit cycle"
-        said += f", {neither} did neither" if neither else ""
-        lines.append((settled == len(steps) and not swinging, said))
+        ends = [_end(step) for step in steps]
+        said = ", ".join(f"{ends.count(end)} {end}" for end in dict.fromkeys([_SETTLED, *ends]) if end in ends)
+        lines.append((not {_SWINGS, _NEVER} & set(ends), f"{counted(len(steps), 'step')}: {said}"))
     for hold in report.holds:
         if math.isfinite(hold.amplitude):
-            unit = "b" if report.b > 0.0 else "mrad"
-            said = f"limit cycle while the reference stood still at {brief(hold.target, 4)} rad: "
-            lines.append((False, f"{said}{_cycle(report, hold)}, peak to peak in {unit}"))
+            unit, size = "b" if report.b > 0.0 else "mrad", _in_b(report, hold.amplitude)
+            often = "unevenly" if math.isnan(hold.frequency) else f"at {brief(hold.frequency)}\u00a0Hz"
+            said = f"limit cycle while the reference stood still at {brief(hold.target, 4)} rad"
+            when = f"{_at(hold.start)} to {_at(hold.end)} s"
+            lines.append((False, f"{said}, {when}: {size} {unit} peak to peak, {often}"))
     if report.events.faults:
         names = ", ".join(dict.fromkeys(fault.name for fault in report.events.faults))
         lines.append((False, f"{counted(len(report.events.faults), 'fault')}: {names}"))
@@ -325,20 +351,21 @@ def _verdicts(report: AxisReport) -> list[tuple[bool, str]]:
 def _axis(report: AxisReport, book: ChartBook) -> dict[str, Any]:
     """Return what the page shows of an axis; charts are added to the book in the order of the page."""
     axis = report.axis
+    steps = _steps(report, book)
     overview = book.add(pictures.overview(report)) if report.timing else None
     parts = [
-        _steps(report, book),
         _holds(report),
         _learning(report, book),
         _changes(report),
         _faults(report, book),
         _timing(report, report.timing, book) if report.timing else None,
         Part("Not in this recording", remarks=[f"{what}." for what in axis.missing]) if axis.missing else None,
+        Part("What was read, and the backlash", pairs=_about(report)),
     ]
     return {
         "name": "Axis" if axis.name == "/" else f"Axis {axis.name}",
         "verdicts": _verdicts(report),
-        "about": _about(report),
+        "steps": steps,
         "overview": overview,
         "parts": [part for part in parts if part is not None],
     }
@@ -408,4 +435,6 @@ def page_of(report: Report) -> str:
         topics=[(name, f"{count} of {kind}") for name, (kind, count) in sorted(contents.topics.items())],
         command=report.command,
         drawn=book.drawn(),
+        wide=pictures.WIDE,
+        high=pictures.HIGH,
     )

@@ -1,6 +1,7 @@
 """The charts of an axis: all of it, each step, learning run and fault by itself, and the timing of its samples."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,11 +11,43 @@ from backlash_ros.pages.report.events import FaultSeen, LearningRun
 from backlash_ros.pages.report.report import AxisReport
 from backlash_ros.pages.report.steps import Mask, Step
 from backlash_ros.recordings.bag import Series
+from backlash_ros.recordings.rounding import brief
 
 _AROUND = 0.05
 """Time before a step that its chart shows, too, s."""
-_ROOM = 1.3
+_MARGIN = 1.3
 """Range that is shown near the target, as a multiple of the largest relevant value there."""
+
+
+SKETCH, ROOM = 2.0, 1.0
+"""Time that the sketch of a step shows, s, and how far from the target, to either side, b."""
+WIDE, HIGH = 120, 32
+"""Size of a sketch."""
+
+
+class Sketch(NamedTuple):
+    """A step in a small picture of `WIDE` by `HIGH`: the load near its target; ``path`` and ``band`` in its units."""
+
+    path: str
+    band: tuple[float, float]
+    told: str
+
+
+def sketch(report: AxisReport, step: Step) -> Sketch:
+    """Return the sketch of a step: of each column the least and the largest value."""
+    part = _part(report, step.start, min(step.end, step.start + SKETCH))
+    room = ROOM * report.b if report.b > 0.0 else 4.0 * step.band
+    time, error = report.axis.time[part] - step.start, (report.axis.position[part] - step.target) / room
+    seen = np.isfinite(error)
+    column = np.minimum((time[seen] / SKETCH * WIDE).astype(int), WIDE - 1)
+    height = 0.5 * HIGH * (1.0 - np.clip(error[seen], -1.0, 1.0))
+    points = []
+    for at in np.unique(column):
+        values = height[column == at]
+        points += [f"{at} {value:.1f}" for value in dict.fromkeys((float(np.max(values)), float(np.min(values))))]
+    half = 0.5 * HIGH * step.band / room
+    told = f"the load about its target, up to {room:.2g} rad, for {SKETCH:g} s"
+    return Sketch(f"M{'L'.join(points)}" if points else "", (0.5 * HIGH - half, 2.0 * half), told)
 
 
 def _known(values: Array) -> bool:
@@ -91,7 +124,7 @@ def _near(report: AxisReport, step: Step, part: Mask) -> list[Panel]:
     axis = report.axis
     unit, scale = ("b", report.b) if report.b > 0.0 else ("mrad", 1e-3)
     largest = [abs(step.target - step.origin) * 0.02, 4.0 * step.band, step.overshoot, step.residual + abs(step.error)]
-    room = _ROOM * max(value for value in largest if math.isfinite(value)) / scale
+    room = _MARGIN * max(value for value in largest if math.isfinite(value)) / scale
     room = float(f"{room:.2g}")
     error = (axis.position[part] - step.target) / scale
     band = step.band / scale
@@ -105,7 +138,8 @@ def step_chart(report: AxisReport, number: int, told: str) -> Chart:
     start = step.start - _AROUND
     part = _part(report, start, step.end)
     panels = [_angles(report, part), *_near(report, step, part), *_gap(report, part), *_effort(report, part)]
-    return Chart(f"Step {number}", told, panels, _marks(report, start, step.end))
+    title = f"Step {number}: {brief(step.origin, 4)} to {brief(step.target, 4)} rad"
+    return Chart(title, told, panels, _marks(report, start, step.end))
 
 
 def run_chart(report: AxisReport, number: int, run: LearningRun) -> Chart:

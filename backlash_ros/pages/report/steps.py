@@ -8,12 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from backlash_ros.control import AUTO
+from backlash_ros.control.laws import BEST, UNTIL_THEN
 from backlash_ros.foundation.record import Array
 from backlash_ros.pages.report.events import Events, Move, in_use_at
 from backlash_ros.pages.report.timing import SETTLING, last_quiet, late_answers
 from backlash_ros.recordings.axes.axis import Axis
 from backlash_ros.studies.judging import QUIET
 from backlash_ros.studies.metrics import SETTLED, TAIL, count_impacts, step_figures
+
+_BY_REGIONS = "fast", "overdamped", "two_region", AUTO
+"""Laws with gains of a gain set."""
 
 Mask = NDArray[np.bool_]
 
@@ -44,7 +49,8 @@ class Step:
     ----------
     start, end, origin, target : of the reference, and of its rest
     ended_by : what ended the rest, in words; empty for the next change of the reference or the end of the bag
-    law, gain_set : in use at the start, empty if unknown
+    law, gain_set : in use at the start, the law that acted where it was chosen by itself; empty if unknown, and the
+        gain set also where the law uses none
     rise : 10 to 90 %
     settling : after which it stays within ``band`` of the target, for at least the last second; inf if never
     overshoot : beyond the target, at least 0
@@ -154,6 +160,11 @@ def _begun(axis: Axis, move: Move, end: float, why: str, **figures: Any) -> Step
     """Return a step with what was in use at its start; it ended, or its rest, because of ``why``."""
     told = in_use_at(axis, move.start)
     law, gain_set = (str(told.get(name, "")) for name in ("law", "gain_set"))
+    phase = axis.state.get("phase")
+    if law == AUTO and phase is not None:
+        planned = np.any(phase.between(move.start, end).values > 0.0)
+        law = BEST if planned else UNTIL_THEN
+    gain_set = gain_set if law in _BY_REGIONS else ""
     return Step(move.start, end, move.origin, move.target, why, law, gain_set, **figures)
 
 
