@@ -1,11 +1,13 @@
 """The plan that the setpoint follows: from where it is to a reference, or to the end of another source."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.memory import InputRow, TickRow
+from backlash_ros.control.motion.profile import MotionLimits, Profile
 from backlash_ros.control.motion.setpoint import (
     DURATION,
     AtRest,
@@ -18,6 +20,9 @@ from backlash_ros.control.motion.setpoint import (
 from backlash_ros.control.tick import NOT_BEGUN
 from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import POSITION, VELOCITY, Setpoint
+
+_ROUNDING = 1e-9
+"""Distance by which the rows of a profile may pass an end of the travel, rad."""
 
 
 class Plan:
@@ -34,6 +39,8 @@ class Plan:
 
     def __init__(self, memory: TickRow, inputs: InputRow) -> None:
         self._memory, self._inputs = memory, inputs
+        self._profile: Profile | None = None  # the newest, of these rows
+        self._rows: Array | None = None
         self.hold()
 
     def hold(self) -> None:
@@ -76,6 +83,43 @@ class Plan:
         self._memory.cursor.row = self._memory.cursor.begins = 0.0
         self.asked = True
         return ""
+
+    def go_to(self, reference: float, motion: MotionLimits, limits: Limits, fastest: float, hindrance: str) -> str:
+        """Go to a reference, rad, by a profile; return an empty text, or why it is refused.
+
+        While a profile is in use the step counts from its reference: the setpoint may be far behind. A load that is
+        held outside of the travel may come back.
+
+        Parameters
+        ----------
+        motion : limits of the setpoint's motion
+        limits, fastest, hindrance : as for `follow`
+        """
+        if hindrance:
+            return f"reference {reference:g} rad came {hindrance}"
+        last, begin = self.profile, Setpoint(self._memory.setpoint.copy())
+        if last is not None and (last.reference, last.limits) == (reference, motion):
+            return ""
+        if why := limits.rejection_reason(reference, self.position if last is None else last.reference):
+            return why
+        profile = Profile(begin, reference, motion)
+        if last is not None and last.limits == motion:
+            profile = last.onward(begin, reference, self._memory.plan_time)
+        here = float(begin[POSITION])
+        travel = replace(
+            limits,
+            position_lower=min(limits.position_lower, here) - _ROUNDING,
+            position_upper=max(limits.position_upper, here) + _ROUNDING,
+        )
+        if why := self.follow(profile, travel, fastest, "", at_once=True):
+            return f"the profile to {reference:g} rad is refused: {why}"
+        self._profile, self._rows = profile, self.segments
+        return ""
+
+    @property
+    def profile(self) -> Profile | None:
+        """The profile in use; None if the setpoint follows something else."""
+        return self._profile if self._rows is self.segments else None
 
     @property
     def position(self) -> float:
