@@ -185,7 +185,7 @@ def test_a_load_that_is_held_outside_of_the_travel_comes_back() -> None:
 
 
 def judged(number: int) -> tuple[Sequence[float], Sequence[float]]:
-    """Return, for a step of 1 rad and for the drive's profile, overshoot, b, tooth force, N, and what else is judged."""
+    """Return, of a step of 1 rad and of the drive's profile, overshoot, b, tooth force, N, and what else is judged."""
     member = draw_member(20, number, "core")
     drive, b = member.drive, member.drive.gear.backlash_angle
     settings = replace(
@@ -195,22 +195,25 @@ def judged(number: int) -> tuple[Sequence[float], Sequence[float]]:
         expected_load_torque=member.load_torque,
         profile=ProfileParameters("auto"),
     )
-    origin, count = first_reading(member), round(2.0 * member.rate)
+    origin, held, count = first_reading(member), round(member.rate), round(3.0 * member.rate)
     limits = motion_limits(drive, settings, Limits.of(drive))
     assert limits is not None
-    begin = Setpoint(np.array([origin, 0.0, 0.0]))
+    begin, time = Setpoint(np.array([origin, 0.0, 0.0])), np.arange(count)
+    waits = np.array([[origin, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
+    profile = Polynomials(np.vstack([waits, Profile(begin, origin + 1.0, limits).segments(begin)]))
     scenario = Scenario(
-        np.full(count, origin + 1.0), np.array(member.load_torque), sensors=member.sensors, delay=member.delay
+        origin + 1.0 * (time >= held), np.array(member.load_torque), sensors=member.sensors, delay=member.delay
     )
     figures = []
-    for source in (None, Profile(begin, origin + 1.0, limits)):
+    for source in (None, profile):
         done = run(drive, settings, replace(scenario, source=source), model=drive)
-        load = true_reading(member, done.load_angle)[1:]
-        away, last = np.abs(load - done.setpoint) / b, load[-round(0.5 * member.rate) :]
-        saturated = np.count_nonzero(np.abs(done.command) >= 0.999 * drive.command_limit)
-        off = np.max(np.abs(last - origin - 1.0)) - member.load_count
+        load = true_reading(member, done.load_angle)[:-1]
+        away, last = np.abs(load - done.setpoint)[held:] / b, load[-round(member.rate) :]
+        saturated = np.count_nonzero(np.abs(done.command[held:]) >= 0.999 * drive.command_limit)
+        off = (np.max(np.abs(last - origin - 1.0)) - member.load_count) / b
         overshoot = max(np.max(load) - origin - 1.0, 0.0) / b
-        figures.append((overshoot, np.max(done.peak_force), np.max(away), saturated, off / b, float(bool(done.fault))))
+        force = np.max(done.peak_force[held:])
+        figures.append((overshoot, force, np.max(away), saturated, off, float(bool(done.fault))))
     return figures[0], figures[1]
 
 
