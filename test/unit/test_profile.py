@@ -55,6 +55,7 @@ def test_a_thousand_retargets_in_flight_keep_every_limit_and_end_at_the_referenc
             ends = rows[:, :DURATION] * rows[:, -1:] ** np.arange(DURATION)
             np.testing.assert_allclose(ends.sum(axis=1)[:-1], rows[1:, 0], atol=ROUNDING)
             _, end, least, largest = extent(rows)
+            np.testing.assert_allclose(profile.reach, (least, largest), atol=ROUNDING)
             assert end == reference
             assert min(hull) - ROUNDING <= least <= largest <= max(hull) + ROUNDING
             whole = rows[:, -1].sum()

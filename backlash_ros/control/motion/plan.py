@@ -25,6 +25,19 @@ _ROUNDING = 1e-9
 """Distance by which the rows of a profile may pass an end of the travel, rad."""
 
 
+def _too_fast(speed: float, fastest: float) -> str:
+    """Return why a plan is refused whose setpoint has such a speed, rad/s; empty if it is not."""
+    if speed <= fastest:
+        return ""
+    return f"path must be slower than faults.velocity = {fastest:.4g} rad/s, got {speed:.4g}"
+
+
+def _with_room(limits: Limits, start: float) -> Limits:
+    """Return limits whose travel includes a plan's start, rad, and its rounding: a load found outside may come back."""
+    lower, upper = min(limits.position_lower, start) - _ROUNDING, max(limits.position_upper, start) + _ROUNDING
+    return replace(limits, position_lower=lower, position_upper=upper)
+
+
 class Plan:
     """The plan of one servo; its tick evaluates ``segments``.
 
@@ -39,8 +52,7 @@ class Plan:
 
     def __init__(self, memory: TickRow, inputs: InputRow) -> None:
         self._memory, self._inputs = memory, inputs
-        self._profile: Profile | None = None  # the newest, of these rows
-        self._rows: Array | None = None
+        self._profile: Profile | None = None  # the newest
         self.hold()
 
     def hold(self) -> None:
@@ -76,13 +88,16 @@ class Plan:
         taken = float(self._memory.motion.reference)
         if reason := plan_rejection(segments, limits, self.position if math.isnan(taken) else taken):
             return reason
-        if not (speed := top_speed(segments)) <= fastest:  # nan, too
-            return f"path must be slower than faults.velocity = {fastest:.4g} rad/s, got {speed:.4g}"
-        self.segments, self._end, self._reach = segments, end, (least, largest)
+        if reason := _too_fast(top_speed(segments), fastest):
+            return reason
+        self._begin(segments, end, (least, largest), at_once=at_once)
+        return ""
+
+    def _begin(self, segments: Array, end: float, reach: tuple[float, float], *, at_once: bool) -> None:
+        self.segments, self._end, self._reach = segments, end, reach
         self._memory.plan_time = 0.0 if at_once else NOT_BEGUN
         self._memory.cursor.row = self._memory.cursor.begins = 0.0
         self.asked = True
-        return ""
 
     def go_to(self, reference: float, motion: MotionLimits, limits: Limits, fastest: float, hindrance: str) -> str:
         """Go to a reference, rad, by a profile; return an empty text, or why it is refused.
@@ -105,21 +120,19 @@ class Plan:
         profile = Profile(begin, reference, motion)
         if last is not None and last.limits == motion:
             profile = last.onward(begin, reference, self._memory.plan_time)
-        here = float(begin[POSITION])
-        travel = replace(
-            limits,
-            position_lower=min(limits.position_lower, here) - _ROUNDING,
-            position_upper=max(limits.position_upper, here) + _ROUNDING,
-        )
-        if why := self.follow(profile, travel, fastest, "", at_once=True):
+        travel, reach = _with_room(limits, float(begin[POSITION])), profile.reach
+        reasons = (*(travel.rejection_reason(each, each) for each in reach), _too_fast(profile.top_speed, fastest))
+        if why := next(filter(None, reasons), ""):
             return f"the profile to {reference:g} rad is refused: {why}"
-        self._profile, self._rows = profile, self.segments
+        self._begin(profile.rows, reference, reach, at_once=True)
+        self._profile = profile
         return ""
 
     @property
     def profile(self) -> Profile | None:
         """The profile in use; None if the setpoint follows something else."""
-        return self._profile if self._rows is self.segments else None
+        last = self._profile
+        return last if last is not None and last.rows is self.segments else None
 
     @property
     def position(self) -> float:

@@ -107,6 +107,8 @@ class Profile:
 
     def onward(self, begin: Setpoint, reference: float, time: float) -> "Profile":
         """Return the profile to another reference, from ``time`` of this one on, s, where the setpoint is ``begin``."""
+        if time == 0.0:  # nothing has moved: as if this profile had not been
+            return Profile(begin, reference, self.limits, self.past)
         raw, window = self.raw, self.limits.window
         times = raw.times - time
         inside = (times > -window) & (times < 0.0)
@@ -129,8 +131,9 @@ class Profile:
         whole = Raw(np.append(past.times, future.times[1:]), np.append(past.speeds, future.speeds[1:]))
         return _without_false_corners(whole, self.limits)
 
-    def segments(self, start: Setpoint) -> Array:  # noqa: ARG002  it says itself where it starts
-        """Return the mean of the raw motion over the window, and the reference at rest."""
+    @cached_property
+    def rows(self) -> Array:
+        """The mean of the raw motion over the window, then the reference at rest, as `Source.segments` returns them."""
         window, raw = self.limits.window, self.raw
         times = np.unique(np.concatenate([[0.0], raw.times, raw.times + window]))
         times = times[times >= 0.0]
@@ -145,3 +148,24 @@ class Profile:
         rows[:-1, DURATION] = lasts
         rows[-1, [POSITION, DURATION]] = self.reference, _REST
         return rows[rows[:, DURATION] > _INSTANT]
+
+    def segments(self, start: Setpoint) -> Array:  # noqa: ARG002  it says itself where it starts
+        """Return the rows."""
+        return self.rows
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """The smallest and the largest position, rad: at the ends of rows, and where the setpoint turns within one."""
+        position, speed, half, sixth, *_, lasts = self.rows.T
+        acceleration, jerk = 2.0 * half, 6.0 * sixth
+        with np.errstate(divide="ignore", invalid="ignore"):  # where there is no turn
+            root = -(acceleration + np.copysign(np.sqrt(acceleration**2 - 2.0 * jerk * speed), acceleration))
+            turns = np.stack([np.zeros_like(root), root / jerk, 2.0 * speed / root])
+        turns = np.where((turns > 0.0) & (turns < lasts), turns, 0.0)
+        places = position + turns * (speed + turns * (half + turns * sixth))
+        return float(np.min(places)), float(np.max(places))
+
+    @property
+    def top_speed(self) -> float:
+        """The largest speed of the raw motion, rad/s: the setpoint is no faster."""
+        return float(np.max(np.abs(self.raw.speeds)))
