@@ -4,7 +4,7 @@ import argparse
 import csv
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,12 @@ from rich.console import Console
 
 from backlash_ros.commands.command import DONE, NOTHING, Command
 from backlash_ros.commands.output import print_json, staged
-from backlash_ros.control import AUTO, LAWS, Servo, ServoSettings, design_law
+from backlash_ros.control import AUTO, LAWS, Polynomials, Servo, ServoSettings, design_law
 from backlash_ros.control.design.start import CannotStartError
 from backlash_ros.control.encoders import encoders_of
 from backlash_ros.control.laws import BEST, UNTIL_THEN, law_of
+from backlash_ros.control.motion.profile import MotionLimits
+from backlash_ros.control.motion.profile_parameters import LIMITED, OF_DRIVE, STEP
 from backlash_ros.control.motion.trajectory import Trajectory, TrajectoryError
 from backlash_ros.drive_file.drive_file import (
     axis_of,
@@ -37,8 +39,9 @@ from backlash_ros.studies.paper import CASES, SECONDS, judge, respond
 from backlash_ros.studies.replay.what_if import Changes
 
 DESCRIPTION = (
-    "Simulates one step of the reference, or a path, and prints its figures as JSON: of the nominal drive under one of "
-    "the paper's conditions, or of the drive in parameter files, with their rate, sensors, delay, law and gains. A "
+    "Simulates one step of the reference, its profile, or a path, and prints its figures as JSON: of the nominal drive "
+    "under one of the paper's conditions, or of the drive in parameter files, with their rate, sensors, delay, law and "
+    "gains. A "
     "path is a table with the columns time, position[, velocity[, acceleration]] in s and rad, or a "
     "trajectory_msgs/JointTrajectory in YAML; it is followed, or refused, as on the topic joint_trajectory, under the "
     "files' limits. The controller "
@@ -49,6 +52,7 @@ DESCRIPTION = (
 EXAMPLE = (
     "examples: backlash simulate --law cascade --case 'load inertia x4'; backlash simulate config/nominal_drive.yaml "
     "--set load.inertia=0.002 --reference 0.5 --plot step.png --csv step.csv; backlash simulate axis.yaml gains.yaml; "
+    "backlash simulate axis.yaml --profile auto; backlash simulate axis.yaml --profile 2,50,1000; "
     "backlash simulate axis.yaml --trajectory path.csv --plot path.png"
 )
 _LONGEST = 600.0
@@ -61,16 +65,17 @@ _OF_DRIVES: dict[str, Any] = {
     "seconds": SECONDS,
     "load_torque": 0.0,
     "trajectory": None,
+    "profile": None,
 }
 """Options that need a drive file, and their defaults with one."""
-_OF_STEPS = "reference", "seconds"
+_OF_STEPS = "reference", "seconds", "profile"
 """Options that have no use with a path, which has its own end and length."""
 _AFTER = 1.5
 """Time for which a path's end is watched, s."""
 _PAPER = "two_region"
 _OURS = (
     *("motor", "gear", "load", "contact", "effects", "sensors", "delay", "rate", "loop_delay", "command_interface"),
-    *("gains", "gain_set", "gain_set_names", "gain_sets"),
+    *("gains", "gain_set", "gain_set_names", "gain_sets", "profile"),
 )
 """Parameters of a file that a simulation uses, in addition to those of its law."""
 
@@ -92,6 +97,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--load-torque", type=float, metavar="T", help=text)
     text = "with DRIVE: follow the path in this table or YAML file, from 0, instead of a step"
     add("--trajectory", type=Path, metavar="FILE", help=text)
+    text = (
+        "with DRIVE: how the setpoint goes to the reference: step, auto, within what the drive can do, or within "
+        "limits in rad/s, rad/s^2, rad/s^3; by default as profile.mode of DRIVE says"
+    )
+    add("--profile", metavar="{step,auto,V,A,J}", help=text)
     add("--plot", type=Path, metavar="FILE", help="with DRIVE: file for a picture, such as step.png")
     add("--csv", type=Path, metavar="FILE", help="with DRIVE: file for a table with one row per sample, true values")
     add("--force", action="store_true", help="overwrite existing files")
@@ -107,19 +117,37 @@ def _changes(given: Sequence[str], law: str) -> Mapping[str, Any]:
     return in_sections(changes)
 
 
+def _profile(given: str | None) -> Mapping[str, Any]:
+    """Return the parameters that ``--profile`` stands for, in sections; ValueError if it stands for none."""
+    if given is None:
+        return {}
+    if given in (STEP, OF_DRIVE):
+        return {"profile": {"mode": given}}
+    try:
+        velocity, acceleration, jerk = map(float, given.split(","))
+    except ValueError:
+        raise ValueError(
+            f"--profile must be {STEP}, {OF_DRIVE} or V,A,J in rad/s, rad/s^2, rad/s^3, got {given!r}"
+        ) from None
+    return {"profile": {"mode": LIMITED, "velocity": velocity, "acceleration": acceleration, "jerk": jerk}}
+
+
 def _check(name: str, value: float, least: float, most: float, unit: str) -> None:
     if not least <= value <= most:
         raise ValueError(f"{name} must be >= {least:g} and <= {most:g} {unit}, got {value!r}")
 
 
-def _simulated(given: argparse.Namespace) -> tuple[Run, PathFile | None]:
-    """Return the requested run, and the path that was followed, if one was; ValueError names what is wrong."""
+def _simulated(given: argparse.Namespace) -> tuple[Run, PathFile | MotionLimits | None]:
+    """Return the requested run, and the path or the limits of the profile that it followed, None for a step.
+
+    ValueError names what is wrong.
+    """
     _check("--seconds", given.seconds, 0.1, _LONGEST, "s")
     _check("--reference", abs(given.reference), 1e-6, 1e3, "rad, either way")
     try:
         parameters = read_parameters(*given.drive)
         law = given.law or law_named(parameters)
-        parameters = merged(parameters, _changes(given.set, law))
+        parameters = merged(merged(parameters, _changes(given.set, law)), _profile(given.profile))
         axis = axis_of(parameters)
         path = None if given.trajectory is None else read_trajectory(given.trajectory, axis.load_joint)
         heaviest = largest_load_torque(axis.drive)
@@ -136,6 +164,7 @@ def _simulated(given: argparse.Namespace) -> tuple[Run, PathFile | None]:
             identified=True,
             encoders=encoders_of(_at_zero(around.sensors)),
             backlash_angle=axis.drive.gear.backlash_angle,
+            profile=start.settings.profile,
         )
         law = law_of(start.drive, settings)
         settings = settings.with_law(law, law_parameters_of(parameters, law))
@@ -145,21 +174,27 @@ def _simulated(given: argparse.Namespace) -> tuple[Run, PathFile | None]:
             raise CannotStartError(str(error)) from error
     except TypeError as error:
         raise ValueError(str(error)) from error
-    load_torque = np.array(given.load_torque)
-    if path is None:
-        reference = np.full(max(1, round(given.seconds * around.rate)), given.reference)
-        scenario = Scenario(reference, load_torque, sensors=around.sensors, delay=around.delay)
+    scenario = Scenario(
+        np.full(max(1, round(given.seconds * around.rate)), given.reference),
+        np.array(given.load_torque),
+        sensors=around.sensors,
+        delay=around.delay,
+    )
+    if path is None and settings.profile.mode == STEP:
         return run(axis.drive, settings, scenario, model=start.drive), None
     settings = replace(settings, thresholds=start.settings.thresholds)
     servo = Servo(start.drive, settings, start.limits)
-    servo.update(_at_zero(around.sensors))
-    if refusal := _refusal(servo, path.trajectory):
-        raise ValueError(f"{given.trajectory}: {refusal}")
-    length = float(path.trajectory.times[-1]) + _AFTER
-    _check(f"{given.trajectory}: time to the end of the path", length - _AFTER, 0.0, _LONGEST, "s")
-    still = np.zeros(math.ceil(length * around.rate))
-    scenario = Scenario(still, load_torque, sensors=around.sensors, delay=around.delay, source=path.trajectory)
-    return run(axis.drive, settings, scenario, model=start.drive, limits=start.limits), path
+    servo.update(_at_zero(around.sensors))  # it holds the load there
+    refusal = servo.set_reference(given.reference) if path is None else _refusal(servo, path.trajectory)
+    if refusal:
+        raise ValueError(f"{given.trajectory or '--reference'}: {refusal}")
+    if path is not None:
+        length = float(path.trajectory.times[-1]) + _AFTER
+        _check(f"{given.trajectory}: time to the end of the path", length - _AFTER, 0.0, _LONGEST, "s")
+        scenario = replace(scenario, reference=np.zeros(math.ceil(length * around.rate)))
+    scenario = replace(scenario, source=Polynomials(servo.segments))
+    followed = servo.motion if path is None else path
+    return run(axis.drive, settings, scenario, model=start.drive, limits=start.limits), followed
 
 
 def _at_zero(sensors: Sensors) -> Measurement:
@@ -168,7 +203,7 @@ def _at_zero(sensors: Sensors) -> Measurement:
 
 
 def _refusal(servo: Servo, path: Trajectory) -> str:
-    """Return why a controller that holds the load refuses a path; empty if it follows it."""
+    """Return why a controller refuses a path; empty if it follows it."""
     try:
         return servo.follow(path, at_once=True)
     except TrajectoryError as error:
@@ -194,6 +229,14 @@ def _figures(result: Run, reference: float) -> dict[str, Any]:
         "impacts_after_switch": judged.impacts,
         "final_error_b": float(result.load_angle[-1] - reference) / b,
         **_largest(result),
+    }
+
+
+def _profile_figures(result: Run, motion: MotionLimits) -> dict[str, Any]:
+    error = result.load_angle[:-1] - result.setpoint
+    return {
+        "profile": asdict(motion),
+        "largest_error_b": float(np.max(np.abs(error))) / result.drive.gear.backlash_angle,
     }
 
 
@@ -278,8 +321,11 @@ def simulate(given: argparse.Namespace, console: Console) -> int:
     files = named(given.drive)
     if given.case is not None:
         raise ValueError(f"--case is of the nominal drive: leave it or {files} out")
-    result, path = _simulated(given)
+    result, followed = _simulated(given)
+    path = followed if isinstance(followed, PathFile) else None
     figures = _figures(result, given.reference) if path is None else _path_figures(result, path)
+    if isinstance(followed, MotionLimits):
+        figures |= _profile_figures(result, followed)
     with staged(given.plot, given.csv) as written:
         if given.csv is not None:
             _write_table(result, written[given.csv])

@@ -17,7 +17,9 @@ from backlash_ros.control.limits import Limits
 from backlash_ros.control.memory import InputRow, TickRow
 from backlash_ros.control.monitoring.faults import describe_fault
 from backlash_ros.control.monitoring.monitor import forget_ends
+from backlash_ros.control.motion.motion_limits import motion_limits
 from backlash_ros.control.motion.plan import Plan
+from backlash_ros.control.motion.profile import MotionLimits
 from backlash_ros.control.motion.setpoint import AtRest, Source, Stop, is_reference
 from backlash_ros.control.observer import keep_estimate
 from backlash_ros.control.settings import BOTH, CONTINUE, LOAD, MOTOR, ServoSettings
@@ -63,6 +65,8 @@ class Servo:
     barred = ""
     """Why no reference is followed, by others' decision; empty if that is not so. `stop` brings the load to rest."""
     constants: Array
+    motion: MotionLimits | None
+    """Limits of the setpoint's motion to a reference; None if it leaps there."""
     _law: LawInUse
 
     def __init__(
@@ -82,8 +86,9 @@ class Servo:
     def use(self, settings: ServoSettings, limits: Limits | None = None, drive: Drive | None = None) -> None:
         """Use ``settings`` from the next sample on; the memory of the observer, and of an unchanged law, is kept.
 
-        A new law starts with the voltage that holds the load. A new ``drive`` may have another load, friction and
-        teeth, but must have the same motor, reduction and command. A running experiment keeps its settings.
+        A new law starts with the voltage that holds the load. A profile goes on within its new limits. A new ``drive``
+        may have another load, friction and teeth, but must have the same motor, reduction and command. A running
+        experiment keeps its settings.
 
         Raises
         ------
@@ -111,7 +116,9 @@ class Servo:
             self._begin(self._law.chosen)
         if first or limits != self.limits:
             forget_ends(self.memory.monitor)
-        self.settings, self.limits = settings, limits
+        self.settings, self.limits, self.motion = settings, limits, motion_limits(self.drive, settings, limits)
+        if (profile := self._plan.profile) is not None and self.motion is not None and not self.arrived:
+            self.set_reference(profile.reference)
 
     def rejection_reason(self, limits: Limits, drive: Drive | None = None) -> str:
         """Return why ``limits`` or a new ``drive`` cannot be used now; empty if they can.
@@ -121,7 +128,7 @@ class Servo:
         """
         if not self.holding:
             return ""
-        moves = abs(self.estimate[OMEGA_L]) > _SLOW * self.settings.thresholds_of(self.drive).velocity
+        moves = abs(self.estimate[OMEGA_L]) > _SLOW * self._fastest
         why = drive_rejection(self.drive, drive or self.drive) if moves else ""
         return why or limits_rejection(self.limits, limits, self._plan.extremes)
 
@@ -206,7 +213,14 @@ class Servo:
         """Take a reference at rest, rad, and return an empty text; or change nothing and return why it is refused."""
         if not math.isfinite(reference):
             return f"reference must be finite, in rad, got {reference}"
-        return self.follow(AtRest(reference))
+        if self.motion is None:
+            return self.follow(AtRest(reference))
+        return self._plan.go_to(reference, self.motion, self.limits, self._fastest, self.hindrance or self.barred)
+
+    @property
+    def _fastest(self) -> float:
+        """Speed beyond which the monitor stops the load, rad/s."""
+        return self.settings.thresholds_of(self.drive).velocity
 
     def follow(self, source: Source, *, at_once: bool = False) -> str:
         """Plan ``source`` from the present setpoint on; return an empty text, or why it is refused.
@@ -214,8 +228,7 @@ class Servo:
         ``at_once``: the plan began with the last sample, as a path does that goes on from there; by default it begins
         with the next one, whenever that comes.
         """
-        fastest = self.settings.thresholds_of(self.drive).velocity
-        return self._plan.follow(source, self.limits, fastest, self.hindrance or self.barred, at_once=at_once)
+        return self._plan.follow(source, self.limits, self._fastest, self.hindrance or self.barred, at_once=at_once)
 
     def stop(self) -> str:
         """Come to rest along the path and hold there; return an empty text, or why nothing is held.
@@ -224,13 +237,14 @@ class Servo:
         """
         if self.hindrance:
             return f"nothing is held {self.hindrance}"
+        barred, self.barred = self.barred, ""
         refusal = self._come_to_rest()
-        self._plan.asked = False
+        self.barred, self._plan.asked = barred, False
         return refusal
 
     def _come_to_rest(self) -> str:
         limits, start = self.limits, Setpoint(self.memory.setpoint.copy())
-        moves = abs(self.estimate[OMEGA_L]) > _SLOW * self.settings.thresholds_of(self.drive).velocity
+        moves = abs(self.estimate[OMEGA_L]) > _SLOW * self._fastest
         away = abs(self.tracking_error) > max(self.settings.backlash_angle, _NEAR)
         stands = not np.any(start[VELOCITY:])
         if stands and (moves or away):
@@ -242,7 +256,7 @@ class Servo:
         if not stands and not self.follow(stopping, at_once=True):
             return ""
         # A load that stands, or for which no smooth stop fits before an end of the travel, is held at once.
-        return self.set_reference(limits.clamp(float(start[POSITION])))
+        return self.follow(AtRest(limits.clamp(float(start[POSITION]))))
 
     @property
     def hindrance(self) -> str:

@@ -1,11 +1,12 @@
 """Everything about the servo that can be tuned, as one immutable value."""
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from backlash_ros.control.design.gains import GainSet
 from backlash_ros.control.design.stability import Margins, stability_margins
 from backlash_ros.control.monitoring.thresholds import FaultThresholds
+from backlash_ros.control.motion.profile_parameters import ProfileParameters
 from backlash_ros.control.observer import ObserverConstants, observer_constants
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.quantity import Validated, quantity
@@ -37,6 +38,7 @@ class ServoSettings(Validated):
     times as wide as learned is then no fault. ``identified``: whether load and friction were found on this drive, so
     that a law may use them. ``encoders``: one of `ENCODERS`; a servo sees by its first sample which there are.
     ``on_lost_encoder``: one of `ON_LOST_ENCODER`, whether one that is lost is a fault, or the other one is enough.
+    ``profile``: how the setpoint goes to a reference.
     """
 
     gains: GainSet
@@ -51,6 +53,7 @@ class ServoSettings(Validated):
     identified: bool = False
     encoders: str = BOTH
     on_lost_encoder: str = STOP
+    profile: ProfileParameters = field(default_factory=ProfileParameters)
     backlash_angle: float = quantity(
         "backlash at the output shaft, within which the over-damped gains act; 0: unknown",
         "rad",

@@ -26,6 +26,7 @@ from backlash_ros.control import (
 from backlash_ros.control.design.choice import APPLY_BOUND, Choice, Tuning, check_set_names, delay_bound
 from backlash_ros.control.design.gain_sets import CUSTOM, NO_WEIGHTS, REGIONS
 from backlash_ros.control.design.start import emulated, explained
+from backlash_ros.control.motion.profile_parameters import PROFILE_MODES, STEP, ProfileParameters
 from backlash_ros.control.settings import ON_LOST_ENCODER, STOP
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.parameters import drive_of
@@ -103,6 +104,12 @@ def _declare_beside_gains(node: Node, drive: Drive, rate: float) -> dict[str, An
         constraint=f"one of {list(ON_LOST_ENCODER)}",
     )
     values["faults.on_lost_encoder"] = declare(node, "faults.on_lost_encoder", STOP, text)
+    text = describe(
+        "how the setpoint goes to a reference: in a step, within the three limits, or within what the drive can do",
+        constraint=f"one of {list(PROFILE_MODES)}",
+    )
+    values["profile.mode"] = declare(node, "profile.mode", STEP, text)
+    values |= declare_quantities(node, ProfileParameters(), dynamic=ALL)
     any_gains = Gains(1.0, 0.0, 0.0)
     return values | declare_quantities(node, ServoSettings(GainSet(any_gains, any_gains)), dynamic=ALL)
 

@@ -13,6 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from backlash_ros.control import DEFAULT_WEIGHTS, EXPERIMENTS, LAWS, FaultThresholds, Limits, Servo
 from backlash_ros.control.design.gain_sets import resolve_set
 from backlash_ros.control.monitoring.wear import WearWatch
+from backlash_ros.control.motion.profile_parameters import ProfileParameters
 from backlash_ros.control.settings import ServoSettings
 from backlash_ros.control.telemetry import telemetry
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE
@@ -33,7 +34,13 @@ def nominal_values(**changes: Any) -> dict[str, Any]:
     """Return all parameters of a controller by name, as ``~/parameters_in_use`` has them."""
     drive, values = NOMINAL_DRIVE, dict[str, Any]()
     parts = [entry.parameters for room in (LAWS, EXPERIMENTS) for entry in room.values()]
-    for part in (*parts, *(kind() for kind in CONTACTS.values()), Limits.of(drive), FaultThresholds.of(drive)):
+    for part in (
+        *parts,
+        *(kind() for kind in CONTACTS.values()),
+        Limits.of(drive),
+        FaultThresholds.of(drive),
+        ProfileParameters(),
+    ):
         values |= {f"{part.section}.{name}": getattr(part, name) for name in quantities(type(part))}
     values |= {name: ServoSettings.__dataclass_fields__[name].default for name in quantities(ServoSettings)}
     values |= values_of(drive) | {"gear.load_radius": drive.gear.load_radius}
@@ -44,7 +51,7 @@ def nominal_values(**changes: Any) -> dict[str, Any]:
     values |= {"gain_set": "nominal", "gain_set_names": ["nominal"], "rate": 250.0, "state_timeout": 0.1}
     values |= {"motor_joint": "motor", "load_joint": "load", "loop_delay": 0.0, "identified": False}
     values |= {"learning.experiment": "auto", "learning.apply": "ask", "learning.renew": False, "law": "two_region"}
-    values |= {"faults.on_lost_encoder": "stop"}
+    values |= {"faults.on_lost_encoder": "stop", "profile.mode": "step"}
     return values | changes
 
 

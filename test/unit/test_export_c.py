@@ -377,6 +377,7 @@ def refusal(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
             "law = 'two_encoder' acts once the backlash is learned and the drive is identified",
         ),
         ("backlash_angle: 0.02", "dual_loop", "law = 'dual_loop' acts once the drive is identified, which"),
+        ("profile: {mode: auto}", "cascade", "profile.mode must be 'step': in C a reference is a step, got 'auto'"),
         (f"{IDENTIFIED}\n{ONE_ENCODER}", "two_encoder", "law = 'two_encoder' needs both encoders"),
         ("load: [", "cascade", "line"),
     ],

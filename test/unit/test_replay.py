@@ -75,12 +75,17 @@ def test_whatever_acted_the_commands_are_equal_to_the_last_bit(bag: Path) -> Non
     assert second.recorded[-1] != 0.0
 
 
-def test_an_experiment_that_ends_by_itself_is_replayed(tmp_path: Path) -> None:
+def test_an_experiment_that_ends_by_itself_is_replayed_and_so_are_profiles(tmp_path: Path) -> None:
     node = NodeOffline(nominal_values(backlash_angle=0.02)).run(20)
     node.learn()
     while node.servo.experimenting:
         node.run(1)
+    node.use(profile__mode="auto", profile__velocity=5.0)
     node.refer(0.5)
+    node.run(20).refer(-0.2)  # in flight, and at once another one
+    node.refer(1.0)
+    node.run(20)
+    node.use(profile__velocity=2.0)
     node.run(100)
     (done,) = replayed(node.write(tmp_path / "bag"))
     assert done.equal

@@ -6,6 +6,7 @@ import re
 import runpy
 import shlex
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -257,3 +258,36 @@ def test_the_page_about_pids_says_what_its_command_prints(
         line for line in page.splitlines() if "never" not in line
     ]
     assert [line[:36] for line in printed.splitlines()] == [line[:36] for line in page.splitlines()]
+
+
+def test_a_profile_is_followed_as_a_controller_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Given in a word, in numbers, or by a file; what the controller refuses is refused."""
+    words, table = (DRIVE, "--reference", "0.5", "--seconds", "2"), tmp_path / "way.csv"
+    step, auto = figures_of(capsys, *words), figures_of(capsys, *words, "--profile", "auto")
+    slow = figures_of(capsys, *words, "--profile", "1,10,200", "--csv", str(table))
+    with table.open() as file:
+        setpoint = [float(row["reference"]) for row in csv.DictReader(file)]
+    assert max(abs(b - a) for a, b in pairwise(setpoint)) <= 1.0 * 0.004 + 1e-9
+    assert setpoint[-1] == 0.5
+    assert "profile" not in step
+    assert auto["peak_force_N"] < step["peak_force_N"]
+    assert slow["profile"] == {"velocity": 1.0, "acceleration": 10.0, "jerk": 200.0}
+    assert 0.5 < slow["settling_time_s"] < 0.5 / 1.0 + 1.0 / 10.0 + 20.0 / 200.0 + 0.1
+    assert max(auto["largest_error_b"], slow["largest_error_b"]) < 1.0
+    said = tmp_path / "said.yaml"
+    said.write_text("profile: {mode: limited, velocity: 1.0, acceleration: 10.0, jerk: 200.0}\nlimits: {step: 0.4}")
+    for more, says in (
+        ((), "--reference: reference must be within limits.step = 0.4 rad of 0 rad, got 0.5"),
+        (("--profile", "fast"), "--profile must be step, auto or V,A,J in rad/s, rad/s^2, rad/s^3, got 'fast'"),
+        (
+            ("--profile", "1,0,2"),
+            "profile.acceleration must be >= 1e-06 rad/s^2 with profile.mode = 'limited', got 0.0",
+        ),
+    ):
+        with pytest.raises(SystemExit, match="2"):
+            main(["simulate", DRIVE, str(said), "--reference", "0.5", *more])
+        assert says in capsys.readouterr().err
+    said.write_text(said.read_text().replace("0.4", "0.6"))
+    by_file = figures_of(capsys, DRIVE, str(said), *words[1:])
+    assert by_file == {**slow, "drive": by_file["drive"]}
+    assert figures_of(capsys, DRIVE, str(said), *words[1:], "--profile", "step")["rise_time_s"] == step["rise_time_s"]

@@ -31,6 +31,7 @@ from backlash_ros.control.design.gain_sets import (
 from backlash_ros.control.design.stability import LONGEST_DELAY
 from backlash_ros.control.design.start import CannotStartError, default_weights, emulated, explained
 from backlash_ros.control.estimates import APPLY
+from backlash_ros.control.motion.profile_parameters import STEP, ProfileParameters
 from backlash_ros.control.settings import STOP
 from backlash_ros.drivetrain import CONTACTS, Drive
 from backlash_ros.drivetrain.parameters import FOUND, drive_of, values_of
@@ -63,7 +64,7 @@ def delay_bound(rate: float) -> Quantity:
 
 def dynamic_names(drive: Drive) -> set[str]:
     """Return the names of the parameters that may change while the controller of ``drive`` runs."""
-    kinds: list[type[Validated]] = [ServoSettings, Limits, FaultThresholds]
+    kinds: list[type[Validated]] = [ServoSettings, ProfileParameters, Limits, FaultThresholds]
     kinds += [*CONTACTS.values(), *(type(entry.parameters) for room in (LAWS, EXPERIMENTS) for entry in room.values())]
     return {
         *(f"{kind.section}.{name}" if kind.section else name for kind in kinds for name in quantities(kind)),
@@ -71,7 +72,7 @@ def dynamic_names(drive: Drive) -> set[str]:
         *(f"gains.{region}.{kind}" for region in REGIONS for kind in ("k", "q")),
         *("gain_set", "identified", "law", "loop_delay"),
         *("learning.apply", "learning.experiment", "learning.renew"),
-        "faults.on_lost_encoder",
+        *("faults.on_lost_encoder", "profile.mode"),
     }
 
 
@@ -204,6 +205,7 @@ class Tuning:
             identified=values["identified"],
             experiment_parameters=_parameters_of(EXPERIMENTS, values),
             thresholds=take(FaultThresholds, values),
+            profile=take(ProfileParameters, values, mode=values["profile.mode"]),
             law_parameters=_parameters_of(LAWS, values),
         )
         if values["learning.apply"] not in APPLY:
@@ -256,7 +258,8 @@ class Tuning:
 def _defaults(drive: Drive) -> dict[str, Any]:
     """Return the defaults of the parameters that may change while a controller runs, beside gains and drive."""
     no_gains = Gains(1.0, 0.0, 0.0)
-    parts: list[Validated] = [Limits.of(drive), FaultThresholds.of(drive), ServoSettings(GainSet(no_gains, no_gains))]
+    settings = ServoSettings(GainSet(no_gains, no_gains))
+    parts: list[Validated] = [Limits.of(drive), FaultThresholds.of(drive), settings, settings.profile]
     parts += [entry.parameters for room in (LAWS, EXPERIMENTS) for entry in room.values()]
     values = {
         f"{part.section}.{name}" if part.section else name: getattr(part, name)
@@ -265,6 +268,7 @@ def _defaults(drive: Drive) -> dict[str, Any]:
     }
     fixed = {"law": AUTO, "loop_delay": 0.0, "identified": False, "learning.apply": APPLY[0]}
     fixed |= {"learning.experiment": AUTO, "learning.renew": False, "faults.on_lost_encoder": STOP}
+    fixed |= {"profile.mode": STEP}
     return values | fixed
 
 

@@ -1,11 +1,13 @@
 """The plan that the setpoint follows: from where it is to a reference, or to the end of another source."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.memory import InputRow, TickRow
+from backlash_ros.control.motion.profile import MotionLimits, Profile
 from backlash_ros.control.motion.setpoint import (
     DURATION,
     AtRest,
@@ -18,6 +20,22 @@ from backlash_ros.control.motion.setpoint import (
 from backlash_ros.control.tick import NOT_BEGUN
 from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import POSITION, VELOCITY, Setpoint
+
+_ROUNDING = 1e-9
+"""Distance by which the rows of a profile may pass an end of the travel, rad."""
+
+
+def _too_fast(speed: float, fastest: float) -> str:
+    """Return why a plan is refused whose setpoint has such a speed, rad/s; empty if it is not."""
+    if speed <= fastest:
+        return ""
+    return f"path must be slower than faults.velocity = {fastest:.4g} rad/s, got {speed:.4g}"
+
+
+def _with_room(limits: Limits, start: float) -> Limits:
+    """Return limits whose travel includes a plan's start, rad, and its rounding: a load found outside may come back."""
+    lower, upper = min(limits.position_lower, start) - _ROUNDING, max(limits.position_upper, start) + _ROUNDING
+    return replace(limits, position_lower=lower, position_upper=upper)
 
 
 class Plan:
@@ -34,6 +52,7 @@ class Plan:
 
     def __init__(self, memory: TickRow, inputs: InputRow) -> None:
         self._memory, self._inputs = memory, inputs
+        self._profile: Profile | None = None  # the newest
         self.hold()
 
     def hold(self) -> None:
@@ -69,13 +88,51 @@ class Plan:
         taken = float(self._memory.motion.reference)
         if reason := plan_rejection(segments, limits, self.position if math.isnan(taken) else taken):
             return reason
-        if not (speed := top_speed(segments)) <= fastest:  # nan, too
-            return f"path must be slower than faults.velocity = {fastest:.4g} rad/s, got {speed:.4g}"
-        self.segments, self._end, self._reach = segments, end, (least, largest)
+        if reason := _too_fast(top_speed(segments), fastest):
+            return reason
+        self._begin(segments, end, (least, largest), at_once=at_once)
+        return ""
+
+    def _begin(self, segments: Array, end: float, reach: tuple[float, float], *, at_once: bool) -> None:
+        self.segments, self._end, self._reach = segments, end, reach
         self._memory.plan_time = 0.0 if at_once else NOT_BEGUN
         self._memory.cursor.row = self._memory.cursor.begins = 0.0
         self.asked = True
+
+    def go_to(self, reference: float, motion: MotionLimits, limits: Limits, fastest: float, hindrance: str) -> str:
+        """Go to a reference, rad, by a profile; return an empty text, or why it is refused.
+
+        While a profile is in use the step counts from its reference: the setpoint may be far behind. A load that is
+        held outside of the travel may come back.
+
+        Parameters
+        ----------
+        motion : limits of the setpoint's motion
+        limits, fastest, hindrance : as for `follow`
+        """
+        if hindrance:
+            return f"reference {reference:g} rad came {hindrance}"
+        last, begin = self.profile, Setpoint(self._memory.setpoint.copy())
+        if last is not None and (last.reference, last.limits) == (reference, motion):
+            return ""
+        if why := limits.rejection_reason(reference, self.position if last is None else last.reference):
+            return why
+        profile = Profile(begin, reference, motion)
+        if last is not None and last.limits == motion:
+            profile = last.onward(begin, reference, self._memory.plan_time)
+        travel, reach = _with_room(limits, float(begin[POSITION])), profile.reach
+        reasons = (*(travel.rejection_reason(each, each) for each in reach), _too_fast(profile.top_speed, fastest))
+        if why := next(filter(None, reasons), ""):
+            return f"the profile to {reference:g} rad is refused: {why}"
+        self._begin(profile.rows, reference, reach, at_once=True)
+        self._profile = profile
         return ""
+
+    @property
+    def profile(self) -> Profile | None:
+        """The profile in use; None if the setpoint follows something else."""
+        last = self._profile
+        return last if last is not None and last.rows is self.segments else None
 
     @property
     def position(self) -> float:

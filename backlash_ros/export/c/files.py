@@ -15,6 +15,7 @@ from backlash_ros.control.design.choice import Choice
 from backlash_ros.control.laws import lacks, law_of
 from backlash_ros.control.monitoring.faults import FaultDetails
 from backlash_ros.control.motion.moving_reference import MotionMemory
+from backlash_ros.control.motion.profile_parameters import STEP
 from backlash_ros.control.motion.setpoint import ORDER, Cursor
 from backlash_ros.control.observer import ObserverMemory
 from backlash_ros.control.tick import NOT_BEGUN, Inputs, Results, TickMemory
@@ -80,6 +81,11 @@ class Controller:
             raise ValueError(
                 f"law = {settings.law!r} acts once {missing}, which {self.source} does not say: set backlash_angle and "
                 "identified, as `backlash identify` and ~/identify do, or take another law"
+            )
+        if settings.profile.mode != STEP:
+            raise ValueError(
+                f"profile.mode must be {STEP!r}: in C a reference is a step, got {settings.profile.mode!r}; let your "
+                "program plan the motion, and follow it as a plan"
             )
         measured = self.around.sensors.measured
         if LAWS[self.law].both_encoders and not {"theta_m", "theta_l"} <= set(measured):
