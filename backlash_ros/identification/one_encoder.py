@@ -97,12 +97,14 @@ _MOST = 2.5
 _STEEPEST = 0.4
 """Growth of the gap with the angle, in gaps for each rad, beyond which the motion has not shown the gap: no gear has
 more; tuned."""
+_FEWEST = 5.0
+"""Counts of the encoder that a gap must have: of 80 drives that were learned, one was wrong, a gap of 2.9 counts."""
 _HOPELESS = 2.5
 """Rms of the innovations, over the largest that fits, beyond which neither other widths nor more readings are tried."""
 _FLANK = 0.02
 """Share of the torque at standstill that a flank has borne to be counted as seen."""
 _LIGHTEST = 0.12
-"""Of a load that a motor feels: inertia over that of the motor."""
+"""Inertia of a load that a motor feels, over that of the motor: of lighter ones 16 of 17 gaps were right, then 2 wrong."""
 _APART = 0.15
 """By how much, as ln, a gap differs to be another one, which has to be worse."""
 _WORSE = 60.0
@@ -406,6 +408,8 @@ def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> 
             f"the load's inertia is {share:.2g} of the motor's, as seen at the output: below {_LIGHTEST:g} of it "
             "the motor hardly feels it"
         )
+    elif gap < _FEWEST * count:
+        why = f"the gap is {gap:.2g} rad, {gap / count:.2g} counts of the encoder: fewer than {_FEWEST:g} do not tell it"
     elif abs(slope := float(found.values.gap_slope)) > _STEEPEST:
         why = (
             f"the gap would have to grow by {100.0 * slope:.0f} % for each rad, and no gear's does by more than "

@@ -80,6 +80,25 @@ def test_each_contact_law_is_tried_from_what_the_other_has_found(number: int) ->
     assert estimate.angle == pytest.approx(member.drive.gear.backlash_angle, rel=0.02)
 
 
+@pytest.mark.grid
+@pytest.mark.population
+def test_a_gap_of_a_few_counts_is_refused() -> None:
+    """It has 2.9 counts, and was found 43 % too wide, with an uncertainty of 3 %."""
+    member = draw_member(352711, 61, "core", "load")
+    model = told_model(member, "identified")
+    estimate = run_experiment(
+        member.drive,
+        settings_for(model, member, 0.0),
+        "relay",
+        model=model,
+        load_torque=member.load_torque,
+        sensors=member.sensors,
+        delay=member.delay,
+    )
+    assert not estimate.valid
+    assert "counts of the encoder: fewer than 5 do not tell it" in estimate.reason
+
+
 def run(
     servo: Servo, plant: SimulatedDrive, samples: int, torque: float = 0.0, jumps: dict[int, float] | None = None
 ) -> float:
