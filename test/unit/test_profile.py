@@ -196,7 +196,7 @@ def judged(number: int) -> tuple[Sequence[float], Sequence[float]]:
         expected_load_torque=member.load_torque,
         profile=ProfileParameters("auto"),
     )
-    origin, held, count = first_reading(member), round(member.rate), round(3.0 * member.rate)
+    origin, held, count = first_reading(member), round(member.rate), round(2.2 * member.rate)
     limits = motion_limits(drive, settings, Limits.of(drive))
     assert limits is not None
     begin, time = Setpoint(np.array([origin, 0.0, 0.0])), np.arange(count)
