@@ -228,7 +228,10 @@ class Servo:
         ``at_once``: the plan began with the last sample, as a path does that goes on from there; by default it begins
         with the next one, whenever that comes.
         """
-        return self._plan.follow(source, self.limits, self._fastest, self.hindrance or self.barred, at_once=at_once)
+        return self._follow(source, self.hindrance or self.barred, at_once=at_once)
+
+    def _follow(self, source: Source, hindrance: str = "", *, at_once: bool = False) -> str:
+        return self._plan.follow(source, self.limits, self._fastest, hindrance, at_once=at_once)
 
     def stop(self) -> str:
         """Come to rest along the path and hold there; return an empty text, or why nothing is held.
@@ -237,9 +240,8 @@ class Servo:
         """
         if self.hindrance:
             return f"nothing is held {self.hindrance}"
-        barred, self.barred = self.barred, ""
         refusal = self._come_to_rest()
-        self.barred, self._plan.asked = barred, False
+        self._plan.asked = False
         return refusal
 
     def _come_to_rest(self) -> str:
@@ -253,10 +255,10 @@ class Servo:
             return ""
         deceleration = float(tick_constants_at(self.constants).motion.acceleration)
         stopping = Stop(start, deceleration, limits.position_lower, limits.position_upper)
-        if not stands and not self.follow(stopping, at_once=True):
+        if not stands and not self._follow(stopping, at_once=True):
             return ""
         # A load that stands, or for which no smooth stop fits before an end of the travel, is held at once.
-        return self.follow(AtRest(limits.clamp(float(start[POSITION]))))
+        return self._follow(AtRest(limits.clamp(float(start[POSITION]))))
 
     @property
     def hindrance(self) -> str:

@@ -391,7 +391,8 @@ class Controller(ManagedNode):
         self._open_gate()
         self._servo.reset()
         self._told = Fault.NONE
-        self._group.tell()
+        if self.configured:
+            self._group.tell()
         return True, f"reset {fault.name}: {text}" if fault else f"reset the loss of the {lost}'s encoder"
 
     def statuses(self) -> Sequence[DiagnosticStatus]:

@@ -113,11 +113,10 @@ def declare_controller(node: Node) -> ControllerParameters:
     text = "time without a setpoint after which their stream has ended; a fifth of it may lie between two of them"
     setpoint_timeout = float(declare_number(node, "setpoint_timeout", 0.1, Quantity(text, "s", 0.0, 10.0, True)))
     text = "axes with the same one move together: while one of them cannot, the others come to rest; empty: alone"
-    group = declare(
-        node, "group", "", describe(text, constraint="a letter, then letters, digits or underscores", read_only=True)
-    )
+    name = "a letter, then letters, digits or underscores"
+    group = declare(node, "group", "", describe(text, constraint=name, read_only=True))
     if not re.fullmatch(r"([A-Za-z][A-Za-z0-9_]*)?", group):
-        raise ValueError(f"group must be a letter, then letters, digits or underscores, or be empty, got {group!r}")
+        raise ValueError(f"group must be {name}, or be empty, got {group!r}")
     described = Quantity(
         "rate of ~/state, at most the sample rate; changes are also sent at once", "Hz", 0.0, rate, True
     )

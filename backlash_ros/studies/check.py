@@ -184,7 +184,7 @@ def _sag(drive: Drive, around: Surroundings, start: Choice) -> Iterator[Warned]:
         "the losses of the gear": 1.0 - drive.gear.efficiency_forward,
     }
     what = " and ".join(name for name, there in causes.items() if there)
-    alone = "with torque_bandwidth 0" if sees else "until it is identified with the load's encoder alone,"
+    alone = "with torque_bandwidth 0" if sees else "with the load's encoder alone, until identify has run,"
     remedy = "" if sees else "call identify, or measure the motor's shaft as well: then the torque is estimated; or "
     remedy += "" if estimates else "set torque_bandwidth to 40; or "
     k1 = torque * drive.gear.ratio * drive.motor.resistance / drive.motor.torque_constant / (0.25 * b)

@@ -11,12 +11,12 @@ from hypothesis import settings as examples
 from hypothesis import strategies as st
 
 from backlash_ros.control import EXPERIMENTS, GainSet, Limits, Method, Servo, ServoSettings
-from backlash_ros.control.experiment import Deferred
+from backlash_ros.control.experiment import BacklashEstimate, Deferred
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.sensors import Sensors
 from backlash_ros.foundation.signals import OMEGA_L, THETA_L, THETA_M, Measurement
 from backlash_ros.simulation import SimulatedDrive, run_experiment
-from backlash_ros.studies.evaluation.population import draw_member, told_model
+from backlash_ros.studies.evaluation.population import Member, draw_member, told_model
 from backlash_ros.studies.evaluation.task import settings_for
 
 ENCODERS = {"load": ("theta_l",), "motor": ("theta_m",)}
@@ -60,14 +60,10 @@ def test_one_encoder_tells_the_gap(gains: GainSet, drive: Drive, torque: float, 
     assert abs(estimate.angle - drive.gear.backlash_angle) < 2.5 * estimate.uncertainty
 
 
-@pytest.mark.grid
-@pytest.mark.population
-@pytest.mark.parametrize("number", [83, 88])
-def test_each_contact_law_is_tried_from_what_the_other_has_found(number: int) -> None:
-    """By itself the right one misses its minimum: the other one then was 12 % off, or the drive was refused."""
-    member = draw_member(818181, number, "core", "load")
-    model = told_model(member, "nominal")
-    estimate = run_experiment(
+def learned(member: Member, told: str) -> BacklashEstimate:
+    """Learn the gap of a drive of a population by the relay; ``told``: what the controller knows of the drive."""
+    model = told_model(member, told)
+    return run_experiment(
         member.drive,
         settings_for(model, member, 0.0),
         "relay",
@@ -76,6 +72,15 @@ def test_each_contact_law_is_tried_from_what_the_other_has_found(number: int) ->
         sensors=member.sensors,
         delay=member.delay,
     )
+
+
+@pytest.mark.grid
+@pytest.mark.population
+@pytest.mark.parametrize("number", [83, 88])
+def test_each_contact_law_is_tried_from_what_the_other_has_found(number: int) -> None:
+    """By itself the right one misses its minimum: the other one then was 12 % off, or the drive was refused."""
+    member = draw_member(818181, number, "core", "load")
+    estimate = learned(member, "nominal")
     assert estimate.valid, estimate.reason
     assert estimate.angle == pytest.approx(member.drive.gear.backlash_angle, rel=0.02)
 
@@ -84,17 +89,7 @@ def test_each_contact_law_is_tried_from_what_the_other_has_found(number: int) ->
 @pytest.mark.population
 def test_a_gap_of_a_few_counts_is_refused() -> None:
     """It has 2.9 counts, and was found 43 % too wide, with an uncertainty of 3 %."""
-    member = draw_member(352711, 61, "core", "load")
-    model = told_model(member, "identified")
-    estimate = run_experiment(
-        member.drive,
-        settings_for(model, member, 0.0),
-        "relay",
-        model=model,
-        load_torque=member.load_torque,
-        sensors=member.sensors,
-        delay=member.delay,
-    )
+    estimate = learned(draw_member(352711, 61, "core", "load"), "identified")
     assert not estimate.valid
     assert "counts of the encoder: fewer than 5 do not tell it" in estimate.reason
 

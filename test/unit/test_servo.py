@@ -213,3 +213,15 @@ def test_missing_samples_do_not_look_like_speed(gains: GainSet, missing: int) ->
     assert servo.fault == ""
     assert max(ratios) < 1.2
     assert min(ratios) > 0.6
+
+
+def test_a_servo_that_others_bar_follows_nothing_but_can_be_stopped(gains: GainSet) -> None:
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains, backlash_angle=0.02))
+    servo.update(AT_REST)
+    assert servo.set_reference(0.5) == ""
+    servo.update(AT_REST)
+    servo.barred = "while another axis is not active"
+    assert servo.set_reference(1.0) == "reference 1 rad came while another axis is not active"
+    assert servo.reference == 0.5
+    assert servo.stop() == ""
+    assert servo.reference == 0.0
