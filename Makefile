@@ -52,10 +52,9 @@ live: $(READY)
 	$(BIN)/python -m backlash_ros.dashboard.live
 
 # Tests that are judged in real time run after the others, on two cores of their own; all others run four at a time, each
-# file by one process, which makes once what its tests share. The pages of the grid need those cores, too. Plain pytest
-# runs all tests, the grids too, one after the other.
-REAL_TIME := test/system/test_contract.py test/nodes/test_transport.py
-PAGE := test/nodes/test_page.py
+# file by one process, which makes once what its tests share. Plain pytest runs all tests, the grids too, one after the
+# other.
+REAL_TIME := test/system/test_contract.py test/nodes/test_transport.py test/nodes/test_page.py
 SIDE_BY_SIDE := -n 4 --dist loadscope
 LONG_FIRST := --no-loadscope-reorder
 test: $(READY)
@@ -65,8 +64,8 @@ test: $(READY)
 
 test-grid: $(READY)
 	$(BIN)/python -m backlash_ros.simulation
-	$(BIN)/python -m pytest -m grid $(SIDE_BY_SIDE) $(LONG_FIRST) $(REAL_TIME:%=--ignore=%) --ignore=$(PAGE)
-	$(BIN)/python -m pytest -m grid -n 2 --dist loadfile $(REAL_TIME) $(PAGE)
+	$(BIN)/python -m pytest -m grid $(SIDE_BY_SIDE) $(LONG_FIRST) $(REAL_TIME:%=--ignore=%)
+	$(BIN)/python -m pytest -m grid -n 2 --dist loadfile $(REAL_TIME)
 
 # Faults injected into live processes: once for the page; and twenty times, four at once, on a machine that this loads.
 FAULTS := test/nodes/test_faults.py test/nodes/test_parameter_storm.py test/nodes/test_recorder.py -k __

@@ -32,7 +32,7 @@ class TickRow:
     """The memory of a tick: one array, ``row``, laid out as `TickMemory`, and what Python needs of it.
 
     ``used`` is the last `Measurement` as used, ``setpoint`` the last `Setpoint`, ``monitor``, ``motion`` and
-    ``plausibility`` are parts of the memory: all are views. The others are `Results` by name.
+    ``plausibility``, ``cursor`` and ``pace`` are parts of the memory: all are views. The others are `Results` by name.
     """
 
     command = _result("command")
@@ -48,7 +48,7 @@ class TickRow:
         self.estimate = Estimate(memory.observer.estimate)
         self.observer, self.monitor, self.motion = memory.observer, memory.monitor, memory.motion
         self.plausibility = memory.plausibility
-        self.cursor = memory.cursor
+        self.cursor, self.pace = memory.cursor, memory.pace
         self.details = memory.results.details
 
     def forget(self) -> None:
@@ -65,6 +65,7 @@ class InputRow:
     offset = _Cell(cell_of(Inputs, "offset"))
     torque = _Cell(cell_of(Inputs, "torque"))
     experimenting = _Cell(cell_of(Inputs, "experimenting"))
+    pace = _Cell(cell_of(Inputs, "pace"))
 
     def __init__(self) -> None:
         self.row: Array = row_of(Inputs)

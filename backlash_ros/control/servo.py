@@ -18,7 +18,7 @@ from backlash_ros.control.memory import InputRow, TickRow
 from backlash_ros.control.monitoring.faults import describe_fault
 from backlash_ros.control.monitoring.monitor import forget_ends
 from backlash_ros.control.motion.motion_limits import motion_limits
-from backlash_ros.control.motion.plan import Plan
+from backlash_ros.control.motion.plan import Fastest, Plan
 from backlash_ros.control.motion.profile import MotionLimits
 from backlash_ros.control.motion.setpoint import AtRest, Source, Stop, is_reference
 from backlash_ros.control.observer import keep_estimate
@@ -128,7 +128,7 @@ class Servo:
         """
         if not self.holding:
             return ""
-        moves = abs(self.estimate[OMEGA_L]) > _SLOW * self._fastest
+        moves = abs(self.estimate[OMEGA_L]) > _SLOW * self._stopped_at
         why = drive_rejection(self.drive, drive or self.drive) if moves else ""
         return why or limits_rejection(self.limits, limits, self._plan.extremes)
 
@@ -218,20 +218,44 @@ class Servo:
         return self._plan.go_to(reference, self.motion, self.limits, self._fastest, self.hindrance or self.barred)
 
     @property
-    def _fastest(self) -> float:
+    def _stopped_at(self) -> float:
         """Speed beyond which the monitor stops the load, rad/s."""
         return self.settings.thresholds_of(self.drive).velocity
 
-    def follow(self, source: Source, *, at_once: bool = False) -> str:
+    @property
+    def _fastest(self) -> Fastest:
+        """Speed that no plan may exceed."""
+        stopped, able = self._stopped_at, self.drive.no_load_speed
+        return Fastest(able, "the drive's no-load speed") if able < stopped else Fastest(stopped, "faults.velocity")
+
+    def follow(self, source: Source, *, at_once: bool = False, paced: bool = False) -> str:
         """Plan ``source`` from the present setpoint on; return an empty text, or why it is refused.
 
-        ``at_once``: the plan began with the last sample, as a path does that goes on from there; by default it begins
-        with the next one, whenever that comes.
+        Parameters
+        ----------
+        at_once : whether the plan began with the last sample, as a path does that goes on from there; by default it
+            begins with the next one, whenever that comes
+        paced : whether it may be slowed down, see `pace`
         """
-        return self._follow(source, self.hindrance or self.barred, at_once=at_once)
+        return self._follow(source, self.hindrance or self.barred, at_once=at_once, paced=paced)
 
-    def _follow(self, source: Source, hindrance: str = "", *, at_once: bool = False) -> str:
-        return self._plan.follow(source, self.limits, self._fastest, hindrance, at_once=at_once)
+    def _follow(self, source: Source, hindrance: str = "", *, at_once: bool = False, paced: bool = False) -> str:
+        return self._plan.follow(source, self.limits, self._fastest, hindrance, at_once=at_once, paced=paced)
+
+    @property
+    def pace(self) -> float:
+        """How fast paths are followed that may be slowed down: 1 as planned, 0 they stand still.
+
+        A change accelerates the setpoint within what the drive can do.
+        """
+        return self._plan.pace
+
+    def set_pace(self, pace: float) -> str:
+        """Follow paths at another `pace`; return an empty text, or change nothing and return why it is refused."""
+        if not 0.0 <= pace <= 1.0:  # nan, too
+            return f"speed_scaling must be a share from 0 to 1, got {pace:g}"
+        self._plan.pace = pace
+        return ""
 
     def stop(self) -> str:
         """Come to rest along the path and hold there; return an empty text, or why nothing is held.
@@ -246,7 +270,7 @@ class Servo:
 
     def _come_to_rest(self) -> str:
         limits, start = self.limits, Setpoint(self.memory.setpoint.copy())
-        moves = abs(self.estimate[OMEGA_L]) > _SLOW * self._fastest
+        moves = abs(self.estimate[OMEGA_L]) > _SLOW * self._stopped_at
         away = abs(self.tracking_error) > max(self.settings.backlash_angle, _NEAR)
         stands = not np.any(start[VELOCITY:])
         if stands and (moves or away):

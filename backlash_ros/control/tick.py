@@ -30,7 +30,7 @@ from backlash_ros.control.motion.moving_reference import (
     forget_path,
     reference_path,
 )
-from backlash_ros.control.motion.setpoint import AHEAD, Cursor, is_reference, look_ahead
+from backlash_ros.control.motion.setpoint import AHEAD, Cursor, Pace, go_at, is_reference, look_ahead
 from backlash_ros.control.observer import ObserverConstants, ObserverMemory, observer_step
 from backlash_ros.foundation.compiled import compiled, specialize, unbound
 from backlash_ros.foundation.record import Array, Record, cells, part, view_of
@@ -77,6 +77,7 @@ class Inputs(Record):
     torque: float = 0.0  # N m, an experiment's, at the output
     known_load_torque: float = math.nan  # N m, nan if it is not known
     experimenting: float = 0.0  # 1 while an experiment moves the load
+    pace: float = 1.0  # 0 to 1, wanted: how fast time goes on along the plan
 
 
 class Results(Record):
@@ -84,7 +85,7 @@ class Results(Record):
 
     command: float = 0.0  # V or A, in force
     fault: float = 0.0  # a `Fault`
-    plan_time: float = NOT_BEGUN  # s, since the plan began
+    plan_time: float = NOT_BEGUN  # s, since the plan began, by its own pace
     low: float = 0.0  # V, the smallest voltage that the law was allowed
     high: float = 0.0  # V, the largest one
     details: FaultDetails = part(FaultDetails)
@@ -102,6 +103,7 @@ class TickMemory(Record):
     setpoint: Array = cells(3)  # the last `Setpoint`, with an experiment's offset
     path: Array = cells(AHEAD, 3)  # that and those of the next samples, as far as they are known
     cursor: Cursor = part(Cursor)
+    pace: Pace = part(Pace)
     results: Results = part(Results)
 
 
@@ -125,23 +127,33 @@ def _find_fault(
 
 @compiled
 def _plan_setpoint(
-    constants: MotionConstants, memory: TickMemory, segments: Array, estimate: Estimate, period: float, nominal: float
+    constants: MotionConstants,
+    memory: TickMemory,
+    segments: Array,
+    estimate: Estimate,
+    wanted_pace: float,
+    period: float,
+    nominal: float,
 ) -> None:
     """Write the setpoint of this sample and the path; a plan that has yet to begin holds the load where it is.
 
     ``period``: since the previous sample, s; ``nominal``: between two samples.
     """
-    results = memory.results
+    results, pace = memory.results, memory.pace
     if math.isnan(segments[0, 0]):
         segments[0, 0] = estimate[THETA_L]
     if results.plan_time < 0.0:
         memory.cursor.row, memory.cursor.begins = 0.0, 0.0
-    results.plan_time = 0.0 if results.plan_time < 0.0 else results.plan_time + period
+        pace.now, pace.rate = 1.0, 0.0
+        results.plan_time = 0.0
+    else:
+        results.plan_time += go_at(pace, wanted_pace, period)
     if is_reference(segments):
         reference_path(constants, memory.motion, segments[0, 0], estimate, period, nominal, memory.path[:])
     else:
         forget_path(memory.motion)
-        look_ahead(segments, memory.cursor, results.plan_time, nominal, memory.path)
+        time = results.plan_time
+        look_ahead(segments, memory.cursor, pace, wanted_pace, constants.acceleration, time, nominal, memory.path)
     memory.setpoint[:] = memory.path[0]
 
 
@@ -227,7 +239,7 @@ def _tick(
     observer_step(observer, memory.observer, used, before, period, observer.torque_bandwidth)
     if not math.isnan(inputs.known_load_torque):
         estimate[LOAD_TORQUE] = inputs.known_load_torque
-    _plan_setpoint(constants.motion, memory, segments, estimate, period, observer.period)
+    _plan_setpoint(constants.motion, memory, segments, estimate, inputs.pace, period, observer.period)
     if watched and _goes_away(constants, memory, estimate, inputs.experimenting != 0.0, period):
         results.fault = _AWAY
         return 0.0

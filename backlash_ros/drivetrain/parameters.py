@@ -247,6 +247,11 @@ class Drive:
         return motor.torque_constant * voltage / motor.resistance / self.gear.ratio
 
     @property
+    def no_load_speed(self) -> float:
+        """Speed of the output at which the back-EMF is as large as the largest voltage, rad/s."""
+        return self.gear.ratio * self.motor.voltage_limit / self.motor.torque_constant
+
+    @property
     def reflected_inertia(self) -> float:
         """Motor inertia seen at the output, J_r = J_m/n^2, kg m^2."""
         return self.motor.inertia / self.gear.ratio**2

@@ -408,6 +408,7 @@ class Controller(ManagedNode):
         shown = {
             "parameters_version": self._tunables.version,
             "law_in_use": self._servo.law,
+            "speed_scaling": self._servo.pace,
             **{key: values[key] for key in _SHOWN},
             **learned,
         }
@@ -422,6 +423,7 @@ topics, relative to the namespace
               reference       std_msgs/Float64             target angle of the load, rad
               joint_trajectory  trajectory_msgs/JointTrajectory  path of the load, by the name of its joint
               setpoint        trajectory_msgs/JointTrajectory  one point of a path, 50 to 250 a second
+              speed_scaling   std_msgs/Float64             0 to 1: share of its speed at which a trajectory is followed
   publishes   command         std_msgs/Float64MultiArray   data[0]: V, or A with command_interface:=current
               ~/in_position   std_msgs/String              released, moving, settled, holding or limit
               ~/state         diagnostic_msgs/DiagnosticArray, ~/backlash_estimate, ~/parameters_in_use, /diagnostics

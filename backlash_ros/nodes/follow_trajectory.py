@@ -146,7 +146,7 @@ class FollowTrajectory:
             raise GoalError("multi_dof_trajectory must be empty")
         tolerances = Tolerances.of(request, self._joint, self._window())
         path = trajectory_of(request.trajectory, self._joint, self._now())
-        if refusal := servo.follow(path, at_once=True):
+        if refusal := servo.follow(path, at_once=True, paced=True):
             raise GoalError(refusal)
         ends = float(servo.segments[:, DURATION].sum())
         return _Goal(handle, tolerances, servo.segments, 0.0 if math.isinf(ends) else ends)

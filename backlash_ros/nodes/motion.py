@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from std_msgs.msg import String
+from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
@@ -50,6 +50,7 @@ class Motion:
         self._watch, self._told = InPosition(servo), ""
         self._in_position = node.speak(String, "~/in_position", TRANSIENT_LOCAL)
         node.listen(JointTrajectory, "joint_trajectory", self._on_trajectory, SEND)
+        node.listen(Float64, "speed_scaling", self._on_speed_scaling)
         node.listen(JointTrajectory, "setpoint", self._on_setpoint, RECEIVE_STREAM)
         node.create_service(Trigger, "~/hold", self._on_hold)
         self._action: FollowTrajectory | None = None
@@ -93,16 +94,30 @@ class Motion:
         if not self._node.active:
             return "joint_trajectory came while not active"
         try:
-            refusal = self._servo.follow(path := trajectory_of(message, self._joint, self._now), at_once=True)
+            path = trajectory_of(message, self._joint, self._now)
+            refusal = self._servo.follow(path, at_once=True, paced=True)
         except TrajectoryError as error:
             refusal = str(error)
         if refusal:
             return f"joint_trajectory is refused: {refusal}"
         points, left, end = path.times.size, path.times[-1] - path.age, self._servo.reference
+        slowed = "" if self._servo.pace == 1.0 else f", {self._scaled}"
         self._node.get_logger().info(
-            f"follows a trajectory of {points} points, to {end:.6g} rad in {left:.3g} s", throttle_duration_sec=1.0
+            f"follows a trajectory of {points} points, to {end:.6g} rad in {left:.3g} s{slowed}",
+            throttle_duration_sec=1.0,
         )
         return ""
+
+    @property
+    def _scaled(self) -> str:
+        return f"at {self._servo.pace:g} of its speed by speed_scaling"
+
+    def _on_speed_scaling(self, message: Float64) -> None:
+        before, refusal = self._servo.pace, self._servo.set_pace(message.data)
+        if refusal:
+            self._taken(refusal, often=True)
+        elif message.data != before:
+            self._node.get_logger().info(f"follows a trajectory {self._scaled}", throttle_duration_sec=1.0)
 
     @property
     def _now(self) -> int:

@@ -10,6 +10,7 @@ from graph import Lifecycle, Parameters, Peer, Process
 from lifecycle_msgs.msg import Transition
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -22,28 +23,33 @@ from backlash_ros.foundation.signals import POSITION, Setpoint
 
 Start = Callable[..., Process]
 AXES = "shoulder", "elbow"
+SIX = (*AXES, "wrist_1", "wrist_2", "wrist_3", "gripper")
 TIMES = 0.4, 0.8, 1.2
 PATHS = {
     "shoulder": np.array([[0.2, 1.0, 0.0], [0.6, 1.0, 0.0], [0.8, 0.0, 0.0]]),
     "elbow": np.array([[-0.1, 0.0, 0.0], [0.3, 1.0, 0.0], [0.5, 0.0, 0.0]]),
 }
+PATHS |= {axis: PATHS["shoulder"] / (k + 2) for k, axis in enumerate(SIX[2:])}
 B = NOMINAL_DRIVE.gear.backlash_angle
 
 
 class Axes:
-    """Two axes in lockstep, with joints of their own names and one topic for trajectories."""
+    """Some axes in lockstep, with joints of their own names and one topic for trajectories."""
 
-    def __init__(self, start: Start, peer: Peer, folder: Path, **parameters: object) -> None:
-        self.peer = peer
-        self.loads: dict[str, dict[int, float]] = {axis: {} for axis in AXES}
-        self.newest = dict.fromkeys(AXES, 0)
+    def __init__(
+        self, start: Start, peer: Peer, folder: Path, names: tuple[str, ...] = AXES, **parameters: object
+    ) -> None:
+        self.peer, self.names = peer, names
+        self.loads: dict[str, dict[int, float]] = {axis: {} for axis in names}
+        self.newest = dict.fromkeys(names, 0)
         node, deep = peer.node, QoSProfile(depth=100_000)
-        for axis in AXES:
+        for axis in names:
             node.create_subscription(JointState, f"{axis}/joint_states", lambda m, a=axis: self._on_state(a, m), deep)
         self.sent = node.create_publisher(JointTrajectory, "joint_trajectory", 10)
-        self.holds = {axis: node.create_client(Trigger, f"{axis}/controller/hold") for axis in AXES}
+        self.scaling = node.create_publisher(Float64, "speed_scaling", 10)
+        self.holds = {axis: node.create_client(Trigger, f"{axis}/controller/hold") for axis in names}
         file = folder / "axes.yaml"
-        joints = {axis: {"motor_joint": f"{axis}_motor", "load_joint": axis} for axis in AXES}
+        joints = {axis: {"motor_joint": f"{axis}_motor", "load_joint": axis} for axis in names}
         told = {"backlash_angle": B, "identified": True, "state_timeout": 10.0, **parameters}
         file.write_text(
             json.dumps(
@@ -51,18 +57,19 @@ class Axes:
                 | {f"/{axis}/plant_simulator": {"ros__parameters": own} for axis, own in joints.items()}
             )
         )
-        deepened = {f"qos_overrides./{axis}/joint_states.publisher.depth": 10_000 for axis in AXES}
+        deepened = {f"qos_overrides./{axis}/joint_states.publisher.depth": 10_000 for axis in names}
         self.controller = start(
             "controller",
             *("--params-file", str(file), "-r", "joint_trajectory:=/joint_trajectory"),
-            non_ros=["--axes", *AXES],
+            *("-r", "speed_scaling:=/speed_scaling"),
+            non_ros=["--axes", *names],
             use_sim_time=True,
         )
-        peer.wait("the controllers", lambda: self.sent.get_subscription_count() == len(AXES))
+        peer.wait("the controllers", lambda: self.sent.get_subscription_count() == len(names))
         start(
             "plant_simulator",
             *("--params-file", str(file)),
-            non_ros=["--axes", *AXES],
+            non_ros=["--axes", *names],
             lockstep=True,
             real_time_factor=0.0,
             **deepened,
@@ -83,8 +90,9 @@ class Axes:
         self.peer.wait("simulated time", lambda: self.time > time)
 
     def send(
-        self, start: float = 0.0, names: tuple[str, ...] = AXES, last_speed: float = 0.0, slower: float = 1.0
+        self, start: float = 0.0, names: tuple[str, ...] = (), last_speed: float = 0.0, slower: float = 1.0
     ) -> None:
+        names = names or self.names
         message = JointTrajectory(joint_names=list(names))
         message.header.stamp = Time(sec=int(start), nanosec=round(1e9 * (start % 1)))
         for k, time in enumerate(TIMES):
@@ -108,7 +116,7 @@ class Axes:
 
 
 def wanted(axis: str, since: Array) -> Array:
-    """Return where the load is to be so many seconds after the start."""
+    """Return where the load is to be so many seconds after the start, at the path's own speed."""
     rows = Trajectory(np.array(TIMES), PATHS[axis]).segments(Setpoint(np.zeros(3)))
     out, positions = Setpoint(np.zeros(3)), np.zeros(since.size)
     for k, time in enumerate(since):
@@ -164,30 +172,63 @@ def test_hold_ends_a_trajectory_at_rest(start: Start, peer: Peer, tmp_path: Path
         assert abs(axes.path(axis)[1][-1] - held[axis]) < 0.25 * B, axis
 
 
-def test_where_one_axis_of_a_group_fails_the_others_come_to_rest_until_it_is_reset(
+def test_a_trajectory_stands_still_and_goes_on_by_speed_scaling(start: Start, peer: Peer, tmp_path: Path) -> None:
+    axes = Axes(start, peer, tmp_path)
+
+    def says(text: str) -> None:
+        for axis in AXES:
+            peer.wait(text, lambda axis=axis: f"[{axis}.controller]: {text}" in axes.controller.output())
+
+    axes.send()
+    peer.wait("the motion", lambda: axes.path("shoulder")[1][-1] > 0.1)
+    axes.scaling.publish(Float64(data=30.0))
+    says("speed_scaling must be a share from 0 to 1, got 30")
+    axes.send(slower=20.0)
+    axes.scaling.publish(Float64(data=0.0))
+    says("follows a trajectory at 0 of its speed by speed_scaling")
+    axes.run_until(axes.time + 1.0)
+    since = axes.time
+    axes.run_until(since + 1.0)
+    for axis in AXES:
+        times, loads = axes.path(axis)
+        assert np.ptp(loads[times > since]) < 0.25 * B, axis
+    axes.scaling.publish(Float64(data=1.0))
+    peer.wait("the end", lambda: all(abs(axes.path(axis)[1][-1] - PATHS[axis][-1, 0]) < 0.25 * B for axis in AXES))
+
+
+def test_where_one_of_six_axes_of_a_group_fails_the_others_come_to_rest_until_it_is_reset(
     start: Start, peer: Peer, tmp_path: Path
 ) -> None:
-    axes = Axes(start, peer, tmp_path, group="arm")
+    """All begin at the same stamp."""
+    axes = Axes(start, peer, tmp_path, SIX, group="arm")
     elbow = Parameters(peer, "elbow/plant_simulator")
 
     def says(axis: str, text: str) -> None:
         peer.wait(text, lambda: f"[{axis}.controller]: {text}" in axes.controller.output())
 
-    axes.send(slower=20.0)
-    peer.wait("the motion", lambda: axes.path("shoulder")[1][-1] > 0.1)
+    begins, slower = float(np.ceil(axes.time)) + 10.0, 20.0
+    axes.send(begins, slower=slower)
+    axes.run_until(begins + slower * TIMES[0] + 1.0)
+    for axis in SIX:
+        times, loads = axes.path(axis)
+        after = times - begins > slower * TIMES[0]
+        assert np.max(np.abs(loads - wanted(axis, (times - begins) / slower))[after]) < B, axis
     assert elbow.set(sensors__load_offset=0.5)[0]
     says("elbow", "ENCODERS_DISAGREE")
     barred = "follows nothing while /elbow/controller of group 'arm' has the fault ENCODERS_DISAGREE"
-    says("shoulder", f"comes to rest, and {barred}")
+    others = [axis for axis in SIX if axis != "elbow"]
+    for axis in others:
+        says(axis, f"comes to rest, and {barred}")
     axes.run_until(axes.time + 1.0)
+    at_rest = axes.time
     held = axes.path("shoulder")[1][-1]
     assert held < 0.7
     axes.send(names=("shoulder",))
     says("shoulder", f"joint_trajectory is refused: reference 0.8 rad came {barred.removeprefix('follows nothing ')}")
-    since = axes.time
-    axes.run_until(since + 1.0)
-    times, loads = axes.path("shoulder")
-    assert np.ptp(loads[times > since]) < 0.25 * B
+    axes.run_until(axes.time + 1.0)
+    for axis in others:
+        times, loads = axes.path(axis)
+        assert np.ptp(loads[times > at_rest]) < 0.25 * B, axis
     assert elbow.set(sensors__load_offset=0.0)[0]
     assert peer.call(Trigger, "elbow/controller/reset_fault", Trigger.Request()).success
     says("shoulder", "all axes of group 'arm' can move")

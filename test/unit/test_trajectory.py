@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from backlash_ros.control import GainSet, Limits, Servo, ServoSettings
 from backlash_ros.control.motion.setpoint import DURATION, evaluate
 from backlash_ros.control.motion.trajectory import START, Trajectory, TrajectoryError, trajectory_of
+from backlash_ros.control.tick import tick_constants_at, tick_memory_at
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import Measurement, Setpoint
@@ -24,8 +25,11 @@ def setpoint(position: float = 0.0, velocity: float = 0.0, acceleration: float =
 
 
 def at(trajectory: Trajectory, time: float, start: Setpoint | None = None) -> Array:
-    out = setpoint()
-    evaluate(trajectory.segments(setpoint() if start is None else start), time, out)
+    return at_time(trajectory.segments(setpoint() if start is None else start), time)
+
+
+def at_time(plan: Array, time: float) -> Array:
+    evaluate(plan, time, out := setpoint())
     return np.array(out)
 
 
@@ -277,6 +281,83 @@ def test_a_path_that_is_too_fast_is_refused(gains: GainSet) -> None:
     reason = servo.follow(points([0.01], [0.02 * fastest]), at_once=True)
     assert reason == f"path must be slower than faults.velocity = {fastest:.4g} rad/s, got {2.0 * fastest:.4g}"
     assert servo.reference == 0.0
+
+
+def test_a_path_is_no_faster_than_the_drive(gains: GainSet) -> None:
+    """Without load it turns at 48 rad/s; the monitor would stop it only at three times that."""
+    able = NOMINAL_DRIVE.no_load_speed
+    servo = holding(gains)
+    assert servo.follow(points([0.01], [0.01 * 0.999 * able]), at_once=True) == ""
+    reason = servo.follow(points([0.01], [0.01 * 1.1 * able]), at_once=True)
+    assert reason == f"path must be slower than the drive's no-load speed = {able:.4g} rad/s, got {1.1 * able:.4g}"
+
+
+def test_a_pace_that_changes_at_random_stays_on_the_path_and_within_the_drive(gains: GainSet) -> None:
+    """Position, speed and acceleration are those of one motion along the path, and never back."""
+    servo, random = holding(gains), np.random.default_rng(7)
+    assert servo.follow(points([1.0, 2.0, 3.0], [1.0, 2.0, 3.0], [3.0, -1.0, 0.0]), at_once=True, paced=True) == ""
+    plan, seen, before = servo.segments, [], 0.0
+    planned = np.array([at_time(plan, time) for time in np.linspace(0.0, 3.0, 3001)])
+    for k in range(2500):
+        if k % 25 == 0:
+            assert servo.set_pace(random.choice([0.0, 1.0, random.uniform()])) == ""
+        servo.update(HELD)
+        assert servo.memory.setpoint[0] == at_time(plan, servo.memory.plan_time)[0]
+        assert before <= servo.memory.plan_time <= before + 1.001 * PERIOD
+        before = servo.memory.plan_time
+        seen.append(servo.memory.setpoint.copy())
+    position, speed, acceleration = np.array(seen).T
+    able = float(tick_constants_at(servo.constants).motion.acceleration)
+    assert np.max(np.abs(acceleration)) <= np.max(np.abs(planned[:, 2])) + able
+    assert np.max(np.abs(np.diff(speed))) <= PERIOD * (np.max(np.abs(planned[:, 2])) + able)
+    np.testing.assert_allclose(np.diff(position), PERIOD * 0.5 * (speed[1:] + speed[:-1]), atol=2e-4)
+
+
+@pytest.mark.parametrize("pace", [0.5, 0.02])
+def test_a_law_sees_a_slow_path_as_it_will_come(gains: GainSet, pace: float) -> None:
+    servo = holding(gains)
+    assert servo.follow(points([2.0], [0.5], [0.0]), at_once=True, paced=True) == ""
+    assert servo.set_pace(pace) == ""
+    for _ in range(100):
+        servo.update(HELD)
+    seen = tick_memory_at(servo.memory.row).path[:].copy()
+    for row in seen[1:]:
+        servo.update(HELD)
+        np.testing.assert_allclose(servo.memory.setpoint, row, rtol=1e-9, atol=1e-12)
+
+
+def test_a_path_that_stands_still_goes_on_or_is_held(gains: GainSet) -> None:
+    servo = holding(gains)
+
+    def after(samples: int) -> Array:
+        for _ in range(samples):
+            servo.update(HELD)
+        return servo.memory.setpoint.copy()
+
+    assert servo.set_pace(0.0) == ""
+    assert servo.follow(points([1.0], [1.0], [0.0]), at_once=True, paced=True) == ""
+    stands = after(100)
+    assert stands[0] > 0.0
+    assert not stands[1:].any()
+    np.testing.assert_array_equal(after(500), stands)
+    assert not servo.arrived
+    assert servo.set_pace(1.0) == ""
+    assert after(270)[0] == 1.0
+    assert servo.set_pace(0.1) == ""
+    assert servo.follow(points([1.0], [2.0], [0.0]), at_once=True, paced=True) == ""
+    after(500)
+    assert servo.stop() == ""
+    assert not after(30)[1:].any()  # a stop is not slowed down
+    assert servo.follow(points([1.0], [1.0], [0.0]), at_once=True) == ""
+    assert after(251)[0] == 1.0
+
+
+@pytest.mark.parametrize("pace", [math.nan, -0.01, 1.01, math.inf, 30.0])
+def test_a_pace_that_is_no_share_is_refused(gains: GainSet, pace: float) -> None:
+    servo = holding(gains)
+    assert servo.set_pace(0.5) == ""
+    assert servo.set_pace(pace) == f"speed_scaling must be a share from 0 to 1, got {pace:g}"
+    assert servo.pace == 0.5
 
 
 _anything = st.floats() | st.sampled_from([0.0, 1.0, -1.0, 1e-300, 1e300])

@@ -83,10 +83,9 @@ class FaultThresholds(Validated):
         wind-up of the teeth (`pressed`) to either side; at least 0.1 rad. Tracking: the way at 1.5 times
         the no-load speed in the mechanical time constant and 25 ms; at least twice the backlash and 0.05 rad.
         """
-        motor, gear = drive.motor, drive.gear
+        gear, no_load = drive.gear, drive.no_load_speed
         torque = drive.standstill_torque()
         fall = math.sqrt(2 * torque * gear.backlash_angle / drive.load.inertia)
-        no_load = gear.ratio * motor.voltage_limit / motor.torque_constant
         driven = _DRIVEN * no_load * (mechanical_time_constant(drive) + FOUND)
         return cls(
             velocity=float(f"{_SPEED_RESERVE * (2 * no_load + fall):.3g}"),

@@ -81,11 +81,10 @@ _constants_at, motion_memory_at = view_of(MotionConstants), view_of(MotionMemory
 
 def motion_constants(drive: Drive, limits: Limits, ahead: int) -> MotionConstants:
     """Return what ``drive`` can do within ``limits``; ``ahead``: periods that the law wants to see, as far as kept."""
-    motor, command = drive.motor, min(drive.command_limit, limits.command)
-    no_load = drive.gear.ratio * motor.voltage_limit / motor.torque_constant
+    command = min(drive.command_limit, limits.command)
     row = row_of(
         MotionConstants,
-        speed=_SPEED_SHARE * no_load,
+        speed=_SPEED_SHARE * drive.no_load_speed,
         acceleration=_ACCELERATION_SHARE * drive.standstill_torque(command) / drive.effective_inertia,
         lower_end=limits.position_lower,
         upper_end=limits.position_upper,

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,11 +26,17 @@ _ROUNDING = 1e-9
 """Distance by which the rows of a profile may pass an end of the travel, rad."""
 
 
-def _too_fast(speed: float, fastest: float) -> str:
-    """Return why a plan is refused whose setpoint has such a speed, rad/s; empty if it is not."""
-    if speed <= fastest:
-        return ""
-    return f"path must be slower than faults.velocity = {fastest:.4g} rad/s, got {speed:.4g}"
+class Fastest(NamedTuple):
+    """Speed that no plan may exceed, rad/s, and what makes it so."""
+
+    speed: float
+    by: str
+
+    def rejection_reason(self, speed: float) -> str:
+        """Return why a plan is refused whose setpoint has such a speed, rad/s; empty if it is not."""
+        if speed <= self.speed:
+            return ""
+        return f"path must be slower than {self.by} = {self.speed:.4g} rad/s, got {speed:.4g}"
 
 
 def _with_room(limits: Limits, start: float) -> Limits:
@@ -53,7 +60,18 @@ class Plan:
     def __init__(self, memory: TickRow, inputs: InputRow) -> None:
         self._memory, self._inputs = memory, inputs
         self._profile: Profile | None = None  # the newest
+        self._pace, self._paced = 1.0, False
         self.hold()
+
+    @property
+    def pace(self) -> float:
+        """How fast plans are followed that may be slowed down: 1 as planned, 0 not at all."""
+        return self._pace
+
+    @pace.setter
+    def pace(self, pace: float) -> None:
+        self._pace = pace
+        self._inputs.pace = pace if self._paced else 1.0
 
     def hold(self) -> None:
         """Hold the position of the next sample."""
@@ -70,14 +88,23 @@ class Plan:
         self._end = self._reach = None
         self.asked = False
 
-    def follow(self, source: Source, limits: Limits, fastest: float, hindrance: str, *, at_once: bool = False) -> str:
+    def follow(
+        self,
+        source: Source,
+        limits: Limits,
+        fastest: Fastest,
+        hindrance: str,
+        *,
+        at_once: bool = False,
+        paced: bool = False,
+    ) -> str:
         """Plan ``source`` from the present setpoint on; return an empty text, or why it is refused.
 
         Parameters
         ----------
-        fastest : speed beyond which the monitor stops the load, rad/s
         hindrance : why nothing is followed now, whatever it is; empty if that is not so
         at_once : whether the plan began with the last sample, and not with the next one
+        paced : whether it may be slowed down, see `pace`
         """
         setpoint = Setpoint(self._memory.setpoint.copy())
         segments = np.ascontiguousarray(source.segments(setpoint), dtype=np.float64)
@@ -88,18 +115,23 @@ class Plan:
         taken = float(self._memory.motion.reference)
         if reason := plan_rejection(segments, limits, self.position if math.isnan(taken) else taken):
             return reason
-        if reason := _too_fast(top_speed(segments), fastest):
+        if reason := fastest.rejection_reason(top_speed(segments)):
             return reason
         self._begin(segments, end, (least, largest), at_once=at_once)
+        self._paced = paced
+        self.pace = self._pace
         return ""
 
     def _begin(self, segments: Array, end: float, reach: tuple[float, float], *, at_once: bool) -> None:
         self.segments, self._end, self._reach = segments, end, reach
+        # The setpoint has its speed in time as it is: a slower pace is reached from there.
+        self._paced, self._inputs.pace = False, 1.0
+        self._memory.pace.now, self._memory.pace.rate = 1.0, 0.0
         self._memory.plan_time = 0.0 if at_once else NOT_BEGUN
         self._memory.cursor.row = self._memory.cursor.begins = 0.0
         self.asked = True
 
-    def go_to(self, reference: float, motion: MotionLimits, limits: Limits, fastest: float, hindrance: str) -> str:
+    def go_to(self, reference: float, motion: MotionLimits, limits: Limits, fastest: Fastest, hindrance: str) -> str:
         """Go to a reference, rad, by a profile; return an empty text, or why it is refused.
 
         While a profile is in use the step counts from its reference: the setpoint may be far behind. A load that is
@@ -121,7 +153,10 @@ class Plan:
         if last is not None and last.limits == motion:
             profile = last.onward(begin, reference, self._memory.plan_time)
         travel, reach = _with_room(limits, float(begin[POSITION])), profile.reach
-        reasons = (*(travel.rejection_reason(each, each) for each in reach), _too_fast(profile.top_speed, fastest))
+        reasons = (
+            *(travel.rejection_reason(each, each) for each in reach),
+            fastest.rejection_reason(profile.top_speed),
+        )
         if why := next(filter(None, reasons), ""):
             return f"the profile to {reference:g} rad is refused: {why}"
         self._begin(profile.rows, reference, reach, at_once=True)

@@ -228,6 +228,30 @@ class Cursor(Record):
     begins: float = 0.0  # s, since the plan began
 
 
+class Pace(Record):
+    """How fast time goes on along a plan: 1 as planned, 0 not at all."""
+
+    now: float = 1.0
+    rate: float = 0.0  # 1/s, by which it may change until the next sample
+
+
+_QUICKEST_PACE = 10.0
+"""Rate at which the pace of a slow plan changes, 1/s: a fast one is bound by what the drive can do."""
+
+
+@compiled
+def _towards(value: float, wanted: float, most: float) -> float:
+    return wanted if abs(wanted - value) <= most else value + math.copysign(most, wanted - value)
+
+
+@compiled
+def go_at(pace: Pace, wanted: float, period: float) -> float:
+    """Let the pace go on towards ``wanted`` for a period, s; return the time along the plan that passes in it, s."""
+    before = pace.now
+    pace.now = _towards(before, wanted, pace.rate * period)
+    return 0.5 * (before + pace.now) * period
+
+
 @compiled
 def _evaluate_row(row: Array, time: float, out: Array) -> None:
     """Write the setpoint at ``time`` (s from the start of a row) into ``out``; after its end it rests."""
@@ -255,17 +279,46 @@ def evaluate(segments: Array, time: float, out: Setpoint) -> None:
 
 
 @compiled
-def look_ahead(segments: Array, cursor: Cursor, time: float, period: float, path: Array) -> None:
-    """Write the setpoints at ``time`` (s from the start of the plan) and a period after each other into ``path``."""
+def look_ahead(
+    segments: Array,
+    cursor: Cursor,
+    pace: Pace,
+    wanted: float,
+    acceleration: float,
+    time: float,
+    period: float,
+    path: Array,
+) -> None:
+    """Write the setpoints from ``time`` on, s from the start of the plan, and a period after each other into ``path``.
+
+    Parameters
+    ----------
+    pace : at the first of them; its rate is written
+    wanted : pace towards which it goes
+    acceleration : largest one that a change of the pace causes, rad/s^2
+    """
     row, begins, last = int(cursor.row), cursor.begins, segments.shape[0] - 1
+    now, behind = pace.now, 0.0
     for k in range(path.shape[0]):
-        at = time + k * period
+        at = time + k * period - behind
         while row < last and at - begins >= segments[row, DURATION]:
             begins += segments[row, DURATION]
             row += 1
         if k == 0:
             cursor.row, cursor.begins = float(row), begins
         _evaluate_row(segments[row], at - begins, path[k])
+        if k == 0:
+            speed = abs(path[k, VELOCITY])
+            pace.rate = _QUICKEST_PACE if _QUICKEST_PACE * speed <= acceleration else acceleration / speed
+        if now == 1.0 and wanted == 1.0:
+            continue
+        # By the chain rule: the plan's time goes on at the pace, which changes at its rate.
+        changes = 0.0 if now == wanted else math.copysign(pace.rate, wanted - now)
+        path[k, ACCELERATION] = now * now * path[k, ACCELERATION] + changes * path[k, VELOCITY]
+        path[k, VELOCITY] *= now
+        after = _towards(now, wanted, pace.rate * period)
+        behind += (1.0 - 0.5 * (now + after)) * period
+        now = after
 
 
 @compiled
