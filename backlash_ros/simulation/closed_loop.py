@@ -129,6 +129,7 @@ def _loop(
     inputs_row = np.zeros(_INPUTS)
     inputs = inputs_at(inputs_row)
     inputs.known_load_torque = np.nan
+    inputs.pace = 1.0
     fault_sample = -1
     substeps = (states.shape[0] - 1) // load_torque.shape[0]
     for k in range(load_torque.shape[0]):

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from backlash_ros.control import GainSet, Limits, Servo, ServoSettings
+from backlash_ros.control import FaultThresholds, GainSet, Limits, Servo, ServoSettings
 from backlash_ros.control.motion.setpoint import DURATION, evaluate
 from backlash_ros.control.motion.trajectory import START, Trajectory, TrajectoryError, trajectory_of
 from backlash_ros.control.tick import tick_constants_at, tick_memory_at
@@ -275,21 +275,18 @@ def test_hold_says_why_nothing_is_held(gains: GainSet, end: bool) -> None:
     assert servo.stop() == f"nothing is held {text}"
 
 
-def test_a_path_that_is_too_fast_is_refused(gains: GainSet) -> None:
+@pytest.mark.parametrize(("speed", "by"), [(20.0, "faults.velocity"), (None, "the drive's no-load speed")])
+def test_a_path_that_is_too_fast_is_refused(gains: GainSet, speed: float | None, by: str) -> None:
+    """It is faster than the drive without load, or than the speed at which the monitor stops the axis."""
     servo = holding(gains)
-    fastest = servo.settings.thresholds_of(NOMINAL_DRIVE).velocity
+    if speed is not None:
+        thresholds = replace(FaultThresholds.of(NOMINAL_DRIVE), velocity=speed)
+        servo.use(replace(servo.settings, thresholds=thresholds))
+    fastest = speed or NOMINAL_DRIVE.no_load_speed
     reason = servo.follow(points([0.01], [0.02 * fastest]), at_once=True)
-    assert reason == f"path must be slower than faults.velocity = {fastest:.4g} rad/s, got {2.0 * fastest:.4g}"
+    assert reason == f"path must be slower than {by} = {fastest:.4g} rad/s, got {2.0 * fastest:.4g}"
     assert servo.reference == 0.0
-
-
-def test_a_path_is_no_faster_than_the_drive(gains: GainSet) -> None:
-    """Without load it turns at 48 rad/s; the monitor would stop it only at three times that."""
-    able = NOMINAL_DRIVE.no_load_speed
-    servo = holding(gains)
-    assert servo.follow(points([0.01], [0.01 * 0.999 * able]), at_once=True) == ""
-    reason = servo.follow(points([0.01], [0.01 * 1.1 * able]), at_once=True)
-    assert reason == f"path must be slower than the drive's no-load speed = {able:.4g} rad/s, got {1.1 * able:.4g}"
+    assert servo.follow(points([0.01], [0.00999 * fastest]), at_once=True) == ""
 
 
 def test_a_pace_that_changes_at_random_stays_on_the_path_and_within_the_drive(gains: GainSet) -> None:
