@@ -13,7 +13,7 @@ RUN_BY = {
     r"colcon |\. install": "test/system/test_install.py",
     r"python benchmarks/": "Makefile",
     r"python docs/examples/learn_and_step": "test/nodes/test_start.py",
-    r"python docs/examples/why_not_pid": "test/unit/test_simulate.py",
+    r"python docs/examples/(why_not_pid|following)": "test/unit/test_simulate.py",
     r"dask |backlash .*--scheduler": "test/unit/test_evaluation.py",
     r"backlash identify results/step.csv": "test/unit/test_simulate.py",
     r"backlash identify|backlash .*results/axis": "test/unit/test_identify_command.py",

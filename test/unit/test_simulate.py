@@ -242,23 +242,24 @@ def test_what_cannot_be_is_refused_in_one_line(
 
 
 @pytest.mark.grid  # another processor may round the last digit otherwise
-def test_the_page_about_pids_says_what_its_command_prints(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("name", ["why_not_pid", "following"])
+def test_a_page_says_what_its_command_prints(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """To the digit where the load comes to rest; a swing that never ends may be another one elsewhere."""
-    command = next(each for each in commands("test_simulate.py") if each.startswith("python "))
+    command = next(each for each in commands("test_simulate.py") if each.startswith(f"python docs/examples/{name}"))
     monkeypatch.chdir(tmp_path)
     Path("docs/images").mkdir(parents=True)
     words = shlex.split(command)[1:]
     monkeypatch.setattr(sys, "argv", words)
     runpy.run_path(str(ROOT / words[0]), run_name="__main__")
     assert Path(words[-1]).read_bytes().startswith(b"\x89PNG")
-    page = re.search("```text\n(.*?)```", (ROOT / "docs" / "why_not_pid.md").read_text(), re.DOTALL)[1]
+    page = re.search("```text\n(.*?)```", (ROOT / "docs" / f"{name}.md").read_text(), re.DOTALL)[1]
     printed = capsys.readouterr().out
     assert [line for line in printed.splitlines() if "never" not in line] == [
         line for line in page.splitlines() if "never" not in line
     ]
-    assert [line[:36] for line in printed.splitlines()] == [line[:36] for line in page.splitlines()]
+    assert [line[:24] for line in printed.splitlines()] == [line[:24] for line in page.splitlines()]
 
 
 def test_a_profile_is_followed_as_a_controller_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
