@@ -77,8 +77,10 @@ def options_of(given: argparse.Namespace) -> Options:
 
 def _line(report: AxisReport) -> str:
     """Return a summary of an axis in one line."""
-    said = [counted(len(report.steps), "step"), counted(len(report.events.runs), "learning run")]
-    said.append(counted(len(report.events.faults), "fault"))
+    said = [counted(len(report.steps), "step")]
+    if report.paths:
+        said.append(counted(len(report.paths), "path"))
+    said += [counted(len(report.events.runs), "learning run"), counted(len(report.events.faults), "fault")]
     if report.b > 0.0:
         said.append(f"b = {report.b:.5g} rad from {report.b_source}")
     if report.gap.told:

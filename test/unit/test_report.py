@@ -648,6 +648,41 @@ def test_a_path_is_no_step(tmp_path: Path) -> None:
     assert (path["origin"], path["target"]) == (0.0, 1.0)
 
 
+def test_a_path_is_judged_where_the_controller_tells_its_setpoint(tmp_path: Path) -> None:
+    """There and back 20 ms late, then a step, which is none: of the path rms and largest error, lag and turn."""
+    bag, late, period = PlainBag(), 0.02, 0.004
+
+    def wanted(time: float) -> list[float]:
+        """Return position, velocity and acceleration: a raised cosine from 0.4 to 2.4 s, and 0.5 rad from 4 s on."""
+        phase = np.clip(0.5 * (time - 0.4), 0.0, 1.0) * 2.0 * math.pi
+        moves = 0.0 < phase < 2.0 * math.pi
+        speed, bend = (math.pi * math.sin(phase), math.pi**2 * math.cos(phase)) if moves else (0.0, 0.0)
+        return [1.0 - math.cos(phase) + 0.5 * (time >= 4.0), speed, bend]
+
+    names = "setpoint", "setpoint_velocity", "setpoint_acceleration"
+    for k in range(1500):
+        time = k * period
+        load = wanted(time - (late if time < 3.0 else 0.0))[0]
+        bag.sample("/joint_states", time, ("motor", "load"), (100.0 * load, load))
+        if k % 5 == 0:
+            told = wanted(time)
+            state = {"reference": 0.5 * (time >= 4.0), "error": told[0] - load, "experiment": 0, "backlash_angle": 0.1}
+            bag.status("/controller/state", time, "servo", state | dict(zip(names, told, strict=True)))
+    made = report(bag.write(tmp_path / "bag"), tmp_path)
+    (path,) = made.axis["paths"]
+    assert path["start"] == pytest.approx(0.4, abs=0.03)
+    assert path["end"] == pytest.approx(2.4, abs=0.03)
+    assert path["rms_b"] == pytest.approx(late * math.pi / math.sqrt(2.0) / 0.1, rel=0.05)
+    assert path["largest_b"] == pytest.approx(late * math.pi / 0.1, rel=0.02)
+    assert path["final"] == pytest.approx(0.0, abs=1e-9)
+    assert path["lag"] == pytest.approx(late, rel=0.02)
+    assert path["reversals"] == 1
+    (step,) = made.axis["steps"]
+    assert (step["origin"], step["target"]) == (0.0, 0.5)
+    assert "1 path: at most 0.62" in made.page.text
+    assert "Path 1: 0 to 0 rad" in made.page.text
+
+
 def test_a_motion_that_dies_out_or_is_uneven_is_no_limit_cycle() -> None:
     time = np.arange(0.0, 2.0, 0.004)
     swing, frequency = limit_cycle(time, 0.5 + 0.1 * np.sin(2.0 * math.pi * 7.3 * time), 0.01)

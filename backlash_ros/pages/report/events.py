@@ -15,6 +15,8 @@ from backlash_ros.recordings.bag import Series
 
 PATH_STEP = 0.1
 """Largest time between two changes of the reference that belong to one path, s."""
+_PAUSE = 0.5
+"""Longest time for which the setpoint of one path stands still on its way, s."""
 _SMALLEST = 1e-6
 """Change of the reference that is ignored, rad."""
 _GAINS = (
@@ -79,9 +81,14 @@ class FaultSeen(NamedTuple):
 
 @dataclass(frozen=True)
 class Events:
-    """All events in the order of time; ``holds``: where the reference stands still, but after no step; see `_holds`."""
+    """All events in the order of time.
+
+    ``followed``: where ``~/state`` shows a setpoint that moves, from and to, s. ``holds``: where the reference stands
+    still, but after no step; see `_holds`.
+    """
 
     moves: Sequence[Move]
+    followed: Sequence[tuple[float, float]]
     runs: Sequence[LearningRun]
     changes: Sequence[Change]
     faults: Sequence[FaultSeen]
@@ -120,7 +127,24 @@ def _learning_runs(axis: Axis) -> list[LearningRun]:
     return runs
 
 
-def _moves(axis: Axis) -> list[Move]:
+def _followed(axis: Axis, runs: Sequence[LearningRun]) -> list[tuple[float, float]]:
+    """Return where the setpoint moves along a path: not at once, nor by an experiment."""
+    speed, acceleration = (axis.state.get(f"setpoint_{name}") for name in ("velocity", "acceleration"))
+    if speed is None or acceleration is None or not axis.state.keys() >= {"setpoint", "error"}:
+        return []
+    moves = (speed.values != 0.0) | (acceleration.values != 0.0)  # nan moves, too, and is not judged
+    for run in runs:
+        moves &= (speed.time < run.start) | (speed.time > run.end)
+    found: list[tuple[float, float]] = []
+    for time in speed.time[moves].tolist():
+        if found and time - found[-1][1] < _PAUSE:
+            found[-1] = found[-1][0], time
+        else:
+            found.append((time, time))
+    return [(start, end) for start, end in found if end > start]
+
+
+def _moves(axis: Axis, followed: Sequence[tuple[float, float]]) -> list[Move]:
     if axis.reference is None:
         return []
     time, values = axis.reference.time, axis.reference.values
@@ -137,10 +161,11 @@ def _moves(axis: Axis) -> list[Move]:
         else:
             groups.append([change])
     ends = [*(group[0][0] for group in groups), _end_of(axis)][1:]
-    return [
-        Move(group[-1 if len(group) < 3 else 0][0], end, group[0][1], group[-1][2], len(group) >= 3)
-        for group, end in zip(groups, ends, strict=True)
-    ]
+    moves = []
+    for group, end in zip(groups, ends, strict=True):
+        path = len(group) >= 3 or any(abs(start - group[-1][0]) < PATH_STEP for start, _ in followed)
+        moves.append(Move(group[0 if path else -1][0], end, group[0][1], group[-1][2], path))
+    return moves
 
 
 def _end_of(axis: Axis) -> float:
@@ -219,9 +244,11 @@ def events_of(axis: Axis, told: Sequence[Told]) -> Events:
     torques: list[tuple[float, float]] = []
     if axis.load_torque is not None:
         torques = [(float(t), float(v)) for t, v in zip(axis.load_torque.time, axis.load_torque.values, strict=True)]
-    moves, runs, faults = [*_first_start(axis), *_moves(axis)], _learning_runs(axis), _faults(axis, told)
+    runs, faults = _learning_runs(axis), _faults(axis, told)
+    followed = _followed(axis, runs)
+    moves = [*_first_start(axis), *_moves(axis, followed)]
     apart = [*((run.start, run.end) for run in runs), *((fault.start, fault.end) for fault in faults)]
-    return Events(moves, runs, _changes(axis), faults, torques, _holds(axis, moves, apart))
+    return Events(moves, followed, runs, _changes(axis), faults, torques, _holds(axis, moves, apart))
 
 
 def in_use_at(axis: Axis, time: float) -> Mapping[str, Any]:

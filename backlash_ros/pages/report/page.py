@@ -8,6 +8,7 @@ from typing import Any
 from backlash_ros.control.tick import MISSING
 from backlash_ros.pages.report import pictures
 from backlash_ros.pages.report.charts import ChartBook, Place
+from backlash_ros.pages.report.paths import FollowedPath
 from backlash_ros.pages.report.pictures import Sketch
 from backlash_ros.pages.report.report import AxisReport, Report
 from backlash_ros.pages.report.steps import NEAR, Step
@@ -104,8 +105,8 @@ def _cycle(report: AxisReport, step: Step) -> str:
     return f"{_in_b(report, step.amplitude)} {often}"
 
 
-def _law(step: Step) -> str:
-    """Return the law of a step, with its gain set if it has one of its own."""
+def _law(step: Step | FollowedPath) -> str:
+    """Return the law of a step or path, with its gain set if it has one of its own."""
     return " ".join(filter(None, (step.law, step.gain_set if step.gain_set != _USUAL else ""))) or _NONE
 
 
@@ -182,11 +183,46 @@ def _steps(report: AxisReport, book: ChartBook) -> Part:
     notes = []
     if len(rows) > MOST_CHARTS:
         notes.append(f"The first {MOST_CHARTS} of {len(rows)} steps have a chart; all are in the table.")
-    if paths := sum(move.path for move in report.events.moves):
-        notes.append(f"In addition, the reference followed {counted(paths, 'path')}; no figure judges a path.")
     links = [place.identity for place in drawn] + [""] * (len(rows) - len(drawn))
     table = Table(heads, rows, links)
     return Part("Steps", table, about=about, remarks=remarks, charts=drawn, notes=notes, leads=True)
+
+
+def _path_row(report: AxisReport, number: int, path: FollowedPath) -> list[str]:
+    ends = (brief(path.origin, 4), brief(path.target, 4)) if math.isfinite(path.origin) else (_NONE, _NONE)
+    figures = path.figures
+    return [
+        str(number),
+        _at(path.start),
+        f"{path.end - path.start:.2f}",
+        " to ".join(ends),
+        _law(path),
+        _NONE if figures is None else _in_b(report, figures.rms),
+        _NONE if figures is None else _in_b(report, figures.largest),
+        _NONE if figures is None else _in_b(report, figures.final),
+        _NONE if figures is None else _number(1e3 * figures.lag),
+        _NONE if figures is None else str(figures.reversals),
+        _NONE if path.impacts < 0 else str(path.impacts),
+    ]
+
+
+def _paths(report: AxisReport, book: ChartBook) -> Part | None:
+    """Return how paths were followed."""
+    if not report.paths:
+        return None
+    unit = "b" if report.b > 0.0 else "mrad"
+    heads = ("path", "at, s", "length, s", "from, to, rad", "law, gain set", f"rms, {unit}", f"largest, {unit}")
+    heads += (f"at the end, {unit}", "lag, ms", "reversals", "impacts")
+    rows = [_path_row(report, k, path) for k, path in enumerate(report.paths, 1)]
+    judged = [(k, path) for k, path in enumerate(report.paths, 1) if path.figures is not None][:MOST_CHARTS]
+    drawn = {k: book.add(pictures.path_chart(report, k, path)) for k, path in judged}
+    about = (
+        "Error of the load from its setpoint, as the controller told both: rms and largest on the way, and at the end "
+        "of half a second after it; lag: the time by which the path, shifted, fits the load best; impacts: how often "
+        f"the teeth met on the way. {_NONE}: the recording does not tell."
+    )
+    links = [drawn[k].identity if k in drawn else "" for k in range(1, len(rows) + 1)]
+    return Part("Paths", Table(heads, rows, links), about=about, charts=list(drawn.values()), leads=True)
 
 
 def _holds(report: AxisReport) -> Part | None:
@@ -327,6 +363,10 @@ def _verdicts(report: AxisReport) -> list[tuple[bool, str]]:
         ends = [_end(step) for step in steps]
         said = ", ".join(f"{ends.count(end)} {end}" for end in dict.fromkeys([_SETTLED, *ends]) if end in ends)
         lines.append((not {_SWINGS, _NEVER} & set(ends), f"{counted(len(steps), 'step')}: {said}"))
+    if judged := [path.figures for path in report.paths if path.figures is not None]:
+        unit, largest = "b" if report.b > 0.0 else "mrad", max(figures.largest for figures in judged)
+        well = largest <= (report.b if report.b > 0.0 else math.inf)
+        lines.append((well, f"{counted(len(judged), 'path')}: at most {_in_b(report, largest)} {unit} off"))
     for hold in report.holds:
         if math.isfinite(hold.amplitude):
             unit, size = "b" if report.b > 0.0 else "mrad", _in_b(report, hold.amplitude)
@@ -351,7 +391,7 @@ def _verdicts(report: AxisReport) -> list[tuple[bool, str]]:
 def _axis(report: AxisReport, book: ChartBook) -> dict[str, Any]:
     """Return what the page shows of an axis; charts are added to the book in the order of the page."""
     axis = report.axis
-    steps = _steps(report, book)
+    steps, paths = _steps(report, book), _paths(report, book)
     overview = book.add(pictures.overview(report)) if report.timing else None
     parts = [
         _holds(report),
@@ -366,6 +406,7 @@ def _axis(report: AxisReport, book: ChartBook) -> dict[str, Any]:
         "name": "Axis" if axis.name == "/" else f"Axis {axis.name}",
         "verdicts": _verdicts(report),
         "steps": steps,
+        "paths": paths,
         "overview": overview,
         "parts": [part for part in parts if part is not None],
     }

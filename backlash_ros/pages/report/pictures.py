@@ -8,6 +8,7 @@ import numpy as np
 from backlash_ros.foundation.record import Array
 from backlash_ros.pages.report.charts import Chart, Line, Panel, held
 from backlash_ros.pages.report.events import FaultSeen, LearningRun
+from backlash_ros.pages.report.paths import FollowedPath, error_of
 from backlash_ros.pages.report.report import AxisReport
 from backlash_ros.pages.report.steps import Mask, Step
 from backlash_ros.recordings.bag import Series
@@ -140,6 +141,25 @@ def step_chart(report: AxisReport, number: int, told: str) -> Chart:
     panels = [_angles(report, part), *_near(report, step, part), *_gap(report, part), *_effort(report, part)]
     title = f"Step {number}: {brief(step.origin, 4)} to {brief(step.target, 4)} rad"
     return Chart(title, told, panels, _marks(report, start, step.end))
+
+
+def path_chart(report: AxisReport, number: int, path: FollowedPath) -> Chart:
+    """Return the chart of one path and of the load's error."""
+    start, end = path.start - _AROUND, path.end + 10.0 * _AROUND
+    part, (time, setpoint, error) = _part(report, start, end), error_of(report.axis, start, end)
+    unit, scale = ("b", report.b) if report.b > 0.0 else ("mrad", 1e-3)
+    panels = [
+        Panel(
+            "load, rad",
+            [Line("setpoint", time, setpoint, "ink", dashed=True), Line("load", time, setpoint + error, "load")],
+        ),
+        Panel(f"load from setpoint, {unit}", [Line("load from setpoint", time, error / scale, "load")], at=(0.0,)),
+        *_gap(report, part),
+        *_effort(report, part),
+    ]
+    title = f"Path {number}: {brief(path.origin, 4)} to {brief(path.target, 4)} rad"
+    told = f"{path.end - path.start:.2f} s, from {path.start:.3f} s on."
+    return Chart(title, told, panels, _marks(report, start, end))
 
 
 def run_chart(report: AxisReport, number: int, run: LearningRun) -> Chart:

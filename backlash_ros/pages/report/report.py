@@ -11,6 +11,7 @@ from typing import Any
 from backlash_ros.foundation.jsonable import jsonable
 from backlash_ros.pages.report.events import Events, events_of
 from backlash_ros.pages.report.gap import GapFound, gap_found
+from backlash_ros.pages.report.paths import FollowedPath, paths_of
 from backlash_ros.pages.report.steps import Step, gap_centre, holds_of, steps_of
 from backlash_ros.pages.report.timing import Timing, timing_of
 from backlash_ros.recordings.axes.axes import axes_of
@@ -24,7 +25,7 @@ _NUMBER = re.compile(r"\d+(\.\d+)?")
 
 @dataclass(frozen=True)
 class AxisReport:
-    """An axis and its figures; ``holds`` are rests that no step led to.
+    """An axis and its figures; ``holds`` are rests that no step led to, ``paths`` what was no step.
 
     The unit of the figures is the backlash ``b``, rad, from ``b_source``, 0 if unknown.
 
@@ -35,6 +36,7 @@ class AxisReport:
     events: Events
     steps: Sequence[Step]
     holds: Sequence[Step]
+    paths: Sequence[FollowedPath]
     timing: Timing | None
     gap: GapFound
     b: float
@@ -90,6 +92,7 @@ def _axis_report(path: Path, axis: Axis, contents: Contents, options: Options) -
         events,
         steps_of(axis, events, b),
         holds_of(axis, events, b),
+        paths_of(axis, events, b),
         timing_of(axis),
         gap,
         b,
@@ -130,6 +133,13 @@ def _step(step: Step, b: float) -> dict[str, Any]:
     return {**values, **in_b, "impacts": None if step.impacts < 0 else step.impacts}
 
 
+def _path(path: FollowedPath, b: float) -> dict[str, Any]:
+    values = asdict(path)
+    figures = values.pop("figures") or {}
+    in_b = {f"{name}_b": figures[name] / b for name in ("rms", "largest", "final") if figures and b > 0.0}
+    return {**values, **figures, **in_b, "impacts": None if path.impacts < 0 else path.impacts}
+
+
 def _axis_content(report: AxisReport) -> dict[str, Any]:
     axis, events = report.axis, report.events
     return {
@@ -146,7 +156,7 @@ def _axis_content(report: AxisReport) -> dict[str, Any]:
         "estimate": {**asdict(report.gap), "told": report.gap.told},
         "steps": [_step(step, report.b) for step in report.steps],
         "holds": [_step(hold, report.b) for hold in report.holds],
-        "paths": [move._asdict() for move in events.moves if move.path],
+        "paths": [_path(path, report.b) for path in report.paths],
         "learning_runs": [run._asdict() for run in events.runs],
         "changes": [
             {"time": change.time, "values": {name: list(both) for name, both in change.values.items()}}

@@ -158,14 +158,18 @@ def judge(axis: Axis, events: Events, move: Move, b: float, centre: float) -> St
 
 def _begun(axis: Axis, move: Move, end: float, why: str, **figures: Any) -> Step:
     """Return a step with what was in use at its start; it ended, or its rest, because of ``why``."""
-    told = in_use_at(axis, move.start)
+    return Step(move.start, end, move.origin, move.target, why, *law_of(axis, move.start, end), **figures)
+
+
+def law_of(axis: Axis, start: float, end: float) -> tuple[str, str]:
+    """Return the law that acted and its gain set, empty if unknown or, the latter, if it uses none."""
+    told = in_use_at(axis, start)
     law, gain_set = (str(told.get(name, "")) for name in ("law", "gain_set"))
     phase = axis.state.get("phase")
     if law == AUTO and phase is not None:
-        planned = np.any(phase.between(move.start, end).values > 0.0)
+        planned = np.any(phase.between(start, end).values > 0.0)
         law = BEST if planned else UNTIL_THEN
-    gain_set = gain_set if law in _BY_REGIONS else ""
-    return Step(move.start, end, move.origin, move.target, why, law, gain_set, **figures)
+    return law, gain_set if law in _BY_REGIONS else ""
 
 
 def _peak(values: Array) -> float:
