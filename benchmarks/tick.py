@@ -16,6 +16,7 @@ import rows
 
 from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, Servo, ServoSettings, design_gains
 from backlash_ros.control.laws.two_encoder.memory import PHASES
+from backlash_ros.control.motion.trajectory import Trajectory
 from backlash_ros.control.tick import TICK_SIGNATURE
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.foundation.compiled import compiled_as
@@ -25,8 +26,10 @@ from backlash_ros.simulation import SimulatedDrive
 CALLS, REPEATS = 20_000, 15
 PERIOD, STEPS, BETWEEN = 0.004, 40, 125
 """s; references of a loop, and samples from one to the next."""
-LONGEST_TICK, LONGEST_PLAN = 25.0, 5000.0
+LONGEST_TICK, LONGEST_FOLLOWING, LONGEST_PLAN = 25.0, 5.0, 5000.0
 """us"""
+LENGTH = 4.0
+"""Of a path that is followed, s."""
 SAMPLE = Measurement(np.array([1.0, 0.0, 0.1, 0.0, 0.0]))
 GAINS = GainSet(**{region: design_gains(region, NOMINAL_DRIVE, weights) for region, weights in DEFAULT_WEIGHTS.items()})
 
@@ -87,6 +90,39 @@ def planned() -> list[rows.Row]:
     return made
 
 
+def while_following(points: int) -> float:
+    """Return the median of ticks, us, while a simulated drive goes there and back along so many points."""
+    servo, plant = servo_of("two_encoder"), SimulatedDrive(NOMINAL_DRIVE, PERIOD)
+    servo.release("begins")
+    servo.update(plant.sample(), PERIOD)
+    times = np.linspace(0.0, LENGTH, points + 1)[1:]
+    phase, turn = 2.0 * np.pi * times / LENGTH, 2.0 * np.pi / LENGTH
+    states = 0.5 * np.stack([1.0 - np.cos(phase), turn * np.sin(phase), turn**2 * np.cos(phase)], axis=-1)
+    states[-1, 1:] = 0.0
+    assert servo.follow(Trajectory(times, states), at_once=True) == ""
+    taken = []
+    for _ in range(round(LENGTH / PERIOD)):
+        sample = plant.sample()
+        start = time.perf_counter()
+        command = servo.update(sample, PERIOD)
+        taken.append(1e6 * (time.perf_counter() - start))
+        plant.advance(command)
+    assert servo.fault == ""
+    return float(np.median(taken))
+
+
+def followed() -> list[rows.Row]:
+    """Measure the law that plans while it follows a thousand points, in turns with two points."""
+    turns = [(while_following(2), while_following(1000)) for _ in range(REPEATS)]
+    few, many = (min(each) for each in zip(*turns, strict=True))
+    ratios = [many / few, *(each / other for other, each in turns)]
+    what = "tick of two_encoder that follows 1,000 points, us"
+    return [
+        rows.Row(what, many, "that follows 2 points", few, many / few, (min(ratios), max(ratios)), None, ""),
+        rows.Row(what, many, "longest allowed", LONGEST_FOLLOWING, many / LONGEST_FOLLOWING, None, None, "<= 1"),
+    ]
+
+
 def main() -> None:
     """Measure in turns and print."""
     print(f"one tick from Python, {REPEATS} times {CALLS} calls each in turn, median (smallest)")
@@ -107,7 +143,7 @@ def main() -> None:
             f"({min(reference):.2f}) us   ratio {ratio:.1f}"
         )
         assert servo.fault == ""
-    rows.record(planned())
+    rows.record([*planned(), *followed()])
 
 
 if __name__ == "__main__":

@@ -211,7 +211,15 @@ def _paths(report: AxisReport, book: ChartBook) -> Part | None:
     if not report.paths:
         return None
     unit = "b" if report.b > 0.0 else "mrad"
-    heads = ("path", "at, s", "length, s", "from, to, rad", "law, gain set", f"rms, {unit}", f"largest, {unit}")
+    heads: tuple[str, ...] = (
+        "path",
+        "at, s",
+        "length, s",
+        "from, to, rad",
+        "law, gain set",
+        f"rms, {unit}",
+        f"largest, {unit}",
+    )
     heads += (f"at the end, {unit}", "lag, ms", "reversals", "impacts")
     rows = [_path_row(report, k, path) for k, path in enumerate(report.paths, 1)]
     judged = [(k, path) for k, path in enumerate(report.paths, 1) if path.figures is not None][:MOST_CHARTS]
