@@ -186,6 +186,19 @@ def test_auto_keeps_it_as_applied_and_the_next_start_uses_it(start: Start, peer:
     assert file.read_bytes() == content
 
 
+@pytest.mark.parametrize(("friction", "identified"), [({}, False), ({"load.coulomb_friction": 0.01}, True)])
+def test_a_drive_is_identified_by_inertia_and_friction_together(
+    start: Start, peer: Peer, file: Path, friction: dict[str, float], identified: bool
+) -> None:
+    found = {"load.inertia": 4e-4, **friction}
+    estimate = KeptEstimate(datetime(2026, 3, 29, tzinfo=timezone.utc), Method.IDENTIFY, found, {}, applied=True)
+    file.write_text(render(History(DRIVE, (estimate,))))
+    start("controller", learning__estimate_file=file, learning__use_estimate_file=True, **QUICK)
+    parameters = Parameters(peer, "controller")
+    peer.wait("the estimate", lambda: parameters.get("load.inertia") == [4e-4])
+    assert parameters.get("identified") == [identified]
+
+
 def test_apply_is_changed_while_it_runs_and_counts_at_the_end(start: Start, peer: Peer) -> None:
     process = start("controller", **QUICK)
     parameters, drive = Parameters(peer, "controller"), LockstepDrive(peer).matched()

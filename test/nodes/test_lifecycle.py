@@ -13,11 +13,12 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from graph import Lifecycle, Peer, Process
 from lifecycle_msgs.msg import Transition
 from lockstep_drive import LockstepDrive
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
-from backlash_ros.control import LAWS
+from backlash_ros.control import LAWS, FaultThresholds
 from backlash_ros.control.acting import IDLE
 from backlash_ros.control.law import LawStep
 from backlash_ros.control.laws import design_law
@@ -311,5 +312,17 @@ def test_configuring_compiles_what_any_change_of_the_law_needs(
         settings = replace(controller._tunables.in_use.settings, identified=True, backlash_angle=0.02)
         steps = {design_law(NOMINAL_DRIVE, settings.with_law(law)).step for law in LAWS}
         assert steps | {IDLE.step} <= set(made)
+    finally:
+        controller.destroy_node()
+
+
+def test_gate_knows_how_fast_each_shaft_may_turn(in_process: None) -> None:
+    """Beyond these speeds, each at its own shaft, a jump is taken for a position that begins again."""
+    controller = Controller()
+    try:
+        load = FaultThresholds.of(NOMINAL_DRIVE).velocity
+        assert controller._gate.fastest == pytest.approx((load / NOMINAL_DRIVE.gear.ratio, load))
+        assert controller.set_parameters_atomically([Parameter("faults.velocity", value=20.0)]).successful
+        assert controller._gate.fastest == pytest.approx((200.0, 20.0))
     finally:
         controller.destroy_node()

@@ -18,7 +18,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
+from backlash_ros.foundation.signals import THETA_L
+from backlash_ros.gates import Fault
+from backlash_ros.nodes.plant_simulator import PlantSimulator
 from backlash_ros.ros.messages import answer, stamp_label
+from backlash_ros.ros.timer import in_ns
 
 Start = Callable[..., Process]
 
@@ -242,6 +246,29 @@ def test_motor_of_a_simulator_that_stood_still_had_voltage_until_the_watchdog_to
     way = first.position[1] - last.position[1]
     assert way / last.velocity[1] == pytest.approx(told + 3.0 - stamp_of(last), abs=1.0)
     assert "no command for 3 s" in process.output()
+
+
+def test_motor_of_a_simulator_that_comes_late_had_voltage_until_the_watchdog_took_it_off(
+    in_process: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By its clock alone, which leaps by 3 s."""
+    simulator = PlantSimulator()
+    try:
+        simulator.trigger_configure()
+        simulator.trigger_activate()
+        begin, expected = simulator._timer.due, simulator._at_rest()
+        for time in (0.0, 3.0):
+            monkeypatch.setattr("backlash_ros.nodes.plant_simulator.now", lambda time=time: begin + time)
+            simulator._go_on()
+            simulator._gate.command([6.0], None, in_ns(begin))
+        (timeout,) = (p.value for p in simulator.get_parameters(["command_timeout"]))
+        for k in range(750):
+            expected.advance(6.0 if k < timeout * 250 else 0.0, 0.0)
+        assert simulator._gate.fault is Fault.NO_COMMANDS
+        assert simulator._simulated.state[THETA_L] == pytest.approx(expected.state[THETA_L], rel=1e-6)
+        assert expected.state[THETA_L] > 1.0
+    finally:
+        simulator.destroy_node()
 
 
 def test_motor_gets_no_voltage_on_a_command_that_is_not_finite(start: Start, peer: Peer) -> None:

@@ -6,6 +6,10 @@ import pytest
 
 pytest.importorskip("diagnostic_msgs", reason="needs ROS messages")
 
+from backlash_ros.control import GainSet, Servo, ServoSettings
+from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.gates import SampleGate
+from backlash_ros.nodes.reports import ControllerReport, NodeFacts
 from backlash_ros.ros.diagnostics import ERROR, OK, WARN, Window, age_level, milliseconds, rate_level, status
 
 
@@ -64,6 +68,17 @@ def test_status_is_as_bad_as_the_worst_and_says_what_is_not_good(
     assert (made.level, made.message) == (level, message)
     assert (made.name, made.hardware_id) == ("servo", "drive")
     assert [(entry.key, entry.value) for entry in made.values] == [("fault", ""), ("period", "0.004")]
+
+
+@pytest.mark.parametrize(("step", "level"), [(0.0039, OK), (0.0041, ERROR)])
+def test_step_that_takes_longer_than_a_period_is_an_error(gains: GainSet, step: float, level: bytes) -> None:
+    report, servo = ControllerReport(250.0, 0.1), Servo(NOMINAL_DRIVE, ServoSettings(gains))
+    report.step_time.add(step)
+    report.age.add(0.001)
+    facts, gate = NodeFacts("controller", "active", 0), SampleGate(10**8, 6 * 10**6)
+    _, timing = report.statuses(facts, ("motor", "load"), servo, gate, {})
+    assert timing.level == level
+    assert ("one step takes 0.0041 s, longer than a period" in timing.message) == (level == ERROR)
 
 
 def test_age_of_samples_without_a_stamp_is_not_half_a_century() -> None:

@@ -408,6 +408,16 @@ def test_answer_from_before_the_clock_of_the_stamps_was_set_back_is_not_obeyed_l
     assert gate.output(now) == 0.0
 
 
+def test_command_without_a_name_after_a_new_start_is_no_second_controller_s() -> None:
+    """The answers of the controller before it do not count any more."""
+    gate = CommandGate(TIMEOUT)
+    gate.sent(0, 0)
+    assert gate.command([1.0], 0, 0) == ""
+    gate.open()
+    assert gate.command([2.0], None, MS) == ""
+    assert (gate.fault, gate.output(MS)) == (Fault.NONE, 2.0)
+
+
 def test_every_fault_is_in_the_table_with_a_meaning_and_a_remedy() -> None:
     assert set(FAULTS) == set(Fault) - {Fault.NONE}
     for meaning, remedy in FAULTS.values():

@@ -25,7 +25,7 @@ from backlash_ros.foundation.signals import OMEGA_L, OMEGA_M, THETA_L, THETA_M, 
 from backlash_ros.identification.locked_output.hysteresis import static_place
 from backlash_ros.identification.locked_output.lost_motion import LostMotion
 from backlash_ros.identification.recording import Recording
-from backlash_ros.identification.recordings.slow_torque import hysteresis_findings, hysteresis_of
+from backlash_ros.identification.recordings.slow_torque import hysteresis_findings, hysteresis_of, torque_of
 from backlash_ros.simulation import SimulatedDrive, run_experiment
 from backlash_ros.studies.evaluation.population import told_model
 
@@ -373,6 +373,17 @@ def test_a_recording_of_the_experiment_tells_the_same(gains: GainSet) -> None:
     seen = np.isfinite(here.modelled)
     assert np.mean(seen) > 0.5
     assert np.median(np.abs(here.modelled - here.angles)[seen]) < 0.03 * here.gap
+
+
+@pytest.mark.parametrize("volts", [12.0, -5.0])
+def test_a_motor_makes_its_torque_at_rest_and_none_at_the_speed_of_its_voltage(volts: float) -> None:
+    motor, ratio = NOMINAL_DRIVE.motor, NOMINAL_DRIVE.gear.ratio
+    time, command = 0.004 * np.arange(100), np.full(100, volts)
+    fast = ratio * volts / motor.torque_constant
+    for speed, share in ((0.0, 1.0), (fast, 0.0), (-fast, 2.0)):
+        torque, seen = torque_of(NOMINAL_DRIVE, time, speed * time, command)
+        assert seen[50] == pytest.approx(speed)
+        assert torque[50] == pytest.approx(share * volts / motor.voltage_limit * STANDSTILL, abs=1e-9)
 
 
 def test_a_torque_by_hand_tells_gap_lost_motion_and_stiffness() -> None:

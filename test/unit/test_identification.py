@@ -100,6 +100,16 @@ def test_a_gap_of_no_more_than_a_count_is_none() -> None:
         assert _doubt(replace(fit, counts=(0.9 * counts[0], 0.9 * counts[1])), 0.0, STALL) is None
 
 
+def test_a_gap_that_is_not_sure_is_none() -> None:
+    fit = measured(DRIVES[0]).fit
+    assert fit is not None
+    fine = replace(fit, counts=(0.0, 0.0))
+    assert _doubt(fine, 0.079 * fit.gap, STALL) is None
+    doubt = _doubt(fine, 0.081 * fit.gap, STALL)
+    assert doubt is not None
+    assert "too large to be used" in doubt.reason
+
+
 SEEN = (
     "ln_half_gap",
     "gap_slope",

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from recorded import probed, stepped, true_gap, without
 
+from backlash_ros.drivetrain.parameters import values_of
 from backlash_ros.identification.fitting.parameters import place_of
 from backlash_ros.identification.fitting.problem import motor_side
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import SPEEDS, findings_of
-from backlash_ros.identification.recordings.identify import Identified, identify
-from backlash_ros.identification.recordings.plausible import implausible
+from backlash_ros.identification.recordings.identify import Identified, _replaced, identify
+from backlash_ros.identification.recordings.plausible import implausible, suspicion
 from backlash_ros.identification.recordings.stretch import informative
 from backlash_ros.identification.regression import guess_of
 from backlash_ros.recordings.samples import Columns, Reading, recording_of
@@ -84,6 +85,22 @@ def test_what_is_told_is_right(case: tuple[int, str, str, float]) -> None:
             continue
         assert abs(told[symbol].value - value) <= near, (symbol, told[symbol], value)
         assert abs(told[symbol].value - value) <= 3.0 * told[symbol].uncertainty, (symbol, told[symbol], value)
+
+    values = values_of(found.drive)
+    for row in found.findings:
+        if row.key in found.replaced & values.keys():
+            assert values[row.key] == pytest.approx(row.value), row
+
+
+@pytest.mark.parametrize("untold", ["K_m", "R"])
+def test_motor_constant_and_resistance_are_taken_together_or_stay_as_told(untold: str) -> None:
+    member, found = identified(*CASES[0])
+    assert found.fit is not None
+    rows = [replace(row, why="not sure") if row.symbol == untold else row for row in found.findings]
+    told = told_model(member, "nominal")
+    drive, replaced = _replaced(told, found.fit, rows)
+    assert not {"motor.torque_constant", "motor.resistance"} & replaced
+    assert drive.motor == replace(told.motor, coulomb_friction=drive.motor.coulomb_friction)
 
 
 def test_a_drive_explains_what_it_was_not_fitted_to() -> None:
@@ -171,6 +188,14 @@ def test_a_broken_recording_is_refused_with_the_reason(name: str) -> None:
     assert found.findings == ()
     assert found.drive == told_model(member, "nominal")
     assert re.search(reason, found.reason), found.reason
+
+
+def test_a_command_in_amperes_is_suspected() -> None:
+    member, recording = stepped(3, "core")
+    drive, delays = told_model(member, "nominal"), [0.0, member.delay.command]
+    assert suspicion(drive, recording, delays) == ""
+    wrong = recording._replace(command=recording.command / drive.motor.resistance)
+    assert suspicion(drive, wrong, delays) == "the command seems to be in amperes"
 
 
 def test_a_sound_recording_is_plausible() -> None:

@@ -12,7 +12,7 @@ from backlash_ros.control.experiments.limit_cycle import BacklashEstimate, Backl
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
-from backlash_ros.foundation.signals import CURRENT, OMEGA_L, OMEGA_M, THETA_L, Estimate
+from backlash_ros.foundation.signals import CURRENT, OMEGA_L, OMEGA_M, POSITION, THETA_L, Estimate
 from backlash_ros.simulation import SimulatedDrive, learn_backlash
 
 LOAD_ONLY = ("theta_l", "omega_l")
@@ -110,6 +110,20 @@ def test_learning_does_not_touch_the_settings_and_returns_to_the_reference(gains
     assert estimate.reason == "no valid cycle: test"
     assert servo.settings is settings
     assert servo.update(sample) == 0.0
+
+
+@pytest.mark.parametrize("end", [0.01, -0.01])
+def test_a_kick_does_not_lead_beyond_an_end_that_has_come_nearer(gains: GainSet, end: float) -> None:
+    """The first one leads up, the second one down."""
+    settings, limits = ServoSettings(gains), Limits.of(NOMINAL_DRIVE)
+    servo, plant, offsets = Servo(NOMINAL_DRIVE, settings, limits), SimulatedDrive(NOMINAL_DRIVE, PERIOD), []
+    servo.update(plant.sample())
+    servo.start_experiment("limit_cycle", replace(MEASURED_AT_ONCE, measure_time=0.1, attempts=2))
+    servo.use(settings, replace(limits, **{"position_upper" if end > 0.0 else "position_lower": end}))
+    while servo.experimenting and servo.take_outcome() is None:
+        plant.advance(servo.update(plant.sample()), 0.0)
+        offsets.append(float(servo.memory.setpoint[POSITION]))
+    assert (max(offsets), min(offsets)) == ((0.01, -0.025) if end > 0.0 else (0.025, -0.01))
 
 
 def test_learning_twice_at_once_is_refused(gains: GainSet) -> None:

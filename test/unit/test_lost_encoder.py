@@ -169,6 +169,17 @@ def test_it_is_not_used_again_before_a_reset(gains: GainSet, side: str) -> None:
     assert (axis.servo.lost_encoder, axis.servo.settings.encoders) == ("", "both")
 
 
+def test_the_motor_s_encoder_is_believed_on_in_the_zero_of_the_load_s(gains: GainSet) -> None:
+    """Its angle leaps by the difference of the zeros, which is no motion."""
+    axis = Axis(settings_of(gains))
+    axis.play(250)
+    axis.play(1, missing, "load")
+    assert axis.servo.lost_encoder == "load"
+    motor = axis.servo.memory.plausibility.motor
+    assert motor.implausible_angles == 0.0
+    assert abs(motor.mean_speed) < 0.5
+
+
 @each_side
 def test_the_last_encoder_is_a_fault(gains: GainSet, side: str) -> None:
     axis = Axis(settings_of(gains))

@@ -325,6 +325,18 @@ def test_load_that_came_back_in_may_not_go_out_again() -> None:
     assert rig.plant.load_angle < 0.7
 
 
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_load_that_creeps_beyond_its_travel_is_a_fault(way: float) -> None:
+    limits = replace(Limits.of(NOMINAL_DRIVE), position_lower=-0.02, position_upper=0.02, soft_zone=0.01)
+    servo = Servo(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE), limits)
+    for angle in way * np.arange(0.0, 0.04, 1e-4):
+        servo.update(sample_of(np.array([10.0 * angle, 0.0, angle, 0.0, 0.0]), POSITIONS))
+        if servo.latched:
+            break
+    assert servo.latched is (Fault.UPPER_END if way > 0.0 else Fault.LOWER_END)
+    assert angle == pytest.approx(0.03 * way, abs=2e-4)
+
+
 def test_load_that_is_pushed_beyond_its_travel_is_a_fault() -> None:
     limits = replace(Limits.of(NOMINAL_DRIVE), position_lower=-0.3)
     rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE), limits=limits)

@@ -110,11 +110,11 @@ def run(
     return swing
 
 
-def started(gains: GainSet, drive: Drive, encoder: str) -> tuple[Servo, SimulatedDrive]:
+def started(gains: GainSet, drive: Drive, encoder: str, **changes: float) -> tuple[Servo, SimulatedDrive]:
     servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
     plant = SimulatedDrive(drive, servo.settings.period, sensors=sensors_of(encoder))
     servo.update(plant.sample())
-    servo.start_experiment("relay")
+    servo.start_experiment("relay", replace(EXPERIMENTS["relay"].parameters, **changes))
     return servo, plant
 
 
@@ -131,6 +131,13 @@ def test_the_load_stays_within_the_swing(
     assert run(servo, plant, 5000, torque) <= SWING + backlash
     outcome = servo.take_outcome()
     assert isinstance(outcome, Deferred) or (outcome is not None and "swing" in outcome.reason)
+
+
+@pytest.mark.parametrize("encoder", ["load", "motor"])
+def test_a_travel_beyond_the_swing_is_cut_to_it(gains: GainSet, encoder: str) -> None:
+    servo, plant = started(gains, NOMINAL_DRIVE, encoder, travel=SWING)
+    assert run(servo, plant, 5000) < 0.5 * SWING
+    assert isinstance(servo.take_outcome(), Deferred)
 
 
 @pytest.mark.parametrize("encoder", ["load", "motor"])

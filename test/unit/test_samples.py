@@ -257,6 +257,18 @@ def test_joint_that_comes_after_the_loop_began_with_the_other_alone_is_a_fault_a
     assert [each.action for each in halves(loop.wait())] == [Action.IGNORE, Action.TAKE]
 
 
+@pytest.mark.parametrize("joint", ["motor", "load"])
+def test_reset_begins_with_the_driver_that_is_left(joint: str) -> None:
+    loop = started()
+    loop.wait(1000).put(**{joint: 0.0})
+    assert loop.gate.fault is Fault.NO_SAMPLES
+    loop.gate.open()
+    began = loop.now
+    while loop.wait().put(**{joint: 0.0}).action is Action.IGNORE:
+        assert loop.now - began < TIMEOUT
+    assert loop.gate.begun
+
+
 def test_a_joint_that_is_missing_from_whole_messages_is_unusable_as_before() -> None:
     loop = Loop().holds()
     assert loop.wait().put(motor=0.0).action is Action.REFUSE
@@ -302,6 +314,16 @@ def test_driver_that_starts_again_is_one_publisher() -> None:
         driver, now = numbered(0), now + 11 * 10**9
         for _ in range(300):
             assert publishers.heard(*next(driver), now) == ""
+
+
+@pytest.mark.parametrize(("apart", "fault"), [(2, Fault.SECOND_DRIVE), (300, Fault.NONE)])
+def test_stray_samples_are_a_second_drive_only_if_they_come_within_a_second(apart: int, fault: Fault) -> None:
+    loop = Loop().holds()
+    for _ in range(5):
+        for _ in range(apart):
+            loop.wait().put(0.0, 0.0)
+        loop.put(0.0, 0.0, stamp=loop.stamp - MS)
+    assert loop.gate.fault is fault
 
 
 def test_middleware_that_does_not_number_messages_finds_nobody() -> None:

@@ -265,6 +265,15 @@ def test_hold_stops_a_load_on_its_way_to_a_step(gains: GainSet) -> None:
     assert 0.2 < servo.reference < 0.6
 
 
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_hold_takes_a_load_that_has_passed_an_end_back_to_it(gains: GainSet, way: float) -> None:
+    servo = holding(gains, position_lower=-0.3, position_upper=0.3)
+    assert servo.set_reference(0.29 * way) == ""
+    servo.update(Measurement(way * np.array([3.1, 40.0, 0.31, 4.0, 0.0])))
+    assert servo.stop() == ""
+    assert servo.reference == 0.3 * way
+
+
 @pytest.mark.parametrize("end", [True, False])
 def test_hold_says_why_nothing_is_held(gains: GainSet, end: bool) -> None:
     servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
