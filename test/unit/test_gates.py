@@ -380,7 +380,7 @@ class LockstepCommands(Commands):
 def test_gate_through_so_many_steps(machine: type[RuleBasedStateMachine], steps: int) -> None:
     gate = CountedSampleGate if machine is Samples else CountedCommandGate
     before = gate.steps
-    run_state_machine_as_test(machine, settings=settings(THOROUGH, max_examples=steps // 100))
+    run_state_machine_as_test(machine, settings=settings(THOROUGH, max_examples=steps // 50))
     assert gate.steps - before >= steps
 
 
