@@ -120,7 +120,7 @@ def refusal(drive: Drive, settings: HomingSettings, limits: Limits, thresholds: 
             "a fault: lower homing.torque, or raise faults.load_torque"
         )
     why = limits.rejection_reason(end, end)
-    return why and f"it ends at homing.position less homing.back_off, {end:g} rad, but {why}"
+    return why and f"it ends {settings.back_off:g} rad (homing.back_off) from homing.position, but {why}"
 
 
 class Homing:
@@ -209,7 +209,7 @@ class Homing:
         end = motor + self._settings.direction * way
         return Move.of(motor, end, self._acceleration, self._acceleration, self._speed)
 
-    def _next(self, stage: "Stage", motor: float, load: float, way: float) -> None:
+    def _next(self, stage: Stage, motor: float, load: float, way: float) -> None:
         """Begin another stage, with a move by a way in the direction, rad."""
         self._stage, self._move, self._time = stage, self._to(motor, way), 0.0
         self._begun, self._rows = load, []
@@ -223,7 +223,7 @@ class Homing:
     def _stands(self) -> bool:
         """Whether both shafts stand while the torque is at its bound."""
         count = math.ceil(_STANDS_TIME / self._period)
-        if len(self._rows) < count:
+        if len(self._rows) < count or abs(self._torque) < _AT_BOUND * self._bound:
             return False
         last = np.array(self._rows[-count:])
         still = np.ptp(last[:, :2], axis=0) <= _STANDS_SHARE * self._speed * _STANDS_TIME

@@ -142,7 +142,8 @@ class Learning:
             self._node.get_logger().info(f"cannot set the zero: {refusal}")
             return False, f"cannot set the zero: {refusal}"
         found = ZeroEstimate(0.0, Method.SET_ZERO, valid=True, reason="where the load is", zero=zero)
-        self._estimates.learned(found, describe_outcome(found), now_ns(), apply=True, service="set_zero")
+        text = self._with_hint(describe_outcome(found), found)
+        self._estimates.learned(found, text, now_ns(), apply=True, service="set_zero")
         answer = self._look()
         return answer and answer[1:]
 
@@ -157,6 +158,12 @@ class Learning:
             return False, refusal
         answer = self._look()
         return answer and answer[1:]
+
+    def _with_hint(self, text: str, estimate: BacklashEstimate) -> str:
+        """Return the text of an estimate; of a zero with a hint if the next start will not know it."""
+        if self._given.use_estimate_file or not isinstance(estimate, ZeroEstimate):
+            return text
+        return f"{text}; the next start does not know it, since learning.use_estimate_file is false"
 
     def _put_in_use(self, values: Mapping[str, Any]) -> str:
         """Set parameters like any client; return why they were refused, or an empty text."""
@@ -175,8 +182,8 @@ class Learning:
         else:
             service = self._requests.service
             apply = service == "home" or self._tunables.values["learning.apply"] == "auto"
-            before = self._estimates.newest
-            self._estimates.learned(reply.estimate, reply.text, now_ns(), apply=apply, service=service)
+            before, text = self._estimates.newest, self._with_hint(reply.text, reply.estimate)
+            self._estimates.learned(reply.estimate, text, now_ns(), apply=apply, service=service)
             if self._estimates.newest is not before:
                 self._found.pop(service, None)
                 self._found[service] = quantities_of(reply.estimate)
