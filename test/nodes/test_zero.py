@@ -23,6 +23,12 @@ HOME = {
     "homing__speed": -0.5,
     "homing__back_off": 0.05,
 }
+SLOW = {
+    "profile__mode": "limited",
+    "profile__velocity": 0.25,
+    "profile__acceleration": 5.0,
+    "profile__jerk": 100.0,
+}
 STOP = -0.3
 
 
@@ -53,13 +59,14 @@ def with_stop(peer: Peer) -> LockstepDrive:
 def test_set_zero_moves_nothing_and_a_restart_knows_it(start: Start, peer: Peer, tmp_path: Path) -> None:
     file = tmp_path / "estimates.yaml"
     kept = {"learning__estimate_file": file, "learning__use_estimate_file": True, **KNOWN}
-    process = start("controller", limits__position_lower=-1.0, limits__position_upper=1.0, **kept)
+    process = start("controller", limits__position_lower=-1.0, limits__position_upper=1.0, **SLOW, **kept)
     drive, parameters = LockstepDrive(peer).matched(), Parameters(peer, "controller")
-    drive.set_reference(0.5)
+    drive._reference.publish(Float64(data=0.5))
+    drive.until(lambda: drive.load_angle > 0.01)
     assert answered(drive, "set_zero")[1].startswith("cannot set the zero: the zero must not change while the load")
-    drive.run(400)
+    drive.run(800)
     before = drive.load_angle
-    assert parameters.set(zero=-2.0)[1].startswith("with zero = -2 rad the load is at 2.5")
+    assert parameters.set(zero=-2.0)[1].startswith("with zero = -2 rad the load is at 2.")
     success, told = answered(drive, "set_zero")
     assert success, told
     (zero,) = parameters.get("zero")

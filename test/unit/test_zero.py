@@ -47,7 +47,7 @@ class Axis:
         return telemetry(self.servo, WearWatch(self.servo), active=True, parameters_version=1, samples=1, elapsed=0.004)
 
 
-@pytest.mark.parametrize("law", ["two_encoder", "two_region", "dual_loop"])
+@pytest.mark.parametrize("law", ["two_encoder", "two_region"])
 def test_another_zero_moves_nothing_and_all_that_goes_in_and_out_counts_from_it(gains: GainSet, law: str) -> None:
     """With a twin that keeps its zero: the same commands to the last bit, at rest and in every kind of motion."""
     axis, twin = Axis(gains, law), Axis(gains, law)
