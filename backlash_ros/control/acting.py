@@ -1,6 +1,7 @@
 """The law in action and the experiment beside it, each with its present state."""
 
 import math
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -65,6 +66,15 @@ def swing_name(chosen: NamedExperiment, parameters: Validated) -> str:
     return f"{half}{parameters.section}.{chosen.swing}"
 
 
+@runtime_checkable
+class Tripped(Protocol):
+    """A run of an experiment that waits for a switch."""
+
+    def trip(self) -> None:
+        """Take it that the switch has closed."""
+        ...
+
+
 class ActingExperiment:
     """One run of an experiment and the law that acts meanwhile; if the experiment fails, the motor stays controlled.
 
@@ -90,7 +100,8 @@ class ActingExperiment:
         self.name, self.acting, self._calm = name, ActingLaw(law), calm
         self._run = chosen.make(drive, parameters, period, limits)
         self._swing, self._swing_name = swing_of(chosen, parameters), swing_name(chosen, parameters)
-        self._goes_away = bool(chosen.turn)
+        self.finds_zero = chosen.finds_zero
+        self._goes_away = bool(chosen.turn) or chosen.finds_zero
         self._ratio, self._period, self._start = drive.gear.ratio, period, math.nan
         self._broken: Refusal | None = None
         self._beat = Beat(period)
@@ -116,6 +127,11 @@ class ActingExperiment:
             self._run.cancel(reason)
         except Exception as error:
             self._broken = Refusal(f"{reason}; and it could not be cancelled: {error!r}")
+
+    def trip(self) -> None:
+        """Tell it that its switch has closed, if it waits for one."""
+        if isinstance(self._run, Tripped):
+            self._run.trip()
 
     def answered(self, at: float) -> None:
         """Note when the newest sample was answered, s of a steady clock."""

@@ -72,6 +72,8 @@ class Method(Enum):
     GAP_MAP = "gap_map"
     HYSTERESIS = "hysteresis"
     IDENTIFY = "identify"
+    HOMING = "homing"
+    SET_ZERO = "set_zero"
 
 
 def _in_words(value: float, uncertainty: float, unit: str) -> str:
@@ -150,6 +152,26 @@ class DriveEstimate(BacklashEstimate):
         ]
 
 
+@dataclass(frozen=True)
+class ZeroEstimate(BacklashEstimate):
+    """Where the axis' zero is: ``zero``, a reading of the load's angle, rad."""
+
+    zero: float = 0.0
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """What it sets: values by the names of parameters."""
+        return {"zero": self.zero}
+
+    @property
+    def uncertainties(self) -> dict[str, float]:
+        """Nothing is known of them."""
+        return {}
+
+    def _found(self) -> list[tuple[str, str]]:
+        return [("reading at the zero", _in_words(self.zero, 0.0, "rad"))]
+
+
 class Experiment(Protocol):
     """One run of an experiment.
 
@@ -199,6 +221,8 @@ class NamedExperiment(NamedTuple):
         slowly and without a leap, so that ``limits.step`` does not apply; "" for none. If such a run does not come
         back, the load is held where the run ends
     law : the law that acts meanwhile, with its own state; "" for none, so that the experiment's torque acts alone
+    finds_zero : whether it looks for the axis' zero, far from where it began: the load is held where the run ends, and
+        the ends of the travel, which are not known before, do not count
     refusal : returns why a run cannot begin with a drive, parameters, limits and fault thresholds, empty if it can;
         None if there is never a reason
     """
@@ -209,4 +233,5 @@ class NamedExperiment(NamedTuple):
     swing: str = ""
     turn: str = ""
     law: str = "fast"
+    finds_zero: bool = False
     refusal: Callable[[Drive, Any, Limits, FaultThresholds], str] | None = None

@@ -3,6 +3,7 @@
 from backlash_ros.control.acting import IDLE, ActingExperiment, at_once, swing_name, swing_of
 from backlash_ros.control.experiment import Deferred, NamedExperiment, Outcome
 from backlash_ros.control.experiments import EXPERIMENTS
+from backlash_ros.control.homing import HOMING
 from backlash_ros.control.laws import design_law
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.settings import AUTO, ServoSettings
@@ -11,13 +12,17 @@ from backlash_ros.foundation.quantity import Validated
 
 
 def choose(name: str, settings: ServoSettings, *, both_encoders: bool) -> tuple[str, NamedExperiment]:
-    """Return an experiment by name, or that of the settings; `AUTO` and ``identify`` choose by the encoders.
+    """Return an experiment or a homing by name, or that of the settings.
+
+    `AUTO` and ``identify`` choose by the encoders.
 
     Raises
     ------
     ValueError
         If there is none of that name.
     """
+    if name in HOMING:
+        return name, HOMING[name]
     name = name or settings.experiment
     if name == AUTO:
         name = "gap_probe" if both_encoders else "relay"
@@ -28,12 +33,13 @@ def choose(name: str, settings: ServoSettings, *, both_encoders: bool) -> tuple[
 
 def parameters_of(name: str, settings: ServoSettings) -> Validated:
     """Return the parameters of an experiment in ``settings``, or their defaults."""
-    return dict(settings.experiment_parameters).get(name, EXPERIMENTS[name].parameters)
+    default = HOMING[name] if name in HOMING else EXPERIMENTS[name]
+    return dict(settings.experiment_parameters).get(name, default.parameters)
 
 
 def swing_refusal(chosen: NamedExperiment, parameters: Validated, limits: Limits, least: float, largest: float) -> str:
     """Return why an experiment would exceed ``limits`` from a plan between ``least`` and ``largest``, rad."""
-    if not chosen.swing:
+    if not chosen.swing or chosen.finds_zero:
         return ""
     swing, leap = swing_of(chosen, parameters), at_once(chosen, parameters)
     turns = ((least - swing, leap), (largest + swing, -leap))

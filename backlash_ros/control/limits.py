@@ -1,7 +1,7 @@
 """Limits of the servo: values, their defaults, and the references that they allow."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from backlash_ros.drivetrain import Drive
@@ -72,6 +72,19 @@ class Limits(Validated):
         if abs(reference - present) > self.step:
             return f"reference must be within limits.step = {self.step:g} rad of {present:g} rad, got {reference:g}"
         return ""
+
+    @property
+    def endless(self) -> "Limits":
+        """The same limits without ends of the travel."""
+        return replace(self, position_lower=-NO_LIMIT, position_upper=NO_LIMIT)
+
+    def moved(self, by: float) -> "Limits":
+        """Return the same limits with the ends of the travel moved by an angle, rad; where there is none, none is."""
+
+        def end(there: float) -> float:
+            return there if abs(there) == NO_LIMIT else min(max(there + by, -NO_LIMIT), NO_LIMIT)
+
+        return replace(self, position_lower=end(self.position_lower), position_upper=end(self.position_upper))
 
     def clamp(self, reference: float) -> float:
         """Return ``reference`` (rad), clamped to the travel."""

@@ -102,7 +102,6 @@ class Servo:
             for one in (MOTOR, LOAD):  # not first when it is needed, between two samples
                 tick_with(design_law(drive, replace(settings, encoders=one)).step)
         law, observer = design_law(drive, settings), settings.observer(drive)
-        self.constants = tick_constants(drive, settings, limits, observer, ahead=law.ahead, watched=self._watched)
         if drive != self.drive:
             keep_estimate(observer, self.memory.observer)
             keep_estimate(observer, self.memory.monitor.observer)
@@ -114,23 +113,64 @@ class Servo:
             self._begin(self._law.chosen)
         elif self._law.redesign(name, law):
             self._begin(self._law.chosen)
-        if first or limits != self.limits:
-            forget_ends(self.memory.monitor)
+        others = first or limits != self.limits
         self.settings, self.limits, self.motion = settings, limits, motion_limits(self.drive, settings, limits)
+        self._tell_tick(others_ends=others)
         if (profile := self._plan.profile) is not None and self.motion is not None and not self.arrived:
             self.set_reference(profile.reference)
 
-    def rejection_reason(self, limits: Limits, drive: Drive | None = None) -> str:
-        """Return why ``limits`` or a new ``drive`` cannot be used now; empty if they can.
+    def _tell_tick(self, *, others_ends: bool) -> None:
+        """Tell the tick what is in use; ``others_ends``: whether the ends of the travel are other ones than before.
+
+        The tick counts as the readings do. While a run looks for the zero it knows of no ends.
+        """
+        run = self._experiment.run
+        limits = self.limits.endless if run is not None and run.finds_zero else self.limits.moved(self.zero)
+        observer, ahead = self.settings.observer(self.drive), self._law.chosen.law.ahead
+        self.constants = tick_constants(self.drive, self.settings, limits, observer, ahead=ahead, watched=self._watched)
+        if others_ends:
+            forget_ends(self.memory.monitor)
+
+    def rejection_reason(self, limits: Limits, drive: Drive | None = None, zero: float | None = None) -> str:
+        """Return why ``limits``, a new ``drive`` or another ``zero``, rad, cannot be used now; empty if they can.
 
         Limits are refused if the plan goes outside of them, except a load that was found outside and is held there. A
-        drive is refused while the load moves, since a wrong unit would accelerate it.
+        drive is refused while the load moves, since a wrong unit would accelerate it. Another zero is refused unless
+        the load rests where it should, within the limits.
         """
         if not self.holding:
             return ""
-        moves = abs(self.estimate[OMEGA_L]) > _SLOW * self._stopped_at
-        why = drive_rejection(self.drive, drive or self.drive) if moves else ""
-        return why or limits_rejection(self.limits, limits, self._plan.extremes)
+        why = drive_rejection(self.drive, drive or self.drive) if self._moves else ""
+        if zero is None or zero == self.zero:
+            return why or limits_rejection(self.limits, limits, self._plan.extremes)
+        return why or self._zero_rejection(zero, limits)
+
+    # The zero.
+
+    @property
+    def zero(self) -> float:
+        """The reading of the load's angle from which all positions of this class count, rad.
+
+        The tick, its law, observers, monitors and experiments go on with the readings, so another zero moves nothing,
+        and what they have learned stays where it is on the gear.
+        """
+        return self._plan.zero
+
+    def count_from(self, zero: float) -> None:
+        """Let positions count from another reading, rad; `rejection_reason` says whether this is a time for it."""
+        if zero != self.zero:
+            self._plan.count_from(zero)
+            self._tell_tick(others_ends=True)
+
+    def _zero_rejection(self, zero: float, limits: Limits) -> str:
+        hindrance = self.hindrance
+        if not hindrance and (not self.arrived or self._moves or self._away):
+            hindrance = "while the load moves, or is away from its reference: call hold"
+        if hindrance:
+            return f"the zero must not change {hindrance}"
+        there = self.load_angle + self.zero - zero
+        why = limits.rejection_reason(there, there)
+        return why and f"with zero = {zero:.6g} rad the load is at {there:.6g} rad, but {why}"
 
     # The law.
 
@@ -205,7 +245,7 @@ class Servo:
     def described_fault(self) -> str:
         """The fault that the tick has found, in words; empty for none."""
         fault, thresholds = Fault(int(self.memory.fault)), self.settings.thresholds_of(self.drive)
-        return describe_fault(fault, self.memory.details, self.limits, thresholds) if fault else ""
+        return describe_fault(fault, self.memory.details, self.limits, thresholds, self.zero) if fault else ""
 
     # The reference.
 
@@ -269,12 +309,10 @@ class Servo:
         return refusal
 
     def _come_to_rest(self) -> str:
-        limits, start = self.limits, Setpoint(self.memory.setpoint.copy())
-        moves = abs(self.estimate[OMEGA_L]) > _SLOW * self._stopped_at
-        away = abs(self.tracking_error) > max(self.settings.backlash_angle, _NEAR)
+        limits, start = self.limits, self.setpoint
         stands = not np.any(start[VELOCITY:])
-        if stands and (moves or away):
-            start[POSITION], start[VELOCITY], stands = self.load_angle, self.estimate[OMEGA_L], not moves
+        if stands and (self._moves or self._away):
+            start[POSITION], start[VELOCITY], stands = self.load_angle, self.estimate[OMEGA_L], not self._moves
         elif stands and is_reference(self.segments):
             return ""
         deceleration = float(tick_constants_at(self.constants).motion.acceleration)
@@ -285,17 +323,25 @@ class Servo:
         return self._follow(AtRest(limits.clamp(float(start[POSITION]))))
 
     @property
+    def _moves(self) -> bool:
+        return bool(abs(self.estimate[OMEGA_L]) > _SLOW * self._stopped_at)
+
+    @property
+    def _away(self) -> bool:
+        return abs(self.tracking_error) > max(self.settings.backlash_angle, _NEAR)
+
+    @property
     def hindrance(self) -> str:
         """Why nothing is followed now, whatever it is; empty if that is not so."""
         if self.latched:
             return f"while {self.latched.name} is latched: call reset_fault"
         if self.experimenting:
-            return "while learning"
+            return "while homing" if self.experiment.startswith("homing") else "while learning"
         return "" if self.holding else "while no position is held"
 
     @property
     def segments(self) -> Array:
-        """The plan, as `Source.segments` returns it."""
+        """The plan of the tick: as `Source.segments` returns it, but in readings, which do not count from `zero`."""
         return self._plan.segments
 
     @segments.setter
@@ -338,9 +384,14 @@ class Servo:
         self.memory.command = value
 
     @property
+    def setpoint(self) -> Setpoint:
+        """The last setpoint, with an experiment's offset."""
+        return self._plan.setpoint
+
+    @property
     def load_angle(self) -> float:
         """theta_l, rad."""
-        return float(self.estimate[THETA_L])
+        return float(self.estimate[THETA_L]) - self.zero
 
     @property
     def tracking_error(self) -> float:
@@ -418,12 +469,19 @@ class Servo:
             raise RuntimeError("already learning")
         name, chosen, parameters = self._choose(name, parameters)
         run = self._experiment.start(name, chosen, parameters, self.drive, self.settings, self.limits)
+        if run.finds_zero:
+            self._tell_tick(others_ends=True)
         self._begin(run.acting)
 
     def cancel(self, reason: str) -> None:
         """End the experiment, if any, without a result."""
         if self._experiment.run is not None:
             self._experiment.run.cancel(reason)
+
+    def trip(self) -> None:
+        """Tell the experiment, if any, that its switch has closed."""
+        if self._experiment.run is not None:
+            self._experiment.run.trip()
 
     def take_outcome(self) -> Outcome | Deferred | None:
         """Return, once, how an experiment ended or the work that will tell; None before."""
@@ -437,6 +495,8 @@ class Servo:
             return
         self.memory.setpoint[POSITION] -= self._inputs.offset
         self._inputs.offset = self._inputs.torque = 0.0
+        if ended.finds_zero:
+            self._tell_tick(others_ends=True)
         if self.holding and ended.left_away:
             self._plan.hold_at(self.load_angle)
         self._begin(self._law.acting)  # it has not seen what the experiment did

@@ -9,7 +9,7 @@ from backlash_ros.control.monitoring.thresholds import FaultThresholds
 from backlash_ros.control.motion.profile_parameters import ProfileParameters
 from backlash_ros.control.observer import ObserverConstants, observer_constants
 from backlash_ros.drivetrain import Drive
-from backlash_ros.foundation.quantity import Validated, quantity
+from backlash_ros.foundation.quantity import Quantity, Validated, quantity
 
 BOTH, LOAD, MOTOR = ENCODERS = "both", "load", "motor"
 """The encoders that a drive may have: of both shafts, or of one alone."""
@@ -18,6 +18,11 @@ STOP, CONTINUE = ON_LOST_ENCODER = "stop", "continue"
 AUTO = "auto"
 """The experiment that the encoders allow: `gap_probe` with both, else `relay`. Also the best law for what is known of
 the drive: see `laws.law_of`."""
+
+ZERO = Quantity(
+    "reading of the load's angle at which the position of the axis is 0; ~/set_zero and ~/home set it", "rad", -1e6, 1e6
+)
+"""The zero of the axis, which is none of the settings: nothing in the tick depends on it."""
 
 
 def encoders_in(measured: Collection[str]) -> str:

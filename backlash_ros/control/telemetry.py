@@ -13,14 +13,20 @@ from backlash_ros.foundation.signals import (
     OMEGA_L,
     OMEGA_M,
     POSITION,
-    THETA_L,
     THETA_M,
     VELOCITY,
 )
 from backlash_ros.gates.faults import Fault
 
 NO, YES = 0, 1
-LEARNING, IDENTIFYING = 1, 2
+LEARNING, IDENTIFYING, HOMING = 1, 2, 3
+_EXPERIMENTS = {
+    "": 0,
+    "identify": IDENTIFYING,
+    "identify_by_relay": IDENTIFYING,
+    "homing": HOMING,
+    "homing_by_switch": HOMING,
+}
 
 
 @dataclass(frozen=True)
@@ -67,7 +73,9 @@ TELEMETRY = {
     "rattle": Plotted("rad", "peak-to-peak swing of a load that rattles while held; 0: no rattle"),
     "calmed": Plotted("", "whether the over-damped gains act because the load rattled", {NO: "no", YES: "yes"}),
     "experiment": Plotted(
-        "", "experiment that is running", {0: "none", LEARNING: "learning", IDENTIFYING: "identifying"}
+        "",
+        "experiment that is running",
+        {0: "none", LEARNING: "learning", IDENTIFYING: "identifying", HOMING: "homing"},
     ),
     "progress": Plotted("", "progress of the experiment, from 0 to 1"),
     "offset": Plotted("rad", "what the experiment adds to the setpoint"),
@@ -80,7 +88,7 @@ def telemetry(
     servo: Servo, wear: WearWatch, *, active: bool, parameters_version: int, samples: int, elapsed: float
 ) -> dict[str, float]:
     """Return the present values, by the names of `TELEMETRY`."""
-    estimate, setpoint, excitation = servo.estimate, servo.memory.setpoint, servo.excitation
+    estimate, setpoint, excitation = servo.estimate, servo.setpoint, servo.excitation
     return {
         "active": int(active),
         "fault": servo.latched.value,
@@ -93,9 +101,9 @@ def telemetry(
         "setpoint_velocity": float(setpoint[VELOCITY]),
         "setpoint_acceleration": float(setpoint[ACCELERATION]),
         "error": servo.tracking_error,
-        "motor_angle": float(estimate[THETA_M]),
+        "motor_angle": float(estimate[THETA_M]) - servo.zero / servo.drive.gear.ratio,
         "motor_velocity": float(estimate[OMEGA_M]),
-        "load_angle": float(estimate[THETA_L]),
+        "load_angle": servo.load_angle,
         "load_velocity": float(estimate[OMEGA_L]),
         "current": float(estimate[CURRENT]),
         "load_torque": servo.load_torque_estimate,
@@ -109,9 +117,7 @@ def telemetry(
         "gap_seen": wear.gap,
         "rattle": wear.rattle.swing if wear.rattle else 0.0,
         "calmed": int(servo.calmed),
-        "experiment": {"": 0, "identify": IDENTIFYING, "identify_by_relay": IDENTIFYING}.get(
-            servo.experiment, LEARNING
-        ),
+        "experiment": _EXPERIMENTS.get(servo.experiment, LEARNING),
         "progress": servo.progress,
         "offset": excitation.offset,
         "torque": excitation.torque,

@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 
 from backlash_ros.control import Gains, Margins, stability_margins
 from backlash_ros.control.design.start import emulated
-from backlash_ros.dashboard.rows import STATE_COLUMNS, JointReader, Table, state_rows
+from backlash_ros.dashboard.rows import JOINT_COLUMNS, STATE_COLUMNS, JointReader, Table, state_rows
 from backlash_ros.drivetrain.parameters import drive_of
 from backlash_ros.ros.aside import give_way
 from backlash_ros.ros.topics import HISTORY, SEND
@@ -180,6 +180,7 @@ class Axis:
         motor, load = values.get("motor_joint", "motor"), values.get("load_joint", "load")
         reduction = float(values.get("gear.reduction", math.nan))  # until the controller has told it
         samples = self._reader.rows(taken(self._joints), motor, load, reduction)
+        samples[:, [JOINT_COLUMNS.index(shaft) for shaft in ("motor", "load")]] -= float(values.get("zero", 0.0))
         # In lockstep a sample is sent again where its answer is missing.
         samples = samples[np.diff(samples[:, 0], prepend=self._newest) != 0]
         states = state_rows(taken(self._states))

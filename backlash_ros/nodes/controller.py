@@ -70,6 +70,7 @@ class Controller(ManagedNode):
         refuse_unknown(self)
         _, drive, _, settings, limits = self._tunables.in_use
         self._servo = Servo(drive, settings, limits)
+        self._servo.count_from(self._tunables.values["zero"])
         self._tunables.rejection_reason, self._tunables.changed = self._servo.rejection_reason, self._use
         timeout, late_after = in_ns(self._state_timeout), in_ns(MISSING / self._rate)
         self._gate = SampleGate(timeout, late_after, self._joints, wraps=given.wraps, angles=(THETA_M, THETA_L))
@@ -182,8 +183,9 @@ class Controller(ManagedNode):
     # Parameters.
 
     def _use(self, names: set[str]) -> None:
-        _, drive, _, settings, limits = self._tunables.in_use
+        values, drive, _, settings, limits = self._tunables.in_use
         self._servo.use(settings, limits, drive)
+        self._servo.count_from(values["zero"])
         self._tell_gate()
         self._changed = True
         if self.configured:
@@ -421,6 +423,7 @@ Answers each sample of a geared drive with a command, and learns the drive's bac
 topics, relative to the namespace
   subscribes  joint_states    sensor_msgs/JointState       motor and load: rad, rad/s, N m
               reference       std_msgs/Float64             target angle of the load, rad
+              home_switch     std_msgs/Bool                ends ~/home, with homing.switch:=true
               joint_trajectory  trajectory_msgs/JointTrajectory  path of the load, by the name of its joint
               setpoint        trajectory_msgs/JointTrajectory  one point of a path, 50 to 250 a second
               speed_scaling   std_msgs/Float64             0 to 1: share of its speed at which a trajectory is followed
@@ -428,7 +431,8 @@ topics, relative to the namespace
               ~/in_position   std_msgs/String              released, moving, settled, holding or limit
               ~/state         diagnostic_msgs/DiagnosticArray, ~/backlash_estimate, ~/parameters_in_use, /diagnostics
 services (std_srvs/Trigger)
-  ~/learn, ~/identify, ~/apply_estimate, ~/cancel, ~/hold, ~/reset_fault; also the lifecycle services
+  ~/learn, ~/identify, ~/apply_estimate, ~/home, ~/set_zero, ~/cancel, ~/hold, ~/reset_fault; also the lifecycle
+  services
 action (control_msgs/FollowJointTrajectory, where that is installed)
   ~/follow_joint_trajectory
 

@@ -178,7 +178,7 @@ class FollowTrajectory:
         if goal.rows is not servo.segments:
             self._close("abort", INVALID_GOAL, "another command has replaced the trajectory")
             return
-        desired = np.array(servo.memory.setpoint)
+        desired = np.array(servo.setpoint)
         actual = np.array([servo.load_angle, servo.estimate[OMEGA_L]])
         goal.unsaid += elapsed
         if goal.unsaid >= FEEDBACK:

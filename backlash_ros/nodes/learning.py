@@ -1,4 +1,6 @@
-"""The services of learning: learn the backlash or identify the drive, apply or offer the result, and store it.
+"""The services of learning: learn the backlash, identify the drive, find its zero, apply or offer what was found.
+
+What was found is stored, and with that survives a restart.
 
 Requests and estimates are handled by `backlash_ros.control.estimates`.
 """
@@ -9,12 +11,13 @@ from functools import partial
 from typing import Any
 
 from rclpy.parameter import Parameter
+from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from backlash_ros.control import Servo
 from backlash_ros.control.estimates import Answer, DriveIdentity, Estimates
-from backlash_ros.control.estimates.requests import EXPERIMENT_OF, LearnRequests, Reply
-from backlash_ros.control.experiment import BacklashEstimate, DriveEstimate
+from backlash_ros.control.estimates.requests import EXPERIMENT_OF, LearnRequests, Reply, describe_outcome
+from backlash_ros.control.experiment import BacklashEstimate, DriveEstimate, Method, ZeroEstimate
 from backlash_ros.control.monitoring.wear import WearWatch
 from backlash_ros.drivetrain.parameters import IDENTIFIED
 from backlash_ros.foundation.signals import Measurement
@@ -25,6 +28,7 @@ from backlash_ros.ros.diagnostics import OK, WARN
 from backlash_ros.ros.later import LaterTrigger
 from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.timer import Timer, now_ns
+from backlash_ros.ros.topics import RECEIVE
 
 _LOOK = 0.05
 """Time between checks whether the file has been written, s."""
@@ -33,17 +37,26 @@ _FINISH = 2.0
 """Longest wait for the file when the process ends, s."""
 
 
+_DOING = {"learn": "learning the backlash", "identify": "identifying the drive", "home": "homing"}
+
+
 class Learning:
-    """``~/learn``, ``~/identify``, ``~/cancel`` and ``~/apply_estimate`` of one controller, and its estimate file."""
+    """The services of one controller that find something, ``~/cancel`` and ``~/apply_estimate``, and its estimate file.
+
+    ``~/learn``, ``~/identify`` and ``~/home`` move the load; ``~/set_zero`` takes it where it is.
+    """
 
     def __init__(self, node: ManagedNode, servo: Servo, tunables: Tunables, given: ControllerParameters) -> None:
-        self._node, self._tunables, self._given = node, tunables, given
+        self._node, self._servo, self._tunables, self._given = node, servo, tunables, given
         self._requests = LearnRequests(servo, Aside(kind=not node.get_clock().ros_time_is_active))
         self._estimates = Estimates(self._put_in_use, InTurn())
         self._found: dict[str, list[tuple[str, float, float, str]]] = {}  # by service, the newest last
         self.wear, self._noticed = WearWatch(servo), (False, False)
         self._services = {name: LaterTrigger(node, f"~/{name}", partial(self._ask, name)) for name in EXPERIMENT_OF}
         self._services["apply_estimate"] = LaterTrigger(node, "~/apply_estimate", self._on_apply)
+        self._services["set_zero"] = LaterTrigger(node, "~/set_zero", self._on_set_zero)
+        self._switch: bool | None = None  # as it was told last
+        node.listen(Bool, "home_switch", self._on_switch, RECEIVE)
         node.create_service(Trigger, "~/cancel", self._on_cancel)
         node.own_timers.append(Timer(_LOOK, self._tell))
 
@@ -53,6 +66,7 @@ class Learning:
         """Open the estimate file, and use it if the parameters say so; ValueError if it cannot be used."""
         given, node = self._given, self._node
         self._found.clear()
+        self._switch = None
         drive = DriveIdentity(node.get_fully_qualified_name(), *given.joints, given.drive["gear.reduction"])
         node.held(self._estimates, Estimates.forget)
         if text := self._estimates.begin(given.estimate_file, drive, use=given.use_estimate_file):
@@ -95,7 +109,7 @@ class Learning:
     @property
     def doing(self) -> str:
         """The purpose of an experiment, for the log."""
-        return "identifying the drive" if self._requests.service == "identify" else "learning the backlash"
+        return _DOING[self._requests.service]
 
     # Services.
 
@@ -105,8 +119,33 @@ class Learning:
             return False, f"cannot {service}: the controller is {self._node.state}, not active"
         if self._estimates.busy:
             return False, f"cannot {service}: {self._estimates.busy}"
-        refusal = self._requests.ask(now_ns(), service)
+        by_switch = service == "home" and self._tunables.values["homing.switch"]
+        if by_switch and self._switch is not False:
+            why = "has not said anything" if self._switch is None else "is closed: move the load off it"
+            return False, f"cannot home: home_switch {why}"
+        refusal = self._requests.ask(now_ns(), service, "homing_by_switch" if by_switch else "")
         return refusal and refusal[:2]
+
+    def _on_switch(self, message: Bool) -> None:
+        """Tell a homing of a switch that has just closed."""
+        if message.data and self._switch is False:
+            self._servo.trip()
+        self._switch = message.data
+
+    def _on_set_zero(self) -> tuple[bool, str] | None:
+        """Let the load's present position be 0."""
+        servo = self._servo
+        zero, refusal = servo.load_angle + servo.zero, self._estimates.busy or servo.hindrance
+        if not self._node.active:
+            refusal = f"the controller is {self._node.state}, not active"
+        if refusal := refusal or servo.rejection_reason(servo.limits, zero=zero):
+            self._node.get_logger().info(f"cannot set the zero: {refusal}")
+            return False, f"cannot set the zero: {refusal}"
+        found = ZeroEstimate(0.0, Method.SET_ZERO, valid=True, reason="where the load is", zero=zero)
+        text = self._with_hint(describe_outcome(found), found)
+        self._estimates.learned(found, text, now_ns(), apply=True, service="set_zero")
+        answer = self._look()
+        return answer and answer[1:]
 
     def _on_cancel(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success, response.message, _ = self._requests.cancel()
@@ -119,6 +158,12 @@ class Learning:
             return False, refusal
         answer = self._look()
         return answer and answer[1:]
+
+    def _with_hint(self, text: str, estimate: BacklashEstimate) -> str:
+        """Return the text of an estimate; of a zero with a hint if the next start will not know it."""
+        if self._given.use_estimate_file or not isinstance(estimate, ZeroEstimate):
+            return text
+        return f"{text}; the next start does not know it, since learning.use_estimate_file is false"
 
     def _put_in_use(self, values: Mapping[str, Any]) -> str:
         """Set parameters like any client; return why they were refused, or an empty text."""
@@ -135,9 +180,10 @@ class Learning:
             self._node.get_logger().info(reply.text)
             self._services[self._requests.service].answer(reply.success, reply.text)
         else:
-            apply, service = self._tunables.values["learning.apply"] == "auto", self._requests.service
-            before = self._estimates.newest
-            self._estimates.learned(reply.estimate, reply.text, now_ns(), apply=apply, service=service)
+            service = self._requests.service
+            apply = service == "home" or self._tunables.values["learning.apply"] == "auto"
+            before, text = self._estimates.newest, self._with_hint(reply.text, reply.estimate)
+            self._estimates.learned(reply.estimate, text, now_ns(), apply=apply, service=service)
             if self._estimates.newest is not before:
                 self._found.pop(service, None)
                 self._found[service] = quantities_of(reply.estimate)
@@ -173,6 +219,8 @@ class Learning:
 
 def quantities_of(estimate: BacklashEstimate) -> list[tuple[str, float, float, str]]:
     """Return what was found: symbols, values, standard uncertainties, 0 where unknown, and units."""
+    if isinstance(estimate, ZeroEstimate):
+        return [("theta_0", estimate.zero, 0.0, "rad")]
     if isinstance(estimate, DriveEstimate):
         return [(each.symbol, each.value, each.uncertainty, each.unit) for each in estimate.findings if each.told]
     return [("b", estimate.angle, estimate.uncertainty, "rad")]

@@ -26,8 +26,9 @@ from backlash_ros.control import (
 from backlash_ros.control.design.choice import APPLY_BOUND, Choice, Tuning, check_set_names, delay_bound
 from backlash_ros.control.design.gain_sets import CUSTOM, NO_WEIGHTS, REGIONS
 from backlash_ros.control.design.start import emulated, explained
+from backlash_ros.control.homing import HOMING
 from backlash_ros.control.motion.profile_parameters import PROFILE_MODES, STEP, ProfileParameters
-from backlash_ros.control.settings import ON_LOST_ENCODER, STOP
+from backlash_ros.control.settings import ON_LOST_ENCODER, STOP, ZERO
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.parameters import drive_of
 from backlash_ros.ros.parameters import (
@@ -95,6 +96,10 @@ def _declare_beside_gains(node: Node, drive: Drive, rate: float) -> dict[str, An
     )
     values["learning.renew"] = declare(node, "learning.renew", False, text)
     values |= _declare_parameters_of(node, EXPERIMENTS)
+    values["zero"] = declare_number(node, "zero", 0.0, ZERO, read_only=False)
+    values |= _declare_parameters_of(node, HOMING)
+    text = describe("whether ~/home goes until home_switch closes, and not against a stop")
+    values["homing.switch"] = declare(node, "homing.switch", False, text)
     text = describe("when a valid estimate is applied: at once, or on ~/apply_estimate", constraint=APPLY_BOUND)
     values["learning.apply"] = declare(node, "learning.apply", "auto", text)
     values |= declare_quantities(node, Limits.of(drive), dynamic=ALL)
@@ -196,8 +201,8 @@ def declare_tunables(node: Node, drive_values: Mapping[str, Any], rate: float) -
 class Tunables:
     """The tunable parameters of one controller, and the drive, settings and limits that they define, ``in_use``.
 
-    ``rejection_reason`` returns why limits and drive cannot be used now, empty if they can; ``changed`` is called with
-    the names after each swap.
+    ``rejection_reason`` returns why limits, drive and zero cannot be used now, empty if they can; ``changed`` is called
+    with the names after each swap.
 
     Parameters
     ----------
@@ -210,7 +215,7 @@ class Tunables:
         self._tuning, self.in_use = declare_tunables(node, drive, rate)
         self._candidate = self.in_use
         self.version = 1
-        self.rejection_reason: Callable[[Limits, Drive], str] = lambda _limits, _drive: ""
+        self.rejection_reason: Callable[[Limits, Drive, float], str] = lambda _limits, _drive, _zero: ""
         self.changed: Callable[[set[str]], None] = lambda _names: None
         node.add_pre_set_parameters_callback(self._complete)
         node.add_on_set_parameters_callback(self._validate)
@@ -254,7 +259,8 @@ class Tunables:
             self._candidate = self._tuning.choice(values)
         except (ValueError, TypeError) as error:
             return SetParametersResult(successful=False, reason=str(error))
-        reason = self.rejection_reason(self._candidate.limits, self._candidate.drive)
+        candidate = self._candidate
+        reason = self.rejection_reason(candidate.limits, candidate.drive, candidate.values["zero"])
         return SetParametersResult(successful=not reason, reason=reason)
 
     def _swap(self, parameters: list[Parameter]) -> None:

@@ -77,6 +77,7 @@ def test_every_parameter_is_described_and_every_number_bounded(start: Start, pee
         "learning.limit_cycle.spread",
         "learning.gap_probe.torque",
         "learning.relay.torque",
+        "homing.torque",
         "learning.gap_map.places",
         "learning.gap_map.torque",
         "learning.hysteresis.torque",

@@ -12,6 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from backlash_ros.control import DEFAULT_WEIGHTS, EXPERIMENTS, LAWS, FaultThresholds, Limits, Servo
 from backlash_ros.control.design.gain_sets import resolve_set
+from backlash_ros.control.homing import HOMING
 from backlash_ros.control.monitoring.wear import WearWatch
 from backlash_ros.control.motion.profile_parameters import ProfileParameters
 from backlash_ros.control.settings import ServoSettings
@@ -33,7 +34,7 @@ _BEGIN = 1_700_000_000 * 10**9
 def nominal_values(**changes: Any) -> dict[str, Any]:
     """Return all parameters of a controller by name, as ``~/parameters_in_use`` has them."""
     drive, values = NOMINAL_DRIVE, dict[str, Any]()
-    parts = [entry.parameters for room in (LAWS, EXPERIMENTS) for entry in room.values()]
+    parts = [entry.parameters for room in (LAWS, EXPERIMENTS, HOMING) for entry in room.values()]
     for part in (
         *parts,
         *(kind() for kind in CONTACTS.values()),
@@ -51,7 +52,7 @@ def nominal_values(**changes: Any) -> dict[str, Any]:
     values |= {"gain_set": "nominal", "gain_set_names": ["nominal"], "rate": 250.0, "state_timeout": 0.1}
     values |= {"motor_joint": "motor", "load_joint": "load", "loop_delay": 0.0, "identified": False}
     values |= {"learning.experiment": "auto", "learning.apply": "ask", "learning.renew": False, "law": "two_region"}
-    values |= {"faults.on_lost_encoder": "stop", "profile.mode": "step"}
+    values |= {"faults.on_lost_encoder": "stop", "profile.mode": "step", "zero": 0.0, "homing.switch": False}
     return values | changes
 
 
@@ -87,6 +88,7 @@ class NodeOffline:
             self._wear = WearWatch(self.servo)
         else:
             self.servo.use(choice.settings, choice.limits, choice.drive)
+        self.servo.count_from(self.values["zero"])
         self._put("/controller/parameters_in_use", self.version)
 
     def refer(self, reference: float) -> None:

@@ -62,7 +62,7 @@ def test_effects_of_size_zero_are_no_effects() -> None:
 
 @pytest.mark.parametrize("name", [each for each in quantities(Effects) if not each.endswith("_error")])
 def test_every_size_counts(name: str) -> None:
-    shapes = ("cycles", "phase", "speed", "frequency", "damping", "inertia", "time")
+    shapes = ("cycles", "phase", "speed", "frequency", "damping", "inertia", "time", "stiffness")
     described = quantities(Effects)[name]
     value: float = 8 if described.whole else 0.5 * (described.lower + min(described.upper, described.lower + 1))
     assert Effects(**{name: value}).acts is not name.endswith(shapes)  # type: ignore[arg-type]

@@ -187,7 +187,7 @@ def test_anything_at_all_is_refused(content: bytes) -> None:
             "gap_probe",
             "guess",
             r"estimates[0].method must be one of ['gap_travel', 'load_amplitude', 'gap_probe', 'relay', 'gap_map', "
-            "'hysteresis', 'identify'], got",
+            "'hysteresis', 'identify', 'homing', 'set_zero'], got",
         ),
         ("gap_probe", "[]", r"estimates[0].method must be one of"),
         ("applied: true", "applied: 1", r"estimates[0].applied must be true or false, got 1"),

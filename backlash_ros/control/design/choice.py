@@ -31,11 +31,15 @@ from backlash_ros.control.design.gain_sets import (
 from backlash_ros.control.design.stability import LONGEST_DELAY
 from backlash_ros.control.design.start import CannotStartError, default_weights, emulated, explained
 from backlash_ros.control.estimates import APPLY
+from backlash_ros.control.homing import HOMING
 from backlash_ros.control.motion.profile_parameters import STEP, ProfileParameters
-from backlash_ros.control.settings import STOP
+from backlash_ros.control.settings import STOP, ZERO
 from backlash_ros.drivetrain import CONTACTS, Drive
 from backlash_ros.drivetrain.parameters import FOUND, drive_of, values_of
 from backlash_ros.foundation.quantity import Quantity, Validated, quantities, take
+
+_ROOMS: tuple[Mapping[str, Any], ...] = LAWS, EXPERIMENTS, HOMING
+"""What has parameters of its own."""
 
 APPLY_BOUND = f"one of {list(APPLY)}"
 
@@ -65,14 +69,14 @@ def delay_bound(rate: float) -> Quantity:
 def dynamic_names(drive: Drive) -> set[str]:
     """Return the names of the parameters that may change while the controller of ``drive`` runs."""
     kinds: list[type[Validated]] = [ServoSettings, ProfileParameters, Limits, FaultThresholds]
-    kinds += [*CONTACTS.values(), *(type(entry.parameters) for room in (LAWS, EXPERIMENTS) for entry in room.values())]
+    kinds += [*CONTACTS.values(), *(type(entry.parameters) for room in _ROOMS for entry in room.values())]
     return {
         *(f"{kind.section}.{name}" if kind.section else name for kind in kinds for name in quantities(kind)),
         *(name for name in values_of(drive) if name.startswith(FOUND)),
         *(f"gains.{region}.{kind}" for region in REGIONS for kind in ("k", "q")),
         *("gain_set", "identified", "law", "loop_delay"),
         *("learning.apply", "learning.experiment", "learning.renew"),
-        *("faults.on_lost_encoder", "profile.mode"),
+        *("faults.on_lost_encoder", "profile.mode", "zero", "homing.switch"),
     }
 
 
@@ -203,13 +207,14 @@ class Tuning:
             renew=values["learning.renew"],
             on_lost_encoder=values["faults.on_lost_encoder"],
             identified=values["identified"],
-            experiment_parameters=_parameters_of(EXPERIMENTS, values),
+            experiment_parameters=_parameters_of({**EXPERIMENTS, **HOMING}, values),
             thresholds=take(FaultThresholds, values),
             profile=take(ProfileParameters, values, mode=values["profile.mode"]),
             law_parameters=_parameters_of(LAWS, values),
         )
         if values["learning.apply"] not in APPLY:
             raise ValueError(f"learning.apply must be {APPLY_BOUND}, got {values['learning.apply']!r}")
+        ZERO.check("zero", values["zero"])
         if settings.experiment != AUTO:
             EXPERIMENTS.choose("learning.experiment", settings.experiment, AUTO)
         if settings.law != AUTO:
@@ -260,7 +265,7 @@ def _defaults(drive: Drive) -> dict[str, Any]:
     no_gains = Gains(1.0, 0.0, 0.0)
     settings = ServoSettings(GainSet(no_gains, no_gains))
     parts: list[Validated] = [Limits.of(drive), FaultThresholds.of(drive), settings, settings.profile]
-    parts += [entry.parameters for room in (LAWS, EXPERIMENTS) for entry in room.values()]
+    parts += [entry.parameters for room in _ROOMS for entry in room.values()]
     values = {
         f"{part.section}.{name}" if part.section else name: getattr(part, name)
         for part in parts
@@ -268,7 +273,7 @@ def _defaults(drive: Drive) -> dict[str, Any]:
     }
     fixed = {"law": AUTO, "loop_delay": 0.0, "identified": False, "learning.apply": APPLY[0]}
     fixed |= {"learning.experiment": AUTO, "learning.renew": False, "faults.on_lost_encoder": STOP}
-    fixed |= {"profile.mode": STEP}
+    fixed |= {"profile.mode": STEP, "zero": 0.0, "homing.switch": False}
     return values | fixed
 
 

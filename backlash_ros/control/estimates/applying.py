@@ -22,7 +22,7 @@ PATIENCE = 5 * 10**9
 
 
 class Answer(NamedTuple):
-    """The answer to a request; ``service`` is "learn", "identify" or "apply_estimate"."""
+    """The answer to a request; ``service`` is "learn", "identify", "home", "set_zero" or "apply_estimate"."""
 
     service: str
     success: bool

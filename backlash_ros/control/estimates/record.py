@@ -13,7 +13,7 @@ from typing import Any
 import yaml
 
 from backlash_ros.control.experiment import Method
-from backlash_ros.control.settings import ServoSettings
+from backlash_ros.control.settings import ZERO, ServoSettings
 from backlash_ros.drivetrain import CONTACTS, Gear, Load, Motor
 from backlash_ros.drivetrain.parameters import FOUND
 from backlash_ros.foundation.quantity import Quantity, Validated, quantities
@@ -33,6 +33,7 @@ def _bounds() -> dict[str, Quantity]:
         **{name: each for name, each in numbers.items() if name.startswith(FOUND)},
         "backlash_angle": replace(servo["backlash_angle"], open_lower=True),
         **{name: servo[name] for name in servo if name.startswith(("expected_load_torque", "unexplained_"))},
+        "zero": ZERO,
         "loop_delay": Quantity("delay of the drive, from the measurement to when its command acts", "s", 0.0, 10.0),
     }
 

@@ -6,12 +6,12 @@ All times are integer nanoseconds of the caller's steady clock.
 from concurrent.futures import Executor, Future
 from typing import NamedTuple
 
-from backlash_ros.control.experiment import BacklashEstimate, Deferred, DriveEstimate, Outcome, Refusal
+from backlash_ros.control.experiment import BacklashEstimate, Deferred, DriveEstimate, Outcome, Refusal, ZeroEstimate
 from backlash_ros.control.servo import Servo
 from backlash_ros.drivetrain.parameters import IDENTIFIED
 from backlash_ros.identification.recordings.findings import Finding
 
-EXPERIMENT_OF = {"learn": "", "identify": "identify"}
+EXPERIMENT_OF = {"learn": "", "identify": "identify", "home": "homing"}
 """The services and the experiment that each runs: that of the settings if there is no name."""
 
 PATIENCE = 5 * 10**9
@@ -36,6 +36,7 @@ class LearnRequests:
     def __init__(self, servo: Servo, workers: Executor) -> None:
         self._servo, self._workers = servo, workers
         self.service = "learn"
+        self._experiment = ""
         self._asked: int | None = None
         self._computed: Future[Outcome] | None = None
 
@@ -44,13 +45,16 @@ class LearnRequests:
         """Whether an experiment is over and its outcome is being computed."""
         return self._computed is not None
 
-    def ask(self, now: int, service: str = "learn") -> Reply | None:
-        """Take a request; return its refusal, or None if the answer comes later."""
+    def ask(self, now: int, service: str = "learn", experiment: str = "") -> Reply | None:
+        """Take a request, for an ``experiment`` other than the usual one of its service if that is given.
+
+        Return its refusal, or None if the answer comes later.
+        """
         if self._asked is not None or self._servo.experimenting or self.computing:
             return Reply(False, f"cannot {service}: a run is already in progress")
         if self._servo.latched:
             return Reply(False, f"cannot {service} while this fault is latched: {self._servo.fault}")
-        self._asked, self.service = now, service
+        self._asked, self.service, self._experiment = now, service, experiment or EXPERIMENT_OF[service]
         return None
 
     def begin(self) -> Reply | None:
@@ -60,9 +64,9 @@ class LearnRequests:
         self._asked = None
         if self._servo.latched:
             return self._refused(f" while this fault is latched: {self._servo.fault}")
-        if why := self._servo.experiment_refusal(EXPERIMENT_OF[self.service]):
+        if why := self._servo.experiment_refusal(self._experiment):
             return self._refused(f": {why}")
-        self._servo.start_experiment(EXPERIMENT_OF[self.service])
+        self._servo.start_experiment(self._experiment)
         return None
 
     def waited(self, now: int, silence: str) -> Reply | None:
@@ -110,6 +114,8 @@ def describe_outcome(outcome: Outcome) -> str:
     """Return an outcome in words: the estimate and how it was made, or why there is none."""
     if not (isinstance(outcome, BacklashEstimate) and outcome.valid):
         return outcome.reason
+    if isinstance(outcome, ZeroEstimate):
+        return f"zero = {outcome.zero:.6g} rad, by {outcome.method.value}, from {outcome.reason}"
     if isinstance(outcome, DriveEstimate):
         told = ", ".join(_describe(each) for each in outcome.findings if each.told)
         missing = "; ".join(f"{each.symbol}: {each.why}" for each in outcome.findings if not each.told)

@@ -18,8 +18,10 @@ class FaultDetails(Record):
     elapsed: float = 0.0  # s, since the previous sample
 
 
-def describe_fault(fault: Fault, details: FaultDetails, limits: Limits, thresholds: FaultThresholds) -> str:
-    """Return the text of a fault: what was seen, and which bound it exceeded."""
+def describe_fault(
+    fault: Fault, details: FaultDetails, limits: Limits, thresholds: FaultThresholds, zero: float = 0.0
+) -> str:
+    """Return the text of a fault: what was seen, and which bound it exceeded; ``limits`` count from ``zero``, rad."""
     value, bound = details.value, details.bound
     if fault in {Fault.MOTOR_JUMP, Fault.LOAD_JUMP, Fault.MOTOR_OVERSPEED, Fault.LOAD_OVERSPEED}:
         return _too_fast(fault, details, thresholds)
@@ -27,7 +29,7 @@ def describe_fault(fault: Fault, details: FaultDetails, limits: Limits, threshol
         return _contradiction(fault, details)
     end = "lower" if fault is Fault.LOWER_END else "upper"
     beyond = (
-        f"load at {value:.4g} rad, further than limits.soft_zone = {limits.soft_zone:g} rad "
+        f"load at {value - zero:.4g} rad, further than limits.soft_zone = {limits.soft_zone:g} rad "
         f"beyond limits.position_{end} = {getattr(limits, f'position_{end}'):g} rad"
     )
     texts = {

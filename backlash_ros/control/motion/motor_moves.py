@@ -99,9 +99,10 @@ class MotorLoop:
     ----------
     drive, period : for the motor; the sample period in s
     most : largest standstill torque, N m at the output
+    holding : what holds the motor at the start, N m at the output, as far as ``most`` allows
     """
 
-    def __init__(self, drive: Drive, period: float, most: float) -> None:
+    def __init__(self, drive: Drive, period: float, most: float, holding: float = 0.0) -> None:
         self.side = motor_side(drive)
         self._most = most
         bandwidth = min(120.0, 0.2 / period)
@@ -110,7 +111,7 @@ class MotorLoop:
         )
         self._smooth = low_pass_gain(800.0, period)
         self._before = math.nan
-        self._speed = self._integral = 0.0
+        self._speed, self._integral = 0.0, min(max(holding, -most), most)
 
     def torque(self, position: float, wanted: tuple[float, float, float], elapsed: float) -> float:
         """Return the standstill torque, N m at the output, from a reading, the time since the last, s, and a target."""

@@ -48,19 +48,24 @@ def _with_room(limits: Limits, start: float) -> Limits:
 class Plan:
     """The plan of one servo; its tick evaluates ``segments``.
 
+    Tick and segments count as the load's readings do. All other positions count from ``zero``, a reading, rad.
+
     Parameters
     ----------
     memory, inputs : of the servo's tick
     """
 
     segments: Array
+    _reach: tuple[float, float] | None
     asked: bool
     """Whether its end was asked for: it is not where the load was found or stopped."""
+    zero = 0.0
 
     def __init__(self, memory: TickRow, inputs: InputRow) -> None:
         self._memory, self._inputs = memory, inputs
         self._profile: Profile | None = None  # the newest
         self._pace, self._paced = 1.0, False
+        self._planned: Array | None = None  # its segments
         self.hold()
 
     @property
@@ -73,17 +78,25 @@ class Plan:
         self._pace = pace
         self._inputs.pace = pace if self._paced else 1.0
 
+    def count_from(self, zero: float) -> None:
+        """Let positions count from another zero, rad: a plan that is over goes on where it is."""
+        if self._end is not None:
+            self._end -= zero - self.zero
+        self.zero = zero
+        self._reach = self._planned = None
+
     def hold(self) -> None:
         """Hold the position of the next sample."""
         self.segments = AtRest(math.nan).segments(self._memory.setpoint)
         self._end: float | None = None
-        self._reach: tuple[float, float] | None = None
+        self._reach = None
         self.asked = False
 
     def hold_at(self, angle: float) -> None:
         """Hold a load that is far from its reference at an angle, rad, so that it does not jump back."""
-        self.segments = AtRest(angle).segments(self._memory.setpoint)
-        self._memory.setpoint[:] = angle, 0.0, 0.0
+        reading = angle + self.zero
+        self.segments = AtRest(reading).segments(self._memory.setpoint)
+        self._memory.setpoint[:] = reading, 0.0, 0.0
         self._memory.plan_time = NOT_BEGUN
         self._end = self._reach = None
         self.asked = False
@@ -106,13 +119,12 @@ class Plan:
         at_once : whether the plan began with the last sample, and not with the next one
         paced : whether it may be slowed down, see `pace`
         """
-        setpoint = Setpoint(self._memory.setpoint.copy())
-        segments = np.ascontiguousarray(source.segments(setpoint), dtype=np.float64)
+        segments = np.ascontiguousarray(source.segments(self.setpoint), dtype=np.float64)
         _, end, least, largest = extent(segments)
         if hindrance:
             return f"reference {end:g} rad came {hindrance}"
         # References that keep coming are ahead of the setpoint: each counts from the one that was taken before.
-        taken = float(self._memory.motion.reference)
+        taken = float(self._memory.motion.reference) - self.zero
         if reason := plan_rejection(segments, limits, self.position if math.isnan(taken) else taken):
             return reason
         if reason := fastest.rejection_reason(top_speed(segments)):
@@ -123,7 +135,8 @@ class Plan:
         return ""
 
     def _begin(self, segments: Array, end: float, reach: tuple[float, float], *, at_once: bool) -> None:
-        self.segments, self._end, self._reach = segments, end, reach
+        self.segments, self._end, self._reach = segments.copy(), end, reach
+        self.segments[:, 0] += self.zero
         # The setpoint has its speed in time as it is: a slower pace is reached from there.
         self._paced, self._inputs.pace = False, 1.0
         self._memory.pace.now, self._memory.pace.rate = 1.0, 0.0
@@ -144,7 +157,7 @@ class Plan:
         """
         if hindrance:
             return f"reference {reference:g} rad came {hindrance}"
-        last, begin = self.profile, Setpoint(self._memory.setpoint.copy())
+        last, begin = self.profile, self.setpoint
         if last is not None and (last.reference, last.limits) == (reference, motion):
             return ""
         if why := limits.rejection_reason(reference, self.position if last is None else last.reference):
@@ -160,19 +173,25 @@ class Plan:
         if why := next(filter(None, reasons), ""):
             return f"the profile to {reference:g} rad is refused: {why}"
         self._begin(profile.rows, reference, reach, at_once=True)
-        self._profile = profile
+        self._profile, self._planned = profile, self.segments
         return ""
 
     @property
     def profile(self) -> Profile | None:
         """The profile in use; None if the setpoint follows something else."""
-        last = self._profile
-        return last if last is not None and last.rows is self.segments else None
+        return self._profile if self._planned is self.segments else None
+
+    @property
+    def setpoint(self) -> Setpoint:
+        """The last setpoint, with an experiment's offset."""
+        setpoint = Setpoint(self._memory.setpoint.copy())
+        setpoint[POSITION] -= self.zero
+        return setpoint
 
     @property
     def position(self) -> float:
         """The position of the setpoint, rad, without an experiment's offset."""
-        return float(self._memory.setpoint[POSITION] - self._inputs.offset)
+        return float(self._memory.setpoint[POSITION] - self._inputs.offset) - self.zero
 
     @property
     def extremes(self) -> tuple[float, float]:
@@ -192,7 +211,7 @@ class Plan:
     @property
     def end(self) -> float:
         """Its end, rad: the reference; nan while no position is held."""
-        return float(self.segments[0, 0]) if self._end is None else self._end
+        return float(self.segments[0, 0]) - self.zero if self._end is None else self._end
 
     @property
     def holding(self) -> bool:

@@ -93,7 +93,7 @@ class Stream:
                     f"its time must be later than that of the one before, got {1e-9 * (self._last - time):.3g} s less"
                 )
             return ""
-        present = float(self._servo.memory.setpoint[POSITION])
+        present = float(self._servo.setpoint[POSITION])
         if not abs(state[POSITION] - present) <= START:
             return (
                 f"the first one must be within {START:g} rad of the setpoint in use, {present:.6g} rad, "
@@ -113,7 +113,7 @@ class Stream:
         times = 1e-9 * (np.array(due) - now)
         durations = np.diff(times, prepend=0.0)
         rows = np.zeros((times.size, DURATION + 1))
-        rows[:, : 2 * known] = joined(np.vstack([self._servo.memory.setpoint[:known], ends[:-1]]), ends, durations)
+        rows[:, : 2 * known] = joined(np.vstack([self._servo.setpoint[:known], ends[:-1]]), ends, durations)
         rows[:, DURATION] = durations
         rows = np.vstack([rows, to_rest])
         able, needed = self._acceleration, _top_acceleration(rows)

@@ -25,7 +25,7 @@ from backlash_ros.dashboard.state import (
 
 _WAY = 0.5
 """Length of a step, rad."""
-_EXPERIMENTS = {"learning": "learn", "identifying": "identify"}
+_EXPERIMENTS = {"learning": "learn", "identifying": "identify", "homing": "home"}
 
 Words = Callable[[Axis], tuple[str, str]]
 """Result of a step, and what it gains, or would gain."""
@@ -158,7 +158,7 @@ def _experiment(page: Shown, name: str, title: str, label: str, words: Words) ->
 def _progress(axis: Axis, run: Run | None, name: str) -> str:
     """Return what an experiment is doing; empty if it does not run."""
     state = axis.last_state
-    word = {1: "learning", 2: "identifying"}.get(int(state.get("experiment", 0.0)), "")
+    word = {1: "learning", 2: "identifying", 3: "homing"}.get(int(state.get("experiment", 0.0)), "")
     if _EXPERIMENTS.get(word) == name:
         return f"{word}: {100.0 * state.get('progress', 0.0):.0f} %"
     if run is None or run.service != name:
@@ -171,7 +171,7 @@ def _progress(axis: Axis, run: Run | None, name: str) -> str:
 def _waits(axis: Axis, name: str) -> bool:
     """Return whether an estimate of this step waits to be applied."""
     kept = servo_says(axis)
-    by = "identify" if kept.get("estimate_method") == "identify" else "learn"
+    by = {"identify": "identify", "homing": "home", "set_zero": "home"}.get(str(kept.get("estimate_method")), "learn")
     return kept.get("estimate_applied") == "False" and by == name
 
 

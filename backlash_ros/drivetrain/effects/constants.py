@@ -5,6 +5,9 @@ import math
 from backlash_ros.drivetrain.parameters import Drive
 from backlash_ros.foundation.record import Array, Record, row_of, view_of
 
+_STOP_DAMPING = 0.1
+"""Damping ratio of a load against a stop."""
+
 
 class EffectConstants(Record):
     """The effects as the compiled functions read them; without any of them, every value has no influence.
@@ -12,7 +15,7 @@ class EffectConstants(Record):
     ``excess`` is static friction over Coulomb friction, less 1; ``per_stribeck_*`` the reciprocal of the Stribeck speed
     at either shaft, s/rad. ``dead_band`` and ``resolution`` are commands. ``J_outer``, ``k_outer``
     and ``c_outer`` are the outer part of the load and its spring and damper, ``J_wheel`` the wheel of a gear with two
-    stages, at the output.
+    stages, at the output. ``k_stop`` and ``c_stop`` are spring and damper of the stops at both ends of the travel.
     """
 
     cogging: float
@@ -36,6 +39,10 @@ class EffectConstants(Record):
     growth: float
     fall: float
     per_drift_time: float
+    lower_stop: float
+    upper_stop: float
+    k_stop: float
+    c_stop: float
 
 
 effects_in = view_of(EffectConstants)
@@ -68,4 +75,8 @@ def effect_row(drive: Drive) -> Array:
         growth=float(effects.gap_growth),
         fall=float(effects.friction_fall),
         per_drift_time=1.0 / effects.drift_time,
+        lower_stop=float(effects.stop_lower),
+        upper_stop=float(effects.stop_upper),
+        k_stop=float(effects.stop_stiffness),
+        c_stop=2.0 * _STOP_DAMPING * math.sqrt(effects.stop_stiffness * drive.load.inertia),
     )

@@ -3,11 +3,12 @@
     L di/dt          = V (1 - sag abs(i)/i_stall) - R i - K(theta_m) omega_m
     J_m domega_m/dt  = K(theta_m) i - B_m omega_m - tau_m - cogging(theta_m) - R1 F
     J_w domega_w/dt  = R2 F - R2 F2                                                    with two stages; else F2 = F
-    J_i domega_l/dt  = R2 F2 - B_l omega_l - tau_c - m g l sin(theta_l + offset) - dU/dh h' - T + tau_l
+    J_i domega_l/dt  = R2 F2 - B_l omega_l - tau_c - m g l sin(theta_l + offset) - dU/dh h' - T - S + tau_l
     J_o domega_o/dt  = T = k (theta_l - theta_o) + c (omega_l - omega_o)               with a load that is not rigid
 
-J_i is the load's inertia without its outer part. With two stages the first gap is between motor and wheel, the second
-one between wheel and load; both have the same contact law. The half gap h grows with time, and friction falls.
+J_i is the load's inertia without its outer part. S is the torque of a stop at an end of the travel, which pushes and
+never pulls. With two stages the first gap is between motor and wheel, the second one between wheel and load; both have
+the same contact law. The half gap h grows with time, and friction falls.
 
 The functions here are templates, plain Python; `real_equations` compiles them for a contact law. The state is that of
 `effects.state`, and a command is one that `amplifier.amplified` returned.
@@ -72,6 +73,24 @@ def gaps_of(plant: PlantConstants, state: Array) -> Gaps:
     return theta_m - wheel, omega_m - omega_wheel, first, wheel - theta_l, omega_wheel - omega_l, second
 
 
+@compiled
+def beyond_stop(plant: PlantConstants, state: Array) -> float:
+    """Return how far the load is beyond the stop at an end of its travel, rad; 0 between both."""
+    effects, angle = effects_in(plant.effects), state[THETA_L]
+    return float(max(angle - effects.upper_stop, 0.0) + min(angle - effects.lower_stop, 0.0))
+
+
+@compiled
+def stop_torque(plant: PlantConstants, state: Array) -> float:
+    """Return the torque S with which a stop brakes the load, N m: it pushes, and never pulls."""
+    beyond = beyond_stop(plant, state)
+    if beyond == 0.0:
+        return 0.0
+    effects = effects_in(plant.effects)
+    torque = effects.k_stop * beyond + effects.c_stop * state[OMEGA_L]
+    return float(torque if torque * beyond > 0.0 else 0.0)
+
+
 def contact_of(plant: PlantConstants, state: Array) -> ToothForce:
     """Return force, stiffness, damping, elastic force and its stiffness of the teeth on the load."""
     _, _, _, gap, gap_rate, half_gap = gaps_of(plant, state)
@@ -90,7 +109,10 @@ def rate_of(plant: PlantConstants, state: Array) -> float:
         stiffness, damping = max(stiffness, abs(tooth[1])), max(damping, abs(tooth[2]))
         lighter += plant.R2 * plant.R2 / effects_in(plant.effects).J_wheel
     per_mass += lighter
-    return float(max(plant.rate, damping * per_mass, math.sqrt(stiffness * per_mass)))
+    stop = (
+        math.sqrt(effects_in(plant.effects).k_stop * plant.per_inertia_l) if beyond_stop(plant, state) != 0.0 else 0.0
+    )
+    return float(max(plant.rate, damping * per_mass, math.sqrt(stiffness * per_mass), stop))
 
 
 _gap_torques: Callable[[PlantConstants, Array, Gaps, ToothForce, ToothForce], tuple[float, float]] = unbound
@@ -122,6 +144,7 @@ def held_torque(plant: PlantConstants, state: Array, load_torque: float) -> Held
     second = _contact_force(plant.contact, gaps[5], gaps[3], gaps[4])
     on_load = plant.R2 * second[0] + load_torque - _gap_torques(plant, state, gaps, first, second)[0]
     on_load -= plant.gravity * math.sin(state[THETA_L] + plant.gravity_offset) + twist_torque(plant, state)
+    on_load -= stop_torque(plant, state)
     teeth = plant.R1 * first[0]
     forward, backward = plant.forward * teeth, plant.backward * teeth
     least, most = held(plant, plant.coulomb_m, whole_at(state).age)
@@ -161,7 +184,8 @@ def derivative(plant: PlantConstants, state: Array, acting: Acting, out: Array) 
     rub_l = left * (plant.B_l * omega_l + dry_friction(plant, plant.coulomb_l, effects.per_stribeck_l, omega_l, slip_l))
     on_motor = constant * current - cogging_torque(plant, state[THETA_M]) - rub_m - teeth
     weight = plant.gravity * math.sin(state[THETA_L] + plant.gravity_offset) if plant.gravity != 0.0 else 0.0
-    on_load = plant.R2 * second[0] + load_torque - rub_l - weight - narrowing - twist
+    stop, beyond = stop_torque(plant, state), beyond_stop(plant, state)
+    on_load = plant.R2 * second[0] + load_torque - rub_l - weight - narrowing - twist - stop
     out[THETA_M], out[THETA_L] = omega_m, omega_l
     out[OMEGA_M] = on_motor * plant.per_inertia_m if slip_m != 0.0 else 0.0
     out[OMEGA_L] = on_load * plant.per_inertia_l if slip_l != 0.0 else 0.0
@@ -177,6 +201,7 @@ def derivative(plant: PlantConstants, state: Array, acting: Acting, out: Array) 
         change.outer_angle = whole.outer_speed
         change.outer_speed = twist / effects.J_outer
         lost += effects.c_outer * (omega_l - whole.outer_speed) ** 2
+    lost += (stop - effects.k_stop * beyond) * omega_l
     change.age = 1.0
     if math.isinf(plant.L):
         voltage = plant.R * current + constant * omega_m
@@ -206,7 +231,7 @@ def piece_of(plant: PlantConstants, state: Array, slip_m: float) -> tuple[int, f
         piece += 1 if _contact_force(plant.contact, half_gap, gap, gap_rate)[0] * slip_m > 0.0 else 0
     if effects_in(plant.effects).first_gap != 1.0:
         piece += 100 * _contact_piece(plant.contact, second_half, second, second_rate)
-    return piece, gap_rate
+    return piece + (10000 if stop_torque(plant, state) != 0.0 else 0), gap_rate
 
 
 def stored_energy(plant: PlantConstants, state: Array) -> float:
@@ -223,6 +248,7 @@ def stored_energy(plant: PlantConstants, state: Array) -> float:
     if effects.J_outer != 0.0:
         twist = state[THETA_L] - whole_at(state).outer_angle
         energy += 0.5 * (effects.J_outer * whole_at(state).outer_speed ** 2 + effects.k_outer * twist * twist)
+    energy += 0.5 * effects.k_stop * beyond_stop(plant, state) ** 2
     return float(energy)
 
 

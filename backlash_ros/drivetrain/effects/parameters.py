@@ -10,10 +10,12 @@ DATA_SHEET_ERRORS = ("resistance_error", "inductance_error", "torque_constant_er
 
 _SIZES = (
     *("cogging", "torque_ripple", "static_friction", "friction_asymmetry", "dead_band", "command_bits", "supply_sag"),
-    *("outer_share", "first_gap", "gap_growth", "friction_fall"),
+    *("outer_share", "first_gap", "gap_growth", "friction_fall", "stop_lower", "stop_upper"),
 )
 """The effects that change the equations of motion; the other parameters say how."""
 _TURN = 6.3
+NO_STOP = 1e9
+"""Means no stop, rad."""
 M = TypeVar("M", bound=Validated)
 
 
@@ -163,6 +165,20 @@ class Effects(Validated):
     )
     drift_time: float = quantity(
         "time in which backlash and friction drift, from the start", "s", at_least=1e-3, at_most=1e6, default=600.0
+    )
+
+    stop_lower: float = quantity(
+        "angle of the stop at the lower end of the load's travel", "rad", at_least=-NO_STOP, at_most=0, default=-NO_STOP
+    )
+    stop_upper: float = quantity(
+        "angle of the stop at its upper end", "rad", at_least=0, at_most=NO_STOP, default=NO_STOP
+    )
+    stop_stiffness: float = quantity(
+        "stiffness of both stops, which damp a tenth of what would be critical",
+        "N m/rad",
+        above=0,
+        at_most=1e8,
+        default=1e4,
     )
 
     @property

@@ -87,6 +87,8 @@ class Controller:
                 f"profile.mode must be {STEP!r}: in C a reference is a step, got {settings.profile.mode!r}; let your "
                 "program plan the motion, and follow it as a plan"
             )
+        if (zero := self.choice.values["zero"]) != 0.0:
+            raise ValueError(f"zero must be 0 rad: in C positions count as the encoders do, got {zero:g}")
         measured = self.around.sensors.measured
         if LAWS[self.law].both_encoders and not {"theta_m", "theta_l"} <= set(measured):
             raise ValueError(f"law = {self.law!r} needs both encoders, got sensors.measured = {list(measured)}")

@@ -84,6 +84,12 @@ def _only(names: Sequence[str], what: str, option: str, notes: list[str]) -> str
     return names[0] if len(names) == 1 else ""
 
 
+def _zeros(versions: Sequence[tuple[float, int, Mapping[str, Any]]], received: Array) -> Array:
+    """Return the zero of the axis at times of receipt, as readings of the load's angle, rad."""
+    zeros = np.array([0.0, *(float(values.get("zero", 0.0)) for _, _, values in versions)])
+    return zeros[np.searchsorted([at for at, _, _ in versions], received, side="right")]
+
+
 class _Builder:
     """Puts one axis together."""
 
@@ -205,16 +211,18 @@ class _Builder:
             if axis.drive is None:
                 raise ValueError("argument --motor-at: output needs the gear of a --drive")
             motor = motor / axis.ratio
+        received = np.array([sample.received for sample in samples])
+        zero = _zeros(axis.versions, received)
         return replace(
             axis,
             joint_topic=topic,
             motor_joint=joints[0],
             load_joint=joints[1],
             time=times,
-            received=np.array([sample.received for sample in samples]),
+            received=received,
             stamps=np.array([sample.stamp for sample in samples]),
-            motor=motor,
-            load=angles[1],
+            motor=motor - zero / axis.ratio if np.any(zero) else motor,
+            load=angles[1] - zero,
             load_speed=speeds[1],
             torque=efforts[0],
             repeated=len(self._contents.samples[topic]) - len(samples),

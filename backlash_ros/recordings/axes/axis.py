@@ -24,7 +24,7 @@ class Axis:
     joint_topic, motor_joint, load_joint : source of its samples, empty if the bag has none
     time, received, stamps : of the used samples, shape (N,): on the axis's clock; of recording and stamp, s since the
         epoch
-    motor, load : angles, rad, the motor's before the gear; all nan if there are none
+    motor, load : angles, rad, from the axis' zero, the motor's before the gear; all nan if there are none
     load_speed : rad/s
     torque : of the motor, N m before the gear
     repeated : number of samples without a later stamp, which are left out

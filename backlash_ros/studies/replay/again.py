@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from backlash_ros.control import Servo
 from backlash_ros.control.design.choice import Choice
 from backlash_ros.control.monitoring.wear import WearWatch
-from backlash_ros.control.telemetry import IDENTIFYING
+from backlash_ros.control.telemetry import HOMING, IDENTIFYING
 from backlash_ros.foundation.messages import BadSampleError, NotOurJointsError, read_joint_state
 from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import THETA_L, THETA_M, Measurement
@@ -70,7 +70,7 @@ class _Run:
         self._all, self._activation, self._told, self._changes = recorded, activation, told, changes
         first = activation.answers[0]
         begin = nearest(told, first.stamp, first.received)
-        self._version = min(recorded.in_use)
+        self._version, self._homes = min(recorded.in_use), "homing"
         choice = self._choice(self._version, first.received)
         values = choice.values
         self._joint_names = values["motor_joint"], values["load_joint"]
@@ -78,6 +78,7 @@ class _Run:
         self._positions = [Position(wrap, round(0.5e9 / values["rate"])) for wrap in wraps]
         self._timeout = round(1e9 * values["state_timeout"])
         self._servo = Servo(choice.drive, choice.settings, choice.limits)
+        self._servo.count_from(values["zero"])
         self._wear = WearWatch(self._servo)
         self._missed = begin["samples"] - 1
         self._taken = self._lost = self._unanswered = 0
@@ -93,6 +94,7 @@ class _Run:
         values = nearest(self._all.in_use, version, received)
         if values is None:
             raise ValueError(f"version {version} of the parameters in use is not in the bag")
+        self._homes = "homing_by_switch" if values["homing.switch"] else "homing"
         return self._changes.applied_to(tuning_of(values), values)
 
     def _note(self, text: str) -> None:
@@ -111,10 +113,12 @@ class _Run:
         self._version = version
 
     def _swap(self, choice: Choice) -> None:
-        if why := self._servo.rejection_reason(choice.limits, choice.drive):
+        zero = choice.values["zero"]
+        if why := self._servo.rejection_reason(choice.limits, choice.drive, zero):
             self._note(f"parameters would have been refused: {why}")
             return
         self._servo.use(choice.settings, choice.limits, choice.drive)
+        self._servo.count_from(zero)
 
     def _act(self, told: Mapping[str, float], answered: Answered) -> None:
         """Apply the inputs before a sample that do not follow from the samples."""
@@ -139,9 +143,11 @@ class _Run:
             self._note(f"the reference would have been refused: {why}")
         if open_to_all and told["experiment"]:
             try:
-                servo.start_experiment("identify" if told["experiment"] == IDENTIFYING else "")
+                servo.start_experiment({IDENTIFYING: "identify", HOMING: self._homes}.get(int(told["experiment"]), ""))
             except ValueError as error:
                 self._note(f"the experiment would have been refused: {error}")
+            if servo.experiment == "homing_by_switch":
+                self._note("what home_switch said is not replayed")
 
     # A sample.
 
