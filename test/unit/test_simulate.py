@@ -126,7 +126,7 @@ def test_a_path_is_refused_as_on_the_topic_and_says_where(tmp_path: Path, capsys
         ("a.csv", "time,angle\n0.5,1"): "row 1: must have one column 'position', has 0; .* rename it",
         ("a.csv", "time,position\n0,1\n0.9,0.3"): "within 0.05 rad of the setpoint, 0 rad, got 1; give the point",
         ("a.csv", "time,position\n0.9,57"): "reference must be within limits.position_lower = -1 rad and .* got 57",
-        ("a.csv", "time,position\n0.001,0.9"): "path must be slower than faults.velocity = 100 rad/s, got 900",
+        ("a.csv", "time,position\n0.001,0.9"): "path must be slower than the drive's no-load speed = 48 rad/s, got 900",
         ("a.csv", "time,position\n601,0.9"): "time to the end of the path must be >= 0 and <= 600 s",
         ("a.yaml", "joint_names: [a]\npoints:\n- positions: [1.0]\n"): "line 3: time_from_start of point 0 must be",
         ("a.yaml", "joint_names: [a]\npoints:\n- {positions: [1.0], time_from_start: 1}"): "must contain 'load'",
