@@ -58,6 +58,12 @@ _DELAYS = (0.25, 1.0)
 """Delays that are tried, in periods; tuned."""
 _OTHER = 0.6
 """By how much, as ln, these have to differ from the guess; tuned."""
+_BEGIN = 0.05
+"""Standard deviation of where in the gap the motion starts, rad: anywhere."""
+_FARTHEST = 5e-3
+"""Largest step of that, rad."""
+_HELD = 3e-3
+"""Share of the torque at standstill that a load torque has to have to hold the load on a flank at the start."""
 _FIXED = 1e-6
 """Standard deviation of what is not fitted: as good as 0."""
 _STIFF = 0.02
@@ -120,13 +126,13 @@ _CURVED = 0.05
 
 
 class Minimum(NamedTuple):
-    """The end of a minimisation: cost, parameters, problem, contact, and the rms of both innovations."""
+    """The end of a minimisation: cost, parameters, problem, contact; after all stages the rms of both innovations."""
 
     cost: float
     x: Array
     problem: Problem
     contact: Contact
-    sizes: tuple[float, float]
+    sizes: tuple[float, float] = (math.inf, math.inf)
 
 
 def cost_of(found: Minimum) -> float:
@@ -140,9 +146,11 @@ def _ln_half_gap(x: Array) -> float:
 
 
 def _widened(x: Array, factor: float) -> Array:
-    """Return parameters with a gap that is wider by a factor."""
+    """Return parameters with a gap that is wider by a factor, and the start at the same share of it."""
     wider = x.copy()
-    parameters_at(wider).ln_half_gap += math.log(factor)
+    there = parameters_at(wider)
+    there.ln_half_gap += math.log(factor)
+    there.offset *= factor
     return wider
 
 
@@ -191,12 +199,13 @@ class _Search:
         mean = self._start(0.02, 0.3 * self._side.inertia, 0.0, 0.0)
         expected = parameters_at(mean)
         expected.load_torque, expected.ln_load_viscous = 0.0, math.log(2.0 * _VISCOUS)
-        # Where one shaft is in the gap is the filter's to find; motor and gear are taken as given.
+        # Both angles are the same at first, so the offset says where in the gap the motion starts.
         beliefs = Beliefs(
             mean=mean,
             spread=parameters_of(
                 _FIXED,
                 ln_half_gap=3.0,
+                offset=_BEGIN,
                 gap_slope=0.2,
                 ln_stiffness=_SPRING if isinstance(contact, SpringContact) else _STIFF,
                 ln_load_inertia=1.5,
@@ -224,6 +233,7 @@ class _Search:
             largest=parameters_of(
                 unbounded,
                 ln_half_gap=0.3,
+                offset=_FARTHEST,
                 gap_slope=0.1,
                 ln_stiffness=0.5,
                 ln_load_inertia=0.7,
@@ -242,15 +252,17 @@ class _Search:
     def solve(self, problem: Problem, contact: Contact, x: Array, stage: Stage, most: int, enough: float) -> Minimum:
         """Minimise from ``x`` with the noise of a stage until a step gains less than ``enough``."""
         point = problem.solve(Point(math.inf, x, self._noise(stage)), most, enough)
-        sizes = np.sqrt(np.mean(loss_of(problem.results.innovations[1:]), axis=0))
-        found = (float(sizes[0]), float(sizes[1])) if math.isfinite(point.cost) else (math.inf, math.inf)
-        return Minimum(point.cost, point.parameters, problem, contact, found)
+        return Minimum(point.cost, point.parameters, problem, contact)
 
     def descend(self, problem: Problem, contact: Contact, x: Array) -> Minimum:
         """Minimise through all stages."""
         for stage in self.stages:
             x = self.solve(problem, contact, x, stage, 8, 0.5).x
-        return self.solve(problem, contact, x, self.stages[-1], 20, 0.02)
+        end = self.solve(problem, contact, x, self.stages[-1], 20, 0.02)
+        if not math.isfinite(problem.cost(end.x, self._noise(self.stages[-1]))):  # a refused step may have come last
+            return end
+        sizes = np.sqrt(np.mean(loss_of(problem.results.innovations[1:]), axis=0))
+        return end._replace(sizes=(float(sizes[0]), float(sizes[1])))
 
     def fit(self, found: Minimum) -> Fit:
         """Return the fit at a minimum."""
@@ -258,8 +270,10 @@ class _Search:
         return fit_of(Found(point, found.problem), (), self._drive)
 
     def _start(self, gap: float, inertia: float, coulomb_l: float, coulomb_m: float, delay: float = 0.5) -> Array:
+        held = self._guess.load_torque
         return parameters_of(
             ln_half_gap=math.log(0.5 * gap),
+            offset=math.copysign(0.5 * gap, held) if abs(held) > _HELD * self._torque else 0.0,
             ln_load_inertia=math.log(inertia),
             ln_load_viscous=math.log(_VISCOUS),
             load_coulomb=coulomb_l,
@@ -313,9 +327,9 @@ class _Search:
             tried = []
             for factor in _ABOUT:
                 for delay in (parameters_at(found.x).delay, *(share * self._period for share in _DELAYS)):
-                    x = found.x.copy()
+                    x = _widened(found.x, 0.5 * width / math.exp(_ln_half_gap(found.x)))
                     there = parameters_at(x)
-                    there.ln_half_gap, there.delay = math.log(0.5 * width), delay
+                    there.delay = delay
                     there.ln_load_inertia += math.log(factor)
                     tried.append((whole.cost(x, noise), len(nearest), x))
             nearest.append(min(tried, key=lambda each: each[0]))

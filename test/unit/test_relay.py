@@ -87,6 +87,17 @@ def test_each_contact_law_is_tried_from_what_the_other_has_found(number: int) ->
 
 @pytest.mark.grid
 @pytest.mark.population
+@pytest.mark.parametrize("number", [36, 45])
+def test_the_motion_starts_on_the_flank_on_which_a_torque_holds_the_load(number: int) -> None:
+    """Started in the middle of the gap, even the true parameters explained nothing: the filter left all bounds."""
+    member = draw_member(352711, number, "core", "load")
+    estimate = learned(member, "identified")
+    assert estimate.valid, estimate.reason
+    assert estimate.angle == pytest.approx(member.drive.gear.backlash_angle, rel=0.01)
+
+
+@pytest.mark.grid
+@pytest.mark.population
 def test_a_gap_of_a_few_counts_is_refused() -> None:
     """It has 2.9 counts, and was found 43 % too wide, with an uncertainty of 3 %."""
     estimate = learned(draw_member(352711, 61, "core", "load"), "identified")
