@@ -426,7 +426,7 @@ topics, relative to the namespace
               home_switch     std_msgs/Bool                ends ~/home, with homing.switch:=true
               joint_trajectory  trajectory_msgs/JointTrajectory  path of the load, by the name of its joint
               setpoint        trajectory_msgs/JointTrajectory  one point of a path, 50 to 250 a second
-              speed_scaling   std_msgs/Float64             0 to 1: share of its speed at which a trajectory is followed
+              speed_scaling   std_msgs/Float32             0 to 1: share of its speed at which a trajectory is followed
   publishes   command         std_msgs/Float64MultiArray   data[0]: V, or A with command_interface:=current
               ~/in_position   std_msgs/String              released, moving, settled, holding or limit
               ~/state         diagnostic_msgs/DiagnosticArray, ~/backlash_estimate, ~/parameters_in_use, /diagnostics

@@ -93,10 +93,12 @@ class Group:
         self._look()
 
     def _look(self) -> None:
-        """Come to rest if another axis has just become unable to move."""
+        """Come to rest, and end an experiment, if another axis has just become unable to move."""
         why, before, log = self._why, self._servo.barred, self._node.get_logger()
         if why == before:
             return
+        if why and not before:
+            self._servo.cancel(f"ended {why}")
         stops = why and not before and self._node.active and not self._servo.stop()
         self._servo.barred = why
         if stops:

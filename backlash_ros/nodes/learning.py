@@ -119,6 +119,8 @@ class Learning:
             return False, f"cannot {service}: the controller is {self._node.state}, not active"
         if self._estimates.busy:
             return False, f"cannot {service}: {self._estimates.busy}"
+        if self._servo.barred:
+            return False, f"cannot {service} {self._servo.barred}"
         by_switch = service == "home" and self._tunables.values["homing.switch"]
         if by_switch and self._switch is not False:
             why = "has not said anything" if self._switch is None else "is closed: move the load off it"

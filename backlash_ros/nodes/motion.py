@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from std_msgs.msg import Float64, String
+from std_msgs.msg import Float32, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
@@ -50,7 +50,7 @@ class Motion:
         self._watch, self._told = InPosition(servo), ""
         self._in_position = node.speak(String, "~/in_position", TRANSIENT_LOCAL)
         node.listen(JointTrajectory, "joint_trajectory", self._on_trajectory, SEND)
-        node.listen(Float64, "speed_scaling", self._on_speed_scaling)
+        node.listen(Float32, "speed_scaling", self._on_speed_scaling)
         node.listen(JointTrajectory, "setpoint", self._on_setpoint, RECEIVE_STREAM)
         node.create_service(Trigger, "~/hold", self._on_hold)
         self._action: FollowTrajectory | None = None
@@ -112,7 +112,7 @@ class Motion:
     def _scaled(self) -> str:
         return f"at {self._servo.pace:g} of its speed by speed_scaling"
 
-    def _on_speed_scaling(self, message: Float64) -> None:
+    def _on_speed_scaling(self, message: Float32) -> None:
         before, refusal = self._servo.pace, self._servo.set_pace(message.data)
         if refusal:
             self._taken(refusal, often=True)

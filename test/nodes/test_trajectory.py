@@ -10,7 +10,7 @@ from graph import Lifecycle, Parameters, Peer, Process
 from lifecycle_msgs.msg import Transition
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
+from std_msgs.msg import Float32
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -46,7 +46,7 @@ class Axes:
         for axis in names:
             node.create_subscription(JointState, f"{axis}/joint_states", lambda m, a=axis: self._on_state(a, m), deep)
         self.sent = node.create_publisher(JointTrajectory, "joint_trajectory", 10)
-        self.scaling = node.create_publisher(Float64, "speed_scaling", 10)
+        self.scaling = node.create_publisher(Float32, "speed_scaling", 10)
         self.holds = {axis: node.create_client(Trigger, f"{axis}/controller/hold") for axis in names}
         file = folder / "axes.yaml"
         joints = {axis: {"motor_joint": f"{axis}_motor", "load_joint": axis} for axis in names}
@@ -181,10 +181,10 @@ def test_a_trajectory_stands_still_and_goes_on_by_speed_scaling(start: Start, pe
 
     axes.send()
     peer.wait("the motion", lambda: axes.path("shoulder")[1][-1] > 0.1)
-    axes.scaling.publish(Float64(data=30.0))
+    axes.scaling.publish(Float32(data=30.0))
     says("speed_scaling must be a share from 0 to 1, got 30")
     axes.send(slower=20.0)
-    axes.scaling.publish(Float64(data=0.0))
+    axes.scaling.publish(Float32(data=0.0))
     says("follows a trajectory at 0 of its speed by speed_scaling")
     axes.run_until(axes.time + 1.0)
     since = axes.time
@@ -192,7 +192,7 @@ def test_a_trajectory_stands_still_and_goes_on_by_speed_scaling(start: Start, pe
     for axis in AXES:
         times, loads = axes.path(axis)
         assert np.ptp(loads[times > since]) < 0.25 * B, axis
-    axes.scaling.publish(Float64(data=1.0))
+    axes.scaling.publish(Float32(data=1.0))
     peer.wait("the end", lambda: all(abs(axes.path(axis)[1][-1] - PATHS[axis][-1, 0]) < 0.25 * B for axis in AXES))
 
 
@@ -236,6 +236,13 @@ def test_where_one_of_six_axes_of_a_group_fails_the_others_come_to_rest_until_it
     assert abs(axes.path("shoulder")[1][-1] - held) < 0.25 * B  # nothing moves by itself
     axes.send()
     peer.wait("the motion", lambda: axes.path("shoulder")[1][-1] > held + 0.1)
+    axes.run_until(axes.time + 2.0)
+    learn = peer.node.create_client(Trigger, "shoulder/controller/learn").call_async(Trigger.Request())
+    says("shoulder", "learning the backlash")
+    assert elbow.set(sensors__load_offset=0.5)[0]
+    peer.wait("the end of learning", learn.done)
+    assert not learn.result().success
+    assert barred.removeprefix("follows nothing ") in learn.result().message
 
 
 def test_an_axis_of_a_group_that_ends_without_a_word_is_missed(start: Start, peer: Peer) -> None:
@@ -253,5 +260,7 @@ def test_an_axis_of_a_group_that_ends_without_a_word_is_missed(start: Start, pee
     says("can move", before + 1)
     other.kill()
     says(f"follows nothing while 1 of 2 axes {said} do not answer: call reset_fault to go on without")
+    refused = peer.call(Trigger, "a/controller/learn", Trigger.Request())
+    assert refused.message.startswith(f"cannot learn while 1 of 2 axes {said} do not answer")
     assert peer.call(Trigger, "a/controller/reset_fault", Trigger.Request()).success
     says("can move", before + 2)
