@@ -265,7 +265,7 @@ class Homing:
         self._find(motor, load)
 
     def _find(self, motor: float, load: float) -> None:
-        self._found = load
+        self._found = float(np.median([each for _, each, _ in self._rows[-3:]]))  # one wrong reading moves no zero
         self._next(self._back_off, motor, load, -self._settings.back_off)
 
     def _leave(self, motor: float, load: float) -> None:
