@@ -74,15 +74,19 @@ def learned(member: Member, told: str) -> BacklashEstimate:
     )
 
 
+def assert_learned(member: Member, told: str, within: float) -> None:
+    """Assert that the gap is learned, off by a share of it at most."""
+    estimate = learned(member, told)
+    assert estimate.valid, estimate.reason
+    assert estimate.angle == pytest.approx(member.drive.gear.backlash_angle, rel=within)
+
+
 @pytest.mark.grid
 @pytest.mark.population
 @pytest.mark.parametrize("number", [83, 88])
 def test_each_contact_law_is_tried_from_what_the_other_has_found(number: int) -> None:
     """By itself the right one misses its minimum: the other one then was 12 % off, or the drive was refused."""
-    member = draw_member(818181, number, "core", "load")
-    estimate = learned(member, "nominal")
-    assert estimate.valid, estimate.reason
-    assert estimate.angle == pytest.approx(member.drive.gear.backlash_angle, rel=0.02)
+    assert_learned(draw_member(818181, number, "core", "load"), "nominal", within=0.02)
 
 
 @pytest.mark.grid
@@ -90,10 +94,7 @@ def test_each_contact_law_is_tried_from_what_the_other_has_found(number: int) ->
 @pytest.mark.parametrize("number", [36, 45])
 def test_the_motion_starts_on_the_flank_on_which_a_torque_holds_the_load(number: int) -> None:
     """Started in the middle of the gap, even the true parameters explained nothing: the filter left all bounds."""
-    member = draw_member(352711, number, "core", "load")
-    estimate = learned(member, "identified")
-    assert estimate.valid, estimate.reason
-    assert estimate.angle == pytest.approx(member.drive.gear.backlash_angle, rel=0.01)
+    assert_learned(draw_member(352711, number, "core", "load"), "identified", within=0.01)
 
 
 @pytest.mark.grid

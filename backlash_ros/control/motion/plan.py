@@ -129,17 +129,18 @@ class Plan:
             return reason
         if reason := fastest.rejection_reason(top_speed(segments)):
             return reason
-        self._begin(segments, end, (least, largest), at_once=at_once)
-        self._paced = paced
-        self.pace = self._pace
+        self._begin(segments, end, (least, largest), at_once=at_once, paced=paced)
         return ""
 
-    def _begin(self, segments: Array, end: float, reach: tuple[float, float], *, at_once: bool) -> None:
+    def _begin(
+        self, segments: Array, end: float, reach: tuple[float, float], *, at_once: bool, paced: bool = False
+    ) -> None:
         self.segments, self._end, self._reach = segments.copy(), end, reach
         self.segments[:, 0] += self.zero
         # The setpoint has its speed in time as it is: a slower pace is reached from there.
-        self._paced, self._inputs.pace = False, 1.0
         self._memory.pace.now, self._memory.pace.rate = 1.0, 0.0
+        self._paced = paced
+        self.pace = self._pace
         self._memory.plan_time = 0.0 if at_once else NOT_BEGUN
         self._memory.cursor.row = self._memory.cursor.begins = 0.0
         self.asked = True

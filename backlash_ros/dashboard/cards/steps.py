@@ -8,6 +8,7 @@ from typing import Any
 from lifecycle_msgs.msg import Transition
 from nicegui import ui
 
+from backlash_ros.control.telemetry import TELEMETRY
 from backlash_ros.dashboard.axis import ANSWER, Answer, Axis
 from backlash_ros.dashboard.cards.card import Refresh, Said, Shown, button
 from backlash_ros.dashboard.cards.move import refusal, step
@@ -158,7 +159,7 @@ def _experiment(page: Shown, name: str, title: str, label: str, words: Words) ->
 def _progress(axis: Axis, run: Run | None, name: str) -> str:
     """Return what an experiment is doing; empty if it does not run."""
     state = axis.last_state
-    word = {1: "learning", 2: "identifying", 3: "homing"}.get(int(state.get("experiment", 0.0)), "")
+    word = TELEMETRY["experiment"].words.get(int(state.get("experiment", 0.0)), "")
     if _EXPERIMENTS.get(word) == name:
         return f"{word}: {100.0 * state.get('progress', 0.0):.0f} %"
     if run is None or run.service != name:

@@ -190,18 +190,17 @@ def _steps(report: AxisReport, book: ChartBook) -> Part:
 
 def _path_row(report: AxisReport, number: int, path: FollowedPath) -> list[str]:
     ends = (brief(path.origin, 4), brief(path.target, 4)) if math.isfinite(path.origin) else (_NONE, _NONE)
-    figures = path.figures
+    told = [_NONE] * 5
+    if (figures := path.figures) is not None:
+        told = [_in_b(report, error) for error in (figures.rms, figures.largest, figures.final)]
+        told += [_number(1e3 * figures.lag), str(figures.reversals)]
     return [
         str(number),
         _at(path.start),
         f"{path.end - path.start:.2f}",
         " to ".join(ends),
         _law(path),
-        _NONE if figures is None else _in_b(report, figures.rms),
-        _NONE if figures is None else _in_b(report, figures.largest),
-        _NONE if figures is None else _in_b(report, figures.final),
-        _NONE if figures is None else _number(1e3 * figures.lag),
-        _NONE if figures is None else str(figures.reversals),
+        *told,
         _NONE if path.impacts < 0 else str(path.impacts),
     ]
 
