@@ -34,8 +34,9 @@ TOPICS: dict[str, type] = {
 HEARS = "hears"
 """Printed by the recorder, with the topic's name, when its first message has arrived: programs can wait for it."""
 
-SEND = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=10)
-"""QoS of every publisher: a subscriber that must miss nothing, such as a recorder, can ask for reliable delivery."""
+SEND = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=1000)
+"""QoS of every publisher: a subscriber that must miss nothing, such as a recorder, can ask for reliable delivery, and
+may be a second late at 1 kHz."""
 
 RECEIVE = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1)
 """QoS of every subscription to control data: the newest sample, no resending of old ones."""

@@ -32,7 +32,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 from backlash_ros.nodes.recorder import Recorder
 from backlash_ros.recordings import read_bag
 from backlash_ros.recordings.bag_writer import BagWriter
-from backlash_ros.ros.topics import TOPICS
+from backlash_ros.ros.topics import SEND, TOPICS
 
 Start = Callable[..., Process]
 
@@ -294,6 +294,21 @@ def test_messages_that_a_publisher_could_not_keep_are_told(start: Start, peer: P
     peer.wait("the loss to be told", told)
     assert recorder.stop() == 0
     assert re.search(r"\[ERROR\].* lost \d+ /joint_states", recorder.output())
+
+
+def test_recorder_that_a_busy_machine_holds_up_loses_nothing(start: Start, peer: Peer, tmp_path: Path) -> None:
+    states = peer.node.create_publisher(JointState, "joint_states", SEND)
+    recorder = start("recorder", output=tmp_path / "bag")
+    peer.wait("the recorder", lambda: states.get_subscription_count() > 0)
+    recorder.signal(signal.SIGSTOP)
+    for k in range(500):
+        message = JointState(name=["motor", "load"], position=[0.0, 0.0])
+        message.header.stamp.sec = k
+        states.publish(message)
+    recorder.signal(signal.SIGCONT)
+    assert states.wait_for_all_acked()
+    assert recorder.stop() == 0
+    assert read_bag(tmp_path / "bag").joint_states.time.tolist() == list(range(500))
 
 
 def no_package(name: str) -> None:
