@@ -13,7 +13,8 @@ quiet with any load. The files:
     plan                  the segments of a move, what they say of a time, and the motor's motion along them
     hold, parking         a load at its target
     follow                with a reference that moves; reference: where it goes and what torque that needs;
-                          crossing: when the motor changes flanks, and where it is meanwhile
+                          crossing: when the motor changes flanks, and where it is meanwhile;
+                          drag: what motion costs beyond the model
     command               from the wanted motion of the motor to the voltage
     constants, memory     all numbers by name; teeth: where they carry a torque
     design, parameters    from a drive and the user's choice to the constants

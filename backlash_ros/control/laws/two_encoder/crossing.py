@@ -28,6 +28,12 @@ _RESTS_FOR = 5
 """Periods for which the reference must rest, so that this is its end."""
 _LIES_ON_A_FLANK = 0.4
 """Share of the gap, from its middle, beyond which a held load lies on the motor's flank."""
+_FALLEN_TIME = 0.02
+"""Time, s, for which a load lies on the other flank that has fallen through the gap. Tuned on random drives."""
+_LONGEST_RETURN = 0.15
+"""Time, s, in which the motor takes such a load back to its path at most. Tuned on random drives."""
+_SMALL = 5e-4
+"""Share of the stall torque that such a load needs at least. Tuned on random drives."""
 
 
 class GapMotion(NamedTuple):
@@ -142,6 +148,27 @@ def _release_at_the_end(constants: Constants, memory: Memory, path: Array, k: fl
 
 
 @compiled
+def _cross_with_load(constants: Constants, memory: Memory, path: Array, k: float) -> None:
+    """Follow on the flank on which a load lies that has fallen through the gap unforeseen.
+
+    The torque that it needs has changed its sign, then, and is taken to be small.
+    """
+    follow, period, stall = memory.follow, constants.period, constants.stall_torque
+    fell = gap_position(memory) * follow.flank < -_LIES_ON_A_FLANK * constants.gap
+    follow.time_fallen = follow.time_fallen + period if fell else 0.0
+    if follow.time_fallen <= _FALLEN_TIME + constants.delay:
+        return
+    needed, small = needed_torque(constants, memory, path, k), _SMALL * stall
+    if needed * follow.flank > 0.0:
+        follow.drag.load -= needed + follow.flank * small
+    # Slower than the load would leave this flank again.
+    torque = max(abs(needed_torque(constants, memory, path, k)), small)
+    slow = math.sqrt(5.77 * constants.gap * constants.load_inertia / torque)
+    follow.time_fallen = 0.0
+    _cross(constants, memory, path, k, max(min(slow, _LONGEST_RETURN), constants.crossing_time), -follow.flank)
+
+
+@compiled
 def choose_flank(constants: Constants, memory: Memory, path: Array, free: bool) -> None:
     """End a crossing that is done, and begin the next one in time. ``free``: nothing holds the load where it rests."""
     follow, k = memory.follow, constants.delay / constants.period
@@ -150,7 +177,10 @@ def choose_flank(constants: Constants, memory: Memory, path: Array, free: bool) 
     if follow.crosses != 0.0:
         return
     follow.time_on_flank += constants.period
-    _cross_where_torque_turns(constants, memory, path, k)
+    if follow.flank != 0.0:
+        _cross_with_load(constants, memory, path, k)
+    if follow.crosses == 0.0:
+        _cross_where_torque_turns(constants, memory, path, k)
     if free and follow.crosses == 0.0 and follow.flank != 0.0:
         _release_at_the_end(constants, memory, path, k)
 

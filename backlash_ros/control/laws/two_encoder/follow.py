@@ -1,7 +1,7 @@
 """Follow: the motor goes ahead of a reference in motion, by the gap and by the depth at which the teeth carry the load.
 
 The flank changes with the sign of the torque that the load needs, halfway through a crossing that begins in time. The
-load's angle corrects only what is slow: where each flank is, and what motion in a direction costs beyond the model.
+load's angle corrects only what is slow: where each flank is. What motion costs beyond the model is learned, too.
 """
 
 import math
@@ -10,9 +10,10 @@ from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.command import Wanted
 from backlash_ros.control.laws.two_encoder.constants import DRY, Constants
 from backlash_ros.control.laws.two_encoder.crossing import choose_flank, gap_motion_at, lies_on_flank
-from backlash_ros.control.laws.two_encoder.load_torque import holds_load, load_torque_at
+from backlash_ros.control.laws.two_encoder.drag import begin_to_learn_drag, learn_drag
+from backlash_ros.control.laws.two_encoder.load_torque import holds_load
 from backlash_ros.control.laws.two_encoder.memory import FOLLOW, Memory
-from backlash_ros.control.laws.two_encoder.motor import dry_friction, loop_slowdown
+from backlash_ros.control.laws.two_encoder.motor import loop_slowdown
 from backlash_ros.control.laws.two_encoder.reference import (
     direction_at,
     learned_of,
@@ -24,14 +25,6 @@ from backlash_ros.control.laws.two_encoder.teeth import gap_position
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Array
 
-_DRAG_RATE = 5.0
-"""Rate with which the drag of a direction is learned, 1/s. Tuned on random drives."""
-_DRAG_SPEED = 0.02
-"""Speed of the reference, rad/s, above which its drag is learned: below, friction may stick. Tuned on random drives."""
-_LOAD_SPEED = 0.01
-"""Speed of the load, rad/s, above which its friction is that of motion. Tuned on random drives."""
-_STEADY = 0.02
-"""Share of the stall torque up to which acceleration asks for it, so that wrong inertias do not look like a drag."""
 _PUSHES = 20.0
 """Acceleration of the load, rad/s^2, from which on its teeth surely push. Tuned on random drives."""
 _NEAR_SEAT = 0.1
@@ -61,10 +54,11 @@ _LARGEST_SHARE = 0.3
 def begin_to_follow(constants: Constants, memory: Memory) -> None:
     """Begin to follow from where the motor is in the gap."""
     memory.phase, memory.hold.time_since_landing, follow = FOLLOW, 0.0, memory.follow
-    follow.crosses = follow.time_on_flank = follow.direction = follow.momentum = 0.0
+    follow.crosses = follow.time_on_flank = follow.time_fallen = follow.direction = 0.0
     follow.crossing.end = 0.0
     for learned in (follow.forward, follow.backward):
-        learned.drag = learned.seat = learned.seat_time = 0.0
+        learned.seat = learned.seat_time = 0.0
+    begin_to_learn_drag(constants, memory)
     follow.flank = lies_on_flank(constants, memory, holds_load(constants, memory.load_torque.estimated))
 
 
@@ -73,25 +67,6 @@ def stop_following(memory: Memory) -> None:
     """Take what was learned of the flank in use for the middle of the gap."""
     follow = memory.follow
     memory.middle += follow.crossing.end if follow.flank == 0.0 else learned_of(follow, follow.flank).seat
-
-
-@compiled
-def _learn_drag(constants: Constants, memory: Memory, path: Array) -> None:
-    """Learn what even motion in a direction costs beyond the model, from the momentum of both shafts, N m."""
-    follow, motor, load = memory.follow, memory.motor.estimated, memory.load
-    reference = reference_at(constants, path, 0.0)
-    momentum = constants.motor_inertia * motor.speed + constants.load_inertia * load.speed
-    gained, follow.momentum, known = momentum - follow.momentum, momentum, follow.momentum != 0.0
-    effort = abs(reference.acceleration) * (constants.load_inertia + constants.motor_inertia)
-    moves = abs(reference.speed) > _DRAG_SPEED and abs(load.speed) > _LOAD_SPEED
-    if not known or not moves or effort >= _STEADY * constants.stall_torque:
-        return
-    given = motor.current_torque - constants.motor_friction * motor.speed - constants.load_friction * load.speed
-    given -= dry_friction(constants, motor.speed) + math.copysign(constants.load_dry_friction, reference.speed)
-    given += load_torque_at(memory.load_torque, load.angle)
-    unexplained, share = gained / constants.period - given, min(_DRAG_RATE * constants.period, 1.0)
-    learned = learned_of(follow, reference.speed)
-    learned.drag -= share * (unexplained + learned.drag)
 
 
 @compiled
@@ -155,7 +130,7 @@ def follow_path(constants: Constants, memory: Memory, path: Array) -> Wanted:
     follow.direction = direction_at(reference, follow.direction)
     if follow.direction == 0.0:
         follow.direction = direction_at(reference_at(constants, path, float(path.shape[0] - 1)), 0.0)
-    _learn_drag(constants, memory, path)
+    learn_drag(constants, memory, path)
     held = holds_load(constants, resting_torque(constants, memory, reference.angle))
     choose_flank(constants, memory, path, constants.load_dry_friction <= DRY and not held)
     _learn_seat(constants, memory, path)

@@ -27,6 +27,8 @@ TO_PRESS = 3.0
 """Next move: a press of a stuck load."""
 REMEMBERED = 12
 """Number of commands that are remembered: the longest delay has two less."""
+DRAG_STATES = 3
+"""States of the filter that learns the drag: momentum, load torque and friction."""
 MOST_SEGMENTS = 6
 """Approach, push, cruise, crossing, brake, and back or leave."""
 
@@ -180,11 +182,21 @@ class Crossing(Record):
 
 
 class Learned(Record):
-    """What following has shown of motion in a direction, and of the flank that drives it."""
+    """What following has shown of a flank."""
 
-    drag: float = 0.0  # N m, that motion in this direction costs beyond the model
     seat: float = 0.0  # rad, error of g on the flank
     seat_time: float = 0.0  # s, for which that was learned
+
+
+class Drag(Record):
+    """What motion costs beyond the model, as learned from the momentum of both shafts."""
+
+    load: float = 0.0  # N m, in both directions: a load torque
+    friction: float = 0.0  # N m, against each direction
+    runs: float = 0.0  # 1 while it is learned
+    momentum: float = 0.0  # N m s, estimated
+    spread: Array = cells(DRAG_STATES, DRAG_STATES)  # covariance of momentum, load and friction
+    gain: Array = cells(DRAG_STATES)  # of each of these, for the error of the momentum
 
 
 class Follow(Record):
@@ -194,8 +206,9 @@ class Follow(Record):
     crosses: float = 0.0  # 1 while the motor crosses the gap
     crossing: Crossing = part(Crossing)
     time_on_flank: float = 0.0  # s
+    time_fallen: float = 0.0  # s, for which the load has been on the other one
     direction: float = 0.0  # of the motion, the last one there was
-    momentum: float = 0.0  # N m s, of both shafts
+    drag: Drag = part(Drag)
     forward: Learned = part(Learned)
     backward: Learned = part(Learned)
 

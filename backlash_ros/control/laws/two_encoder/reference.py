@@ -70,19 +70,16 @@ def learned_of(follow: Follow, direction: float) -> Learned:
 
 @compiled
 def _drag(constants: Constants, memory: Memory, direction: float) -> float:
-    """Return what motion in a direction costs beyond the model, N m, without what may be noise."""
-    drag = learned_of(memory.follow, direction).drag
+    """Return what motion in a direction costs beyond the model, N m, without what may be noise; 0: a load at rest."""
+    drag = memory.follow.drag.load + direction * memory.follow.drag.friction
     noise = _NOISE_SHARE * constants.stall_torque
     return drag - clamp(drag, -noise, noise)
 
 
 @compiled
 def resting_torque(constants: Constants, memory: Memory, angle: float) -> float:
-    """Return the load torque on a load that comes to rest at an angle, rad, as far as its motion has shown it, N m.
-
-    What the motion cost may be a load torque or friction. If it is friction, the teeth press on a load that sticks.
-    """
-    return load_torque_at(memory.load_torque, angle) - _drag(constants, memory, memory.follow.direction)
+    """Return the load torque on a load that comes to rest at an angle, rad, as far as its motion has shown it, N m."""
+    return load_torque_at(memory.load_torque, angle) - _drag(constants, memory, 0.0)
 
 
 @compiled
