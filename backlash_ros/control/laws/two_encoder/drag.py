@@ -8,14 +8,12 @@ import math
 
 from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.load_torque import load_torque_at
-from backlash_ros.control.laws.two_encoder.memory import DRAG_STATES, Memory
+from backlash_ros.control.laws.two_encoder.memory import Drag, DragSpread, Memory
 from backlash_ros.control.laws.two_encoder.motor import dry_friction
 from backlash_ros.control.laws.two_encoder.reference import Reference, reference_at
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Array
 
-_MOMENTUM, _LOAD, _FRICTION = range(DRAG_STATES)
-"""Rows of the covariance."""
 _MOMENTUM_NOISE = 2e-5
 """Error of a sample of the momentum: what the stall torque gives within so many seconds. Tuned on random drives."""
 _MOMENTUM_LAG = 5e-3
@@ -43,58 +41,58 @@ _LOAD_SPEED = 0.01
 
 
 @compiled
-def _restart(constants: Constants, memory: Memory, state: int, deviation: float) -> None:
-    """Forget what is known of a state of the filter but its standard deviation."""
-    spread = memory.follow.drag.spread
-    for other in range(DRAG_STATES):
-        spread[state, other] = spread[other, state] = 0.0
-    spread[state, state] = deviation * deviation
-
-
-@compiled
 def begin_to_learn_drag(constants: Constants, memory: Memory) -> None:
     """Forget the drag."""
-    drag, least = memory.follow.drag, _LEAST_DRAG * constants.stall_torque
-    drag.load = drag.friction = drag.runs = 0.0
-    _restart(constants, memory, _LOAD, least)
-    _restart(constants, memory, _FRICTION, least + _FRICTION_ERROR * constants.load_dry_friction)
+    drag, spread, least = memory.follow.drag, memory.follow.drag.spread, _LEAST_DRAG * constants.stall_torque
+    drag.load = drag.friction = drag.runs = spread.load_friction = 0.0
+    spread.load, spread.friction = least**2, (least + _FRICTION_ERROR * constants.load_dry_friction) ** 2
 
 
 @compiled
-def _sample_error(constants: Constants, effort: float) -> float:
-    """Return the standard deviation of a sample of the momentum while an acceleration takes a torque, N m s."""
-    return math.hypot(_MOMENTUM_NOISE * constants.stall_torque, _MOMENTUM_LAG * effort)
+def _sample_variance(constants: Constants, effort: float) -> float:
+    """Return the variance of a sample of the momentum while an acceleration takes a torque, (N m s)^2."""
+    return (_MOMENTUM_NOISE * constants.stall_torque) ** 2 + (_MOMENTUM_LAG * effort) ** 2
 
 
 @compiled
-def _predict(constants: Constants, memory: Memory, direction: float, effort: float) -> None:
+def _start(constants: Constants, drag: Drag, momentum: float, effort: float) -> None:
+    """Start from a sample of the momentum, with what is known of the drag."""
+    spread = drag.spread
+    drag.runs, drag.momentum, spread.momentum = 1.0, momentum, _sample_variance(constants, effort)
+    spread.momentum_load = spread.momentum_friction = 0.0
+
+
+@compiled
+def _predict(constants: Constants, spread: DragSpread, direction: float, effort: float) -> None:
     """Let the uncertainty grow over a period."""
-    spread, period, stall = memory.follow.drag.spread, constants.period, constants.stall_torque
-    for i in range(DRAG_STATES):
-        spread[_MOMENTUM, i] -= period * (spread[_LOAD, i] + direction * spread[_FRICTION, i])
-    for i in range(DRAG_STATES):
-        spread[i, _MOMENTUM] -= period * (spread[i, _LOAD] + direction * spread[i, _FRICTION])
+    period, stall = constants.period, constants.stall_torque
     unexplained = constants.unexplained_motor_torque + constants.unexplained_load_torque
     noise = (_TORQUE_NOISE * stall) ** 2 + _UNEXPLAINED_TIME * unexplained**2
     noise += _INERTIA_TIME * (_INERTIA_ERROR * effort) ** 2
-    spread[_MOMENTUM, _MOMENTUM] += period * noise
-    spread[_LOAD, _LOAD] += period * (_WALK * stall) ** 2
+    cost = spread.load + 2.0 * direction * spread.load_friction + spread.friction
+    spread.momentum += period * (noise + period * cost)
+    spread.momentum -= 2.0 * period * (spread.momentum_load + direction * spread.momentum_friction)
+    spread.momentum_load -= period * (spread.load + direction * spread.load_friction)
+    spread.momentum_friction -= period * (spread.load_friction + direction * spread.friction)
+    spread.load += period * (_WALK * stall) ** 2
 
 
 @compiled
-def _correct(constants: Constants, memory: Memory, effort: float, error: float) -> None:
-    """Correct the states by the error of the expected momentum, N m s."""
-    drag = memory.follow.drag
-    spread, gain = drag.spread, drag.gain
-    expected = spread[_MOMENTUM, _MOMENTUM] + _sample_error(constants, effort) ** 2
-    for i in range(DRAG_STATES):
-        gain[i] = spread[i, _MOMENTUM] / expected
-    for i in range(DRAG_STATES):
-        for j in range(DRAG_STATES):
-            spread[i, j] -= gain[i] * gain[j] * expected
-    drag.momentum += gain[_MOMENTUM] * error
-    drag.load += gain[_LOAD] * error
-    drag.friction += gain[_FRICTION] * error
+def _correct(constants: Constants, drag: Drag, effort: float, error: float) -> None:
+    """Correct the drag by the error of the expected momentum, N m s."""
+    spread = drag.spread
+    expected = spread.momentum + _sample_variance(constants, effort)
+    momentum, load = spread.momentum / expected, spread.momentum_load / expected
+    friction, left = spread.momentum_friction / expected, 1.0 - momentum
+    drag.momentum += momentum * error
+    drag.load += load * error
+    drag.friction += friction * error
+    spread.load -= load * spread.momentum_load
+    spread.load_friction -= load * spread.momentum_friction
+    spread.friction -= friction * spread.momentum_friction
+    spread.momentum *= left
+    spread.momentum_load *= left
+    spread.momentum_friction *= left
 
 
 @compiled
@@ -117,11 +115,10 @@ def learn_drag(constants: Constants, memory: Memory, path: Array) -> None:
     if not moves or effort >= _STEADY * constants.stall_torque:
         drag.runs = 0.0
     elif drag.runs == 0.0:
-        drag.runs, drag.momentum = 1.0, momentum
-        _restart(constants, memory, _MOMENTUM, _sample_error(constants, effort))
+        _start(constants, drag, momentum, effort)
     else:
         direction = math.copysign(1.0, reference.speed)
         cost = drag.load + direction * drag.friction
         drag.momentum += constants.period * (_given(constants, memory, reference) - cost)
-        _predict(constants, memory, direction, effort)
-        _correct(constants, memory, effort, momentum - drag.momentum)
+        _predict(constants, drag.spread, direction, effort)
+        _correct(constants, drag, effort, momentum - drag.momentum)

@@ -4,8 +4,6 @@ The flank changes with the sign of the torque that the load needs, halfway throu
 load's angle corrects only what is slow: where each flank is. What motion costs beyond the model is learned, too.
 """
 
-import math
-
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.command import Wanted
 from backlash_ros.control.laws.two_encoder.constants import DRY, Constants

@@ -27,8 +27,6 @@ TO_PRESS = 3.0
 """Next move: a press of a stuck load."""
 REMEMBERED = 12
 """Number of commands that are remembered: the longest delay has two less."""
-DRAG_STATES = 3
-"""States of the filter that learns the drag: momentum, load torque and friction."""
 MOST_SEGMENTS = 6
 """Approach, push, cruise, crossing, brake, and back or leave."""
 
@@ -188,6 +186,17 @@ class Learned(Record):
     seat_time: float = 0.0  # s, for which that was learned
 
 
+class DragSpread(Record):
+    """The covariance of the momentum and of both parts of the drag."""
+
+    momentum: float = 0.0  # (N m s)^2
+    momentum_load: float = 0.0  # N^2 m^2 s
+    momentum_friction: float = 0.0  # N^2 m^2 s
+    load: float = 0.0  # (N m)^2
+    load_friction: float = 0.0  # (N m)^2
+    friction: float = 0.0  # (N m)^2
+
+
 class Drag(Record):
     """What motion costs beyond the model, as learned from the momentum of both shafts."""
 
@@ -195,8 +204,7 @@ class Drag(Record):
     friction: float = 0.0  # N m, against each direction
     runs: float = 0.0  # 1 while it is learned
     momentum: float = 0.0  # N m s, estimated
-    spread: Array = cells(DRAG_STATES, DRAG_STATES)  # covariance of momentum, load and friction
-    gain: Array = cells(DRAG_STATES)  # of each of these, for the error of the momentum
+    spread: DragSpread = part(DragSpread)
 
 
 class Follow(Record):
