@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 from backlash_ros.control.laws.two_encoder.constants import Constants
-from backlash_ros.control.laws.two_encoder.memory import Memory
+from backlash_ros.control.laws.two_encoder.memory import Follow, Memory
 from backlash_ros.control.laws.two_encoder.reference import learned_of, moves_within, needed_torque, reference_at
 from backlash_ros.control.laws.two_encoder.teeth import gap_position, light_contact_distance, on_the_way
 from backlash_ros.foundation.compiled import compiled
@@ -28,6 +28,8 @@ _RESTS_FOR = 5
 """Periods for which the reference must rest, so that this is its end."""
 _LIES_ON_A_FLANK = 0.4
 """Share of the gap, from its middle, beyond which a held load lies on the motor's flank."""
+_SURE_TIME = 0.1
+"""Time on a flank, s, after which its seat is surely learned. Tuned on random drives."""
 _FALLEN_TIME = 0.02
 """Time, s, for which a load lies on the other flank that has fallen through the gap. Tuned on random drives."""
 _LONGEST_RETURN = 0.15
@@ -49,6 +51,13 @@ def seat(constants: Constants, memory: Memory, flank: float, torque: float) -> f
     """Return g on a flank whose teeth carry a torque, N m, with what was learned of this flank, rad."""
     carried = torque if torque * flank > 0.0 else TOUCHING_SHARE * constants.stall_torque
     return flank * light_contact_distance(constants, carried) + learned_of(memory.follow, flank).seat
+
+
+@compiled
+def sure_seat(follow: Follow) -> float:
+    """Return the error of the seat of the flank in use, rad, less what a short time on it may have made up."""
+    learned = learned_of(follow, follow.flank)
+    return min(learned.seat_time / _SURE_TIME, 1.0) * learned.seat
 
 
 @compiled
@@ -103,7 +112,7 @@ def _cross(constants: Constants, memory: Memory, path: Array, k: float, duration
         crossing.begin = motor.angle - load.angle - constants.delay * load.speed - memory.middle
         crossing.speed = motor.speed - load.speed
     if flank == 0.0:
-        crossing.end = learned_of(follow, follow.flank).seat
+        crossing.end = sure_seat(follow)
     else:
         torque = needed_torque(constants, memory, path, k + duration / constants.period)
         crossing.end = seat(constants, memory, flank, torque)

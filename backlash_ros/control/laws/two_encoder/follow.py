@@ -7,7 +7,7 @@ load's angle corrects only what is slow: where each flank is. What motion costs 
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.command import Wanted
 from backlash_ros.control.laws.two_encoder.constants import DRY, Constants
-from backlash_ros.control.laws.two_encoder.crossing import choose_flank, gap_motion_at, lies_on_flank
+from backlash_ros.control.laws.two_encoder.crossing import choose_flank, gap_motion_at, lies_on_flank, sure_seat
 from backlash_ros.control.laws.two_encoder.drag import begin_to_learn_drag, learn_drag
 from backlash_ros.control.laws.two_encoder.load_torque import holds_load
 from backlash_ros.control.laws.two_encoder.memory import FOLLOW, Memory
@@ -64,7 +64,7 @@ def begin_to_follow(constants: Constants, memory: Memory) -> None:
 def stop_following(memory: Memory) -> None:
     """Take what was learned of the flank in use for the middle of the gap."""
     follow = memory.follow
-    memory.middle += follow.crossing.end if follow.flank == 0.0 else learned_of(follow, follow.flank).seat
+    memory.middle += follow.crossing.end if follow.flank == 0.0 else sure_seat(follow)
 
 
 @compiled
