@@ -7,7 +7,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64, Float64MultiArray, String
+from std_msgs.msg import Bool, Float32, Float64, Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 
 TOPICS: dict[str, type] = {
@@ -16,6 +16,7 @@ TOPICS: dict[str, type] = {
     "reference": Float64,
     "joint_trajectory": JointTrajectory,
     "setpoint": JointTrajectory,
+    "speed_scaling": Float32,
     "load_torque": Float64,
     "home_switch": Bool,
     "controller/state": DiagnosticArray,
