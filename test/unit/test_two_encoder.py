@@ -18,12 +18,11 @@ from backlash_ros.control.laws.two_encoder.memory import FLIGHT, PHASES, memory_
 from backlash_ros.control.laws.two_encoder.moves import Shafts
 from backlash_ros.control.laws.two_encoder.plan import evaluate, length_of
 from backlash_ros.control.motion.setpoint import Polynomials
-from backlash_ros.control.motion.setpoint import evaluate as setpoint
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.foundation.record import Array
-from backlash_ros.foundation.signals import LOAD_TORQUE, OMEGA_L, POSITION, THETA_L, THETA_M, Setpoint, at_rest
+from backlash_ros.foundation.signals import LOAD_TORQUE, OMEGA_L, THETA_L, THETA_M, at_rest
 from backlash_ros.simulation import Run, Scenario, SimulatedDrive, run
 from backlash_ros.studies.evaluation.motion import LEAD, Path, ramp, sine
 from backlash_ros.studies.evaluation.population import draw_member, told_model
@@ -193,15 +192,11 @@ def test_a_load_heavier_than_the_motor_follows_without_swinging(
 
 def errors_along(gains: GainSet, path: Path, load_torque: float = 0.0, **load: float) -> tuple[Array, Array]:
     """Return times and errors, in b, of a nominal drive whose load differs from what the law was told."""
-    rows, out = path.rows(0.0), Setpoint(np.zeros(3))
-    count = round((LEAD + path.length) / 0.004)
-    scenario = Scenario(np.zeros(count), np.array(load_torque), sensors=ENCODERS, source=Polynomials(rows))
+    count, source = round((LEAD + path.length) / 0.004), Polynomials(path.rows(0.0))
+    scenario = Scenario(np.zeros(count), np.array(load_torque), sensors=ENCODERS, source=source)
     drive = replace(NOMINAL_DRIVE, load=replace(NOMINAL_DRIVE.load, **load))
-    done, wanted = run(drive, settings_of(gains), scenario, model=NOMINAL_DRIVE), []
-    for time in done.time:
-        setpoint(rows, time, out)
-        wanted.append(out[POSITION])
-    return done.time - LEAD, (np.array(wanted) - done.load_angle) / B
+    done = run(drive, settings_of(gains), scenario, model=NOMINAL_DRIVE)
+    return done.time[:-1] - LEAD, (done.setpoint - done.load_angle[:-1]) / B
 
 
 @pytest.mark.parametrize(("torque", "offset"), [(0.02, 2.0), (0.1, 1.5), (0.1, -1.5), (0.4, 2.0)])

@@ -17,7 +17,9 @@ _COAST = 0.05
 _LEAST_PERIODS = 3.0
 """Periods that a crossing takes at least, so that the motor's loop follows it."""
 _EFFORT = 0.4
-"""Share of the stall torque that a crossing takes at most; the peak of a quintic's acceleration is 5.77 d/T^2."""
+"""Share of the stall torque that a crossing takes at most."""
+_PEAK = 5.77
+"""Peak of the acceleration of a quintic over a distance d in the time T, in d/T^2."""
 _LASTS = 6
 """Periods for which the needed torque must keep its new sign, so that noise of the drag causes no crossing."""
 _LEAPS = 0.2
@@ -84,14 +86,20 @@ def gap_motion_at(constants: Constants, memory: Memory, path: Array, k: float) -
 
 
 @compiled
+def _shortest_time(constants: Constants, inertia: float, torque: float) -> float:
+    """Return the shortest time in which a torque (N m) takes an inertia (kg m^2) through the gap and to rest, s."""
+    return math.sqrt(_PEAK * constants.gap * inertia / torque)
+
+
+@compiled
 def _crossing_time(constants: Constants, memory: Memory, path: Array, k: float) -> float:
     """Return how long a crossing may take around k periods after the sample, s: as soft as the path allows.
 
     The load coasts meanwhile. With dry friction the torque that it lacks leaps, without it grows evenly.
     """
     period, gap, first = constants.period, constants.gap, max(k - 1.0, 0.0)
-    peak = math.sqrt(5.77 * gap * constants.motor_inertia / (_EFFORT * constants.stall_torque))
-    least = max(_LEAST_PERIODS * period, peak)
+    shortest = _shortest_time(constants, constants.motor_inertia, _EFFORT * constants.stall_torque)
+    least = max(_LEAST_PERIODS * period, shortest)
     change = abs(needed_torque(constants, memory, path, k + 1.0) - needed_torque(constants, memory, path, first))
     if constants.load_dry_friction > 0.0 and change > 0.5 * constants.load_dry_friction:
         soft = math.sqrt(8.0 * _COAST * gap / max(abs(reference_at(constants, path, k).acceleration), 1e-3))
@@ -172,7 +180,7 @@ def _cross_with_load(constants: Constants, memory: Memory, path: Array, k: float
         follow.drag.load -= needed + follow.flank * small
     # Slower than the load would leave this flank again.
     torque = max(abs(needed_torque(constants, memory, path, k)), small)
-    slow = math.sqrt(5.77 * constants.gap * constants.load_inertia / torque)
+    slow = _shortest_time(constants, constants.load_inertia, torque)
     follow.time_fallen = 0.0
     _cross(constants, memory, path, k, max(min(slow, _LONGEST_RETURN), constants.crossing_time), -follow.flank)
 
