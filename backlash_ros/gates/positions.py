@@ -37,7 +37,8 @@ class Position:
         """Return the position (rad) that goes on from the last one, ``elapsed`` ns ago; nan stays nan.
 
         It is the one nearest to where the last speed leads, so that a few lost samples lose no turn. A jump is named
-        only if no motion explains it: the speed would have changed by more than ``fastest``, rad/s.
+        only if no motion explains it: the speed would have changed by more than ``fastest``, rad/s, and the jump is
+        not the way of the motion, as that of a position which begins again never is.
         """
         if math.isnan(position):
             return position
@@ -55,7 +56,7 @@ class Position:
     def _named(self, position: float, ahead: float, elapsed: int, fastest: float) -> str:
         jump = position - self._last
         size = abs(jump)
-        if not abs(jump - ahead) > fastest * elapsed / SECOND:
+        if not abs(jump - ahead) > fastest * elapsed / SECOND or jump * ahead > _ABOUT * size**2:
             return ""
 
         def about(length: float) -> bool:

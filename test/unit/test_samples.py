@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 import pytest
 
 from backlash_ros.gates import Action, Fault, Judged, Publishers, SampleGate
+from backlash_ros.gates.positions import Position
 
 MS = 10**6
 PERIOD, TIMEOUT = 4 * MS, 100 * MS
@@ -123,6 +124,16 @@ def test_motion_is_never_taken_for_a_turn() -> None:
     loop = Loop()
     for periods in (1, 1, 2, 1, 10, 20, 1):
         loop.wait(periods).holds(1469.0 * 1e-9 * loop.now, 146.9 * 1e-9 * loop.now)
+
+
+def test_motion_in_degrees_through_zero_is_not_named_a_position_that_begins_again() -> None:
+    """It goes from one side of zero to the other, as a counter that overflows does, but the way it moves."""
+    position = Position()
+    for angle in (-17.0, -15.5, -5.638, 6.095):
+        position.take(angle, 10 * MS, 80.0)
+        assert not position.jump
+    position.take(-6.3, 10 * MS, 80.0)
+    assert "the range of a counter" in position.jump
 
 
 def test_first_sample_after_a_reset_may_be_anywhere() -> None:
