@@ -243,6 +243,7 @@ def test_a_broken_encoder_gives_no_gap(number: int, broken: Callable[[Recording]
     found = measure_gap(told_model(member, "nominal"), broken(recording), STALL)
     assert not found.valid
     assert (found.angle, found.uncertainty) == (0.0, 0.0)
+    assert broken is not reversed_command or "backwards" in found.reason
     assert "check" in found.reason or "flank" in found.reason or "too large to be used" in found.reason
 
 

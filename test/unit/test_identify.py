@@ -67,7 +67,7 @@ CASES = [
 
 @pytest.mark.parametrize(
     "case",
-    [*CASES[:3:2], *(pytest.param(case, marks=pytest.mark.grid) for case in (CASES[1], *CASES[3:]))],
+    [CASES[2], *(pytest.param(case, marks=pytest.mark.grid) for case in (*CASES[:2], *CASES[3:]))],
     ids=lambda case: "-".join(map(str, case)),
 )
 def test_what_is_told_is_right(case: tuple[int, str, str, float]) -> None:
@@ -94,7 +94,7 @@ def test_what_is_told_is_right(case: tuple[int, str, str, float]) -> None:
 
 @pytest.mark.parametrize("untold", ["K_m", "R"])
 def test_motor_constant_and_resistance_are_taken_together_or_stay_as_told(untold: str) -> None:
-    member, found = identified(*CASES[0])
+    member, found = identified(*CASES[2])
     assert found.fit is not None
     rows = [replace(row, why="not sure") if row.symbol == untold else row for row in found.findings]
     told = told_model(member, "nominal")
@@ -125,7 +125,7 @@ def test_what_the_recording_cannot_tell_is_named() -> None:
 
 
 def test_friction_told_apart_poorly_is_told_together() -> None:
-    _, found = identified(*CASES[0])
+    _, found = identified(*CASES[2])
     assert found.fit is not None
     assert found.gap is not None
     blurred = found.fit.covariance.copy()
@@ -175,8 +175,8 @@ BROKEN: dict[str, tuple[Callable[[Recording], Recording], str]] = {
 }
 
 
-SEARCHED = ("swapped", "load stops", "coupling slips")
-"""What only a fit finds out."""
+SEARCHED = ("both reversed", "swapped", "load stops", "coupling slips")
+"""What only a fit finds out; that of the first one is as if the command was reversed (test_identification.py)."""
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.grid if n in SEARCHED else []) for n in BROKEN])
