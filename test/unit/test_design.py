@@ -18,6 +18,7 @@ from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, rigid_model
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import Sensors
 from backlash_ros.studies.check import check_drive
+from backlash_ros.studies.design import search
 from backlash_ros.studies.design.report import closed_loop_poles, content_of, gain_text
 from backlash_ros.studies.design.search import (
     Design,
@@ -236,7 +237,12 @@ def test_surroundings_are_the_files(tmp_path: Path) -> None:
 QUICK = ["--inertia", "1", "1", "--viscous-friction", "1", "1", "--gap", "1", "1", "--load-torque", "0"]
 
 
-def test_the_command_writes_files_that_agree(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_files_that_agree(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a search of few points: that the whole one finds what is quiet is a test of the grid."""
+    for name, value in {"_SAMPLES": 8, "_BEST": 1, "_SIZES": (0.08,)}.items():
+        monkeypatch.setattr(search, name, value)
     drive = tmp_path / "drive.yaml"
     drive.write_text("/**:\n  ros__parameters:\n    load: {inertia: 0.002}\n")
     out, figures, picture = (tmp_path / "new" / name for name in ("gains.yaml", "figures.json", "design.png"))

@@ -163,8 +163,8 @@ def test_learning_is_judged_by_the_gap_where_it_took_place() -> None:
 
 
 def test_the_nominal_drive_is_learned_and_the_two_region_law_uses_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Task, "member", lambda _self, _number: EASY)
-    learned, verdicts, runs = perform(Task(1), 0, ("fast", "two_region"))
+    monkeypatch.setattr(Task, "member", lambda _self, _number: replace(EASY, rate=250.0))
+    learned, verdicts, runs = perform(Task(1, experiments=("limit_cycle",)), 0, ("fast", "two_region"))
     assert learned.valid
     assert not verdicts["fast"].quiet
     assert verdicts["two_region"].quiet
@@ -466,7 +466,8 @@ def test_a_batch_that_was_killed_ends_in_the_same_file(tmp_path: Path, undisturb
 
 def test_one_drive_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plot = tmp_path / "drive_2.png"
-    assert main(["evaluate", "--seed", "1", "--only", "3", "--laws", "two_region", "--plot", str(plot)]) == 0
+    words = ["evaluate", "--seed", "1", "--only", "3", "--laws", "two_region", *BRIEF[2:], "--plot", str(plot)]
+    assert main(words) == 0
     content = json.loads(capsys.readouterr().out)
     assert content["parameters"]["number"] == 3
     assert set(content["laws"]) == {"two_region"}

@@ -15,7 +15,7 @@ from backlash_ros.foundation.signals import Setpoint
 from backlash_ros.studies.evaluation import motion
 from backlash_ros.studies.evaluation.motion import LEAD, PATHS, motion_table
 from backlash_ros.studies.evaluation.motion import Path as Way
-from backlash_ros.studies.evaluation.task import Task, prepare
+from backlash_ros.studies.evaluation.task import Task, prepare, settings_for
 
 MEMBER = Task(3, "core", "identified").member(0)
 
@@ -67,7 +67,8 @@ def test_our_law_follows_closer_than_the_papers() -> None:
 
 
 def test_a_run_that_is_impossible_is_a_row_with_its_reason() -> None:
-    failed = motion.follow(MEMBER, PATHS[0], prepare(Task(3, "core"), MEMBER).settings.with_law("none"), MEMBER.drive)
+    unknown = settings_for(MEMBER.drive, MEMBER).with_law("none")
+    failed = motion.follow(MEMBER, PATHS[0], unknown, MEMBER.drive)
     assert "law must be one of" in failed.failure
     assert failed.rms == np.inf
     results = [{"laws": {"none": {path.name: failed.__dict__ for path in PATHS}}}]
@@ -77,8 +78,8 @@ def test_a_run_that_is_impossible_is_a_row_with_its_reason() -> None:
 
 def test_the_suite_is_written_and_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = tmp_path / "motion.json"
-    words = f"evaluate --suite motion --seed 3 --drives 1 --population core --laws fast --json {target}"
-    assert main(words.split()) == 0
+    words = "evaluate --suite motion --seed 3 --drives 1 --population core --laws fast --experiments limit_cycle --json"
+    assert main([*words.split(), str(target)]) == 0
     written = json.loads(target.read_text())
     assert written["suite"] == "motion"
     assert written["laws"] == ["fast"]
