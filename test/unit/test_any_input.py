@@ -14,7 +14,7 @@ from backlash_ros.commands import design as designer
 from backlash_ros.commands import evaluate as evaluating
 from backlash_ros.studies.design.search import NothingQuietError
 
-QUICK, MANY, PART = 100, 2000, 100
+QUICK, MANY, PART = 50, 2000, 100
 """Number of inputs here and in the grid, and of those in one of its tests."""
 DRIVE = str(Path(__file__).parents[2] / "config" / "nominal_drive.yaml")
 PYTHON = re.compile(

@@ -376,7 +376,7 @@ class LockstepCommands(Commands):
 
 
 @pytest.mark.parametrize("machine", [Samples, Commands])
-@pytest.mark.parametrize("steps", [STEPS // 10, pytest.param(STEPS, marks=pytest.mark.grid)])
+@pytest.mark.parametrize("steps", [STEPS // 40, pytest.param(STEPS, marks=pytest.mark.grid)])
 def test_gate_through_so_many_steps(machine: type[RuleBasedStateMachine], steps: int) -> None:
     gate = CountedSampleGate if machine is Samples else CountedCommandGate
     before = gate.steps

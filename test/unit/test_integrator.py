@@ -201,7 +201,7 @@ def integrates_or_says_why_not(drive: Drive, command: float, load_torque: float)
 
 
 @pytest.mark.population
-@pytest.mark.parametrize("drives", [30, pytest.param(500, marks=pytest.mark.grid)])
+@pytest.mark.parametrize("drives", [10, pytest.param(500, marks=pytest.mark.grid)])
 def test_any_validated_drive_integrates_or_says_why_not(drives: int) -> None:
     judged = settings(max_examples=drives, deadline=None, suppress_health_check=list(HealthCheck))
     judged(ANYTHING(integrates_or_says_why_not))()

@@ -109,7 +109,7 @@ def loss(number: int, side: str, wrong: Wrong) -> Loss:
 
 @each_side
 @pytest.mark.parametrize("wrong", [missing, leapt])
-@pytest.mark.parametrize("count", [8, pytest.param(100, marks=[pytest.mark.grid, pytest.mark.population])])
+@pytest.mark.parametrize("count", [4, pytest.param(100, marks=[pytest.mark.grid, pytest.mark.population])])
 def test_at_any_time_the_load_departs_little_and_comes_back(count: int, wrong: Wrong, side: str) -> None:
     losses = [loss(number, side, wrong) for number in range(count)]
     assert {(each.fault, each.lost) for each in losses} == {("", side)}

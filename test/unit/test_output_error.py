@@ -92,11 +92,12 @@ def refound(seed: int) -> tuple[PositionServo, ServoFit]:
     return servo, fit_servo(record(servo, seed), scattered(servo, seed + 1000, 0.3), FREE)
 
 
-POPULATION = range(6)
+population = pytest.mark.parametrize("population", [range(2), pytest.param(range(6), marks=pytest.mark.grid)])
 
 
-def test_finds_random_servos_again() -> None:
-    for seed in POPULATION:
+@population
+def test_finds_random_servos_again(population: range) -> None:
+    for seed in population:
         servo, fit = refound(seed)
         assert fit.untold == {}
         assert np.mean(fit.errors) < COUNT
@@ -105,9 +106,10 @@ def test_finds_random_servos_again() -> None:
             assert off <= (5e-3 if name == "gravity_offset" else 0.1 * getattr(servo, name)), (seed, name)
 
 
-def test_uncertainties_hold_over_random_servos() -> None:
+@population
+def test_uncertainties_hold_over_random_servos(population: range) -> None:
     errors = []
-    for seed in POPULATION:
+    for seed in population:
         servo, fit = refound(seed)
         errors += [(getattr(fit.servo, name) - getattr(servo, name)) / fit.uncertainty[name] for name in FREE]
     sizes = np.abs(errors)

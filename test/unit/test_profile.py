@@ -219,9 +219,10 @@ def judged(number: int) -> tuple[Sequence[float], Sequence[float]]:
     return figures[0], figures[1]
 
 
-def test_a_drive_bears_the_motion_that_it_chooses() -> None:
-    """Twenty drives: none saturates, each keeps its load near the setpoint, settles, and is easy on its teeth."""
-    steps, profiles = np.array([judged(number) for number in range(20)]).transpose(1, 0, 2)
+@pytest.mark.parametrize("drives", [6, pytest.param(20, marks=pytest.mark.grid)])
+def test_a_drive_bears_the_motion_that_it_chooses(drives: int) -> None:
+    """None saturates, each keeps its load near the setpoint, settles, and is easy on its teeth."""
+    steps, profiles = np.array([judged(number) for number in range(drives)]).transpose(1, 0, 2)
     print("overshoot, b, tooth force, N, and settling, s: median, 90 %, worst")
     for name, each in (("step", steps), ("auto", profiles)):
         spread = np.percentile(each[:, :3], (50, 90, 100), axis=0, method="higher").T
