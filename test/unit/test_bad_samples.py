@@ -20,7 +20,7 @@ NEAR = st.floats(-1.0, 1.0).map(lambda x: math.copysign(10 ** (4 * abs(x) - 3), 
 
 
 @pytest.mark.population
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     kind=st.sampled_from(sorted(SENSORS)),
     name=st.sampled_from(sorted(SITUATIONS)),
@@ -49,7 +49,7 @@ def test_bad_samples_hardly_move_the_load_or_are_a_fault_at_once(
     assert holds(found, allowed(situation, law, sensors, period)), found
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     name=st.sampled_from(["at rest", "in the limit cycle", "learning"]),
     law=st.sampled_from(sorted(LAWS)),

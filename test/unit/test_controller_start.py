@@ -49,7 +49,7 @@ def test_the_nominal_drive_is_controlled_as_it_is(interface: str, rate: float) -
     assert chosen_for_rate(choice) == []
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     resistance=st.floats(0.01, 10),
     torque_constant=st.floats(0.005, 0.5),

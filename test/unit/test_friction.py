@@ -270,7 +270,7 @@ def test_mirrored_commands_give_the_mirrored_motion(law: str) -> None:
 SHARES = st.sampled_from([0.0, 0.01, 0.1, 0.5])
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     law=st.sampled_from(["power", "power_no_pull", "elastic", "restitution"]),
     motor=SHARES,

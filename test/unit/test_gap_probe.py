@@ -203,7 +203,7 @@ def test_lost_samples_make_no_kick(lost: int) -> None:
     assert after == pytest.approx(even, abs=0.02)
 
 
-@examples(max_examples=25, deadline=None)
+@examples(max_examples=12, deadline=None)
 @given(after=st.integers(1, 900), torque=st.sampled_from([0.0, 0.25, -0.1]))
 def test_it_is_cancelled_at_any_sample_and_ends_at_rest(gains: GainSet, after: int, torque: float) -> None:
     drive = loaded(friction=0.02)

@@ -774,7 +774,7 @@ def test_gear_ratio_that_is_slightly_wrong_is_no_fault_on_a_long_way(error: floa
         assert rig.step(target, 1.5) == ""
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     ratio=st.floats(0.02, 0.5),
     inertia=st.floats(0.2, 5),

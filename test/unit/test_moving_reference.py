@@ -416,7 +416,7 @@ def farthest(law: str, learned: bool, torque: float, sequence: list[tuple[float,
     return worst
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(st.sampled_from(sorted(LAWS)), st.booleans(), st.floats(-3.0, 3.0), SEQUENCES)
 def test_no_references_take_the_load_away_without_a_fault(
     gains: GainSet, law: str, learned: bool, torque: float, sequence: list[tuple[float, float]]

@@ -211,11 +211,11 @@ def test_a_trajectory_goes_on_from_the_setpoint_of_the_newest_sample(gains: Gain
     assert servo.reference == 2.0
 
 
-def test_a_thousand_replacements_in_flight_never_leap(gains: GainSet) -> None:
+def test_replacements_in_flight_never_leap(gains: GainSet) -> None:
     """Position and speed go on from sample to sample, whatever replaces what."""
     servo, random = holding(gains), np.random.default_rng(11)
     seen = []
-    for _ in range(1000):
+    for _ in range(300):
         times = np.cumsum(random.uniform(0.2, 1.0, size=3))
         states = random.uniform(-1.0, 1.0, size=(3, 3))
         states[-1, 1:] = 0.0

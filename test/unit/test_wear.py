@@ -222,7 +222,7 @@ def test_it_does_not_try_for_ever(gains: GainSet, monkeypatch: pytest.MonkeyPatc
     )  # as if it had been seen
     axis.run(30.0, to_and_fro=0.0)
     assert axis.asked == 1
-    axis.run(250.0, to_and_fro=0.0)
+    axis.run(175.0, to_and_fro=0.0)
     assert axis.asked == 3
     assert not any(estimate.valid for estimate in axis.learned)
 
