@@ -186,14 +186,14 @@ def test_learning_under_a_fault_is_refused_each_time(start: Start, peer: Peer) -
 
 
 def test_silence_ends_learning(start: Start, peer: Peer) -> None:
-    process = start("controller", state_timeout=5.0)
+    process = start("controller", state_timeout=3.0)
     drive = LockstepDrive(peer).matched()
     answer = ask_to_learn(peer)
     drive.until(lambda: "learning the backlash" in process.output())
     assert drive.tick < 5000
     peer.wait("an answer", answer.done)
     assert not answer.result().success
-    assert answer.result().message == "no gap measured: no joint_states for 5 s"
+    assert answer.result().message == "no gap measured: no joint_states for 3 s"
 
 
 def test_deactivation_ends_learning(start: Start, peer: Peer) -> None:
@@ -460,7 +460,7 @@ def test_zero_volts_on_silence_and_hold_where_it_comes_back(start: Start, peer: 
 
 
 def test_silence_while_not_active_is_no_fault(start: Start, peer: Peer) -> None:
-    process = start("controller", state_timeout=5.0)
+    process = start("controller", state_timeout=3.0)
     lifecycle = Lifecycle(peer, "controller")
     drive = LockstepDrive(peer).matched()
     drive.run(10)
