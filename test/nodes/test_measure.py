@@ -33,7 +33,7 @@ def backlash(*words: str | Path) -> subprocess.Popen[str]:
 
 def begin(start: Start, peer: Peer, *arguments: str) -> Parameters:
     """Start both nodes, in lockstep; no watchdog acts where this machine is busy."""
-    start("plant_simulator", *arguments, lockstep=True, real_time_factor=3.0, load__inertia=8e-4, **COUNTED)
+    start("plant_simulator", *arguments, lockstep=True, real_time_factor=2.0, load__inertia=8e-4, **COUNTED)
     start("controller", *arguments, state_timeout=10.0, use_sim_time=True, learning__apply="ask")
     return Parameters(peer, "axis/controller" if arguments else "controller")
 

@@ -1,6 +1,7 @@
 """Imports point one way and in no circle, and only the ROS side knows ROS."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -31,9 +32,14 @@ ROS_ROOMS = {"ros", "nodes", "contract", "measure", "dashboard", "demo"}
 ROS = {"rclpy", "rcl_interfaces", "sensor_msgs", "std_msgs", "std_srvs", "diagnostic_msgs", "lifecycle_msgs", "launch"}
 
 
+@cache
+def parsed(source: Path) -> ast.Module:
+    return ast.parse(source.read_text())
+
+
 def imported(source: Path) -> set[str]:
     names = set()
-    for node in ast.walk(ast.parse(source.read_text())):
+    for node in ast.walk(parsed(source)):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -98,7 +104,7 @@ def test_no_file_imports_itself_by_a_detour() -> None:
 def assigned(source: Path) -> set[str]:
     """Return the names that a file assigns anywhere."""
     names = set()
-    for node in ast.walk(ast.parse(source.read_text())):
+    for node in ast.walk(parsed(source)):
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
             names.add(node.id)
         elif isinstance(node, ast.alias) and node.asname:
@@ -134,7 +140,7 @@ COUNTED = {
 
 def counted(source: Path) -> bool:
     """Return whether a file gives names to the numbers of a ``range``."""
-    values = [node.value for node in ast.parse(source.read_text()).body if isinstance(node, ast.Assign)]
+    values = [node.value for node in parsed(source).body if isinstance(node, ast.Assign)]
     calls = [value.func for value in values if isinstance(value, ast.Call)]
     return any(isinstance(call, ast.Name) and call.id == "range" for call in calls)
 
@@ -144,5 +150,5 @@ def test_cells_have_names_and_not_numbers() -> None:
 
 
 def test_every_file_says_in_its_first_line_why_it_exists() -> None:
-    said = {source: ast.get_docstring(ast.parse(source.read_text())) or "" for source in PACKAGE.rglob("*.py")}
+    said = {source: ast.get_docstring(parsed(source)) or "" for source in PACKAGE.rglob("*.py")}
     assert [source.name for source, text in said.items() if len(text.partition("\n")[0]) <= 20] == []

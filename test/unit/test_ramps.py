@@ -39,7 +39,7 @@ def test_known_gap_friction_and_stiffness_are_found() -> None:
     assert found.at_zero.spread < 1e-9
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     gap=st.floats(1e-3, 0.1),
     friction=st.floats(0.01, 0.6),
