@@ -533,6 +533,7 @@ def test_what_failed_is_in_the_report_with_its_parameters(
     from backlash_ros.control import LAWS  # noqa: PLC0415
 
     LAWS.add(plugin)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _process: {0})  # one worker is enough
     assert main(command(tmp_path, *BRIEF, "--laws", "broken")) == 0
     content = json.loads((tmp_path / "result.json").read_text())
     assert [each["failure"] for each in content["failed_runs"]] == ["RuntimeError: a law with a bug"] * 2
