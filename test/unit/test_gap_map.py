@@ -219,7 +219,7 @@ def test_it_stays_within_its_range_and_speed_and_comes_back(
     assert abs(float(rig.plant.state[OMEGA_L])) < 0.01
 
 
-@examples(max_examples=10, deadline=None)
+@examples(max_examples=6, deadline=None)
 @given(
     after=st.integers(1, 7000),
     torque=st.sampled_from([0.0, 0.25, -0.1]),
@@ -326,7 +326,7 @@ def test_a_broken_encoder_ends_it_near_and_gives_no_map(
     assert rig.servo.latched or (isinstance(outcome, BacklashEstimate) and not outcome.valid)
 
 
-@examples(max_examples=12, deadline=None)
+@examples(max_examples=6, deadline=None)
 @given(
     at=st.integers(1, 3000),
     samples=st.sampled_from([1, 3, 10]),

@@ -66,6 +66,12 @@ def bag(node: NodeOffline, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return node.write(tmp_path_factory.mktemp("replay") / "bag")
 
 
+@pytest.fixture(scope="module")
+def short_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    node = NodeOffline(nominal_values(backlash_angle=0.02)).run(20)
+    return node.write(tmp_path_factory.mktemp("short") / "bag")
+
+
 def test_whatever_acted_the_commands_are_equal_to_the_last_bit(bag: Path) -> None:
     first, second = replayed(bag)
     assert (first.equal, first.lost, first.unanswered, first.notes) == (True, 0, 0, ())
@@ -219,10 +225,10 @@ def test_the_command_prints_writes_and_draws(bag: Path, tmp_path: Path, capsys: 
     ],
 )
 def test_a_change_is_refused_as_the_controller_refuses_it(
-    bag: Path, capsys: pytest.CaptureFixture[str], change: str, text: str
+    short_bag: Path, capsys: pytest.CaptureFixture[str], change: str, text: str
 ) -> None:
     with pytest.raises(SystemExit) as ended:
-        main(["replay", str(bag), "--set", "velocity_bandwidth=400", "--set", change])
+        main(["replay", str(short_bag), "--set", "velocity_bandwidth=400", "--set", change])
     assert ended.value.code == 2
     said = capsys.readouterr().err
     assert text in said
