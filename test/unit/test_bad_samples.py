@@ -6,8 +6,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from bad_samples import GAINS, SENSORS, SITUATIONS, B, Harm, allowed, harm, holds, play
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
+from searched import searched
 
 from backlash_ros.control import LAWS, Servo, ServoSettings
 from backlash_ros.control.monitoring.side import PATIENCE
@@ -20,16 +21,19 @@ NEAR = st.floats(-1.0, 1.0).map(lambda x: math.copysign(10 ** (4 * abs(x) - 3), 
 
 
 @pytest.mark.population
-@settings(max_examples=40, deadline=None)
-@given(
-    kind=st.sampled_from(sorted(SENSORS)),
-    name=st.sampled_from(sorted(SITUATIONS)),
-    law=st.sampled_from(sorted(LAWS)),
-    period=st.sampled_from([0.004, 0.001]),
-    choice=st.integers(0, 4),
-    value=st.one_of(FINITE, NEAR),
-    added=st.booleans(),
-    samples=st.integers(1, 10),
+@searched(
+    40,
+    100,
+    given(
+        kind=st.sampled_from(sorted(SENSORS)),
+        name=st.sampled_from(sorted(SITUATIONS)),
+        law=st.sampled_from(sorted(LAWS)),
+        period=st.sampled_from([0.004, 0.001]),
+        choice=st.integers(0, 4),
+        value=st.one_of(FINITE, NEAR),
+        added=st.booleans(),
+        samples=st.integers(1, 10),
+    ),
 )
 @example("all signals", "at rest", "fast", 0.004, CURRENT, 10.0 / 0.05, False, 1)  # 10 N m once
 @example("all signals", "at rest", "fast", 0.004, CURRENT, 1e9 / 0.05, False, 1)
@@ -49,12 +53,15 @@ def test_bad_samples_hardly_move_the_load_or_are_a_fault_at_once(
     assert holds(found, allowed(situation, law, sensors, period)), found
 
 
-@settings(max_examples=40, deadline=None)
-@given(
-    name=st.sampled_from(["at rest", "in the limit cycle", "learning"]),
-    law=st.sampled_from(sorted(LAWS)),
-    signal=st.sampled_from([OMEGA_M, OMEGA_L, CURRENT]),
-    values=st.lists(NEAR, min_size=1, max_size=10),
+@searched(
+    40,
+    100,
+    given(
+        name=st.sampled_from(["at rest", "in the limit cycle", "learning"]),
+        law=st.sampled_from(sorted(LAWS)),
+        signal=st.sampled_from([OMEGA_M, OMEGA_L, CURRENT]),
+        values=st.lists(NEAR, min_size=1, max_size=10),
+    ),
 )
 def test_bad_samples_that_differ_from_each_other(name: str, law: str, signal: int, values: list[float]) -> None:
     situation, sensors = SITUATIONS[name], SENSORS["all signals"]

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from searched import searched
 
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Plant
 from backlash_ros.drivetrain.constants import plant_constants
@@ -57,8 +58,7 @@ def force_of(drive: Drive, gap: float, rate: float) -> float:
     return side * max(0.0, spring + damping * rate * side) if depth > 0 else 0.0
 
 
-@given(s=st.floats(-1.3, 1.3), rate=st.floats(-2, 2))
-@settings(deadline=None, max_examples=40)
+@searched(40, 100, given(s=st.floats(-1.3, 1.3), rate=st.floats(-2, 2)))
 @pytest.mark.parametrize("law", LAWS)
 def test_force_and_its_derivatives(law: str, s: float, rate: float) -> None:
     drive = drive_with(law)

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from searched import searched
 
 from backlash_ros.cli import main
 from backlash_ros.control import DEFAULT_WEIGHTS, Gains, check_stable, design_gains
@@ -49,13 +50,16 @@ def test_the_nominal_drive_is_controlled_as_it_is(interface: str, rate: float) -
     assert chosen_for_rate(choice) == []
 
 
-@settings(max_examples=60, deadline=None)
-@given(
-    resistance=st.floats(0.01, 10),
-    torque_constant=st.floats(0.005, 0.5),
-    inertia=st.floats(1e-7, 1e-2),
-    rate=st.floats(20, 2000),
-    late=st.floats(0, 3),
+@searched(
+    60,
+    200,
+    given(
+        resistance=st.floats(0.01, 10),
+        torque_constant=st.floats(0.005, 0.5),
+        inertia=st.floats(1e-7, 1e-2),
+        rate=st.floats(20, 2000),
+        late=st.floats(0, 3),
+    ),
 )
 def test_the_emulated_winding_is_stable_inside_the_gap_with_one_more_period_of_delay(
     resistance: float, torque_constant: float, inertia: float, rate: float, late: float

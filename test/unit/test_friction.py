@@ -9,6 +9,7 @@ import pytest
 from dry_friction import Reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from searched import searched
 
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Plant
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
@@ -270,19 +271,22 @@ def test_mirrored_commands_give_the_mirrored_motion(law: str) -> None:
 SHARES = st.sampled_from([0.0, 0.01, 0.1, 0.5])
 
 
-@settings(max_examples=60, deadline=None)
-@given(
-    law=st.sampled_from(["power", "power_no_pull", "elastic", "restitution"]),
-    motor=SHARES,
-    load=SHARES,
-    forward=st.sampled_from([1.0, 0.9, 0.3]),
-    backward=st.sampled_from([1.0, 0.8, 0.0]),
-    gravity=SHARES,
-    variation=st.sampled_from([0.0, 0.3, 0.9]),
-    cycles=st.integers(1, 40),
-    inertia=st.floats(0.05, 20),
-    interface=st.sampled_from(["voltage", "current"]),
-    seed=st.integers(0, 2**32 - 1),
+@searched(
+    60,
+    150,
+    given(
+        law=st.sampled_from(["power", "power_no_pull", "elastic", "restitution"]),
+        motor=SHARES,
+        load=SHARES,
+        forward=st.sampled_from([1.0, 0.9, 0.3]),
+        backward=st.sampled_from([1.0, 0.8, 0.0]),
+        gravity=SHARES,
+        variation=st.sampled_from([0.0, 0.3, 0.9]),
+        cycles=st.integers(1, 40),
+        inertia=st.floats(0.05, 20),
+        interface=st.sampled_from(["voltage", "current"]),
+        seed=st.integers(0, 2**32 - 1),
+    ),
 )
 def test_any_practical_drive_integrates_and_keeps_its_energy_account(
     law: str,

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from experiments import Broken, frozen, missing, reversed_, swapped
 from hypothesis import given
-from hypothesis import settings as examples
 from hypothesis import strategies as st
 from recorded import probed, stepped
+from searched import searched
 
 from backlash_ros.control import BacklashEstimate, GainSet, GapMapSettings, Limits, Method, Servo, ServoSettings
 from backlash_ros.control.estimates import Estimates
@@ -219,11 +219,14 @@ def test_it_stays_within_its_range_and_speed_and_comes_back(
     assert abs(float(rig.plant.state[OMEGA_L])) < 0.01
 
 
-@examples(max_examples=6, deadline=None)
-@given(
-    after=st.integers(1, 7000),
-    torque=st.sampled_from([0.0, 0.25, -0.1]),
-    law=st.sampled_from(["overdamped", "two_region"]),
+@searched(
+    6,
+    10,
+    given(
+        after=st.integers(1, 7000),
+        torque=st.sampled_from([0.0, 0.25, -0.1]),
+        law=st.sampled_from(["overdamped", "two_region"]),
+    ),
 )
 def test_it_is_cancelled_at_any_sample_and_is_held_where_it_is(
     gains: GainSet, after: int, torque: float, law: str
@@ -326,13 +329,16 @@ def test_a_broken_encoder_ends_it_near_and_gives_no_map(
     assert rig.servo.latched or (isinstance(outcome, BacklashEstimate) and not outcome.valid)
 
 
-@examples(max_examples=6, deadline=None)
-@given(
-    at=st.integers(1, 3000),
-    samples=st.sampled_from([1, 3, 10]),
-    signal=st.sampled_from([THETA_M, THETA_L]),
-    size=st.floats(0.005, 1e4),
-    way=st.sampled_from([1.0, -1.0]),
+@searched(
+    6,
+    12,
+    given(
+        at=st.integers(1, 3000),
+        samples=st.sampled_from([1, 3, 10]),
+        signal=st.sampled_from([THETA_M, THETA_L]),
+        size=st.floats(0.005, 1e4),
+        way=st.sampled_from([1.0, -1.0]),
+    ),
 )
 def test_wrong_samples_do_not_take_the_load_astray(
     gains: GainSet, at: int, samples: int, signal: int, size: float, way: float

@@ -10,6 +10,7 @@ from experiments import Broken, frozen, play, reversed_, swapped
 from hypothesis import given
 from hypothesis import settings as examples
 from hypothesis import strategies as st
+from searched import searched
 
 from backlash_ros.control import GainSet, GapProbeSettings, Limits, Method, Servo, ServoSettings
 from backlash_ros.control.experiment import Deferred
@@ -203,8 +204,7 @@ def test_lost_samples_make_no_kick(lost: int) -> None:
     assert after == pytest.approx(even, abs=0.02)
 
 
-@examples(max_examples=12, deadline=None)
-@given(after=st.integers(1, 900), torque=st.sampled_from([0.0, 0.25, -0.1]))
+@searched(12, 25, given(after=st.integers(1, 900), torque=st.sampled_from([0.0, 0.25, -0.1])))
 def test_it_is_cancelled_at_any_sample_and_ends_at_rest(gains: GainSet, after: int, torque: float) -> None:
     drive = loaded(friction=0.02)
     servo = Servo(drive, ServoSettings(gains).with_law("overdamped"))

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from samples import EVERYTHING, sample_of
+from searched import searched
 
 from backlash_ros.control import LAWS, NO_LIMIT, FaultThresholds, GainSet, Limits, Servo, ServoSettings, design_gains
 from backlash_ros.control.command_range import clamp, range_constants, voltage_range
@@ -774,19 +775,22 @@ def test_gear_ratio_that_is_slightly_wrong_is_no_fault_on_a_long_way(error: floa
         assert rig.step(target, 1.5) == ""
 
 
-@settings(max_examples=25, deadline=None)
-@given(
-    ratio=st.floats(0.02, 0.5),
-    inertia=st.floats(0.2, 5),
-    time_constant=st.floats(0.01, 0.3),
-    backlash=st.floats(0.1, 4),
-    resistance=st.floats(0.5, 4),
-    interface=st.sampled_from([NOMINAL_DRIVE, CURRENT_DRIVE]),
-    law=st.sampled_from(["fast", "two_region"]),
-    contact_law=st.sampled_from(list(CONTACTS)),
-    measured=st.sampled_from([EVERYTHING, POSITIONS]),
-    bits=st.sampled_from([None, 12, 16]),
-    share=st.floats(-0.5, 0.5),
+@searched(
+    25,
+    60,
+    given(
+        ratio=st.floats(0.02, 0.5),
+        inertia=st.floats(0.2, 5),
+        time_constant=st.floats(0.01, 0.3),
+        backlash=st.floats(0.1, 4),
+        resistance=st.floats(0.5, 4),
+        interface=st.sampled_from([NOMINAL_DRIVE, CURRENT_DRIVE]),
+        law=st.sampled_from(["fast", "two_region"]),
+        contact_law=st.sampled_from(list(CONTACTS)),
+        measured=st.sampled_from([EVERYTHING, POSITIONS]),
+        bits=st.sampled_from([None, 12, 16]),
+        share=st.floats(-0.5, 0.5),
+    ),
 )
 def test_practical_drive_shows_no_fault(
     ratio: float,

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
+from searched import searched
 
 from backlash_ros.control import LAWS, Gains, GainSet, Limits, Servo, ServoSettings
 from backlash_ros.control.monitoring.bounds import gives_way
@@ -416,8 +417,7 @@ def farthest(law: str, learned: bool, torque: float, sequence: list[tuple[float,
     return worst
 
 
-@settings(deadline=None, max_examples=20)
-@given(st.sampled_from(sorted(LAWS)), st.booleans(), st.floats(-3.0, 3.0), SEQUENCES)
+@searched(20, 40, given(st.sampled_from(sorted(LAWS)), st.booleans(), st.floats(-3.0, 3.0), SEQUENCES))
 def test_no_references_take_the_load_away_without_a_fault(
     gains: GainSet, law: str, learned: bool, torque: float, sequence: list[tuple[float, float]]
 ) -> None:

@@ -41,10 +41,11 @@ def assert_within(seen: Array, period: float, limits: MotionLimits) -> None:
     assert np.max(jerks, initial=0.0) <= limits.jerk * (1.0 + 1e-6)
 
 
-def test_retargets_in_flight_keep_every_limit_and_end_at_the_reference() -> None:
+@pytest.mark.parametrize("motions", [20, pytest.param(50, marks=pytest.mark.grid)])
+def test_retargets_in_flight_keep_every_limit_and_end_at_the_reference(motions: int) -> None:
     """Of limits over decades, at any time of the flight: from one sample after the last one to its end."""
     random = np.random.default_rng(5)
-    for _ in range(20):
+    for _ in range(motions):
         limits = MotionLimits(*(10.0 ** random.uniform(least, most) for least, most in ((-1, 2), (-1, 3.5), (0, 6))))
         period, seen, time = random.choice([0.001, 0.004]), np.array([[random.uniform(-1.0, 1.0), 0.0, 0.0]]), 0.0
         profile, hull = Profile(Setpoint(seen[-1]), seen[0, 0], limits), [seen[0, 0]]

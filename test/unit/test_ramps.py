@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from locked import Array, locked, ramp
+from searched import searched
 
 from backlash_ros.identification.locked_output.ramps import Figure, Ramps, ramps_of
 from backlash_ros.identification.recordings.slow_torque import ramps_findings
@@ -39,14 +40,17 @@ def test_known_gap_friction_and_stiffness_are_found() -> None:
     assert found.at_zero.spread < 1e-9
 
 
-@settings(max_examples=30, deadline=None)
-@given(
-    gap=st.floats(1e-3, 0.1),
-    friction=st.floats(0.01, 0.6),
-    stiffness=st.floats(200.0, 1e5),
-    scale=st.floats(1e-3, 1e3),
-    noise=st.floats(0.0, 0.03),
-    seed=st.integers(0, 99),
+@searched(
+    30,
+    60,
+    given(
+        gap=st.floats(1e-3, 0.1),
+        friction=st.floats(0.01, 0.6),
+        stiffness=st.floats(200.0, 1e5),
+        scale=st.floats(1e-3, 1e3),
+        noise=st.floats(0.0, 0.03),
+        seed=st.integers(0, 99),
+    ),
 )
 def test_lost_motion_is_found_for_any_gear_and_any_scale(
     gap: float, friction: float, stiffness: float, scale: float, noise: float, seed: int

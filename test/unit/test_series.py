@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from searched import searched
 
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Plant
 from backlash_ros.drivetrain.constants import plant_constants
@@ -76,8 +77,11 @@ def test_motion_is_that_of_the_other_methods(
 
 
 @pytest.mark.parametrize("law", LINEAR)
-@given(share=st.floats(-1.5, 1.5), rate=st.floats(-1.0, 1.0), other=st.floats(-1.5, 1.5), fast=st.floats(-1.0, 1.0))
-@settings(max_examples=80, deadline=None)
+@searched(
+    80,
+    200,
+    given(share=st.floats(-1.5, 1.5), rate=st.floats(-1.0, 1.0), other=st.floats(-1.5, 1.5), fast=st.floats(-1.0, 1.0)),
+)
 def test_piece_is_the_force_wherever_its_bounds_are_kept(
     law: str, share: float, rate: float, other: float, fast: float
 ) -> None:
@@ -92,8 +96,13 @@ def test_piece_is_the_force_wherever_its_bounds_are_kept(
 
 
 @pytest.mark.parametrize("law", LINEAR)
-@given(share=st.floats(-1.3, 1.3), motor=st.floats(-60.0, 60.0), load=st.floats(-6.0, 6.0), command=st.floats(-24, 24))
-@settings(max_examples=40, deadline=None)
+@searched(
+    40,
+    100,
+    given(
+        share=st.floats(-1.3, 1.3), motor=st.floats(-60.0, 60.0), load=st.floats(-6.0, 6.0), command=st.floats(-24, 24)
+    ),
+)
 def test_no_step_goes_across_a_bound_unseen(law: str, share: float, motor: float, load: float, command: float) -> None:
     """Nor is any too long to be as good as two of half its length."""
     drive = drive_of(law, 1.0, 1.0, 1.0)

@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
+from searched import searched
 
 from backlash_ros.control import Gains, GainSet, ServoSettings, check_stable, design_gains, stability_margins
 from backlash_ros.drivetrain import (
@@ -148,8 +149,7 @@ def stable(drive: Drive, gains: Gains, period: float, delay: float) -> bool:
     return True
 
 
-@settings(max_examples=25, deadline=None)
-@given(loops())
+@searched(25, 60, given(loops()))
 def test_delay_margin_is_where_the_loop_turns_unstable(loop: tuple[Drive, Gains, float, float]) -> None:
     drive, gains, period, delay = loop
     assume(stable(drive, gains, period, delay))
@@ -166,11 +166,12 @@ def test_delay_margin_is_where_the_loop_turns_unstable(loop: tuple[Drive, Gains,
 
 
 @pytest.mark.population
+@pytest.mark.parametrize("loops", [24, pytest.param(60, marks=pytest.mark.grid)])
 @pytest.mark.parametrize("interface", COMMAND_INTERFACES)
-def test_a_tenth_beyond_the_delay_margin_designed_gains_are_unstable(interface: str) -> None:
+def test_a_tenth_beyond_the_delay_margin_designed_gains_are_unstable(interface: str, loops: int) -> None:
     """Sampled a few times in the delay margin: some loops sampled as slowly as they can bear are stable again later."""
     rng, checked = np.random.default_rng(1), 0
-    for _ in range(24):
+    for _ in range(loops):
         inertia, resistance, weight = 10.0 ** rng.uniform(-1, 1, size=3)
         motor, load = NOMINAL_DRIVE.motor, NOMINAL_DRIVE.load
         drive = replace(
@@ -187,11 +188,10 @@ def test_a_tenth_beyond_the_delay_margin_designed_gains_are_unstable(interface: 
             margin = stability_margins(drive, gains, period, delay).delay
             assert stable(drive, gains, period, delay + 0.9 * margin)
             assert not stable(drive, gains, period, delay + 1.1 * margin)
-    assert checked > 12
+    assert checked > loops // 2
 
 
-@settings(max_examples=15, deadline=None)
-@given(loops(), st.floats(-0.5, 0.5))
+@searched(15, 30, given(loops(), st.floats(-0.5, 0.5)))
 def test_margin_with_a_current_gain_on_an_imposed_current(loop: tuple[Drive, Gains, float, float], k3: float) -> None:
     """At whole periods a sample sees the current of an earlier command, and some such loops are stable again there."""
     drive, gains, period, delay = loop
@@ -222,8 +222,7 @@ def test_a_narrow_range_of_unstable_delays_from_a_whole_period_on_is_found() -> 
     assert [stable(drive, gains, period, periods * period) for periods in (0.99, 1.0, 1.1, 1.8)] == [True, False] * 2
 
 
-@settings(max_examples=15, deadline=None)
-@given(loops())
+@searched(15, 30, given(loops()))
 def test_gain_margin_is_where_the_loop_turns_unstable(loop: tuple[Drive, Gains, float, float]) -> None:
     """Where the drive takes a voltage all of the command is the gains', and a factor on it is one on them."""
     drive, gains, period, delay = loop

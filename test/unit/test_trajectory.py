@@ -211,11 +211,12 @@ def test_a_trajectory_goes_on_from_the_setpoint_of_the_newest_sample(gains: Gain
     assert servo.reference == 2.0
 
 
-def test_replacements_in_flight_never_leap(gains: GainSet) -> None:
+@pytest.mark.parametrize("replacements", [300, pytest.param(1000, marks=pytest.mark.grid)])
+def test_replacements_in_flight_never_leap(gains: GainSet, replacements: int) -> None:
     """Position and speed go on from sample to sample, whatever replaces what."""
     servo, random = holding(gains), np.random.default_rng(11)
     seen = []
-    for _ in range(300):
+    for _ in range(replacements):
         times = np.cumsum(random.uniform(0.2, 1.0, size=3))
         states = random.uniform(-1.0, 1.0, size=(3, 3))
         states[-1, 1:] = 0.0
