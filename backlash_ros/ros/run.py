@@ -55,6 +55,9 @@ Runnable = ManagedNode | StoppableNode
 _FAREWELL = 0.5
 """Time that nodes go on after a shutdown request, s, so that the answer is sent."""
 
+_LAST_WORDS = 0.05
+"""Time that managed nodes go on after they were stopped by a signal, s, so that clients hear how their goals ended."""
+
 _LEAVING = 10.0
 """Longest time for leaving the graph, s. Fast DDS may deadlock there while other participants leave."""
 
@@ -182,7 +185,12 @@ def _spin(executor: EventsExecutor, nodes: Sequence[Runnable], stop: Stop) -> No
     watch = _watch_output(nodes[0])
     while not (stop or all(node.finished for node in nodes)):
         _turn(executor, nodes, watch)
-    end = now() + (max(node.linger for node in nodes) if stop else _FAREWELL)
+    _go_on(executor, max(node.linger for node in nodes) if stop else _FAREWELL)
+
+
+def _go_on(executor: EventsExecutor, seconds: float) -> None:
+    """Process events for a while."""
+    end = now() + seconds
     while now() < end:
         executor.spin_once(timeout_sec=0.01)
 
@@ -227,6 +235,12 @@ def run(name: str, about: str, make: Callable[[str], Runnable], args: Sequence[s
             code = 1
         finally:
             if [node for node in nodes if not _stopped(node) or node.broken]:
+                code = 1
+        if code == 0 and all(isinstance(node, ManagedNode) for node in nodes):
+            try:
+                _go_on(executor, _LAST_WORDS)
+            except Exception as error:  # the drive has its last command already
+                _report(nodes[0], error)
                 code = 1
         return code
     finally:
