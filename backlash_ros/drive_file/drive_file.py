@@ -10,6 +10,7 @@ from backlash_ros.control import AUTO, LAWS
 from backlash_ros.control.design.choice import Choice, Tuning, given_sets, listed
 from backlash_ros.control.design.start import RATE, CannotStartError
 from backlash_ros.control.limits import NO_LIMIT
+from backlash_ros.control.settings import ZERO
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.parameters import drive_in
@@ -20,13 +21,17 @@ from backlash_ros.foundation.reading.parameter_files import by_name, named, own,
 
 @dataclass(frozen=True)
 class Axis:
-    """A drive, the names of its joints, and the ends of the load's travel, rad; infinite without ends."""
+    """A drive, the names of its joints, and the ends of the load's travel, rad; infinite without ends.
+
+    The ends count from ``zero``, the reading of the load's joint at which its position is 0, rad.
+    """
 
     drive: Drive
     motor_joint: str = "motor"
     load_joint: str = "load"
     position_lower: float = -math.inf
     position_upper: float = math.inf
+    zero: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("motor_joint", "load_joint"):
@@ -44,11 +49,17 @@ class Axis:
                 f"limits.position_lower must be < limits.position_upper, got {self.position_lower!r} and "
                 f"{self.position_upper!r} rad"
             )
+        ZERO.check("zero", self.zero)
 
     @property
     def has_ends(self) -> bool:
         """Whether the load's travel ends on both sides."""
         return math.isfinite(self.position_lower) and math.isfinite(self.position_upper)
+
+    @property
+    def end_readings(self) -> tuple[float, float]:
+        """Readings of the load's joint at both ends of its travel, rad, as ``joint_states`` has them."""
+        return self.position_lower + self.zero, self.position_upper + self.zero
 
 
 @dataclass(frozen=True)
@@ -159,8 +170,8 @@ def axis_of(parameters: Mapping[str, Any]) -> Axis:
         Names the parameter that is out of bounds.
     """
     lower, upper = (_end(parameters, name) for name in ("position_lower", "position_upper"))
-    names = {name: parameters[name] for name in ("motor_joint", "load_joint") if name in parameters}
-    return Axis(drive_in(parameters), **names, position_lower=lower, position_upper=upper)
+    given = {name: parameters[name] for name in ("motor_joint", "load_joint", "zero") if name in parameters}
+    return Axis(drive_in(parameters), **given, position_lower=lower, position_upper=upper)
 
 
 def _end(parameters: Mapping[str, Any], name: str) -> Any:

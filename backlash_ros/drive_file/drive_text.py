@@ -68,7 +68,7 @@ def drive_text(found: Identified, axis: Axis, counts: tuple[float, float], sourc
 
     Parameters
     ----------
-    axis : the axis that was given, whose ends of travel are kept
+    axis : the axis that was given, whose ends of travel and zero are kept
     counts : of both encoders per turn of their shafts; 0 if unknown
     source : what was identified, in words
     """
@@ -88,6 +88,8 @@ def drive_text(found: Identified, axis: Axis, counts: tuple[float, float], sourc
     ends = {"position_lower": axis.position_lower, "position_upper": axis.position_upper}
     kept = [f"      {name}: {yaml_number(end)}  # as told [rad]" for name, end in ends.items() if math.isfinite(end)]
     lines += ["    limits:", *kept] if kept else []
+    if axis.zero:
+        lines.append(f"    zero: {yaml_number(axis.zero)}  # as told [rad]")
     sensors = {"motor_counts": counts[0], "load_counts": counts[1]}
     offset = found.of("sensors.load_offset")
     if offset.told:

@@ -6,6 +6,14 @@ LINKS = "Inertia: kg m^2 about the axis; the rotor at its own speed. Masses (kg)
 JOINTS = "damping: N m s/rad. friction: N m. effort: torque at standstill, N m. velocity: without a load, rad/s."
 
 
+def ends_count_from(zero: float) -> str:
+    """Return the note at the ends of an axis that does not count as its encoders do; ``zero`` in rad."""
+    return (
+        f"Angles are readings, as joint_states has them: limits.position_* count from zero = {zero!r} rad. A simulator "
+        "begins at 0, so let it begin within these ends."
+    )
+
+
 def unsaid(drive: Drive) -> tuple[str, ...]:
     """Return what no format can express, a line each: properties of this drive, and those that no drive file has."""
     gear, lines = drive.gear, []

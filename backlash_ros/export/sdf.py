@@ -3,7 +3,7 @@
 from xml.etree import ElementTree as ET
 
 from backlash_ros.drive_file.drive_file import Axis
-from backlash_ros.export.notes import JOINTS, LINKS, rigid, unsaid
+from backlash_ros.export.notes import JOINTS, LINKS, ends_count_from, rigid, unsaid
 from backlash_ros.export.sides import Body, output_of, rotor_of, speed_limits, torque_limits
 from backlash_ros.export.teeth import Limit, fit_limit
 from backlash_ros.export.xml_text import comment, document, element, number, text_element
@@ -95,8 +95,11 @@ def _ends(joint: ET.Element, turn: ET.Element, axis: Axis, teeth: Limit) -> None
     limit = turn.find("limit")
     assert limit is not None
     comment(limit, f"Stops that give as the teeth do, at {teeth.torque:.6g} N m: N m/rad, N m s/rad.")
-    text_element(limit, "lower", axis.position_lower)
-    text_element(limit, "upper", axis.position_upper)
+    if axis.zero:
+        comment(limit, ends_count_from(axis.zero))
+    lower, upper = axis.end_readings
+    text_element(limit, "lower", lower)
+    text_element(limit, "upper", upper)
     text_element(limit, "stiffness", teeth.stiffness)
     text_element(limit, "dissipation", teeth.damping)
     comment(joint, f"The same stops for ODE, with a step of {STEP!r} s.")

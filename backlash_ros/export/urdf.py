@@ -4,7 +4,7 @@ from xml.etree import ElementTree as ET
 
 from backlash_ros.drive_file.drive_file import Axis
 from backlash_ros.drivetrain import Drive
-from backlash_ros.export.notes import JOINTS, LINKS, rigid, unsaid
+from backlash_ros.export.notes import JOINTS, LINKS, ends_count_from, rigid, unsaid
 from backlash_ros.export.sides import Body, output_of, rotor_of, speed_limits, torque_limits
 from backlash_ros.export.xml_text import comment, document, element, number, text_element
 
@@ -25,8 +25,11 @@ def urdf(axis: Axis, torque: float | None = None) -> str:  # noqa: ARG001
         load.set("type", "revolute")
         limit = load.find("limit")
         assert limit is not None
-        limit.set("lower", number(axis.position_lower))
-        limit.set("upper", number(axis.position_upper))
+        lower, upper = axis.end_readings
+        limit.set("lower", number(lower))
+        limit.set("upper", number(upper))
+        if axis.zero:
+            comment(load, ends_count_from(axis.zero))
     comment(
         load,
         "The gear, without its backlash. Take mimic out where both shafts have an encoder: robot_state_publisher would "

@@ -231,6 +231,19 @@ def test_joints_without_ends_are_continuous() -> None:
         assert (types["motor"], types["load"]) == ("continuous", "continuous")
 
 
+def test_ends_are_readings_of_the_encoder_whatever_zero_they_count_from() -> None:
+    """As a robot model compares them with joint_states."""
+    axis = Axis(NOMINAL_DRIVE, position_lower=-1.5, position_upper=2.0, zero=3.0)
+    robot, model = parsed(urdf(axis)), parsed(sdf(axis))
+    limit, stop = found(robot, "joint[@name='load']/limit"), found(model, ".//joint[@name='load']/axis/limit")
+    assert (limit.get("lower"), limit.get("upper")) == ("1.5", "5.0")
+    assert (stop.findtext("lower"), stop.findtext("upper")) == ("1.5", "5.0")
+    for make in (urdf, sdf):
+        assert "count from zero = 3.0 rad" in make(axis)
+        assert "count from zero" not in make(replace(axis, zero=0.0))
+    assert mjcf(axis) == mjcf(Axis(NOMINAL_DRIVE))  # without ends
+
+
 # The command
 
 
@@ -238,10 +251,11 @@ def test_what_the_file_says_is_what_is_exported(tmp_path: Path) -> None:
     file = tmp_path / "drive.yaml"
     file.write_text(
         "/**:\n  ros__parameters:\n    motor_joint: m\n    load_joint: l\n    gear: {reduction: 50.0}\n"
-        "    limits: {position_lower: -1.0, position_upper: 2}\n"
+        "    limits: {position_lower: -1.0, position_upper: 2}\n    zero: 0.5\n"
     )
     axis = read_axis(file)
     assert (axis.motor_joint, axis.load_joint, axis.position_lower, axis.position_upper) == ("m", "l", -1.0, 2)
+    assert (axis.zero, axis.end_readings) == (0.5, (-0.5, 2.5))
     assert axis.has_ends
     nominal = read_axis(ROOT / "config" / "nominal_drive.yaml")
     assert nominal == Axis(NOMINAL_DRIVE)
@@ -268,6 +282,8 @@ def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
         ("gear: {}\nload_joint: motor", "motor_joint and load_joint must differ, got 'motor' for both"),
         ("gear: {}\nlimits: {position_lower: 1.0, position_upper: 0.5}", "limits.position_lower must be <"),
         ("gear: {}\nlimits: {position_lower: wide}", "limits.position_lower must be a number, in rad, got 'wide'"),
+        ("gear: {}\nzero: .nan", "zero must be a finite number, >= -1e+06 rad and <= 1e+06 rad, got nan"),
+        ("gear: {}\nzero: here", "zero must be a finite number"),
         ("gear: [", "line 1: while parsing"),
     ],
 )

@@ -98,7 +98,7 @@ def test_a_drive_that_was_found_reads_back(tmp_path: Path, law: str) -> None:
         Finding(key, key, "", "", why="not seen") for key in ("sensors.load_offset", "delay.command", "tau_l")
     )
     found = Identified("", drive, unseen, period=0.004, replaced=frozenset({"contact", "gear.backlash_angle"}))
-    given = Axis(drive, position_lower=-3.0, position_upper=2.5)
+    given = Axis(drive, position_lower=-3.0, position_upper=2.5, zero=0.75)
     (tmp_path / "found.yaml").write_text(drive_text(found, given, (0.0, 0.0), "axis.csv"))
     assert "identified" not in (tmp_path / "found.yaml").read_text().partition("/**")[2]  # nothing was told of the load
     assert read_axis(tmp_path / "found.yaml") == given  # with the ends of its travel
