@@ -97,6 +97,8 @@ class Learning:
     def begin(self) -> None:
         """Start a requested experiment, before a sample is taken."""
         self._reply(self._requests.begin())
+        if self._switch:  # it may have closed since the request
+            self._servo.trip()
 
     def end(self) -> None:
         """Check whether the experiment has ended."""

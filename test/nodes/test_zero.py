@@ -127,3 +127,19 @@ def test_home_goes_on_until_the_switch_closes(start: Start, peer: Peer) -> None:
     assert answer.result().success, answer.result().message
     (zero,) = parameters.get("zero")
     assert closed_after < zero + 0.1 <= -0.15
+
+
+def test_a_switch_that_closes_between_the_request_and_the_next_sample_ends_home(start: Start, peer: Peer) -> None:
+    start("controller", homing__switch=True, homing__way=1.0, **HOME, **KNOWN)
+    drive, parameters = with_stop(peer), Parameters(peer, "controller")
+    switch = peer.node.create_publisher(Bool, "home_switch", 10)
+    peer.wait("the topic", lambda: switch.get_subscription_count() > 0)
+    switch.publish(Bool(data=False))
+    drive.run(50)
+    answer = request(peer, "home")
+    parameters.get("zero")  # so that the request has been taken
+    switch.publish(Bool(data=True))
+    parameters.get("zero")
+    drive.until(answer.done)
+    assert answer.result().success, answer.result().message
+    assert drive.load_angle > -0.05
