@@ -68,7 +68,9 @@ def swing_name(chosen: NamedExperiment, parameters: Validated) -> str:
 
 @runtime_checkable
 class Tripped(Protocol):
-    """A run of an experiment that waits for a switch."""
+    """A run of an experiment that waits for a switch; ``tripped``: it has closed."""
+
+    tripped: bool
 
     def trip(self) -> None:
         """Take it that the switch has closed."""
@@ -132,6 +134,11 @@ class ActingExperiment:
         """Tell it that its switch has closed, if it waits for one."""
         if isinstance(self._run, Tripped):
             self._run.trip()
+
+    @property
+    def tripped(self) -> bool:
+        """Whether the switch that it waits for has closed."""
+        return isinstance(self._run, Tripped) and self._run.tripped
 
     def answered(self, at: float) -> None:
         """Note when the newest sample was answered, s of a steady clock."""

@@ -301,14 +301,14 @@ class HomingBySwitch(Homing):
     """One run until a switch closes. A load that stands before that has not arrived."""
 
     place = "switch"
-    _closed = False
+    tripped = False
 
     def trip(self) -> None:
         """Take it that the switch has closed."""
-        self._closed = True
+        self.tripped = True
 
     def _approach(self, motor: float, load: float) -> None:
-        if self._closed:
+        if self.tripped:
             self._find(motor, load)
         else:
             super()._approach(motor, load)

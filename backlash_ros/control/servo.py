@@ -483,6 +483,11 @@ class Servo:
         if self._experiment.run is not None:
             self._experiment.run.trip()
 
+    @property
+    def tripped(self) -> bool:
+        """Whether the switch that the experiment waits for has closed."""
+        return self._experiment.run is not None and self._experiment.run.tripped
+
     def take_outcome(self) -> Outcome | Deferred | None:
         """Return, once, how an experiment ended or the work that will tell; None before."""
         self._conclude()

@@ -78,7 +78,7 @@ class Controller(ManagedNode):
         self._measured, self._answer = Measurement(np.empty(5)), Answer()
         self._values = cast("MutableSequence[float]", memoryview(self._measured))  # the same, as the gate takes it
         self._told_chosen: set[str] = set()
-        self._told, self._said, self._lost = Fault.NONE, (False, False, Fault.NONE), ""
+        self._told, self._said, self._lost = Fault.NONE, (False, False, Fault.NONE, False), ""
         self._estimated = self._changed = False
         self._owed = False  # whether a message was sent between samples, so that the next sample must repeat it
         self._report = ControllerReport(self._rate, self._state_timeout)
@@ -299,8 +299,9 @@ class Controller(ManagedNode):
         self._learning.end()  # its changes act on the next sample, which reports them
 
     @property
-    def _doing(self) -> tuple[bool, bool, Fault]:
-        return self._servo.holding, self._servo.experimenting, self._servo.latched
+    def _doing(self) -> tuple[bool, bool, Fault, bool]:
+        servo = self._servo
+        return servo.holding, servo.experimenting, servo.latched, servo.tripped
 
     @property
     def _news(self) -> bool:

@@ -8,10 +8,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from graph import PATIENCE, Lifecycle, Parameters, Peer, Process
 from lifecycle_msgs.msg import Transition
 from rclpy.qos import QoSProfile
-from std_msgs.msg import Float64
+from std_msgs.msg import Bool, Float64
 from std_srvs.srv import Trigger
 
-from backlash_ros.control.telemetry import IDENTIFYING, LEARNING
+from backlash_ros.control.telemetry import HOMING, IDENTIFYING, LEARNING
 from backlash_ros.studies.replay.again import replay
 from backlash_ros.studies.replay.recorded import read_recorded
 from backlash_ros.studies.replay.what_if import Changes
@@ -102,3 +102,32 @@ def test_a_session_is_replayed_to_the_last_bit(start: Callable[..., Process], pe
     done = [replay(recorded, activation, Changes({}))[0] for activation in recorded.activations]
     assert [(each.equal, each.lost, each.unanswered, each.notes) for each in done] == [(True, 0, 0, ())] * 2
     assert sum(len(each.stamps) for each in done) >= 12.0 / PERIOD
+
+
+@pytest.mark.grid  # without ROS test_replay.py has it, too
+def test_a_homing_by_a_switch_is_replayed_to_the_last_bit(
+    start: Callable[..., Process], peer: Peer, tmp_path: Path
+) -> None:
+    session, switch = Session(peer), peer.node.create_publisher(Bool, "home_switch", 10)
+    recorder = start("recorder", output=tmp_path / "bag")
+    home = {"homing__switch": True, "homing__speed": -0.5, "homing__way": 1.0, "homing__back_off": 0.05}
+    start("controller", state_timeout=10.0, use_sim_time=True, autostart=False, **home, **KEPT)
+    start("plant_simulator", lockstep=True, real_time_factor=0.0, **KEPT)
+    lifecycle = Lifecycle(peer, "controller")
+    assert lifecycle.change(Transition.TRANSITION_CONFIGURE)
+    for said in ("hears /joint_states", "hears /controller/parameters_in_use", "recording /controller/state"):
+        peer.wait(said, lambda said=said: said in recorder.output())
+    assert lifecycle.change(Transition.TRANSITION_ACTIVATE)
+    peer.wait("samples", lambda: session.values.get("samples", 0.0) > 0.0)
+    peer.wait("controller and recorder", lambda: switch.get_subscription_count() == 2)
+    switch.publish(Bool(data=False))
+    session.wait(0.5)
+    session.begin("home", HOMING)
+    peer.wait("the way", lambda: session.values["load_angle"] < -0.05)
+    switch.publish(Bool(data=True))
+    peer.wait("the zero", lambda: session.values["experiment"] == 0 and session.values["parameters_version"] > 1)
+    session.go(0.2, 1.0)
+    assert recorder.stop() == 0
+    recorded = read_recorded(tmp_path / "bag")
+    (done,) = (replay(recorded, activation, Changes({}))[0] for activation in recorded.activations)
+    assert (done.equal, done.lost, done.unanswered, done.notes) == (True, 0, 0, ())

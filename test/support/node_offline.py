@@ -70,7 +70,7 @@ class NodeOffline:
         self.samples, self.version, self._now, self._stamp, self._news = 0, 0, _BEGIN, 0, True
         self._plant = SimulatedDrive(NOMINAL_DRIVE, PERIOD)
         self._command, self._refused, self._begun, self._active = 0.0, False, False, False
-        self._told: tuple[bool, bool, Fault] | None = None
+        self._told: tuple[bool, bool, Fault, bool] | None = None
         self.use()
         self.active(True)
 
@@ -159,8 +159,9 @@ class NodeOffline:
         self.servo.take_outcome()
 
     @property
-    def _doing(self) -> tuple[bool, bool, Fault]:
-        return self.servo.holding, self.servo.experimenting, self.servo.latched
+    def _doing(self) -> tuple[bool, bool, Fault, bool]:
+        servo = self.servo
+        return servo.holding, servo.experimenting, servo.latched, servo.tripped
 
     def _tell(self, elapsed: float) -> None:
         self._news, self._told = math.isnan(elapsed), self._doing  # the next sample tells it again

@@ -98,6 +98,36 @@ def test_an_experiment_that_ends_by_itself_is_replayed_and_so_are_profiles(tmp_p
     assert len(done.stamps) > 500
 
 
+HOMED = {
+    f"homing.{name}": value for name, value in {"switch": True, "speed": -0.5, "way": 1.0, "back_off": 0.05}.items()
+}
+
+
+def homed() -> NodeOffline:
+    """Homes until its switch closes, puts the zero in use and moves on."""
+    node = NodeOffline(nominal_values(backlash_angle=0.02, identified=True, **HOMED)).run(20)
+    node.learn("homing_by_switch")
+    node.run(100)
+    node.servo.trip()
+    while node.servo.experimenting:
+        node.run(1)
+    node.use(zero=-0.2)
+    node.run(1).refer(0.1)
+    return node.run(50)
+
+
+def test_a_homing_ends_where_its_switch_has_closed(tmp_path: Path) -> None:
+    """In an older bag nothing tells that, and the replay says so."""
+    node = homed()
+    (done,) = replayed(node.write(tmp_path / "bag"))
+    assert (done.equal, done.notes) == (True, ())
+    for _, values in (each for _, topic, each in node.messages if topic == "/controller/state"):
+        del values["tripped"]
+    (done,) = replayed(node.write(tmp_path / "old"))
+    assert done.differing[0] >= 120
+    assert "~/state does not tell when home_switch closed: an older controller's" in done.notes
+
+
 def in_halves(node: NodeOffline, wrap: float = 0.0) -> NodeOffline:
     """Give each joint a message of its own, and let positions begin again."""
     other = NodeOffline()

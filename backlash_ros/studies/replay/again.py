@@ -1,7 +1,7 @@
 """The replay: passes the samples that recorded commands name through the servo again, with the same inputs.
 
-``~/state`` tells the other inputs at each sample: parameters, reference, experiment, reset. The end of an experiment,
-the faults of the tick and the effects of wear follow from them.
+``~/state`` tells the other inputs at each sample: parameters, reference, experiment, the switch of a homing, reset. The
+end of an experiment, the faults of the tick and the effects of wear follow from them.
 """
 
 import math
@@ -146,8 +146,10 @@ class _Run:
                 servo.start_experiment({IDENTIFYING: "identify", HOMING: self._homes}.get(int(told["experiment"]), ""))
             except ValueError as error:
                 self._note(f"the experiment would have been refused: {error}")
-            if servo.experiment == "homing_by_switch":
-                self._note("what home_switch said is not replayed")
+            if servo.experiment == "homing_by_switch" and "tripped" not in told:
+                self._note("~/state does not tell when home_switch closed: an older controller's")
+        if told.get("tripped"):
+            servo.trip()
 
     # A sample.
 
