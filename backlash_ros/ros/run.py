@@ -55,7 +55,7 @@ Runnable = ManagedNode | StoppableNode
 _FAREWELL = 0.5
 """Time that nodes go on after a shutdown request, s, so that the answer is sent."""
 
-_LAST_WORDS = 0.05
+_LAST_WORDS = 0.1
 """Time that managed nodes go on after they were stopped by a signal, s, so that clients hear how their goals ended."""
 
 _LEAVING = 10.0

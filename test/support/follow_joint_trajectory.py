@@ -107,8 +107,9 @@ def importable(folder: Path) -> Path:
     """Build the package in a folder and return the path from which it can be imported; skip what cannot build it."""
     for module in ("rosidl_cli", "rosidl_generator_py", *SUPPORTS):
         pytest.importorskip(module, reason="needs control_msgs, or the generators of ROS 2 to build its action")
-    if shutil.which("gcc") is None or not (Path(sysconfig.get_path("include")) / "Python.h").exists():
-        pytest.skip("needs control_msgs, or a compiler and Python.h to build its action")
+    needed = shutil.which("gcc"), Path(sysconfig.get_path("include")) / "Python.h", ROOT / "share" / SUPPORTS[0]
+    if not all(each and Path(each).exists() for each in needed):
+        pytest.skip("needs control_msgs, or a compiler, Python.h and ROS 2 as wheels to build its action")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("AMENT_PREFIX_PATH", str(ROOT))
         _generate(folder)
