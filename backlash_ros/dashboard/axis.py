@@ -3,7 +3,7 @@
 import asyncio
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,6 +21,7 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from backlash_ros.control import Gains, Margins, stability_margins
 from backlash_ros.control.design.start import emulated
@@ -35,11 +36,13 @@ EXPERIMENT = 900.0
 """Time limit for the answer of a service with an experiment, s."""
 SILENCE = 1.0
 """Time without joint states after which the drive counts as gone, s."""
+_GOES_ON = 0.1
+"""Time for which time goes on without a sample, s: they are taken together, every 0.05 s."""
 
 _ALL = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=500)
 """Enough for 0.25 s at 2 kHz; best effort, so that a page that hangs does not hold up the sender."""
 
-_SERVICES = ("learn", "identify", "cancel", "apply_estimate", "reset_fault")
+_SERVICES = ("learn", "identify", "cancel", "apply_estimate", "reset_fault", "hold")
 
 
 class Polled(CallbackGroup):
@@ -65,6 +68,8 @@ class Diagnosis:
     message: str
     values: Mapping[str, str]
     at: float
+    stamp: float = math.nan
+    """Time of the node that sent it, s."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,7 @@ class Names:
     reference: str
     command: str
     load_torque: str
+    setpoint: str
     simulator: str = ""
 
 
@@ -113,6 +119,9 @@ class Axis:
         self.sample_at = -math.inf
         self._reader = JointReader()
         self._newest = math.nan
+        self._ahead = 0.0  # by which the controller's clock is ahead of the samples', s
+        self.aimed = -math.inf
+        """Time when the last setpoint was sent, s."""
         self.margins: dict[str, Margins] = {}
         self.answer = ""
         self._group = Polled()
@@ -121,6 +130,7 @@ class Axis:
         node.create_subscription(ParameterEvent, f"{names.controller}/parameters_in_use", self._on_told, HISTORY)
         self._reference = node.create_publisher(Float64, names.reference, SEND)
         self._load_torque = node.create_publisher(Float64, names.load_torque, SEND)
+        self._setpoint = node.create_publisher(JointTrajectory, names.setpoint, SEND)
         self._services = {name: node.create_client(Trigger, f"{names.controller}/{name}") for name in _SERVICES}
         self._transition = node.create_client(ChangeState, f"{names.controller}/change_state")
         self._parameters = AsyncParameterClient(node, names.controller)
@@ -146,6 +156,9 @@ class Axis:
         if names.load_torque != before.load_torque:
             old, self._load_torque = self._load_torque, self._node.create_publisher(Float64, names.load_torque, SEND)
             self._node.destroy_publisher(old)
+        if names.setpoint != before.setpoint:
+            old, self._setpoint = self._setpoint, self._node.create_publisher(JointTrajectory, names.setpoint, SEND)
+            self._node.destroy_publisher(old)
         if names.simulator and (self._simulator is None or self._simulator.name != names.simulator):
             self._simulator = Simulator(self._node, names.simulator, self._on_told_by_simulator)
 
@@ -169,6 +182,9 @@ class Axis:
     def on_diagnostics(self, name: str, diagnosis: Diagnosis) -> None:
         """Keep a status that concerns this axis; ``name`` as in ``/controller: timing``."""
         node, _, part = name.partition(": ")
+        if node == self.names.controller:
+            ahead, patience = diagnosis.stamp - self.time, float(self.told.values.get("state_timeout", math.inf))
+            self._ahead = ahead if abs(ahead) >= patience else 0.0  # as the controller itself decides
         if node in {self.names.controller, self.names.simulator}:
             self.diagnoses[f"{'simulator' if node == self.names.simulator else 'controller'}: {part}"] = diagnosis
 
@@ -201,6 +217,11 @@ class Axis:
         return time.monotonic() - self.sample_at
 
     @property
+    def time(self) -> float:
+        """The time of the samples, s, which stands still where none come; nan before the first one."""
+        return self._newest + min(self.silent, _GOES_ON)
+
+    @property
     def lifecycle(self) -> str:
         """The last known state of the controller, or that it is missing."""
         said = self.diagnoses.get("controller: servo")
@@ -218,6 +239,16 @@ class Axis:
     def move(self, angle: float) -> None:
         """Send a reference, rad."""
         self._reference.publish(Float64(data=angle))
+
+    def aim(self, when: float, setpoint: Sequence[float]) -> None:
+        """Send where the load is to be at a time of the samples, s: rad, rad/s and rad/s^2."""
+        position, velocity, acceleration = setpoint
+        point = JointTrajectoryPoint(positions=[position], velocities=[velocity], accelerations=[acceleration])
+        message = JointTrajectory(joint_names=[self.told.values.get("load_joint", "load")], points=[point])
+        seconds, message.header.stamp.sec = math.modf(when + self._ahead)[0], int(when + self._ahead)
+        message.header.stamp.nanosec = int(1e9 * seconds)
+        self._setpoint.publish(message)
+        self.aimed = self.time
 
     def load(self, torque: float) -> None:
         """Put a load torque on the simulated drive, N m."""

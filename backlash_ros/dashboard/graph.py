@@ -13,12 +13,14 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node, NodeNameNonExistentError
 
 from backlash_ros.dashboard.axis import Axis, Diagnosis, Names
+from backlash_ros.foundation.messages import stamp_ns
 from backlash_ros.ros.topics import SEND
 
 _LOOK = 0.5
 """Period of the search in the graph, s."""
 
 _JOINTS, _NUMBER, _NUMBERS = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray"
+_PATH = "trajectory_msgs/msg/JointTrajectory"
 
 
 def _split(full: str) -> tuple[str, str]:
@@ -83,10 +85,11 @@ class Graph:
         """Return the names of an axis; those from ``before`` if the controller is not configured and has no topics."""
         name, namespace = _split(controller)
         heard = self._topics(self._node.get_subscriber_names_and_types_by_node, name, namespace)
+        by_point = self._topics(self._node.get_subscriber_names_and_types_by_node, name, namespace, "setpoint")
         spoken = self._topics(self._node.get_publisher_names_and_types_by_node, name, namespace)
         if before is None:
-            topics = (_join(namespace, topic) for topic in ("joint_states", "reference", "command", "load_torque"))
-            before = Names(controller, *topics)
+            topics = ("joint_states", "reference", "command", "load_torque", "setpoint")
+            before = Names(controller, *(_join(namespace, topic) for topic in topics))
         joints = heard.get(_JOINTS, before.joint_states)
         simulator, load_torque = self._simulator(joints)
         return Names(
@@ -95,6 +98,7 @@ class Graph:
             heard.get(_NUMBER, before.reference),
             spoken.get(_NUMBERS, before.command),
             load_torque or before.load_torque,
+            by_point.get(_PATH, before.setpoint),
             simulator,
         )
 
@@ -112,22 +116,27 @@ class Graph:
         return "", ""
 
     @staticmethod
-    def _topics(ask: Callable[[str, str], list[tuple[str, list[str]]]], name: str, namespace: str) -> dict[str, str]:
-        """Return a node's topics by type; none as long as the middleware knows a publisher without its node's name."""
+    def _topics(
+        ask: Callable[[str, str], list[tuple[str, list[str]]]], name: str, namespace: str, last: str = ""
+    ) -> dict[str, str]:
+        """Return a node's topics by type, those with this ``last`` name alone if one is given.
+
+        There are none as long as the middleware knows a publisher without its node's name.
+        """
         if not namespace.startswith("/"):
             return {}
         try:
-            return {kinds[0]: topic for topic, kinds in ask(name, namespace)}
+            return {kinds[0]: topic for topic, kinds in ask(name, namespace) if last in ("", topic.rpartition("/")[2])}
         except NodeNameNonExistentError:
             return {}
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        at = time.monotonic()
+        at, stamp = time.monotonic(), 1e-9 * stamp_ns(message.header.stamp)
         for status in message.status:
             level = int.from_bytes(status.level, "little")
             values = {entry.key: entry.value for entry in status.values}
             for axis in list(self.axes.values()):
-                axis.on_diagnostics(status.name, Diagnosis(level, status.message, values, at))
+                axis.on_diagnostics(status.name, Diagnosis(level, status.message, values, at, stamp))
 
     def listeners(self, axis: Axis) -> tuple[int, int]:
         """Return the number of subscribers of an axis's command, and of publishers of its joint states."""

@@ -164,7 +164,8 @@ class Page:
         if not self.read_only:
             self._client.run_javascript(
                 "document.addEventListener('keydown', e => { if (e.key === 'Escape') "
-                f"import('{STATIC}/live.js').then(m => m.stop(window.facts?.axis)) }})"
+                f"import('{STATIC}/live.js').then(m => m.stop(window.facts?.axis)) }}); "
+                f"import('{STATIC}/jog.js').then(m => m.watch())"
             )
 
     def refresh(self) -> None:

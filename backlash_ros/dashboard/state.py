@@ -127,6 +127,13 @@ def acts(axis: Axis) -> str:
     return f"law {law}: {does}" if does not in ("", "none") else f"law {law}"
 
 
+def refusal(axis: Axis) -> str:
+    """Return why an axis takes no reference; empty if it does."""
+    if axis.last_state.get("holding", 0.0):
+        return ""
+    return "nothing was sent: the controller holds no position and refuses references"
+
+
 def fault_of(axis: Axis) -> tuple[str, str]:
     """Return name and text of the fault that is latched, by the controller or else by a simulated drive, or nothing."""
     if not axis.present:

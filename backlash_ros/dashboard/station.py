@@ -11,12 +11,13 @@ from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from lifecycle_msgs.msg import Transition
 
 from backlash_ros.dashboard.axis import EXPERIMENT, Answer, Axis
 from backlash_ros.dashboard.graph import Graph
+from backlash_ros.dashboard.jog import Hand, jog
 from backlash_ros.dashboard.motion import Wave, wave
 from backlash_ros.dashboard.rows import frame
 from backlash_ros.dashboard.state import Run
@@ -100,7 +101,7 @@ class OfAxis:
     """What runs on behalf of one axis."""
 
     watchers: set[Watcher] = field(default_factory=set)
-    motion: "tuple[asyncio.Task[None], ...]" = ()
+    motion: "tuple[asyncio.Task[Any], ...]" = ()
     mover: Mover | None = None
     ended: str = ""
     stopped: str = ""
@@ -160,8 +161,26 @@ class Station:
             if asyncio.current_task() in self.of(title).motion:
                 self.left(mover)
 
+    async def jog(self, title: str, way: int, share: float, hand: Hand) -> str:
+        """Move the load while the hand holds, in place of any other motion; return why it moves no more.
+
+        Empty if it was let go, or another motion took its place.
+        """
+        if title not in self.axes:
+            return f"there is no axis {title}"
+        self.end(title)
+        axis, moving = self.of(title), asyncio.create_task(jog(self.axes[title], way, share, hand))
+        axis.motion, axis.mover = (moving,), None
+        try:
+            await asyncio.wait(axis.motion)
+        finally:
+            moving.cancel()
+            if axis.motion == (moving,):
+                axis.motion = ()
+        return "" if moving.cancelled() else moving.result()
+
     def end(self, title: str) -> None:
-        """Stop sending references; the last one stays."""
+        """Stop sending references or setpoints: the last reference stays, a jog comes to rest."""
         axis = self.of(title)
         motion, axis.motion, axis.ended = axis.motion, (), ""
         for task in motion:

@@ -7,8 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from graph import Lifecycle, Peer
-from served import Reader, Served, Start, System, begin
+from served import B, Button, Reader, Served, Start, System, begin
 from std_msgs.msg import Float64MultiArray
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
 
 from backlash_ros.dashboard.rows import JOINT_COLUMNS
 
@@ -47,6 +49,41 @@ class TestOneDrive:
         assert served.ask("POST", "/stop?axis=/nowhere", Origin=own) == (503, "there is no axis /nowhere")
         assert peer.wait("the stop", lambda: served.ask("POST", "/stop?axis=/", Origin=own)[0] == 200)
         assert Lifecycle(peer, "controller").state == "inactive"
+
+    def test_a_jog_ends_with_whatever_holds_the_button(self, system: System) -> None:
+        """A page that says nothing more, one that is closed, and a dashboard that stands still."""
+        served = system.served
+        reader = Reader(served)
+
+        def press() -> Button:
+            button = Button(served)
+            system.moved(0.3, button.hold)
+            return button
+
+        said_nothing = press()
+        silent = system.stands()
+        press().close()
+        closed = system.stands()
+        assert closed > silent + 0.3
+        button = press()
+        served.process.signal(signal.SIGSTOP)
+        try:
+            frozen = system.loads[-1]
+            assert system.stands() < frozen + 0.5
+            for _ in range(10):
+                button.hold()
+        finally:
+            served.process.signal(signal.SIGCONT)
+        assert abs(system.stands() - system.stands()) < 1.5 * B  # what it was told meanwhile moves nothing
+        said_nothing.close()
+        button.close()
+        reader.close()
+
+    def test_only_the_page_itself_may_jog(self, system: System) -> None:
+        host = system.served.host
+        for origin, rest in ((None, ""), (f"http://{host}", "&share=7"), (f"http://{host}", "&share=0.1&way=2")):
+            with pytest.raises(InvalidStatus):
+                connect(f"ws://{host}/jog?axis=/&way=1{rest}", origin=origin, open_timeout=60)
 
 
 @pytest.mark.corners(1)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from graph import Lifecycle, Parameters, Peer
-from in_browser import console_of, emulate, requests_of
+from in_browser import children, chromium, console_of, emulate, missing, requests_of
 from selenium.common.exceptions import ElementClickInterceptedException, StaleElementReferenceException
 from selenium.webdriver import ActionChains, Chrome
 from selenium.webdriver.common.by import By
@@ -350,6 +350,63 @@ class TestOneDrive:
         page.wait("the step", lambda: page.at_rest_at(references[0]))
         peer.node.destroy_subscription(subscription)
 
+    @pytest.mark.skipif(bool(missing()), reason=missing())
+    def test_the_load_moves_while_a_button_is_held_and_no_longer(self, system: System, tmp_path: Path) -> None:
+        """By pointer, until it is let go or leaves; by key; by a finger; until *Stop*; and until the browser dies."""
+        with chromium(tmp_path / "profile") as other:  # it is killed in the end
+            page = Page(other, system.served.address, system.peer)
+            other.execute_script("document.getElementById('jog-share').value = '0.03'")
+            forward, back = (other.find_element(By.CSS_SELECTOR, f"[data-jog='{way}']") for way in (1, -1))
+            finger = [{"x": forward.rect["x"] + 10, "y": forward.rect["y"] + 10}]
+
+            def touch(kind: str, points: list[dict[str, int]]) -> None:
+                other.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+            def act() -> ActionChains:
+                return ActionChains(other, duration=0)
+
+            def press(way: float, begin: Callable[[], object], end: Callable[[], object]) -> None:
+                """Move the load; a machine that stands still may end it, so begin as often as it takes."""
+
+                def again() -> None:
+                    if not page.run("return document.querySelector('.held')"):
+                        end()
+                        begin()
+
+                system.moved(way, again)
+
+            def let_go() -> object:
+                return act().release().perform()
+
+            press(0.3, act().click_and_hold(forward).perform, let_go)
+            let_go()
+            system.stands()
+            press(0.3, act().click_and_hold(forward).perform, let_go)
+            act().move_by_offset(0, 200).perform()  # still held, elsewhere
+            system.stands()
+            let_go()
+            act().click(back).perform()  # it has the focus then
+            system.stands()
+            press(-0.3, act().key_down(Keys.SPACE).perform, act().key_up(Keys.SPACE).perform)
+            act().key_up(Keys.SPACE).perform()
+            system.stands()
+            press(0.3, lambda: touch("touchStart", finger), lambda: None)
+            touch("touchEnd", [])
+            system.stands()
+            press(-0.3, act().click_and_hold(back).perform, let_go)
+            act().send_keys(Keys.ESCAPE).perform()
+            page.wait("the stop", lambda: "stopped: 0 V" in page.text())
+            let_go()
+            act().click_and_hold(back).perform()  # no time passes for a drive in lockstep that gets no commands
+            page.wait("why not", lambda: re.search("no joint states come|holds no position", page.text()))
+            let_go()
+            page.click("Activate")
+            page.wait("the state", lambda: page.said("state") == "active")
+            press(-0.3, act().click_and_hold(back).perform, let_go)
+            for process in children(other.service.process.pid):
+                os.kill(process, signal.SIGKILL)
+            system.stands()
+
     @pytest.mark.grid
     def test_a_page_that_hangs_moves_nothing_any_more(self, system: System, browser: Chrome) -> None:
         sent: list[float] = []
@@ -375,8 +432,7 @@ class TestOneDrive:
         page = Page(browser, served.address, peer)
         page.click("Record")
         page.wait("its size", lambda: re.search(r"recording [1-9][\d.]* [kM]B", page.said("recording")))
-        threads = Path(f"/proc/{served.process.pid}/task").iterdir()
-        (recorder,) = (int(pid) for thread in threads for pid in (thread / "children").read_text().split())
+        (recorder,) = children(served.process.pid)
         assert os.getpriority(os.PRIO_PROCESS, recorder) < os.getpriority(os.PRIO_PROCESS, served.process.pid)
         page.click("End the recording")
         page.wait("its end", lambda: page.said("recording").startswith("recorded"))

@@ -36,6 +36,12 @@ def chromium(profile: Path) -> Iterator[Chrome]:
         driver.quit()
 
 
+def children(process: int) -> list[int]:
+    """Return the processes that a process has started."""
+    threads = Path(f"/proc/{process}/task").iterdir()
+    return [int(pid) for thread in threads for pid in (thread / "children").read_text().split()]
+
+
 def console_of(driver: Chrome) -> list[str]:
     """Return what pages have said on the console since the last call: errors, warnings, words."""
     return [f"{entry['level']}: {entry['message']}" for entry in driver.get_log("browser")]

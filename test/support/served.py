@@ -1,18 +1,23 @@
 """A dashboard in a process of its own, drive and controller beside it, and a page's connection without a browser."""
 
 import http.client
+import math
 import re
 import struct
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
 from graph import Lifecycle, Parameters, Peer, Process
 from lifecycle_msgs.msg import Transition
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
-from websockets.sync.client import connect
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Origin
 
 from backlash_ros.dashboard.rows import JOINT_COLUMNS, STATE_COLUMNS
 from backlash_ros.drivetrain import NOMINAL_DRIVE
@@ -84,6 +89,33 @@ class Reader:
         self._open.close()
 
 
+class Button:
+    """A button that a page without a browser holds: it says so, again and again, where ``hold`` is called."""
+
+    def __init__(self, served: Served, share: float = 0.03) -> None:
+        self._address, self._rest = f"ws://{served.host}/jog?axis=/&way=1&share={share}", {"open_timeout": 60}
+        self._origin = f"http://{served.host}"
+        self._open, self._said = ExitStack(), 0.0
+        self._connection = self._press()
+
+    def _press(self) -> ClientConnection:
+        connection = connect(self._address, origin=Origin(self._origin), close_timeout=1, **self._rest)
+        return self._open.enter_context(connection)
+
+    def hold(self) -> None:
+        """Say that it is held, 20 times a second; press again if it was ended: the machine may stand still."""
+        if time.monotonic() < self._said + 0.05:
+            return
+        self._said = time.monotonic()
+        try:
+            self._connection.send("held")
+        except ConnectionClosed:
+            self._connection = self._press()
+
+    def close(self) -> None:
+        self._open.close()
+
+
 class System:
     """Drive, controller and dashboard that several tests use, one after the other."""
 
@@ -100,8 +132,8 @@ class System:
         self.parameters = Parameters(self.peer, "controller")
         self._reference = self.peer.node.create_publisher(Float64, "reference", 10)
         self._faults = self.peer.node.create_client(Trigger, "controller/reset_fault")
-        self._load: list[float] = []
-        self.peer.node.create_subscription(JointState, "joint_states", lambda m: self._load.append(m.position[1]), 10)
+        self.loads: list[float] = []
+        self.peer.node.create_subscription(JointState, "joint_states", lambda m: self.loads.append(m.position[1]), 10)
         self._at_first = dict(zip(ANEW, self.parameters.get(*ANEW), strict=True))
 
     def anew(self) -> None:
@@ -113,9 +145,28 @@ class System:
 
         def there() -> bool:
             self._reference.publish(Float64(data=0.0))
-            return bool(self._load) and abs(self._load[-1]) < B
+            return bool(self.loads) and abs(self.loads[-1]) < B
 
         self.peer.wait("the load at 0", there)
+
+    def moved(self, way: float, meanwhile: Callable[[], object] = lambda: None) -> float:
+        """Wait until the load has moved by a way, rad; return where it is."""
+        begin = self.loads[-1]
+
+        def there() -> bool:
+            meanwhile()
+            return (self.loads[-1] - begin) * math.copysign(1.0, way) > abs(way)
+
+        self.peer.wait(lambda: f"a motion by {way} rad, not from {begin} to {self.loads[-1]}", there)
+        return self.loads[-1]
+
+    def stands(self) -> float:
+        """Wait until the load has not moved for half a second but for a rattle; return where it is."""
+        seen = len(self.loads)
+        self.peer.wait(
+            "a load that stands", lambda: len(self.loads) > seen + 125 and np.ptp(self.loads[-125:]) < 1.5 * B
+        )
+        return self.loads[-1]
 
     def close(self) -> None:
         for process in (self.served.process, *self._nodes):

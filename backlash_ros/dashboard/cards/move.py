@@ -6,8 +6,9 @@ from nicegui import context, ui
 
 from backlash_ros.dashboard.axis import Answer, Axis
 from backlash_ros.dashboard.cards.card import FIELD, Refresh, Said, Shown, button, card, line
+from backlash_ros.dashboard.jog import SHARES, abilities
 from backlash_ros.dashboard.motion import Wave
-from backlash_ros.dashboard.state import ANGLES
+from backlash_ros.dashboard.state import ANGLES, refusal
 from backlash_ros.dashboard.station import finite
 
 
@@ -24,13 +25,6 @@ def _goal(axis: Axis) -> float:
     """Return the reference of an axis, rad, or without one where its load is."""
     state = axis.last_state
     return finite(state.get("reference", math.nan), finite(state.get("load_angle", math.nan)))
-
-
-def refusal(axis: Axis) -> str:
-    """Return why an axis takes no reference; empty if it does."""
-    if axis.last_state.get("holding", 0.0):
-        return ""
-    return "nothing was sent: the controller holds no position and refuses references"
 
 
 def step(page: Shown, way: float) -> None:
@@ -77,6 +71,40 @@ class _Angle:
             field.set_visibility(unit == chosen)
 
 
+class _Jog:
+    """Two buttons that move the load for as long as they are held, and the speed.
+
+    The browser alone knows that a button is held, and with what speed: see ``static/jog.js``.
+    """
+
+    def __init__(self, page: Shown) -> None:
+        self._page, self._version, self._able = page, -1, 0.0
+        options = "".join(f'<option value="{share}">{100.0 * share:g} %</option>' for share in SHARES)
+        with line().classes("jog"):
+            self._button("Hold \N{MINUS SIGN}", -1)
+            ui.html(f'<select id="jog-share" aria-label="speed while held">{options}</select>', sanitize=False)
+            self._speed = ui.label("").classes("muted").props("data-name=jog-speed")
+            self._button("Hold +", 1)
+        ui.html('<output id="jog-text" class="answer" aria-live="polite"></output>', sanitize=False)
+
+    @staticmethod
+    def _button(text: str, way: int) -> None:
+        does = f"move {'forward' if way > 0 else 'back'} while held"
+        made = ui.button(text).props(f'dense no-caps outline :ripple="false" data-jog="{way}"')
+        made.props(f'title="{does}: pointer, space, or arrow keys"')
+
+    def refresh(self, axis: Axis) -> None:
+        """Show the speed of which the shares are."""
+        if axis.told.version != self._version:
+            self._version = axis.told.version
+            try:
+                self._able = abilities(axis.told.values).velocity
+            except (KeyError, ValueError, TypeError):  # another version's controller
+                self._able = 0.0
+        large = self._page.angle.large
+        self._speed.set_text(f"of {large.factor * self._able:.3g} {large.name}/s")
+
+
 def move_card(page: Shown) -> Refresh:
     """Make the card."""
     station = page.station
@@ -113,12 +141,14 @@ def move_card(page: Shown) -> Refresh:
             button("Back and forth", lambda: begin(False), "to-and-fro")
             button("Sine", lambda: begin(True), "sine")
             button("Stay", lambda: station.end(page.title), "stay")
+        jogs = _Jog(page)
         said = Said("move-answer")
 
     def refresh(axis: Axis) -> None:
         nonlocal ended
         target.refresh()
         way.refresh()
+        jogs.refresh(axis)
         said.refresh(axis)
         before, ended = ended, station.of(axis.title).ended
         if ended != before:

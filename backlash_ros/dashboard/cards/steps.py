@@ -11,7 +11,7 @@ from nicegui import ui
 from backlash_ros.control.telemetry import TELEMETRY
 from backlash_ros.dashboard.axis import ANSWER, Answer, Axis
 from backlash_ros.dashboard.cards.card import Refresh, Said, Shown, button
-from backlash_ros.dashboard.cards.move import refusal, step
+from backlash_ros.dashboard.cards.move import step
 from backlash_ros.dashboard.state import (
     STEPS,
     Run,
@@ -19,6 +19,7 @@ from backlash_ros.dashboard.state import (
     found_by,
     law_of,
     quantity,
+    refusal,
     remedy,
     servo_says,
     step_of,
