@@ -30,14 +30,14 @@ WINDOWS = {10: "10 s", 30: "30 s", 60: "60 s"}
 _ANSWERS = 6.0
 """Time limit for the answer of a browser, s."""
 _LOOK = (
-    ("Pause", "live.pause()"),
-    ("Live", "live.live()"),
-    ("Zoom in", "live.zoom(0.5)"),
-    ("Zoom out", "live.zoom(2)"),
-    ("Earlier", "live.zoom(1, -0.5)"),
-    ("Later", "live.zoom(1, 0.5)"),
+    ("Pause", "", "live.pause()"),
+    ("Live", "", "live.live()"),
+    ("Zoom in", "+", "live.zoom(0.5)"),
+    ("Zoom out", "\N{MINUS SIGN}", "live.zoom(2)"),
+    ("Earlier", "\N{LEFTWARDS ARROW}", "live.zoom(1, -0.5)"),
+    ("Later", "\N{RIGHTWARDS ARROW}", "live.zoom(1, 0.5)"),
 )
-"""Buttons over the curves, and what they do in the browser."""
+"""Buttons over the curves, the signs that stand for their words where there is little room, and what they do."""
 
 
 def static_folder() -> str:
@@ -95,8 +95,9 @@ class Page:
             with ui.element("div").classes("line look"):
                 window = ui.toggle(WINDOWS, value=10).props('dense unelevated no-caps aria-label="time shown"')
                 window.on_value_change(lambda event: self._run(f"live.setWindow({int(event.value)})"))
-                for text, code in _LOOK:
-                    ui.button(text).props("dense flat no-caps").on("click", js_handler=f"() => window.{code}")
+                for text, short, code in _LOOK:
+                    made = ui.button(text).props("dense flat no-caps").on("click", js_handler=f"() => window.{code}")
+                    made.props(f'data-short="{short}" aria-label="{text}" title="{text}"' if short else "")
                 self._units = ui.toggle(list(ANGLES), value="rad", on_change=lambda event: self._show_in(event.value))
                 self._units.props('dense unelevated no-caps data-name=unit aria-label="unit of angles"')
             ui.html('<table id="steps" aria-label="the last two steps"></table>', sanitize=False)

@@ -102,7 +102,8 @@ class _Jog:
             except (KeyError, ValueError, TypeError):  # another version's controller
                 self._able = 0.0
         large = self._page.angle.large
-        self._speed.set_text(f"of {large.factor * self._able:.3g} {large.name}/s")
+        speed = large.factor * self._able
+        self._speed.set_text(f"of {speed:.{3 if speed < 1e3 else 5}g} {large.name}/s")
 
 
 def move_card(page: Shown) -> Refresh:

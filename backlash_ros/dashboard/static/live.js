@@ -70,6 +70,7 @@ function niceLimit(value) {
 
 const ROWS = [["angle", 24], ["error", 25], ["command", 16], ["load torque, N m", 15], ["region, flank", 14]];
 const NARROW = 600; // px; a narrower chart has the first two rows alone
+const SMALL = 380; // px; a smaller one does not name the step before
 const GHOST = "step before";
 const CURVES = [
   [GHOST, 0, "load", "dashed"], [GHOST, 1, "load", "dashed"], // below the others
@@ -184,7 +185,11 @@ class Live {
         backgroundColor: colour("paper"), borderColor: line, textStyle: { color: text, fontSize: 12 },
       },
       axisPointer: { link: [{ xAxisIndex: "all" }] },
-      legend: { type: "scroll", top: 0, left: 96, right: 8, textStyle: { color: text }, data: ["setpoint", "load", "motor through the gear", GHOST], itemHeight: 8 },
+      legend: {
+        type: "scroll", top: 0, left: 96, right: this.narrow ? 0 : 8, itemHeight: 8, itemWidth: this.narrow ? 14 : 25, itemGap: this.narrow ? 6 : 10,
+        textStyle: { color: text, fontSize: this.narrow ? 11 : 12 }, data: ["setpoint", "load", "motor through the gear", ...(this.chart.getWidth() < SMALL ? [] : [GHOST])],
+        formatter: (name) => (this.narrow ? name.replace(" through the gear", "") : name),
+      },
       dataZoom: [{ type: "inside", xAxisIndex: rows.map((_, i) => i), filterMode: "none" }],
     }, { replaceMerge: ["grid", "xAxis", "yAxis", "series", "dataZoom"] });
     this.fill();
