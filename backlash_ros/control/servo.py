@@ -558,6 +558,14 @@ class Servo:
         self._law.start()
         self._law.acting.take_over(estimate, self.memory.setpoint, holding)
 
+    def warm_up(self, at_rest: Measurement) -> None:
+        """Compile, or load, what a sample needs, and a change to this law while the load is held.
+
+        For a servo that controls nothing: the first time takes seconds, for which a loop must not wait.
+        """
+        self.update(at_rest)
+        self._begin(self._law.chosen)
+
     def update(self, measured: Measurement, elapsed: float | None = None) -> float:
         """Take one sample and return the command, V or A; 0 while a fault is latched or if no finite command follows.
 

@@ -136,9 +136,9 @@ class Controller(ManagedNode):
             # A law that cannot be designed for this drive may be possible once the drive is identified.
             for drive in (self._servo.drive, NOMINAL_DRIVE):
                 with suppress(ValueError):
-                    Servo(drive, settings.with_law(law)).update(at_rest)
+                    Servo(drive, settings.with_law(law)).warm_up(at_rest)
                     if named.one_encoder:
-                        Servo(drive, settings.with_law(law)).update(alone)
+                        Servo(drive, settings.with_law(law)).warm_up(alone)
                     break
         self._servo.reset()
         self._publish_in_use()

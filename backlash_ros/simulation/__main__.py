@@ -9,9 +9,10 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from backlash_ros.control import LAWS, GainSet, ServoSettings
+from backlash_ros.control import LAWS, GainSet, Servo, ServoSettings
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Plant
 from backlash_ros.drivetrain.sensors import Sensors
+from backlash_ros.foundation.signals import THETA_L, THETA_M, Measurement
 from backlash_ros.identification.fitting.fit import compile_filters
 from backlash_ros.simulation import Scenario, run
 
@@ -26,8 +27,12 @@ def parts() -> list[Callable[[], None]]:
     alone = replace(scenario, sensors=Sensors(measured=("theta_l",)))
 
     def follow(law: str, scenario: Scenario) -> None:
+        angles = {"theta_m": THETA_M, "theta_l": THETA_L}
+        seen = [angles[name] for name in scenario.sensors.measured if name in angles]
+        at_rest = Measurement(np.where(np.isin(np.arange(5), seen), 0.0, np.nan))
         with suppress(ValueError):  # one from outside that is not made for this drive
             run(NOMINAL_DRIVE, settings.with_law(law), scenario)
+            Servo(NOMINAL_DRIVE, settings.with_law(law)).warm_up(at_rest)
 
     def move(drive: Drive) -> None:
         Plant(drive).advance(0.0, 0.0, settings.period)

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, Servo, ServoSettings, design_gains
+from backlash_ros.control.acting import ActingLaw
 from backlash_ros.control.laws.cascade import CascadeParameters
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.foundation.record import Array
-from backlash_ros.foundation.signals import OMEGA_L, THETA_L
+from backlash_ros.foundation.signals import OMEGA_L, THETA_L, THETA_M, Measurement
 from backlash_ros.simulation import SimulatedDrive
 
 B = NOMINAL_DRIVE.gear.backlash_angle
@@ -288,3 +289,23 @@ def test_another_drive_moves_all_that_is_derived_from_it() -> None:
         servo.use(servo.settings.with_law("elastic_lqg", CascadeParameters()), drive=NOMINAL_DRIVE)
     np.testing.assert_array_equal(servo.constants, before)
     assert servo.drive == wide
+
+
+@pytest.mark.parametrize("missing", [[], [THETA_M]], ids=["both", "alone"])
+@pytest.mark.parametrize("law", LAWS)
+def test_a_servo_that_is_warm_has_taken_the_load_over_once(
+    law: str, missing: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What an identification changes the law to had not been compiled: the loop waited seconds for it."""
+    if missing and not LAWS[law].one_encoder:
+        return
+    took: list[ActingLaw] = []
+    take_over = ActingLaw.take_over
+    monkeypatch.setattr(ActingLaw, "take_over", lambda self, *rest: took.append(self) or take_over(self, *rest))
+    gap = NOMINAL_DRIVE.gear.backlash_angle
+    settings = ServoSettings(GainSet.of(NOMINAL_DRIVE), identified=True, backlash_angle=gap)
+    servo = Servo(NOMINAL_DRIVE, settings.with_law(law))
+    at_rest = np.zeros(5)
+    at_rest[missing] = math.nan
+    servo.warm_up(Measurement(at_rest))
+    assert len(took) == 1
