@@ -28,8 +28,9 @@ _USUAL_GAP = 0.02
 """Gap, rad, for which `TwoEncoderParameters.crossing_time` holds; the time grows with the root of the gap."""
 _ACCELERATION_NOISE = 20.0
 """Noise of the motor's observer: acceleration at the output, rad/s^2. Tuned on the populations."""
-_TORQUE_NOISE = 1.2
-"""Noise of the motor's observer: change of torque per second, N m. Tuned on the populations."""
+_TORQUE_NOISE = 600.0
+"""Noise of the motor's observer: change of torque within a second, as acceleration of the motor, rad/s^2. Tuned on the
+populations."""
 _READING_NOISE = 4.5e-5
 """Noise of the motor's observer: error of a reading, rad, which includes a count of 14 bit before a 10:1 gear."""
 _PROMPT = 6e-3
@@ -44,8 +45,8 @@ _NO_FRICTION = 2e-4
 _STEEPEST = 0.2
 """Largest growth of the load torque with the load's angle, as a share of the standstill torque, 1/rad: what is steeper
 is no weight."""
-_FIRST_TORQUE = 2e-3
-"""First torque of the table of the teeth, N m. Tuned on the populations."""
+_FIRST_TORQUE = 1.0
+"""First torque of the table of the teeth, as acceleration of the motor, rad/s^2. Tuned on the populations."""
 _TORQUE_RATIO = 1.8
 """Ratio of one torque of the table of the teeth to the next. Tuned on the populations."""
 _FREE_TORQUE = 1e-6
@@ -77,9 +78,10 @@ def _models(drive: Drive, period: float, rest: float) -> tuple[Array, Array, Arr
     return expm(a * period), expm(a * (period - rest)), expm(a * rest)
 
 
-def _gain(model: Array, period: float) -> Array:
+def _gain(model: Array, period: float, inertia: float) -> Array:
     """Return the gain of the motor's observer, shape (4,), for its model over a period."""
-    unforeseen = np.diag([0.0, (_ACCELERATION_NOISE * period) ** 2, 0.0, _TORQUE_NOISE**2 * period])
+    changed = _TORQUE_NOISE * inertia
+    unforeseen = np.diag([0.0, (_ACCELERATION_NOISE * period) ** 2, 0.0, changed**2 * period])
     angle, off = np.array([[1.0, 0.0, 0.0, 0.0]]), _READING_NOISE**2
     try:
         spread = solve_discrete_are(model[:4, :4].T, angle.T, unforeseen, [[off]])
@@ -156,7 +158,7 @@ def _teeth(drive: Drive, gap: float) -> dict[str, Array | float]:
     def distance(torque: float) -> float:
         return gap_at_rest(gear.contact, contact, half_gap, torque / gear.load_radius) / gear.load_radius
 
-    torques = np.array([_FIRST_TORQUE * _TORQUE_RATIO**k for k in range(TABLE_SIZE)])
+    torques = _FIRST_TORQUE * drive.reflected_inertia * _TORQUE_RATIO ** np.arange(TABLE_SIZE)
     return {
         "teeth_torques": torques,
         "teeth_distances": np.array([distance(torque) for torque in torques]),
@@ -208,7 +210,9 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
     for model, found in ((constants.after, after), (constants.before, before)):
         model.angle[:], model.speed[:], model.current_torque[:] = found[:3]
     gain = constants.gain
-    gain.angle, gain.speed, gain.current_torque, gain.disturbance = _gain(full, settings.period)
+    gain.angle, gain.speed, gain.current_torque, gain.disturbance = _gain(
+        full, settings.period, constants.motor_inertia
+    )
     shown = {name: cell_of(Memory, name) for name in ("phase", "flank", "middle")}
     shown["load_torque"] = cell_of(Memory, "load_torque") + cell_of(LoadTorque, "estimated")
     ahead = math.ceil((0.5 * constants.crossing_time + constants.delay) / settings.period) + _MORE_AHEAD

@@ -130,7 +130,7 @@ def follow_path(constants: Constants, memory: Memory, path: Array) -> Wanted:
         follow.direction = direction_at(reference_at(constants, path, float(path.shape[0] - 1)), 0.0)
     learn_drag(constants, memory, path)
     held = holds_load(constants, resting_torque(constants, memory, reference.angle))
-    choose_flank(constants, memory, path, constants.load_dry_friction <= DRY and not held)
+    choose_flank(constants, memory, path, constants.load_dry_friction <= DRY * constants.motor_inertia and not held)
     _learn_seat(constants, memory, path)
     memory.flank = follow.flank if follow.crosses == 0.0 else follow.crossing.flank
     memory.target = reference.angle

@@ -11,10 +11,12 @@ from backlash_ros.control.laws.two_encoder.memory import FLIGHT, HOLD, LoadTorqu
 from backlash_ros.control.laws.two_encoder.teeth import teeth_are_apart
 from backlash_ros.foundation.compiled import compiled
 
-HOLDING_EXCESS = 4e-3
-"""Torque beyond the friction, N m, from which on a load torque holds the load. Tuned on the populations."""
-LEAST_SHOWN = 6e-3
-"""What a flight must show of a load torque at least, N m. Tuned on the populations."""
+HOLDING_EXCESS = 2.0
+"""Torque beyond the friction, as acceleration of the motor, rad/s^2, from which on a load torque holds the load. Tuned
+on the populations."""
+LEAST_SHOWN = 3.0
+"""What a flight must show of a load torque at least, as acceleration of the motor, rad/s^2. Tuned on the
+populations."""
 _FRICTION_ERROR = 0.1
 """Share of the motor's dry friction that is added to this, since the friction is not known better."""
 _SMOOTHING_TIME = 0.05
@@ -33,8 +35,9 @@ _SETTLE_TIME = 0.1
 """Time after a landing, s, for which the load torque is left as it is. Tuned on the populations."""
 _STANDSTILL = 0.02
 """Speed of the load, rad/s, below which it stands. Tuned on the populations."""
-_UNSURE = 0.01
-"""By how much the load torque may be off while the teeth seem apart, N m. Tuned on the populations."""
+_UNSURE = 5.0
+"""By how much the load torque may be off while the teeth seem apart, as acceleration of the motor, rad/s^2. Tuned on
+the populations."""
 _LAG_RATE = 20.0
 """By how much the load torque may be off, as acceleration of the load for each rad/s of its recent peak speed, 1/s.
 Tuned on the populations."""
@@ -66,7 +69,7 @@ def take_expected_slope(constants: Constants, load_torque: LoadTorque, angle: fl
 @compiled
 def holds_load(constants: Constants, torque: float) -> bool:
     """Return whether a load torque (N m) holds the load on a flank, because it exceeds friction."""
-    return abs(torque) > constants.load_dry_friction + HOLDING_EXCESS
+    return abs(torque) > constants.load_dry_friction + HOLDING_EXCESS * constants.motor_inertia
 
 
 @compiled
@@ -115,7 +118,7 @@ def _observe_rest(constants: Constants, memory: Memory) -> None:
     unknown = friction + constants.motor_dry_friction
     unknown += _LAG_RATE * constants.load_inertia * load_torque.recent_peak_speed
     if teeth_are_apart(constants, memory):
-        unknown += _UNSURE
+        unknown += _UNSURE * constants.motor_inertia
         # Nothing but friction holds a load that stands there.
         if abs(memory.load.speed) < _STANDSTILL:
             set_load_torque(load_torque, min(max(load_torque.estimated, -friction), friction), angle)
@@ -145,14 +148,14 @@ def learn_load_torque(constants: Constants, memory: Memory) -> None:
 @compiled
 def _shown_by_motion(constants: Constants, load_torque: LoadTorque, planned: float) -> float:
     """Return the load torque that the motion has shown where ``planned`` was expected, N m."""
-    time = load_torque.observed_time
+    time, least = load_torque.observed_time, LEAST_SHOWN * constants.motor_inertia
     error = load_torque.unexplained_momentum / time
     error_without_slope = (load_torque.unexplained_momentum + load_torque.slope_momentum) / time
-    if abs(error) > _DISPROVED * abs(error_without_slope) + 2.0 * LEAST_SHOWN:
+    if abs(error) > _DISPROVED * abs(error_without_slope) + 2.0 * least:
         load_torque.sine = load_torque.cosine = 0.0
         planned, error = load_torque.estimated, error_without_slope
     shown = planned + error
-    return shown if abs(shown) >= LEAST_SHOWN + _FRICTION_ERROR * constants.motor_dry_friction else 0.0
+    return shown if abs(shown) >= least + _FRICTION_ERROR * constants.motor_dry_friction else 0.0
 
 
 @compiled

@@ -7,8 +7,9 @@ from backlash_ros.control.laws.two_encoder.memory import FLIGHT, HOLD, Memory
 from backlash_ros.control.laws.two_encoder.teeth import contact_distance, gap_position
 from backlash_ros.foundation.compiled import compiled
 
-_LEAST_TORQUE = 0.05
-"""Torque, N m, from which on the teeth surely carry it, beyond the motor's dry friction. Tuned on the populations."""
+_LEAST_TORQUE = 25.0
+"""Torque, as acceleration of the motor, rad/s^2, from which on the teeth surely carry it, beyond the motor's dry
+friction. Tuned on the populations."""
 _FALL_TIME = 8e-3
 """A load torque that pulls the load through the gap within this time, s, has laid it on its flank. Tuned on the
 populations."""
@@ -26,8 +27,9 @@ _BEYOND_TIME = 0.03
 """Time, s, in which teeth that cannot be where they seem show where they are. Tuned on the populations."""
 _BEYOND = 0.02
 """Share of the gap by which g may be beyond it. Tuned on the populations."""
-_UNKNOWN_TORQUE = 0.02
-"""Torque, N m, that the teeth may carry beyond what is known. Tuned on the populations."""
+_UNKNOWN_TORQUE = 10.0
+"""Torque, as acceleration of the motor, rad/s^2, that the teeth may carry beyond what is known. Tuned on the
+populations."""
 _LARGEST_SHARE = 0.3
 """Of an error, that is learned in one period at most. Tuned on the populations."""
 
@@ -35,7 +37,7 @@ _LARGEST_SHARE = 0.3
 @compiled
 def set_middle_by_contact(constants: Constants, memory: Memory, load_torque: float) -> None:
     """Assume that the load rests on the flank where a load torque (N m) holds it, if the teeth surely carry it."""
-    if abs(load_torque) > constants.motor_dry_friction + _LEAST_TORQUE:
+    if abs(load_torque) > constants.motor_dry_friction + _LEAST_TORQUE * constants.motor_inertia:
         distance = math.copysign(contact_distance(constants, load_torque), load_torque)
         memory.middle = memory.motor.estimated.angle - memory.load.angle + distance
 
@@ -61,12 +63,13 @@ def learn_middle(constants: Constants, memory: Memory) -> None:
         set_middle_by_contact(constants, memory, memory.load_torque.smoothed)
     carried = memory.sent.teeth_torques[int(constants.whole_periods)]
     position = gap_position(memory)
-    if memory.phase == FLIGHT and abs(carried) > _LEAST_TORQUE:
+    if memory.phase == FLIGHT and abs(carried) > _LEAST_TORQUE * constants.motor_inertia:
         error = position - math.copysign(contact_distance(constants, carried), carried)
         if abs(error) < _WRONG * constants.gap:
             memory.middle += min(_LARGEST_SHARE, constants.period / _PUSH_TIME) * error
         return
-    torque = abs(carried + memory.motor.estimated.disturbance) + constants.motor_dry_friction + _UNKNOWN_TORQUE
+    unknown = constants.motor_dry_friction + _UNKNOWN_TORQUE * constants.motor_inertia
+    torque = abs(carried + memory.motor.estimated.disturbance) + unknown
     farthest = contact_distance(constants, torque)
     beyond = abs(position) - farthest - _BEYOND * constants.gap - memory.load.count
     if beyond > 0.0:

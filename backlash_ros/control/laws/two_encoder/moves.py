@@ -28,8 +28,8 @@ CARRY_SPEED = 0.3
 """Speed of the load, rad/s, below which it may be carried from rest. Tuned on the populations."""
 REACHED = 0.92
 """g, in half gaps, above which a flank is reached. Tuned on the populations."""
-_TOUCH_TORQUE = 0.02
-"""Torque with which teeth are touched, N m. Tuned on the populations."""
+_TOUCH_TORQUE = 10.0
+"""Torque with which teeth are touched, as acceleration of the motor, rad/s^2. Tuned on the populations."""
 _EFFORT = 0.75
 """Share of the torque available at a speed that a push uses. Tuned on the populations."""
 _LEAST_EFFORT = 0.1
@@ -54,7 +54,7 @@ class Shafts(NamedTuple):
 @compiled
 def edge_of_gap(constants: Constants) -> float:
     """Return abs(g) at which teeth are touched, rad."""
-    return contact_distance(constants, _TOUCH_TORQUE)
+    return contact_distance(constants, _TOUCH_TORQUE * constants.motor_inertia)
 
 
 @compiled

@@ -16,8 +16,8 @@ from backlash_ros.foundation.compiled import compiled
 
 _STEP_SHARE = 0.02
 """Share of a torque by which it is changed to see how the teeth give way."""
-_LEAST_STEP = 1e-6
-"""Torque, N m, by which it is changed at least."""
+_LEAST_STEP = 5e-4
+"""Torque, as acceleration of the motor, rad/s^2, by which it is changed at least."""
 
 
 @compiled
@@ -100,7 +100,7 @@ def _load_motion(segment: Segment, time: float) -> _LoadMotion:
 @compiled
 def _yield_rate(constants: Constants, torque: float) -> float:
     """Return how much the teeth give way for each torque, rad/(N m)."""
-    small = _STEP_SHARE * abs(torque) + _LEAST_STEP
+    small = _STEP_SHARE * abs(torque) + _LEAST_STEP * constants.motor_inertia
     more, less = abs(torque) + small, max(abs(torque) - small, 0.0)
     return (contact_distance(constants, more) - contact_distance(constants, less)) / (2.0 * small)
 

@@ -46,8 +46,8 @@ _MAY_BE_TOUCHED = 0.4
 """Share of the gap within which a free load that is not measured may be touched."""
 _PUSHED = 0.1
 """Share of the gap by which a motor beside a free load must be pushed to say that the load has gone."""
-_WIPE_TORQUE = 1e-4
-"""Torque of the teeth, N m, that wipes a free load to its target."""
+_WIPE_TORQUE = 0.05
+"""Torque of the teeth, as acceleration of the motor, rad/s^2, that wipes a free load to its target."""
 _BLOCK = 2.5
 """Time for which the motor blocks, in times J/B in which the load slows down."""
 _LONGEST_BLOCK = 1.5
@@ -95,7 +95,8 @@ def _block_then_wipe(constants: AloneConstants, memory: AloneMemory, target: flo
     if hold.leading_flank == 0.0:
         # That of the last move; before the first one either is right.
         hold.leading_flank = plans.plan.move.direction if plans.plan.move.direction != 0.0 else 1.0
-    flank, motor, touch = hold.leading_flank, plans.motor.predicted, light_contact_distance(known, _WIPE_TORQUE)
+    flank, motor = hold.leading_flank, plans.motor.predicted
+    touch = light_contact_distance(known, _WIPE_TORQUE * known.motor_inertia)
     stops = _BLOCK * known.load_inertia / max(known.load_friction, 1e-12)
     if hold.waiting_time < min(stops, _LONGEST_BLOCK):
         plans.flank, plans.motor_target = -flank, target - flank * touch
@@ -115,7 +116,7 @@ def _block_then_wipe(constants: AloneConstants, memory: AloneMemory, target: flo
 def _has_gone(constants: AloneConstants, memory: AloneMemory, error: float) -> bool:
     """Return whether a free load that was parked is no longer where it was."""
     plans, known = memory.plans, constants.plans
-    if constants.sees_load != 0.0 or known.load_dry_friction > DRY:
+    if constants.sees_load != 0.0 or known.load_dry_friction > DRY * known.motor_inertia:
         return abs(error) > outer_band(known, plans.load)
     return abs(plans.motor.predicted.angle - plans.motor_target) > _PUSHED * known.gap
 
@@ -126,7 +127,8 @@ def _hold_free_load(constants: AloneConstants, memory: AloneMemory, target: floa
     plans, hold, known, ahead = memory.plans, memory.plans.hold, constants.plans, memory.ahead
     inner, outer = inner_band(known, plans.load), outer_band(known, plans.load)
     error, coasts = target - ahead.load_angle, coasting_distance(known, ahead.load_speed)
-    resting_error, shown = error - coasts, constants.sees_load != 0.0 or known.load_dry_friction > DRY
+    resting_error, sticks = error - coasts, known.load_dry_friction > DRY * known.motor_inertia
+    shown = sticks or constants.sees_load != 0.0
     plans.flank = 0.0
     if hold.parking_time >= 0.0:
         if _has_gone(constants, memory, error) and hold.waiting_time > DWELL:
@@ -138,7 +140,7 @@ def _hold_free_load(constants: AloneConstants, memory: AloneMemory, target: floa
     elif abs(error) > LONG * known.gap and has_watched(hold):
         hold.attempts += 1.0
         plans.next_move = TO_FLY
-    elif known.load_dry_friction <= DRY:
+    elif not sticks:
         if constants.sees_load != 0.0:
             return _lead_measured_load(constants, memory, error, resting_error)
         return _block_then_wipe(constants, memory, target)

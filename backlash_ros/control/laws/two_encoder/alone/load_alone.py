@@ -32,14 +32,15 @@ _CURRENT_NOISE = 0.01
 """The same for each rad/s^2 that the current's torque gives the motor, root s."""
 _LOAD_NOISE = 0.3
 """Noise of the load's speed, rad/s per root s."""
-_TORQUE_NOISE = 0.1
-"""Noise of the load torque, N m per root s."""
+_TORQUE_NOISE = 50.0
+"""Noise of the load torque, as acceleration of the motor, rad/s^2 per root s."""
 _CALM = 0.1
 """Share of both in which a free load between the teeth is disturbed."""
 APART = 0.9
 """Share of the way to a flank up to which the teeth are apart."""
-_LARGEST_TORQUE = 1.0
-"""Largest standard deviation of the load torque, N m; no drive is meant to hold more than its standstill torque."""
+_LARGEST_TORQUE = 500.0
+"""Largest standard deviation of the load torque, as acceleration of the motor, rad/s^2; no drive is meant to hold
+more than its standstill torque."""
 _READING_NOISE = 0.5
 """Standard deviation of a reading, in counts."""
 _PARKED_NOISE = 2.0
@@ -93,7 +94,7 @@ def _is_calm(constants: AloneConstants, memory: AloneMemory) -> bool:
 def _predict(constants: AloneConstants, memory: AloneMemory) -> None:
     """Advance shafts and covariance by the period up to this sample."""
     shafts, covariance, room, h = memory.shafts, memory.covariance[:], memory.room[:], constants.step
-    calm = _CALM if _is_calm(constants, memory) else 1.0
+    calm, inertia = _CALM if _is_calm(constants, memory) else 1.0, constants.plans.motor_inertia
     for step in range(int(constants.steps)):
         command = command_at(constants, memory.plans.sent, (step + 0.5) * h)
         response = advance(constants, shafts, command, 0.0)
@@ -103,8 +104,8 @@ def _predict(constants: AloneConstants, memory: AloneMemory) -> None:
         pushed = _CURRENT_NOISE * shafts.current_torque / constants.plans.motor_inertia
         covariance[SPEED, SPEED] += (_MOTOR_NOISE**2 + pushed * pushed) * h
         covariance[LOAD_SPEED, LOAD_SPEED] += (calm * _LOAD_NOISE) ** 2 * h
-        more = covariance[TORQUE, TORQUE] + (calm * _TORQUE_NOISE) ** 2 * h
-        covariance[TORQUE, TORQUE] = min(more, min(_LARGEST_TORQUE, constants.plans.stall_torque) ** 2)
+        more = covariance[TORQUE, TORQUE] + (calm * _TORQUE_NOISE * inertia) ** 2 * h
+        covariance[TORQUE, TORQUE] = min(more, min(_LARGEST_TORQUE * inertia, constants.plans.stall_torque) ** 2)
         _bound(constants, covariance)
 
 

@@ -15,8 +15,8 @@ from backlash_ros.control.laws.two_encoder.phases import start_holding
 from backlash_ros.control.laws.two_encoder.teeth import contact_distance
 from backlash_ros.foundation.compiled import compiled
 
-_KNOWN = 0.05
-"""Standard deviation of the load torque, N m, below which it is believed."""
+_KNOWN = 25.0
+"""Standard deviation of the load torque, as acceleration of the motor, rad/s^2, below which it is believed."""
 _FOLLOW_TIME = 0.02
 """Time in which it is followed, s."""
 _SLOW = 0.3
@@ -29,15 +29,15 @@ _UNSURE = 0.25
 """By how much more a load torque must be that begins to hold the load, in the same, if it is not known better."""
 _SHOWN = 1.5
 """What plans know at least of a load torque, in torques that just hold the load."""
-_BY_MOTOR = 2e-3
-"""Standard deviation of the load torque as the motor alone shows it, N m."""
+_BY_MOTOR = 1.0
+"""Standard deviation of the load torque as the motor alone shows it, as acceleration of the motor, rad/s^2."""
 
 
 @compiled
 def _uncertainty(constants: AloneConstants, memory: AloneMemory) -> float:
     """Return the standard deviation of the load torque, N m."""
     if constants.sees_load == 0.0:
-        return _BY_MOTOR
+        return _BY_MOTOR * constants.plans.motor_inertia
     return math.sqrt(max(memory.covariance[TORQUE, TORQUE], 0.0))
 
 
@@ -59,9 +59,10 @@ def _take_for_nothing(constants: AloneConstants, memory: AloneMemory, edge: floa
 @compiled
 def _least_holding(constants: AloneConstants) -> float:
     """Return the torque beyond friction that holds the load, N m."""
+    excess = HOLDING_EXCESS * constants.plans.motor_inertia
     if constants.sees_load == 0.0:
-        return HOLDING_EXCESS
-    return min(HOLDING_EXCESS, _LEAST_PULL * constants.plans.load_inertia)
+        return excess
+    return min(excess, _LEAST_PULL * constants.plans.load_inertia)
 
 
 @compiled
@@ -71,7 +72,7 @@ def use_load_torque(constants: AloneConstants, memory: AloneMemory) -> None:
     load_torque, period, edge = plans.load_torque, constants.plans.period, constants.plans.load_dry_friction + holding
     if plans.phase != HOLD:
         return
-    if off < _KNOWN:
+    if off < _KNOWN * constants.plans.motor_inertia:
         share = min(period / _FOLLOW_TIME, 1.0)
         load_torque.smoothed += share * (memory.shafts.load_torque - load_torque.smoothed)
     believed, held = load_torque.smoothed, plans.held
@@ -82,7 +83,7 @@ def use_load_torque(constants: AloneConstants, memory: AloneMemory) -> None:
     if held != plans.held:
         plans.held = held
         start_holding(plans)
-    least = min(LEAST_SHOWN, _SHOWN * holding)
+    least = min(LEAST_SHOWN * constants.plans.motor_inertia, _SHOWN * holding)
     set_load_torque(load_torque, believed if held != 0.0 or abs(believed) > least else 0.0, plans.load.angle)
     slow = abs(memory.ahead.load_speed) < _SLOW
     if held == 0.0 and slow and abs(memory.shafts.load_torque) < edge + off:

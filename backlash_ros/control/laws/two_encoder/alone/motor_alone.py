@@ -13,14 +13,14 @@ from backlash_ros.control.laws.two_encoder.alone.readings import believe
 from backlash_ros.control.laws.two_encoder.teeth import contact_distance
 from backlash_ros.foundation.compiled import compiled
 
-_TOUCHES = 1e-3
-"""Torque of the teeth, N m, above which they touch."""
+_TOUCHES = 0.5
+"""Torque of the teeth, as acceleration of the motor, rad/s^2, above which they touch."""
 _TORQUE_RATE = 10.0
 """Rate with which the load torque takes what the teeth carry beyond the model, 1/s."""
 _DEPTH_RATE = 20.0
 """Rate with which the depth of teeth that press a stuck load takes it, 1/s."""
-_LOST = 5e-4
-"""Momentum from nothing, N m s, above which a motor in the gap is not in the gap."""
+_LOST = 0.25
+"""Momentum from nothing, as speed of the motor, rad/s, above which a motor in the gap is not in the gap."""
 _LOST_TIME = 0.05
 """Time in which it fades, s."""
 _INSIDE = 0.98
@@ -54,7 +54,7 @@ def _look_for_the_load(constants: AloneConstants, memory: AloneMemory) -> None:
         memory.lost_momentum = 0.0
         return
     memory.lost_momentum += plans.period * (pushed - memory.lost_momentum / _LOST_TIME)
-    if abs(memory.lost_momentum) > _LOST:
+    if abs(memory.lost_momentum) > _LOST * plans.motor_inertia:
         flank = math.copysign(1.0, memory.lost_momentum)
         shafts.load_angle, shafts.load_speed = shafts.angle - flank * edge, shafts.speed
         shafts.load_torque -= _FOUND_SHARE * pushed
@@ -77,7 +77,7 @@ def observe_by_motor(constants: AloneConstants, memory: AloneMemory, reading: fl
     shafts.speed += gain.speed * error
     shafts.current_torque += gain.current_torque * error
     estimated.disturbance += gain.disturbance * error
-    if abs(carried) > _TOUCHES:
+    if abs(carried) > _TOUCHES * constants.plans.motor_inertia:
         if shafts.load_speed != 0.0:
             # Else each correction would press the teeth, and the load would bounce off.
             shafts.load_angle += gain.angle * error

@@ -8,8 +8,8 @@ from backlash_ros.foundation.compiled import compiled
 
 UNKNOWN_PLACE = 0.29
 """Standard deviation of a place in the gap of which nothing is known, in gaps: it is anywhere."""
-_FIRST_TORQUE = 0.3
-"""Standard deviation of the load torque of which nothing is known, N m."""
+_FIRST_TORQUE = 150.0
+"""Standard deviation of the load torque of which nothing is known, as acceleration of the motor, rad/s^2."""
 
 
 @compiled
@@ -19,7 +19,9 @@ def forget(constants: AloneConstants, memory: AloneMemory) -> None:
         for k in range(STATES):
             memory.covariance[j, k] = 0.0
     memory.covariance[ANGLE, ANGLE] = (UNKNOWN_PLACE * constants.plans.gap) ** 2
-    memory.covariance[TORQUE, TORQUE] = min(_FIRST_TORQUE, constants.plans.stall_torque) ** 2
+    memory.covariance[TORQUE, TORQUE] = (
+        min(_FIRST_TORQUE * constants.plans.motor_inertia, constants.plans.stall_torque) ** 2
+    )
 
 
 @compiled

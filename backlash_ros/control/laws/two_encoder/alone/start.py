@@ -31,15 +31,15 @@ _RIGID = 1e-3
 """Share of the gap: estimates that differ by less come from one encoder, through the rigid gear."""
 _SEEN_PLACE = 0.1
 """Standard deviation of the motor's place in the gap, in gaps, as both encoders have shown it."""
-_SEEN_TORQUE = 0.03
-"""Standard deviation of the load torque, N m, as both encoders have shown it."""
+_SEEN_TORQUE = 15.0
+"""Standard deviation of the load torque, as acceleration of the motor, rad/s^2, as both encoders have shown it."""
 
 
 def _go_on_from_both(constants: AloneConstants, memory: AloneMemory, estimate: Estimate, torque: float) -> None:
     """Take what both encoders have shown until now: the place in the gap, the current, and the load torque, N m."""
     known, plans, shafts = constants.plans, memory.plans, memory.shafts
     memory.covariance[ANGLE, ANGLE] = (_SEEN_PLACE * known.gap) ** 2
-    memory.covariance[TORQUE, TORQUE] = _SEEN_TORQUE**2
+    memory.covariance[TORQUE, TORQUE] = (_SEEN_TORQUE * known.motor_inertia) ** 2
     per_command, braking = constants.torque_per_command, constants.braking
     shafts.current_torque = (per_command if braking == 0.0 else braking / per_command) * estimate[CURRENT]
     plans.sent.commands[:] = (shafts.current_torque + braking * shafts.speed) / per_command
