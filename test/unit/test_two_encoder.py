@@ -134,6 +134,31 @@ def test_what_is_unexplained_makes_a_load_with_dry_friction_land_short_and_chang
     assert np.array_equal(free[0].command, free[1].command)
 
 
+def of_size(drive: Drive, size: float) -> Drive:
+    """Return a drive whose torques and inertias are so many times as large, and whose voltages and speeds are not."""
+    motor, gear, load = drive.motor, drive.gear, drive.load
+    motor = replace(motor, **{name: getattr(motor, name) / size for name in ("resistance", "inductance")})
+    motor = replace(motor, inertia=size * motor.inertia, viscous_friction=size * motor.viscous_friction)
+    contact = replace(gear.contact, stiffness=size * gear.contact.stiffness, damping=size * gear.contact.damping)
+    grown = {name: size * getattr(load, name) for name in ("inertia", "viscous_friction", "coulomb_friction")}
+    motor = replace(motor, current_limit=size * motor.current_limit)
+    return replace(drive, motor=motor, gear=replace(gear, contact=contact), load=replace(load, **grown))
+
+
+@pytest.mark.parametrize("size", [2.0**-7, 2.0**7])
+@pytest.mark.parametrize(("friction", "load_torque"), [(0.0, 0.0), (0.05, 0.0), (0.0, 0.3)])
+def test_a_drive_of_another_size_gets_the_same_commands(
+    gains: GainSet, size: float, friction: float, load_torque: float
+) -> None:
+    """From 0.05 to 770 N m of stall torque: no threshold of the law is a torque of its own."""
+    usual, reference = rough(coulomb_friction=friction), np.r_[np.zeros(125), np.ones(375)]
+    commands = []
+    for drive, torque in ((usual, load_torque), (of_size(usual, size), size * load_torque)):
+        scenario = Scenario(reference, np.array(torque), sensors=ENCODERS)
+        commands.append(run(drive, settings_of(gains), scenario, model=drive).command)
+    np.testing.assert_allclose(*commands, atol=1e-6)
+
+
 @pytest.mark.parametrize("load_torque", [0.3, -0.3])
 def test_a_load_torque_leaves_no_error(gains: GainSet, load_torque: float) -> None:
     done = played(gains, np.r_[np.zeros(250), np.ones(500)], load_torque)

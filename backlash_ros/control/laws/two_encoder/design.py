@@ -158,7 +158,8 @@ def _teeth(drive: Drive, gap: float) -> dict[str, Array | float]:
     def distance(torque: float) -> float:
         return gap_at_rest(gear.contact, contact, half_gap, torque / gear.load_radius) / gear.load_radius
 
-    torques = _FIRST_TORQUE * drive.reflected_inertia * _TORQUE_RATIO ** np.arange(TABLE_SIZE)
+    first = _FIRST_TORQUE * drive.reflected_inertia
+    torques = np.array([first * _TORQUE_RATIO**k for k in range(TABLE_SIZE)])
     return {
         "teeth_torques": torques,
         "teeth_distances": np.array([distance(torque) for torque in torques]),
