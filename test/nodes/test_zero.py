@@ -134,8 +134,9 @@ def test_a_switch_that_closes_between_the_request_and_the_next_sample_ends_home(
     drive, parameters = with_stop(peer), Parameters(peer, "controller")
     switch = peer.node.create_publisher(Bool, "home_switch", 10)
     peer.wait("the topic", lambda: switch.get_subscription_count() > 0)
-    switch.publish(Bool(data=False))
     drive.run(50)
+    switch.publish(Bool(data=False))
+    drive.run(20)
     answer = request(peer, "home")
     parameters.get("zero")  # so that the request has been taken
     switch.publish(Bool(data=True))
