@@ -2,7 +2,7 @@
 #
 #   make demo    learn the backlash and judge four laws, on real ROS 2 in lockstep, recorded: results in results/demo
 #   make live    a simulated drive, its controller and a page for the browser; prints the address
-#   make test    all tests but the grids, in about twelve minutes on two cores
+#   make test    all tests but the grids, in about fourteen minutes on two cores
 #   make test-grid  the grids: one claim over many drives, seeds, pairs of laws or options; what takes long
 #   make faults  injects every fault and writes docs/faults.md; make test-repeat does it twenty times under load
 #   make bad-samples  effect of wrong samples on the load, at the end of docs/faults.md
