@@ -225,7 +225,7 @@ KEYS = {
         ({}, "two_region"),
         ({"model": "identified"}, "two_encoder"),
         ({"model": "true"}, "two_encoder"),
-        ({"model": "identified", "encoders": "load"}, "two_region"),
+        ({"model": "identified", "encoders": "load"}, "two_encoder"),
     ],
 )
 def test_the_default_law_is_what_auto_stands_for(changes: dict[str, Any], law: str) -> None:

@@ -16,7 +16,6 @@ from backlash_ros.control.design.choice import Tuning, given_sets
 from backlash_ros.control.design.stability import LONGEST_DELAY
 from backlash_ros.control.design.start import emulated
 from backlash_ros.control.laws import BEST, UNTIL_THEN
-from backlash_ros.control.settings import BOTH
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.foundation.signals import THETA_L, THETA_M
@@ -81,9 +80,7 @@ class Task:
     @property
     def default_law(self) -> str:
         """The law that a controller has in use by default, once it has learned the drive."""
-        # One encoder does not identify a drive.
-        one = self.encoders != BOTH and self.model == "identified"
-        return UNTIL_THEN if self.model == "nominal" or one else BEST
+        return UNTIL_THEN if self.model == "nominal" else BEST
 
     @property
     def played(self) -> tuple[str, ...]:
