@@ -5,9 +5,6 @@ All values are at the output, unless said otherwise. There p = n theta_m is the 
 
 from backlash_ros.foundation.record import Array, Record, cells, part, view_of
 
-DRY = 1.5
-"""Friction, as acceleration of the motor, rad/s^2, above which a shaft stays where it stops. Tuned on the
-populations."""
 TABLE_SIZE = 16
 """Number of torques in the table of the teeth."""
 

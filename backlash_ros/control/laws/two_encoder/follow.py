@@ -6,12 +6,12 @@ load's angle corrects only what is slow: where each flank is. What motion costs 
 
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.command import Wanted
-from backlash_ros.control.laws.two_encoder.constants import DRY, Constants
+from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.crossing import choose_flank, gap_motion_at, lies_on_flank, sure_seat
 from backlash_ros.control.laws.two_encoder.drag import begin_to_learn_drag, learn_drag
 from backlash_ros.control.laws.two_encoder.load_torque import holds_load
 from backlash_ros.control.laws.two_encoder.memory import FOLLOW, Memory
-from backlash_ros.control.laws.two_encoder.motor import loop_slowdown
+from backlash_ros.control.laws.two_encoder.motor import friction_sticks, loop_slowdown
 from backlash_ros.control.laws.two_encoder.reference import (
     direction_at,
     learned_of,
@@ -130,7 +130,8 @@ def follow_path(constants: Constants, memory: Memory, path: Array) -> Wanted:
         follow.direction = direction_at(reference_at(constants, path, float(path.shape[0] - 1)), 0.0)
     learn_drag(constants, memory, path)
     held = holds_load(constants, resting_torque(constants, memory, reference.angle))
-    choose_flank(constants, memory, path, constants.load_dry_friction <= DRY * constants.motor_inertia and not held)
+    free = not friction_sticks(constants, constants.load_dry_friction) and not held
+    choose_flank(constants, memory, path, free)
     _learn_seat(constants, memory, path)
     memory.flank = follow.flank if follow.crosses == 0.0 else follow.crossing.flank
     memory.target = reference.angle

@@ -12,10 +12,10 @@ import math
 
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.command import Wanted
-from backlash_ros.control.laws.two_encoder.constants import DRY, Constants
+from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.load_torque import HOLDING_EXCESS, set_load_torque
 from backlash_ros.control.laws.two_encoder.memory import NO_MOVE, TO_FLY, TO_PRESS, TO_SHIFT, Hold, Memory
-from backlash_ros.control.laws.two_encoder.motor import attribute_to_teeth, loop_slowdown
+from backlash_ros.control.laws.two_encoder.motor import attribute_to_teeth, friction_sticks, loop_slowdown
 from backlash_ros.control.laws.two_encoder.moves import coasting_distance
 from backlash_ros.control.laws.two_encoder.parking import (
     DWELL,
@@ -56,7 +56,7 @@ _LEAD_MARGIN = 2e-3
 def _move_held_load(constants: Constants, memory: Memory, error: float) -> float:
     """Lead a load that a torque holds in, or choose a shift or a flight: return the motor's speed, rad/s."""
     hold, load = memory.hold, memory.load
-    has_friction = constants.load_dry_friction + constants.motor_dry_friction > DRY * constants.motor_inertia
+    has_friction = friction_sticks(constants, constants.load_dry_friction + constants.motor_dry_friction)
     if not has_friction and abs(error) <= constants.gap:
         # The target must not run ahead of the motor.
         if abs(memory.motor_target - memory.motor.predicted.angle) >= 0.5 * constants.gap + _LEAD_MARGIN:
@@ -122,7 +122,7 @@ def _end_parking_of_free_load(constants: Constants, memory: Memory, error: float
     end_parking(memory.hold)
     memory.hold.waiting_time = 0.0
     # It slid without a command: more pulls than was thought.
-    if constants.load_dry_friction > DRY * constants.motor_inertia:
+    if friction_sticks(constants, constants.load_dry_friction):
         pulls = constants.load_dry_friction + 2.0 * HOLDING_EXCESS * constants.motor_inertia
         torque = max(abs(memory.load_torque.estimated), pulls)
         set_load_torque(memory.load_torque, -math.copysign(torque, error), load_angle)
@@ -145,7 +145,7 @@ def _hold_free_load(constants: Constants, memory: Memory, error: float, load_ang
     elif abs(error) > LONG * constants.gap and has_watched(hold):
         hold.attempts += 1.0
         memory.next_move = TO_FLY
-    elif constants.load_dry_friction <= DRY * constants.motor_inertia:
+    elif not friction_sticks(constants, constants.load_dry_friction):
         choose_flank(constants, hold, error, resting_error, inner)
         return _lead_free_load(constants, memory, error, load_angle)
     elif has_watched(hold):

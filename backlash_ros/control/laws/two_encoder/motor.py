@@ -15,6 +15,9 @@ _REST_SPEED = 0.05
 """Speed, rad/s, below which the motor rests. Tuned on the populations."""
 _AT_TARGET = 0.1
 """Share of the gap within which the motor has reached its target. Tuned on the populations."""
+_STICKING_FRICTION = 1.5
+"""Friction, as acceleration of the motor, rad/s^2, above which a shaft stays where it stops. Tuned on the
+populations."""
 STUCK_SPEED = 0.05
 """Speed of the load, rad/s, below which it was stuck. Tuned on the populations."""
 
@@ -31,6 +34,12 @@ def forget_friction_at_rest(constants: Constants, memory: Memory) -> None:
 def dry_friction(constants: Constants, speed: float) -> float:
     """Return the dry friction of a motor that turns, N m; less if it hardly turns."""
     return constants.motor_dry_friction * min(max(speed / _FULL_FRICTION_SPEED, -1.0), 1.0)
+
+
+@compiled
+def friction_sticks(constants: Constants, friction: float) -> bool:
+    """Return whether a shaft with this dry friction (N m) stays where it stops."""
+    return friction > _STICKING_FRICTION * constants.motor_inertia
 
 
 @compiled

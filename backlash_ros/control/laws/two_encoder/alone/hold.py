@@ -12,7 +12,7 @@ from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.alone.constants import AloneConstants
 from backlash_ros.control.laws.two_encoder.alone.memory import AloneMemory, gap_variance
 from backlash_ros.control.laws.two_encoder.command import Wanted
-from backlash_ros.control.laws.two_encoder.constants import DRY, Constants
+from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.hold import (
     AHEAD,
     FREE_RATE,
@@ -22,6 +22,7 @@ from backlash_ros.control.laws.two_encoder.hold import (
     hold_held_load,
 )
 from backlash_ros.control.laws.two_encoder.memory import TO_FLY, TO_PRESS, Memory
+from backlash_ros.control.laws.two_encoder.motor import friction_sticks
 from backlash_ros.control.laws.two_encoder.moves import coasting_distance
 from backlash_ros.control.laws.two_encoder.parking import (
     DWELL,
@@ -116,7 +117,7 @@ def _block_then_wipe(constants: AloneConstants, memory: AloneMemory, target: flo
 def _has_gone(constants: AloneConstants, memory: AloneMemory, error: float) -> bool:
     """Return whether a free load that was parked is no longer where it was."""
     plans, known = memory.plans, constants.plans
-    if constants.sees_load != 0.0 or known.load_dry_friction > DRY * known.motor_inertia:
+    if constants.sees_load != 0.0 or friction_sticks(known, known.load_dry_friction):
         return abs(error) > outer_band(known, plans.load)
     return abs(plans.motor.predicted.angle - plans.motor_target) > _PUSHED * known.gap
 
@@ -127,7 +128,7 @@ def _hold_free_load(constants: AloneConstants, memory: AloneMemory, target: floa
     plans, hold, known, ahead = memory.plans, memory.plans.hold, constants.plans, memory.ahead
     inner, outer = inner_band(known, plans.load), outer_band(known, plans.load)
     error, coasts = target - ahead.load_angle, coasting_distance(known, ahead.load_speed)
-    resting_error, sticks = error - coasts, known.load_dry_friction > DRY * known.motor_inertia
+    resting_error, sticks = error - coasts, friction_sticks(known, known.load_dry_friction)
     shown = sticks or constants.sees_load != 0.0
     plans.flank = 0.0
     if hold.parking_time >= 0.0:
