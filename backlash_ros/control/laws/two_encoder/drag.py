@@ -9,7 +9,7 @@ import math
 from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.load_torque import load_torque_at
 from backlash_ros.control.laws.two_encoder.memory import Drag, DragSpread, Memory
-from backlash_ros.control.laws.two_encoder.motor import dry_friction
+from backlash_ros.control.laws.two_encoder.motor import dry_friction, known_torque, momentum_at
 from backlash_ros.control.laws.two_encoder.reference import Reference, reference_at
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Array
@@ -99,9 +99,8 @@ def _correct(constants: Constants, drag: Drag, effort: float, error: float) -> N
 def _given(constants: Constants, memory: Memory, reference: Reference) -> float:
     """Return the torque on both shafts together as far as it is known, N m, without the drag."""
     motor, load = memory.motor.estimated, memory.load
-    given = motor.current_torque - constants.motor_friction * motor.speed - constants.load_friction * load.speed
-    given -= dry_friction(constants, motor.speed) + math.copysign(constants.load_dry_friction, reference.speed)
-    return given + load_torque_at(memory.load_torque, load.angle)
+    friction = dry_friction(constants, motor.speed) + math.copysign(constants.load_dry_friction, reference.speed)
+    return known_torque(constants, motor, load.speed) - friction + load_torque_at(memory.load_torque, load.angle)
 
 
 @compiled
@@ -109,7 +108,7 @@ def learn_drag(constants: Constants, memory: Memory, path: Array) -> None:
     """Learn what even motion costs beyond the model from the momentum of both shafts."""
     drag, load = memory.follow.drag, memory.load
     reference = reference_at(constants, path, 0.0)
-    momentum = constants.motor_inertia * memory.motor.estimated.speed + constants.load_inertia * load.speed
+    momentum = momentum_at(constants, memory.motor.estimated.speed, load.speed)
     effort = abs(reference.acceleration) * (constants.load_inertia + constants.motor_inertia)
     moves = abs(reference.speed) > _LEAST_SPEED and abs(load.speed) > _LOAD_SPEED
     if not moves or effort >= _STEADY * constants.stall_torque:

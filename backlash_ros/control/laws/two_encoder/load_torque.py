@@ -8,6 +8,7 @@ import math
 
 from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.memory import FLIGHT, HOLD, LoadTorque, Memory
+from backlash_ros.control.laws.two_encoder.motor import known_torque, momentum_at
 from backlash_ros.control.laws.two_encoder.teeth import teeth_are_apart
 from backlash_ros.foundation.compiled import compiled
 
@@ -76,10 +77,9 @@ def holds_load(constants: Constants, torque: float) -> bool:
 def _gained_momentum(constants: Constants, memory: Memory) -> float:
     """Return what both shafts gained in this period beyond what current and viscous friction give, N m s."""
     motor, load_speed, load_torque = memory.motor.estimated, memory.load.speed, memory.load_torque
-    momentum = constants.motor_inertia * motor.speed + constants.load_inertia * load_speed
+    momentum = momentum_at(constants, motor.speed, load_speed)
     gained, load_torque.momentum = momentum - load_torque.momentum, momentum
-    given = motor.current_torque - constants.motor_friction * motor.speed - constants.load_friction * load_speed
-    return gained - constants.period * given
+    return gained - constants.period * known_torque(constants, motor, load_speed)
 
 
 @compiled

@@ -37,6 +37,18 @@ def dry_friction(constants: Constants, speed: float) -> float:
 
 
 @compiled
+def momentum_at(constants: Constants, motor_speed: float, load_speed: float) -> float:
+    """Return the momentum of both shafts at their speeds (rad/s), N m s."""
+    return constants.motor_inertia * motor_speed + constants.load_inertia * load_speed
+
+
+@compiled
+def known_torque(constants: Constants, motor: MotorState, load_speed: float) -> float:
+    """Return the torque of the current less the viscous friction of both shafts, N m."""
+    return motor.current_torque - constants.motor_friction * motor.speed - constants.load_friction * load_speed
+
+
+@compiled
 def friction_sticks(constants: Constants, friction: float) -> bool:
     """Return whether a shaft with this dry friction (N m) stays where it stops."""
     return friction > _STICKING_FRICTION * constants.motor_inertia

@@ -11,7 +11,7 @@ from backlash_ros.control.laws.two_encoder.load_torque import (
 )
 from backlash_ros.control.laws.two_encoder.memory import HOLD, Memory, memory_at
 from backlash_ros.control.laws.two_encoder.middle import set_middle_by_contact
-from backlash_ros.control.laws.two_encoder.motor import STUCK_SPEED
+from backlash_ros.control.laws.two_encoder.motor import STUCK_SPEED, momentum_at
 from backlash_ros.control.laws.two_encoder.parking import LONG
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Array, row_of
@@ -60,7 +60,7 @@ def _take_over(constants: Constants, memory: Memory, estimate: Estimate, holding
     """Go on where another law has held the load with a voltage, V."""
     motor, load, load_torque = memory.motor.estimated, memory.load, memory.load_torque
     motor.speed, load.speed = constants.ratio * estimate[OMEGA_M], estimate[OMEGA_L]
-    load_torque.momentum = constants.motor_inertia * motor.speed + constants.load_inertia * load.speed
+    load_torque.momentum = momentum_at(constants, motor.speed, load.speed)
     load_torque.smoothed = -holding / constants.volts_per_torque
     load_torque.recent_peak_speed = abs(load.speed)
     torque = _believed_torque(constants, memory, load_torque.smoothed)
