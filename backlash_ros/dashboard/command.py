@@ -8,7 +8,7 @@ import socket
 import sys
 from collections.abc import AsyncIterator, Sequence
 from concurrent.futures import Executor
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any, Literal
 
@@ -80,39 +80,6 @@ async def _send_samples(connection: Any, station: Any, axis: str) -> None:
         watchers.discard(watcher)
 
 
-async def _jog(connection: Any, station: Any, axis: str, way: int, share: float) -> None:
-    """Jog an axis for as long as messages come over a web socket that say so; then tell why it ended, and close.
-
-    Nothing moves before the first one.
-    """
-    from backlash_ros.dashboard.jog import HELD, Hand  # noqa: PLC0415 - of the extra `page`
-
-    await connection.accept()
-    try:
-        first = await asyncio.wait_for(connection.receive(), HELD)
-    except asyncio.TimeoutError:
-        await connection.close()
-        return
-    if first["type"] == "websocket.disconnect":
-        return
-    hand = Hand()
-
-    async def listen() -> None:
-        while (await connection.receive())["type"] != "websocket.disconnect":
-            hand.sign()
-        hand.let_go()
-
-    listening = asyncio.create_task(listen())
-    try:
-        why = await station.jog(axis, way, share, hand)
-        with suppress(RuntimeError, OSError):  # it may have been closed just now
-            if not listening.done():
-                await connection.send_text(why)
-                await connection.close()
-    finally:
-        listening.cancel()
-
-
 def build(given: DashboardParameters, station: Any, names: set[str], token: str) -> Any:
     """Return the web application: pages, samples, stop and certificates, behind the guard."""
     from fastapi import FastAPI, WebSocket  # noqa: PLC0415 - of the extra `page`
@@ -122,7 +89,7 @@ def build(given: DashboardParameters, station: Any, names: set[str], token: str)
 
     from backlash_ros.dashboard.guard import Guard  # noqa: PLC0415
     from backlash_ros.dashboard.header import STATIC  # noqa: PLC0415
-    from backlash_ros.dashboard.jog import SHARES  # noqa: PLC0415
+    from backlash_ros.dashboard.jog import SHARES, jog_while_told  # noqa: PLC0415
     from backlash_ros.dashboard.page import Page, static_folder  # noqa: PLC0415
 
     @asynccontextmanager
@@ -149,7 +116,7 @@ def build(given: DashboardParameters, station: Any, names: set[str], token: str)
         @web.websocket("/jog")
         async def held(connection: WebSocket, axis: str, way: Literal["1", "-1"], share: float) -> None:
             if share in SHARES:
-                await _jog(connection, station, axis, int(way), share)
+                await jog_while_told(connection, lambda hand: station.jog(axis, int(way), share, hand))
 
         @web.post("/stop")
         async def stop(axis: str) -> Any:

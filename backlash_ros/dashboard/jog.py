@@ -8,7 +8,8 @@ the drive: the button, the browser, the network, or this process.
 import asyncio
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -94,6 +95,37 @@ def abilities(values: Mapping[str, Any]) -> MotionLimits:
     able = motion_limits(emulated(drive_of(values), period, delay), settings, take(Limits, values))
     assert able is not None  # with this profile
     return able
+
+
+async def jog_while_told(connection: Any, start: Callable[[Hand], Awaitable[str]]) -> None:
+    """Jog for as long as messages come over a web socket that say so; then tell why it ended, and close.
+
+    Nothing moves before the first one.
+    """
+    await connection.accept()
+    try:
+        first = await asyncio.wait_for(connection.receive(), HELD)
+    except asyncio.TimeoutError:
+        await connection.close()
+        return
+    if first["type"] == "websocket.disconnect":
+        return
+    hand = Hand()
+
+    async def listen() -> None:
+        while (await connection.receive())["type"] != "websocket.disconnect":
+            hand.sign()
+        hand.let_go()
+
+    listening = asyncio.create_task(listen())
+    try:
+        why = await start(hand)
+        with suppress(RuntimeError, OSError):  # it may have been closed just now
+            if not listening.done():
+                await connection.send_text(why)
+                await connection.close()
+    finally:
+        listening.cancel()
 
 
 async def jog(axis: Axis, way: int, share: float, hand: Hand) -> str:
