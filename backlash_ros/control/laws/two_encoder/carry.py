@@ -2,6 +2,7 @@
 
 import math
 
+from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.load_torque import load_torque_at
 from backlash_ros.control.laws.two_encoder.memory import LoadTorque, Memory, Plan
@@ -106,7 +107,7 @@ def catch(constants: Constants, plan: Plan, load_torque: LoadTorque) -> None:
     brake, speed = _LONGEST_BRAKE, move.speed
     if speed > 0.0:
         least = shortest_push(constants, _LEAST_BRAKE, speed, 0.0, -last)
-        brake = min(max(2.0 * (move.target - move.angle) / speed, least), _LONGEST_BRAKE)
+        brake = clamp(2.0 * (move.target - move.angle) / speed, least, _LONGEST_BRAKE)
     segment = add_contact(plan, -1.0, brake, move.angle, speed)
     # A torque that helps is held by the flank from the first moment on: the load must not fall ahead.
     segment.first_acceleration = -(viscous * speed + max(met, 0.0)) / inertia

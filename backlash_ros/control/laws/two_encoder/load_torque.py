@@ -6,6 +6,7 @@ whole flight a wrong inertia cancels.
 
 import math
 
+from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.memory import FLIGHT, HOLD, LoadTorque, Memory
 from backlash_ros.control.laws.two_encoder.motor import known_torque, momentum_at
@@ -121,10 +122,10 @@ def _observe_rest(constants: Constants, memory: Memory) -> None:
         unknown += _UNSURE * constants.motor_inertia
         # Nothing but friction holds a load that stands there.
         if abs(memory.load.speed) < _STANDSTILL:
-            set_load_torque(load_torque, min(max(load_torque.estimated, -friction), friction), angle)
+            set_load_torque(load_torque, clamp(load_torque.estimated, -friction, friction), angle)
             return
     least, most = load_torque.smoothed - unknown, load_torque.smoothed + unknown
-    possible = min(max(load_torque.estimated, least), most)
+    possible = clamp(load_torque.estimated, least, most)
     # Friction leaves a range of possible values. Without it there is one value, which is noisy.
     share = 1.0 if friction > 0.0 else min(constants.period / _SMOOTHING_TIME, 1.0)
     set_load_torque(load_torque, load_torque.estimated + share * (possible - load_torque.estimated), angle)
@@ -171,6 +172,6 @@ def use_what_motion_showed(constants: Constants, memory: Memory) -> None:
             load_torque.smoothed = -memory.plan.rest_torque
     else:
         unknown = constants.load_dry_friction + constants.motor_dry_friction
-        torque = min(max(torque, load_torque.smoothed - unknown), load_torque.smoothed + unknown)
+        torque = clamp(torque, load_torque.smoothed - unknown, load_torque.smoothed + unknown)
     set_load_torque(load_torque, torque, angle)
     load_torque.unexplained_momentum = load_torque.slope_momentum = load_torque.observed_time = 0.0

@@ -3,6 +3,7 @@
 The estimates are for the instant of the sample. The command of the sample acts later.
 """
 
+from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.constants import Constants, MotorModel
 from backlash_ros.control.laws.two_encoder.memory import FLIGHT, HOLD, REMEMBERED, Memory, Motor, MotorState, Sent
 from backlash_ros.control.laws.two_encoder.readings import check_reading, largest_error
@@ -33,7 +34,7 @@ def forget_friction_at_rest(constants: Constants, memory: Memory) -> None:
 @compiled
 def dry_friction(constants: Constants, speed: float) -> float:
     """Return the dry friction of a motor that turns, N m; less if it hardly turns."""
-    return constants.motor_dry_friction * min(max(speed / _FULL_FRICTION_SPEED, -1.0), 1.0)
+    return constants.motor_dry_friction * clamp(speed / _FULL_FRICTION_SPEED, -1.0, 1.0)
 
 
 @compiled

@@ -7,6 +7,7 @@ for a move forward; a move backward is its mirror image.
 
 from typing import NamedTuple
 
+from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.command import Wanted
 from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.load_torque import load_torque_at
@@ -115,7 +116,7 @@ def evaluate(constants: Constants, memory: Memory, time: float) -> Planned:
         k += 1
     segment = plan.segments[k]
     direction, flank, over = segment.direction, segment.flank, time >= segment.duration
-    time = min(max(time, 0.0), segment.duration)
+    time = clamp(time, 0.0, segment.duration)
     load, at_rest = _load_motion(segment, time), over and k == last
     torque = direction * plan.rest_torque if at_rest else 0.0
     if flank == 0.0:

@@ -6,6 +6,7 @@ speed, adapts the times, and solves again, a few times.
 
 from typing import NamedTuple
 
+from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.memory import LoadTorque, Move, Plan, Throw
 from backlash_ros.control.laws.two_encoder.moves import TOP_SPEED, approach, edge_of_gap, shortest_push
@@ -106,7 +107,7 @@ def solve_throw(constants: Constants, plan: Plan, load_torque: LoadTorque) -> bo
             throw.brake_time = max(min(constants.brake_time, longest), _LEAST_BRAKE)
         if throw.adapts != 0.0:
             angle = landing.pushed + throw.speed * (throw.cruise_time + 0.5 * crossing)
-            angle = min(max(angle, throw.angle), move.target)
+            angle = clamp(angle, throw.angle, move.target)
             move.crossing_resistance = resistance_at(constants, load_torque, move.direction, angle)
     return False
 

@@ -6,6 +6,7 @@ motor's place follows from the commands alone.
 
 import math
 
+from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.alone.constants import AloneConstants
 from backlash_ros.control.laws.two_encoder.alone.memory import (
     ANGLE,
@@ -120,7 +121,7 @@ def _correct(constants: AloneConstants, memory: AloneMemory, error: float, varia
     shafts.current_torque += covariance[CURRENT_TORQUE, LOAD_ANGLE] * miss
     shafts.load_speed += covariance[LOAD_SPEED, LOAD_ANGLE] * miss
     torque, most = shafts.load_torque + covariance[TORQUE, LOAD_ANGLE] * miss, constants.plans.stall_torque
-    shafts.load_torque = min(max(torque, -most), most)
+    shafts.load_torque = clamp(torque, -most, most)
     shafts.load_angle += covariance[LOAD_ANGLE, LOAD_ANGLE] * miss
     for k in range(STATES):
         room[0, k] = covariance[LOAD_ANGLE, k]

@@ -6,6 +6,7 @@ would follow. So a load that no torque holds has none.
 
 import math
 
+from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.alone.constants import AloneConstants
 from backlash_ros.control.laws.two_encoder.alone.load_alone import APART
 from backlash_ros.control.laws.two_encoder.alone.memory import STATES, TORQUE, AloneMemory
@@ -49,7 +50,7 @@ def _take_for_nothing(constants: AloneConstants, memory: AloneMemory, edge: floa
     if sees and abs(shafts.angle - shafts.load_angle) < APART * contact_distance(known, 0.0):
         # The load shows by itself, in the gap, what pulls it.
         return
-    shafts.load_torque = min(max(shafts.load_torque, -known.load_dry_friction), known.load_dry_friction)
+    shafts.load_torque = clamp(shafts.load_torque, -known.load_dry_friction, known.load_dry_friction)
     if sees and known.load_dry_friction == 0.0:
         for k in range(STATES):
             memory.covariance[TORQUE, k] = memory.covariance[k, TORQUE] = 0.0

@@ -6,6 +6,7 @@ load torque's error; in the gap it means that the load is there already.
 
 import math
 
+from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.alone.constants import AloneConstants
 from backlash_ros.control.laws.two_encoder.alone.memory import AloneMemory
 from backlash_ros.control.laws.two_encoder.alone.model import advance, command_at, teeth_at
@@ -39,7 +40,7 @@ def _learn_in_contact(constants: AloneConstants, memory: AloneMemory, carried: f
         stiffness = teeth_at(constants, shafts.angle - shafts.load_angle, 0.0).stiffness
         shafts.load_angle -= min(plans.period * _DEPTH_RATE, 1.0) * beyond / max(stiffness, 1.0)
         there, dry = carried + beyond, plans.load_dry_friction
-        shafts.load_torque = min(max(shafts.load_torque, -there - dry), -there + dry)
+        shafts.load_torque = clamp(shafts.load_torque, -there - dry, -there + dry)
     else:
         shafts.load_torque -= min(plans.period * _TORQUE_RATE, 1.0) * beyond
     memory.lost_momentum = 0.0
