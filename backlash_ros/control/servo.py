@@ -260,7 +260,7 @@ class Servo:
     @property
     def _stopped_at(self) -> float:
         """Speed beyond which the monitor stops the load, rad/s."""
-        return self.settings.thresholds_of(self.drive).velocity
+        return float(tick_constants_at(self.constants).monitor.velocity)
 
     @property
     def _fastest(self) -> Fastest:

@@ -11,7 +11,7 @@ import numpy as np
 from backlash_ros.control import Limits, Servo, ServoSettings
 from backlash_ros.control.law import law_state_at
 from backlash_ros.control.laws import lacks_encoder, law_of
-from backlash_ros.control.motion.setpoint import Source, evaluate, plan_rejection
+from backlash_ros.control.motion.setpoint import Source, evaluate, extent, plan_rejection
 from backlash_ros.control.settings import encoders_in
 from backlash_ros.control.tick import TICK_SIGNATURE, Inputs, Tick, inputs_at, tick_memory_at
 from backlash_ros.drivetrain import Drive, IntegrationError
@@ -160,7 +160,7 @@ def _planned(source: Source, state: PlantState, limits: Limits) -> Array:
     """Return the plan of a source from the load's position; ValueError if it exceeds the limits."""
     start = Setpoint(np.array([state[THETA_L], 0.0, 0.0]))
     segments = np.ascontiguousarray(source.segments(start), dtype=np.float64)
-    if reason := plan_rejection(segments, limits, float(start[0])):
+    if reason := plan_rejection(segments, limits, float(start[0]), extent(segments)[2:]):
         raise ValueError(reason)
     return segments
 

@@ -121,15 +121,16 @@ class Plan:
         """
         segments = np.ascontiguousarray(source.segments(self.setpoint), dtype=np.float64)
         _, end, least, largest = extent(segments)
+        reach = least, largest
         if hindrance:
             return f"reference {end:g} rad came {hindrance}"
         # References that keep coming are ahead of the setpoint: each counts from the one that was taken before.
         taken = float(self._memory.motion.reference) - self.zero
-        if reason := plan_rejection(segments, limits, self.position if math.isnan(taken) else taken):
+        if reason := plan_rejection(segments, limits, self.position if math.isnan(taken) else taken, reach):
             return reason
         if reason := fastest.rejection_reason(top_speed(segments)):
             return reason
-        self._begin(segments, end, (least, largest), at_once=at_once, paced=paced)
+        self._begin(segments, end, reach, at_once=at_once, paced=paced)
         return ""
 
     def _begin(

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.polynomial.polynomial import polyroots, polyval
+from numpy.polynomial.polyutils import trimcoef
 
 from backlash_ros.control.limits import Limits
 from backlash_ros.foundation.compiled import compiled
@@ -131,49 +133,43 @@ _BERNSTEIN = np.array([[math.comb(j, k) / math.comb(ORDER, k) for k in range(DUR
 """From a polynomial's coefficients, in units of its duration, to points whose hull contains it."""
 
 
-def _hulls(coefficients: Array, durations: Array) -> tuple[Array, Array]:
-    """Return bounds on polynomials, shape (segments, 6), over their durations; nan where they overflow."""
-    # Without negligible powers, which would overflow.
+def _terms(coefficients: Array, durations: Array) -> Array:
+    """Return the terms of polynomials at the end of their durations: their coefficients in units of these.
+
+    Negligible powers, which would overflow, and whose roots would, are left out.
+    """
     with np.errstate(over="ignore", invalid="ignore"):
-        scaled = np.where(coefficients == 0.0, 0.0, coefficients * durations[:, None] ** np.arange(DURATION))
-        points = scaled @ _BERNSTEIN.T
-    return np.min(points, axis=1), np.max(points, axis=1)
+        return np.where(coefficients == 0.0, 0.0, coefficients * durations[:, None] ** np.arange(DURATION))
 
 
-def _extremes(coefficients: Array, duration: float) -> list[float]:
+def _turns(terms: Array) -> list[float]:
     """Return the values of a polynomial where it turns within its duration; infinite ones if they cannot be found."""
-    # In units of the duration, and without negligible powers, whose roots would overflow.
-    with np.errstate(over="ignore", invalid="ignore"):
-        scaled = np.where(coefficients == 0.0, 0.0, coefficients * duration ** np.arange(DURATION))
-    position = np.polynomial.Polynomial(scaled)
-    rate = position.deriv()
-    largest = float(np.max(np.abs(rate.coef)))
+    rate = terms[1:] * np.arange(1, DURATION)
+    largest = float(np.max(np.abs(rate)))
     if not math.isfinite(largest):
         return [-math.inf, math.inf]
-    roots = np.asarray(rate.trim(1e-12 * largest).roots(), dtype=complex)
+    roots = np.asarray(polyroots(trimcoef(rate, 1e-12 * largest)), dtype=complex)
     inside = (np.abs(roots.imag) < 1e-9) & (roots.real > 0) & (roots.real < 1)
-    return [float(position(root)) for root in roots.real[inside]]
+    values: list[float] = polyval(roots.real[inside], terms).tolist()
+    return values
 
 
-def _reached(coefficients: Array, durations: Array) -> Array:
-    """Return the values of polynomials at the end of their durations, without negligible powers, which overflow."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        terms = np.where(coefficients == 0.0, 0.0, coefficients * durations[:, None] ** np.arange(DURATION))
-    return np.asarray(terms.sum(axis=1), dtype=np.float64)
-
-
-def _range(coefficients: Array, durations: Array) -> tuple[float, float]:
-    """Return the smallest and the largest value of polynomials over their durations.
+def _range(coefficients: Array, durations: Array) -> tuple[float, float, float]:
+    """Return the smallest and the largest value of polynomials over their durations, and the last one's at its end.
 
     Only where the hull says that one might go beyond all ends are its turns sought.
     """
-    ends = np.concatenate([coefficients[:, 0], _reached(coefficients, durations)])
+    terms = _terms(coefficients, durations)
+    reached = terms.sum(axis=1)
+    ends = np.concatenate([coefficients[:, 0], reached])
     least, largest = float(np.min(ends)), float(np.max(ends))
-    low, high = _hulls(coefficients, durations)
-    for k in np.flatnonzero(~((low >= least) & (high <= largest))):
-        values = _extremes(coefficients[k], float(durations[k]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        hulls = terms @ _BERNSTEIN.T  # nan where they overflow
+    inside = (np.min(hulls, axis=1) >= least) & (np.max(hulls, axis=1) <= largest)
+    for k in np.flatnonzero(~inside):
+        values = _turns(terms[k])
         least, largest = min([least, *values]), max([largest, *values])
-    return least, largest
+    return least, largest, float(reached[-1])
 
 
 def extent(segments: Array) -> tuple[float, float, float, float]:
@@ -182,8 +178,7 @@ def extent(segments: Array) -> tuple[float, float, float, float]:
     start, last = float(segments[0, 0]), segments[-1]
     if math.isinf(durations[-1]):
         durations[-1] = 0.0  # a last segment without an end rests, or goes on without one
-    least, largest = _range(coefficients, durations)
-    end = float(_reached(coefficients[-1:], durations[-1:])[0])
+    least, largest, end = _range(coefficients, durations)
     if math.isinf(last[DURATION]) and (powers := np.flatnonzero(last[1:DURATION])).size:
         end = math.copysign(math.inf, float(last[1 + powers[-1]]))
     return start, end, min(least, end), max(largest, end)
@@ -198,20 +193,20 @@ def top_speed(segments: Array) -> float:
         if np.any(rates[-1, 1:]):
             return math.inf
         durations[-1] = 0.0
-    least, largest = _range(rates, durations)
+    least, largest, _ = _range(rates, durations)
     return max(-least, largest)
 
 
-def plan_rejection(segments: Array, limits: Limits, present: float) -> str:
+def plan_rejection(segments: Array, limits: Limits, present: float, reach: tuple[float, float]) -> str:
     """Return why a plan is refused with the setpoint at ``present``, rad; empty if it is accepted.
 
-    It must not leave the travel, nor jump by more than ``limits.step`` at its start or from row to row.
+    It must not leave the travel, nor jump by more than ``limits.step`` at its start or from row to row. ``reach``: its
+    smallest and largest position, rad.
     """
-    _, _, least, largest = extent(segments)
     starts = segments[:, 0]
-    before = np.append(present, _reached(segments[:-1, :DURATION], segments[:-1, DURATION]))
+    before = np.append(present, _terms(segments[:-1, :DURATION], segments[:-1, DURATION]).sum(axis=1))
     farthest = int(np.argmax(np.abs(starts - before)))
-    checks = [(starts[farthest], before[farthest]), (least, least), (largest, largest)]
+    checks = [(starts[farthest], before[farthest]), *((end, end) for end in reach)]
     return next(filter(None, (limits.rejection_reason(float(to), float(origin)) for to, origin in checks)), "")
 
 
