@@ -55,8 +55,7 @@ def gives_way(drive: Drive) -> float:
     It drives the motor back as far as it goes at the speed that the torque makes, in its mechanical time constant and
     the time in which a load torque is found.
     """
-    motor = drive.motor
-    speed = drive.gear.ratio * motor.voltage_limit / motor.torque_constant / drive.standstill_torque()
+    speed = drive.no_load_speed / drive.standstill_torque()
     return float(speed * (mechanical_time_constant(drive) + FOUND))
 
 
