@@ -11,7 +11,7 @@ import numpy as np
 from backlash_ros.control import Limits, Servo, ServoSettings
 from backlash_ros.control.law import law_state_at
 from backlash_ros.control.laws import lacks_encoder, law_of
-from backlash_ros.control.motion.setpoint import Source, evaluate, extent, plan_rejection
+from backlash_ros.control.motion.setpoint import Source, extent, plan_rejection, positions_at
 from backlash_ros.control.settings import encoders_in
 from backlash_ros.control.tick import TICK_SIGNATURE, Inputs, Tick, inputs_at, tick_memory_at
 from backlash_ros.drivetrain import Drive, IntegrationError
@@ -35,7 +35,7 @@ from backlash_ros.drivetrain.motion.integrator import (
 from backlash_ros.drivetrain.sensors import SensorConstants, Sensors, sensor_constants, sensor_memory
 from backlash_ros.foundation.compiled import compiled_as
 from backlash_ros.foundation.record import Array, size_of
-from backlash_ros.foundation.signals import LOAD_TORQUE, POSITION, THETA_L, Measurement, PlantState, Setpoint, at_rest
+from backlash_ros.foundation.signals import LOAD_TORQUE, THETA_L, Measurement, PlantState, Setpoint, at_rest
 from backlash_ros.simulation.response import Run
 from backlash_ros.simulation.simulated_drive import take_sample
 
@@ -165,16 +165,6 @@ def _planned(source: Source, state: PlantState, limits: Limits) -> Array:
     return segments
 
 
-def _setpoints(segments: Array, times: Array) -> Array:
-    """Return the positions of a plan at times from its start (s), rad."""
-    out = Setpoint(np.empty(3))
-    positions = np.empty_like(times)
-    for k, time in enumerate(times):
-        evaluate(segments, time, out)
-        positions[k] = out[POSITION]
-    return positions
-
-
 @cache
 def _compiled_loop() -> Callable[..., tuple[int, float, int]]:
     """Compile the loop once for every law and contact: tick and integrator are arguments."""
@@ -282,7 +272,7 @@ def run(
     if status != DONE:
         raise IntegrationError(REASONS[status], reached, state)
     time = np.arange(count * substeps + 1, dtype=np.float64) * (settings.period / substeps)
-    setpoint = inputs.references if scenario.source is None else _setpoints(segments, time[:-1:substeps])
+    setpoint = inputs.references if scenario.source is None else positions_at(segments, time[:-1:substeps])
     command, region, torque, force, measured = np.ascontiguousarray(signals.T)
     return Run(
         *(drive, law, time, states, setpoint, command, region, torque, force, measured),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from backlash_ros.cli import main
-from backlash_ros.control.motion.setpoint import DURATION, evaluate, extent
+from backlash_ros.control.motion.setpoint import DURATION, evaluate, extent, positions_at
 from backlash_ros.drivetrain.sensors import Sensors
 from backlash_ros.foundation.signals import Setpoint
 from backlash_ros.studies.evaluation import motion
@@ -39,13 +39,11 @@ def test_a_plan_is_the_path_from_where_the_load_is_held(path: Way) -> None:
 def test_figures_are_those_of_the_error() -> None:
     """A load that is off by a tenth of a gap, and by a gap more for half a second after the end of its move."""
     member, path = replace(MEMBER, sensors=Sensors(motor_counts=2**20, load_counts=2**20)), PATHS[-1]
-    b, rows, out = member.drive.gear.backlash_angle, path.rows(0.0), Setpoint(np.zeros(3))
+    b = member.drive.gear.backlash_angle
     time = np.arange(0.0, LEAD + path.length, 1e-3)
     late = (time >= LEAD + path.ends) & (time < LEAD + path.ends + 0.5)
-    off, load = np.where(late, 1.1, 0.1), np.empty_like(time)
-    for k, at in enumerate(time):
-        evaluate(rows, at, out)
-        load[k] = out[0] + b * off[k]
+    off = np.where(late, 1.1, 0.1)
+    load = positions_at(path.rows(0.0), time) + b * off
     force = np.full(round((LEAD + path.length) * member.rate), 7.0)
     done = SimpleNamespace(time=time, load_angle=load, peak_force=force, fault="")
     judged = motion.judge(member, path, done)  # type: ignore[arg-type]

@@ -273,6 +273,16 @@ def evaluate(segments: Array, time: float, out: Setpoint) -> None:
     _evaluate_row(segments[row], time - begins, out)
 
 
+def positions_at(segments: Array, times: Array) -> Array:
+    """Return the positions of a plan at times from its start (s), rad."""
+    out = Setpoint(np.empty(3))
+    positions = np.empty_like(times)
+    for k, time in enumerate(times):
+        evaluate(segments, time, out)
+        positions[k] = out[POSITION]
+    return positions
+
+
 @compiled
 def look_ahead(
     segments: Array,

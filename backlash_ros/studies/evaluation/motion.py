@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from backlash_ros.control import Polynomials, ServoSettings
-from backlash_ros.control.motion.setpoint import DURATION, evaluate, joined
+from backlash_ros.control.motion.setpoint import DURATION, joined, positions_at
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.foundation.record import Array
-from backlash_ros.foundation.signals import POSITION, Setpoint
 from backlash_ros.simulation import Run, Scenario, run
 from backlash_ros.studies.evaluation.member import Member
 from backlash_ros.studies.evaluation.task import NotReadyError, Task, first_reading, prepare, true_reading
@@ -132,12 +131,8 @@ def scenario_of(member: Member, path: Path) -> Scenario:
 
 def judge(member: Member, path: Path, done: Run) -> Followed:
     """Judge one run of a path."""
-    b = member.drive.gear.backlash_angle
-    rows, out, time = path.rows(first_reading(member)), Setpoint(np.zeros(3)), done.time
-    wanted = np.empty_like(time)
-    for k, at in enumerate(time):
-        evaluate(rows, at, out)
-        wanted[k] = out[POSITION]
+    b, time = member.drive.gear.backlash_angle, done.time
+    wanted = positions_at(path.rows(first_reading(member)), time)
     error = np.abs(wanted - true_reading(member, done.load_angle)) / b
     counts = error[time >= LEAD + path.judged]
     settle = math.nan
