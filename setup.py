@@ -35,7 +35,7 @@ setup(
     package_data={
         f"{NAME}.ros": ["*.xml"],
         f"{NAME}.commands": ["*.csv"],
-        f"{NAME}.pages": ["*.j2", "*/*.j2", "*/*.js", "*/*.css"],
+        f"{NAME}.pages": ["*.j2", "*/*.j2", "*/*.js", "*/*.css", "report/echarts/*"],
         f"{NAME}.dashboard": ["static/*"],
         f"{NAME}.export.c": ["*.j2"],
     },
@@ -63,7 +63,7 @@ setup(
     extras_require={
         "contract": ["pytest>=7.4"],
         "cluster": ["distributed>=2024.2"],  # backlash evaluate --scheduler
-        "page": ["nicegui>=3.13,<4"],  # dashboard, backlash report
+        "page": ["nicegui>=3.13,<4"],  # dashboard
         "tables": ["pandas>=2.1", "pyarrow>=15.0"],  # Run.to_frame, backlash evaluate --out
     },
     data_files=[

@@ -14,7 +14,6 @@ from backlash_ros.commands.command import DONE, Command
 from backlash_ros.commands.output import json_text, say
 from backlash_ros.commands.recording_arguments import add_topics, add_units, reading_of, topics_of
 from backlash_ros.foundation.staging import write_text
-from backlash_ros.pages.report.library import chart_library
 from backlash_ros.pages.report.page import page_of
 from backlash_ros.pages.report.report import AxisReport, content_of, report_of
 from backlash_ros.recordings.axes.options import EFFORT_UNITS, VELOCITY_UNITS, Options
@@ -110,8 +109,6 @@ def write_report(given: argparse.Namespace, console: Console) -> int:
 
     Raises
     ------
-    NoLibraryError
-        If the library of the charts is not installed.
     OSError, ValueError
         If the bag cannot be read, a file cannot be written, or an option does not fit the bag.
     """
@@ -119,7 +116,6 @@ def write_report(given: argparse.Namespace, console: Console) -> int:
     out = given.out or Path(f"{given.bag.resolve().stem}.html")
     if out.exists() and not given.force:
         raise ValueError(f"argument --out: '{out}' exists; --force overwrites it")
-    chart_library()  # before the bag is read, which takes a while
     report = report_of(given.bag, options_of(given), shlex.join(["backlash", *given.words]))
     for what in report.contents.damage:
         say(console, f"the bag is not whole: {what}")

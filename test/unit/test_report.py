@@ -1,5 +1,7 @@
 """`backlash report`: figures known in advance come back from bags of any drive, and what is missing is said."""
 
+import base64
+import gzip
 import json
 import math
 import re
@@ -21,9 +23,8 @@ from reported import CYCLE, DAMPING, END, FIRST, FOREIGN, FREQUENCY, HEIGHT, LOS
 from rosbags.rosbag2 import StoragePlugin
 
 from backlash_ros.cli import main
-from backlash_ros.pages.report import charts, library
+from backlash_ros.pages.report import charts
 from backlash_ros.pages.report.charts import Chart, ChartBook, Line, Panel, thinned
-from backlash_ros.pages.report.library import NoLibraryError, chart_library
 from backlash_ros.pages.report.steps import limit_cycle
 from backlash_ros.pages.report.timing import last_quiet, late_answers
 
@@ -723,20 +724,15 @@ def test_a_page_with_many_points_thins_what_comes_later(monkeypatch: pytest.Monk
     assert "Thinned: 1000 of 3000 points" in book.add(chart).thinned
 
 
-def test_the_library_is_where_nicegui_has_it() -> None:
-    text, name = chart_library()
-    assert re.search(rf"\bas {name}\b", text[-20_000:])
-    assert "sourceMappingURL" not in text
-    assert 500_000 < len(text) < 3_000_000
-
-
-def test_without_nicegui_the_command_says_what_to_install(
-    bags: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(library, "find_spec", lambda _: None)
-    assert "pip install 'backlash_ros[page]'" in refused(capsys, str(bags / "foreign"))
-    monkeypatch.undo()
-    monkeypatch.setattr(library, "FOLDER", Path("elsewhere"))
-    with pytest.raises(NoLibraryError, match="keeps its charts elsewhere"):
-        chart_library()
+def test_a_page_has_the_library_as_published_whose_version_and_licences_are_beside_it() -> None:
+    book, time = ChartBook(), np.arange(3.0)
+    book.add(Chart("Step", "", [Panel("angle", [Line("load", time, time, "load")])]))
+    drawn, folder = book.drawn(), Path(charts.__file__).parent / "echarts"
+    assert drawn is not None
+    library = gzip.decompress(base64.b64decode(drawn.library)).decode()
+    assert library == (folder / "echarts.common.min.js").read_text("utf-8")
+    told = (folder / "README.md").read_text("utf-8")
+    (version,) = re.findall(r't\.version="([\d.]+)"', library)
+    assert f"Apache ECharts {version} " in told
+    licences = {each.name for each in folder.iterdir()} - {"README.md", "echarts.common.min.js"}
+    assert licences == set(re.findall(r"`((?:LICENSE|NOTICE)[\w-]*)`", told))

@@ -6,10 +6,11 @@ const unpacked = async (id) => {
   return new Response(plain).text();
 };
 
-const { name, palettes, charts } = JSON.parse(await unpacked("data"));
-const module = URL.createObjectURL(new Blob([await unpacked("library")], { type: "text/javascript" }));
-const echarts = (await import(module))[name];
-URL.revokeObjectURL(module);
+const { palettes, charts } = JSON.parse(await unpacked("data"));
+const library = URL.createObjectURL(new Blob([await unpacked("library")], { type: "text/javascript" }));
+await import(library);
+URL.revokeObjectURL(library);
+const { echarts } = globalThis;
 
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const LEGEND = 22, NAME = 18, BOTTOM = 40, LEFT = 64, PAPER = 680;

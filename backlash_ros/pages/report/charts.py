@@ -14,10 +14,11 @@ from markupsafe import Markup
 
 from backlash_ros.foundation.jsonable import jsonable
 from backlash_ros.foundation.record import Array
-from backlash_ros.pages.report.library import chart_library
 from backlash_ros.recordings.bag import Series
 from backlash_ros.simulation.colours import DARK, LIGHT, PRINT
 
+LIBRARY = "echarts/echarts.common.min.js"
+"""Apache ECharts; its version and licences are in the ``README.md`` beside it."""
 MOST, FEW, BUDGET = 4000, 1000, 500_000
 """Largest number of points of a curve, which keeps the least and the largest of every few; the same on a page that
 already has the third number of points, so that it stays small enough to be sent."""
@@ -163,22 +164,11 @@ class ChartBook:
         }
 
     def drawn(self) -> Drawn | None:
-        """Return library, data and script for the end of the page; None without charts.
-
-        Raises
-        ------
-        NoLibraryError
-            If the library of the charts is not installed.
-        """
+        """Return library, data and script for the end of the page; None without charts."""
         if not self._charts:
             return None
-        library, name = chart_library()
-        content = {
-            "name": name,
-            "palettes": {"light": LIGHT, "dark": DARK, "print": PRINT},
-            "charts": self._charts,
-        }
-        script = files(__package__).joinpath("charts.js").read_text("utf-8")
+        content = {"palettes": {"light": LIGHT, "dark": DARK, "print": PRINT}, "charts": self._charts}
+        library, script = (files(__package__).joinpath(name).read_text("utf-8") for name in (LIBRARY, "charts.js"))
         data = json.dumps(jsonable(content), allow_nan=False, separators=(",", ":"))
         return Drawn(_packed(library), _packed(data), Markup(script))  # noqa: S704 - a file of this package
 

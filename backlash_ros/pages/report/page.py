@@ -461,13 +461,7 @@ def _diagnostics(report: Report) -> Table | None:
 
 
 def page_of(report: Report) -> str:
-    """Return the page.
-
-    Raises
-    ------
-    NoLibraryError
-        If the library of the charts is not installed.
-    """
+    """Return the page."""
     book, contents = ChartBook(), report.contents
     began = f"{report.began:%Y-%m-%d %H:%M:%S} UTC" if report.began else "a clock that shows no date"
     messages = sum(count for _, count in contents.topics.values())
