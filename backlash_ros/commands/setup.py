@@ -314,10 +314,10 @@ def setup(given: argparse.Namespace, console: Console) -> int:
 
 _NEXT = """next:
   backlash simulate {file} --plot step.png    a step of it, simulated
-  plant_simulator --ros-args --params-file {file}    its stand-in, to try all else with
-  controller --ros-args --params-file {file}
-  dashboard    the page that learns, identifies and moves
-In a workspace, each begins with `ros2 run backlash_ros`, and runs in a terminal of its own.
+  backlash live --drive {file}    it and its controller, simulated, on a page: learn, identify, move
+  ros2 run backlash_ros controller --ros-args --params-file {file}    for the machine; then, in another terminal:
+  ros2 service call /controller/learn std_srvs/srv/Trigger
+  ros2 service call /controller/identify std_srvs/srv/Trigger
 Before the motor has power, read docs/real_drive.md: what to connect, and how to check signs and units."""
 
 COMMAND = Command(setup, add_arguments, written=("out",))
