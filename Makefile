@@ -9,7 +9,7 @@
 #   make lint    formatting, style, types, and the links of the pages
 #   make paper   the paper's figures and docs/paper.md, which judges them
 #   make evaluation  2,000 random drives, learned, identified and played, for docs/evaluation.md; DRIVES=200 judges fewer
-#   make docs    docs/parameters.md and docs/interface.md's table from the code; the pictures of docs/concepts.md; the
+#   make docs    docs/parameters.md and docs/interface.md's table from the code; the pictures of docs/law.md; the
 #                pictures of the dashboard, with Chromium
 #   make site    the documentation as a site, in results/site
 #   make bench   about ten minutes on two cores, for docs/performance.md: the plant against the same equations in C and

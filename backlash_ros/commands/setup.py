@@ -314,8 +314,8 @@ def setup(given: argparse.Namespace, console: Console) -> int:
 
 _NEXT = """next:
   backlash simulate {file} --plot step.png    a step of it, simulated
-  ros2 run backlash_ros plant_simulator --ros-args --params-file {file}    its stand-in, to try all else with
-  ros2 run backlash_ros controller --ros-args --params-file {file}
+  backlash live --drive {file}    it and its controller, simulated, on a page: learn, identify, move
+  ros2 run backlash_ros controller --ros-args --params-file {file}    for the machine; then, in another terminal:
   ros2 service call /controller/learn std_srvs/srv/Trigger
   ros2 service call /controller/identify std_srvs/srv/Trigger
 Before the motor has power, read docs/real_drive.md: what to connect, and how to check signs and units."""

@@ -38,9 +38,14 @@ def main(words: Sequence[str] | None = None) -> int:
     parser = Parser(prog="backlash live", description=__doc__, epilog="example: backlash live --port 8081")
     help_port = f"of the page; by default {_PORT}, or if that is in use, any"
     parser.add_argument("--port", type=port_number, metavar="PORT", help=help_port)
+    help_drive = "drive file, as `backlash setup` writes it; by default the nominal drive"
+    parser.add_argument("--drive", type=Path, metavar="FILE", help=help_drive)
     parser.add_argument("--out", type=Path, default=Path("results/live"), metavar="DIR", help="for recordings and logs")
     given = parser.parse_args(words)
     port = given.port if given.port is not None else _PORT if _free(_PORT) else 0
+    if given.drive is not None and not given.drive.is_file():
+        parser.error(f"argument --drive: must be a file, got '{given.drive}'")
+    of_drive = ["--params-file", str(given.drive)] if given.drive is not None else []
     try:
         given.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -49,7 +54,7 @@ def main(words: Sequence[str] | None = None) -> int:
     compile_all()
     with isolated(), ExitStack() as running:
         for name, arguments in (("plant_simulator", _IN_STEP), ("controller", _PATIENT)):
-            running.callback(stop_node, start_node(name, given.out / f"{name}.log", *arguments))
+            running.callback(stop_node, start_node(name, given.out / f"{name}.log", *of_drive, *arguments))
         return dashboard(["--ros-args", "-p", f"port:={port}", "-p", f"folder:={given.out}"])
 
 

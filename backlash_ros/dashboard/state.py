@@ -13,6 +13,8 @@ from backlash_ros.gates.faults import FAULTS, Fault
 from backlash_ros.recordings.rounding import shown, unit_text
 
 STEPS = ("connect", "learn", "identify", "move")
+EXPERIMENTS = {"learning": "learn", "identifying": "identify", "homing": "home"}
+"""The service of an experiment, by its word."""
 _PLANS = "two_encoder"
 """The law with phases of its own; the regions of the gains mean nothing there."""
 _SCALES = {"s": (1e3, "ms"), "kg m^2": (1e4, "kg cm^2")}
@@ -171,9 +173,11 @@ def state_of(axis: Axis, run: Run | None) -> State:
 
 
 def step_of(axis: Axis) -> str:
-    """Return the first step of `STEPS` that is not done."""
+    """Return the step of `STEPS` that runs, else the first one that is not done."""
     if fault_of(axis)[0] or axis.lifecycle != "active" or axis.silent >= SILENCE:
         return "connect"
+    if (runs := EXPERIMENTS.get(_word(axis, "experiment"))) in STEPS:
+        return runs
     if not axis.b:
         return "learn"
     return "move" if axis.told.values.get("identified") else "identify"

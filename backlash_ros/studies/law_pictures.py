@@ -1,4 +1,4 @@
-"""The pictures of docs/concepts.md that explain law two_encoder: a flight, its landing, and a load torque in hold."""
+"""The pictures of docs/law.md that explain law two_encoder: a flight, its landing, and a load torque in hold."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

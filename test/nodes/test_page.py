@@ -7,8 +7,8 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -558,6 +558,21 @@ def test_axes_are_told_apart_by_name(start: Start, peer: Peer, serve: Callable[.
     assert abs(page.run("return window.live.joints.last('load')")) < B
 
 
+@contextmanager
+def living(folder: Path, peer: Peer, *arguments: str) -> Iterator[tuple["subprocess.Popen[bytes]", str]]:
+    """Run `backlash live`, with what it says in a log; yield its process and its address."""
+    command = [sys.executable, "-m", "backlash_ros.dashboard.live", "--port", "0", "--out", str(folder), *arguments]
+    log = folder / "log"
+    with log.open("wb") as output:
+        live = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT, start_new_session=True)
+    try:
+        pattern = re.compile(r"^http://127\.0\.0\.1:\d+$", re.MULTILINE)
+        yield live, peer.wait("the address", lambda: pattern.search(log.read_text()))[0]
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(live.pid, signal.SIGKILL)
+
+
 @pytest.mark.grid
 def test_make_live_shows_a_drive_that_ends_with_it(tmp_path: Path, peer: Peer, browser: Chrome) -> None:
     root = Path(__file__).parents[2]
@@ -565,13 +580,7 @@ def test_make_live_shows_a_drive_that_ends_with_it(tmp_path: Path, peer: Peer, b
         ["make", "--no-print-directory", "--dry-run", "live"], cwd=root, capture_output=True, text=True, check=True
     ).stdout
     assert recipe.splitlines()[-1].endswith("/python -m backlash_ros.dashboard.live")
-    command = [sys.executable, "-m", "backlash_ros.dashboard.live", "--port", "0", "--out", str(tmp_path)]
-    log = tmp_path / "log"
-    with log.open("wb") as output:
-        live = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT, start_new_session=True)
-    try:
-        pattern = re.compile(r"^http://127\.0\.0\.1:\d+$", re.MULTILINE)
-        address = peer.wait("the address", lambda: pattern.search(log.read_text()))[0]
+    with living(tmp_path, peer) as (live, address):
         page = Page(browser, address, peer)
         page.click("Step forward")
         page.wait("the rattle", lambda: page.at_rest_at(0.5) and 0.5 * B < page.swing() < 1.5 * B)
@@ -579,7 +588,16 @@ def test_make_live_shows_a_drive_that_ends_with_it(tmp_path: Path, peer: Peer, b
         assert live.wait(60) == 0
         with pytest.raises(ProcessLookupError):
             os.killpg(live.pid, 0)
-    finally:
-        with suppress(ProcessLookupError):
-            os.killpg(live.pid, signal.SIGKILL)
-    assert "Traceback" not in log.read_text()
+    assert "Traceback" not in (tmp_path / "log").read_text()
+
+
+@pytest.mark.grid
+def test_backlash_live_shows_the_drive_of_a_file(tmp_path: Path, peer: Peer, browser: Chrome) -> None:
+    """Drive and controller both get it."""
+    file = tmp_path / "drive.yaml"
+    file.write_text("/**: {ros__parameters: {gear.backlash_angle: 0.03, gear.reduction: 20.0}}")
+    with living(tmp_path, peer, "--drive", str(file)) as (_, address):
+        page = Page(browser, address, peer)
+        page.wait("the gap of the drive", lambda: page.run("return window.facts.gap") == 0.03)
+        page.unfold("Parameters in use")
+        page.wait("the controller's reduction", lambda: re.search(r"gear\.reduction\s+20\b", page.text()))

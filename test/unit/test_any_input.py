@@ -116,6 +116,7 @@ def test_every_command_says_alike_which_file_is_missing(
         (["measure", "--namespace", "bad name"], "measure: argument --namespace: must be a namespace of ROS such as"),
         (["measure", "--out", "."], "measure: argument --out: must be a new folder, got '.', which exists"),
         (["live", "--port", "80808080"], "live: argument --port: must be a whole number from 0 to 65535"),
+        (["live", "--drive", "none"], "live: argument --drive: must be a file, got 'none'"),
         (["live", "--out", "noise"], "live: argument --out: must be a folder, got 'noise': File exists"),
         (["demo", "--out", "noise/x"], "demo: argument --out: must be writable, got 'noise/x': File exists"),
     ],

@@ -77,6 +77,8 @@ def test_what_was_found_is_read_as_it_is_told_and_shown_as_people_want_it() -> N
         (Seen(b=0.02, told=Told(1, {"identified": True})), "active", "move"),
         (Seen().now(holding=0.0), "ready", "learn"),
         (Seen().now(experiment=1.0), "learning", "learn"),
+        (Seen(b=0.02).now(experiment=1.0), "learning", "learn"),
+        (Seen().now(experiment=2.0), "identifying", "identify"),
         (Seen(lifecycle="inactive"), "inactive", "connect"),
         (Seen(silent=2.0), "no samples", "connect"),
         (Seen().now(fault=5.0, holding=0.0), "fault", "connect"),

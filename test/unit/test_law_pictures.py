@@ -16,7 +16,7 @@ def test_the_command_writes_the_pictures_of_the_page(tmp_path: Path, monkeypatch
     (command,) = commands("test_law_pictures.py")
     monkeypatch.chdir(tmp_path)
     assert main(shlex.split(command)[1:]) == 0
-    page = (ROOT / "docs" / "concepts.md").read_text()
+    page = (ROOT / "docs" / "law.md").read_text()
     written = {path.name: path.read_bytes() for path in (tmp_path / "docs" / "images").iterdir()}
     assert set(written) == {f"two_encoder_{name}.png" for name in FIGURES}
     for name, content in written.items():

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -25,8 +26,11 @@ from rosbags.rosbag2 import StoragePlugin
 from backlash_ros.cli import main
 from backlash_ros.pages.report import charts
 from backlash_ros.pages.report.charts import Chart, ChartBook, Line, Panel, thinned
-from backlash_ros.pages.report.steps import limit_cycle
+from backlash_ros.pages.report.cures import cure
+from backlash_ros.pages.report.steps import Step, limit_cycle
 from backlash_ros.pages.report.timing import last_quiet, late_answers
+from backlash_ros.recordings.axes.axis import Axis
+from backlash_ros.recordings.bag import Series
 
 DEGREE = math.pi / 180.0
 NASTY = "</script><script>alert('&\"')</script>"
@@ -206,12 +210,31 @@ def test_a_step_ends_in_one_way_and_the_law_that_acted_is_named(tmp_path: Path) 
         bag.status("/controller/state", time, "servo", state)
     made = report(bag.write(tmp_path / "bag"), tmp_path)
     assert 'verdict bad">4 steps: 2 settled, 1 ended in a limit cycle, 1 ended too soon to tell.' in made.html
+    assert re.search(
+        r"Step 1 with law two_region swung: 0\.\d+ b peak to peak, at [\d.]+.Hz\. To end it, identify", made.page.text
+    )
     laws = [(step["law"], step["gain_set"]) for step in made.axis["steps"]]
     assert laws == [("two_region", "nominal"), ("two_encoder", ""), *[("two_region", "nominal")] * 2]
     first, *_, last = re.findall(r'<th scope="row"><a href="#chart-\d">.*?</tr>', made.html)
     assert [re.search('data-name="settled, s">([^<]*)', row)[1] for row in (first, last)] != ["never", "never"]
     heights = [float(each) for each in re.findall(r" ([\d.]+)", re.search(' d="M([^"]*)', first)[1])]
     assert max(heights[80:]) - min(heights[80:]) == pytest.approx(32 * 0.1, abs=0.3)  # of 2 b
+
+
+@pytest.mark.parametrize(
+    ("law", "gap", "do"),
+    [
+        ("two_region", 0.0, "learn the backlash"),
+        ("fast", 0.0, "learn the backlash, and choose law auto"),
+        ("fast", 0.02, "choose law auto"),
+        ("cascade", 0.02, ""),
+        ("", None, ""),
+    ],
+)
+def test_what_ends_a_limit_cycle_depends_on_the_law_and_on_what_it_knew(law: str, gap: float | None, do: str) -> None:
+    told = {} if gap is None else {"backlash_angle": Series(np.array([0.0, 1.0]), np.array([0.0, gap]))}
+    axis = cast("Axis", SimpleNamespace(state=told))
+    assert cure(axis, Step(0.0, 2.0, 0.0, 1.0, law=law)) == do
 
 
 @pytest.mark.population
@@ -222,10 +245,11 @@ def test_each_axis_begins_with_how_it_went(foreign: Made, three: Made) -> None:
         return [unescape(said) for said in re.findall(r'<p class="(verdict[^<]*)', made.html)]
 
     assert verdicts(foreign) == [
-        'verdict bad">2 steps: 1 settled, 1 ended in a limit cycle.',
+        'verdict bad">2 steps: 1 settled, 1 ended in a limit cycle. Step 2 swung: 0.800 b peak to peak, at 8\u00a0Hz.',
         'verdict bad">of 1750 samples 10 are missing and 10 were not answered within their period: what the load does '
         "here may be due to the machine's timing.",
     ]
+    assert verdicts(three)[0].endswith("at 31.3\u00a0Hz. To end it, choose law auto.")
     assert verdicts(three)[1:4] == [
         'verdict bad">1 step: 1 did not settle.',
         'verdict bad">1 fault: LOAD_JUMP.',

@@ -80,6 +80,7 @@ def test_what_is_answered_is_in_the_file_and_what_cannot_be_is_asked_again(
         "10 for 10:1",  # explained
         "my_drive.yaml: the loop is stable",
         "next:\n  backlash simulate my_drive.yaml",
+        "  backlash live --drive my_drive.yaml  ",
     ):
         assert says in printed
     assert main(["check", str(file)]) == 0

@@ -13,6 +13,7 @@ from backlash_ros.dashboard.axis import ANSWER, Answer, Axis
 from backlash_ros.dashboard.cards.card import Refresh, Said, Shown, button
 from backlash_ros.dashboard.cards.move import step
 from backlash_ros.dashboard.state import (
+    EXPERIMENTS,
     STEPS,
     Run,
     fault_of,
@@ -27,7 +28,6 @@ from backlash_ros.dashboard.state import (
 
 _WAY = 0.5
 """Length of a step, rad."""
-_EXPERIMENTS = {"learning": "learn", "identifying": "identify", "homing": "home"}
 
 Words = Callable[[Axis], tuple[str, str]]
 """Result of a step, and what it gains, or would gain."""
@@ -161,7 +161,7 @@ def _progress(axis: Axis, run: Run | None, name: str) -> str:
     """Return what an experiment is doing; empty if it does not run."""
     state = axis.last_state
     word = TELEMETRY["experiment"].words.get(int(state.get("experiment", 0.0)), "")
-    if _EXPERIMENTS.get(word) == name:
+    if EXPERIMENTS.get(word) == name:
         return f"{word}: {100.0 * state.get('progress', 0.0):.0f} %"
     if run is None or run.service != name:
         return ""
@@ -180,9 +180,9 @@ def _waits(axis: Axis, name: str) -> bool:
 def _learn(page: Shown) -> Refresh:
     def words(axis: Axis) -> tuple[str, str]:
         if not axis.b:
-            swing = axis.last_state.get("rattle", 0.0)
-            now = f": {quantity(swing, 0.0, 'rad', page.angle)} now" if swing else ""
-            return "b is not known", f"would end the rattle after a move{now}"
+            swing, small = axis.last_state.get("rattle", 0.0), page.angle.small
+            rattle = f"of {small.factor * swing:#.3g} {small.name}" if swing else "after a move"
+            return "b is not known", f"would end the rattle {rattle}"
         kept = servo_says(axis)
         sure = kept.get("estimate_uncertainty_rad", "")
         ours = sure and kept.get("estimate_applied") == "True" and math.isclose(float(kept["estimate_rad"]), axis.b)
@@ -196,12 +196,12 @@ def _learn(page: Shown) -> Refresh:
 def _identify(page: Shown) -> Refresh:
     def words(axis: Axis) -> tuple[str, str]:
         if not axis.told.values.get("identified"):
-            return "the load is not known", "would let law two_encoder plan each move"
+            return "the load is not known", "would let law two_encoder move faster"
         used = axis.told.values["load.inertia"]
         found = (each for each in found_by(axis).get("identify", []) if each.symbol == "J_l")
         ours = next((each.text(page.angle) for each in found if math.isclose(each.value, used)), "")
         inertia = ours or quantity(used, 0.0, "kg m^2", page.angle)
-        return f"J_l = {inertia}", f"in use: law {law_of(axis)} acts"
+        return f"J_l = {inertia}", f"load inertia; law {law_of(axis)} acts"
 
     return _experiment(page, "identify", "Identify", "Identify the drive", words)
 

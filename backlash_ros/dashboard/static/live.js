@@ -70,8 +70,9 @@ function niceLimit(value) {
 
 const ROWS = [["angle", 24], ["error", 25], ["command", 16], ["load torque, N m", 15], ["region, flank", 14]];
 const NARROW = 600; // px; a narrower chart has the first two rows alone
-const SMALL = 380; // px; a smaller one does not name the step before
+const BAND = [[{ yAxis: -0.5 }, { yAxis: 0.5 }]]; // the gap, about the target
 const GHOST = "step before";
+const PALE = 0.35; // opacity of the ghost: what rattled must not look like now
 const CURVES = [
   [GHOST, 0, "load", "dashed"], [GHOST, 1, "load", "dashed"], // below the others
   ["load", 0, "load"], ["motor through the gear", 0, "motor"], ["setpoint", 0, "faint", "dashed"],
@@ -169,11 +170,11 @@ class Live {
     this.curves = CURVES.filter(([, row]) => row < rows.length);
     const series = this.curves.map(([name, row, hue, type = "solid"]) => ({
       id: `${name} ${row}`, name, type: "line", xAxisIndex: row, yAxisIndex: row, showSymbol: false, animation: false, data: [], step: row === 4 ? "end" : false,
-      lineStyle: { width: type === "dotted" || name === GHOST ? 1 : 1.4, color: colour(hue), type, opacity: name === GHOST ? 0.55 : 1 },
-      itemStyle: { color: colour(hue) },
+      lineStyle: { width: type === "dotted" || name === GHOST ? 1 : 1.4, color: colour(hue), type, opacity: name === GHOST ? PALE : 1 },
+      itemStyle: { color: colour(hue), opacity: name === GHOST ? PALE : 1 },
     }));
     const band = series.find(({ name }) => name === "error");
-    band.markArea = { silent: true, itemStyle: { color: colour("good"), opacity: 0.13 }, data: [[{ yAxis: -0.5 }, { yAxis: 0.5 }]] };
+    band.markArea = { silent: true, itemStyle: { color: colour("good"), opacity: 0.13 }, data: [] };
     this.chart.setOption({
       animation: false,
       aria: { enabled: true, label: { description: "Angles, error, command, load torque and region over time, as they are now." } },
@@ -186,9 +187,9 @@ class Live {
       },
       axisPointer: { link: [{ xAxisIndex: "all" }] },
       legend: {
-        type: "scroll", top: 0, left: 96, right: this.narrow ? 0 : 8, itemHeight: 8, itemWidth: this.narrow ? 14 : 25, itemGap: this.narrow ? 6 : 10,
-        textStyle: { color: text, fontSize: this.narrow ? 11 : 12 }, data: ["setpoint", "load", "motor through the gear", ...(this.chart.getWidth() < SMALL ? [] : [GHOST])],
-        formatter: (name) => (this.narrow ? name.replace(" through the gear", "") : name),
+        type: "scroll", top: 0, left: 96, right: this.narrow ? 0 : 8, itemHeight: 8, itemWidth: this.narrow ? 12 : 25, itemGap: this.narrow ? 4 : 10,
+        textStyle: { color: text, fontSize: this.narrow ? 11 : 12 }, data: ["setpoint", "load", "motor through the gear", GHOST],
+        formatter: (name) => (this.narrow ? name.replace(/ through the gear|step (?=before)/, "") : name),
       },
       dataZoom: [{ type: "inside", xAxisIndex: rows.map((_, i) => i), filterMode: "none" }],
     }, { replaceMerge: ["grid", "xAxis", "yAxis", "series", "dataZoom"] });
@@ -299,7 +300,7 @@ class Live {
     chart.setOption({
       xAxis: Array.from({ length: rows }, () => ({ min: -this.window, max: 0 })),
       yAxis: y.slice(0, rows),
-      series: this.curves.map(([name, row], k) => ({ id: `${name} ${row}`, data: this.points[k] })),
+      series: this.curves.map(([name, row], k) => ({ id: `${name} ${row}`, data: this.points[k], ...(name === "error" && { markArea: { data: b ? BAND : [] } }) })),
     }, { lazyUpdate: true });
   }
 
@@ -327,12 +328,12 @@ class Live {
   }
   stepText() {
     const { b, state } = this, { small } = this.angle, step = this.steps.last;
-    if (!step) return ["no step yet", ""];
+    if (!step) return ["no step yet", "would show whether the load rattles"];
     if (Number.isNaN(step.swing)) return ["moves", ""];
     const inWords = (angle) => (b ? `${(angle / b).toFixed(2)} b` : `${(angle * small.factor).toPrecision(3)} ${small.name}`);
-    const swing = `swing ${inWords(step.swing)} in the last second`;
+    const swing = `swing ${inWords(step.swing)} in its last second`;
     if (state.last("rattle") > 0) return [`rattles by ${inWords(state.last("rattle"))}`, swing];
-    if (step.settled === Infinity) return ["not settled", swing];
+    if (step.settled === Infinity) return ["did not settle", swing];
     return [`settled in ${step.settled.toFixed(3)} \u00b1 ${step.sample.toFixed(3)} s`, swing];
   }
 }

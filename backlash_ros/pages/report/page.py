@@ -8,6 +8,7 @@ from typing import Any
 from backlash_ros.control.tick import MISSING
 from backlash_ros.pages.report import pictures
 from backlash_ros.pages.report.charts import ChartBook, Place
+from backlash_ros.pages.report.cures import cure
 from backlash_ros.pages.report.paths import FollowedPath
 from backlash_ros.pages.report.pictures import Sketch
 from backlash_ros.pages.report.report import AxisReport, Report
@@ -362,6 +363,25 @@ def _about(report: AxisReport) -> list[tuple[str, str]]:
     return rows + [("note", note) for note in axis.notes]
 
 
+def _swing(report: AxisReport, step: Step) -> str:
+    """Return the limit cycle of a step or hold in words, and what to do about it."""
+    unit = "b" if report.b > 0.0 else "mrad"
+    often = "unevenly" if math.isnan(step.frequency) else f"at {brief(step.frequency)}\u00a0Hz"
+    act = cure(report.axis, step)
+    return f"{_in_b(report, step.amplitude)} {unit} peak to peak, {often}{f'. To end it, {act}' if act else ''}"
+
+
+def _widest(report: AxisReport) -> str:
+    """Return which step swung most, how much, and what to do about it; empty if none swung."""
+    swung = [k for k, step in enumerate(report.steps) if _end(step) == _SWINGS]
+    if not swung:
+        return ""
+    most = max(swung, key=lambda k: report.steps[k].amplitude)
+    law = f" with law {report.steps[most].law}" if report.steps[most].law else ""
+    others = " most" if len(swung) > 1 else ""
+    return f". Step {most + 1}{law} swung{others}: {_swing(report, report.steps[most])}"
+
+
 def _verdicts(report: AxisReport) -> list[tuple[bool, str]]:
     """Return in a line how the steps went, in another what makes the recording doubtful, and whether each is good."""
     steps, timing = report.steps, report.timing
@@ -369,18 +389,17 @@ def _verdicts(report: AxisReport) -> list[tuple[bool, str]]:
     if steps:
         ends = [_end(step) for step in steps]
         said = ", ".join(f"{ends.count(end)} {end}" for end in dict.fromkeys([_SETTLED, *ends]) if end in ends)
-        lines.append((not {_SWINGS, _NEVER} & set(ends), f"{counted(len(steps), 'step')}: {said}"))
+        widest = _widest(report)
+        lines.append((not {_SWINGS, _NEVER} & set(ends), f"{counted(len(steps), 'step')}: {said}{widest}"))
     if judged := [path.figures for path in report.paths if path.figures is not None]:
         unit, largest = "b" if report.b > 0.0 else "mrad", max(figures.largest for figures in judged)
         well = largest <= (report.b if report.b > 0.0 else math.inf)
         lines.append((well, f"{counted(len(judged), 'path')}: at most {_in_b(report, largest)} {unit} off"))
     for hold in report.holds:
         if math.isfinite(hold.amplitude):
-            unit, size = "b" if report.b > 0.0 else "mrad", _in_b(report, hold.amplitude)
-            often = "unevenly" if math.isnan(hold.frequency) else f"at {brief(hold.frequency)}\u00a0Hz"
-            said = f"limit cycle while the reference stood still at {brief(hold.target, 4)} rad"
+            said = f"A limit cycle while the reference stood still at {brief(hold.target, 4)} rad"
             when = f"{_at(hold.start)} to {_at(hold.end)} s"
-            lines.append((False, f"{said}, {when}: {size} {unit} peak to peak, {often}"))
+            lines.append((False, f"{said}, {when}: {_swing(report, hold)}"))
     if report.events.faults:
         names = ", ".join(dict.fromkeys(fault.name for fault in report.events.faults))
         lines.append((False, f"{counted(len(report.events.faults), 'fault')}: {names}"))
