@@ -66,6 +66,7 @@ class Constants(Record):
     expected_cosine: float  # N m, its part with the cosine of the load's angle
     unexplained_motor_torque: float  # N m
     unexplained_load_torque: float  # N m
+    holding_excess: float  # N m, beyond the friction, from which on a load torque holds the load
 
     clear_distance: float  # rad, abs(g) within which the teeth do not push a load that is free
     teeth_torques: Array = cells(TABLE_SIZE)  # N m, the table of the teeth

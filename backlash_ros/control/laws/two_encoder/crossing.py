@@ -38,6 +38,13 @@ _LONGEST_RETURN = 0.15
 """Time, s, in which the motor takes such a load back to its path at most. Tuned on random drives."""
 _SMALL = 5e-4
 """Share of the stall torque that such a load needs at least. Tuned on random drives."""
+_DOUBT = 5e-4
+"""Share of the stall torque below which the torque that the load needs is not believed to change its sign once the load
+has fallen unforeseen. It doubles with each fall. Tuned on random drives."""
+_MOST_DOUBT = 0.01
+"""The largest such share. Tuned on random drives."""
+_DOUBTED_TIME = 0.5
+"""Time, s, in which this doubt fades. Tuned on random drives."""
 
 
 class GapMotion(NamedTuple):
@@ -140,7 +147,8 @@ def _lasts(constants: Constants, memory: Memory, path: Array, k: float, flank: f
 @compiled
 def _cross_where_torque_turns(constants: Constants, memory: Memory, path: Array, k: float) -> None:
     """Begin a crossing half of its time before the needed torque changes its sign for good."""
-    follow, least, period = memory.follow, TOUCHING_SHARE * constants.stall_torque, constants.period
+    follow, period = memory.follow, constants.period
+    least = max(TOUCHING_SHARE * constants.stall_torque, follow.doubt)
     for later in range(int(0.5 * constants.crossing_time / period) + 2):
         needed = needed_torque(constants, memory, path, k + later)
         turns = needed * follow.flank < -least or (follow.flank == 0.0 and abs(needed) > least)
@@ -178,6 +186,7 @@ def _cross_with_load(constants: Constants, memory: Memory, path: Array, k: float
     needed, small = needed_torque(constants, memory, path, k), _SMALL * stall
     if needed * follow.flank > 0.0:
         follow.drag.load -= needed + follow.flank * small
+    follow.doubt = min(max(2.0 * follow.doubt, _DOUBT * stall), _MOST_DOUBT * stall)
     # Slower than the load would leave this flank again.
     torque = max(abs(needed_torque(constants, memory, path, k)), small)
     slow = _shortest_time(constants, constants.load_inertia, torque)
@@ -194,6 +203,7 @@ def choose_flank(constants: Constants, memory: Memory, path: Array, free: bool) 
     if follow.crosses != 0.0:
         return
     follow.time_on_flank += constants.period
+    follow.doubt *= 1.0 - constants.period / _DOUBTED_TIME
     if follow.flank != 0.0:
         _cross_with_load(constants, memory, path, k)
     if follow.crosses == 0.0:

@@ -42,6 +42,14 @@ _INSTANT = 2e4
 """Rate, 1/s, with which an imposed current is reached: at once."""
 _NO_FRICTION = 2e-4
 """Share of the standstill torque below which dry friction counts as 0: a shaft coasts, and less is not identified."""
+_LEAST_EXCESS = 1.0
+"""Torque beyond the friction, as acceleration of the motor, rad/s^2, from which on a load torque holds the load, if all
+torques are explained. Tuned on the populations."""
+_MOST_EXCESS = 2.0
+"""The same if they are not, or if one encoder cannot tell. Tuned on the populations."""
+_DOUBTED = 0.25
+"""Share of the load torque that identification could not explain, which is added to the least. Tuned on the
+populations."""
 _STEEPEST = 0.2
 """Largest growth of the load torque with the load's angle, as a share of the standstill torque, 1/rad: what is steeper
 is no weight."""
@@ -138,15 +146,18 @@ def _motor(drive: Drive) -> dict[str, float]:
     }
 
 
-def _expected(settings: "ServoSettings") -> dict[str, float]:
-    """Return the load torque as expected, and what nothing explains."""
+def _expected(drive: Drive, settings: "ServoSettings") -> dict[str, float]:
+    """Return the load torque as expected, what nothing explains, and from which torque on the load is held."""
     slope, angle = settings.expected_load_torque_slope, settings.expected_load_torque_angle
+    most = _MOST_EXCESS * drive.reflected_inertia
+    excess = _LEAST_EXCESS * drive.reflected_inertia + _DOUBTED * settings.unexplained_load_torque
     return {
         "expected_load_torque": settings.expected_load_torque,
         "expected_sine": slope * math.cos(angle),
         "expected_cosine": -slope * math.sin(angle),
         "unexplained_motor_torque": settings.unexplained_motor_torque,
         "unexplained_load_torque": settings.unexplained_load_torque,
+        "holding_excess": min(excess, most) if settings.encoders == BOTH else most,
     }
 
 
@@ -191,7 +202,7 @@ def _constants(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderPa
         brake_time=parameters.brake_time,
         **_motor(drive),
         **_loops(drive, settings, parameters),
-        **_expected(settings),
+        **_expected(drive, settings),
         **_teeth(drive, b),
     )
 

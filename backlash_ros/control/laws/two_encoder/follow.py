@@ -52,7 +52,7 @@ _LARGEST_SHARE = 0.3
 def begin_to_follow(constants: Constants, memory: Memory) -> None:
     """Begin to follow from where the motor is in the gap."""
     memory.phase, memory.hold.time_since_landing, follow = FOLLOW, 0.0, memory.follow
-    follow.crosses = follow.time_on_flank = follow.time_fallen = follow.direction = 0.0
+    follow.crosses = follow.time_on_flank = follow.time_fallen = follow.direction = follow.doubt = 0.0
     follow.crossing.end = 0.0
     for learned in (follow.forward, follow.backward):
         learned.seat = learned.seat_time = 0.0

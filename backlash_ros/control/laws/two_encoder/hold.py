@@ -13,7 +13,7 @@ import math
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.command import Wanted
 from backlash_ros.control.laws.two_encoder.constants import Constants
-from backlash_ros.control.laws.two_encoder.load_torque import HOLDING_EXCESS, set_load_torque
+from backlash_ros.control.laws.two_encoder.load_torque import set_load_torque
 from backlash_ros.control.laws.two_encoder.memory import NO_MOVE, TO_FLY, TO_PRESS, TO_SHIFT, Hold, Memory
 from backlash_ros.control.laws.two_encoder.motor import attribute_to_teeth, friction_sticks, loop_slowdown
 from backlash_ros.control.laws.two_encoder.moves import coasting_distance
@@ -123,7 +123,7 @@ def _end_parking_of_free_load(constants: Constants, memory: Memory, error: float
     memory.hold.waiting_time = 0.0
     # It slid without a command: more pulls than was thought.
     if friction_sticks(constants, constants.load_dry_friction):
-        pulls = constants.load_dry_friction + 2.0 * HOLDING_EXCESS * constants.motor_inertia
+        pulls = constants.load_dry_friction + 2.0 * constants.holding_excess
         torque = max(abs(memory.load_torque.estimated), pulls)
         set_load_torque(memory.load_torque, -math.copysign(torque, error), load_angle)
 

@@ -13,9 +13,6 @@ from backlash_ros.control.laws.two_encoder.motor import known_torque, momentum_a
 from backlash_ros.control.laws.two_encoder.teeth import teeth_are_apart
 from backlash_ros.foundation.compiled import compiled
 
-HOLDING_EXCESS = 2.0
-"""Torque beyond the friction, as acceleration of the motor, rad/s^2, from which on a load torque holds the load. Tuned
-on the populations."""
 LEAST_SHOWN = 3.0
 """What a flight must show of a load torque at least, as acceleration of the motor, rad/s^2. Tuned on the
 populations."""
@@ -71,7 +68,7 @@ def take_expected_slope(constants: Constants, load_torque: LoadTorque, angle: fl
 @compiled
 def holds_load(constants: Constants, torque: float) -> bool:
     """Return whether a load torque (N m) holds the load on a flank, because it exceeds friction."""
-    return abs(torque) > constants.load_dry_friction + HOLDING_EXCESS * constants.motor_inertia
+    return abs(torque) > constants.load_dry_friction + constants.holding_excess
 
 
 @compiled
@@ -156,7 +153,10 @@ def _shown_by_motion(constants: Constants, load_torque: LoadTorque, planned: flo
         load_torque.sine = load_torque.cosine = 0.0
         planned, error = load_torque.estimated, error_without_slope
     shown = planned + error
-    return shown if abs(shown) >= least + _FRICTION_ERROR * constants.motor_dry_friction else 0.0
+    unsure, expected = least + _FRICTION_ERROR * constants.motor_dry_friction, constants.expected_load_torque
+    if abs(shown) >= unsure:
+        return shown
+    return expected if abs(shown - expected) < unsure else 0.0
 
 
 @compiled

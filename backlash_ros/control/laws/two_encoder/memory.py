@@ -27,6 +27,8 @@ TO_PRESS = 3.0
 """Next move: a press of a stuck load."""
 REMEMBERED = 12
 """Number of commands that are remembered: the longest delay has two less."""
+DRAG_SIZE = 5
+"""Number of quantities that the drag's filter estimates."""
 MOST_SEGMENTS = 6
 """Approach, push, cruise, crossing, brake, and back or leave."""
 
@@ -186,25 +188,18 @@ class Learned(Record):
     seat_time: float = 0.0  # s, for which that was learned
 
 
-class DragSpread(Record):
-    """The covariance of the momentum and of both parts of the drag."""
-
-    momentum: float = 0.0  # (N m s)^2
-    momentum_load: float = 0.0  # N^2 m^2 s
-    momentum_friction: float = 0.0  # N^2 m^2 s
-    load: float = 0.0  # (N m)^2
-    load_friction: float = 0.0  # (N m)^2
-    friction: float = 0.0  # (N m)^2
-
-
 class Drag(Record):
     """What motion costs beyond the model, as learned from the momentum of both shafts."""
 
     load: float = 0.0  # N m, in both directions: a load torque
     friction: float = 0.0  # N m, against each direction
+    sine: float = 0.0  # N m, in both directions: a weight's, times the sine of the way from the origin
+    cosine: float = 0.0  # N m, likewise, times 1 less the cosine
+    origin: float = 0.0  # rad, angle of the load where it began
     runs: float = 0.0  # 1 while it is learned
+    effort: float = 0.0  # N m, the largest that an acceleration took lately
     momentum: float = 0.0  # N m s, estimated
-    spread: DragSpread = part(DragSpread)
+    covariance: Array = cells(DRAG_SIZE, DRAG_SIZE)  # of momentum, load, friction, sine and cosine
 
 
 class Follow(Record):
@@ -215,6 +210,7 @@ class Follow(Record):
     crossing: Crossing = part(Crossing)
     time_on_flank: float = 0.0  # s
     time_fallen: float = 0.0  # s, for which the load has been on the other one
+    doubt: float = 0.0  # N m, below which a change of the needed torque's sign is not believed
     direction: float = 0.0  # of the motion, the last one there was
     drag: Drag = part(Drag)
     forward: Learned = part(Learned)

@@ -3,10 +3,9 @@
 import math
 from typing import NamedTuple
 
-from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.load_torque import holds_load, load_torque_at
-from backlash_ros.control.laws.two_encoder.memory import Follow, Learned, Memory
+from backlash_ros.control.laws.two_encoder.memory import Drag, Follow, Learned, Memory
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import ACCELERATION, POSITION, VELOCITY
@@ -69,17 +68,30 @@ def learned_of(follow: Follow, direction: float) -> Learned:
 
 
 @compiled
-def _drag(constants: Constants, memory: Memory, direction: float) -> float:
-    """Return what motion in a direction costs beyond the model, N m, without what may be noise; 0: a load at rest."""
-    drag = memory.follow.drag.load + direction * memory.follow.drag.friction
-    noise = _NOISE_SHARE * constants.stall_torque
-    return drag - clamp(drag, -noise, noise)
+def weight_shares(drag: Drag, angle: float) -> tuple[float, float]:
+    """Return what the drag's sine and cosine count at an angle of the load, rad."""
+    way = angle - drag.origin
+    return math.sin(way), 1.0 - math.cos(way)
+
+
+@compiled
+def drag_at(drag: Drag, angle: float, direction: float) -> float:
+    """Return what motion in a direction costs beyond the model at an angle of the load, rad, N m; 0: a load at rest."""
+    sine, cosine = weight_shares(drag, angle)
+    return drag.load + direction * drag.friction + sine * drag.sine + cosine * drag.cosine
+
+
+@compiled
+def _sure_drag(constants: Constants, memory: Memory, angle: float, direction: float) -> float:
+    """Return it without what may be noise: nothing of a small one, nearly all of a large one."""
+    drag, noise = drag_at(memory.follow.drag, angle, direction), _NOISE_SHARE * constants.stall_torque
+    return drag - noise * noise / drag if abs(drag) > noise else 0.0
 
 
 @compiled
 def resting_torque(constants: Constants, memory: Memory, angle: float) -> float:
     """Return the load torque on a load that comes to rest at an angle, rad, as far as its motion has shown it, N m."""
-    return load_torque_at(memory.load_torque, angle) - _drag(constants, memory, 0.0)
+    return load_torque_at(memory.load_torque, angle) - _sure_drag(constants, memory, angle, 0.0)
 
 
 @compiled
@@ -92,5 +104,5 @@ def needed_torque(constants: Constants, memory: Memory, path: Array, k: float) -
         return -load_torque if holds_load(constants, load_torque) else 0.0
     direction = direction_at(reference, memory.follow.direction)
     torque = constants.load_inertia * reference.acceleration + constants.load_friction * reference.speed
-    torque += direction * constants.load_dry_friction + _drag(constants, memory, direction)
+    torque += direction * constants.load_dry_friction + _sure_drag(constants, memory, reference.angle, direction)
     return torque - load_torque_at(memory.load_torque, reference.angle)

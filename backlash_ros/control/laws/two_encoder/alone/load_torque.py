@@ -10,7 +10,7 @@ from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.alone.constants import AloneConstants
 from backlash_ros.control.laws.two_encoder.alone.load_alone import APART
 from backlash_ros.control.laws.two_encoder.alone.memory import STATES, TORQUE, AloneMemory
-from backlash_ros.control.laws.two_encoder.load_torque import HOLDING_EXCESS, LEAST_SHOWN, set_load_torque
+from backlash_ros.control.laws.two_encoder.load_torque import LEAST_SHOWN, set_load_torque
 from backlash_ros.control.laws.two_encoder.memory import HOLD
 from backlash_ros.control.laws.two_encoder.phases import start_holding
 from backlash_ros.control.laws.two_encoder.teeth import contact_distance
@@ -60,7 +60,7 @@ def _take_for_nothing(constants: AloneConstants, memory: AloneMemory, edge: floa
 @compiled
 def _least_holding(constants: AloneConstants) -> float:
     """Return the torque beyond friction that holds the load, N m."""
-    excess = HOLDING_EXCESS * constants.plans.motor_inertia
+    excess = constants.plans.holding_excess
     if constants.sees_load == 0.0:
         return excess
     return min(excess, _LEAST_PULL * constants.plans.load_inertia)
