@@ -31,6 +31,8 @@ _KNOWN_COUNT = 0.3
 """Share of the gap up to which an encoder count is added to this."""
 _SETTLES = 0.012
 """Time after a crossing, s, for which a landing swings. Tuned on random drives."""
+_OTHER_SIDE = 0.1
+"""Share of the gap, from its middle, beyond which a motor on the other side surely does not touch a flank."""
 _SEAT_RATE = 12.0
 """Rate with which the error of a flank's seat is learned, 1/s. Tuned on random drives."""
 _FIRST_TIME = 0.03
@@ -72,6 +74,8 @@ def _teeth_touch(constants: Constants, memory: Memory, path: Array) -> bool:
     """Return whether the teeth surely carry the load, so that the load's angle shows where the flank is."""
     follow, count = memory.follow, memory.load.count
     if follow.crosses != 0.0 or follow.flank == 0.0 or follow.time_on_flank <= _SETTLES + constants.delay:
+        return False
+    if gap_position(memory) * follow.flank < -_OTHER_SIDE * constants.gap:
         return False
     if abs(needed_torque(constants, memory, path, 0.0)) > _PUSHES * constants.load_inertia:
         return True

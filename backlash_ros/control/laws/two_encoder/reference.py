@@ -3,6 +3,7 @@
 import math
 from typing import NamedTuple
 
+from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.load_torque import holds_load, load_torque_at
 from backlash_ros.control.laws.two_encoder.memory import Drag, Follow, Learned, Memory
@@ -18,6 +19,9 @@ _NO_DIRECTION = 1e-6
 _NOISE_SHARE = 1e-3
 """Share of the stall torque within which a drag is not told from noise. Without this dead band the drag that is learned
 chooses flanks at random."""
+
+_LARGE = 4.0
+"""Times as large as that noise is a drag that is believed as it is."""
 
 
 class Reference(NamedTuple):
@@ -85,7 +89,8 @@ def drag_at(drag: Drag, angle: float, direction: float) -> float:
 def _sure_drag(constants: Constants, memory: Memory, angle: float, direction: float) -> float:
     """Return it without what may be noise: nothing of a small one, nearly all of a large one."""
     drag, noise = drag_at(memory.follow.drag, angle, direction), _NOISE_SHARE * constants.stall_torque
-    return drag - noise * noise / drag if abs(drag) > noise else 0.0
+    beyond = drag - clamp(drag, -noise, noise)
+    return drag if abs(drag) > _LARGE * noise else beyond * _LARGE / (_LARGE - 1.0)
 
 
 @compiled
