@@ -32,7 +32,7 @@ _KNOWN_COUNT = 0.3
 _SETTLES = 0.012
 """Time after a crossing, s, for which a landing swings. Tuned on random drives."""
 _OTHER_SIDE = 0.1
-"""Share of the gap, from its middle, beyond which a motor on the other side surely does not touch a flank."""
+"""Share of the gap: a motor that is further than this beyond the middle surely does not touch the flank."""
 _SEAT_RATE = 12.0
 """Rate with which the error of a flank's seat is learned, 1/s. Tuned on random drives."""
 _FIRST_TIME = 0.03

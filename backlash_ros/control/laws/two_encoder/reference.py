@@ -21,7 +21,7 @@ _NOISE_SHARE = 1e-3
 chooses flanks at random."""
 
 _LARGE = 4.0
-"""Times as large as that noise is a drag that is believed as it is."""
+"""A drag that is so many times as large as that noise is believed as it is. Tuned on random drives."""
 
 
 class Reference(NamedTuple):
@@ -87,7 +87,7 @@ def drag_at(drag: Drag, angle: float, direction: float) -> float:
 
 @compiled
 def _sure_drag(constants: Constants, memory: Memory, angle: float, direction: float) -> float:
-    """Return it without what may be noise: nothing of a small one, nearly all of a large one."""
+    """Return it without what may be noise: nothing of a small one, all of a large one."""
     drag, noise = drag_at(memory.follow.drag, angle, direction), _NOISE_SHARE * constants.stall_torque
     beyond = drag - clamp(drag, -noise, noise)
     return drag if abs(drag) > _LARGE * noise else beyond * _LARGE / (_LARGE - 1.0)
