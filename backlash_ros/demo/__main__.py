@@ -148,7 +148,8 @@ def show(summary: dict[str, Any], console: Console) -> None:
             cells = [f"{response[name]:{form}}".replace("inf", "never") for name, form in columns.values()]
             table.add_row(f"  {LABELS[law]}", *cells)
     console.print(table)
-    console.print("b: the backlash; settled: within b/4 for good; rest: swing in the last second\n", highlight=False)
+    heads = "b: the backlash; settled: within b/4 for good; over: beyond the target; rest: swing in the last second"
+    console.print(f"{heads}\n", highlight=False)
     learned, swap, rate = summary["learned"], summary["gain_swap"], summary["real_time"]
     true = learned["true_backlash_angle"]
     console.print(
