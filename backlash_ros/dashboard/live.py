@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from backlash_ros.dashboard.command import main as dashboard
+from backlash_ros.drive_file.drive_file import read_start
 from backlash_ros.foundation.parser import Parser
 from backlash_ros.ros.client import start_node, stop_node
 from backlash_ros.ros.isolation import isolated
@@ -34,7 +35,7 @@ def port_number(text: str) -> int:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run it until Ctrl-C; the address is printed."""
+    """Run it until Ctrl-C; the address is printed. OSError and ValueError as `read_start`."""
     parser = Parser(prog="backlash live", description=__doc__, epilog="example: backlash live --port 8081")
     help_port = f"of the page; by default {_PORT}, or if that is in use, any"
     parser.add_argument("--port", type=port_number, metavar="PORT", help=help_port)
@@ -45,7 +46,10 @@ def main(words: Sequence[str] | None = None) -> int:
     port = given.port if given.port is not None else _PORT if _free(_PORT) else 0
     if given.drive is not None and not given.drive.is_file():
         parser.error(f"argument --drive: must be a file, got '{given.drive}'")
-    of_drive = ["--params-file", str(given.drive)] if given.drive is not None else []
+    of_drive = []
+    if given.drive is not None:
+        read_start(given.drive)  # refused like the controller, whose log nobody would read
+        of_drive = ["--params-file", str(given.drive)]
     try:
         given.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

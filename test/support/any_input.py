@@ -340,6 +340,7 @@ def _without_files(folder: Path, chance: random.Random) -> list[str]:
             ["figures", "two_encoder", "--out", file],
             ["figures", "--out", str(folder), "--page", str(folder)],
             ["live", "--out", file],
+            ["live", "--drive", file],
             ["live", "--port", "x" + odd],
             ["demo", "--out", f"{file}/out"],
             ["params", "--out", f"{file}/out"],

@@ -117,6 +117,7 @@ def test_every_command_says_alike_which_file_is_missing(
         (["measure", "--out", "."], "measure: argument --out: must be a new folder, got '.', which exists"),
         (["live", "--port", "80808080"], "live: argument --port: must be a whole number from 0 to 65535"),
         (["live", "--drive", "none"], "live: argument --drive: must be a file, got 'none'"),
+        (["live", "--drive", "noise"], "live: noise: byte 0 is no text in UTF-8"),
         (["live", "--out", "noise"], "live: argument --out: must be a folder, got 'noise': File exists"),
         (["demo", "--out", "noise/x"], "demo: argument --out: must be writable, got 'noise/x': File exists"),
     ],
