@@ -46,6 +46,11 @@ _MOST_DOUBT = 0.01
 _DOUBTED_TIME = 0.5
 """Time, s, in which this doubt fades. Tuned on random drives."""
 
+_BEATS_TIME = 0.3
+"""Time, s, in which a beat is forgotten. Tuned on random drives."""
+_ON_A_SIDE = 0.25
+"""Share of the gap, from its middle, beyond which the motor is on one side of it."""
+
 
 class GapMotion(NamedTuple):
     """Where the motor is to be in the gap."""
@@ -195,9 +200,22 @@ def _cross_with_load(constants: Constants, memory: Memory, path: Array, k: float
 
 
 @compiled
+def _count_beats(constants: Constants, memory: Memory) -> None:
+    """Count how often the motor went from one side of the gap to the other though it was not to cross."""
+    follow, g = memory.follow, gap_position(memory)
+    follow.beats *= 1.0 - constants.period / _BEATS_TIME
+    if abs(g) > _ON_A_SIDE * constants.gap:
+        side = math.copysign(1.0, g)
+        if side == -follow.side and follow.crosses == 0.0:
+            follow.beats += 1.0
+        follow.side = side
+
+
+@compiled
 def choose_flank(constants: Constants, memory: Memory, path: Array, free: bool) -> None:
     """End a crossing that is done, and begin the next one in time. ``free``: nothing holds the load where it rests."""
     follow, k = memory.follow, constants.delay / constants.period
+    _count_beats(constants, memory)
     if follow.crosses != 0.0 and (k - follow.crossing.starts) * constants.period >= follow.crossing.duration:
         follow.flank, follow.crosses, follow.time_on_flank = follow.crossing.flank, 0.0, 0.0
     if follow.crosses != 0.0:

@@ -55,7 +55,7 @@ def begin_to_follow(constants: Constants, memory: Memory) -> None:
     """Begin to follow from where the motor is in the gap."""
     memory.phase, memory.hold.time_since_landing, follow = FOLLOW, 0.0, memory.follow
     follow.crosses = follow.time_on_flank = follow.time_fallen = follow.direction = follow.doubt = 0.0
-    follow.crossing.end = 0.0
+    follow.side = follow.beats = follow.crossing.end = 0.0
     for learned in (follow.forward, follow.backward):
         learned.seat = learned.seat_time = 0.0
     begin_to_learn_drag(constants, memory)
@@ -66,6 +66,7 @@ def begin_to_follow(constants: Constants, memory: Memory) -> None:
 def stop_following(memory: Memory) -> None:
     """Take what was learned of the flank in use for the middle of the gap."""
     follow = memory.follow
+    follow.beats = 0.0
     memory.middle += follow.crossing.end if follow.flank == 0.0 else sure_seat(follow)
 
 

@@ -211,6 +211,8 @@ class Follow(Record):
     time_on_flank: float = 0.0  # s
     time_fallen: float = 0.0  # s, for which the load has been on the other one
     doubt: float = 0.0  # N m, below which a change of the needed torque's sign is not believed
+    side: float = 0.0  # of the gap, on which the motor was last
+    beats: float = 0.0  # how often it went to the other one lately, though it was not to cross
     direction: float = 0.0  # of the motion, the last one there was
     drag: Drag = part(Drag)
     forward: Learned = part(Learned)

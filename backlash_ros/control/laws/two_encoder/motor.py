@@ -101,13 +101,14 @@ def observe_motor(constants: Constants, memory: Memory, reading: float) -> None:
         estimated.angle += constants.gain.angle * error
         estimated.speed += constants.gain.speed * error
         estimated.current_torque += constants.gain.current_torque * error
-        estimated.disturbance += constants.gain.disturbance * error
+        # Teeth that beat strike the motor, and the torque of a strike does not last.
+        estimated.disturbance += constants.gain.disturbance * error / (1.0 + memory.follow.beats)
     motor.last_reading = reading
     rests = memory.phase == HOLD and abs(estimated.speed) < _REST_SPEED
     rests = rests and abs(memory.motor_target - estimated.angle) < _AT_TARGET * constants.gap
     # The dry friction at rest must not wind up.
     if not rests or constants.motor_dry_friction == 0.0:
-        share = constants.compensation_share / loop_slowdown(constants, memory)
+        share = constants.compensation_share / (loop_slowdown(constants, memory) * (1.0 + memory.follow.beats))
         motor.compensation += share * (estimated.disturbance - motor.compensation)
 
 
