@@ -13,6 +13,7 @@ from backlash_ros.foundation.jsonable import jsonable
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.identification.recordings.held_out import Score
 from backlash_ros.identification.recordings.identify import Identified
+from backlash_ros.recordings.rounding import shown
 from backlash_ros.recordings.subject import Subject
 
 
@@ -78,7 +79,8 @@ def show_findings(findings: Sequence[Finding], console: Console) -> None:
         if finding.told:
             table.add_row(finding.symbol, *_figures(finding), finding.unit, finding.what)
         else:
-            reasons.setdefault(finding.why, []).append(finding.symbol)
+            roughly = f" (roughly {shown(finding.value, finding.uncertainty, finding.unit)})" if finding.rough else ""
+            reasons.setdefault(finding.why, []).append(f"{finding.symbol}{roughly}")
     console.print(table, highlight=False, markup=False)
     if reasons:
         console.print("The recording cannot tell:", highlight=False)

@@ -37,6 +37,8 @@ def _remark(finding: Finding | None, found: bool, unit: str) -> str:
     """Return the comment at a value."""
     if finding is not None and finding.told:
         remark = f"found, +- {finding.uncertainty:.2g}"
+    elif finding is not None and finding.rough:
+        remark = f"found roughly, +- {finding.uncertainty:.2g}"
     elif found:
         remark = "found"
     elif finding is not None:

@@ -226,5 +226,5 @@ def quantities_of(estimate: BacklashEstimate) -> list[tuple[str, float, float, s
     if isinstance(estimate, ZeroEstimate):
         return [("theta_0", estimate.zero, 0.0, "rad")]
     if isinstance(estimate, DriveEstimate):
-        return [(each.symbol, each.value, each.uncertainty, each.unit) for each in estimate.findings if each.told]
+        return [(each.symbol, each.value, each.uncertainty, each.unit) for each in estimate.findings if each.plans]
     return [("b", estimate.angle, estimate.uncertainty, "rad")]

@@ -14,7 +14,7 @@ from backlash_ros.drivetrain.parameters import values_of
 from backlash_ros.identification.fitting.parameters import place_of
 from backlash_ros.identification.fitting.problem import motor_side
 from backlash_ros.identification.recording import Recording
-from backlash_ros.identification.recordings.findings import SPEEDS, findings_of
+from backlash_ros.identification.recordings.findings import NOISE, SPEEDS, SURE_INERTIA, findings_of
 from backlash_ros.identification.recordings.identify import Identified, _replaced, identify
 from backlash_ros.identification.recordings.plausible import implausible, suspicion
 from backlash_ros.identification.recordings.stretch import informative
@@ -142,6 +142,29 @@ def test_friction_told_apart_poorly_is_told_together() -> None:
     by_symbol = {row.symbol: row for row in rows}
     assert "told apart poorly" in by_symbol["B_l"].why or not by_symbol["10 B_l + c_l"].told
     assert not by_symbol["B_l"].told
+
+
+@pytest.mark.parametrize(("factor", "plans"), [(3.0, True), (30.0, False)])
+def test_a_load_that_is_roughly_known_is_not_told_and_is_planned_with(factor: float, plans: bool) -> None:
+    """Only where the gap is known: a fit with unknown teeth is wrong by more than it says."""
+    _, found = identified(*CASES[0])
+    assert found.fit is not None
+    assert found.gap is not None
+    blurred = found.fit.covariance.copy()
+    place = place_of("ln_load_inertia")
+    blurred[place, place] = (factor * SURE_INERTIA / NOISE) ** 2
+    blurred[place, :place] = blurred[:place, place] = blurred[place, place + 1 :] = blurred[place + 1 :, place] = 0.0
+    rough = replace(found.fit, covariance=blurred)
+    rows = findings_of(found.drive, found.gap, rough, 1e-3)
+    (inertia,) = (row for row in rows if row.symbol == "J_l")
+    assert (inertia.told, inertia.rough, inertia.plans) == (False, plans, plans)
+    assert "standard uncertainty" in inertia.why
+    told = replace(found.drive, load=replace(found.drive.load, inertia=1.0))
+    drive, used = _replaced(told, rough, rows)
+    assert ("load.inertia" in used) == plans
+    assert (drive.load.inertia == pytest.approx(math.exp(rough.values.ln_load_inertia))) == plans
+    lost = findings_of(found.drive, replace(found.gap, valid=False, reason="lost"), rough, 1e-3)
+    assert not any(row.rough for row in lost)
 
 
 def shifted_half(values: np.ndarray, way: float) -> np.ndarray:

@@ -119,9 +119,11 @@ def describe_outcome(outcome: Outcome) -> str:
     if isinstance(outcome, DriveEstimate):
         told = ", ".join(_describe(each) for each in outcome.findings if each.told)
         missing = "; ".join(f"{each.symbol}: {each.why}" for each in outcome.findings if not each.told)
+        rough = ", ".join(_describe(each) for each in outcome.findings if each.rough)
+        plans = f"; good enough to plan moves: {rough}" if rough else ""
         lacking = " and ".join(sorted(IDENTIFIED - outcome.parameters.keys()))
         waits = f"; the drive does not count as identified, since {lacking} was not found" if lacking else ""
-        return f"{told}, from {outcome.reason}{f'; not told: {missing}' if missing else ''}{waits}"
+        return f"{told}, from {outcome.reason}{f'; not told: {missing}' if missing else ''}{plans}{waits}"
     sure = f" +- {outcome.uncertainty:.2g}" if outcome.uncertainty > 0.0 else ""
     return f"backlash {outcome.angle:.6g}{sure} rad at the output, by {outcome.method.value}, from {outcome.reason}"
 

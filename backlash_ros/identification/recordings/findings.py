@@ -55,6 +55,10 @@ _CONSTANT = {"ln_motor_braking": 1.0, "ln_motor_gain": -1.0}
 """K_m by the gain K/R and the braking K^2/R, as powers."""
 _RESISTANCE = {"ln_motor_braking": 1.0, "ln_motor_gain": -2.0}
 """R by the gain K/R and the braking K^2/R, as powers."""
+ROUGH_INERTIA = 10.0
+"""Factor on the bound of the inertia up to which it is good enough to plan moves, though it is not told; tuned."""
+ROUGH_FRICTION = 5.0
+"""Factor on the bounds of friction up to which it is good enough to plan moves, though it is not told; tuned."""
 SPEEDS = 1.0, 10.0
 """Speed of the load, rad/s, at which its total friction is given, viscous and dry."""
 
@@ -63,7 +67,8 @@ SPEEDS = 1.0, 10.0
 class Finding:
     """One quantity: ``value`` and standard ``uncertainty`` in ``unit``; both are nan if unknown, and ``why`` says why.
 
-    ``key`` is its name in a drive file; empty if it has none.
+    ``key`` is its name in a drive file; empty if it has none. ``rough``: the value is too uncertain to be told, as
+    ``why`` says, but good enough to plan moves.
     """
 
     key: str
@@ -73,16 +78,22 @@ class Finding:
     value: float = math.nan
     uncertainty: float = math.nan
     why: str = ""
+    rough: bool = False
 
     @property
     def told(self) -> bool:
-        """Whether there is a value."""
+        """Whether there is a value that is sure."""
         return not self.why
+
+    @property
+    def plans(self) -> bool:
+        """Whether there is a value with which moves can be planned."""
+        return self.told or self.rough
 
 
 @dataclass(frozen=True)
 class _Rules:
-    """A fit, and the bounds for its findings."""
+    """A fit, and the bounds for its findings; ``valid``: whether the gap is known."""
 
     drive: Drive
     found: Fit
@@ -90,6 +101,7 @@ class _Rules:
     covariance: Array
     period: float
     stall: float
+    valid: bool
 
     def deviation(self, name: str) -> float:
         """Return the standard uncertainty of a parameter, in its unit."""
@@ -100,14 +112,27 @@ class _Rules:
         return math.hypot(deviation, least.get(name, 0.0))
 
     def decide(
-        self, row: Finding, value: float, deviation: float, bound: float, hint: str = "", model: float = MODEL
+        self,
+        row: Finding,
+        value: float,
+        deviation: float,
+        bound: float,
+        hint: str = "",
+        model: float = MODEL,
+        rough: float = 0.0,
     ) -> Finding:
-        """Return a row with its value if its ``deviation`` plus the ``model``'s share are within a ``bound``."""
+        """Return a row with its value if its ``deviation`` plus the ``model``'s share are within a ``bound``.
+
+        ``rough``: factor on the bound within which the value is good enough to plan moves, if the gap is known.
+        """
         uncertainty = math.hypot(deviation, model * value)
+        known = replace(row, value=value, uncertainty=uncertainty)
         if uncertainty <= bound:
-            return replace(row, value=value, uncertainty=uncertainty)
-        why = f"its standard uncertainty is {uncertainty:.2g} {row.unit}, more than {bound:.2g}"
-        return replace(row, why=f"{why}{hint}")
+            return known
+        why = f"its standard uncertainty is {uncertainty:.2g} {row.unit}, more than {bound:.2g}{hint}"
+        if self.valid and uncertainty <= rough * bound:
+            return replace(known, why=why, rough=True)
+        return replace(row, why=why)
 
     def resistance(self, speed: float) -> tuple[float, float]:
         """Return the load's friction at a speed, viscous and dry, and its deviation, N m."""
@@ -140,6 +165,7 @@ class _Rules:
                 Finding("", f"{speed:g} B_l + c_l", f"the load's friction at {speed:g} rad/s", "N m"),
                 *(at := self.resistance(speed)),
                 max(SURE_RESISTANCE * at[0], small),
+                rough=ROUGH_FRICTION,
             )
             for speed in SPEEDS
         ]
@@ -151,6 +177,7 @@ class _Rules:
                 deviation * inertia,
                 SURE_INERTIA * inertia,
                 self._unexplained(),
+                rough=ROUGH_INERTIA,
             ),
             self.decide(
                 Finding("load.viscous_friction", "B_l", "the load's viscous friction", "N m s/rad"),
@@ -273,7 +300,7 @@ def findings_of(drive: Drive, gap: Gap, found: Fit, period: float) -> list[Findi
     period : of the samples, s
     """
     covariance = found.covariance * (1.0 if gap.valid else UNSEEN**2)
-    rules = _Rules(drive, found, found.values, covariance, period, drive.standstill_torque())
+    rules = _Rules(drive, found, found.values, covariance, period, drive.standstill_torque(), gap.valid)
     teeth = rules.teeth()
     width = Finding("gear.backlash_angle", "b", "the gap at the load's start position", "rad")
     if gap.valid:

@@ -114,26 +114,26 @@ def _identify_by_one(drive: Drive, recording: Recording) -> Identified:
 def _replaced(drive: Drive, found: Fit, rows: list[Finding]) -> tuple[Drive, frozenset[str]]:
     """Return the given drive updated with the findings, and their names."""
     fitted = identified_drive(drive, found)
-    told = {row.key for row in rows if row.told} - {""}
-    if all(row.told for row in rows if row.symbol.endswith("B_l + c_l")):
-        told |= set(FRICTION)  # their sum is right, however it is divided
+    used = {row.key for row in rows if row.plans} - {""}
+    if all(row.plans for row in rows if row.symbol.endswith("B_l + c_l")):
+        used |= set(FRICTION)  # their sum is right, however it is divided
     else:
-        told -= set(FRICTION)
+        used -= set(FRICTION)
     load = {
         name: getattr(fitted.load, name)
         for name in ("inertia", "viscous_friction", "coulomb_friction")
-        if f"load.{name}" in told
+        if f"load.{name}" in used
     }
     result = replace(drive, load=replace(drive.load, **load))
-    if not told >= _MOTOR and not drive.takes_current:
-        told -= _MOTOR
+    if not used >= _MOTOR and not drive.takes_current:
+        used -= _MOTOR
     motor = {
         name: getattr(fitted.motor, name)
         for name in ("coulomb_friction", "torque_constant", "resistance")
-        if f"motor.{name}" in told
+        if f"motor.{name}" in used
     }
     result = replace(result, motor=replace(drive.motor, **motor))
-    if _TEETH in told:
+    if _TEETH in used:
         result = replace(result, gear=fitted.gear)
-        told |= {"contact"}
-    return result, frozenset(told)
+        used |= {"contact"}
+    return result, frozenset(used)
