@@ -75,7 +75,7 @@ _AFTER = 1.5
 _PAPER = "two_region"
 _OURS = (
     *("motor", "gear", "load", "contact", "effects", "sensors", "delay", "rate", "loop_delay", "command_interface"),
-    *("gains", "gain_set", "gain_set_names", "gain_sets", "profile"),
+    *("gains", "gain_set", "gain_set_names", "gain_sets", "profile", "limits"),
 )
 """Parameters of a file that a simulation uses, in addition to those of its law."""
 
@@ -88,7 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("drive", type=Path, nargs="*", metavar="DRIVE", help=text)
     add("--law", choices=sorted([AUTO, *LAWS]), help=f"by default that of DRIVE, or {AUTO}; {_PAPER} without DRIVE")
     add("--case", choices=list(CASES), help="a condition of the paper, without DRIVE; by default nominal")
-    text = "with DRIVE, as often as needed: a parameter of drive, effects, sensors, delay, gain sets or laws"
+    text = "with DRIVE, as often as needed: a parameter of drive, effects, sensors, delay, limits, gain sets or laws"
     add("--set", action="append", default=[], metavar="NAME=VALUE", help=text)
     text = "with DRIVE: target of the load, which starts at 0; by default 1"
     add("--reference", type=float, metavar="RAD", help=text)
@@ -165,6 +165,7 @@ def _simulated(given: argparse.Namespace) -> tuple[Run, PathFile | MotionLimits 
             encoders=encoders_of(_at_zero(around.sensors)),
             backlash_angle=axis.drive.gear.backlash_angle,
             profile=start.settings.profile,
+            largest_command=start.limits.command,
         )
         law = law_of(start.drive, settings)
         settings = settings.with_law(law, law_parameters_of(parameters, law))
@@ -181,7 +182,9 @@ def _simulated(given: argparse.Namespace) -> tuple[Run, PathFile | MotionLimits 
         delay=around.delay,
     )
     if path is None and settings.profile.mode == STEP:
-        return run(axis.drive, settings, scenario, model=start.drive), None
+        if refusal := start.limits.rejection_reason(given.reference, 0.0):
+            raise ValueError(f"--reference: {refusal}")
+        return run(axis.drive, settings, scenario, model=start.drive, limits=start.limits), None
     settings = replace(settings, thresholds=start.settings.thresholds)
     servo = Servo(start.drive, settings, start.limits)
     servo.update(_at_zero(around.sensors))  # it holds the load there

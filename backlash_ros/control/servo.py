@@ -96,6 +96,7 @@ class Servo:
             If the law cannot be designed; nothing changes.
         """
         limits, drive = limits or self.limits, drive or self.drive
+        settings = replace(settings, largest_command=limits.command)
         if self._encoders.used not in ("", settings.encoders):
             settings = replace(settings, encoders=self._encoders.used)
         if settings.on_lost_encoder == CONTINUE and settings.encoders == BOTH:

@@ -1,5 +1,6 @@
 """Everything about the servo that can be tuned, as one immutable value."""
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
@@ -43,7 +44,8 @@ class ServoSettings(Validated):
     times as wide as learned is then no fault. ``identified``: whether load and friction were found on this drive, so
     that a law may use them. ``encoders``: one of `ENCODERS`; a servo sees by its first sample which there are.
     ``on_lost_encoder``: one of `ON_LOST_ENCODER`, whether one that is lost is a fault, or the other one is enough.
-    ``profile``: how the setpoint goes to a reference.
+    ``profile``: how the setpoint goes to a reference. ``largest_command``: what a law may plan with, V or A; a servo
+    takes that of its limits.
     """
 
     gains: GainSet
@@ -58,6 +60,7 @@ class ServoSettings(Validated):
     identified: bool = False
     encoders: str = BOTH
     on_lost_encoder: str = STOP
+    largest_command: float = math.inf
     profile: ProfileParameters = field(default_factory=ProfileParameters)
     backlash_angle: float = quantity(
         "backlash at the output shaft, within which the over-damped gains act; 0: unknown",

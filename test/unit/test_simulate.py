@@ -49,6 +49,19 @@ def test_parameters_are_set_by_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert len({figures["peak_force_N"] for figures in (quiet, heavy, pushed)}) == 3
 
 
+@pytest.mark.parametrize("command", [12.0, 6.0])
+def test_a_lower_limit_of_the_command_makes_a_step_longer_and_no_worse(
+    command: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A plan that does not know the limit brakes later than the motor can."""
+    free = figures_of(capsys, DRIVE)
+    found = figures_of(capsys, DRIVE, "--set", f"limits.command={command}")
+    assert found["peak_command"] <= command
+    assert found["rise_time_s"] > free["rise_time_s"]
+    assert found["overshoot_b"] < 0.1
+    assert found["settling_time_s"] < 0.4
+
+
 def test_law_and_gains_of_files_are_those_of_a_controller(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """``gains`` before a set's, ``gain_set`` before the first set, zeros for none; later files before earlier ones."""
     gentle, slow, cascade = (tmp_path / f"{name}.yaml" for name in ("gentle", "slow", "cascade"))
@@ -222,6 +235,7 @@ def test_identify_reads_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[
         ([DRIVE, "--set", "rate=0"], "rate must be > 0 Hz"),
         ([DRIVE, "--seconds", "nan"], "--seconds must be >= 0.1 and <= 600 s, got nan"),
         ([DRIVE, "--reference", "0"], "--reference must be"),
+        ([DRIVE, "--reference", "7"], "--reference: reference must be within limits.step = 6.28319 rad of 0 rad, got 7"),
         ([DRIVE, "--load-torque", "inf"], "--load-torque must be >= 0 and <= "),
         (["nosuch.yaml"], "nosuch.yaml"),
     ],

@@ -196,9 +196,11 @@ class Tuning:
         described, delay, period = drive_of(values), values["loop_delay"], 1.0 / self._rate
         delay_bound(self._rate).check("loop_delay", delay)
         sets, drive = self.sets(described, delay), emulated(described, period, delay)
+        limits = take(Limits, values)
         settings = take(
             ServoSettings,
             values,
+            largest_command=limits.command,
             gains=gain_set_of(values, sets, drive, period, delay),
             law=values["law"],
             period=period,
@@ -223,7 +225,7 @@ class Tuning:
             design_law(drive, settings)
         except ValueError as error:
             raise CannotStartError(str(error)) from error
-        return Choice(values, drive, sets, settings, take(Limits, values))
+        return Choice(values, drive, sets, settings, limits)
 
     def completed(self, changes: Mapping[str, Any], before: Choice) -> dict[str, Any]:
         """Return a request with its consequences: a set's gains, gains from weights, values that another drive changes.

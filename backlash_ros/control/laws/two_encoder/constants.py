@@ -47,7 +47,8 @@ class Constants(Record):
     gap: float  # b, rad
 
     stall_torque: float  # N m, of the motor at standstill
-    no_load_speed: float  # rad/s, of the motor
+    available_torque: float  # N m, the same with the largest command that the controller sends
+    no_load_speed: float  # rad/s, of the motor with that command
     volts_per_torque: float  # V/(N m)
     volts_per_speed: float  # V s/rad
     back_emf: float  # V s/rad at the motor; 0 where the command is the voltage

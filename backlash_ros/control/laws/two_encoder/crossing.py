@@ -17,7 +17,7 @@ _COAST = 0.05
 _LEAST_PERIODS = 3.0
 """Periods that a crossing takes at least, so that the motor's loop follows it."""
 _EFFORT = 0.4
-"""Share of the stall torque that a crossing takes at most."""
+"""Share of the torque available at standstill that a crossing takes at most."""
 _PEAK = 5.77
 """Peak of the acceleration of a quintic over a distance d in the time T, in d/T^2."""
 _LASTS = 6
@@ -110,7 +110,7 @@ def _crossing_time(constants: Constants, memory: Memory, path: Array, k: float) 
     The load coasts meanwhile. With dry friction the torque that it lacks leaps, without it grows evenly.
     """
     period, gap, first = constants.period, constants.gap, max(k - 1.0, 0.0)
-    shortest = _shortest_time(constants, constants.motor_inertia, _EFFORT * constants.stall_torque)
+    shortest = _shortest_time(constants, constants.motor_inertia, _EFFORT * constants.available_torque)
     least = max(_LEAST_PERIODS * period, shortest)
     change = abs(needed_torque(constants, memory, path, k + 1.0) - needed_torque(constants, memory, path, first))
     if constants.load_dry_friction > 0.0 and change > 0.5 * constants.load_dry_friction:

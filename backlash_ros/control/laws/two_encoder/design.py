@@ -132,12 +132,14 @@ def _loops(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderParame
     }
 
 
-def _motor(drive: Drive) -> dict[str, float]:
-    """Return what the motor can do, and which voltage that takes."""
+def _motor(drive: Drive, largest_command: float) -> dict[str, float]:
+    """Return what the motor can do, and which voltage that takes; the largest command is in V or A."""
     motor, n = drive.motor, drive.gear.ratio
+    voltage = motor.voltage_limit if drive.takes_current else min(motor.voltage_limit, largest_command)
     return {
         "stall_torque": drive.standstill_torque(),
-        "no_load_speed": motor.voltage_limit / motor.torque_constant * n,
+        "available_torque": drive.standstill_torque(largest_command),
+        "no_load_speed": voltage / motor.torque_constant * n,
         "volts_per_torque": motor.resistance * n / motor.torque_constant,
         "volts_per_speed": motor.torque_constant / n,
         "back_emf": motor.torque_constant if drive.takes_current else 0.0,
@@ -200,7 +202,7 @@ def _constants(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderPa
         crossing_time=parameters.crossing_time * max(1.0, math.sqrt(b / _USUAL_GAP)),
         push_time=parameters.push_time,
         brake_time=parameters.brake_time,
-        **_motor(drive),
+        **_motor(drive, settings.largest_command),
         **_loops(drive, settings, parameters),
         **_expected(drive, settings),
         **_teeth(drive, b),

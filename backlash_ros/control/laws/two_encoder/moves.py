@@ -22,6 +22,8 @@ from backlash_ros.foundation.compiled import compiled
 
 BUMP_PEAK = 1.5
 """Peak of a bump divided by its mean."""
+_SOFT_PEAK = 1.78
+"""Peak of a bump that ends softly, divided by its mean."""
 TOP_SPEED = 0.6
 """Share of the no-load speed that a plan uses. Tuned on the populations."""
 CARRY_SPEED = 0.3
@@ -33,7 +35,7 @@ _TOUCH_TORQUE = 10.0
 _EFFORT = 0.75
 """Share of the torque available at a speed that a push uses. Tuned on the populations."""
 _LEAST_EFFORT = 0.1
-"""Share of the stall torque that is left for a push at least, whatever resists. Tuned on the populations."""
+"""Share of the torque available at standstill that is left for a push at least, whatever resists. Tuned on the populations."""
 _SLOWEST_EFFORT = 0.9
 """Share of the no-load speed up to which the torque available falls with the speed. Tuned on the populations."""
 _APPROACH_SHARE = 0.8
@@ -77,11 +79,18 @@ def shortest_push(constants: Constants, length: float, gain: float, speed: float
     inertia = constants.motor_inertia + constants.load_inertia
     steady = max(resistance, 0.0) + constants.load_friction * speed
     slower = 1.0 - min(speed / constants.no_load_speed, _SLOWEST_EFFORT)
-    available = _EFFORT * constants.stall_torque * slower
+    available = _EFFORT * constants.available_torque * slower
     if inertia * BUMP_PEAK * gain / length + steady <= available:
         return length
-    left = max(available - steady, _LEAST_EFFORT * constants.stall_torque)
+    left = max(available - steady, _LEAST_EFFORT * constants.available_torque)
     return max(length, inertia * BUMP_PEAK * gain / left)
+
+
+@compiled
+def shortest_brake(constants: Constants, length: float, speed: float) -> float:
+    """Return the shortest time for a brake from a speed (rad/s), s, given the motor's torque; ``length`` at least."""
+    inertia = constants.motor_inertia + constants.load_inertia
+    return max(length, inertia * _SOFT_PEAK * speed / (_EFFORT * constants.available_torque))
 
 
 @compiled

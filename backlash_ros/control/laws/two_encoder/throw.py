@@ -9,7 +9,7 @@ from typing import NamedTuple
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.memory import LoadTorque, Move, Plan, Throw
-from backlash_ros.control.laws.two_encoder.moves import TOP_SPEED, approach, edge_of_gap, shortest_push
+from backlash_ros.control.laws.two_encoder.moves import TOP_SPEED, approach, edge_of_gap, shortest_brake, shortest_push
 from backlash_ros.control.laws.two_encoder.plan import add_contact, add_crossing, resistance_at
 from backlash_ros.foundation.compiled import compiled
 
@@ -96,15 +96,16 @@ def solve_throw(constants: Constants, plan: Plan, load_torque: LoadTorque) -> bo
         gain, resists = throw.speed - throw.touch_speed, max(move.first_resistance, move.crossing_resistance)
         throw.push_time = shortest_push(constants, throw.push_time, gain, throw.speed, resists)
         landing = land(constants, move, throw, throw.speed)
+        met = landing.met_speed
+        throw.brake_time = shortest_brake(constants, constants.brake_time, met)
         if least >= 0.0:
-            met = landing.met_speed
             # The load stops before the brake.
             if met <= 0.0:
                 return least > 0.0
             longest = _BRAKE_SHARE * met * constants.load_inertia / (constants.load_friction * met + 2.0 * most)
             if least > 0.0 and longest < _SHORT_BRAKE:
                 return True
-            throw.brake_time = max(min(constants.brake_time, longest), _LEAST_BRAKE)
+            throw.brake_time = max(min(throw.brake_time, longest), _LEAST_BRAKE)
         if throw.adapts != 0.0:
             angle = landing.pushed + throw.speed * (throw.cruise_time + 0.5 * crossing)
             angle = clamp(angle, throw.angle, move.target)
