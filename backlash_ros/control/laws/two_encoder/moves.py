@@ -35,7 +35,8 @@ _TOUCH_TORQUE = 10.0
 _EFFORT = 0.75
 """Share of the torque available at a speed that a push uses. Tuned on the populations."""
 _LEAST_EFFORT = 0.1
-"""Share of the torque available at standstill that is left for a push at least, whatever resists. Tuned on the populations."""
+"""Share of the torque available at standstill that is left for a push at least, whatever resists. Tuned on the
+populations."""
 _SLOWEST_EFFORT = 0.9
 """Share of the no-load speed up to which the torque available falls with the speed. Tuned on the populations."""
 _APPROACH_SHARE = 0.8
