@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from shutil import which
 from typing import Any
 
 from rich.console import Console
@@ -290,6 +291,23 @@ def _answered(path: Path) -> Described:
     return to
 
 
+def _next(file: Path, *, ros2: bool) -> str:
+    """Return what comes next, by the ``ros2`` command where there is one."""
+    node = "ros2 run backlash_ros controller" if ros2 else "controller"
+    by_hand = "python docs/examples/learn_and_step.py"
+    calls = [f"ros2 service call /controller/{each} std_srvs/srv/Trigger" for each in ("learn", "identify")]
+    lines = [
+        f"backlash simulate {file} --plot step.png    a step of it, simulated",
+        f"backlash live --drive {file}    it and its controller, simulated, on a page: learn, identify, move",
+        f"{node} --ros-args --params-file {file}    for the machine; then, in another terminal:",
+        *(calls if ros2 else [f"dashboard    the same page, for the machine; or {by_hand}"]),
+    ]
+    return "\n  ".join(["next:", *lines]) + f"\n{_BEFORE}"
+
+
+_BEFORE = "Before the motor has power, read docs/real_drive.md: what to connect, and how to check signs and units."
+
+
 def setup(given: argparse.Namespace, console: Console) -> int:
     """Ask, write and check; return what `backlash check` does.
 
@@ -308,16 +326,8 @@ def setup(given: argparse.Namespace, console: Console) -> int:
         found = check_drive(written[given.out])
     say(console, f"written: {given.out}")
     code = tell(console, found, str(given.out))
-    say(console, _NEXT.format(file=given.out))
+    say(console, _next(given.out, ros2=which("ros2") is not None))
     return code
 
-
-_NEXT = """next:
-  backlash simulate {file} --plot step.png    a step of it, simulated
-  backlash live --drive {file}    it and its controller, simulated, on a page: learn, identify, move
-  ros2 run backlash_ros controller --ros-args --params-file {file}    for the machine; then, in another terminal:
-  ros2 service call /controller/learn std_srvs/srv/Trigger
-  ros2 service call /controller/identify std_srvs/srv/Trigger
-Before the motor has power, read docs/real_drive.md: what to connect, and how to check signs and units."""
 
 COMMAND = Command(setup, add_arguments, written=("out",))

@@ -128,6 +128,19 @@ def test_answers_that_cannot_be_used_are_named_and_nothing_is_written(
     assert list(tmp_path.iterdir()) == [answers]
 
 
+@pytest.mark.parametrize(("found", "named"), [(None, False), ("/opt/ros/jazzy/bin/ros2", True)])
+def test_commands_of_ros2_are_named_where_there_are_some(
+    found: str | None, named: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("backlash_ros.commands.setup.which", lambda _: found)
+    answers = tmp_path / "answers.yaml"
+    answers.write_text("motor: RE 25")
+    assert main(["setup", "--answers", str(answers), "--out", str(tmp_path / "drive.yaml")]) == 0
+    printed = capsys.readouterr().out.partition("next:")[2]
+    assert ("ros2 " in printed) == ("/controller/identify" in printed) == named
+    assert ("  dashboard  " in printed) == ("\n  controller --ros-args" in printed) == (not named)
+
+
 def test_every_known_motor_has_a_source_and_runs_as_its_sheet_says(tmp_path: Path) -> None:
     """And a controller starts with the first of each maker."""
     makers = set[str]()
