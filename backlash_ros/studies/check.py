@@ -205,16 +205,23 @@ def _tight(around: Surroundings, margins: Mapping[str, Margins]) -> Iterator[War
         )
 
 
-def _inertia(drive: Drive, start: Choice | None) -> Iterator[Warned]:
+def _by_design(around: Surroundings, advice: str) -> str:
+    """Return an ``advice`` that ends with `backlash design`; empty without the load's encoder, which that needs."""
+    return advice if "theta_l" in around.sensors.measured else ""
+
+
+def _inertia(drive: Drive, around: Surroundings, start: Choice | None) -> Iterator[Warned]:
     ratio = drive.load.inertia / drive.reflected_inertia
     default = start is not None and start.values["gains.overdamped.q"] == DEFAULT_WEIGHTS["overdamped"]
     if ratio > HEAVY and default:
         yield Warned(
             f"the load has {ratio:.2g} times the motor's inertia, seen from the output: "
             "the two-region law may keep a slow limit cycle",
-            "choose gains for this drive (backlash design DRIVE --out gains.yaml; backlash check DRIVE gains.yaml); "
-            "or, with two encoders, leave law at auto and call identify: "
-            "once it has found inertia and friction, law two_encoder acts",
+            "leave law at auto and call identify: once it has found inertia and friction, law two_encoder acts"
+            + _by_design(
+                around,
+                "; or choose its gains (backlash design DRIVE --out gains.yaml; backlash check DRIVE gains.yaml)",
+            ),
         )
 
 
@@ -235,8 +242,8 @@ def _coarse(drive: Drive, around: Surroundings) -> Iterator[Warned]:
             yield Warned(
                 f"the gap has {counts:.2g} counts of the {name}'s encoder: "
                 "the learned backlash is coarse, and the load may swing",
-                f"check sensors.{name}_counts, per turn (14 bit are 16384); use a finer encoder, "
-                "or choose wider regions: backlash design DRIVE --out gains.yaml",
+                f"check sensors.{name}_counts, per turn (14 bit are 16384); use a finer encoder"
+                + _by_design(around, ", or choose wider regions: backlash design DRIVE --out gains.yaml"),
             )
 
 
@@ -269,7 +276,7 @@ def _warnings(
     drive = axis.drive
     yield from _tight(around, margins)
     yield from _units(drive)
-    yield from _inertia(drive, start)
+    yield from _inertia(drive, around, start)
     yield from _drift(drive)
     yield from _coarse(drive, around)
     if start is not None:

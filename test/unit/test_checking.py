@@ -59,6 +59,16 @@ def test_each_warning_says_what_to_do(tmp_path: Path, sections: dict[str, object
     assert remedy in found.remedy
 
 
+@pytest.mark.parametrize(("measured", "designs"), [(["theta_l"], True), (["theta_m"], False)])
+def test_no_remedy_needs_an_encoder_that_is_not_there(tmp_path: Path, measured: list[str], *, designs: bool) -> None:
+    sensors = {"measured": measured, "load_counts": 4096.0, "motor_counts": 256.0}
+    checked = check_drive(file_of(tmp_path, load={"inertia": 2e-3}, sensors=sensors))
+    remedies = [warning.remedy for warning in checked.warnings]
+    assert any(remedy.startswith("leave law at auto and call identify") for remedy in remedies)
+    assert any("backlash design" in remedy for remedy in remedies) == designs
+    assert not any("two encoders" in remedy for remedy in remedies)
+
+
 def test_a_load_that_dry_friction_stops_does_not_drift(tmp_path: Path) -> None:
     path = file_of(tmp_path, load={"inertia": 1e-2, "coulomb_friction": 0.02})
     assert not any("viscous" in warning.what for warning in check_drive(path).warnings)
