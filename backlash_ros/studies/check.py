@@ -93,7 +93,8 @@ def _expected(drive: Drive, around: Surroundings) -> str:
     b, counts, measured = drive.gear.backlash_angle, around.sensors.load_counts, around.sensors.measured
     count = 2.0 * math.pi / counts if counts and "theta_l" in measured else 0.0
     off = threshold(PRECISE, b, count) * b
-    held = f"{1e3 * off:.2g} mrad, {math.degrees(60.0 * off):.2g} arcmin, on 19 of 20 drives, once identified"
+    held = f"{1e3 * off:.2g} mrad, {math.degrees(60.0 * off):.2g} arcmin, "
+    held += "on 19 of 20 drives drawn at random (docs/evaluation.md), once identified"
     return held if "theta_l" in measured else f"{held}; a load that is pushed in the gap is not seen"
 
 

@@ -196,7 +196,9 @@ def test_the_load_of_a_simulation_sags_as_far_as_check_says_until_it_is_identifi
 
     assert end_of("--law", "two_region") == pytest.approx(-1.6, abs=0.1)
     assert abs(end_of()) <= 0.1
-    assert check_drive(path).figures["error of a load at rest"].startswith("1.8 mrad, 6 arcmin, on 19 of 20 drives")
+    error = check_drive(path).figures["error of a load at rest"]
+    assert error.startswith("1.8 mrad, 6 arcmin, on 19 of 20 drives")
+    assert "drawn at random (docs/evaluation.md), once identified" in error
 
 
 @pytest.mark.parametrize(
