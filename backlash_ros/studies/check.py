@@ -8,6 +8,7 @@ from pathlib import Path
 from backlash_ros.control import AUTO, DEFAULT_WEIGHTS, Margins
 from backlash_ros.control.design.choice import Choice, chosen_for_rate
 from backlash_ros.control.design.start import CannotStartError
+from backlash_ros.control.monitoring.wear import HEAVY
 from backlash_ros.drive_file.drive_file import (
     Axis,
     Surroundings,
@@ -27,8 +28,6 @@ SPEEDS = 10.0, 1e4
 """Speeds of a motor without load, rad/s, outside of which a unit is more likely wrong."""
 WIDE, SLOW = 0.2, 0.1
 """Gap, rad, and time constant of a winding, s, above which a unit is more likely wrong."""
-HEAVY = 0.5
-"""J_l/J_r above which the two-region law more often keeps a slow limit cycle: docs/evaluation.md."""
 COASTS = 1.0
 """J_l/B_l, s, above which a load without dry friction drifts in the gap for long: docs/evaluation.md."""
 LOSSY = 0.9
