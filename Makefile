@@ -1,5 +1,6 @@
 # Each target builds .venv if it is missing or older than the locks, and changes nothing else outside the project.
 #
+#   make install only that: .venv with all commands; also what make without a target does
 #   make demo    learn the backlash and judge four laws, on real ROS 2 in lockstep, recorded: results in results/demo
 #   make live    a simulated drive, its controller and a page for the browser; prints the address
 #   make test    all tests but the grids, in about fourteen minutes on two cores
@@ -43,7 +44,9 @@ else
   LOCKS := requirements/python.txt requirements/ros.txt
 endif
 
-.PHONY: demo live test test-grid test-unit faults bad-samples test-repeat test-floors lint paper evaluation docs site bench soak lock clean
+.PHONY: install demo live test test-grid test-unit faults bad-samples test-repeat test-floors lint paper evaluation docs site bench soak lock clean
+
+install: $(READY)
 
 demo: $(READY)
 	$(BIN)/python -m backlash_ros.demo

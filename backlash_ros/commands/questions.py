@@ -5,16 +5,19 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from backlash_ros.foundation.quantity import Quantity
 
-EXPLAIN = "?"
-"""The answer that asks what is meant."""
+EXPLAIN, BACK = "?", "<"
+"""The answers that ask what is meant, and that go back to the question before."""
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)", re.ASCII)
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "arcmin": math.pi / 10800.0}
 INERTIAS = {"kg m^2": 1.0, "kg cm^2": 1e-4, "g m^2": 1e-3, "g cm^2": 1e-7}
+_OTHERWISE = {"degree": "deg", "degrees": "deg"}
+"""Other names of units."""
+_Told = TypeVar("_Told")
 Units = Mapping[str, float | Callable[[float], float]]
 """Factor to SI units, or function, by name."""
 
@@ -36,6 +39,7 @@ class Number:
     units : factor to SI units, or a function, by name; the default is shown in the first, and an answer without a unit
         is in SI units, if the first is
     explained : what is meant, and where to find it
+    assumed : whether the default is a guess, which is shown and has two digits
     """
 
     key: str
@@ -44,6 +48,7 @@ class Number:
     default: float | None
     units: Units = field(default_factory=dict)
     explained: str = ""
+    assumed: bool = False
 
     @property
     def _known(self) -> Units:
@@ -55,6 +60,7 @@ class Number:
         first, factor = next(iter(self._known.items()))
         assert isinstance(factor, (int, float))
         default = "none" if self.default is None else f"{self.default / factor:.6g} {first}".rstrip()
+        default += ", assumed" if self.assumed else ""
         units = ", ".join(filter(None, self._known))
         return f"{self.text}{f' ({units})' if units else ''} [{default}]: "
 
@@ -65,6 +71,8 @@ class Number:
         known = {_folded(name): factor for name, factor in self._known.items()}
         found = _NUMBER.fullmatch(text)
         unit = _folded(found[2]) if found else ""
+        if unit == ":1" and not self.bound.unit:  # a ratio
+            unit = ""
         if found is None or (unit and unit not in known):
             units = " or ".join(filter(None, self._known))
             remedy = ", with a point" if "," in text else ""
@@ -83,18 +91,23 @@ class Number:
 
 
 def _folded(unit: str) -> str:
-    return re.sub(r"[ ^*.]", "", unit)
+    unit = re.sub(r"[ ^*.]", "", unit)
+    return _OTHERWISE.get(unit, unit)
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A question for one of some names; ``options``: what each means. A name's number, from 1 on, answers as well."""
+    """A question for one of some names; ``options``: what each means. A name's number, from 1 on, answers as well.
+
+    ``unknown``: what to do about a name that is none of them.
+    """
 
     key: str
     text: str
     options: Mapping[str, str]
     default: str
     explained: str = ""
+    unknown: str = ""
 
     @property
     def prompt(self) -> str:
@@ -115,7 +128,7 @@ class Choice:
         meant = [name for name in self.options if text.lower() in name.lower()]
         found = [name for name in meant if text.lower() == name.lower()] or meant
         if len(found) != 1:
-            why = f", which {len(found)} names have" if found else ""
+            why = f", which {len(found)} names have" if found else self.unknown
             last = len(self.options)
             raise ValueError(
                 f"{self.key} must be a number from 1 to {last} or a part of one name, got {text[:40]!r}{why}"
@@ -131,14 +144,31 @@ class Asker(Protocol):
         ...
 
 
+class _GoBackError(Exception):
+    """The question before is to be asked again."""
+
+
 class Terminal:
     """Asks a person, or takes the lines of a pipe; asks again after what cannot be used. ``say`` prints a line."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
+        self._answers, self._repeated = list[str](), 0
+
+    def ask(self, all_of: Callable[[Asker], _Told]) -> _Told:
+        """Return what ``all_of`` makes of the answers; it begins anew, with the answers so far, where one goes back."""
+        while True:
+            self._repeated = 0
+            try:
+                return all_of(self)
+            except _GoBackError:
+                self._answers.pop()
 
     def __call__(self, question: Number | Choice) -> Any:
-        """Ask; `EXPLAIN` explains, an empty line is the default."""
+        """Ask; `EXPLAIN` explains, an empty line is the default, `BACK` goes back."""
+        if self._repeated < len(self._answers):
+            self._repeated += 1
+            return question.read(self._answers[self._repeated - 1])
         while True:
             try:
                 answer = input(question.prompt).strip()
@@ -153,12 +183,21 @@ class Terminal:
             if not sys.stdin.isatty():  # shows what a pipe answers
                 self._say(answer)
             if answer == EXPLAIN:
-                self._say(f"  {question.explained or question.text}")
+                self._say(f"  {question.key}: {question.explained or question.text}")
                 continue
+            if answer == BACK and not self._answers:
+                self._say("  this is the first question")
+                continue
+            if answer == BACK:
+                raise _GoBackError
             try:
-                return question.read(answer)
+                value = question.read(answer)
             except ValueError as error:
                 self._say(f"  {error}; {EXPLAIN} explains")
+                continue
+            self._answers.append(answer)
+            self._repeated += 1
+            return value
 
 
 class Answers:

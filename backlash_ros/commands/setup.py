@@ -3,9 +3,10 @@
 import argparse
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from shutil import which
 from typing import Any
 
 from rich.console import Console
@@ -26,8 +27,8 @@ from backlash_ros.studies.check import check_drive
 
 DESCRIPTION = (
     "Asks in the terminal what your drive is: motor, gear, load, supply, encoders, limits, rate. Each question has a "
-    "default, which an empty line takes; ? explains it. Writes a parameter file for the controller, checks it as "
-    "`backlash check` does, and says what comes next. Nothing moves."
+    "default, which an empty line takes; ? explains it, < goes back to the one before. Writes a parameter file for the "
+    "controller, checks it as `backlash check` does, and says what comes next. Nothing moves."
 )
 EXAMPLE = "examples: backlash setup; backlash setup --out my_drive.yaml --answers answers.yaml"
 OTHER = "another motor"
@@ -83,8 +84,8 @@ class Described:
     """The motor and where its data sheet is, in words."""
 
     def put(self, key: str, value: Any, source: str, unit: str = "") -> None:
-        """Take a parameter: a number or text."""
-        self.values[key] = value, source, unit
+        """Take a parameter: a number or text; what is assumed has two digits."""
+        self.values[key] = _roughly(value) if source == _GUESS else value, source, unit
 
     def number(self, key: str) -> float:
         """Return a number that was taken."""
@@ -117,6 +118,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--force", action="store_true", help="overwrite an existing file")
 
 
+def _roughly(value: float) -> float:
+    return float(f"{value:.2g}")
+
+
 def _within(bound: Quantity, value: float) -> float:
     return min(max(value, bound.lower), bound.upper)
 
@@ -126,6 +131,8 @@ def _unless_known(ask: Asker, to: Described, known: float, question: Number) -> 
     if not math.isnan(known):
         to.put(question.key, known, _SHEET, question.bound.unit)
         return
+    assert question.default is not None
+    question = replace(question, default=_roughly(question.default), assumed=True)
     told = ask(question)
     to.put(question.key, told, _GUESS if told == question.default else _TOLD, question.bound.unit)
 
@@ -135,7 +142,8 @@ def _motor(ask: Asker, to: Described) -> DataSheet | None:
     sheets, bounds = {sheet.name: sheet for sheet in data_sheets()}, quantities(Motor)
     options = {OTHER: "its data sheet is asked for"} | {name: f"{each.voltage:g} V" for name, each in sheets.items()}
     why = "a number or a part of a name; what its data sheet does not say is asked for, and marked in the file"
-    sheet = sheets.get(ask(Choice("motor", "motor", options, OTHER, why)))
+    unknown = ", which is not known: 1 asks for its data sheet"
+    sheet = sheets.get(ask(Choice("motor", "motor", options, OTHER, why, unknown)))
     why = "what the supply gives the motor at most"
     default = 24.0 if sheet is None else sheet.voltage
     volts = ask(Number("motor.voltage_limit", "largest voltage", bounds["voltage_limit"], default, explained=why))
@@ -143,8 +151,8 @@ def _motor(ask: Asker, to: Described) -> DataSheet | None:
     if sheet is None:
         resistance, constant, source = *_winding(ask), _TOLD
         why = "of the motor alone, without gear; its friction follows from it"
-        units, default = {"A": 1.0, "mA": 1e-3}, _within(_CURRENT, _IDLE * volts / resistance)
-        idle = ask(Number("no_load_current", "current without load", _CURRENT, default, units, why))
+        units, default = {"A": 1.0, "mA": 1e-3}, _roughly(_within(_CURRENT, _IDLE * volts / resistance))
+        idle = ask(Number("no_load_current", "current without load", _CURRENT, default, units, why, assumed=True))
         speed = max(volts - resistance * idle, 0.1 * volts) / constant
     else:
         (resistance, constant), source = sheet.winding, _SHEET if sheet.has_winding else _FOLLOWS
@@ -156,7 +164,10 @@ def _motor(ask: Asker, to: Described) -> DataSheet | None:
     bound, why = bounds["inductance"], "a data sheet calls it terminal inductance; it hardly matters for small motors"
     units, default = {"mH": 1e-3, "H": 1.0, "uH": 1e-6}, _within(bound, _WINDING * resistance)
     _unless_known(ask, to, inductance, Number("motor.inductance", "inductance", bound, default, units, why))
-    bound, why = bounds["inertia"], "with all on its shaft before the gear; by default that of a motor of 15 ms"
+    bound, why = (
+        bounds["inertia"],
+        "with all on its shaft before the gear; by default with a mechanical time constant of 15 ms",
+    )
     units = {"g cm^2": INERTIAS["g cm^2"], **INERTIAS}
     default = _within(bound, _SPEEDS_UP * constant**2 / resistance)
     _unless_known(ask, to, inertia, Number("motor.inertia", "inertia of the rotor", bound, default, units, why))
@@ -194,7 +205,7 @@ def _gear(ask: Asker, sheet: DataSheet | None, to: Described) -> None:
 
 def _load(ask: Asker, to: Described) -> None:
     """Ask for the load: its inertia, or what gives it, and its weight."""
-    bounds, bound = quantities(Load), quantities(Load)["inertia"]
+    bound = quantities(Load)["inertia"]
     why = "known: you have its inertia; else it is found from mass and size"
     options = {_KNOWN: "its inertia is asked for", **{name: str(body) for name, body in _BODIES.items()}}
     shape, weight = ask(Choice("load.body", "what turns behind the gear", options, _KNOWN, why)), 0.0
@@ -212,11 +223,25 @@ def _load(ask: Asker, to: Described) -> None:
         size = ask(Number("load.size", f"{body.size} l", length, _within(length, 0.05), LENGTHS, str(body)))
         inertia, weight = body.inertia * mass * size**2, body.weight * mass * _G * size
         to.put("load.inertia", _within(bound, inertia), f"{shape}: m = {mass:g} kg, l = {size:g} m", bound.unit)
-    friction = to.number("load.inertia") / _COASTS
-    to.put("load.viscous_friction", _within(bounds["viscous_friction"], friction), _GUESS, "N m s/rad")
+    _friction(ask, to)
     why = "m g l of a load that hangs or leans; 0 if the shaft is vertical, or the load balanced"
     weight = ask(Number("load.gravity_torque", "largest torque of its weight", _WEIGHT, weight, explained=why))
     to.put("load.gravity_torque", weight, _TOLD, "N m")
+
+
+def _friction(ask: Asker, to: Described) -> None:
+    """Ask for the friction of the load."""
+    bounds, inertia = quantities(Load), to.number("load.inertia")
+    why = "it grows with the speed: about the load's inertia divided by the time in which it comes to rest by itself, "
+    why += f"by default {_COASTS:g} s; identify measures it"
+    bound, units = bounds["viscous_friction"], {"N m s/rad": 1.0}
+    default = _within(bound, inertia / _COASTS)
+    viscous = Number("load.viscous_friction", "viscous friction of the load", bound, default, units, why)
+    _unless_known(ask, to, math.nan, viscous)
+    why = "the smallest torque that turns the load in the gap: a weight on a lever finds it; identify measures it"
+    bound, units = bounds["coulomb_friction"], {"N m": 1.0, "mN m": 1e-3}
+    dry = Number("load.coulomb_friction", "dry friction of the load", bound, 0.0, units, why)
+    _unless_known(ask, to, math.nan, dry)
 
 
 def _sensors(ask: Asker, sheet: DataSheet | None, to: Described) -> None:
@@ -265,8 +290,9 @@ def describe(ask: Asker) -> Described:
         default = _within(bound, _BEARS * largest / to.number("motor.resistance"))
         why = "that motor and gear bear for seconds; by default a quarter of that at standstill"
         units = {"A": 1.0, "mA": 1e-3}
-        largest = float(ask(Number("motor.current_limit", "largest current", bound, default, units, why)))
-        to.put("motor.current_limit", largest, _TOLD, unit)
+        question = Number("motor.current_limit", "largest current", bound, default, units, why)
+        _unless_known(ask, to, math.nan, question)
+        largest = to.number(question.key)
     _gear(ask, sheet, to)
     _load(ask, to)
     _sensors(ask, sheet, to)
@@ -290,6 +316,26 @@ def _answered(path: Path) -> Described:
     return to
 
 
+def _next(file: Path, to: Described, *, ros2: bool) -> str:
+    """Return what comes next, by the ``ros2`` command where there is one."""
+    node = "ros2 run backlash_ros controller" if ros2 else "controller"
+    by_hand = "python docs/examples/learn_and_step.py"
+    calls = [f"ros2 service call /controller/{each} std_srvs/srv/Trigger" for each in ("learn", "identify")]
+    lines = [
+        f"backlash simulate {file} --plot step.png    a step of it, simulated",
+        f"backlash live --drive {file}    it and its controller, simulated, on a page: learn, identify, move",
+        f"{node} --ros-args --params-file {file}    for the machine; then, in another terminal:",
+        *(calls if ros2 else [f"dashboard    the same page, for the machine; or {by_hand}"]),
+    ]
+    largest, unit = ("motor.current_limit", "A") if "motor.current_limit" in to.values else ("motor.voltage_limit", "V")
+    if to.number("limits.command") < (most := to.number(largest)):
+        lines.append(f"raise limits.command in {file}, up to {most:.4g} {unit}, once the drive is identified")
+    return "\n  ".join(["next:", *lines]) + f"\n{_BEFORE}"
+
+
+_BEFORE = "Before the motor has power, read docs/real_drive.md: what to connect, and how to check signs and units."
+
+
 def setup(given: argparse.Namespace, console: Console) -> int:
     """Ask, write and check; return what `backlash check` does.
 
@@ -299,8 +345,8 @@ def setup(given: argparse.Namespace, console: Console) -> int:
         If there is no answer or one cannot be used, or the file cannot be written: then nothing is.
     """
     if given.answers is None:
-        say(console, "An empty line takes what is in brackets, ? explains, Ctrl-C ends. Nothing moves.")
-        to = describe(Terminal(partial(say, console)))
+        say(console, "An empty line takes what is in brackets, ? explains, < goes back, Ctrl-C ends. Nothing moves.")
+        to = Terminal(partial(say, console)).ask(describe)
     else:
         to = _answered(given.answers)
     with staged(given.out) as written:
@@ -308,16 +354,8 @@ def setup(given: argparse.Namespace, console: Console) -> int:
         found = check_drive(written[given.out])
     say(console, f"written: {given.out}")
     code = tell(console, found, str(given.out))
-    say(console, _NEXT.format(file=given.out))
+    say(console, _next(given.out, to, ros2=which("ros2") is not None))
     return code
 
-
-_NEXT = """next:
-  backlash simulate {file} --plot step.png    a step of it, simulated
-  backlash live --drive {file}    it and its controller, simulated, on a page: learn, identify, move
-  ros2 run backlash_ros controller --ros-args --params-file {file}    for the machine; then, in another terminal:
-  ros2 service call /controller/learn std_srvs/srv/Trigger
-  ros2 service call /controller/identify std_srvs/srv/Trigger
-Before the motor has power, read docs/real_drive.md: what to connect, and how to check signs and units."""
 
 COMMAND = Command(setup, add_arguments, written=("out",))

@@ -2,21 +2,27 @@
 
 import json
 import math
+import re
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from backlash_ros.control.laws import BEST
+from backlash_ros.control.monitoring.wear import HEAVY
 from backlash_ros.control.telemetry import TELEMETRY
 from backlash_ros.dashboard.axis import SILENCE, Axis
+from backlash_ros.drivetrain.parameters import drive_of
 from backlash_ros.gates.faults import FAULTS, Fault
 from backlash_ros.recordings.rounding import shown, unit_text
 
 STEPS = ("connect", "learn", "identify", "move")
 EXPERIMENTS = {"learning": "learn", "identifying": "identify", "homing": "home"}
 """The service of an experiment, by its word."""
-_PLANS = "two_encoder"
-"""The law with phases of its own; the regions of the gains mean nothing there."""
+_NEEDED = {"J_l": "its inertia", "c_l": "its dry friction"}
+"""What must be found before a drive counts as identified, by symbol."""
+_REMEDY = r"([:;]) (?=(?:allow|check|if the machine|set|take|try) )"
+"""What stands before the remedy in an answer."""
 _SCALES = {"s": (1e3, "ms"), "kg m^2": (1e4, "kg cm^2")}
 """Factor of a unit to that of small numbers, and its name."""
 
@@ -110,6 +116,60 @@ def found_by(axis: Axis) -> dict[str, Sequence[Result]]:
         return {}
 
 
+def of_learning(axis: Axis, angle: AngleUnit) -> tuple[str, str]:
+    """Return what is known of the backlash, and what that gains or would gain."""
+    if not axis.b:
+        swing, small = axis.last_state.get("rattle", 0.0), angle.small
+        rattle = f"of {small.factor * swing:#.3g} {small.name}" if swing else "after a move"
+        return "b is not known", f"would end the rattle {rattle}"
+    kept = servo_says(axis)
+    sure = kept.get("estimate_uncertainty_rad", "")
+    ours = sure and kept.get("estimate_applied") == "True" and math.isclose(float(kept["estimate_rad"]), axis.b)
+    text = quantity(axis.b, float(sure) if ours else 0.0, "rad", angle)
+    gain = "in use: moves end without a rattle"
+    if law_of(axis) == "fast":
+        gain = "law fast does not use it"
+    elif law_of(axis) != BEST and _is_heavy(axis):
+        gain = "in use; this load is heavy for the motor and may rattle: identify, too"
+    return f"b = {text}", gain
+
+
+def of_identification(axis: Axis, angle: AngleUnit) -> tuple[str, str]:
+    """Return what is known of the load, and what that gains or would gain; what is missing, and what to do."""
+    found = {each.symbol: each for each in found_by(axis).get("identify", [])}
+    told, law = axis.told.values, law_of(axis)
+    if told.get("identified"):
+        used, inertia = told["load.inertia"], found.get("J_l")
+        ours = inertia is not None and math.isclose(inertia.value, used)
+        text = inertia.text(angle) if ours and inertia else quantity(used, 0.0, "kg m^2", angle)
+        return f"J_l = {text}", f"load inertia; law {law} acts"
+    if not found:
+        return "the load is not known", "would let law two_encoder move faster"
+    if not (lacking := [word for symbol, word in _NEEDED.items() if symbol not in found]):
+        return "load found, but not in use", f"law {law} still acts"
+    result = "the load was not found" if len(lacking) == len(_NEEDED) else f"load found, {lacking[0]} not"
+    again = "identify elsewhere, or set load.* and identified: true"
+    return result, f"law {law} still acts: {again}"
+
+
+def _is_heavy(axis: Axis) -> bool:
+    try:
+        drive = drive_of(axis.told.values)
+    except (KeyError, ValueError, TypeError):  # another version's controller
+        return False
+    return drive.load.inertia > HEAVY * drive.reflected_inertia
+
+
+def remedy_first(text: str) -> str:
+    """Return an answer that ends with what to do in another order: that first.
+
+    >>> remedy_first("no gap measured: a flank is 0.1 rad off; check both couplings")
+    'Check both couplings. Why: no gap measured: a flank is 0.1 rad off'
+    """
+    why, sign, what = re.split(_REMEDY, text, maxsplit=1) if re.search(_REMEDY, text) else (text, "", "")
+    return f"{what[0].upper()}{what[1:]}. Why: {why}" if sign else text
+
+
 def law_of(axis: Axis) -> str:
     """Return the law that acts; empty if it is not known."""
     return servo_says(axis).get("law_in_use", "")
@@ -125,7 +185,7 @@ def acts(axis: Axis) -> str:
     law = law_of(axis)
     if not law or axis.lifecycle != "active" or not axis.last_state.get("holding"):
         return ""
-    does = _word(axis, "phase" if law == _PLANS else "region")
+    does = _word(axis, "phase" if law == BEST else "region")  # with phases of its own, regions mean nothing
     return f"law {law}: {does}" if does not in ("", "none") else f"law {law}"
 
 

@@ -33,7 +33,7 @@ from backlash_ros.nodes.learning import Learning
 from backlash_ros.nodes.motion import Motion
 from backlash_ros.nodes.parameters import declare_controller, refuse_unknown
 from backlash_ros.nodes.reports import ONE_IS_LOST, ControllerReport, NodeFacts
-from backlash_ros.nodes.start_lines import margins_line, stands_in, untold_drive
+from backlash_ros.nodes.start_lines import drive_found, margins_line, stands_in, untold_drive
 from backlash_ros.nodes.tunables import Tunables
 from backlash_ros.ros.diagnostics import ERROR, OK, UNSTAMPED, status
 from backlash_ros.ros.lifecycle import ManagedNode
@@ -79,6 +79,7 @@ class Controller(ManagedNode):
         self._values = cast("MutableSequence[float]", memoryview(self._measured))  # the same, as the gate takes it
         self._told_chosen: set[str] = set()
         self._told, self._said, self._lost = Fault.NONE, (False, False, Fault.NONE, False), ""
+        self._encoders = ""  # which ones the log has named
         self._estimated = self._changed = False
         self._owed = False  # whether a message was sent between samples, so that the next sample must repeat it
         self._report = ControllerReport(self._rate, self._state_timeout)
@@ -285,6 +286,10 @@ class Controller(ManagedNode):
         elif judged.reason:
             dropped = self._gate.dropped
             self.get_logger().warning(f"{judged.reason}; {dropped} messages dropped so far", throttle_duration_sec=1.0)
+        found = self._servo.settings.encoders
+        if judged.action is Action.TAKE and found != self._encoders and not self._servo.lost_encoder:
+            self._encoders = found
+            self.get_logger().info(drive_found(found))
         if self._servo.experimenting and not self._said[1]:
             self.get_logger().info(self._learning.doing)
         self._tell_fault()

@@ -198,6 +198,8 @@ class Learning:
         before, log = self._estimates.trouble, self._node.get_logger()
         answer = self._estimates.poll(now_ns(), wait_no_more=wait_no_more)
         if answer is not None:
+            if answer.service == "identify" and answer.success and not self._estimates.offer:
+                answer = answer._replace(text=f"{answer.text}; law {self._servo.law} acts")
             log.info(answer.text)
         if self._estimates.trouble not in ("", before):
             log.error(f"the last estimate: {self._estimates.trouble}")

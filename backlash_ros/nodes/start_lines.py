@@ -1,9 +1,10 @@
-"""Lines of the controller's log at the start: margins, a drive that was not described, what the law waits for."""
+"""Lines of the controller's log at the start: margins, what was not described, the encoders, what the law waits for."""
 
 from collections.abc import Iterable, Mapping
 
 from backlash_ros.control import AUTO, Margins, ServoSettings
 from backlash_ros.control.laws import BEST, UNTIL_THEN, best_refusal, lacks
+from backlash_ros.control.settings import BOTH
 from backlash_ros.drivetrain import Drive
 
 _DRIVE = ("motor.", "gear.", "load.")
@@ -17,6 +18,11 @@ def untold_drive(given: Iterable[str]) -> str:
         "no drive parameters were given, so the nominal drive is assumed: "
         "for another drive set at least motor.torque_constant, gear.reduction and load.inertia"
     )
+
+
+def drive_found(encoders: str) -> str:
+    """Return which encoders the first sample had."""
+    return "drive found: both encoders" if encoders == BOTH else f"drive found: the {encoders}'s encoder alone"
 
 
 def stands_in(drive: Drive, settings: ServoSettings) -> str:

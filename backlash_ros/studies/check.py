@@ -8,6 +8,7 @@ from pathlib import Path
 from backlash_ros.control import AUTO, DEFAULT_WEIGHTS, Margins
 from backlash_ros.control.design.choice import Choice, chosen_for_rate
 from backlash_ros.control.design.start import CannotStartError
+from backlash_ros.control.monitoring.wear import HEAVY
 from backlash_ros.drive_file.drive_file import (
     Axis,
     Surroundings,
@@ -27,8 +28,6 @@ SPEEDS = 10.0, 1e4
 """Speeds of a motor without load, rad/s, outside of which a unit is more likely wrong."""
 WIDE, SLOW = 0.2, 0.1
 """Gap, rad, and time constant of a winding, s, above which a unit is more likely wrong."""
-HEAVY = 0.5
-"""J_l/J_r above which the two-region law more often keeps a slow limit cycle: docs/evaluation.md."""
 COASTS = 1.0
 """J_l/B_l, s, above which a load without dry friction drifts in the gap for long: docs/evaluation.md."""
 LOSSY = 0.9
@@ -93,7 +92,8 @@ def _expected(drive: Drive, around: Surroundings) -> str:
     b, counts, measured = drive.gear.backlash_angle, around.sensors.load_counts, around.sensors.measured
     count = 2.0 * math.pi / counts if counts and "theta_l" in measured else 0.0
     off = threshold(PRECISE, b, count) * b
-    held = f"{1e3 * off:.2g} mrad, {math.degrees(60.0 * off):.2g} arcmin, on 19 of 20 drives, once identified"
+    held = f"{1e3 * off:.2g} mrad, {math.degrees(60.0 * off):.2g} arcmin, "
+    held += "on 19 of 20 drives drawn at random (docs/evaluation.md), once identified"
     return held if "theta_l" in measured else f"{held}; a load that is pushed in the gap is not seen"
 
 
@@ -205,16 +205,23 @@ def _tight(around: Surroundings, margins: Mapping[str, Margins]) -> Iterator[War
         )
 
 
-def _inertia(drive: Drive, start: Choice | None) -> Iterator[Warned]:
+def _by_design(around: Surroundings, advice: str) -> str:
+    """Return an ``advice`` that ends with `backlash design`; empty without the load's encoder, which that needs."""
+    return advice if "theta_l" in around.sensors.measured else ""
+
+
+def _inertia(drive: Drive, around: Surroundings, start: Choice | None) -> Iterator[Warned]:
     ratio = drive.load.inertia / drive.reflected_inertia
     default = start is not None and start.values["gains.overdamped.q"] == DEFAULT_WEIGHTS["overdamped"]
     if ratio > HEAVY and default:
         yield Warned(
             f"the load has {ratio:.2g} times the motor's inertia, seen from the output: "
             "the two-region law may keep a slow limit cycle",
-            "choose gains for this drive (backlash design DRIVE --out gains.yaml; backlash check DRIVE gains.yaml); "
-            "or, with two encoders, leave law at auto and call identify: "
-            "once it has found inertia and friction, law two_encoder acts",
+            "leave law at auto and call identify: once it has found inertia and friction, law two_encoder acts"
+            + _by_design(
+                around,
+                "; or choose its gains (backlash design DRIVE --out gains.yaml; backlash check DRIVE gains.yaml)",
+            ),
         )
 
 
@@ -235,8 +242,8 @@ def _coarse(drive: Drive, around: Surroundings) -> Iterator[Warned]:
             yield Warned(
                 f"the gap has {counts:.2g} counts of the {name}'s encoder: "
                 "the learned backlash is coarse, and the load may swing",
-                f"check sensors.{name}_counts, per turn (14 bit are 16384); use a finer encoder, "
-                "or choose wider regions: backlash design DRIVE --out gains.yaml",
+                f"check sensors.{name}_counts, per turn (14 bit are 16384); use a finer encoder"
+                + _by_design(around, ", or choose wider regions: backlash design DRIVE --out gains.yaml"),
             )
 
 
@@ -269,7 +276,7 @@ def _warnings(
     drive = axis.drive
     yield from _tight(around, margins)
     yield from _units(drive)
-    yield from _inertia(drive, start)
+    yield from _inertia(drive, around, start)
     yield from _drift(drive)
     yield from _coarse(drive, around)
     if start is not None:

@@ -1,5 +1,9 @@
-"""Learns the backlash and steps to 1 rad, by the topics and services of a running controller, with rclpy alone."""
+"""Learns the backlash, identifies the drive and steps to 1 rad, or to the angle that is given, with rclpy alone.
 
+It uses the topics and services of a running controller: learn_and_step.py 0.5
+"""
+
+import sys
 import time
 
 import rclpy
@@ -7,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
-TARGET = 1.0  # rad
+TARGET = float(sys.argv[1]) if len(sys.argv) > 1 else 1.0  # rad
 TRIES = 10  # no more: a controller that refuses it must not be moved by it later
 
 rclpy.init()
@@ -29,10 +33,11 @@ def followed() -> bool:
     return state.get("reference") == TARGET
 
 
-def call(service: str) -> bool:
-    """Call a service of the controller, show its answer, and return whether it succeeded."""
-    client = node.create_client(Trigger, f"/controller/{service}")
-    client.wait_for_service()
+def call(service: str, patience: float | None = None) -> bool:
+    """Call a service, show its answer, and return whether it succeeded; wait for it for ``patience`` s, or for ever."""
+    client = node.create_client(Trigger, service)
+    if not client.wait_for_service(patience):
+        return False
     rclpy.spin_once(node, timeout_sec=1.0)  # meanwhile the controller finds this client, too
     future = client.call_async(Trigger.Request())
     rclpy.spin_until_future_complete(node, future)
@@ -40,10 +45,12 @@ def call(service: str) -> bool:
     return bool(future.result().success)
 
 
-call("reset_fault")  # a controller that waited for its drive may have latched a fault
-if not call("learn"):  # takes some seconds; the motor moves
-    raise SystemExit(1)  # without the backlash the load would rattle
-call("identify")  # takes as long; the law for two encoders acts if it finds inertia and friction
+call("/plant_simulator/reset_fault", 5.0)  # each may have latched a fault while it waited for the other
+call("/controller/reset_fault")
+if not call("/controller/learn"):  # takes some seconds; the motor moves
+    raise SystemExit("nothing was learned: without the backlash the load would rattle, so there is no step")
+if not call("/controller/identify"):  # takes as long; its answer ends with the law that acts
+    node.get_logger().warning("the drive was not identified: law two_region goes on, which is slower")
 for _ in range(TRIES):  # a message may be lost
     reference.publish(Float64(data=TARGET))
     again = time.monotonic() + 1.0

@@ -132,7 +132,7 @@ def test_learning_over_the_service(start: Start, peer: Peer) -> None:
 @pytest.mark.grid  # by one encoder; test_relay.py has the experiment
 @pytest.mark.parametrize("measured", ["theta_l", "theta_m"])
 def test_learning_where_the_other_joint_is_absent(start: Start, peer: Peer, measured: str) -> None:
-    start("controller", **PATIENT)
+    process = start("controller", **PATIENT)
     sensors = Sensors(measured=(measured,), motor_counts=2**12, load_counts=2**14)
     drive = LockstepDrive(peer, simulated=SimulatedDrive(NOMINAL_DRIVE, 0.004, sensors=sensors)).matched()
     answer = ask_to_learn(peer)
@@ -140,6 +140,8 @@ def test_learning_where_the_other_joint_is_absent(start: Start, peer: Peer, meas
     response = answer.result()
     assert response.success, response.message
     assert "by relay" in response.message
+    side = {"theta_m": "motor", "theta_l": "load"}[measured]
+    assert process.output().count(f"drive found: the {side}'s encoder alone") == 1
     (learned,) = Parameters(peer, "controller").get("backlash_angle")
     assert learned == pytest.approx(0.02, rel=0.05)
 
@@ -271,6 +273,7 @@ def test_holding_begins_where_the_load_is_when_somebody_listens_to_the_command(s
     np.testing.assert_allclose(drive.run(50), 0.5, atol=1e-3)
     assert drive.follows(0.6)
     assert "until reset_fault" not in process.output()
+    assert process.output().count("drive found: both encoders") == 1
 
 
 def test_joints_are_found_by_name_in_any_order_and_others_ignored(start: Start, peer: Peer) -> None:

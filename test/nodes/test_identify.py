@@ -98,6 +98,7 @@ def test_one_encoder_is_enough_from_unknown_to_quiet(rig: Callable[..., Rig], en
     assert found["backlash_angle"] == pytest.approx(gap, rel=GAP_NEAR)
     assert found["load.inertia"] == pytest.approx(drive.load.inertia, rel=INERTIA_NEAR)
     assert "K_m" not in answer.message  # one encoder does not show it
+    assert answer.message.endswith("; law two_encoder acts")
     made.drive.run(round(STAND * member.rate))
     time, position = made.step(0.5, 3.0)
     move = judge_move(time, position, made.start + 0.5, gap, member.load_count)

@@ -190,6 +190,7 @@ class TestOneDrive:
         page.wait("b in the text", lambda: re.search(r"The load moved by 0\.0\d b in the last second", page.text()))
         assert page.trail() < 0.05
         page.wait("the step in figures", lambda: re.search(r"settled in \d\.\d{3} ± 0\.004 s", page.text()))
+        page.wait("its figures, which are told four times a second", lambda: float(page.two_steps()[0][3]) < 0.05)
         quiet, rattle = page.wait("both steps", lambda: (found := page.two_steps())[0][4].isdigit() and found)
         assert float(quiet[1]) < 1.0
         assert rattle[1] == "never"  # by the same measure, though b was not known then
@@ -229,6 +230,18 @@ class TestOneDrive:
             assert simulator.set(sensors__load_offset=0.0)[0]
         page.click("Reset")
         assert page.looks(["active"]) == places
+
+    def test_an_answer_can_be_read_whole_and_an_ended_rattle_is_not_told(self, system: System, browser: Chrome) -> None:
+        page = Page(browser, system.served.address, system.peer)
+        room = (
+            "const box = document.querySelector('[data-name=step-learn]'); return box.clientHeight - box.scrollHeight"
+        )
+        page.run("document.querySelector('[data-name=step-learn-answer]').textContent = 'no gap '.repeat(60)")
+        assert page.run(room) >= 0
+        step = "last: {settled: 0.3, sample: 0.004, swing: arguments[0]}"
+        axis = "{b: 0.02, angle: live.angle, state: {last: () => 0.015}, steps: {" + step + "}}"
+        told = [page.run(f"return live.stepText.call({axis})[0]", swing) for swing in ("0.014", "0.0")]
+        assert told == ["rattles by 0.75 b", "settled in 0.300 ± 0.004 s"]
 
     @pytest.mark.grid
     def test_angles_are_in_the_unit_that_was_chosen_and_moves_stay_what_they_were(

@@ -308,25 +308,32 @@ def test_the_script_of_the_quick_start_learns_and_steps(start: Start, peer: Peer
     start("controller", use_sim_time=True, state_timeout=10.0)
     peer.wait("the first samples and answers", lambda: samples and commands)
     script = CONFIG.parent / "docs" / "examples" / "learn_and_step.py"
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=600, check=False)
+    done = subprocess.run([sys.executable, script, "0.5"], capture_output=True, text=True, timeout=600, check=False)
     said = done.stdout + done.stderr
     assert done.returncode == 0, said
+    assert "/plant_simulator/reset_fault: no fault was latched" in said
     assert "learn: backlash 0.0" in said
-    assert "the controller follows 1 rad" in said
-    peer.wait("the load at its target", lambda: abs(samples[-1].position[samples[-1].name.index("load")] - 1.0) < 0.02)
+    assert "law two_encoder acts" in said
+    assert "the controller follows 0.5 rad" in said
+    peer.wait("the load at its target", lambda: abs(samples[-1].position[samples[-1].name.index("load")] - 0.5) < 0.02)
 
 
 @pytest.mark.corners(1)
 @pytest.mark.parametrize(
     ("learned", "least", "most", "says"),
-    [(True, 1, 2, "not followed: see the log of the controller"), (False, 0, 0, "learn: no")],
+    [
+        (True, 1, 2, "the drive was not identified: law two_region goes on"),
+        (True, 1, 2, "not followed: see the log of the controller"),
+        (False, 0, 0, "nothing was learned"),
+    ],
 )
 def test_the_script_of_the_quick_start_gives_up(
     peer: Peer, tmp_path: Path, *, learned: bool, least: int, most: int, says: str
 ) -> None:
-    """If nothing is learned, or a reference is not followed.
+    """If nothing is learned, or a reference is not followed, and says what did not work.
 
-    It must not go on sending what would move the motor whenever the controller takes references again.
+    There is no simulator here whose fault could be reset. It must not go on sending what would move the motor whenever
+    the controller takes references again.
     """
     references: list[Float64] = []
     peer.node.create_subscription(Float64, "reference", references.append, 100)
@@ -339,7 +346,10 @@ def test_the_script_of_the_quick_start_gives_up(
         response.success, response.message = learned, "yes" if learned else "no"
         return response
 
-    for service, answers in (("reset_fault", answer), ("learn", learn), ("identify", answer)):
+    def fail(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return response
+
+    for service, answers in (("reset_fault", answer), ("learn", learn), ("identify", fail)):
         peer.node.create_service(Trigger, f"controller/{service}", answers)
     script, tries = tmp_path / "learn_and_step.py", "TRIES = 10 "
     shipped = (CONFIG.parent / "docs" / "examples" / script.name).read_text()

@@ -23,7 +23,7 @@ RUN_BY = {
     r"backlash measure": "test/nodes/test_measure.py",
     r"backlash report their_bag": "test/unit/test_report.py",
     r"backlash replay": "test/system/test_demo.py",
-    r"backlash (report|simulate)|(plant_simulator|controller|recorder)$|\. \.venv/": "test/system/test_readme.py",
+    r"backlash (report|simulate)|(plant_simulator|controller|recorder)\b|\. \.venv/": "test/system/test_readme.py",
     r"backlash export-c my_drive|cd my_axis|cc -O2": "test/unit/test_export_c.py",
     r"(ros2 run backlash_ros )?backlash ": "test/unit/test_pages.py",
     r"pytest --pyargs": "test/system/test_contract.py",

@@ -59,6 +59,16 @@ def test_each_warning_says_what_to_do(tmp_path: Path, sections: dict[str, object
     assert remedy in found.remedy
 
 
+@pytest.mark.parametrize(("measured", "designs"), [(["theta_l"], True), (["theta_m"], False)])
+def test_no_remedy_needs_an_encoder_that_is_not_there(tmp_path: Path, measured: list[str], *, designs: bool) -> None:
+    sensors = {"measured": measured, "load_counts": 4096.0, "motor_counts": 256.0}
+    checked = check_drive(file_of(tmp_path, load={"inertia": 2e-3}, sensors=sensors))
+    remedies = [warning.remedy for warning in checked.warnings]
+    assert any(remedy.startswith("leave law at auto and call identify") for remedy in remedies)
+    assert any("backlash design" in remedy for remedy in remedies) == designs
+    assert not any("two encoders" in remedy for remedy in remedies)
+
+
 def test_a_load_that_dry_friction_stops_does_not_drift(tmp_path: Path) -> None:
     path = file_of(tmp_path, load={"inertia": 1e-2, "coulomb_friction": 0.02})
     assert not any("viscous" in warning.what for warning in check_drive(path).warnings)
@@ -186,7 +196,9 @@ def test_the_load_of_a_simulation_sags_as_far_as_check_says_until_it_is_identifi
 
     assert end_of("--law", "two_region") == pytest.approx(-1.6, abs=0.1)
     assert abs(end_of()) <= 0.1
-    assert check_drive(path).figures["error of a load at rest"].startswith("1.8 mrad, 6 arcmin, on 19 of 20 drives")
+    error = check_drive(path).figures["error of a load at rest"]
+    assert error.startswith("1.8 mrad, 6 arcmin, on 19 of 20 drives")
+    assert "drawn at random (docs/evaluation.md), once identified" in error
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,8 @@ pytest.importorskip("rclpy", reason="needs rclpy")
 from backlash_ros.control.experiment import BacklashEstimate, DriveEstimate, Method
 from backlash_ros.dashboard import state
 from backlash_ros.dashboard.axis import Axis, Diagnosis, Told
+from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.drivetrain.parameters import values_of
 from backlash_ros.gates.faults import FAULTS, Fault
 from backlash_ros.identification.recordings.findings import Finding
 from backlash_ros.nodes.learning import quantities_of
@@ -120,6 +122,65 @@ def test_a_result_is_being_computed_once_the_motion_has_ended(monkeypatch: pytes
     run.look(seen.now(experiment=0.0).axis)
     assert run.computing_since == 7.0
     assert state.state_of(seen.axis, run).word == "computing"
+
+
+def found_by_identify(*symbols: str) -> str:
+    return json.dumps({"identify": [[symbol, 5e-4, 4e-6, "kg m^2"] for symbol in symbols]})
+
+
+@pytest.mark.parametrize(
+    ("symbols", "identified", "result", "gain"),
+    [
+        ((), False, "the load is not known", "would let law two_encoder move faster"),
+        (
+            ("b", "J_l"),
+            False,
+            "load found, its dry friction not",
+            "law two_region still acts: identify elsewhere",
+        ),
+        (("b", "c_l"), False, "load found, its inertia not", "or set load.* and identified: true"),
+        (("b",), False, "the load was not found", "law two_region still acts: identify elsewhere"),
+        (("J_l", "c_l"), False, "load found, but not in use", "law two_region still acts"),  # it was not applied
+        (("J_l", "c_l"), True, "J_l = 5.000 ± 0.040 kg cm²", "load inertia; law two_region acts"),
+        ((), True, "J_l = 5 kg cm²", "load inertia; law two_region acts"),  # told by hand
+    ],
+)
+def test_what_identify_did_not_find_is_said_with_what_to_do(
+    symbols: tuple[str, ...], result: str, gain: str, *, identified: bool
+) -> None:
+    seen = Seen(b=0.02, told=Told(1, {"identified": identified, "load.inertia": 5e-4}))
+    found = found_by_identify(*symbols) if symbols else ""
+    seen.says("controller: servo", law_in_use="two_region", found=found)
+    shown = state.of_identification(seen.axis, state.ANGLES["rad"])
+    assert shown[0] == result
+    assert gain in shown[1]
+
+
+@pytest.mark.parametrize(
+    ("inertia", "law", "gain"),
+    [
+        (5e-4, "two_region", "in use: moves end without a rattle"),
+        (1.1e-3, "two_region", "in use; this load is heavy for the motor and may rattle: identify, too"),
+        (1.1e-3, "two_encoder", "in use: moves end without a rattle"),
+        (1.1e-3, "fast", "law fast does not use it"),
+    ],
+)
+def test_a_heavy_load_asks_for_more_than_the_backlash(inertia: float, law: str, gain: str) -> None:
+    told = {**values_of(NOMINAL_DRIVE), "load.inertia": inertia}
+    seen = Seen(b=0.02, told=Told(1, told)).says("controller: servo", law_in_use=law)
+    assert state.of_learning(seen.axis, state.ANGLES["rad"]) == ("b = 20 mrad", gain)
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("no gap: a flank slips; check both, and try again", "Check both, and try again. Why: no gap: a flank slips"),
+        ("no drive moves so: check the units", "Check the units. Why: no drive moves so"),
+        ("cancelled on request", "cancelled on request"),
+    ],
+)
+def test_a_remedy_comes_first(text: str, shown: str) -> None:
+    assert state.remedy_first(text) == shown
 
 
 @pytest.mark.parametrize("change", [{"fault": 5.0}, {"experiment": 1.0}, {"holding": 0.0}])

@@ -134,14 +134,16 @@ def test_outcomes_in_words() -> None:
     drive = DriveEstimate(0.0, Method.IDENTIFY, valid=True, reason="4 s of motion", drive=inertia, findings=told)
     assert describe_outcome(drive) == (
         "J_l = 0.0005 +- 2e-06 kg m^2, c_m = 0 +- 0.0001 N m, from 4 s of motion; not told: c_l: too little motion; "
-        "the drive does not count as identified, since load.coulomb_friction was not found"
+        "the drive does not count as identified: load.coulomb_friction not found; identify again at another place, "
+        "with the load at rest, or set load.* by hand, and identified to true"
     )
     rough = (replace(told[0], uncertainty=1e-4, why="too little motion", rough=True),)
     assert describe_outcome(replace(drive, findings=rough)) == (
         ", from 4 s of motion; not told: J_l: too little motion; good enough to plan moves: "
-        "J_l = 0.0005 +- 0.0001 kg m^2; "
-        "the drive does not count as identified, since load.coulomb_friction was not found"
+        "J_l = 0.0005 +- 0.0001 kg m^2; the drive does not count as identified: load.coulomb_friction not found; "
+        "identify again at another place, with the load at rest, or set load.* by hand, and identified to true"
     )
+    assert describe_outcome(drive, identified=True).endswith("not told: c_l: too little motion")
     assert describe_outcome(Refusal("it failed: OSError()")) == "it failed: OSError()"
 
 

@@ -18,7 +18,7 @@ from backlash_ros.drivetrain import Drive
 from backlash_ros.studies.check import check_drive
 
 TYPED = {
-    "motor": ["pololu", "?", "99", "0", "Nobody's", "another"],
+    "motor": ["<", "pololu", "?", "99", "0", "Nobody's", "another"],
     "motor.voltage_limit": ["-3", "lots", "12 A", "12,0", "12 V"],
     "motor.resistance": ["0", "1.5"],
     "motor.torque_constant": ["0 rpm/V", "-1", "400 rpm/V"],
@@ -27,11 +27,13 @@ TYPED = {
     "motor.inertia": ["20", "20 g cm^2"],
     "command_interface": ["torque", "2"],
     "motor.current_limit": ["3"],
-    "gear.reduction": ["?", "inf", "30"],
-    "gear.backlash_angle": ["0.02", "0.9deg"],
+    "gear.reduction": ["?", "inf", "14:2", "14:1"],
+    "gear.backlash_angle": ["0.02", "<", "30:1", "<", "<", "<", "current", "3", "30:1", "0.9 degrees"],
     "load.body": ["rod"],
     "load.mass": ["1e9", "200 g"],
     "load.size": ["0", "30 cm"],
+    "load.viscous_friction": [""],
+    "load.coulomb_friction": ["20 mN m"],
     "load.gravity_torque": [""],
     "encoders": ["BOTH"],
     "sensors.motor_counts": ["-1", "2000"],
@@ -66,6 +68,7 @@ def test_what_is_answered_is_in_the_file_and_what_cannot_be_is_asked_again(
     assert motor.viscous_friction == pytest.approx(idle / ((12.0 - 1.5 * 0.05) / motor.torque_constant), rel=1e-5)
     assert (drive.gear.reduction, drive.gear.backlash_angle) == pytest.approx((30.0, math.radians(0.9)), rel=1e-5)
     assert (load.inertia, load.gravity_torque) == pytest.approx((0.2 * 0.3**2 / 3.0, 0.2 * 9.81 * 0.15), rel=1e-5)
+    assert (load.viscous_friction, load.coulomb_friction) == (0.012, 0.02)  # 6e-3 kg m^2 in 0.5 s
     assert (axis.position_lower, axis.position_upper, around.rate) == (-1.0, math.inf, 500.0)
     assert around.sensors.measured == ("theta_m", "theta_l")
     assert (around.sensors.motor_counts, around.sensors.load_counts) == (2000.0, 16384.0)
@@ -77,10 +80,16 @@ def test_what_is_answered_is_in_the_file_and_what_cannot_be_is_asked_again(
         "motor.torque_constant must be > 0 rpm/V, got '0 rpm/V'",
         "gear.backlash_angle must have a unit, deg or rad or mrad or arcmin, got '0.02'",
         "limits.position_upper must be > -1 rad",
-        "10 for 10:1",  # explained
+        'part of one name, got "Nobody\'s", which is not known: 1 asks for its data sheet; ? explains',
+        "this is the first question",
+        "gear.reduction must be a number, got '14:2'",
+        "inductance (mH, H, uH) [0.75 mH, assumed]: ",
+        "viscous friction of the load (N m s/rad) [0.012 N m s/rad, assumed]: ",
+        "  gear.reduction: 10 for 10:1",  # explained, with the key for a file of answers
         "my_drive.yaml: the loop is stable",
         "next:\n  backlash simulate my_drive.yaml",
         "  backlash live --drive my_drive.yaml  ",
+        "  raise limits.command in my_drive.yaml, up to 3 A, once the drive is identified\n",
     ):
         assert says in printed
     assert main(["check", str(file)]) == 0
@@ -115,6 +124,7 @@ def test_answers_that_cannot_be_used_are_named_and_nothing_is_written(
         "load: {mass: 1}": "load was not asked for",
         "- 1": "must have answers by the keys of the questions",
         "motor: nobody": "motor must be a number from 1 to 17 or a part of one name, got 'nobody'",
+        "sensors.measured: motor": "sensors.measured was not asked for; the questions were motor, ",
     }
     answers = tmp_path / "answers.yaml"
     for text, says in refused.items():
@@ -126,6 +136,26 @@ def test_answers_that_cannot_be_used_are_named_and_nothing_is_written(
         assert says in error
         assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == [answers]
+
+
+@pytest.mark.parametrize(("found", "named"), [(None, False), ("/opt/ros/jazzy/bin/ros2", True)])
+def test_commands_of_ros2_are_named_where_there_are_some(
+    found: str | None, named: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("backlash_ros.commands.setup.which", lambda _: found)
+    answers = tmp_path / "answers.yaml"
+    answers.write_text("motor: RE 25")
+    assert main(["setup", "--answers", str(answers), "--out", str(tmp_path / "drive.yaml")]) == 0
+    printed = capsys.readouterr().out.partition("next:")[2]
+    assert ("ros2 " in printed) == ("/controller/identify" in printed) == named
+    assert ("  dashboard  " in printed) == ("\n  controller --ros-args" in printed) == (not named)
+
+
+@pytest.mark.parametrize(("side", "signal"), [("motor", "theta_m"), ("load", "theta_l")])
+def test_an_answer_names_the_only_encoder(side: str, signal: str, tmp_path: Path) -> None:
+    place = tmp_path / "drive.yaml"
+    place.write_text(describe(Answers({"encoders": side})).text())
+    assert read_surroundings(place).sensors.measured == (signal,)
 
 
 def test_every_known_motor_has_a_source_and_runs_as_its_sheet_says(tmp_path: Path) -> None:

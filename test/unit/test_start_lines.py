@@ -7,7 +7,12 @@ import pytest
 
 from backlash_ros.control import GainSet, Margins, ServoSettings
 from backlash_ros.drivetrain import NOMINAL_DRIVE
-from backlash_ros.nodes.start_lines import margins_line, stands_in, untold_drive
+from backlash_ros.nodes.start_lines import drive_found, margins_line, stands_in, untold_drive
+
+
+def test_the_encoders_that_are_there_are_named() -> None:
+    assert drive_found("both") == "drive found: both encoders"
+    assert drive_found("load") == "drive found: the load's encoder alone"
 
 
 def margins(degrees: float, delay: float) -> Margins:

@@ -17,6 +17,9 @@ EXPERIMENT_OF = {"learn": "", "identify": "identify", "home": "homing"}
 PATIENCE = 5 * 10**9
 """Longest time that a request waits for the first sample, ns: discovery takes a while."""
 
+_AGAIN = "identify again at another place, with the load at rest, or set load.* by hand, and identified to true"
+"""What to do about a drive that does not count as identified."""
+
 
 class Reply(NamedTuple):
     """The answer to a request: whether it succeeded, the text, and what was learned, if anything."""
@@ -104,14 +107,18 @@ class LearnRequests:
         if outcome is None:
             return None
         estimate = outcome if isinstance(outcome, BacklashEstimate) and outcome.valid else None
-        return Reply(outcome.valid, describe_outcome(outcome), estimate)
+        text = describe_outcome(outcome, identified=self._servo.settings.identified)
+        return Reply(outcome.valid, text, estimate)
 
     def _refused(self, why: str) -> Reply:
         return Reply(False, f"cannot {self.service}{why}")
 
 
-def describe_outcome(outcome: Outcome) -> str:
-    """Return an outcome in words: the estimate and how it was made, or why there is none."""
+def describe_outcome(outcome: Outcome, *, identified: bool = False) -> str:
+    """Return an outcome in words: the estimate and how it was made, or why there is none.
+
+    ``identified``: whether the drive counted as such before, and so does with any outcome.
+    """
     if not (isinstance(outcome, BacklashEstimate) and outcome.valid):
         return outcome.reason
     if isinstance(outcome, ZeroEstimate):
@@ -122,7 +129,11 @@ def describe_outcome(outcome: Outcome) -> str:
         rough = ", ".join(_describe(each) for each in outcome.findings if each.rough)
         plans = f"; good enough to plan moves: {rough}" if rough else ""
         lacking = " and ".join(sorted(IDENTIFIED - outcome.parameters.keys()))
-        waits = f"; the drive does not count as identified, since {lacking} was not found" if lacking else ""
+        waits = (
+            f"; the drive does not count as identified: {lacking} not found; {_AGAIN}"
+            if lacking and not identified
+            else ""
+        )
         return f"{told}, from {outcome.reason}{f'; not told: {missing}' if missing else ''}{plans}{waits}"
     sure = f" +- {outcome.uncertainty:.2g}" if outcome.uncertainty > 0.0 else ""
     return f"backlash {outcome.angle:.6g}{sure} rad at the output, by {outcome.method.value}, from {outcome.reason}"

@@ -12,6 +12,8 @@ from backlash_ros.control.monitoring.rattle import Rattle, Reversals, smallest_s
 from backlash_ros.control.servo import Servo
 from backlash_ros.foundation.signals import THETA_L, THETA_M, VELOCITY, Measurement
 
+HEAVY = 0.5
+"""J_l/J_r above which the two-region law more often keeps a slow limit cycle: docs/evaluation.md."""
 _GENTLE = 0.15
 """Share of the largest command below which teeth rest on a flank without being pressed in. Tuned."""
 _HELD = 0.3

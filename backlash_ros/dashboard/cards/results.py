@@ -25,7 +25,7 @@ _WORDS = {
     "(db/dtheta_l)/b": "gear: growth of the gap with the angle",
     "delay": "delay of the loop",
     "offset": "load encoder: offset",
-    "eccentricity": "load encoder: scale error here",
+    "eccentricity": "load encoder: scale error at this angle",
 }
 
 

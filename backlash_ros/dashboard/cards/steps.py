@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from lifecycle_msgs.msg import Transition
@@ -15,13 +16,14 @@ from backlash_ros.dashboard.cards.move import step
 from backlash_ros.dashboard.state import (
     EXPERIMENTS,
     STEPS,
+    AngleUnit,
     Run,
     fault_of,
-    found_by,
-    law_of,
-    quantity,
+    of_identification,
+    of_learning,
     refusal,
     remedy,
+    remedy_first,
     servo_says,
     step_of,
 )
@@ -29,14 +31,19 @@ from backlash_ros.dashboard.state import (
 _WAY = 0.5
 """Length of a step, rad."""
 
-Words = Callable[[Axis], tuple[str, str]]
+Words = Callable[[Axis, AngleUnit], tuple[str, str]]
 """Result of a step, and what it gains, or would gain."""
 
 
 def steps_card(page: Shown) -> Refresh:
     """Make the strip; a fault takes its place, so that nothing moves."""
     with ui.element("nav").classes("strip").props('aria-label="steps"'):
-        refreshers = [made(page) for made in (_connect, _learn, _identify, _move)]
+        refreshers = [
+            _connect(page),
+            _experiment(page, "learn", "Learn", "Learn the backlash", of_learning),
+            _experiment(page, "identify", "Identify", "Identify the drive", of_identification),
+            _move(page),
+        ]
         with ui.element("div").classes("alert").props('role="alert" data-name=fault') as alert:
             name = ui.label("").classes("bad")
             text = ui.label("").props("data-name=fault-text")
@@ -63,9 +70,9 @@ class _Step:
             self.head = ui.element("div").classes("head")
             with self.head:
                 ui.html(f"<h2><b>{STEPS.index(name) + 1}</b> {title}</h2>", sanitize=False)
+            self._said = Said(f"step-{name}-answer")
             self._result = ui.label("").classes("result").props(f"data-name={name}-result")
             self._gain = ui.label("").classes("muted").props(f"data-name={name}-gain")
-            self._said = Said(f"step-{name}-answer")
         self._button: ui.button | None = None
 
     def offer(self, text: str, act: Callable[..., Any]) -> None:
@@ -132,7 +139,8 @@ def _experiment(page: Shown, name: str, title: str, label: str, words: Words) ->
         if axis is None:
             return
         if does == "run":
-            shown.tell(axis, await page.station.experiment(page.title, name))
+            answer = await page.station.experiment(page.title, name)
+            shown.tell(axis, replace(answer, text=remedy_first(answer.text)))
         else:
             shown.tell(axis, await axis.call(does, ANSWER))
 
@@ -149,10 +157,10 @@ def _experiment(page: Shown, name: str, title: str, label: str, words: Words) ->
             shown.refresh(axis, (progress, "the motor moves" if "%" in progress else ""), "Cancel")
         elif _waits(axis, name):
             does = "apply_estimate"
-            shown.refresh(axis, words(axis), "Apply the estimate")
+            shown.refresh(axis, words(axis, page.angle), "Apply the estimate")
         else:
             does = "run"
-            shown.refresh(axis, words(axis), label)
+            shown.refresh(axis, words(axis, page.angle), label)
 
     return refresh
 
@@ -175,35 +183,6 @@ def _waits(axis: Axis, name: str) -> bool:
     kept = servo_says(axis)
     by = {"identify": "identify", "homing": "home", "set_zero": "home"}.get(str(kept.get("estimate_method")), "learn")
     return kept.get("estimate_applied") == "False" and by == name
-
-
-def _learn(page: Shown) -> Refresh:
-    def words(axis: Axis) -> tuple[str, str]:
-        if not axis.b:
-            swing, small = axis.last_state.get("rattle", 0.0), page.angle.small
-            rattle = f"of {small.factor * swing:#.3g} {small.name}" if swing else "after a move"
-            return "b is not known", f"would end the rattle {rattle}"
-        kept = servo_says(axis)
-        sure = kept.get("estimate_uncertainty_rad", "")
-        ours = sure and kept.get("estimate_applied") == "True" and math.isclose(float(kept["estimate_rad"]), axis.b)
-        text = quantity(axis.b, float(sure) if ours else 0.0, "rad", page.angle)
-        deaf = law_of(axis) == "fast"
-        return f"b = {text}", "law fast does not use it" if deaf else "in use: moves end without a rattle"
-
-    return _experiment(page, "learn", "Learn", "Learn the backlash", words)
-
-
-def _identify(page: Shown) -> Refresh:
-    def words(axis: Axis) -> tuple[str, str]:
-        if not axis.told.values.get("identified"):
-            return "the load is not known", "would let law two_encoder move faster"
-        used = axis.told.values["load.inertia"]
-        found = (each for each in found_by(axis).get("identify", []) if each.symbol == "J_l")
-        ours = next((each.text(page.angle) for each in found if math.isclose(each.value, used)), "")
-        inertia = ours or quantity(used, 0.0, "kg m^2", page.angle)
-        return f"J_l = {inertia}", f"load inertia; law {law_of(axis)} acts"
-
-    return _experiment(page, "identify", "Identify", "Identify the drive", words)
 
 
 def _move(page: Shown) -> Refresh:

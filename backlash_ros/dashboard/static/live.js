@@ -332,7 +332,8 @@ class Live {
     if (Number.isNaN(step.swing)) return ["moves", ""];
     const inWords = (angle) => (b ? `${(angle / b).toFixed(2)} b` : `${(angle * small.factor).toPrecision(3)} ${small.name}`);
     const swing = `swing ${inWords(step.swing)} in its last second`;
-    if (state.last("rattle") > 0) return [`rattles by ${inWords(state.last("rattle"))}`, swing];
+    const rattle = state.last("rattle"); // told until the gains change, also where the over-damped ones have ended it
+    if (rattle > 0 && step.swing > rattle / 2) return [`rattles by ${inWords(rattle)}`, swing];
     if (step.settled === Infinity) return ["did not settle", swing];
     return [`settled in ${step.settled.toFixed(3)} \u00b1 ${step.sample.toFixed(3)} s`, swing];
   }
