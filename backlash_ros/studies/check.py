@@ -32,6 +32,8 @@ COASTS = 1.0
 """J_l/B_l, s, above which a load without dry friction drifts in the gap for long: docs/evaluation.md."""
 LOSSY = 0.9
 """Efficiency of a gear below which learning is more often refused: docs/learning.md."""
+COARSE_ALONE = 30
+"""Counts of the motor's encoder in the gap below which law two_encoder may rattle where there is no other encoder."""
 COARSE = 20
 """Counts of the load's encoder in the gap below which the load swings more often: docs/evaluation.md."""
 
@@ -247,6 +249,22 @@ def _coarse(drive: Drive, around: Surroundings) -> Iterator[Warned]:
             )
 
 
+def _alone(drive: Drive, around: Surroundings) -> Iterator[Warned]:
+    """Yield what a load without an encoder means."""
+    if "theta_l" in around.sensors.measured:
+        return
+    yield Warned(
+        "the load has no encoder: until the drive is identified, its position in the gap is unknown",
+        "describe motor and reduction well, and call identify: a model of the load then stands for its encoder",
+    )
+    if (counts := _counts_in_gap(drive, around).get("motor", math.inf)) < COARSE_ALONE:
+        yield Warned(
+            f"the gap has {counts:.2g} counts of the only encoder, the motor's: below {COARSE_ALONE} law two_encoder, "
+            "and so law auto once the drive is identified, may rattle",
+            "set law: two_region, or use a finer encoder; backlash simulate shows both",
+        )
+
+
 def _losses(drive: Drive) -> Iterator[Warned]:
     if (least := min(drive.gear.efficiency_forward, drive.gear.efficiency_backward)) < LOSSY:
         yield Warned(
@@ -282,11 +300,7 @@ def _warnings(
     if start is not None:
         yield from _sag(drive, around, start)
     yield from _losses(drive)
-    if "theta_l" not in around.sensors.measured:
-        yield Warned(
-            "the load has no encoder: until the drive is identified, its position in the gap is unknown",
-            "describe motor and reduction well, and call identify: a model of the load then stands for its encoder",
-        )
+    yield from _alone(drive, around)
     yield from _weight(drive)
     if not axis.has_ends:
         yield Warned(

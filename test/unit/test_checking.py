@@ -49,6 +49,11 @@ def test_a_sound_drive_has_figures_and_no_warning(tmp_path: Path) -> None:
         ({"load": {"gravity_torque": 5.5}}, "5.5 N m of 6 N m at standstill", "stronger motor"),
         ({"sensors": {"load_counts": 4096.0}}, "13 counts of the load's encoder", "finer encoder"),
         ({"sensors": {"measured": ["theta_m"]}}, "the load has no encoder", "call identify"),
+        (
+            {"sensors": {"measured": ["theta_m"], "motor_counts": 512.0}},
+            "16 counts of the only encoder",
+            "set law: two_region",
+        ),
         ({"limits": {}}, "no ends", "limits.position_lower"),
         ({"loop_delay": 0.014}, "fast gains tolerate less", "lower the weights"),
     ],
