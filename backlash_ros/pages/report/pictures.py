@@ -123,14 +123,13 @@ def overview(report: AxisReport) -> Chart:
 def _near(report: AxisReport, step: Step, part: Mask) -> list[Panel]:
     """Return the load near the target, in b, or in mrad if the backlash is unknown."""
     axis = report.axis
-    unit, scale = ("b", report.b) if report.b > 0.0 else ("mrad", 1e-3)
     largest = [abs(step.target - step.origin) * 0.02, 4.0 * step.band, step.overshoot, step.residual + abs(step.error)]
-    room = _MARGIN * max(value for value in largest if math.isfinite(value)) / scale
+    room = _MARGIN * max(value for value in largest if math.isfinite(value)) / report.scale
     room = float(f"{room:.2g}")
-    error = (axis.position[part] - step.target) / scale
-    band = step.band / scale
+    error = (axis.position[part] - step.target) / report.scale
+    band = step.band / report.scale
     line = Line("load from target", axis.time[part], error, "load")
-    return [Panel(f"load from target, {unit}", [line], bands=[(-band, band)], at=(0.0,), low=-room, high=room)]
+    return [Panel(f"load from target, {report.unit}", [line], bands=[(-band, band)], at=(0.0,), low=-room, high=room)]
 
 
 def step_chart(report: AxisReport, number: int, told: str) -> Chart:
@@ -147,13 +146,13 @@ def path_chart(report: AxisReport, number: int, path: FollowedPath) -> Chart:
     """Return the chart of one path and of the load's error."""
     start, end = path.start - _AROUND, path.end + 10.0 * _AROUND
     part, (time, setpoint, error) = _part(report, start, end), error_of(report.axis, start, end)
-    unit, scale = ("b", report.b) if report.b > 0.0 else ("mrad", 1e-3)
+    off = Line("load from setpoint", time, error / report.scale, "load")
     panels = [
         Panel(
             "load, rad",
             [Line("setpoint", time, setpoint, "ink", dashed=True), Line("load", time, setpoint + error, "load")],
         ),
-        Panel(f"load from setpoint, {unit}", [Line("load from setpoint", time, error / scale, "load")], at=(0.0,)),
+        Panel(f"load from setpoint, {report.unit}", [off], at=(0.0,)),
         *_gap(report, part),
         *_effort(report, part),
     ]

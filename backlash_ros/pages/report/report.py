@@ -43,6 +43,16 @@ class AxisReport:
     b_source: str
     centre: float
 
+    @property
+    def unit(self) -> str:
+        """The unit of lengths near the target."""
+        return "b" if self.b > 0.0 else "mrad"
+
+    @property
+    def scale(self) -> float:
+        """That unit, rad."""
+        return self.b if self.b > 0.0 else 1e-3
+
 
 @dataclass(frozen=True)
 class Warned:

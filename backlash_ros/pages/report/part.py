@@ -1,0 +1,42 @@
+"""What a report shows of an axis, as values: tables, and parts that unfold."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from backlash_ros.pages.report.charts import Place
+from backlash_ros.pages.report.pictures import Sketch
+
+MOST_CHARTS = 60
+"""Largest number of steps, of learning runs and of faults of an axis with a chart of their own, the first ones."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text and sketches under ``heads``; ``links``: ids that the first cells lead to, empty for none."""
+
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str | Sketch]]
+    links: Sequence[str] = ()
+
+    @property
+    def lines(self) -> Iterator[tuple[str, str | Sketch, list[tuple[str, str | Sketch]]]]:
+        """The rows: link, first cell, and the other cells with their heads."""
+        for (first, *rest), link in zip(self.rows, self.links or [""] * len(self.rows), strict=True):
+            yield link, first, list(zip(self.heads[1:], rest, strict=True))
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of an axis, to be unfolded: a table of figures, or pairs of names and values, remarks, charts and notes.
+
+    Where the table ``leads``, it is seen at once, and each chart is unfolded on its own.
+    """
+
+    title: str
+    table: Table | None = None
+    pairs: Sequence[tuple[str, str]] = ()
+    about: str = ""
+    remarks: Sequence[str] = ()
+    charts: Sequence[Place] = ()
+    notes: Sequence[str] = ()
+    leads: bool = False

@@ -1,0 +1,82 @@
+"""The parts of an axis about the recording itself: timing, and what was read."""
+
+import math
+
+from backlash_ros.control.tick import MISSING
+from backlash_ros.pages.report import pictures
+from backlash_ros.pages.report.charts import ChartBook
+from backlash_ros.pages.report.part import Part
+from backlash_ros.pages.report.report import AxisReport
+from backlash_ros.pages.report.words import figure
+from backlash_ros.recordings.rounding import brief, shown
+
+
+def _ms(*seconds: float) -> str:
+    return ", ".join(figure(1e3 * value) for value in seconds)
+
+
+def timing_part(report: AxisReport, book: ChartBook) -> Part | None:
+    """Return the timing of the samples and of their answers."""
+    timing = report.timing
+    if timing is None:
+        return None
+    rows = [
+        ("samples", f"{timing.samples} in {timing.length:.2f} s"),
+        ("rate", f"{brief(timing.rate, 4)} Hz (period {brief(1e3 * timing.period, 4)} ms)"),
+        ("jitter: standard deviation", f"{_ms(timing.jitter)} ms"),
+        ("jitter: 99 % are within", f"{_ms(timing.jitter_99)} ms"),
+        ("longest time between two samples", f"{_ms(timing.longest)} ms"),
+        (
+            "missing samples: expected at this rate, not in the bag",
+            f"{timing.lost} of {timing.samples + timing.lost}; {timing.holes} holes of more than {MISSING:g} periods"
+            if timing.lost
+            else "none",
+        ),
+    ]
+    if timing.repeated:
+        rows.append(("samples left out: their stamps do not rise", str(timing.repeated)))
+    if math.isfinite(timing.age):
+        rows.append(
+            ("age when recorded: mean, 99 % below, most", f"{_ms(timing.age, timing.age_99, timing.age_most)} ms")
+        )
+    else:
+        rows.append(("age when recorded", "not known: stamps and recorder have different clocks"))
+    if timing.answers:
+        rows.append(("commands", str(timing.answers)))
+        rows.append(
+            ("samples without an answer within their period, or followed by a late one", str(timing.unanswered))
+        )
+    if math.isfinite(timing.answered):
+        rows.append(
+            (
+                "from sample to its command, as recorded: median, 99 % below",
+                f"{_ms(timing.answered, timing.answered_99)} ms",
+            )
+        )
+    return Part("Timing", pairs=rows, charts=[book.add(pictures.timing_chart(report))])
+
+
+def sources_part(report: AxisReport) -> Part:
+    """Return what was read of an axis, and the backlash that is the unit of its figures."""
+    axis, gap = report.axis, report.gap
+    rows = [
+        ("joint states", axis.joint_topic or "not in this recording"),
+        (
+            "joints of motor and load",
+            ", ".join(name or "not in this recording" for name in (axis.motor_joint, axis.load_joint)),
+        ),
+        ("reference", axis.reference_source or "not in this recording"),
+        ("command", axis.command_topic or "not in this recording"),
+        ("motor and gear", axis.drive_source or "not known"),
+    ]
+    if axis.clock:
+        rows.append(("clock", axis.clock))
+    used = f"{report.b:.5g} rad, from {report.b_source}" if report.b > 0.0 else "not known: figures are in mrad"
+    found = (
+        f"{shown(gap.angle, gap.uncertainty, 'rad')}, by a fit to {gap.part}"
+        if gap.told
+        else f"cannot be told: {gap.why}"
+    )
+    rows += [("backlash b that figures are in", used), ("backlash estimated from this recording", found)]
+    rows += [("note", note) for note in axis.notes]
+    return Part("What was read, and the backlash", pairs=rows)
