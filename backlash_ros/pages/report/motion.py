@@ -4,13 +4,14 @@ import math
 
 from backlash_ros.pages.report import pictures
 from backlash_ros.pages.report.charts import ChartBook
+from backlash_ros.pages.report.outcome import CUT, ending
 from backlash_ros.pages.report.part import MOST_CHARTS, Part, Table
 from backlash_ros.pages.report.paths import FollowedPath
 from backlash_ros.pages.report.pictures import Sketch
 from backlash_ros.pages.report.report import AxisReport
 from backlash_ros.pages.report.steps import NEAR, Step
 from backlash_ros.pages.report.timing import SETTLING
-from backlash_ros.pages.report.words import CUT, NONE, cycle_words, ending, figure, in_b, law_words, moment
+from backlash_ros.pages.report.words import NONE, cycle_words, figure, in_b, law_words, moment
 from backlash_ros.recordings.rounding import brief, counted
 from backlash_ros.studies.metrics import SETTLED, TAIL
 

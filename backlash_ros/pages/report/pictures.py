@@ -86,9 +86,9 @@ def _effort(report: AxisReport, part: Mask) -> list[Panel]:
 
 def _gap(report: AxisReport, part: Mask) -> list[Panel]:
     axis, b = report.axis, report.b
-    if not math.isfinite(report.centre):
+    if not math.isfinite(report.yard.centre):
         return []
-    twist = (axis.twist[part] - report.centre) / b
+    twist = (axis.twist[part] - report.yard.centre) / b
     return [Panel("teeth in the gap, b", [Line("gap", axis.time[part], twist, "motor")], at=(-0.5, 0.5))]
 
 

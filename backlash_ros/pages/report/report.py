@@ -12,8 +12,9 @@ from backlash_ros.foundation.jsonable import jsonable
 from backlash_ros.pages.report.events import Events, events_of
 from backlash_ros.pages.report.gap import GapFound, gap_found
 from backlash_ros.pages.report.paths import FollowedPath, paths_of
-from backlash_ros.pages.report.steps import Step, gap_centre, holds_of, steps_of
+from backlash_ros.pages.report.steps import Step, holds_of, steps_of
 from backlash_ros.pages.report.timing import Timing, timing_of
+from backlash_ros.pages.report.yardstick import Yardstick, yardstick_of
 from backlash_ros.recordings.axes.axes import axes_of
 from backlash_ros.recordings.axes.axis import Axis, backlash_in_use
 from backlash_ros.recordings.axes.contents import Contents, Told, read_contents
@@ -27,9 +28,7 @@ _NUMBER = re.compile(r"\d+(\.\d+)?")
 class AxisReport:
     """An axis and its figures; ``holds`` are rests that no step led to, ``paths`` what was no step.
 
-    The unit of the figures is the backlash ``b``, rad, from ``b_source``, 0 if unknown.
-
-    ``centre``: middle between both flanks, rad, see `gap_centre`.
+    ``yard``: what it is measured by; the unit of the figures is its backlash ``b``, rad, from ``b_source``.
     """
 
     axis: Axis
@@ -39,9 +38,13 @@ class AxisReport:
     paths: Sequence[FollowedPath]
     timing: Timing | None
     gap: GapFound
-    b: float
+    yard: Yardstick
     b_source: str
-    centre: float
+
+    @property
+    def b(self) -> float:
+        """The backlash, rad; 0 if unknown."""
+        return self.yard.b
 
     @property
     def unit(self) -> str:
@@ -97,17 +100,17 @@ def _axis_report(path: Path, axis: Axis, contents: Contents, options: Options) -
         b, source = options.backlash_angle, "--backlash-angle"
     if not b > 0.0 and gap.told:
         b, source = gap.angle, "the estimate from this recording"
+    yard = yardstick_of(axis, b)
     return AxisReport(
         axis,
         events,
-        steps_of(axis, events, b),
-        holds_of(axis, events, b),
-        paths_of(axis, events, b),
+        steps_of(axis, events, yard),
+        holds_of(axis, events, yard),
+        paths_of(axis, events, yard),
         timing_of(axis),
         gap,
-        b,
+        yard,
         source,
-        gap_centre(axis.twist, b),
     )
 
 
@@ -140,7 +143,8 @@ def report_of(path: Path, options: Options, command: str) -> Report:
 def _step(step: Step, b: float) -> dict[str, Any]:
     values = asdict(step)
     in_b = {f"{name}_b": values[name] / b for name in ("overshoot", "residual", "error", "amplitude") if b > 0.0}
-    return {**values, **in_b, "impacts": None if step.impacts < 0 else step.impacts}
+    counts = {name: None if values[name] < 0 else values[name] for name in ("impacts", "crossings")}
+    return {**values, **in_b, **counts}
 
 
 def _path(path: FollowedPath, b: float) -> dict[str, Any]:

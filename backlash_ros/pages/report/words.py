@@ -6,14 +6,11 @@ from typing import Any
 from backlash_ros.pages.report.paths import FollowedPath
 from backlash_ros.pages.report.report import AxisReport
 from backlash_ros.pages.report.steps import Step
-from backlash_ros.pages.report.timing import SETTLING
 from backlash_ros.recordings.rounding import brief
-from backlash_ros.studies.metrics import TAIL
 
 NONE = "\u2013"
 _USUAL = "nominal"
 """The gain set that is not worth saying."""
-SETTLED, SWINGS, NEVER, CUT = "settled", "ended in a limit cycle", "did not settle", "ended too soon to tell"
 
 
 def figure(value: float) -> str:
@@ -40,15 +37,6 @@ def briefly(value: Any) -> str:
 def in_b(report: AxisReport, angle: float) -> str:
     """Return an angle in b, or in mrad if the backlash is unknown."""
     return NONE if math.isnan(angle) else f"{angle / report.scale:.3f}"
-
-
-def ending(step: Step) -> str:
-    """Return how a step ended: one of four ways."""
-    if math.isfinite(step.amplitude):
-        return SWINGS
-    if math.isfinite(step.settling):
-        return SETTLED
-    return CUT if step.end - step.start < TAIL + SETTLING else NEVER
 
 
 def cycle_words(report: AxisReport, step: Step) -> str:
