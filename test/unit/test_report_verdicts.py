@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import reported
 from made_report import Made, report
-from plain_bag import PlainBag
+from plain_bag import START, PlainBag
 
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.pages.report.cures import cure
@@ -138,3 +138,43 @@ def test_the_count_of_an_encoder_is_the_smallest_step_between_positions() -> Non
     assert resolution_of(np.ones(3)) == resolution_of(np.empty(0)) == 0.0
     assert Yardstick(B, NAN, 0.0).least_swing(1.0) == pytest.approx(0.05 * B)
     assert Yardstick(0.0, NAN, 0.1).least_swing(0.01) == pytest.approx(0.15)
+
+
+@pytest.mark.parametrize(("learned", "model", "said"), [(B, 0.01, True), (B, B, False), (0.0, 0.01, False)])
+def test_the_backlash_stands_where_figures_are_read_in_it(
+    learned: float, model: float, said: bool, tmp_path: Path
+) -> None:
+    bag = PlainBag()
+    for version, b in enumerate((0.0, learned), 1):
+        told = reported.in_use("fast", b) | {"gear.backlash_angle": model}
+        bag.in_use("/controller/parameters_in_use", version - 1.0, version, told)
+    for k in range(500):
+        time = 0.004 * k
+        bag.sample("/joint_states", time, ("motor", "load"), (0.0, 0.0))
+        state = {"reference": 0.0, "backlash_angle": learned * (time > 1.0), "experiment": int(0.5 < time < 0.9)}
+        bag.status("/controller/state", time, "servo", state)
+    text = report(bag.write(tmp_path / "bag"), tmp_path).page.text
+    told = "Backlash b = 1.146 deg (0.02 rad), learned at 0.50 s." if learned else "Backlash b is not known: lengths"
+    assert told in text
+    assert ("The model's gear.backlash_angle, 0.01 rad, differs from it." in text) is said
+
+
+@pytest.mark.parametrize("pace", [1.0, 2.0])
+def test_times_are_of_the_axis_and_so_are_those_of_warnings(pace: float, tmp_path: Path) -> None:
+    """Simulated time that runs twice as fast as it is recorded: of the recording its own length is said as well."""
+    bag = PlainBag()
+    for k in range(1500):
+        time = 0.004 * k
+        load = float(time >= 1.0)
+        bag.sample("/joint_states", time - START, ("motor", "load"), (0.0, load), received=time / pace)
+    bag.number("/reference", 0.0, 0.0)
+    bag.number("/reference", 1.0 / pace, 1.0)
+    bag.status("/diagnostics", 3.0 / pace, "/controller: servo", level=1, text="it rattled by 0.1 rad")
+    bag.status("/diagnostics", 5.0 / pace, "/controller: servo", level=1, text="it rattled by 0.2 rad")
+    made = report(bag.write(tmp_path / "bag"), tmp_path)
+    (warned,) = made.content["diagnostics"]
+    assert (warned["first"], warned["last"]) == (pytest.approx(3.0, abs=0.01), pytest.approx(5.0, abs=0.01))
+    assert (warned["step"], warned["axis"], warned["times"]) == (1, "/", 2)
+    own = "6.00 s long by the clock of its samples (the recorder took 3.00 s)" in made.page.text
+    assert own is (pace == 2.0)
+    assert made.content["own_length"] == (pytest.approx(5.996) if own else None)

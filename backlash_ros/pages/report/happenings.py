@@ -6,7 +6,8 @@ from backlash_ros.pages.report import pictures
 from backlash_ros.pages.report.charts import ChartBook
 from backlash_ros.pages.report.part import MOST_CHARTS, Part, Table
 from backlash_ros.pages.report.report import AxisReport, Report
-from backlash_ros.pages.report.words import briefly, moment
+from backlash_ros.pages.report.warned import Warned
+from backlash_ros.pages.report.words import NONE, briefly, moment
 
 
 def learning_part(report: AxisReport, book: ChartBook) -> Part | None:
@@ -58,17 +59,22 @@ def diagnostics_table(report: Report) -> Table | None:
     """Return the warnings and errors of diagnostics."""
     if not report.warnings:
         return None
+    own = any(axis.axis.clock for axis in report.axes)
+
+    def moments(warned: Warned) -> tuple[str, str]:
+        clock = " by the recorder's clock" if own and not warned.axis else ""
+        return f"{moment(warned.first)}{clock}", f"{moment(warned.last)}{clock}"
+
     rows = [
         [
             warned.name,
             "error" if warned.level > 1 else "warning",
             warned.text,
             str(warned.times),
-            moment(warned.first),
-            moment(warned.last),
+            *moments(warned),
+            str(warned.step or NONE),
         ]
         for warned in report.warnings
     ]
-    clock = ", recorder's clock" if any(axis.axis.clock for axis in report.axes) else ""
-    heads = ("status", "level", "text, as first said", "times", f"first, s{clock}", f"last, s{clock}")
+    heads = ("status", "level", "text, as first said", "times", "first, s", "last, s", "first in step")
     return Table(heads, rows)

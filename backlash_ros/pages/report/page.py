@@ -1,5 +1,6 @@
 """A report as one page of HTML: tables of figures, charts to zoom, nothing loaded from elsewhere."""
 
+import math
 from typing import Any
 
 from backlash_ros.pages.report import pictures
@@ -8,7 +9,7 @@ from backlash_ros.pages.report.happenings import changes_part, diagnostics_table
 from backlash_ros.pages.report.motion import holds_part, paths_part, steps_part
 from backlash_ros.pages.report.part import Part, Table
 from backlash_ros.pages.report.report import AxisReport, Report
-from backlash_ros.pages.report.sources import sources_part, timing_part
+from backlash_ros.pages.report.sources import backlash_told, sources_part, timing_part
 from backlash_ros.pages.report.verdicts import verdicts_of
 from backlash_ros.pages.report.words import NONE
 from backlash_ros.pages.template import render
@@ -32,6 +33,7 @@ def _axis(report: AxisReport, book: ChartBook) -> dict[str, Any]:
     return {
         "name": "Axis" if axis.name == "/" else f"Axis {axis.name}",
         "verdicts": verdicts_of(report),
+        "backlash": backlash_told(report),
         "steps": steps,
         "paths": paths,
         "overview": overview,
@@ -61,15 +63,23 @@ def _index(report: Report) -> Table | None:
     return Table(heads, rows, [f"axis-{k}" for k in range(1, len(rows) + 1)])
 
 
+def _begun(report: Report) -> str:
+    """Return when the recording began and how long it is."""
+    began = f"{report.began:%Y-%m-%d %H:%M:%S} UTC" if report.began else "a clock that shows no date"
+    took = f"{report.length:.2f} s"
+    if math.isnan(report.own_length):
+        return f"Begun {began}, {took} long"
+    return f"Begun {began}, {report.own_length:.2f} s long by the clock of its samples (the recorder took {took})"
+
+
 def page_of(report: Report) -> str:
     """Return the page."""
     book, contents = ChartBook(), report.contents
-    began = f"{report.began:%Y-%m-%d %H:%M:%S} UTC" if report.began else "a clock that shows no date"
     messages = sum(count for _, count in contents.topics.values())
     return render(
         "report/report.html.j2",
         title=f"Recording {report.source}",
-        begun=f"Begun {began}, {report.length:.2f} s long, {counted(messages, 'message')}. Times count from the start.",
+        begun=f"{_begun(report)}, {counted(messages, 'message')}. Times count from the start.",
         damage=contents.damage,
         messages=messages,
         index=_index(report),

@@ -1,7 +1,6 @@
 """The content of a report, for page and JSON: every axis of a bag with its events, steps, timing and gap."""
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime, timezone
@@ -14,14 +13,16 @@ from backlash_ros.pages.report.gap import GapFound, gap_found
 from backlash_ros.pages.report.paths import FollowedPath, paths_of
 from backlash_ros.pages.report.steps import Step, holds_of, steps_of
 from backlash_ros.pages.report.timing import Timing, timing_of
+from backlash_ros.pages.report.warned import Warned, warnings_of
 from backlash_ros.pages.report.yardstick import Yardstick, yardstick_of
 from backlash_ros.recordings.axes.axes import axes_of
 from backlash_ros.recordings.axes.axis import Axis, backlash_in_use
-from backlash_ros.recordings.axes.contents import Contents, Told, read_contents
+from backlash_ros.recordings.axes.contents import Contents, read_contents
 from backlash_ros.recordings.axes.options import Options
 from backlash_ros.recordings.samples import DATES
 
-_NUMBER = re.compile(r"\d+(\.\d+)?")
+_SAME_CLOCK = 0.03
+"""Relative difference of two lengths of a recording that is no other pace of a clock."""
 
 
 @dataclass(frozen=True)
@@ -58,18 +59,6 @@ class AxisReport:
 
 
 @dataclass(frozen=True)
-class Warned:
-    """A repeated message of diagnostics: first and last time, s from the start, sender, level, text, number."""
-
-    first: float
-    last: float
-    name: str
-    level: int
-    text: str
-    times: int
-
-
-@dataclass(frozen=True)
 class Report:
     """The report of a bag; ``source`` is its path, ``command`` the command line that makes the report."""
 
@@ -90,6 +79,13 @@ class Report:
         """Time from the first to the last message, s; 0 without messages."""
         length = self.contents.end - self.contents.start
         return 0.0 if math.isnan(length) else length
+
+    @property
+    def own_length(self) -> float:
+        """Time from the first to the last sample by the axes' own clock, s; nan where that is the recorder's time."""
+        lengths = [axis.timing.length for axis in self.axes if axis.axis.clock and axis.timing]
+        longest = max(lengths, default=math.nan)
+        return math.nan if abs(longest - self.length) < _SAME_CLOCK * self.length else longest
 
 
 def _axis_report(path: Path, axis: Axis, contents: Contents, options: Options) -> AxisReport:
@@ -114,19 +110,6 @@ def _axis_report(path: Path, axis: Axis, contents: Contents, options: Options) -
     )
 
 
-def _warnings(told: Sequence[Told], start: float) -> list[Warned]:
-    """Return the warnings of diagnostics; texts that differ only in their numbers count as one."""
-    found: dict[tuple[str, int, str], Warned] = {}
-    for said in told:
-        if said.level == 0:
-            continue
-        key = said.name, said.level, _NUMBER.sub("#", said.text)
-        at = said.received - start
-        before = found.get(key, Warned(at, at, said.name, said.level, said.text, 0))
-        found[key] = Warned(before.first, at, said.name, said.level, before.text, before.times + 1)
-    return list(found.values())
-
-
 def report_of(path: Path, options: Options, command: str) -> Report:
     """Return the report of a bag.
 
@@ -137,7 +120,7 @@ def report_of(path: Path, options: Options, command: str) -> Report:
     """
     contents = read_contents(path)
     axes = [_axis_report(path, axis, contents, options) for axis in axes_of(contents, options)]
-    return Report(str(path), command, contents, axes, _warnings(contents.told, contents.start))
+    return Report(str(path), command, contents, axes, warnings_of(contents, [(axis.axis, axis.steps) for axis in axes]))
 
 
 def _step(step: Step, b: float) -> dict[str, Any]:
@@ -189,6 +172,7 @@ def content_of(report: Report) -> dict[str, Any]:
         "bag": report.source,
         "began": None if report.began is None else report.began.isoformat(),
         "length": report.length,
+        "own_length": report.own_length,
         "damage": report.contents.damage,
         "topics": {name: {"type": kind, "messages": n} for name, (kind, n) in report.contents.topics.items()},
         "axes": [_axis_content(axis) for axis in report.axes],

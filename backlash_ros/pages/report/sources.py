@@ -10,6 +10,9 @@ from backlash_ros.pages.report.report import AxisReport
 from backlash_ros.pages.report.words import figure
 from backlash_ros.recordings.rounding import brief, shown
 
+_SAME = 0.05
+"""Relative difference up to which the model has the backlash that is in use."""
+
 
 def _ms(*seconds: float) -> str:
     return ", ".join(figure(1e3 * value) for value in seconds)
@@ -54,6 +57,27 @@ def timing_part(report: AxisReport, book: ChartBook) -> Part | None:
             )
         )
     return Part("Timing", pairs=rows, charts=[book.add(pictures.timing_chart(report))])
+
+
+def _model_told(report: AxisReport) -> str:
+    """Return what the drive's model had for the backlash, where that was another value; else nothing."""
+    told = [values.get("gear.backlash_angle") for _, _, values in report.axis.versions]
+    if not told or told[0] is None or math.isclose(told[0], report.b, rel_tol=_SAME):
+        return ""
+    later = " at first" if told[-1] != told[0] else ""
+    return f" The model's gear.backlash_angle, {told[0]:.4g} rad{later}, differs from it."
+
+
+def backlash_told(report: AxisReport) -> str:
+    """Return the backlash that figures are in, its source, and what this recording alone says about it."""
+    b, gap = report.b, report.gap
+    if not b > 0.0:
+        return "Backlash b is not known: lengths near the target are in mrad."
+    run = next((run for run in reversed(report.events.runs) if math.isclose(run.learned, b, rel_tol=1e-6)), None)
+    source = f"learned at {run.start:.2f} s" if run else f"from {report.b_source}"
+    alone = shown(math.degrees(gap.angle), math.degrees(gap.uncertainty), "deg") if gap.told else ""
+    said = f"Backlash b = {math.degrees(b):.4g} deg ({b:.4g} rad), {source}"
+    return f"{said}{f'; a fit to this recording gives {alone}' if alone else ''}.{_model_told(report)}"
 
 
 def sources_part(report: AxisReport) -> Part:
