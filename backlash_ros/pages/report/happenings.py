@@ -7,7 +7,9 @@ from backlash_ros.pages.report.charts import ChartBook
 from backlash_ros.pages.report.part import MOST_CHARTS, Part, Table
 from backlash_ros.pages.report.report import AxisReport, Report
 from backlash_ros.pages.report.warned import Warned
-from backlash_ros.pages.report.words import NONE, briefly, moment
+from backlash_ros.pages.report.words import NONE, briefly, figure, in_b, moment
+from backlash_ros.recordings.rounding import brief
+from backlash_ros.studies.metrics import SETTLED
 
 
 def learning_part(report: AxisReport, book: ChartBook) -> Part | None:
@@ -24,6 +26,28 @@ def learning_part(report: AxisReport, book: ChartBook) -> Part | None:
         rows.append([str(k), moment(run.start), f"{run.end - run.start:.2f}", learned + ended])
     links = [place.identity for place in drawn] + [""] * (len(rows) - len(drawn))
     return Part("Learning runs", Table(("run", "at, s", "length, s", "learned"), rows, links), charts=drawn)
+
+
+def torques_part(report: AxisReport) -> Part | None:
+    """Return the load torques and what each did to the load."""
+    if not report.torques:
+        return None
+    rows = [
+        [
+            moment(torque.start),
+            moment(torque.end) if math.isfinite(torque.end) else "the end",
+            brief(torque.torque),
+            in_b(report, torque.largest),
+            figure(torque.back),
+        ]
+        for torque in report.torques
+    ]
+    heads = ("from, s", "until, s", "load torque, N m", f"load off its target at most, {report.unit}")
+    about = (
+        "How far off its target the load was until the torque or the reference changed, and when it was back within "
+        f"{SETTLED:g} b for good. {NONE}: it was not at its target before, or the recording does not tell."
+    )
+    return Part(f"Load torques ({len(rows)})", Table((*heads, "back after, s"), rows), about=about)
 
 
 def changes_part(report: AxisReport) -> Part | None:

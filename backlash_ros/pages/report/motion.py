@@ -167,5 +167,8 @@ def holds_part(report: AxisReport) -> Part | None:
         ]
         for k, hold in enumerate(report.holds, 1)
     ]
-    about = "Where the reference stood still after no step: from the start on, after a path, a learning run or a fault."
+    about = (
+        "Where the reference stood still after no step: from the start on, after a path, a learning run, a fault, or "
+        f"what ended another rest; {TAIL + SETTLING:g} s at least."
+    )
     return Part("Holds", Table(heads, rows), about=about)

@@ -5,7 +5,13 @@ from typing import Any
 
 from backlash_ros.pages.report import pictures
 from backlash_ros.pages.report.charts import ChartBook
-from backlash_ros.pages.report.happenings import changes_part, diagnostics_table, faults_part, learning_part
+from backlash_ros.pages.report.happenings import (
+    changes_part,
+    diagnostics_table,
+    faults_part,
+    learning_part,
+    torques_part,
+)
 from backlash_ros.pages.report.motion import holds_part, paths_part, steps_part
 from backlash_ros.pages.report.part import Part, Table
 from backlash_ros.pages.report.report import AxisReport, Report
@@ -23,6 +29,7 @@ def _axis(report: AxisReport, book: ChartBook) -> dict[str, Any]:
     overview = book.add(pictures.overview(report)) if report.timing else None
     parts = [
         holds_part(report),
+        torques_part(report),
         learning_part(report, book),
         changes_part(report),
         faults_part(report, book),

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from backlash_ros.foundation.record import Array
-from backlash_ros.pages.report.charts import Chart, Line, Panel, held
-from backlash_ros.pages.report.events import FaultSeen, LearningRun
+from backlash_ros.pages.report.charts import Chart, Line, Panel
+from backlash_ros.pages.report.events import FaultSeen, LearningRun, held
 from backlash_ros.pages.report.paths import FollowedPath, error_of
 from backlash_ros.pages.report.report import AxisReport
 from backlash_ros.pages.report.steps import Mask, Step
@@ -96,6 +96,12 @@ def _part(report: AxisReport, start: float, end: float) -> Mask:
     return (report.axis.time >= start) & (report.axis.time <= end)
 
 
+def _disturbances(report: AxisReport) -> list[tuple[float, str]]:
+    """Return the changes of the load torque and the faults."""
+    marks = [(time, f"{torque:g} N m") for time, torque in report.events.torques]
+    return [*marks, *((fault.start, fault.name) for fault in report.events.faults)]
+
+
 def _marks(report: AxisReport, start: float, end: float) -> list[tuple[float, str]]:
     """Return the changes of parameters that move the loop, load torques and faults in a stretch."""
     events = report.events
@@ -104,16 +110,14 @@ def _marks(report: AxisReport, start: float, end: float) -> list[tuple[float, st
         for change in events.changes
         if change.moves
     ]
-    marks += [(time, f"{torque:g} N m") for time, torque in events.torques]
-    marks += [(fault.start, fault.name) for fault in events.faults]
-    return [mark for mark in marks if start <= mark[0] <= end]
+    return [mark for mark in (*marks, *_disturbances(report)) if start <= mark[0] <= end]
 
 
 def overview(report: AxisReport) -> Chart:
     """Return the chart of all of an axis."""
     part = np.ones(report.axis.time.size, dtype=bool)
     marks = [(step.start, f"{k}") for k, step in enumerate(report.steps, 1)]
-    marks += [(fault.start, fault.name) for fault in report.events.faults]
+    marks += _disturbances(report)
     last = float(report.axis.time[-1])
     spans = [(run.start, min(run.end, last), f"run {k}") for k, run in enumerate(report.events.runs, 1)]
     told = ["Numbered: steps."] * bool(report.steps) + ["Shaded: learning runs."] * bool(spans)

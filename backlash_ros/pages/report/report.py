@@ -13,6 +13,7 @@ from backlash_ros.pages.report.gap import GapFound, gap_found
 from backlash_ros.pages.report.paths import FollowedPath, paths_of
 from backlash_ros.pages.report.steps import Step, holds_of, steps_of
 from backlash_ros.pages.report.timing import Timing, timing_of
+from backlash_ros.pages.report.torques import LoadTorque, torques_of
 from backlash_ros.pages.report.warned import Warned, warnings_of
 from backlash_ros.pages.report.yardstick import Yardstick, yardstick_of
 from backlash_ros.recordings.axes.axes import axes_of
@@ -37,6 +38,7 @@ class AxisReport:
     steps: Sequence[Step]
     holds: Sequence[Step]
     paths: Sequence[FollowedPath]
+    torques: Sequence[LoadTorque]
     timing: Timing | None
     gap: GapFound
     yard: Yardstick
@@ -97,12 +99,14 @@ def _axis_report(path: Path, axis: Axis, contents: Contents, options: Options) -
     if not b > 0.0 and gap.told:
         b, source = gap.angle, "the estimate from this recording"
     yard = yardstick_of(axis, b)
+    steps = steps_of(axis, events, yard)
     return AxisReport(
         axis,
         events,
-        steps_of(axis, events, yard),
-        holds_of(axis, events, yard),
+        steps,
+        holds_of(axis, events, steps, yard),
         paths_of(axis, events, yard),
+        torques_of(axis, events, yard),
         timing_of(axis),
         gap,
         yard,
@@ -154,6 +158,7 @@ def _axis_content(report: AxisReport) -> dict[str, Any]:
         "steps": [_step(step, report.b) for step in report.steps],
         "holds": [_step(hold, report.b) for hold in report.holds],
         "paths": [_path(path, report.b) for path in report.paths],
+        "load_torques": [asdict(torque) for torque in report.torques],
         "learning_runs": [run._asdict() for run in events.runs],
         "changes": [
             {"time": change.time, "values": {name: list(both) for name, both in change.values.items()}}

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from backlash_ros.control import AUTO
 from backlash_ros.control.laws import BEST, UNTIL_THEN
 from backlash_ros.foundation.record import Array
-from backlash_ros.pages.report.events import Events, Move, in_use_at
+from backlash_ros.pages.report.changes import in_use_at
+from backlash_ros.pages.report.events import Events, Move
 from backlash_ros.pages.report.timing import SETTLING, last_quiet, late_answers
 from backlash_ros.pages.report.yardstick import Yardstick, limit_cycle
 from backlash_ros.recordings.axes.axis import Axis
@@ -187,20 +188,43 @@ def _judged(
     )
 
 
-def holds_of(axis: Axis, events: Events, yard: Yardstick) -> Sequence[Step]:
-    """Return the figures of the rests that no step led to, as those of steps of no height; short ones are left out."""
+def holds_of(axis: Axis, events: Events, steps: Sequence[Step], yard: Yardstick) -> Sequence[Step]:
+    """Return the figures of the rests that no step led to, as those of steps of no height; short ones are left out.
+
+    Where something ended the rest of one of the ``steps``, or of a hold, a hold begins anew.
+    """
     if not np.any(np.isfinite(axis.position)):
         return []
-    return [held for hold in events.holds if (held := _judge_hold(axis, events, hold, yard)) is not None]
+    moves = [move for move in events.moves if not move.path]
+    rests = [_after(axis, events, step.end, step.ended_by, move) for step, move in zip(steps, moves, strict=True)]
+    waiting = [(hold, "") for hold in events.holds] + [rest for rest in rests if rest]
+    found = []
+    while waiting:
+        hold, why = waiting.pop()
+        judged, end, ended_by = _judge_hold(axis, events, hold, yard)
+        if judged is not None:
+            found.append(replace(judged, remarks=(f"after {why}",) if why else ()))
+        rest = _after(axis, events, end, ended_by, hold)
+        waiting += [rest] if rest else []
+    return sorted(found, key=lambda held: held.start)
 
 
-def _judge_hold(axis: Axis, events: Events, hold: Move, yard: Yardstick) -> Step | None:
+def _after(axis: Axis, events: Events, end: float, why: str, move: Move) -> tuple[Move, str] | None:
+    """Return what is left to hold after a rest ended because of ``why``; None after learning runs and faults."""
+    later = axis.time[(axis.time > end) & (axis.time < move.end)]
+    if not why or not later.size or any(start <= end < over for start, over in events.apart):
+        return None
+    return Move(float(later[0]), move.end, move.target, move.target, False), why
+
+
+def _judge_hold(axis: Axis, events: Events, hold: Move, yard: Yardstick) -> tuple[Step | None, float, str]:
+    """Return the figures of a hold, None if it is too short, and when and by what it ended."""
     inside = (axis.time >= hold.start) & (axis.time < hold.end)
     end, why = _end_of_rest(axis.time[inside], hold, events, hold.start)
     chosen = inside & (axis.time < end) & np.isfinite(axis.position)
     time, position = axis.time[chosen] - hold.start, axis.position[chosen]
     if time.size < _SHORTEST or time[-1] - time[0] < TAIL + SETTLING:
-        return None
+        return None, end, why
     answers = axis.command.between(hold.start, end).time - hold.start if axis.command is not None else time
     middle = 0.5 * float(time[0] + time[-1])
     quiet = last_quiet(time, answers, middle)
@@ -208,7 +232,7 @@ def _judge_hold(axis: Axis, events: Events, hold: Move, yard: Yardstick) -> Step
     tail = (time >= rest_end - TAIL) & (time <= rest_end)
     cycling = (time >= max(rest_end - _HOLD_TIME, middle)) & (time <= rest_end)
     swings = limit_cycle(time[cycling], position[cycling], yard.least_swing(_LEAST_SWING))
-    return _begun(
+    held = _begun(
         axis,
         hold,
         end,
@@ -219,6 +243,7 @@ def _judge_hold(axis: Axis, events: Events, hold: Move, yard: Yardstick) -> Step
         frequency=swings[1],
         late_rest=quiet is None and bool(np.any(late_answers(time, answers) > middle)),
     )
+    return held, end, why
 
 
 def steps_of(axis: Axis, events: Events, yard: Yardstick) -> Sequence[Step]:
