@@ -1,12 +1,16 @@
 """What happened in a recording, as `backlash report` tells it: load torques, changes of parameters, what it ended."""
 
 import math
+import re
+from html import unescape
 from pathlib import Path
 
 import pytest
 import reported
 from made_report import report
 from plain_bag import PlainBag
+
+from backlash_ros.pages.report.changes import Change
 
 B = 0.02
 """Backlash of the axes here, rad."""
@@ -88,3 +92,75 @@ def test_a_rest_that_a_learning_run_ended_says_which(tmp_path: Path) -> None:
     made = report(bag.write(tmp_path / "bag"), tmp_path)
     assert made.axis["steps"][0]["ended_by"] == "learning run 1"
     assert "judged until learning run 1, 2." in made.page.text
+
+
+def folds(html: str) -> list[str]:
+    """Return the titles of what unfolds, in the order of the page."""
+    return [unescape(title) for title in re.findall(r"<summary>([^<]*)", html)]
+
+
+def test_titles_say_the_outcome(tmp_path: Path) -> None:
+    bag = held_bag(6.0)
+    bag.status("/diagnostics", 1.0, "/controller: servo", level=1, text="it rattled")
+    for time in (1.0, 2.0):
+        bag.status("/diagnostics", time, "/controller: timing", level=2, text="a step takes long")
+    made = report(bag.write(tmp_path / "bag"), tmp_path)
+    titles = folds(made.html)
+    assert "Step 1: 0 to 1 rad, two_encoder: settled after 0 s" in titles
+    assert "Timing: 250 Hz, none missing" in titles
+    assert "Warnings and errors (1 + 2)" in titles
+    assert '<p class="line">No faults.</p>' in made.html
+    assert "Faults" not in " ".join(titles)
+    assert "From 0.500 s on; rise" in made.page.text  # no gain set where the law has none
+    assert not re.search(r"gain set\s*;", made.page.text)
+
+
+def test_a_step_in_a_limit_cycle_says_so_in_its_title(tmp_path: Path) -> None:
+    made = report(reported.axes_bag(["/axis1"]).write(tmp_path / "bag"), tmp_path)
+    (title,) = [title for title in folds(made.html) if title.startswith("Step 1")]
+    assert re.fullmatch(r"Step 1: 0 to 1 rad, fast: ended in a limit cycle, \d+ impacts", title)
+    assert "Learning runs (1)" in folds(made.html)
+    assert "Changes of gains, laws and other parameters (1)" in folds(made.html)
+
+
+def test_an_identification_is_one_line_that_unfolds(tmp_path: Path) -> None:
+    """Values whose digits show no change are left out; the law that acts from then on is said."""
+    before = reported.in_use("auto", B) | {"identified": False, "motor.cogging": 1.0}
+    after = before | {name: 1.01 * value for name, value in before.items() if name.startswith("motor.")}
+    after |= {"identified": True, "load.inertia": before["load.inertia"] * (1.0 + 1e-9)}
+    bag = PlainBag()
+    for time, version, values in ((0.0, 1, before), (3.0, 2, after), (5.0, 3, after | {"gear.reduction": 10.0 + 1e-9})):
+        bag.in_use("/controller/parameters_in_use", time, version, values)
+    for k in range(1500):
+        time = 0.004 * k
+        bag.sample("/joint_states", time, ("motor", "load"), (0.0, 0.0))
+        bag.status("/controller/state", time, "servo", {"reference": 0.0, "phase": float(time > 3.0), "holding": 1.0})
+    made = report(bag.write(tmp_path / "bag"), tmp_path)
+    assert "identified: 8 parameters (two_encoder acts)" in folds(made.html)
+    assert "motor.cogging: 1 to 1.01" in made.page.text
+    assert "load.inertia: " not in made.page.text
+    assert "less than the digits show" in made.page.text
+    first, second, *_ = made.axis["holds"]
+    assert first["ended_by"] == "the drive was identified"
+    assert second["remarks"] == ["after the drive was identified"]
+
+
+def test_a_change_is_named_in_a_few_words() -> None:
+    many = {f"gear.{k}": (0.0, 1.0) for k in range(5)}
+    assert Change(0.0, many).named == "a change of gear.0, gear.1, gear.2 and 2 more"
+    assert Change(0.0, {"gain_set": ("a", "b"), "gains.fast.k": ([1.0], [2.0])}).named == "a change of gain_set"
+    assert Change(0.0, many | {"identified": (False, True)}).named == "the drive was identified"
+    assert Change(0.0, {"identified": (True, False)}).named == "a change of identified"
+
+
+def test_the_law_that_auto_chose_is_said(tmp_path: Path) -> None:
+    bag = PlainBag()
+    for version, law in enumerate(("fast", "auto", "fast"), 1):
+        bag.in_use("/controller/parameters_in_use", 2.0 * (version - 1), version, reported.in_use(law, B))
+    for k in range(1500):
+        bag.sample("/joint_states", 0.004 * k, ("motor", "load"), (0.0, 0.0))
+        bag.status("/controller/state", 0.004 * k, "servo", {"reference": 0.0, "phase": 0.0})
+    text = report(bag.write(tmp_path / "bag"), tmp_path).page.text
+    assert "law: fast to auto (two_region acts)" in text
+    assert "law: auto to fast" in text
+    assert "law: auto to fast (" not in text

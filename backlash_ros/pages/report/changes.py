@@ -19,6 +19,8 @@ _GAINS = (
     "loop_delay",
 )
 """Beginnings of the names of parameters that change the motion of the loop."""
+_FEW = 3
+"""Largest number of parameters that are named in a sentence."""
 
 
 class Change(NamedTuple):
@@ -28,9 +30,18 @@ class Change(NamedTuple):
     values: dict[str, tuple[Any, Any]]
 
     @property
-    def names(self) -> str:
-        """The changes in a few words: a gain set stands for its gains."""
-        return ", ".join(name for name in self.values if "gain_set" not in self.values or "gains." not in name)
+    def named(self) -> str:
+        """The change in a few words: a gain set stands for its gains."""
+        if self.identified:
+            return "the drive was identified"
+        names = [name for name in self.values if "gain_set" not in self.values or not name.startswith("gains.")]
+        more = f" and {len(names) - _FEW} more" if len(names) > _FEW else ""
+        return f"a change of {', '.join(names[:_FEW])}{more}"
+
+    @property
+    def identified(self) -> bool:
+        """Whether the drive was identified."""
+        return bool(self.values.get("identified", (None, False))[1])
 
     @property
     def moves(self) -> bool:

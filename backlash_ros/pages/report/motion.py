@@ -5,9 +5,9 @@ import math
 from backlash_ros.pages.report import pictures
 from backlash_ros.pages.report.charts import ChartBook
 from backlash_ros.pages.report.outcome import CUT, ending
-from backlash_ros.pages.report.part import MOST_CHARTS, Part, Table
+from backlash_ros.pages.report.outcome import SETTLED as AT_REST
+from backlash_ros.pages.report.part import MOST_CHARTS, Cell, Part, Table
 from backlash_ros.pages.report.paths import FollowedPath
-from backlash_ros.pages.report.pictures import Sketch
 from backlash_ros.pages.report.report import AxisReport
 from backlash_ros.pages.report.steps import NEAR, Step
 from backlash_ros.pages.report.timing import SETTLING
@@ -16,7 +16,7 @@ from backlash_ros.recordings.rounding import brief, counted
 from backlash_ros.studies.metrics import SETTLED, TAIL
 
 
-def _step_row(report: AxisReport, number: int, step: Step) -> list[str | Sketch]:
+def _step_row(report: AxisReport, number: int, step: Step) -> list[Cell]:
     return [
         str(number),
         pictures.sketch(report, step) if number <= MOST_CHARTS else "",
@@ -48,19 +48,26 @@ def _remarks(step: Step) -> list[str]:
     return remarks
 
 
+def _outcome(step: Step) -> str:
+    """Return how a step ended, for its title."""
+    settled = ending(step) == AT_REST
+    said = f"settled after {figure(step.settling)} s" if settled else ending(step)
+    return f"{said}, {counted(step.impacts, 'impact')}" if step.impacts > 0 else said
+
+
 def _step_words(report: AxisReport, step: Step) -> str:
     """Return the figures of a step in a sentence, for its chart."""
     said = [
-        f"at {step.start:.3f} s",
+        *([f"gain set {step.gain_set}"] if step.gain_set else []),
+        f"from {step.start:.3f} s on",
         f"rise {figure(step.rise)} s" if math.isfinite(step.rise) else "90 % was not reached",
-        f"settled after {figure(step.settling)} s" if math.isfinite(step.settling) else ending(step),
         f"overshoot {in_b(report, step.overshoot)} {report.unit}",
         f"residual {in_b(report, step.residual)} {report.unit}",
     ]
     cycle = cycle_words(report, step)
     said += [f"limit cycle {cycle}"] if cycle not in {"none", NONE} else []
-    law = [f"law {step.law}, gain set {step.gain_set}"] if step.law else []
-    return f"{'; '.join([*law, *said])}. Shaded: within {in_b(report, step.band)} {report.unit} of the target."
+    text = "; ".join(said)
+    return f"{text[0].upper()}{text[1:]}. Shaded: within {in_b(report, step.band)} {report.unit} of the target."
 
 
 def steps_part(report: AxisReport, book: ChartBook) -> Part:
@@ -69,7 +76,7 @@ def steps_part(report: AxisReport, book: ChartBook) -> Part:
         moves = "the reference was not known" if report.axis.reference is None else "the reference made no step"
         return Part("Steps", about=f"None: {moves}, or there were no samples of the load.")
     drawn = [
-        book.add(pictures.step_chart(report, k, _step_words(report, step)))
+        book.add(pictures.step_chart(report, k, _outcome(step), _step_words(report, step)))
         for k, step in enumerate(report.steps[:MOST_CHARTS], 1)
     ]
     near = f"within {pictures.ROOM * report.b:.2g} rad" if report.b > 0.0 else "near the target"
@@ -171,4 +178,6 @@ def holds_part(report: AxisReport) -> Part | None:
         "Where the reference stood still after no step: from the start on, after a path, a learning run, a fault, or "
         f"what ended another rest; {TAIL + SETTLING:g} s at least."
     )
-    return Part("Holds", Table(heads, rows), about=about)
+    swing = sum(math.isfinite(hold.amplitude) for hold in report.holds)
+    found = f": {counted(swing, 'limit cycle')}" if swing else ""
+    return Part(f"Holds ({len(rows)}){found}", Table(heads, rows), about=about)

@@ -7,7 +7,7 @@ from backlash_ros.pages.report import pictures
 from backlash_ros.pages.report.charts import ChartBook
 from backlash_ros.pages.report.happenings import (
     changes_part,
-    diagnostics_table,
+    diagnostics_part,
     faults_part,
     learning_part,
     torques_part,
@@ -34,7 +34,9 @@ def _axis(report: AxisReport, book: ChartBook) -> dict[str, Any]:
         changes_part(report),
         faults_part(report, book),
         timing_part(report, book),
-        Part("Not in this recording", remarks=[f"{what}." for what in axis.missing]) if axis.missing else None,
+        Part(f"Not in this recording ({len(axis.missing)})", remarks=[f"{what}." for what in axis.missing])
+        if axis.missing
+        else None,
         sources_part(report),
     ]
     return {
@@ -82,6 +84,8 @@ def _begun(report: Report) -> str:
 def page_of(report: Report) -> str:
     """Return the page."""
     book, contents = ChartBook(), report.contents
+    counts = [(name, f"{count} of {kind}") for name, (kind, count) in sorted(contents.topics.items())]
+    topics = Part(f"Topics ({len(counts)})", pairs=counts) if counts else Part("No topics.")
     messages = sum(count for _, count in contents.topics.values())
     return render(
         "report/report.html.j2",
@@ -91,8 +95,7 @@ def page_of(report: Report) -> str:
         messages=messages,
         index=_index(report),
         axes=[_axis(axis, book) for axis in report.axes],
-        diagnostics=diagnostics_table(report),
-        topics=[(name, f"{count} of {kind}") for name, (kind, count) in sorted(contents.topics.items())],
+        parts=[part for part in (diagnostics_part(report), topics) if part is not None],
         command=report.command,
         drawn=book.drawn(),
         wide=pictures.WIDE,

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from backlash_ros.pages.report.charts import Place
 from backlash_ros.pages.report.pictures import Sketch
@@ -10,16 +11,27 @@ MOST_CHARTS = 60
 """Largest number of steps, of learning runs and of faults of an axis with a chart of their own, the first ones."""
 
 
+class Folded(NamedTuple):
+    """A text that is unfolded by its title."""
+
+    title: str
+    text: str
+
+
+Cell = str | Sketch | Folded
+"""What a table holds."""
+
+
 @dataclass(frozen=True)
 class Table:
-    """Rows of text and sketches under ``heads``; ``links``: ids that the first cells lead to, empty for none."""
+    """Rows of cells under ``heads``; ``links``: ids that the first cells lead to, empty for none."""
 
     heads: Sequence[str]
-    rows: Sequence[Sequence[str | Sketch]]
+    rows: Sequence[Sequence[Cell]]
     links: Sequence[str] = ()
 
     @property
-    def lines(self) -> Iterator[tuple[str, str | Sketch, list[tuple[str, str | Sketch]]]]:
+    def lines(self) -> Iterator[tuple[str, Cell, list[tuple[str, Cell]]]]:
         """The rows: link, first cell, and the other cells with their heads."""
         for (first, *rest), link in zip(self.rows, self.links or [""] * len(self.rows), strict=True):
             yield link, first, list(zip(self.heads[1:], rest, strict=True))
@@ -29,7 +41,7 @@ class Table:
 class Part:
     """A part of an axis, to be unfolded: a table of figures, or pairs of names and values, remarks, charts and notes.
 
-    Where the table ``leads``, it is seen at once, and each chart is unfolded on its own.
+    A title alone is a line. Where the table ``leads``, it is seen at once, and each chart is unfolded on its own.
     """
 
     title: str
@@ -40,3 +52,8 @@ class Part:
     charts: Sequence[Place] = ()
     notes: Sequence[str] = ()
     leads: bool = False
+
+    @property
+    def alone(self) -> bool:
+        """Whether there is nothing but the title."""
+        return not (self.table or self.pairs or self.about or self.remarks or self.charts or self.notes)

@@ -136,13 +136,14 @@ def _near(report: AxisReport, step: Step, part: Mask) -> list[Panel]:
     return [Panel(f"load from target, {report.unit}", [line], bands=[(-band, band)], at=(0.0,), low=-room, high=room)]
 
 
-def step_chart(report: AxisReport, number: int, told: str) -> Chart:
-    """Return the chart of one step, in full resolution; ``told`` are its figures in words."""
+def step_chart(report: AxisReport, number: int, outcome: str, told: str) -> Chart:
+    """Return the chart of one step, in full resolution; how it ended and, ``told``, its figures in words."""
     step = report.steps[number - 1]
     start = step.start - _AROUND
     part = _part(report, start, step.end)
     panels = [_angles(report, part), *_near(report, step, part), *_gap(report, part), *_effort(report, part)]
     title = f"Step {number}: {brief(step.origin, 4)} to {brief(step.target, 4)} rad"
+    title = f"{title}{f', {step.law}' if step.law else ''}: {outcome}"
     return Chart(title, told, panels, _marks(report, start, step.end))
 
 

@@ -56,7 +56,10 @@ def timing_part(report: AxisReport, book: ChartBook) -> Part | None:
                 f"{_ms(timing.answered, timing.answered_99)} ms",
             )
         )
-    return Part("Timing", pairs=rows, charts=[book.add(pictures.timing_chart(report))])
+    lost = f"{timing.lost} samples missing" if timing.lost else "none missing"
+    return Part(
+        f"Timing: {brief(timing.rate, 4)} Hz, {lost}", pairs=rows, charts=[book.add(pictures.timing_chart(report))]
+    )
 
 
 def _model_told(report: AxisReport) -> str:
@@ -78,6 +81,14 @@ def backlash_told(report: AxisReport) -> str:
     alone = shown(math.degrees(gap.angle), math.degrees(gap.uncertainty), "deg") if gap.told else ""
     said = f"Backlash b = {math.degrees(b):.4g} deg ({b:.4g} rad), {source}"
     return f"{said}{f'; a fit to this recording gives {alone}' if alone else ''}.{_model_told(report)}"
+
+
+def missing_part(report: AxisReport) -> Part | None:
+    """Return what the recording lacks."""
+    missing = report.axis.missing
+    return (
+        Part(f"Not in this recording ({len(missing)})", remarks=[f"{what}." for what in missing]) if missing else None
+    )
 
 
 def sources_part(report: AxisReport) -> Part:

@@ -92,9 +92,7 @@ def _end_of_rest(time: Array, move: Move, events: Events, arrived: float) -> tup
     holes = np.flatnonzero(np.diff(time) > _HOLE)[:1].tolist()
     found += [(float(time[k]), f"samples missing for {time[k + 1] - time[k]:.2f} s") for k in holes]
     found += [
-        (change.time, f"a change of {change.names}")
-        for change in events.changes
-        if change.moves and arrived < change.time < move.end
+        (change.time, change.named) for change in events.changes if change.moves and arrived < change.time < move.end
     ]
     return min(found, default=(move.end, ""))
 
@@ -151,7 +149,7 @@ def _judged(
     rising = float(time[-1]) if math.isnan(found.rise) else entered
     arrived = np.flatnonzero(np.abs(position - step.target) < (yard.b if yard.b > 0.0 else step.band))
     remarks = [
-        f"{change.names} changed {change.time - step.start:.3f} s after the start"
+        f"{change.named} {change.time - step.start:.3f} s after the start"
         for change in events.changes
         if change.moves and step.start < change.time < step.end
     ]
