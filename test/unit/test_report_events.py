@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 import reported
 from made_report import report
-from plain_bag import PlainBag
+from plain_bag import START, PlainBag
 
 from backlash_ros.pages.report.changes import Change
+from backlash_ros.pages.report.words import milliseconds
 
 B = 0.02
 """Backlash of the axes here, rad."""
@@ -164,3 +165,16 @@ def test_the_law_that_auto_chose_is_said(tmp_path: Path) -> None:
     assert "law: fast to auto (two_region acts)" in text
     assert "law: auto to fast" in text
     assert "law: auto to fast (" not in text
+
+
+def test_delays_are_said_with_their_clock_and_rounding_is_no_jitter(tmp_path: Path) -> None:
+    bag = PlainBag()
+    for k in range(600):
+        stamp, received = 0.004 * k - START, 0.002 * k  # simulated time
+        bag.sample("/joint_states", stamp, ("motor", "load"), (0.0, 0.0), received=received)
+        bag.numbers("/command", received + 5e-4, (0.0,), answers=stamp)
+    made = report(bag.write(tmp_path / "bag"), tmp_path)
+    text = made.page.text
+    assert "within their period, or followed by a late one, by the clock of the samples" in text
+    assert "from sample to its command, as recorded, by the recorder's: median, 99 % below" in text
+    assert milliseconds(2.8e-15, 1e-6, math.nan) == "0, 0.001, \u2013"

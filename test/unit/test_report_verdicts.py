@@ -175,6 +175,6 @@ def test_times_are_of_the_axis_and_so_are_those_of_warnings(pace: float, tmp_pat
     (warned,) = made.content["diagnostics"]
     assert (warned["first"], warned["last"]) == (pytest.approx(3.0, abs=0.01), pytest.approx(5.0, abs=0.01))
     assert (warned["step"], warned["axis"], warned["times"]) == (1, "/", 2)
-    own = "6.00 s long by the clock of its samples (the recorder took 3.00 s)" in made.page.text
+    own = "6.00 s long by its own clock (recorded in 3.00 s)" in made.page.text
     assert own is (pace == 2.0)
     assert made.content["own_length"] == (pytest.approx(5.996) if own else None)

@@ -78,7 +78,7 @@ def _begun(report: Report) -> str:
     took = f"{report.length:.2f} s"
     if math.isnan(report.own_length):
         return f"Begun {began}, {took} long"
-    return f"Begun {began}, {report.own_length:.2f} s long by the clock of its samples (the recorder took {took})"
+    return f"Begun {began}, {report.own_length:.2f} s long by its own clock (recorded in {took})"
 
 
 def page_of(report: Report) -> str:

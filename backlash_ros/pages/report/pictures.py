@@ -89,7 +89,8 @@ def _gap(report: AxisReport, part: Mask) -> list[Panel]:
     if not math.isfinite(report.yard.centre):
         return []
     twist = (axis.twist[part] - report.yard.centre) / b
-    return [Panel("teeth in the gap, b", [Line("gap", axis.time[part], twist, "motor")], at=(-0.5, 0.5))]
+    gap = Line("gap", axis.time[part], twist, "motor")
+    return [Panel("teeth in the gap, b; dotted: the flanks", [gap], at=(-0.5, 0.5))]
 
 
 def _part(report: AxisReport, start: float, end: float) -> Mask:

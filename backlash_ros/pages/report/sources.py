@@ -7,15 +7,11 @@ from backlash_ros.pages.report import pictures
 from backlash_ros.pages.report.charts import ChartBook
 from backlash_ros.pages.report.part import Part
 from backlash_ros.pages.report.report import AxisReport
-from backlash_ros.pages.report.words import figure
+from backlash_ros.pages.report.words import milliseconds
 from backlash_ros.recordings.rounding import brief, shown
 
 _SAME = 0.05
 """Relative difference up to which the model has the backlash that is in use."""
-
-
-def _ms(*seconds: float) -> str:
-    return ", ".join(figure(1e3 * value) for value in seconds)
 
 
 def timing_part(report: AxisReport, book: ChartBook) -> Part | None:
@@ -26,9 +22,9 @@ def timing_part(report: AxisReport, book: ChartBook) -> Part | None:
     rows = [
         ("samples", f"{timing.samples} in {timing.length:.2f} s"),
         ("rate", f"{brief(timing.rate, 4)} Hz (period {brief(1e3 * timing.period, 4)} ms)"),
-        ("jitter: standard deviation", f"{_ms(timing.jitter)} ms"),
-        ("jitter: 99 % are within", f"{_ms(timing.jitter_99)} ms"),
-        ("longest time between two samples", f"{_ms(timing.longest)} ms"),
+        ("jitter: standard deviation", f"{milliseconds(timing.jitter)} ms"),
+        ("jitter: 99 % are within", f"{milliseconds(timing.jitter_99)} ms"),
+        ("longest time between two samples", f"{milliseconds(timing.longest)} ms"),
         (
             "missing samples: expected at this rate, not in the bag",
             f"{timing.lost} of {timing.samples + timing.lost}; {timing.holes} holes of more than {MISSING:g} periods"
@@ -40,26 +36,24 @@ def timing_part(report: AxisReport, book: ChartBook) -> Part | None:
         rows.append(("samples left out: their stamps do not rise", str(timing.repeated)))
     if math.isfinite(timing.age):
         rows.append(
-            ("age when recorded: mean, 99 % below, most", f"{_ms(timing.age, timing.age_99, timing.age_most)} ms")
+            (
+                "age when recorded: mean, 99 % below, most",
+                f"{milliseconds(timing.age, timing.age_99, timing.age_most)} ms",
+            )
         )
     else:
         rows.append(("age when recorded", "not known: stamps and recorder have different clocks"))
+    own, recorders = (", by the clock of the samples", ", by the recorder's") if report.axis.clock else ("", "")
     if timing.answers:
         rows.append(("commands", str(timing.answers)))
-        rows.append(
-            ("samples without an answer within their period, or followed by a late one", str(timing.unanswered))
-        )
+        late = f"samples without an answer within their period, or followed by a late one{own}"
+        rows.append((late, str(timing.unanswered)))
     if math.isfinite(timing.answered):
-        rows.append(
-            (
-                "from sample to its command, as recorded: median, 99 % below",
-                f"{_ms(timing.answered, timing.answered_99)} ms",
-            )
-        )
+        delay = f"from sample to its command, as recorded{recorders}: median, 99 % below"
+        rows.append((delay, f"{milliseconds(timing.answered, timing.answered_99)} ms"))
     lost = f"{timing.lost} samples missing" if timing.lost else "none missing"
-    return Part(
-        f"Timing: {brief(timing.rate, 4)} Hz, {lost}", pairs=rows, charts=[book.add(pictures.timing_chart(report))]
-    )
+    title = f"Timing: {brief(timing.rate, 4)} Hz, {lost}"
+    return Part(title, pairs=rows, charts=[book.add(pictures.timing_chart(report))])
 
 
 def _model_told(report: AxisReport) -> str:
@@ -85,10 +79,8 @@ def backlash_told(report: AxisReport) -> str:
 
 def missing_part(report: AxisReport) -> Part | None:
     """Return what the recording lacks."""
-    missing = report.axis.missing
-    return (
-        Part(f"Not in this recording ({len(missing)})", remarks=[f"{what}." for what in missing]) if missing else None
-    )
+    remarks = [f"{what}." for what in report.axis.missing]
+    return Part(f"Not in this recording ({len(remarks)})", remarks=remarks) if remarks else None
 
 
 def sources_part(report: AxisReport) -> Part:

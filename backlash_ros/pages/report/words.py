@@ -11,6 +11,8 @@ from backlash_ros.recordings.rounding import brief
 NONE = "\u2013"
 _USUAL = "nominal"
 """The gain set that is not worth saying."""
+_STAMP = 1e-9
+"""Resolution of stamps, s."""
 
 
 def figure(value: float) -> str:
@@ -18,6 +20,11 @@ def figure(value: float) -> str:
     if math.isnan(value):
         return NONE
     return "never" if math.isinf(value) else brief(value)
+
+
+def milliseconds(*seconds: float) -> str:
+    """Return times in ms; what is less than a stamp's digits is 0."""
+    return ", ".join(figure(0.0 if abs(value) < _STAMP else 1e3 * value) for value in seconds)
 
 
 def moment(seconds: float) -> str:
