@@ -50,7 +50,7 @@ const marks = (chart, panel, labels, colour) => ({
   markLine: {
     silent: true, symbol: "none", animation: false,
     lineStyle: { color: colour.faint, type: "dotted", width: 1 },
-    label: { color: colour.faint, fontSize: 10, position: "end", textBorderColor: colour.paper, textBorderWidth: 2 },
+    label: { color: colour.faint, fontSize: 10, position: "end", backgroundColor: `${colour.paper}cc` },
     data: [
       ...(labels || chart.marks.map(([x]) => ({ xAxis: x, label: { show: false } }))),
       ...panel.lines.map((y) => ({ yAxis: y, label: { show: false } })),

@@ -122,6 +122,7 @@ def overview(report: AxisReport) -> Chart:
     last = float(report.axis.time[-1])
     spans = [(run.start, min(run.end, last), f"run {k}") for k, run in enumerate(report.events.runs, 1)]
     told = ["Numbered: steps."] * bool(report.steps) + ["Shaded: learning runs."] * bool(spans)
+    told += ["In N m: load torques."] * bool(report.torques)
     return Chart("All of it", " ".join(told), [_angles(report, part), *_effort(report, part)], marks, spans)
 
 
