@@ -10,6 +10,7 @@ LIGHT = {
     "load": "#b3470b",
     "model": "#1b1f24",
     "good": "#14703c",
+    "doubt": "#b07800",
     "bad": "#a3210f",
 }
 DARK = {
@@ -22,6 +23,7 @@ DARK = {
     "load": "#f0945a",
     "model": "#e6e8eb",
     "good": "#63c98d",
+    "doubt": "#e5b84c",
     "bad": "#ff8d7a",
 }
 PRINT = LIGHT | {"ink": "#000000", "faint": "#4a4f57", "line": "#b9bec6", "model": "#000000"}

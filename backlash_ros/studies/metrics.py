@@ -118,6 +118,12 @@ def count_impacts(gap: Array, backlash: float) -> int:
     return int(np.count_nonzero(touching[1:] & ~touching[:-1]))
 
 
+def count_crossings(gap: Array, backlash: float) -> int:
+    """Count passages through the gap, from one flank, abs(gap) >= 0.9 d/2, to the other; both in m."""
+    touching = gap[np.abs(gap) >= CONTACT * 0.5 * backlash]
+    return int(np.count_nonzero(np.diff(np.sign(touching))))
+
+
 def settling_time(time: Array, position: Array, target: float, band: float, last: float = 0.0) -> float:
     """Return when abs(position - target) was last above ``band``, s.
 

@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 import reported
 from in_browser import console_of, emulate, requests_of
+from plain_bag import PlainBag
 from report_page import PATIENCE, opened, shown, wait
+from reported import in_use
 from selenium.webdriver import ActionChains, Chrome, Keys
 from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
 from selenium.webdriver.common.by import By
@@ -75,6 +77,83 @@ def test_the_first_screen_is_the_answer_and_the_rest_unfolds(browser: Chrome, pa
         assert chart.is_displayed()
     finally:
         browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+@pytest.fixture(scope="module")
+def marked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the page of a step with marks close to each other, and one at its very end."""
+    folder, bag = tmp_path_factory.mktemp("marked"), PlainBag()
+    for version, law in enumerate(("fast", "overdamped", "fast", "overdamped"), 1):
+        bag.in_use("/controller/parameters_in_use", 0.24 * (version > 1) + 0.01 * version, version, in_use(law, 0.02))
+    for time, torque in ((3.0, 0.1), (3.01, -0.1), (3.45, 0.25), (3.48, 0.0)):
+        bag.number("/load_torque", time, torque)
+    for k in range(875):
+        time = 0.004 * k
+        bag.sample("/joint_states", time, ("motor", "load"), (0.0, float(time >= 0.3)))
+        bag.status("/controller/state", time, "servo", {"reference": float(time >= 0.3), "experiment": int(time > 3.2)})
+    assert main(["report", str(bag.write(folder / "bag")), "--out", str(folder / "page.html")]) == 0
+    return folder / "page.html"
+
+
+LABELS = """
+const plot = arguments[0].querySelector("svg").getBoundingClientRect();
+return [...arguments[0].querySelectorAll("svg text")].filter((each) => each.style.fontSize === "10px").map((each) => {
+  const { left, right, top, bottom } = each.getBoundingClientRect();
+  return [each.textContent, left - plot.left, right - plot.right, top - plot.top, bottom - plot.top];
+});
+"""
+
+
+def labels(browser: Chrome, chart: WebElement) -> list[tuple[str, float, float, float, float]]:
+    """Return the labels of a chart's marks: text, distances from the left and the right edge, top and bottom."""
+    found = [tuple(label) for label in browser.execute_script(LABELS, chart)]
+    for text, left, right, top, _ in found:
+        assert left > 60.0, text
+        assert right < 0.0, text
+        assert top > 35.0, text  # below the name of the panel
+    for k, (text, left, right, top, bottom) in enumerate(found):
+        width = plot(chart).rect["width"]
+        for other, low, high, above, below in found[:k]:
+            apart = width + right <= low + 1.0 or width + high <= left + 1.0
+            assert apart or bottom <= above + 2.0 or below <= top + 2.0, (text, other)
+    return found
+
+
+def test_labels_of_marks_stay_in_the_plot_and_apart(browser: Chrome, marked: Path) -> None:
+    """Also where they crowd, and when the chart is zoomed."""
+    step, overview, *_ = opened(browser, marked)
+    assert {label[0] for label in labels(browser, overview)} == {
+        "1",
+        "run 1",
+        "0.1 N m",
+        "-0.1 N m",
+        "0.25 N m",
+        "0 N m",
+    }
+    assert {label[0] for label in labels(browser, step)} >= {"law", "0.1 N m"}
+    for move in ("in", "right", "in", "right", "right"):
+        button = overview.find_element(By.CSS_SELECTOR, f"[data-zoom={move}]")
+        browser.execute_script("arguments[0].click()", button)
+        labels(browser, overview)
+    WebDriverWait(browser, PATIENCE).until(lambda _: "0.1 N m" in {label[0] for label in labels(browser, overview)})
+    assert "1" not in {label[0] for label in labels(browser, overview)}  # it lies before
+    assert console_of(browser) == []
+
+
+def test_a_click_on_a_step_shows_the_title_of_what_it_unfolds(browser: Chrome, pages: dict[str, Path]) -> None:
+    browser.get(pages["foreign"].as_uri())
+    wait(browser, "return document.documentElement.dataset.charts === 'ready'")
+    browser.find_element(By.LINK_TEXT, "2").click()
+    chart = browser.find_element(By.ID, "chart-2")
+    top = "return arguments[0].closest('details').querySelector('summary').getBoundingClientRect().top"
+    WebDriverWait(browser, PATIENCE).until(lambda _: chart.is_displayed())
+    assert 0.0 <= browser.execute_script(top, chart) < 500.0
+
+
+def test_on_a_phone_a_column_without_a_name_has_no_colon(browser: Chrome, pages: dict[str, Path]) -> None:
+    browser.get(pages["ours"].as_uri())
+    assert browser.find_elements(By.CSS_SELECTOR, "td:not([data-name])")
+    assert not browser.find_elements(By.CSS_SELECTOR, 'td[data-name=""]')
 
 
 @pytest.mark.grid

@@ -8,9 +8,7 @@ import re
 import shlex
 import shutil
 import sqlite3
-from dataclasses import dataclass
 from html import unescape
-from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -18,6 +16,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 import reported
+from made_report import Made, report
 from plain_bag import START, PlainBag
 from recorded import probed, true_gap, write_bag, write_drive
 from reported import CYCLE, DAMPING, END, FIRST, FOREIGN, FREQUENCY, HEIGHT, LOST, PEAK, PERIOD, SECOND, B
@@ -27,67 +26,14 @@ from backlash_ros.cli import main
 from backlash_ros.pages.report import charts
 from backlash_ros.pages.report.charts import Chart, ChartBook, Line, Panel, thinned
 from backlash_ros.pages.report.cures import cure
-from backlash_ros.pages.report.steps import Step, limit_cycle
+from backlash_ros.pages.report.steps import Step
 from backlash_ros.pages.report.timing import last_quiet, late_answers
+from backlash_ros.pages.report.yardstick import limit_cycle
 from backlash_ros.recordings.axes.axis import Axis
 from backlash_ros.recordings.bag import Series
 
 DEGREE = math.pi / 180.0
 NASTY = "</script><script>alert('&\"')</script>"
-VOID = {"meta", "br", "hr", "img", "link", "input"}
-
-
-class Parsed(HTMLParser):
-    """A page, of which every element must end where it has to."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__(convert_charrefs=True)
-        self.open: list[str] = []
-        self.references: list[str] = []
-        self.ids: list[str] = []
-        self.scripts: list[dict[str, str | None]] = []
-        self.text = ""
-        self.feed(text)
-        self.close()
-        assert self.open == []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        given = dict(attrs)
-        self.references += [given[name] or "" for name in ("src", "href", "srcset", "action") if name in given]
-        self.ids += [given["id"] or ""] if "id" in given else []
-        self.scripts += [given] if tag == "script" else []
-        self.open += [] if tag in VOID else [tag]
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        if not self.open or self.open[-1] not in {"style", "script"}:
-            self.text += data
-
-
-@dataclass
-class Made:
-    """What the command wrote: the page as it stands there and as it is read, and the numbers."""
-
-    html: str
-    page: Parsed
-    content: dict[str, Any]
-
-    @property
-    def axis(self) -> dict[str, Any]:
-        """The only axis."""
-        (axis,) = self.content["axes"]
-        return axis
-
-
-def report(bag: Path, out: Path, *options: str) -> Made:
-    """Run the command."""
-    page, numbers = out / "report.html", out / "report.json"
-    words = ["report", str(bag), "--out", str(page), "--json", str(numbers), "--force", *options]
-    assert main(words) == 0
-    html = page.read_text("utf-8")
-    return Made(html, Parsed(html), json.loads(numbers.read_text()))
 
 
 def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:

@@ -13,7 +13,8 @@ URL.revokeObjectURL(library);
 const { echarts } = globalThis;
 
 const dark = matchMedia("(prefers-color-scheme: dark)");
-const LEGEND = 22, NAME = 18, BOTTOM = 40, LEFT = 64, PAPER = 680;
+const LEGEND = 22, NAME = 18, BOTTOM = 40, LEFT = 64, RIGHT = 16, PAPER = 680;
+const LETTER = 6, ROW = 12, ROWS = 8; // of the labels of marks: pixels, pixels, and how many fit in a panel
 const font = "system-ui, sans-serif";
 const minus = (text) => String(text).replace("-", "\u2212");
 const brief = (value) => minus(Number(value.toPrecision(5)));
@@ -27,27 +28,44 @@ const height = (chart) => {
   return LEGEND + NAME + chart.panels.length * (panel + space) - space + BOTTOM;
 };
 
-const marks = (chart, panel, first, colour) => ({
+// Labels of marks and spans: within the plot, each in the first row in which it meets no other.
+const labelled = (chart, [from, to], wide) => {
+  const ends = [];
+  const all = [...chart.marks, ...chart.spans.map(([low, , text]) => [low, text, true])].sort(([a], [b]) => a - b);
+  return all.map(([x, text, hidden]) => {
+    const at = ((x - from) / (to - from)) * wide, length = LETTER * text.length + 6;
+    const left = at + length > wide; // of its line
+    const start = left ? at - length : at;
+    let row = ends.findIndex((end) => end <= start);
+    if (row < 0) row = ends.length;
+    if (at >= 0 && at <= wide) ends[row] = start + length;
+    return {
+      xAxis: x, lineStyle: hidden ? { width: 0 } : {},
+      label: { show: true, formatter: text, distance: -7 - ROW * (row % ROWS), align: left ? "right" : "left", padding: [0, 3] },
+    };
+  });
+};
+
+const marks = (chart, panel, labels, colour) => ({
   markLine: {
     silent: true, symbol: "none", animation: false,
     lineStyle: { color: colour.faint, type: "dotted", width: 1 },
-    label: { color: colour.faint, fontSize: 10, position: "end", distance: 2 },
+    label: { color: colour.faint, fontSize: 10, position: "end", backgroundColor: `${colour.paper}cc` },
     data: [
-      ...chart.marks.map(([x, text]) => ({ xAxis: x, label: { show: first, formatter: text } })),
+      ...(labels || chart.marks.map(([x]) => ({ xAxis: x, label: { show: false } }))),
       ...panel.lines.map((y) => ({ yAxis: y, label: { show: false } })),
     ],
   },
   markArea: {
     silent: true, itemStyle: { color: colour.band, opacity: 0.7 },
-    label: { color: colour.faint, fontSize: 10, position: "insideTopLeft" },
     data: [
-      ...chart.spans.map(([low, high, text]) => [{ xAxis: low, name: first ? text : "" }, { xAxis: high }]),
+      ...chart.spans.map(([low, high]) => [{ xAxis: low }, { xAxis: high }]),
       ...panel.bands.map(([low, high]) => [{ yAxis: low }, { yAxis: high }]),
     ],
   },
 });
 
-const option = (chart, [from, to]) => {
+const option = (chart, [from, to], wide) => {
   const colour = palette();
   const all = chart.panels.map((_, k) => k);
   const last = all.length - 1;
@@ -58,13 +76,13 @@ const option = (chart, [from, to]) => {
     data: chart.times[line.times].map((x, n) => [x, line.values[n]]), connectNulls: false, clip: true,
     lineStyle: { width: line.dashed ? 1 : 1.4, type: line.dashed ? "dashed" : "solid", color: colour[line.colour] },
     itemStyle: { color: colour[line.colour] }, step: line.step ? "end" : false,
-    ...(at === 0 ? marks(chart, panel, k === 0, colour) : {}),
+    ...(at === 0 ? marks(chart, panel, k === 0 && labelled(chart, [from, to], wide), colour) : {}),
   })));
   return {
     animation: false, backgroundColor: "transparent", textStyle: text,
     legend: {
       data: chart.panels.filter((panel) => panel.series.length > 1).flatMap((panel) => panel.series.map((line) => line.name)), top: 0, left: LEFT, itemWidth: 18, itemHeight: 8, textStyle: { ...text, fontSize: 11 }, icon: "roundRect" },
-    grid: all.map((k) => ({ left: LEFT, right: 16, top: LEGEND + NAME + k * (tall + space), height: tall })),
+    grid: all.map((k) => ({ left: LEFT, right: RIGHT, top: LEGEND + NAME + k * (tall + space), height: tall })),
     xAxis: all.map((k) => ({
       type: "value", gridIndex: k, min: chart.from, max: chart.to, axisLine: { onZero: false, lineStyle: { color: colour.faint } },
       axisLabel: { show: k === last, color: colour.ink, formatter: brief, hideOverlap: true, showMinLabel: false, showMaxLabel: false },
@@ -119,14 +137,19 @@ class Chart {
     this.drawn.on("datazoom", () => {
       const { startValue, endValue } = this.drawn.getOption().dataZoom[0];
       this.range = [startValue, endValue];
+      if (this.chart.marks.length + this.chart.spans.length) this.drawn.setOption({ series: [{ markLine: this.option().series[0].markLine }] });
       this.tell();
     });
     this.redraw();
-    new ResizeObserver(() => printing || this.drawn.resize()).observe(this.plot);
+    new ResizeObserver(() => printing || (this.drawn.resize(), this.redraw())).observe(this.plot);
+  }
+
+  option() {
+    return option(this.chart, this.range, this.drawn.getWidth() - LEFT - RIGHT);
   }
 
   redraw() {
-    this.drawn?.setOption(option(this.chart, this.range), { notMerge: true });
+    this.drawn?.setOption(this.option(), { notMerge: true });
   }
 
   show([low, high]) {
@@ -146,8 +169,8 @@ class Chart {
   paper(on) {
     this.fit();
     this.draw();
-    this.redraw();
     this.drawn.resize(on ? { width: PAPER } : { width: "auto" });
+    this.redraw();
     this.drawn.getZr().flush();
   }
 }

@@ -14,7 +14,6 @@ from markupsafe import Markup
 
 from backlash_ros.foundation.jsonable import jsonable
 from backlash_ros.foundation.record import Array
-from backlash_ros.recordings.bag import Series
 from backlash_ros.simulation.colours import DARK, LIGHT, PRINT
 
 LIBRARY = "echarts/echarts.common.min.js"
@@ -80,12 +79,6 @@ class Drawn:
     library: Markup
     data: Markup
     script: Markup
-
-
-def held(series: Series, time: Array) -> Array:
-    """Return the values of a series of changes at other times, nan before the first."""
-    at = np.searchsorted(series.time, time + 1e-9, side="right") - 1
-    return np.where(at >= 0, series.values[np.maximum(at, 0)], math.nan) if series.time.size else time * math.nan
 
 
 def thinned(time: Array, values: Array, most: int = MOST) -> tuple[Array, Array]:

@@ -1,14 +1,16 @@
-"""The events of an axis: steps of its reference, learning runs, changes of parameters, faults and warnings."""
+"""The events of an axis: moves of its reference, learning runs, changes of parameters, load torques and faults."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from backlash_ros.foundation.record import Array
 from backlash_ros.gates.faults import FAULTS, Fault
+from backlash_ros.pages.report.changes import Change, changes_of
 from backlash_ros.recordings.axes.axis import Axis
 from backlash_ros.recordings.axes.contents import Told
 from backlash_ros.recordings.bag import Series
@@ -19,19 +21,6 @@ _PAUSE = 0.5
 """Longest time for which the setpoint of one path stands still on its way, s."""
 _SMALLEST = 1e-6
 """Change of the reference that is ignored, rad."""
-_GAINS = (
-    "law",
-    "laws.",
-    "gain_set",
-    "gains.",
-    "backlash_angle",
-    "identified",
-    "gear.",
-    "load.",
-    "motor.",
-    "loop_delay",
-)
-"""Beginnings of the names of parameters that change the motion of the loop."""
 
 
 class Move(NamedTuple):
@@ -42,23 +31,6 @@ class Move(NamedTuple):
     origin: float
     target: float
     path: bool
-
-
-class Change(NamedTuple):
-    """Parameters that came into use at a time, s: old and new value by name."""
-
-    time: float
-    values: dict[str, tuple[Any, Any]]
-
-    @property
-    def names(self) -> str:
-        """The changes in a few words: a gain set stands for its gains."""
-        return ", ".join(name for name in self.values if "gain_set" not in self.values or "gains." not in name)
-
-    @property
-    def moves(self) -> bool:
-        """Whether any of them changes the motion of the loop."""
-        return any(name.startswith(_GAINS) for name in self.values)
 
 
 class LearningRun(NamedTuple):
@@ -95,9 +67,14 @@ class Events:
     torques: Sequence[tuple[float, float]]
     holds: Sequence[Move]
 
+    @property
+    def apart(self) -> list[tuple[float, float]]:
+        """Learning runs and faults, from and to, s, in which nothing is held."""
+        return [*((run.start, run.end) for run in self.runs), *((fault.start, fault.end) for fault in self.faults)]
+
     def in_the_way(self, start: float, end: float) -> list[tuple[float, str]]:
         """Return when the rest after a move that starts at ``start`` ended, s, and by what, in words."""
-        found = [(run.start, "an experiment") for run in self.runs]
+        found = [(run.start, f"learning run {k}") for k, run in enumerate(self.runs, 1)]
         found += [(time, f"a load torque of {torque:g} N m") for time, torque in self.torques]
         found += [(fault.start, f"the fault {fault.name}") for fault in self.faults]
         return sorted(event for event in found if start < event[0] < end)
@@ -190,7 +167,7 @@ def _first_start(axis: Axis) -> list[Move]:
 def _holds(axis: Axis, moves: Sequence[Move], apart: Sequence[tuple[float, float]]) -> list[Move]:
     """Return where the reference stands still from the start on, or after a path, a learning run or a fault.
 
-    ``apart``: learning runs and faults, from and to, s, in which nothing is held.
+    ``apart``: see `Events`.
     """
     series = axis.reference
     if series is None or not axis.time.size:
@@ -210,19 +187,6 @@ def _holds(axis: Axis, moves: Sequence[Move], apart: Sequence[tuple[float, float
     return found
 
 
-def _changes(axis: Axis) -> list[Change]:
-    found = []
-    for (_, _, before), (time, _, after) in pairwise(axis.versions):
-        values = {
-            name: (before.get(name), after.get(name))
-            for name in dict.fromkeys([*after, *before])
-            if before.get(name) != after.get(name)
-        }
-        if values:
-            found.append(Change(time, values))
-    return found
-
-
 def _faults(axis: Axis, told: Sequence[Told]) -> list[FaultSeen]:
     series = axis.state.get("fault")
     if series is None:
@@ -239,19 +203,27 @@ def _faults(axis: Axis, told: Sequence[Told]) -> list[FaultSeen]:
     return result
 
 
+def _torques(axis: Axis) -> list[tuple[float, float]]:
+    """Return the changes of the load torque: when, s, and to what, N m; at first there is none."""
+    found, before = [], 0.0
+    if axis.load_torque is not None:
+        for time, torque in zip(axis.load_torque.time.tolist(), axis.load_torque.values.tolist(), strict=True):
+            if torque != before:
+                found.append((time, torque))
+            before = torque
+    return found
+
+
+def held(series: Series, time: Array) -> Array:
+    """Return the values of a series of changes at other times, nan before the first."""
+    at = np.searchsorted(series.time, time + 1e-9, side="right") - 1
+    return np.where(at >= 0, series.values[np.maximum(at, 0)], math.nan) if series.time.size else time * math.nan
+
+
 def events_of(axis: Axis, told: Sequence[Told]) -> Events:
     """Return the events of an axis; ``told``: what diagnostics said in the bag."""
-    torques: list[tuple[float, float]] = []
-    if axis.load_torque is not None:
-        torques = [(float(t), float(v)) for t, v in zip(axis.load_torque.time, axis.load_torque.values, strict=True)]
     runs, faults = _learning_runs(axis), _faults(axis, told)
     followed = _followed(axis, runs)
     moves = [*_first_start(axis), *_moves(axis, followed)]
-    apart = [*((run.start, run.end) for run in runs), *((fault.start, fault.end) for fault in faults)]
-    return Events(moves, followed, runs, _changes(axis), faults, torques, _holds(axis, moves, apart))
-
-
-def in_use_at(axis: Axis, time: float) -> Mapping[str, Any]:
-    """Return the parameters in use at a time; empty if the bag does not say."""
-    known = [values for at, _, values in axis.versions if at <= time + 1e-6]
-    return known[-1] if known else {}
+    events = Events(moves, followed, runs, changes_of(axis), faults, _torques(axis), [])
+    return replace(events, holds=_holds(axis, moves, events.apart))

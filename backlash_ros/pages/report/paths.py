@@ -8,7 +8,8 @@ import numpy as np
 
 from backlash_ros.foundation.record import Array
 from backlash_ros.pages.report.events import Events
-from backlash_ros.pages.report.steps import gap_centre, law_of
+from backlash_ros.pages.report.steps import law_of
+from backlash_ros.pages.report.yardstick import Yardstick
 from backlash_ros.recordings.axes.axis import Axis
 from backlash_ros.studies.metrics import PathFigures, count_impacts, path_figures
 
@@ -40,8 +41,8 @@ class FollowedPath:
     impacts: int = -1
 
 
-def paths_of(axis: Axis, events: Events, b: float) -> Sequence[FollowedPath]:
-    """Return the paths of an axis: judged by ``~/state``, or as its reference shows them; ``b``: backlash, rad or 0."""
+def paths_of(axis: Axis, events: Events, yard: Yardstick) -> Sequence[FollowedPath]:
+    """Return the paths of an axis: judged by ``~/state``, or as its reference shows them."""
     if not events.followed:
         moves = [move for move in events.moves if move.path]
         return [
@@ -49,7 +50,7 @@ def paths_of(axis: Axis, events: Events, b: float) -> Sequence[FollowedPath]:
             for move in moves
         ]
     starts = [*(start for start, _ in events.followed[1:]), math.inf]
-    return [_judged(axis, *both, until, b) for both, until in zip(events.followed, starts, strict=True)]
+    return [_judged(axis, *both, until, yard) for both, until in zip(events.followed, starts, strict=True)]
 
 
 def error_of(axis: Axis, start: float, end: float) -> tuple[Array, Array, Array]:
@@ -58,17 +59,17 @@ def error_of(axis: Axis, start: float, end: float) -> tuple[Array, Array, Array]
     return told[0].time, told[0].values, -told[1].values
 
 
-def _judged(axis: Axis, start: float, end: float, until: float, b: float) -> FollowedPath:
+def _judged(axis: Axis, start: float, end: float, until: float, yard: Yardstick) -> FollowedPath:
     time, setpoint, error = error_of(axis, start, min(end + _AFTER, until))
     seen = np.isfinite(setpoint) & np.isfinite(error)
     time, setpoint, error = time[seen], setpoint[seen], error[seen]
     if time.size < _SHORTEST:
         return FollowedPath(start, end, math.nan, math.nan, *law_of(axis, start, end))
     figures = path_figures(time, setpoint + error, setpoint, end)
-    impacts, centre = -1, gap_centre(axis.twist, b)
-    if math.isfinite(centre):
+    impacts = -1
+    if math.isfinite(yard.centre):
         twist = axis.twist[(axis.time >= start) & (axis.time <= end)]
-        impacts = count_impacts(twist[np.isfinite(twist)] - centre, b)
+        impacts = count_impacts(twist[np.isfinite(twist)] - yard.centre, yard.b)
     whole = axis.state["setpoint"]
     before = float(whole.values[max(int(np.searchsorted(whole.time, start)) - 1, 0)])
     ends = before if math.isfinite(before) else float(setpoint[0]), float(setpoint[-1])

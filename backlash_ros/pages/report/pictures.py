@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from backlash_ros.foundation.record import Array
-from backlash_ros.pages.report.charts import Chart, Line, Panel, held
-from backlash_ros.pages.report.events import FaultSeen, LearningRun
+from backlash_ros.pages.report.charts import Chart, Line, Panel
+from backlash_ros.pages.report.events import FaultSeen, LearningRun, held
 from backlash_ros.pages.report.paths import FollowedPath, error_of
 from backlash_ros.pages.report.report import AxisReport
 from backlash_ros.pages.report.steps import Mask, Step
@@ -86,14 +86,21 @@ def _effort(report: AxisReport, part: Mask) -> list[Panel]:
 
 def _gap(report: AxisReport, part: Mask) -> list[Panel]:
     axis, b = report.axis, report.b
-    if not math.isfinite(report.centre):
+    if not math.isfinite(report.yard.centre):
         return []
-    twist = (axis.twist[part] - report.centre) / b
-    return [Panel("teeth in the gap, b", [Line("gap", axis.time[part], twist, "motor")], at=(-0.5, 0.5))]
+    twist = (axis.twist[part] - report.yard.centre) / b
+    gap = Line("gap", axis.time[part], twist, "motor")
+    return [Panel("teeth in the gap, b; dotted: the flanks", [gap], at=(-0.5, 0.5))]
 
 
 def _part(report: AxisReport, start: float, end: float) -> Mask:
     return (report.axis.time >= start) & (report.axis.time <= end)
+
+
+def _disturbances(report: AxisReport) -> list[tuple[float, str]]:
+    """Return the changes of the load torque and the faults."""
+    marks = [(time, f"{torque:g} N m") for time, torque in report.events.torques]
+    return [*marks, *((fault.start, fault.name) for fault in report.events.faults)]
 
 
 def _marks(report: AxisReport, start: float, end: float) -> list[tuple[float, str]]:
@@ -104,42 +111,41 @@ def _marks(report: AxisReport, start: float, end: float) -> list[tuple[float, st
         for change in events.changes
         if change.moves
     ]
-    marks += [(time, f"{torque:g} N m") for time, torque in events.torques]
-    marks += [(fault.start, fault.name) for fault in events.faults]
-    return [mark for mark in marks if start <= mark[0] <= end]
+    return [mark for mark in (*marks, *_disturbances(report)) if start <= mark[0] <= end]
 
 
 def overview(report: AxisReport) -> Chart:
     """Return the chart of all of an axis."""
     part = np.ones(report.axis.time.size, dtype=bool)
     marks = [(step.start, f"{k}") for k, step in enumerate(report.steps, 1)]
-    marks += [(fault.start, fault.name) for fault in report.events.faults]
+    marks += _disturbances(report)
     last = float(report.axis.time[-1])
     spans = [(run.start, min(run.end, last), f"run {k}") for k, run in enumerate(report.events.runs, 1)]
     told = ["Numbered: steps."] * bool(report.steps) + ["Shaded: learning runs."] * bool(spans)
+    told += ["In N m: load torques."] * bool(report.torques)
     return Chart("All of it", " ".join(told), [_angles(report, part), *_effort(report, part)], marks, spans)
 
 
 def _near(report: AxisReport, step: Step, part: Mask) -> list[Panel]:
     """Return the load near the target, in b, or in mrad if the backlash is unknown."""
     axis = report.axis
-    unit, scale = ("b", report.b) if report.b > 0.0 else ("mrad", 1e-3)
     largest = [abs(step.target - step.origin) * 0.02, 4.0 * step.band, step.overshoot, step.residual + abs(step.error)]
-    room = _MARGIN * max(value for value in largest if math.isfinite(value)) / scale
+    room = _MARGIN * max(value for value in largest if math.isfinite(value)) / report.scale
     room = float(f"{room:.2g}")
-    error = (axis.position[part] - step.target) / scale
-    band = step.band / scale
+    error = (axis.position[part] - step.target) / report.scale
+    band = step.band / report.scale
     line = Line("load from target", axis.time[part], error, "load")
-    return [Panel(f"load from target, {unit}", [line], bands=[(-band, band)], at=(0.0,), low=-room, high=room)]
+    return [Panel(f"load from target, {report.unit}", [line], bands=[(-band, band)], at=(0.0,), low=-room, high=room)]
 
 
-def step_chart(report: AxisReport, number: int, told: str) -> Chart:
-    """Return the chart of one step, in full resolution; ``told`` are its figures in words."""
+def step_chart(report: AxisReport, number: int, outcome: str, told: str) -> Chart:
+    """Return the chart of one step, in full resolution; how it ended and, ``told``, its figures in words."""
     step = report.steps[number - 1]
     start = step.start - _AROUND
     part = _part(report, start, step.end)
     panels = [_angles(report, part), *_near(report, step, part), *_gap(report, part), *_effort(report, part)]
     title = f"Step {number}: {brief(step.origin, 4)} to {brief(step.target, 4)} rad"
+    title = f"{title}{f', {step.law}' if step.law else ''}: {outcome}"
     return Chart(title, told, panels, _marks(report, start, step.end))
 
 
@@ -147,13 +153,13 @@ def path_chart(report: AxisReport, number: int, path: FollowedPath) -> Chart:
     """Return the chart of one path and of the load's error."""
     start, end = path.start - _AROUND, path.end + 10.0 * _AROUND
     part, (time, setpoint, error) = _part(report, start, end), error_of(report.axis, start, end)
-    unit, scale = ("b", report.b) if report.b > 0.0 else ("mrad", 1e-3)
+    off = Line("load from setpoint", time, error / report.scale, "load")
     panels = [
         Panel(
             "load, rad",
             [Line("setpoint", time, setpoint, "ink", dashed=True), Line("load", time, setpoint + error, "load")],
         ),
-        Panel(f"load from setpoint, {unit}", [Line("load from setpoint", time, error / scale, "load")], at=(0.0,)),
+        Panel(f"load from setpoint, {report.unit}", [off], at=(0.0,)),
         *_gap(report, part),
         *_effort(report, part),
     ]

@@ -1,7 +1,6 @@
 """The content of a report, for page and JSON: every axis of a bag with its events, steps, timing and gap."""
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime, timezone
@@ -12,24 +11,26 @@ from backlash_ros.foundation.jsonable import jsonable
 from backlash_ros.pages.report.events import Events, events_of
 from backlash_ros.pages.report.gap import GapFound, gap_found
 from backlash_ros.pages.report.paths import FollowedPath, paths_of
-from backlash_ros.pages.report.steps import Step, gap_centre, holds_of, steps_of
+from backlash_ros.pages.report.steps import Step, holds_of, steps_of
 from backlash_ros.pages.report.timing import Timing, timing_of
+from backlash_ros.pages.report.torques import LoadTorque, torques_of
+from backlash_ros.pages.report.warned import Warned, warnings_of
+from backlash_ros.pages.report.yardstick import Yardstick, yardstick_of
 from backlash_ros.recordings.axes.axes import axes_of
 from backlash_ros.recordings.axes.axis import Axis, backlash_in_use
-from backlash_ros.recordings.axes.contents import Contents, Told, read_contents
+from backlash_ros.recordings.axes.contents import Contents, read_contents
 from backlash_ros.recordings.axes.options import Options
 from backlash_ros.recordings.samples import DATES
 
-_NUMBER = re.compile(r"\d+(\.\d+)?")
+_SAME_CLOCK = 0.03
+"""Relative difference of two lengths of a recording that is no other pace of a clock."""
 
 
 @dataclass(frozen=True)
 class AxisReport:
     """An axis and its figures; ``holds`` are rests that no step led to, ``paths`` what was no step.
 
-    The unit of the figures is the backlash ``b``, rad, from ``b_source``, 0 if unknown.
-
-    ``centre``: middle between both flanks, rad, see `gap_centre`.
+    ``yard``: what it is measured by; the unit of the figures is its backlash ``b``, rad, from ``b_source``.
     """
 
     axis: Axis
@@ -37,23 +38,26 @@ class AxisReport:
     steps: Sequence[Step]
     holds: Sequence[Step]
     paths: Sequence[FollowedPath]
+    torques: Sequence[LoadTorque]
     timing: Timing | None
     gap: GapFound
-    b: float
+    yard: Yardstick
     b_source: str
-    centre: float
 
+    @property
+    def b(self) -> float:
+        """The backlash, rad; 0 if unknown."""
+        return self.yard.b
 
-@dataclass(frozen=True)
-class Warned:
-    """A repeated message of diagnostics: first and last time, s from the start, sender, level, text, number."""
+    @property
+    def unit(self) -> str:
+        """The unit of lengths near the target."""
+        return "b" if self.b > 0.0 else "mrad"
 
-    first: float
-    last: float
-    name: str
-    level: int
-    text: str
-    times: int
+    @property
+    def scale(self) -> float:
+        """That unit, rad."""
+        return self.b if self.b > 0.0 else 1e-3
 
 
 @dataclass(frozen=True)
@@ -78,6 +82,13 @@ class Report:
         length = self.contents.end - self.contents.start
         return 0.0 if math.isnan(length) else length
 
+    @property
+    def own_length(self) -> float:
+        """Time from the first to the last sample by the axes' own clock, s; nan where that is the recorder's time."""
+        lengths = [axis.timing.length for axis in self.axes if axis.axis.clock and axis.timing]
+        longest = max(lengths, default=math.nan)
+        return math.nan if abs(longest - self.length) < _SAME_CLOCK * self.length else longest
+
 
 def _axis_report(path: Path, axis: Axis, contents: Contents, options: Options) -> AxisReport:
     events = events_of(axis, contents.told)
@@ -87,31 +98,20 @@ def _axis_report(path: Path, axis: Axis, contents: Contents, options: Options) -
         b, source = options.backlash_angle, "--backlash-angle"
     if not b > 0.0 and gap.told:
         b, source = gap.angle, "the estimate from this recording"
+    yard = yardstick_of(axis, b)
+    steps = steps_of(axis, events, yard)
     return AxisReport(
         axis,
         events,
-        steps_of(axis, events, b),
-        holds_of(axis, events, b),
-        paths_of(axis, events, b),
+        steps,
+        holds_of(axis, events, steps, yard),
+        paths_of(axis, events, yard),
+        torques_of(axis, events, yard),
         timing_of(axis),
         gap,
-        b,
+        yard,
         source,
-        gap_centre(axis.twist, b),
     )
-
-
-def _warnings(told: Sequence[Told], start: float) -> list[Warned]:
-    """Return the warnings of diagnostics; texts that differ only in their numbers count as one."""
-    found: dict[tuple[str, int, str], Warned] = {}
-    for said in told:
-        if said.level == 0:
-            continue
-        key = said.name, said.level, _NUMBER.sub("#", said.text)
-        at = said.received - start
-        before = found.get(key, Warned(at, at, said.name, said.level, said.text, 0))
-        found[key] = Warned(before.first, at, said.name, said.level, before.text, before.times + 1)
-    return list(found.values())
 
 
 def report_of(path: Path, options: Options, command: str) -> Report:
@@ -124,13 +124,14 @@ def report_of(path: Path, options: Options, command: str) -> Report:
     """
     contents = read_contents(path)
     axes = [_axis_report(path, axis, contents, options) for axis in axes_of(contents, options)]
-    return Report(str(path), command, contents, axes, _warnings(contents.told, contents.start))
+    return Report(str(path), command, contents, axes, warnings_of(contents, [(axis.axis, axis.steps) for axis in axes]))
 
 
 def _step(step: Step, b: float) -> dict[str, Any]:
     values = asdict(step)
     in_b = {f"{name}_b": values[name] / b for name in ("overshoot", "residual", "error", "amplitude") if b > 0.0}
-    return {**values, **in_b, "impacts": None if step.impacts < 0 else step.impacts}
+    counts = {name: None if values[name] < 0 else values[name] for name in ("impacts", "crossings")}
+    return {**values, **in_b, **counts}
 
 
 def _path(path: FollowedPath, b: float) -> dict[str, Any]:
@@ -157,6 +158,7 @@ def _axis_content(report: AxisReport) -> dict[str, Any]:
         "steps": [_step(step, report.b) for step in report.steps],
         "holds": [_step(hold, report.b) for hold in report.holds],
         "paths": [_path(path, report.b) for path in report.paths],
+        "load_torques": [asdict(torque) for torque in report.torques],
         "learning_runs": [run._asdict() for run in events.runs],
         "changes": [
             {"time": change.time, "values": {name: list(both) for name, both in change.values.items()}}
@@ -175,6 +177,7 @@ def content_of(report: Report) -> dict[str, Any]:
         "bag": report.source,
         "began": None if report.began is None else report.began.isoformat(),
         "length": report.length,
+        "own_length": report.own_length,
         "damage": report.contents.damage,
         "topics": {name: {"type": kind, "messages": n} for name, (kind, n) in report.contents.topics.items()},
         "axes": [_axis_content(axis) for axis in report.axes],

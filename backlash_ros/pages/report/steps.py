@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from backlash_ros.control import AUTO
 from backlash_ros.control.laws import BEST, UNTIL_THEN
 from backlash_ros.foundation.record import Array
-from backlash_ros.pages.report.events import Events, Move, in_use_at
+from backlash_ros.pages.report.changes import in_use_at
+from backlash_ros.pages.report.events import Events, Move
 from backlash_ros.pages.report.timing import SETTLING, last_quiet, late_answers
+from backlash_ros.pages.report.yardstick import Yardstick, limit_cycle
 from backlash_ros.recordings.axes.axis import Axis
-from backlash_ros.studies.judging import QUIET
-from backlash_ros.studies.metrics import SETTLED, TAIL, count_impacts, step_figures
+from backlash_ros.studies.metrics import SETTLED, TAIL, count_crossings, count_impacts, step_figures
 
 _BY_REGIONS = "fast", "overdamped", "two_region", AUTO
 """Laws with gains of a gain set."""
@@ -26,9 +27,6 @@ NEAR = 0.02
 """Band of a settled step if the backlash is unknown, as a share of the step."""
 _LEAST_CYCLE = 1e-3
 """Smallest limit cycle if the backlash is unknown, as a share of the step."""
-_FEWEST_CYCLES, _EVEN, _MOST = 3, 0.25, 0.75
-"""Least number of periods of a limit cycle; largest relative deviation of a period from their median; and least share
-of periods within that, since a late answer makes one longer."""
 _CYCLE_TIME = 5.0
 """Longest part at the end of a step from which the frequency is taken, s."""
 _LEAST_SWING = 1e-3
@@ -57,7 +55,8 @@ class Step:
     residual, error : peak to peak, and of the mean, in the last second
     amplitude, frequency : of the limit cycle in the rest, peak to peak and in Hz; nan where there is none; the
         frequency alone is nan where the load swings unevenly
-    impacts : of the teeth, after the load first came within the backlash of the target; -1 if unknown
+    impacts, crossings : of the teeth, and of the gap from flank to flank, after the load first came within the
+        backlash of the target; -1 if unknown
     peak_torque, peak_speed : largest of the motor, N m before the gear, and of the load, rad/s, as recorded
     late_rising, late_rest : whether samples or answers were late during the rise, and all through the rest
     remarks : further notes that are needed to read the figures
@@ -79,46 +78,12 @@ class Step:
     amplitude: float = math.nan
     frequency: float = math.nan
     impacts: int = -1
+    crossings: int = -1
     peak_torque: float = math.nan
     peak_speed: float = math.nan
     late_rising: int = 0
     late_rest: bool = False
     remarks: tuple[str, ...] = field(default=())
-
-
-def limit_cycle(time: Array, position: Array, least: float) -> tuple[float, float]:
-    """Return swing, peak to peak, and frequency (Hz) of an oscillation above ``least``; nan if there is none.
-
-    Counted between upward passages of the middle, each after the signal was a quarter of its swing below it. An uneven
-    oscillation has no frequency: nan.
-    """
-    low, high = float(np.min(position)), float(np.max(position))
-    swing, middle = high - low, 0.5 * (high + low)
-    if not swing > least:
-        return math.nan, math.nan
-    passages, armed = [], False
-    for k in range(1, position.size):
-        armed = armed or position[k - 1] < middle - 0.25 * swing
-        if armed and position[k - 1] < middle <= position[k]:
-            share = (middle - position[k - 1]) / (position[k] - position[k - 1])
-            passages.append(float(time[k - 1] + share * (time[k] - time[k - 1])))
-            armed = False
-    periods = np.diff(passages)
-    even = periods[np.abs(periods - np.median(periods)) <= _EVEN * np.median(periods)] if periods.size else periods
-    if periods.size < _FEWEST_CYCLES:
-        return math.nan, math.nan
-    if even.size < max(_FEWEST_CYCLES, _MOST * periods.size):
-        return swing, math.nan
-    return swing, float(1.0 / np.mean(even))
-
-
-def gap_centre(twist: Array, b: float) -> float:
-    """Return the middle between both flanks, rad at the output; nan if the teeth were not seen on both."""
-    known = twist[np.isfinite(twist)]
-    if not known.size or not b > 0.0:
-        return math.nan
-    low, high = float(np.min(known)), float(np.max(known))
-    return 0.5 * (low + high) if high - low >= 0.8 * b else math.nan
 
 
 def _end_of_rest(time: Array, move: Move, events: Events, arrived: float) -> tuple[float, str]:
@@ -127,33 +92,25 @@ def _end_of_rest(time: Array, move: Move, events: Events, arrived: float) -> tup
     holes = np.flatnonzero(np.diff(time) > _HOLE)[:1].tolist()
     found += [(float(time[k]), f"samples missing for {time[k + 1] - time[k]:.2f} s") for k in holes]
     found += [
-        (change.time, f"a change of {change.names}")
-        for change in events.changes
-        if change.moves and arrived < change.time < move.end
+        (change.time, change.named) for change in events.changes if change.moves and arrived < change.time < move.end
     ]
     return min(found, default=(move.end, ""))
 
 
-def judge(axis: Axis, events: Events, move: Move, b: float, centre: float) -> Step:
-    """Return the figures of one step.
-
-    Parameters
-    ----------
-    b : backlash at the output, rad; 0 if unknown
-    centre : of the gap, see `gap_centre`
-    """
+def judge(axis: Axis, events: Events, move: Move, yard: Yardstick) -> Step:
+    """Return the figures of one step."""
     height = abs(move.target - move.origin)
-    near = b if b > 0.0 else 0.1 * height
+    near = yard.b if yard.b > 0.0 else 0.1 * height
     first = max(int(np.searchsorted(axis.time, move.start)) - 1, 0)  # where the load was before
     inside = (axis.time >= axis.time[first]) & (axis.time < move.end)
     within = np.flatnonzero(inside & (np.abs(axis.position - move.target) < near))
     end, why = _end_of_rest(axis.time[inside], move, events, float(axis.time[within[0]]) if within.size else math.inf)
-    step = _begun(axis, move, end, why, band=SETTLED * b if b > 0.0 else NEAR * height)
+    step = _begun(axis, move, end, why, band=SETTLED * yard.b if yard.b > 0.0 else NEAR * height)
     chosen = inside & (axis.time < end) & np.isfinite(axis.position)
     time, position = axis.time[chosen] - move.start, axis.position[chosen]
     if time.size < _SHORTEST:
         return replace(step, remarks=("too few samples to judge it",))
-    return _judged(axis, events, step, chosen, time, position, b, centre)
+    return _judged(axis, events, step, chosen, time, position, yard)
 
 
 def _begun(axis: Axis, move: Move, end: float, why: str, **figures: Any) -> Step:
@@ -179,7 +136,7 @@ def _peak(values: Array) -> float:
 
 
 def _judged(
-    axis: Axis, events: Events, step: Step, chosen: Mask, time: Array, position: Array, b: float, centre: float
+    axis: Axis, events: Events, step: Step, chosen: Mask, time: Array, position: Array, yard: Yardstick
 ) -> Step:
     answers = axis.command.between(step.start, step.end).time - step.start if axis.command is not None else time
     samples, middle = time[time >= 0.0], 0.5 * float(time[-1])
@@ -190,9 +147,9 @@ def _judged(
     found = step_figures(time, position, step.target, step.band, origin=step.origin, end=rest_end, tail=length)
     entered = float(time[np.argmin(np.abs(position - step.target) > step.band)])
     rising = float(time[-1]) if math.isnan(found.rise) else entered
-    arrived = np.flatnonzero(np.abs(position - step.target) < (b if b > 0.0 else step.band))
+    arrived = np.flatnonzero(np.abs(position - step.target) < (yard.b if yard.b > 0.0 else step.band))
     remarks = [
-        f"{change.names} changed {change.time - step.start:.3f} s after the start"
+        f"{change.named} {change.time - step.start:.3f} s after the start"
         for change in events.changes
         if change.moves and step.start < change.time < step.end
     ]
@@ -201,14 +158,15 @@ def _judged(
     amplitude = frequency = math.nan
     if arrived.size:
         cycling = (time >= max(float(time[arrived[0]]), rest_end - _CYCLE_TIME, 0.5 * rest_end)) & (time <= rest_end)
-        least = QUIET * b if b > 0.0 else _LEAST_CYCLE * abs(step.target - step.origin)
+        least = yard.least_swing(_LEAST_CYCLE * abs(step.target - step.origin))
         if np.sum(cycling) >= _SHORTEST and found.swing > least:
             swing, frequency = limit_cycle(time[cycling], position[cycling], least)
             amplitude = math.nan if math.isnan(swing) else found.swing
-    impacts = -1
-    if b > 0.0 and math.isfinite(centre):
+    impacts = crossings = -1
+    if math.isfinite(yard.centre):
         twist = axis.twist[chosen][arrived[0] if arrived.size else time.size :]
-        impacts = count_impacts(twist[np.isfinite(twist)] - centre, b)
+        gap = twist[np.isfinite(twist)] - yard.centre
+        impacts, crossings = count_impacts(gap, yard.b), count_crossings(gap, yard.b)
     return replace(
         step,
         rise=found.rise,
@@ -219,6 +177,7 @@ def _judged(
         amplitude=amplitude,
         frequency=frequency,
         impacts=impacts,
+        crossings=crossings,
         peak_torque=_peak(axis.torque[chosen]),
         peak_speed=_peak(axis.load_speed[chosen]),
         late_rising=int(np.sum(late <= rising)),
@@ -227,44 +186,66 @@ def _judged(
     )
 
 
-def holds_of(axis: Axis, events: Events, b: float) -> Sequence[Step]:
-    """Return the figures of the rests that no step led to, as those of steps of no height; short ones are left out."""
+def holds_of(axis: Axis, events: Events, steps: Sequence[Step], yard: Yardstick) -> Sequence[Step]:
+    """Return the figures of the rests that no step led to, as those of steps of no height; short ones are left out.
+
+    Where something ended the rest of one of the ``steps``, or of a hold, a hold begins anew.
+    """
     if not np.any(np.isfinite(axis.position)):
         return []
-    return [held for hold in events.holds if (held := _judge_hold(axis, events, hold, b)) is not None]
+    moves = [move for move in events.moves if not move.path]
+    rests = [_after(axis, events, step.end, step.ended_by, move) for step, move in zip(steps, moves, strict=True)]
+    waiting = [(hold, "") for hold in events.holds] + [rest for rest in rests if rest]
+    found = []
+    while waiting:
+        hold, why = waiting.pop()
+        judged, end, ended_by = _judge_hold(axis, events, hold, yard)
+        if judged is not None:
+            found.append(replace(judged, remarks=(f"after {why}",) if why else ()))
+        rest = _after(axis, events, end, ended_by, hold)
+        waiting += [rest] if rest else []
+    return sorted(found, key=lambda held: held.start)
 
 
-def _judge_hold(axis: Axis, events: Events, hold: Move, b: float) -> Step | None:
+def _after(axis: Axis, events: Events, end: float, why: str, move: Move) -> tuple[Move, str] | None:
+    """Return what is left to hold after a rest ended because of ``why``; None after learning runs and faults."""
+    later = axis.time[(axis.time > end) & (axis.time < move.end)]
+    if not why or not later.size or any(start <= end < over for start, over in events.apart):
+        return None
+    return Move(float(later[0]), move.end, move.target, move.target, False), why
+
+
+def _judge_hold(axis: Axis, events: Events, hold: Move, yard: Yardstick) -> tuple[Step | None, float, str]:
+    """Return the figures of a hold, None if it is too short, and when and by what it ended."""
     inside = (axis.time >= hold.start) & (axis.time < hold.end)
     end, why = _end_of_rest(axis.time[inside], hold, events, hold.start)
     chosen = inside & (axis.time < end) & np.isfinite(axis.position)
     time, position = axis.time[chosen] - hold.start, axis.position[chosen]
     if time.size < _SHORTEST or time[-1] - time[0] < TAIL + SETTLING:
-        return None
+        return None, end, why
     answers = axis.command.between(hold.start, end).time - hold.start if axis.command is not None else time
     middle = 0.5 * float(time[0] + time[-1])
     quiet = last_quiet(time, answers, middle)
     rest_end = quiet if quiet is not None else float(time[-1])
     tail = (time >= rest_end - TAIL) & (time <= rest_end)
     cycling = (time >= max(rest_end - _HOLD_TIME, middle)) & (time <= rest_end)
-    least = QUIET * b if b > 0.0 else _LEAST_SWING
-    amplitude, frequency = limit_cycle(time[cycling], position[cycling], least)
-    return _begun(
+    swings = limit_cycle(time[cycling], position[cycling], yard.least_swing(_LEAST_SWING))
+    held = _begun(
         axis,
         hold,
         end,
         why,
         residual=float(np.ptp(position[tail])),
         error=float(np.mean(position[tail])) - hold.target,
-        amplitude=amplitude,
-        frequency=frequency,
+        amplitude=swings[0],
+        frequency=swings[1],
         late_rest=quiet is None and bool(np.any(late_answers(time, answers) > middle)),
     )
+    return held, end, why
 
 
-def steps_of(axis: Axis, events: Events, b: float) -> Sequence[Step]:
+def steps_of(axis: Axis, events: Events, yard: Yardstick) -> Sequence[Step]:
     """Return the figures of all steps of an axis that has samples."""
     if not axis.time.size or not np.any(np.isfinite(axis.position)):
         return []
-    centre = gap_centre(axis.twist, b)
-    return [judge(axis, events, move, b, centre) for move in events.moves if not move.path]
+    return [judge(axis, events, move, yard) for move in events.moves if not move.path]
