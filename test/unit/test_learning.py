@@ -97,10 +97,10 @@ def test_the_limit_cycle_needs_the_load_encoder(gains: GainSet) -> None:
 
 
 def test_learning_does_not_touch_the_settings_and_returns_to_the_reference(gains: GainSet) -> None:
-    settings = ServoSettings(gains, backlash_angle=0.015)
-    servo = Servo(NOMINAL_DRIVE, settings)
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains, backlash_angle=0.015))
     sample = np.array([0.0, 0.0, 0.0, 0.0, 0.0])
     servo.update(sample)
+    settings = servo.settings
     servo.start_experiment("limit_cycle")
     assert servo.update(sample) > 0  # the kick
     servo.release("test")
