@@ -15,7 +15,7 @@ from backlash_ros.pages.report.happenings import (
 from backlash_ros.pages.report.motion import holds_part, paths_part, steps_part
 from backlash_ros.pages.report.part import Part, Table
 from backlash_ros.pages.report.report import AxisReport, Report
-from backlash_ros.pages.report.sources import backlash_told, sources_part, timing_part
+from backlash_ros.pages.report.sources import backlash_told, missing_part, sources_part, timing_part
 from backlash_ros.pages.report.verdicts import verdicts_of
 from backlash_ros.pages.report.words import NONE
 from backlash_ros.pages.template import render
@@ -34,9 +34,7 @@ def _axis(report: AxisReport, book: ChartBook) -> dict[str, Any]:
         changes_part(report),
         faults_part(report, book),
         timing_part(report, book),
-        Part(f"Not in this recording ({len(axis.missing)})", remarks=[f"{what}." for what in axis.missing])
-        if axis.missing
-        else None,
+        missing_part(report),
         sources_part(report),
     ]
     return {
