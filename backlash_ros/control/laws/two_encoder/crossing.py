@@ -45,7 +45,6 @@ _MOST_DOUBT = 0.01
 """The largest such share. Tuned on random drives."""
 _DOUBTED_TIME = 0.5
 """Time, s, in which this doubt fades. Tuned on random drives."""
-
 _BEATS_TIME = 0.3
 """Time, s, in which a beat is forgotten. Tuned on random drives."""
 _ON_A_SIDE = 0.25
@@ -203,7 +202,7 @@ def _cross_with_load(constants: Constants, memory: Memory, path: Array, k: float
 def _count_beats(constants: Constants, memory: Memory) -> None:
     """Count how often the motor went from one side of the gap to the other though it was not to cross."""
     follow, g = memory.follow, gap_position(memory)
-    follow.beats *= 1.0 - constants.period / _BEATS_TIME
+    follow.beats *= max(1.0 - constants.period / _BEATS_TIME, 0.0)
     if abs(g) > _ON_A_SIDE * constants.gap:
         side = math.copysign(1.0, g)
         if side == -follow.side and follow.crosses == 0.0:
@@ -221,7 +220,7 @@ def choose_flank(constants: Constants, memory: Memory, path: Array, free: bool) 
     if follow.crosses != 0.0:
         return
     follow.time_on_flank += constants.period
-    follow.doubt *= 1.0 - constants.period / _DOUBTED_TIME
+    follow.doubt *= max(1.0 - constants.period / _DOUBTED_TIME, 0.0)
     if follow.flank != 0.0:
         _cross_with_load(constants, memory, path, k)
     if follow.crosses == 0.0:
