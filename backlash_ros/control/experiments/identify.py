@@ -54,7 +54,7 @@ def _estimate_from(drive: Drive, recording: Recording) -> Outcome:
     if not found.valid:
         return _nothing(found.reason or "; ".join(f"{each.symbol}: {each.why}" for each in found.findings))
     gap, values = found.of("gear.backlash_angle"), _parameters_of(found)
-    told = {_NAMES.get(each.key, each.key): each.uncertainty for each in found.findings if each.plans}
+    sure = {_NAMES.get(each.key, each.key): each.uncertainty for each in found.findings if each.plans}
     return DriveEstimate(
         gap.value if gap.told else 0.0,
         Method.IDENTIFY,
@@ -63,7 +63,7 @@ def _estimate_from(drive: Drive, recording: Recording) -> Outcome:
         uncertainty=gap.uncertainty if gap.told else 0.0,
         fit=found.fit,
         drive=values,
-        deviations={name: deviation for name, deviation in told.items() if name in values},
+        deviations={name: deviation for name, deviation in sure.items() if name in values},
         findings=found.findings,
     )
 
