@@ -1,6 +1,7 @@
-"""What `backlash report` writes, read again: the page, which must be whole, and the numbers."""
+"""What `backlash report` writes, read again: the page, which must be whole, as any of our pages, and the numbers."""
 
 import json
+from collections import Counter
 from dataclasses import dataclass
 from html.parser import HTMLParser
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 from backlash_ros.cli import main
 
 VOID = {"meta", "br", "hr", "img", "link", "input"}
+REFERENCES = "src", "href", "xlink:href", "srcset", "action"
 
 
 class Parsed(HTMLParser):
@@ -20,6 +22,7 @@ class Parsed(HTMLParser):
         self.references: list[str] = []
         self.ids: list[str] = []
         self.scripts: list[dict[str, str | None]] = []
+        self.tags: Counter[str] = Counter()
         self.text = ""
         self.feed(text)
         self.close()
@@ -27,7 +30,8 @@ class Parsed(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         given = dict(attrs)
-        self.references += [given[name] or "" for name in ("src", "href", "srcset", "action") if name in given]
+        self.tags[tag] += 1
+        self.references += [given[name] or "" for name in REFERENCES if name in given]
         self.ids += [given["id"] or ""] if "id" in given else []
         self.scripts += [given] if tag == "script" else []
         self.open += [] if tag in VOID else [tag]

@@ -5,16 +5,15 @@ import math
 import re
 import shlex
 import shutil
-from collections import Counter
 from dataclasses import dataclass, replace
 from html import escape, unescape
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from made_report import Parsed
 from rich.console import Console
 
 from backlash_ros.cli import main
@@ -40,43 +39,9 @@ pytestmark = pytest.mark.population
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "identification.md").read_text()
 COMMAND = next(line for line in re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL) if "--certificate" in line)
-VOID = {"meta", "br", "hr", "img", "link", "input"}
 TRUE_GAP = 0.004228
 """Of the axis in docs/examples/axis.csv, whose output twists by 1 mrad/(N m)."""
 NASTY = "<script>alert('&\"')</script>"
-
-
-class Parsed(HTMLParser):
-    """A page, of which every element must end where it has to."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__(convert_charrefs=True)
-        self.open: list[str] = []
-        self.ids: list[str] = []
-        self.references: list[str] = []
-        self.tags: Counter[str] = Counter()
-        self.text = ""
-        self.feed(text)
-        self.close()
-        assert self.open == []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.handle_startendtag(tag, attrs)
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags[tag] += 1
-        for name, value in attrs:
-            self.ids += [value or ""] if name == "id" else []
-            self.references += [value or ""] if name in {"src", "href", "xlink:href", "srcset", "action"} else []
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        if not self.open or self.open[-1] != "style":
-            self.text += data
 
 
 @dataclass
