@@ -1,6 +1,7 @@
 """Faults injected into live processes. The page docs/faults.md is made of the names: fault, motor, recovery."""
 
 import math
+import re
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -254,8 +255,8 @@ class Watched:
         return self.drive
 
     def latched(self, reason: str) -> None:
-        self.peer.wait(f"the fault {reason!r}", lambda: f"{reason}" in self.process.output())
-        assert "until reset_fault" in self.process.output()
+        said = re.compile(f"{re.escape(reason)}.*until reset_fault")
+        self.peer.wait(f"the fault {reason!r}", lambda: said.search(self.process.output()) is not None)
         assert self.drive.exchange(self.drive.sample()) == 0.0  # good samples do not bring the voltage back
 
     def reset(self) -> None:
