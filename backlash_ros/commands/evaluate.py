@@ -28,7 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=whole(0), required=True, metavar="S", help="seed of the population")
     add("--drives", type=whole(1), metavar="N", help="number of drives to judge, from the first on")
     add("--json", type=Path, metavar="FILE", help="file for the summary")
-    add("--experiments", nargs="+", type=entry_of(EXPERIMENTS, AUTO), default=default.experiments, metavar="NAME")
+    text = "by default auto, what ~/learn runs; with --model identified identify, what ~/identify runs"
+    add("--experiments", nargs="+", type=entry_of(EXPERIMENTS, AUTO), default=(), metavar="NAME", help=text)
     text = "by default the three of the paper and the default law, which comes last and is judged"
     add("--laws", nargs="+", type=entry_of(LAWS, DESIGNED, AUTO), default=(), metavar="NAME", help=text)
     add("--model", choices=MODELS, default=default.model, help="the drive as the controller knows it")

@@ -237,6 +237,8 @@ def learning_of(summary: dict[str, Any]) -> list[str]:
         f"said to be valid, but wrong: {summary['wrong_valid']}",
         *(
             [
+                f"identified well enough to plan moves, of the learned: "
+                f"{_percent(summary['identified'], summary['identified_interval'])} %",
                 f"load, friction, gap and delay close to the truth: "
                 f"{_percent(summary['all_close'], summary['all_close_interval'])} %",
                 f"J_l/J_r within 5 %, of the learned: "

@@ -291,6 +291,11 @@ IDENTIFIED = {"load.inertia", "load.coulomb_friction"}
 """Parameters with which a drive counts as identified, so that a law may plan with it."""
 
 
+def to_use(found: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parameters to set for what was ``found``, by name, and ``identified`` if that is enough."""
+    return {**found, **({"identified": True} if found.keys() >= IDENTIFIED else {})}
+
+
 def values_of(drive: Drive) -> dict[str, float | int | str]:
     """Return the parameters of a drive by name, the contact's own alone, without its effects."""
     parts = (drive.motor, drive.gear, drive.load, drive.gear.contact)

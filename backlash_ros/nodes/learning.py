@@ -19,7 +19,7 @@ from backlash_ros.control.estimates import Answer, DriveIdentity, Estimates
 from backlash_ros.control.estimates.requests import EXPERIMENT_OF, LearnRequests, Reply, describe_outcome
 from backlash_ros.control.experiment import BacklashEstimate, DriveEstimate, Method, ZeroEstimate
 from backlash_ros.control.monitoring.wear import WearWatch
-from backlash_ros.drivetrain.parameters import IDENTIFIED
+from backlash_ros.drivetrain.parameters import to_use
 from backlash_ros.foundation.signals import Measurement
 from backlash_ros.nodes.parameters import ControllerParameters
 from backlash_ros.nodes.tunables import Tunables
@@ -171,8 +171,7 @@ class Learning:
 
     def _put_in_use(self, values: Mapping[str, Any]) -> str:
         """Set parameters like any client; return why they were refused, or an empty text."""
-        told = {"identified": True} if values.keys() >= IDENTIFIED else {}
-        parameters = [Parameter(name, value=value) for name, value in {**values, **told}.items()]
+        parameters = [Parameter(name, value=value) for name, value in to_use(values).items()]
         result = self._node.set_parameters_atomically(parameters)
         return "" if result.successful else str(result.reason)
 

@@ -18,6 +18,7 @@ from evaluation_page import PAGE, filled
 from backlash_ros.cli import main
 from backlash_ros.commands.evaluation import report_of, table_of
 from backlash_ros.commands.evaluation_effects import effects_table, with_effect
+from backlash_ros.control.experiment import DriveEstimate, Method
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, IntegrationError
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import Sensors
@@ -39,6 +40,7 @@ from backlash_ros.studies.evaluation.task import (
     judge_run,
     learn,
     perform,
+    prepare,
     scenario_of,
     settings_for,
     true_reading,
@@ -172,6 +174,31 @@ def test_the_nominal_drive_is_learned_and_the_two_region_law_uses_it(monkeypatch
     assert set(runs) == {"fast", "two_region"}
 
 
+@pytest.mark.parametrize(("experiments", "used"), [((), True), (("gap_probe",), False)])
+def test_a_drive_is_known_by_what_identify_answers(experiments: tuple[str, ...], used: bool) -> None:
+    """As in a controller: what ~/learn finds is a gap, and identifies nothing."""
+    member = draw_member(3, 0, "core")
+    ready = prepare(Task(3, "core", "identified", experiments=experiments), member)
+    assert ready.learned.valid
+    assert ready.settings.backlash_angle == ready.learned.angle
+    assert ready.settings.identified == ready.learned.identified == used
+    if used:
+        assert ready.known.load.inertia == ready.learned.inertia == pytest.approx(member.drive.load.inertia, rel=0.05)
+    else:
+        assert ready.known.load == NOMINAL_DRIVE.load
+        assert math.isnan(ready.learned.inertia)
+
+
+def test_what_was_found_but_cannot_be_used_leaves_the_controller_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    heavy = DriveEstimate(0.02, Method.IDENTIFY, valid=True, reason="made up", drive={"load.inertia": -1.0})
+    monkeypatch.setattr(task_module, "excite", lambda *_, **__: heavy)
+    ready = prepare(Task(3, "core", "identified"), draw_member(3, 0, "core"))
+    assert not ready.learned.valid
+    assert "could not be used: load.inertia must be" in ready.learned.reason
+    assert ready.known.load == NOMINAL_DRIVE.load
+    assert ready.settings.backlash_angle == 0.0
+
+
 def test_where_learning_is_refused_there_are_verdicts() -> None:
     """The limit cycle needs an encoder on the load."""
     value = evaluate_drive(Task(1, encoders="motor", experiments=("limit_cycle",), laws=("two_region",)), 3)
@@ -237,7 +264,7 @@ def test_the_summary_has_every_key() -> None:
     assert set(summary) == {
         *("learned", "learned_interval", "learned_within_5", "learned_within_5_interval", "wrong_valid"),
         *("covered", "covered_interval", "all_close", "all_close_interval", "ratio_close", "ratio_close_interval"),
-        *("laws", "default_law"),
+        *("identified", "identified_interval", "laws", "default_law"),
     }
     assert set(summary["laws"]["fast"]) == KEYS
     assert summary["all_close"] is None

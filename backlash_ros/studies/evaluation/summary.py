@@ -25,8 +25,8 @@ _Z = 1.959963984540054
 """Of the normal distribution, for 95 %."""
 
 _DRIVE = (
-    *("number", "conditions", "can_outrun", "free", "learned", "close", "covered", "wrong", "all_close", "ratio_close"),
-    *("inertia_ratio", "friction_share"),
+    *("number", "conditions", "can_outrun", "free", "learned", "close", "covered", "wrong"),
+    *("identified", "all_close", "ratio_close", "inertia_ratio", "friction_share"),
 )
 _LAW = (*SHARES, "settle", "rise", "force", "recover", "severity")
 
@@ -58,8 +58,7 @@ class Collected:
             "close": valid and error <= max(CLOSE * gap, member.load_count),
             "covered": valid and error <= COVERAGE * learned["uncertainty"],
             "wrong": valid and error > WRONG * gap and error > WRONG_COUNTS * member.load_count,
-            "all_close": learned["all_close"],
-            "ratio_close": learned["ratio_close"],
+            **{name: learned[name] for name in ("identified", "all_close", "ratio_close")},
             "inertia_ratio": drive.load.inertia / drive.reflected_inertia,
             "friction_share": friction_share(member),
         }
@@ -147,12 +146,7 @@ def summarize(collected: Collected, default_law: str, *, identified: bool = Fals
         **_share("learned_within_5", collected.drives("close")[learned]),
         **_share("covered", collected.drives("covered")[learned]),
         "wrong_valid": int(np.count_nonzero(collected.drives("wrong"))),
-        "all_close": None,
-        "all_close_interval": None,
-        "ratio_close": None,
-        "ratio_close_interval": None,
-        **(_share("all_close", collected.drives("all_close") > 0) if identified else {}),
-        **(_share("ratio_close", collected.drives("ratio_close")[learned]) if identified else {}),
+        **_identified(collected, learned, identified=identified),
         "laws": {},
         "default_law": default_law,
     }
@@ -171,6 +165,18 @@ def summarize(collected: Collected, default_law: str, *, identified: bool = Fals
         figures |= _share("faulted", collected.law(law, "faulted"))
         summary["laws"][law] = figures
     return summary
+
+
+def _identified(collected: Collected, learned: NDArray[np.bool_], *, identified: bool) -> dict[str, Any]:
+    """Return the shares of what was identified: of the learned, and of all; None where nothing was to be."""
+    if not identified:
+        names = "identified", "all_close", "ratio_close"
+        return {key: None for name in names for key in (name, f"{name}_interval")}
+    return {
+        **_share("identified", collected.drives("identified")[learned]),
+        **_share("all_close", collected.drives("all_close")),
+        **_share("ratio_close", collected.drives("ratio_close")[learned]),
+    }
 
 
 def _ratio(collected: Collected, law: str, name: str) -> Array:

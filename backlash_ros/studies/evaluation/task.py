@@ -12,15 +12,14 @@ from backlash_ros.control import (
     Servo,
     ServoSettings,
 )
-from backlash_ros.control.design.choice import Tuning, given_sets
-from backlash_ros.control.design.stability import LONGEST_DELAY
+from backlash_ros.control.design.choice import Choice, Tuning, given_sets
 from backlash_ros.control.design.start import emulated
+from backlash_ros.control.experiment import DriveEstimate
 from backlash_ros.control.laws import BEST, UNTIL_THEN
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.delay import Delay
+from backlash_ros.drivetrain.parameters import IDENTIFIED, drive_of, to_use
 from backlash_ros.foundation.signals import THETA_L, THETA_M
-from backlash_ros.identification.drive import identified_drive
-from backlash_ros.identification.fitting.fit import Fit
 from backlash_ros.simulation import Run, Scenario, SimulatedDrive, excite, run
 from backlash_ros.studies.design.search import NothingQuietError, design
 from backlash_ros.studies.design.trial import Loop
@@ -47,6 +46,8 @@ SHORT_STEP = 5.0
 INERTIA_NEAR, GAP_NEAR, EFFORT_NEAR, DELAY_NEAR = 0.05, 0.03, 0.1, 0.25
 """Largest errors that count as close: shares of inertia, gap and friction, and of a period; or one count."""
 PAPERS_LAWS = ("fast", "overdamped", "two_region")
+IDENTIFY = "identify"
+"""The experiment of ``~/identify``."""
 DESIGNED = "designed"
 """The two-region law with gains and width by `backlash design`; accepted like the name of a law."""
 SPEEDS = 1.0, 10.0
@@ -60,6 +61,7 @@ _GRID = 1e-3
 class Task:
     """Everything that the evaluation of one drive depends on, except the drive's number.
 
+    ``experiments``: by default what ``~/identify`` runs if the model is ``identified``, else what ``~/learn`` does.
     ``laws``: by default the paper's and the default law, which comes last and is judged. ``effects``: what every drive
     has, of `effects.EFFECTS`, in addition to what the population draws.
     """
@@ -68,12 +70,14 @@ class Task:
     population: str = "full"
     model: str = "nominal"
     encoders: str = "both"
-    experiments: tuple[str, ...] = (AUTO,)
+    experiments: tuple[str, ...] = ()
     laws: tuple[str, ...] = ()
     around: Drive | None = None
     effects: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        if not self.experiments:
+            object.__setattr__(self, "experiments", (IDENTIFY if self.model == "identified" else AUTO,))
         if not self.laws:
             object.__setattr__(self, "laws", tuple(dict.fromkeys((*PAPERS_LAWS, self.default_law))))
 
@@ -98,8 +102,9 @@ class Learned:
 
     ``angle``: the learned gap with its standard ``uncertainty``; ``gap``: the true one at that place, rad;
     ``experiment``: the one that found it, or the last that was tried; ``time``: of all experiments, s; ``swing``:
-    largest distance of the load from its start, rad. If the drive was identified, also what was found, and whether all
-    of it, and the ratio of both inertias, is close to the truth.
+    largest distance of the load from its start, rad. ``identified``: whether the drive then counts as such. What an
+    identification found of it follows, nan where it found nothing, and whether all of it, and the ratio of both
+    inertias, is close to the truth.
     """
 
     valid: bool = False
@@ -112,6 +117,7 @@ class Learned:
     fault: str = ""
     time: float = math.nan
     swing: float = math.nan
+    identified: bool = False
     all_close: bool = False
     ratio_close: bool = False
     inertia: float = math.nan
@@ -141,6 +147,11 @@ class Verdict:
     recover: float = 0.5 * HOLD
 
 
+def _tuning(rate: float) -> Tuning:
+    """Return the rules of a controller with the default gains."""
+    return Tuning(given_sets({}), rate)
+
+
 def settings_for(model: Drive, member: Member, delay: float | None = None) -> ServoSettings:
     """Return the settings of a controller node that knows only a drive, its rate and its delay.
 
@@ -152,13 +163,8 @@ def settings_for(model: Drive, member: Member, delay: float | None = None) -> Se
         If a controller does not start, such as one with gains that are unstable at that rate.
     """
     period, delay = 1.0 / member.rate, member.delay.mean if delay is None else delay
-    start = Tuning(given_sets({}), member.rate).start({"loop_delay": delay}, model)
+    start = _tuning(member.rate).start({"loop_delay": delay}, model)
     return ServoSettings(start.settings.gains, period=period, loop_delay=delay)
-
-
-def _known(model: Drive, settings: ServoSettings) -> Drive:
-    """Return the drive as a controller with these settings treats it."""
-    return emulated(model, settings.period, settings.loop_delay)
 
 
 def designed_settings(model: Drive, member: Member, settings: ServoSettings) -> ServoSettings:
@@ -167,7 +173,8 @@ def designed_settings(model: Drive, member: Member, settings: ServoSettings) -> 
     Rate and counts are known from the data sheet. If no quiet gains are found, the default gains stay.
     """
     sensors = replace(member.sensors, load_eccentricity=0.0, motor_eccentricity=0.0)
-    loop = Loop(_known(model, settings), settings.gains.fast, member.rate, sensors, Delay(command=settings.loop_delay))
+    known = emulated(model, settings.period, settings.loop_delay)
+    loop = Loop(known, settings.gains.fast, member.rate, sensors, Delay(command=settings.loop_delay))
     try:
         found = design(loop, Uncertainty())
     except NothingQuietError:
@@ -206,12 +213,13 @@ class _Watched(SimulatedDrive):
 
 def learn(
     member: Member, model: Drive, settings: ServoSettings, experiments: tuple[str, ...]
-) -> tuple[Learned, Fit | None]:
-    """Let a controller learn the gap: the experiments one after the other, until one is valid.
+) -> tuple[Learned, BacklashEstimate | None]:
+    """Let a controller learn the gap: the experiments one after the other, until one finds it.
 
-    Returns the result and, if it is valid, what was identified in addition.
+    Returns the result, and what the last experiment found, which may be everything but the gap.
     """
     result, spent, swing = Learned(), 0.0, 0.0
+    found: BacklashEstimate | None = None
     for name in experiments:
         servo = Servo(model, settings)
         plant = _Watched(member.drive, settings.period, sensors=member.sensors, delay=member.delay)
@@ -228,22 +236,27 @@ def learn(
             time=spent,
             swing=swing,
         )
-        if isinstance(outcome, BacklashEstimate) and outcome.valid and outcome.angle > 0.0:
+        found = outcome if isinstance(outcome, BacklashEstimate) and outcome.valid else None
+        if found is not None and found.angle > 0.0:
             result = replace(
-                result, valid=True, angle=outcome.angle, uncertainty=outcome.uncertainty, method=outcome.method.value
+                result, valid=True, angle=found.angle, uncertainty=found.uncertainty, method=found.method.value
             )
-            return result, outcome.fit
-    return result, None
+            break
+    return result, found
 
 
-def _judge_identified(member: Member, result: Learned, found: Drive, delay: float) -> Learned:
-    """Return what was identified in addition to the gap, and whether all of it is close to the truth."""
-    load, truth = found.load, member.drive.load
-    ratio = load.inertia / found.reflected_inertia
+def _judge_identified(member: Member, result: Learned, estimate: BacklashEstimate, known: Drive) -> Learned:
+    """Return what was identified in addition to the gap, and whether all of it is close to the truth.
+
+    ``known``: the drive as it is known with that.
+    """
+    truth, found = member.drive.load, estimate.parameters
+    names = "load.inertia", "load.viscous_friction", "load.coulomb_friction", "loop_delay"
+    inertia, viscous, dry, delay = (float(found.get(name, math.nan)) for name in names)
+    ratio = inertia / known.reflected_inertia
     true_ratio = truth.inertia / member.drive.as_built.reflected_inertia
-    viscous, dry = load.viscous_friction, load.coulomb_friction
     near = [
-        abs(load.inertia / truth.inertia - 1.0) <= INERTIA_NEAR,
+        abs(inertia / truth.inertia - 1.0) <= INERTIA_NEAR,
         abs(result.angle - result.gap) <= max(GAP_NEAR * result.gap, member.load_count),
         abs(delay - member.delay.mean) <= DELAY_NEAR / member.rate,
     ]
@@ -252,9 +265,10 @@ def _judge_identified(member: Member, result: Learned, found: Drive, delay: floa
         near.append(abs(viscous * speed + dry - effort) <= EFFORT_NEAR * effort)
     return replace(
         result,
+        identified=found.keys() >= IDENTIFIED,
         all_close=all(near),
         ratio_close=abs(ratio / true_ratio - 1.0) <= INERTIA_NEAR,
-        inertia=load.inertia,
+        inertia=inertia,
         viscous_friction=viscous,
         coulomb_friction=dry,
         delay=delay,
@@ -303,7 +317,7 @@ def judge_run(member: Member, scenario: Scenario, done: Run) -> Verdict:
 
 @dataclass(frozen=True)
 class Ready:
-    """A drive that was learned, or not, and how a controller then knows it."""
+    """A drive that was learned, or not, and the controller that knows it: as described, and as it treats it."""
 
     learned: Learned
     settings: ServoSettings
@@ -320,31 +334,36 @@ class NotReadyError(ValueError):
 
 
 def prepare(task: Task, member: Member) -> Ready:
-    """Let a controller learn a drive, and identify it if the task says so.
+    """Let a controller learn a drive, or identify it if the task says so, and use what it found.
 
     Raises
     ------
     NotReadyError
-        If a controller does not start with what is told or found.
+        If a controller does not start with what is told.
     """
-    identify = task.model == "identified"
-    model, delay = told_model(member, task.model, task.around), 0.0 if identify else member.delay.mean
+    model = told_model(member, task.model, task.around)
+    tuning, delay = _tuning(member.rate), 0.0 if task.model == "identified" else member.delay.mean
     try:
-        settings = replace(settings_for(model, member, delay), identified=task.model == "true")
+        choice = tuning.start({"loop_delay": delay, "identified": task.model == "true"}, model)
     except ValueError as error:
         raise NotReadyError(str(error), Learned(reason=str(error))) from error
-    learned, found = learn(member, _known(model, settings), settings, task.experiments)
-    if identify and found is not None:
-        try:
-            model, delay = identified_drive(model, found), found.delay
-            learned = _judge_identified(member, learned, model, delay)
-            settings = settings_for(model, member, min(delay, LONGEST_DELAY / member.rate))
-            settings = replace(settings, identified=True, **{**found.load_torque, **found.unexplained})
-        except ValueError as error:
-            raise NotReadyError(str(error), learned) from error
-    if learned.valid:
-        settings = replace(settings, backlash_angle=learned.angle)
-    return Ready(learned, settings, model, _known(model, settings))
+    learned, found = learn(member, choice.drive, choice.settings, task.experiments)
+    if found is not None:
+        learned, choice = _put_in_use(member, tuning, choice, learned, found)
+    return Ready(learned, choice.settings, drive_of(choice.values), choice.drive)
+
+
+def _put_in_use(
+    member: Member, tuning: Tuning, choice: Choice, learned: Learned, found: BacklashEstimate
+) -> tuple[Learned, Choice]:
+    """Return the controller with what it found, or as it was if it cannot use that."""
+    try:
+        used = tuning.choice({**choice.values, **tuning.completed(to_use(found.parameters), choice)})
+    except ValueError as error:
+        return replace(learned, valid=False, reason=f"it could not be used: {error}"), choice
+    if isinstance(found, DriveEstimate):
+        learned = _judge_identified(member, learned, found, used.drive)
+    return learned, used
 
 
 def perform(task: Task, number: int, laws: tuple[str, ...]) -> tuple[Learned, dict[str, Verdict], dict[str, Run]]:
