@@ -3,10 +3,16 @@
 All values are at the output, unless said otherwise. There p = n theta_m is the motor's angle and w its speed.
 """
 
-from backlash_ros.foundation.record import Array, Record, cells, part, view_of
+from collections.abc import Sequence
+
+from backlash_ros.foundation.record import Array, Record, cells, part, parts, view_of
 
 TABLE_SIZE = 16
 """Number of torques in the table of the teeth."""
+GAINS = 8
+"""Number of gains of the motor's observer, each for readings that err by twice as much as for the one before."""
+FINEST_ERROR = 4.5e-5
+"""Error of the readings at the output, rad, for the first of them: a count of 14 bit before a gear of 10:1."""
 
 
 class MotorModel(Record):
@@ -72,7 +78,7 @@ class Constants(Record):
     clear_distance: float  # rad, abs(g) within which the teeth do not push a load that is free
     teeth_torques: Array = cells(TABLE_SIZE)  # N m, the table of the teeth
     teeth_distances: Array = cells(TABLE_SIZE)  # rad, abs(g) at which they carry these torques
-    gain: ObserverGain = part(ObserverGain)
+    gains: Sequence[ObserverGain] = parts(ObserverGain, GAINS)
     after: MotorModel = part(MotorModel)  # over the part of a period after a command begins to act
     before: MotorModel = part(MotorModel)  # over the part of a period before that
 

@@ -11,7 +11,7 @@ from backlash_ros.control.laws.two_encoder.alone.design import alone_constants
 from backlash_ros.control.laws.two_encoder.alone.memory import AloneMemory
 from backlash_ros.control.laws.two_encoder.alone.start import take_over_alone
 from backlash_ros.control.laws.two_encoder.alone.step import alone_step
-from backlash_ros.control.laws.two_encoder.constants import TABLE_SIZE, Constants, constants_at
+from backlash_ros.control.laws.two_encoder.constants import FINEST_ERROR, TABLE_SIZE, Constants, constants_at
 from backlash_ros.control.laws.two_encoder.memory import REMEMBERED, LoadTorque, Memory
 from backlash_ros.control.laws.two_encoder.parameters import TwoEncoderParameters
 from backlash_ros.control.laws.two_encoder.start import take_over
@@ -31,8 +31,6 @@ _ACCELERATION_NOISE = 20.0
 _TORQUE_NOISE = 600.0
 """Noise of the motor's observer: change of torque within a second, as acceleration of the motor, rad/s^2. Tuned on the
 populations."""
-_READING_NOISE = 4.5e-5
-"""Noise of the motor's observer: error of a reading, rad, which includes a count of 14 bit before a 10:1 gear."""
 _PROMPT = 6e-3
 """Delay of a loop, s, its sampling's included, up to which the bandwidths grow as it is shorter. Tuned on the
 populations."""
@@ -86,11 +84,11 @@ def _models(drive: Drive, period: float, rest: float) -> tuple[Array, Array, Arr
     return expm(a * period), expm(a * (period - rest)), expm(a * rest)
 
 
-def _gain(model: Array, period: float, inertia: float) -> Array:
-    """Return the gain of the motor's observer, shape (4,), for its model over a period."""
+def _gain(model: Array, period: float, inertia: float, reading_error: float) -> Array:
+    """Return the gain of the motor's observer, shape (4,), for its model over a period; the error is in rad."""
     changed = _TORQUE_NOISE * inertia
     unforeseen = np.diag([0.0, (_ACCELERATION_NOISE * period) ** 2, 0.0, changed**2 * period])
-    angle, off = np.array([[1.0, 0.0, 0.0, 0.0]]), _READING_NOISE**2
+    angle, off = np.array([[1.0, 0.0, 0.0, 0.0]]), reading_error**2
     try:
         spread = solve_discrete_are(model[:4, :4].T, angle.T, unforeseen, [[off]])
     except ValueError as error:
@@ -223,10 +221,10 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
     full, after, before = _models(drive, settings.period, constants.rest_of_delay)
     for model, found in ((constants.after, after), (constants.before, before)):
         model.angle[:], model.speed[:], model.current_torque[:] = found[:3]
-    gain = constants.gain
-    gain.angle, gain.speed, gain.current_torque, gain.disturbance = _gain(
-        full, settings.period, constants.motor_inertia
-    )
+    for doubled, gain in enumerate(constants.gains):
+        gain.angle, gain.speed, gain.current_torque, gain.disturbance = _gain(
+            full, settings.period, constants.motor_inertia, FINEST_ERROR * 2.0**doubled
+        )
     shown = {name: cell_of(Memory, name) for name in ("phase", "flank", "middle")}
     shown["load_torque"] = cell_of(Memory, "load_torque") + cell_of(LoadTorque, "estimated")
     ahead = math.ceil((0.5 * constants.crossing_time + constants.delay) / settings.period) + _MORE_AHEAD

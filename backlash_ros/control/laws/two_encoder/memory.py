@@ -49,6 +49,14 @@ class MotorState(Record):
     disturbance: float = 0.0  # N m, constant, against the motor: what the model leaves out
 
 
+class Count(Record):
+    """The count of an encoder, as its readings show it."""
+
+    reading: float = 0.0  # rad, the last one that was believed
+    width: float = 0.0  # rad, of which all changes so far are multiples; 0 before the first
+    agreeing: float = 0.0  # so many changes in a row
+
+
 class Motor(Record):
     """The motor."""
 
@@ -56,6 +64,8 @@ class Motor(Record):
     predicted: MotorState = part(MotorState)  # when the next command begins to act
     compensation: float = 0.0  # N m, of the disturbance
     last_reading: float = 0.0  # rad
+    count: Count = part(Count)
+    gain: float = 0.0  # the number of the observer's gain
     doubt: Doubt = part(Doubt)
 
 

@@ -6,6 +6,7 @@ The estimates are for the instant of the sample. The command of the sample acts 
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.constants import Constants, MotorModel
 from backlash_ros.control.laws.two_encoder.memory import FLIGHT, HOLD, REMEMBERED, Memory, Motor, MotorState, Sent
+from backlash_ros.control.laws.two_encoder.motor_count import choose_gain
 from backlash_ros.control.laws.two_encoder.readings import check_reading, largest_error
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Array
@@ -19,6 +20,8 @@ _AT_TARGET = 0.1
 _STICKING_FRICTION = 1.5
 """Friction, as acceleration of the motor, rad/s^2, above which a shaft stays where it stops. Tuned on the
 populations."""
+_ERROR = 1.0
+"""By how many counts a reading may be off. Tuned on the populations."""
 STUCK_SPEED = 0.05
 """Speed of the load, rad/s, below which it was stuck. Tuned on the populations."""
 
@@ -98,11 +101,13 @@ def observe_motor(constants: Constants, memory: Memory, reading: float) -> None:
     estimated.angle += correction.angle
     estimated.speed += correction.speed
     if correction.plausible:
-        estimated.angle += constants.gain.angle * error
-        estimated.speed += constants.gain.speed * error
-        estimated.current_torque += constants.gain.current_torque * error
+        choose_gain(motor, reading, _ERROR)
+        gain = constants.gains[int(motor.gain)]
+        estimated.angle += gain.angle * error
+        estimated.speed += gain.speed * error
+        estimated.current_torque += gain.current_torque * error
         # Teeth that beat strike the motor, and the torque of a strike does not last.
-        estimated.disturbance += constants.gain.disturbance * error / (1.0 + memory.follow.beats)
+        estimated.disturbance += gain.disturbance * error / (1.0 + memory.follow.beats)
     motor.last_reading = reading
     rests = memory.phase == HOLD and abs(estimated.speed) < _REST_SPEED
     rests = rests and abs(memory.motor_target - estimated.angle) < _AT_TARGET * constants.gap

@@ -27,7 +27,7 @@ def start(constants: Constants, memory: Memory, estimate: Estimate, setpoint: Se
     """Start at the present position, assumed to be the middle of the gap."""
     motor, load, load_torque = memory.motor, memory.load, memory.load_torque
     angle, load_angle, friction = constants.ratio * estimate[THETA_M], estimate[THETA_L], constants.load_dry_friction
-    motor.estimated.angle = memory.motor_target = motor.last_reading = angle
+    motor.estimated.angle = memory.motor_target = motor.last_reading = motor.count.reading = angle
     load.angle = load.last_reading = load_angle
     memory.middle = angle - load_angle
     load.count = UNKNOWN_COUNT * constants.gap

@@ -11,6 +11,7 @@ from backlash_ros.control.laws.two_encoder.alone.constants import AloneConstants
 from backlash_ros.control.laws.two_encoder.alone.memory import AloneMemory
 from backlash_ros.control.laws.two_encoder.alone.model import advance, command_at, teeth_at
 from backlash_ros.control.laws.two_encoder.alone.readings import believe
+from backlash_ros.control.laws.two_encoder.motor_count import choose_gain
 from backlash_ros.control.laws.two_encoder.teeth import contact_distance
 from backlash_ros.foundation.compiled import compiled
 
@@ -24,6 +25,8 @@ _LOST = 0.25
 """Momentum from nothing, as speed of the motor, rad/s, above which a motor in the gap is not in the gap."""
 _LOST_TIME = 0.05
 """Time in which it fades, s."""
+_ERROR = 2.0
+"""By how many counts a reading may be off: without the load's readings, an error looks like a torque on the load."""
 _INSIDE = 0.98
 """Share of the way to a flank within which the motor is in the gap."""
 _FOUND_SHARE = 0.5
@@ -65,7 +68,7 @@ def _look_for_the_load(constants: AloneConstants, memory: AloneMemory) -> None:
 @compiled
 def observe_by_motor(constants: AloneConstants, memory: AloneMemory, reading: float) -> None:
     """Take the motor's angle at the output, rad, one period after the previous one."""
-    shafts, estimated, gain = memory.shafts, memory.plans.motor.estimated, constants.plans.gain
+    shafts, motor, estimated = memory.shafts, memory.plans.motor, memory.plans.motor.estimated
     carried = 0.0
     for step in range(int(constants.steps)):
         command = command_at(constants, memory.plans.sent, (step + 0.5) * constants.step)
@@ -73,7 +76,8 @@ def observe_by_motor(constants: AloneConstants, memory: AloneMemory, reading: fl
     memory.readings.speed = shafts.speed
     if not believe(constants, memory, memory.readings, reading, shafts.angle):
         return
-    error = reading - shafts.angle
+    choose_gain(motor, reading, _ERROR)
+    error, gain = reading - shafts.angle, constants.plans.gains[int(motor.gain)]
     shafts.angle += gain.angle * error
     shafts.speed += gain.speed * error
     shafts.current_torque += gain.current_torque * error
