@@ -9,6 +9,7 @@ from backlash_ros.control.laws.two_encoder.memory import LoadTorque, Memory, Pla
 from backlash_ros.control.laws.two_encoder.moves import (
     BUMP_PEAK,
     CARRY_SPEED,
+    LEAST_BRAKE,
     LEAST_CROSSING,
     REACHED,
     TOP_SPEED,
@@ -29,8 +30,6 @@ _ON_FLANK = 0.9
 """-g, in half gaps, from which on the motor is on the braking flank. Tuned on the populations."""
 _LONGEST_BRAKE = 0.3
 """Longest time to catch a load, s. Tuned on the populations."""
-_LEAST_BRAKE = 0.02
-"""Shortest time to catch a load, s. Tuned on the populations."""
 _CROSSING_SHARE = 0.25
 """Share of its way to the target that a fast load may travel while the motor crosses to it. Tuned on the
 populations."""
@@ -106,7 +105,7 @@ def catch(constants: Constants, plan: Plan, load_torque: LoadTorque) -> None:
     last = resistance_at(constants, load_torque, move.direction, move.target)
     brake, speed = _LONGEST_BRAKE, move.speed
     if speed > 0.0:
-        least = shortest_push(constants, _LEAST_BRAKE, speed, 0.0, -last)
+        least = shortest_push(constants, LEAST_BRAKE, speed, 0.0, -last)
         brake = clamp(2.0 * (move.target - move.angle) / speed, least, _LONGEST_BRAKE)
     segment = add_contact(plan, -1.0, brake, move.angle, speed)
     # A torque that helps is held by the flank from the first moment on: the load must not fall ahead.

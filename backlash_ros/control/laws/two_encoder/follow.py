@@ -11,6 +11,7 @@ from backlash_ros.control.laws.two_encoder.crossing import choose_flank, gap_mot
 from backlash_ros.control.laws.two_encoder.drag import begin_to_learn_drag, learn_drag
 from backlash_ros.control.laws.two_encoder.load_torque import holds_load
 from backlash_ros.control.laws.two_encoder.memory import FOLLOW, Memory
+from backlash_ros.control.laws.two_encoder.middle import LARGEST_SHARE
 from backlash_ros.control.laws.two_encoder.motor import friction_sticks, loop_slowdown
 from backlash_ros.control.laws.two_encoder.reference import (
     direction_at,
@@ -46,8 +47,6 @@ _LARGEST_ERROR = 0.3
 """Share of the gap: the largest error from which is learned."""
 _LARGEST_SEAT = 0.8
 """Share of the gap: the largest error of a seat."""
-_LARGEST_SHARE = 0.3
-"""Of an error, that is learned in one period at most."""
 
 
 @compiled
@@ -100,7 +99,7 @@ def _learn_seat(constants: Constants, memory: Memory, path: Array) -> None:
     error = reference_at(constants, path, 0.0).angle - load.angle
     if abs(error) <= (_QUARTER_COUNT * load.count if load.count < _FINE_COUNT * gap else 0.0):
         return
-    change = min(rate * period, _LARGEST_SHARE) * clamp(error, -_LARGEST_ERROR * gap, _LARGEST_ERROR * gap)
+    change = min(rate * period, LARGEST_SHARE) * clamp(error, -_LARGEST_ERROR * gap, _LARGEST_ERROR * gap)
     learned.seat = clamp(learned.seat + change, -_LARGEST_SEAT * gap, _LARGEST_SEAT * gap)
 
 
