@@ -11,6 +11,7 @@ from backlash_ros.control.laws.two_encoder.moves import (
     CARRY_SPEED,
     LEAST_BRAKE,
     LEAST_CROSSING,
+    LEAST_PERIODS,
     REACHED,
     TOP_SPEED,
     approach,
@@ -33,8 +34,6 @@ _LONGEST_BRAKE = 0.3
 _CROSSING_SHARE = 0.25
 """Share of its way to the target that a fast load may travel while the motor crosses to it. Tuned on the
 populations."""
-_CROSSING_PERIODS = 3.0
-"""Number of periods in which the motor crosses to a load at least. Tuned on the populations."""
 _SPEED_GAIN = 1.0
 """Share of its speed by which a load torque may speed a load up while the motor crosses the gap to push it. Where it
 would at least double the speed, the load is held back."""
@@ -87,7 +86,7 @@ def _crossing_time(constants: Constants, plan: Plan) -> float:
     length, left = constants.crossing_time * max(LEAST_CROSSING, share), move.target - move.angle
     # The load is too fast for a soft crossing.
     if move.speed * length > _CROSSING_SHARE * left:
-        length = max(_CROSSING_SHARE * left / move.speed, _CROSSING_PERIODS * constants.period)
+        length = max(_CROSSING_SHARE * left / move.speed, LEAST_PERIODS * constants.period)
     return length
 
 

@@ -10,7 +10,7 @@ from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.load import STANDSTILL
 from backlash_ros.control.laws.two_encoder.memory import FLIGHT, HOLD, LoadTorque, Memory
-from backlash_ros.control.laws.two_encoder.motor import known_torque, momentum_at
+from backlash_ros.control.laws.two_encoder.motor import REST_SPEED, known_torque, momentum_at
 from backlash_ros.control.laws.two_encoder.teeth import teeth_are_apart
 from backlash_ros.foundation.compiled import compiled
 
@@ -24,8 +24,6 @@ _SMOOTHING_TIME = 0.05
 populations."""
 _TURNING_SPEED = 0.2
 """Speed of the load, rad/s, from which on its friction is known. Tuned on the populations."""
-_SLIDING_SPEED = 0.05
-"""Speed of the motor, rad/s, above which its dry friction is all there. Tuned on the populations."""
 _LEAST_TIME = 0.05
 """Time, s, for which a flight must show the load torque. Tuned on the populations."""
 _DISPROVED = 2.0
@@ -94,7 +92,7 @@ def _observe_motion(constants: Constants, memory: Memory, gained: float) -> None
     if not turns:
         _smooth(load_torque, gained, period)
     # A motor that stands tells nothing: its dry friction is unknown.
-    if constants.motor_dry_friction != 0.0 and abs(memory.motor.estimated.speed) <= _SLIDING_SPEED:
+    if constants.motor_dry_friction != 0.0 and abs(memory.motor.estimated.speed) <= REST_SPEED:
         return
     if turns:
         load_torque.unexplained_momentum += period * math.copysign(constants.load_dry_friction, speed)

@@ -45,6 +45,8 @@ LEAST_BRAKE = 0.02
 """Shortest time of a brake, s. Tuned on the populations."""
 LEAST_CROSSING = 0.3
 """Share of the crossing time that a part of the gap takes at least. Tuned on the populations."""
+LEAST_PERIODS = 3.0
+"""Periods that a crossing takes at least, so that the motor's loop follows it."""
 
 
 class Shafts(NamedTuple):
