@@ -31,8 +31,6 @@ _LOAD_SHORT = 0.3
 populations."""
 _MOST_SHORT = 0.2
 """Share of a move by which it ends short at most. Tuned on the populations."""
-_QUICKER = 0.9
-"""Share of the time of a throw that a carry may take. Tuned on the populations."""
 _LEAVE_SHARE = 0.5
 """Share of the crossing time in which the motor leaves a load that it has brought to rest. Tuned on the populations."""
 
@@ -156,7 +154,7 @@ def fly(constants: Constants, memory: Memory, target: float, shafts: Shafts) -> 
     _describe(constants, memory, target - _shortfall(constants, target - shafts.load), shafts)
     direction, most = move.direction, _largest_resistance(move)
     throw_time = 2.0 * constants.crossing_time + constants.push_time + constants.brake_time
-    if most < 0.0 and abs(move.speed) < CARRY_SPEED and carry(constants, plan, most, _QUICKER * throw_time):
+    if most < 0.0 and abs(move.speed) < CARRY_SPEED and carry(constants, plan, most, throw_time):
         return -direction
     if hold_back(constants, memory, most):
         return -direction
