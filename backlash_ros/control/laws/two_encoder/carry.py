@@ -23,7 +23,7 @@ from backlash_ros.control.laws.two_encoder.plan import add_contact, add_crossing
 from backlash_ros.foundation.compiled import compiled
 
 _USED_RESISTANCE = 0.85
-"""Share of the load torque that a carry uses to gain speed, so that the teeth stay in contact."""
+"""Share of the load torque that a carry and a shift use to change the speed, so that the teeth stay in contact."""
 _LEAST_RUN = 0.03
 """Shortest time, s, in which a load that is carried gains its speed, and for each half of a shift. Tuned on the
 populations."""
@@ -37,8 +37,6 @@ populations."""
 _SPEED_GAIN = 1.0
 """Share of its speed by which a load torque may speed a load up while the motor crosses the gap to push it. Where it
 would at least double the speed, the load is held back."""
-_SHIFT_RESISTANCE = 0.8
-"""Share of what brakes the load by itself that a shift uses, so that the teeth stay in contact."""
 _LEAST_SHOWING = 0.06
 """Shortest time, s, for each half of a shift if friction hides the load torque, so that the shift shows it."""
 
@@ -138,7 +136,7 @@ def shift(constants: Constants, memory: Memory, target: float, load: float) -> f
     plan, load_torque = memory.plan, memory.load_torque
     direction, distance = 1.0 if target >= load else -1.0, abs(target - load)
     resistance, angle = resistance_at(constants, load_torque, direction, direction * load), direction * load
-    braking = _SHIFT_RESISTANCE * max(abs(resistance), 1e-4)
+    braking = _USED_RESISTANCE * max(abs(resistance), 1e-4)
     least = _LEAST_SHOWING if constants.load_dry_friction > 0.0 else _LEAST_RUN
     half = max(least, math.sqrt(BUMP_PEAK * distance * constants.load_inertia / braking))
     flank, speed = math.copysign(1.0, resistance), distance / half
