@@ -22,8 +22,6 @@ _PEAK = 5.77
 _LASTS = 5
 """Periods for which the needed torque must keep its new sign, and the reference must rest, to be no chance: the drag is
 noisy."""
-_LEAPS = 0.2
-"""Share of the gap from which on a change of the seat within a period is a change of flanks."""
 _RELEASES = 0.35
 """Share of the crossing time before the end at which a free load is released: it then comes to rest by itself."""
 _LIES_ON_A_FLANK = 0.4
@@ -88,7 +86,7 @@ def gap_motion_at(constants: Constants, memory: Memory, path: Array, k: float) -
     change = seat(constants, memory, flank, after) - seat(constants, memory, flank, before)
     least = TOUCHING_SHARE * constants.stall_torque
     # Where the teeth begin or end to carry, their depth leaps: no motor follows that.
-    if before * flank <= least or after * flank <= least or abs(change) > _LEAPS * constants.gap:
+    if before * flank <= least or after * flank <= least:
         change = 0.0
     position = seat(constants, memory, flank, torque)
     return GapMotion(position, change / constants.period, torque if torque * flank > 0.0 else 0.0)
