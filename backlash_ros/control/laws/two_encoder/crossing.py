@@ -33,10 +33,8 @@ _FALLEN_TIME = 0.02
 _LONGEST_RETURN = 0.15
 """Time, s, in which the motor takes such a load back to its path at most. Tuned on random drives."""
 _SMALL = 5e-4
-"""Share of the stall torque that such a load needs at least. Tuned on random drives."""
-_DOUBT = 5e-4
-"""Share of the stall torque below which the torque that the load needs is not believed to change its sign once the load
-has fallen unforeseen. It doubles with each fall. Tuned on random drives."""
+"""Share of the stall torque that such a load needs at least. Below it, the needed torque is then not believed to change
+its sign; that doubles with each fall. Tuned on random drives."""
 _MOST_DOUBT = 0.01
 """The largest such share. Tuned on random drives."""
 _DOUBTED_TIME = 0.5
@@ -186,7 +184,7 @@ def _cross_with_load(constants: Constants, memory: Memory, path: Array, k: float
     needed, small = needed_torque(constants, memory, path, k), _SMALL * stall
     if needed * follow.flank > 0.0:
         follow.drag.load -= needed + follow.flank * small
-    follow.doubt = min(max(2.0 * follow.doubt, _DOUBT * stall), _MOST_DOUBT * stall)
+    follow.doubt = min(max(2.0 * follow.doubt, small), _MOST_DOUBT * stall)
     # Slower than the load would leave this flank again.
     torque = max(abs(needed_torque(constants, memory, path, k)), small)
     slow = _shortest_time(constants, constants.load_inertia, torque)
