@@ -1,11 +1,12 @@
 """How much does each tuned number of the law for two encoders matter? Each alone is made 0.8 and 1.2 times as large.
 
-    python benchmarks/sensitivity.py --drives 14
+    python benchmarks/sensitivity.py --drives 10
 
 The controller knows each drive of `core` and of `wild`, but not its effects. It plays the steps of docs/evaluation.md,
-and follows a slow sine and a fast move. What is printed: by how many verdicts (quiet, precise, overshoot ok) more or
-less pass, and by how much medians change. Numbers of periods or readings change by one or two. A run that does not read
-a number is not repeated. Killed, it goes on from its journal in `results/sensitivity`; the first start compiles.
+and follows a slow sine and a fast move. Printed is how many verdicts (quiet, precise, overshoot ok) are lost and won,
+how many drives take twice as long to settle, and by how much the time to settle and the errors on the paths change: the
+median over the drives. Numbers of periods or readings stay whole. A run that does not read a number is not repeated.
+Killed, it goes on from its journal in `results/sensitivity`. The first start compiles.
 """
 
 import argparse
@@ -15,7 +16,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,7 @@ from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.simulation import run
 from backlash_ros.studies.evaluation import Member, draw_member, motion
 from backlash_ros.studies.evaluation.population import told_model
-from backlash_ros.studies.evaluation.task import judge_run, scenario_of, settings_for
+from backlash_ros.studies.evaluation.task import STEP, judge_run, scenario_of, settings_for
 
 OUT = Path("results/sensitivity")
 LAW, FACTORS, POPULATIONS = "two_encoder", (0.8, 1.2), ("core", "wild")
@@ -40,6 +41,9 @@ KINDS = "steps", *PATHS
 VERDICTS = "quiet", "precise", "overshoot_ok"
 READINGS = {"load._ASTRAY_READINGS", "readings._MOVED_READINGS", "readings._LEAPT_READINGS"}
 """Counts that are kept as floats, but compared with whole ones."""
+TITLES = "verdicts lost / won", "late", "settle / sine / move, %"
+LATE = 2.0
+"""A drive that takes so many times as long to settle is late."""
 BLOCK = 8
 """Drives of each population on which all numbers are tried before the next ones."""
 
@@ -123,38 +127,28 @@ def key_of(line: Found) -> tuple[str, int, str]:
     return line["population"], line["number"], line["kind"]
 
 
+def time_or_error(figures: Found) -> float:
+    """Return the settling time of the step of 1 rad, s, or the rms error on a path, b; at least a millionth."""
+    return max(figures.get("rms") or figures.get("step", {}).get("settle", STEP), 1e-6)
+
+
 def compare(base: dict[Any, Found], changed: dict[Any, Found]) -> list[str]:
-    """Return the verdicts that are lost and won, and the change of three medians, %; - where no command changes."""
+    """Return the cells of a row for one factor; - where no command changes."""
     if all(changed[key].get("digest") == base[key].get("digest") for key in changed):
-        return ["-"] * 4
-    all_changed = {**base, **changed}
-
-    def passed(figures: Found) -> np.ndarray[Any, Any]:
-        return np.array([bool(figures.get(verdict)) for verdict in VERDICTS], int)
-
-    turned = np.concatenate([passed(all_changed[key]) - passed(base[key]) for key in base if key[2] == KINDS[0]])
-    cells = [f"-{np.sum(turned < 0)} +{np.sum(turned > 0)}"]
-    for kind in KINDS:
-        medians = [
-            np.median(
-                [
-                    each[key].get("rms", each[key].get("step", {}).get("settle", np.inf))
-                    for key in base
-                    if key[2] == kind
-                ]
-            )
-            for each in (base, all_changed)
-        ]
-        cells.append(f"{100.0 * (medians[1] / medians[0] - 1.0):+.0f}")
-    return cells
+        return ["-"] * len(TITLES)
+    every, (steps, *paths) = {**base, **changed}, ([key for key in base if key[2] == kind] for kind in KINDS)
+    turned = [bool(every[key].get(each)) - bool(base[key].get(each)) for key in steps for each in VERDICTS]
+    ratios = [[time_or_error(every[key]) / time_or_error(base[key]) for key in keys] for keys in (steps, *paths)]
+    late = sum(ratio > LATE for ratio in ratios[0])
+    typical = (f"{100.0 * (float(np.median(each)) - 1.0):+.0f}" for each in ratios)
+    return [f"{turned.count(-1)} / {turned.count(1)}", f"{late}", " / ".join(typical)]
 
 
-def table(lines: list[Found]) -> list[list[str]]:
-    """Return the rows of the table; the first has the titles."""
+def table(lines: list[Found], names: Iterable[str]) -> list[list[str]]:
+    """Return the rows of the table, one for each number; the first has the titles."""
     base = {key_of(each): each["figures"] for each in lines if not each["name"]}
-    titles = "verdicts lost, won", "settle, %", "sine, %", "move, %"
-    rows = [["number", *(f"x{factor:g}: {title}" for factor in FACTORS for title in titles)]]
-    for name in dict.fromkeys(each["name"] for each in lines if each["name"]):
+    rows = [["number", *(f"x{factor:g}: {title}" for factor in FACTORS for title in TITLES)]]
+    for name in names:
         row = [f"`{name}`"]
         for factor in FACTORS:
             changed = {key_of(e): e["figures"] for e in lines if (e["name"], e["factor"]) == (name, factor)}
@@ -166,7 +160,7 @@ def table(lines: list[Found]) -> list[list[str]]:
 def main() -> None:
     """Make the copy, start again in it, scan, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--drives", type=int, default=14, help="of each population")
+    parser.add_argument("--drives", type=int, default=10, help="of each population")
     parser.add_argument("--seed", type=int, default=451128)
     parser.add_argument("--only", nargs="*", default=[], help="numbers such as carry._ON_FLANK; all by default")
     given = parser.parse_args()
@@ -182,7 +176,7 @@ def main() -> None:
             file.write(json.dumps(line) + "\n")
             file.flush()
             lines.append(line)
-    for row in table(lines):
+    for row in table(lines, given.only or Numbers().base):
         print(f"| {' | '.join(row)} |")
 
 

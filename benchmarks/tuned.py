@@ -4,7 +4,6 @@ Compiled code finds the memory by a symbol, so that it may be cached on disk lik
 """
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +41,4 @@ def _load(typingctx: Any, k: Any) -> Any:  # noqa: ARG001 - numba asks for this 
     return types.float64(types.int64), generate
 
 
-@overload(tuned)
-def _tuned(k: Any) -> Callable[[Any], Any]:  # noqa: ARG001 - numba asks with the argument's type
-    return lambda k: _load(k)  # noqa: PLW0108
+overload(tuned)(lambda k: lambda k: _load(k))  # noqa: ARG005, PLW0108 - numba asks with the argument's type

@@ -36,7 +36,7 @@ def test_no_function_of_the_copy_has_a_tuned_number_in_its_code(tmp_path: Path) 
         assert used[1].count("tuned") == sum(name in names for name in used[0])
 
 
-def test_the_table_counts_verdicts_that_turn_and_medians() -> None:
+def test_the_table_counts_verdicts_that_turn_and_drives_that_are_late() -> None:
     def line(kind: str, name: str, digest: str, **figures: object) -> dict[str, object]:
         run = {"population": "core", "number": 0, "kind": kind, "name": name, "factor": 1.2 if name else 1.0}
         return {**run, "figures": {"digest": digest, **figures}, "read": ["a.B", "c.D"]}
@@ -46,10 +46,10 @@ def test_the_table_counts_verdicts_that_turn_and_medians() -> None:
         line("steps", "", "0", **verdicts, step={"settle": 0.2}),
         line("sine", "", "0", rms=0.1),
         line("move", "", "0", rms=0.1),
-        line("steps", "a.B", "1", **{**verdicts, "quiet": False, "overshoot_ok": True}, step={"settle": 0.1}),
+        line("steps", "a.B", "1", **{**verdicts, "quiet": False, "overshoot_ok": True}, step={"settle": 0.5}),
         line("sine", "a.B", "1", rms=0.15),
         line("steps", "c.D", "0", **verdicts, step={"settle": 0.2}),
     ]
-    _, changed, same = table(lines)
-    assert changed[5:] == ["-1 +1", "-50", "+50", "+0"]
-    assert same[5:] == ["-"] * 4
+    _, changed, same, unread = table(lines, ["a.B", "c.D", "e.F"])
+    assert changed[4:] == ["1 / 1", "1", "+150 / +50 / +0"]
+    assert same[4:] == unread[4:] == ["-"] * 3
