@@ -18,6 +18,7 @@
 #                that move again in flight; the offline loop against scipy; six axes in real time; lockstep; an axis that
 #                identifies its drive against one at rest; an axis at 1 kHz with and without ten pages of the dashboard;
 #                a step of the node against a bare publish; a stopped listener, by shared memory and by UDP
+#   make sensitivity  about an hour, for docs/evaluation.md: how much each tuned number of the law for two encoders matters
 #   make soak    ten minutes in real time: no sample lost, no growth of memory
 #   make lock    renews requirements/*.txt, the locks with hashes, from requirements/*.in
 #
@@ -44,7 +45,7 @@ else
   LOCKS := requirements/python.txt requirements/ros.txt
 endif
 
-.PHONY: install demo live test test-grid test-unit faults bad-samples test-repeat test-floors lint paper evaluation docs site bench soak lock clean
+.PHONY: install demo live test test-grid test-unit faults bad-samples test-repeat test-floors lint paper evaluation docs site bench sensitivity soak lock clean
 
 install: $(READY)
 
@@ -123,6 +124,9 @@ bench: $(READY)
 	$(BIN)/python benchmarks/real_time.py dashboard --seconds 20
 	$(BIN)/python benchmarks/real_time.py step --seconds 10
 	$(BIN)/python benchmarks/stopped_listener.py --seconds 20
+
+sensitivity: $(READY)
+	$(BIN)/python benchmarks/sensitivity.py --drives 10
 
 soak: $(READY)
 	$(BIN)/python benchmarks/real_time.py soak

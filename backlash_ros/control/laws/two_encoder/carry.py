@@ -9,7 +9,9 @@ from backlash_ros.control.laws.two_encoder.memory import LoadTorque, Memory, Pla
 from backlash_ros.control.laws.two_encoder.moves import (
     BUMP_PEAK,
     CARRY_SPEED,
+    LEAST_BRAKE,
     LEAST_CROSSING,
+    LEAST_PERIODS,
     REACHED,
     TOP_SPEED,
     approach,
@@ -21,7 +23,7 @@ from backlash_ros.control.laws.two_encoder.plan import add_contact, add_crossing
 from backlash_ros.foundation.compiled import compiled
 
 _USED_RESISTANCE = 0.85
-"""Share of the load torque that a carry uses to gain speed, so that the teeth stay in contact."""
+"""Share of the load torque that a carry and a shift use to change the speed, so that the teeth stay in contact."""
 _LEAST_RUN = 0.03
 """Shortest time, s, in which a load that is carried gains its speed, and for each half of a shift. Tuned on the
 populations."""
@@ -29,18 +31,12 @@ _ON_FLANK = 0.9
 """-g, in half gaps, from which on the motor is on the braking flank. Tuned on the populations."""
 _LONGEST_BRAKE = 0.3
 """Longest time to catch a load, s. Tuned on the populations."""
-_LEAST_BRAKE = 0.02
-"""Shortest time to catch a load, s. Tuned on the populations."""
 _CROSSING_SHARE = 0.25
 """Share of its way to the target that a fast load may travel while the motor crosses to it. Tuned on the
 populations."""
-_CROSSING_PERIODS = 3.0
-"""Number of periods in which the motor crosses to a load at least. Tuned on the populations."""
 _SPEED_GAIN = 1.0
 """Share of its speed by which a load torque may speed a load up while the motor crosses the gap to push it. Where it
 would at least double the speed, the load is held back."""
-_SHIFT_RESISTANCE = 0.8
-"""Share of what brakes the load by itself that a shift uses, so that the teeth stay in contact."""
 _LEAST_SHOWING = 0.06
 """Shortest time, s, for each half of a shift if friction hides the load torque, so that the shift shows it."""
 
@@ -88,7 +84,7 @@ def _crossing_time(constants: Constants, plan: Plan) -> float:
     length, left = constants.crossing_time * max(LEAST_CROSSING, share), move.target - move.angle
     # The load is too fast for a soft crossing.
     if move.speed * length > _CROSSING_SHARE * left:
-        length = max(_CROSSING_SHARE * left / move.speed, _CROSSING_PERIODS * constants.period)
+        length = max(_CROSSING_SHARE * left / move.speed, LEAST_PERIODS * constants.period)
     return length
 
 
@@ -106,7 +102,7 @@ def catch(constants: Constants, plan: Plan, load_torque: LoadTorque) -> None:
     last = resistance_at(constants, load_torque, move.direction, move.target)
     brake, speed = _LONGEST_BRAKE, move.speed
     if speed > 0.0:
-        least = shortest_push(constants, _LEAST_BRAKE, speed, 0.0, -last)
+        least = shortest_push(constants, LEAST_BRAKE, speed, 0.0, -last)
         brake = clamp(2.0 * (move.target - move.angle) / speed, least, _LONGEST_BRAKE)
     segment = add_contact(plan, -1.0, brake, move.angle, speed)
     # A torque that helps is held by the flank from the first moment on: the load must not fall ahead.
@@ -140,7 +136,7 @@ def shift(constants: Constants, memory: Memory, target: float, load: float) -> f
     plan, load_torque = memory.plan, memory.load_torque
     direction, distance = 1.0 if target >= load else -1.0, abs(target - load)
     resistance, angle = resistance_at(constants, load_torque, direction, direction * load), direction * load
-    braking = _SHIFT_RESISTANCE * max(abs(resistance), 1e-4)
+    braking = _USED_RESISTANCE * max(abs(resistance), 1e-4)
     least = _LEAST_SHOWING if constants.load_dry_friction > 0.0 else _LEAST_RUN
     half = max(least, math.sqrt(BUMP_PEAK * distance * constants.load_inertia / braking))
     flank, speed = math.copysign(1.0, resistance), distance / half

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.memory import Follow, Memory
+from backlash_ros.control.laws.two_encoder.moves import LEAST_PERIODS
 from backlash_ros.control.laws.two_encoder.reference import learned_of, moves_within, needed_torque, reference_at
 from backlash_ros.control.laws.two_encoder.teeth import gap_position, light_contact_distance, on_the_way
 from backlash_ros.foundation.compiled import compiled
@@ -14,20 +15,15 @@ TOUCHING_SHARE = 1.5e-5
 """Share of the stall torque with which teeth that carry nothing are touched."""
 _COAST = 0.05
 """Distance, in gaps, by which a load that coasts while the motor crosses may leave its path."""
-_LEAST_PERIODS = 3.0
-"""Periods that a crossing takes at least, so that the motor's loop follows it."""
 _EFFORT = 0.4
 """Share of the torque available at standstill that a crossing takes at most."""
 _PEAK = 5.77
 """Peak of the acceleration of a quintic over a distance d in the time T, in d/T^2."""
-_LASTS = 6
-"""Periods for which the needed torque must keep its new sign, so that noise of the drag causes no crossing."""
-_LEAPS = 0.2
-"""Share of the gap from which on a change of the seat within a period is a change of flanks."""
+_LASTS = 5
+"""Periods for which the needed torque must keep its new sign, and the reference must rest, to be no chance: the drag is
+noisy."""
 _RELEASES = 0.35
 """Share of the crossing time before the end at which a free load is released: it then comes to rest by itself."""
-_RESTS_FOR = 5
-"""Periods for which the reference must rest, so that this is its end."""
 _LIES_ON_A_FLANK = 0.4
 """Share of the gap, from its middle, beyond which a held load lies on the motor's flank."""
 _SURE_TIME = 0.1
@@ -37,10 +33,8 @@ _FALLEN_TIME = 0.02
 _LONGEST_RETURN = 0.15
 """Time, s, in which the motor takes such a load back to its path at most. Tuned on random drives."""
 _SMALL = 5e-4
-"""Share of the stall torque that such a load needs at least. Tuned on random drives."""
-_DOUBT = 5e-4
-"""Share of the stall torque below which the torque that the load needs is not believed to change its sign once the load
-has fallen unforeseen. It doubles with each fall. Tuned on random drives."""
+"""Share of the stall torque that such a load needs at least. Below it, the needed torque is then not believed to change
+its sign; that doubles with each fall. Tuned on random drives."""
 _MOST_DOUBT = 0.01
 """The largest such share. Tuned on random drives."""
 _DOUBTED_TIME = 0.5
@@ -90,7 +84,7 @@ def gap_motion_at(constants: Constants, memory: Memory, path: Array, k: float) -
     change = seat(constants, memory, flank, after) - seat(constants, memory, flank, before)
     least = TOUCHING_SHARE * constants.stall_torque
     # Where the teeth begin or end to carry, their depth leaps: no motor follows that.
-    if before * flank <= least or after * flank <= least or abs(change) > _LEAPS * constants.gap:
+    if before * flank <= least or after * flank <= least:
         change = 0.0
     position = seat(constants, memory, flank, torque)
     return GapMotion(position, change / constants.period, torque if torque * flank > 0.0 else 0.0)
@@ -110,7 +104,7 @@ def _crossing_time(constants: Constants, memory: Memory, path: Array, k: float) 
     """
     period, gap, first = constants.period, constants.gap, max(k - 1.0, 0.0)
     shortest = _shortest_time(constants, constants.motor_inertia, _EFFORT * constants.available_torque)
-    least = max(_LEAST_PERIODS * period, shortest)
+    least = max(LEAST_PERIODS * period, shortest)
     change = abs(needed_torque(constants, memory, path, k + 1.0) - needed_torque(constants, memory, path, first))
     if constants.load_dry_friction > 0.0 and change > 0.5 * constants.load_dry_friction:
         soft = math.sqrt(8.0 * _COAST * gap / max(abs(reference_at(constants, path, k).acceleration), 1e-3))
@@ -142,7 +136,7 @@ def _cross(constants: Constants, memory: Memory, path: Array, k: float, duration
 @compiled
 def _lasts(constants: Constants, memory: Memory, path: Array, k: float, flank: float) -> bool:
     """Return whether the needed torque keeps the sign of a flank for a while."""
-    for later in range(1, _LASTS):  # noqa: SIM110 - numba knows no all()
+    for later in range(1, _LASTS + 1):  # noqa: SIM110 - numba knows no all()
         if needed_torque(constants, memory, path, k + later) * flank < 0.0:
             return False
     return True
@@ -171,7 +165,7 @@ def _cross_where_torque_turns(constants: Constants, memory: Memory, path: Array,
 def _release_at_the_end(constants: Constants, memory: Memory, path: Array, k: float) -> None:
     """Let the motor leave a free load on which nothing acts, shortly before its reference comes to rest."""
     for later in range(int(_RELEASES * constants.crossing_time / constants.period) + 1):
-        if not moves_within(constants, path, k + later, _RESTS_FOR):
+        if not moves_within(constants, path, k + later, _LASTS):
             _cross(constants, memory, path, k, constants.crossing_time, 0.0)
             return
 
@@ -190,7 +184,7 @@ def _cross_with_load(constants: Constants, memory: Memory, path: Array, k: float
     needed, small = needed_torque(constants, memory, path, k), _SMALL * stall
     if needed * follow.flank > 0.0:
         follow.drag.load -= needed + follow.flank * small
-    follow.doubt = min(max(2.0 * follow.doubt, _DOUBT * stall), _MOST_DOUBT * stall)
+    follow.doubt = min(max(2.0 * follow.doubt, small), _MOST_DOUBT * stall)
     # Slower than the load would leave this flank again.
     torque = max(abs(needed_torque(constants, memory, path, k)), small)
     slow = _shortest_time(constants, constants.load_inertia, torque)

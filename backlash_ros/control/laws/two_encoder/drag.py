@@ -8,7 +8,7 @@ is known ahead of the load.
 import math
 
 from backlash_ros.control.laws.two_encoder.constants import Constants
-from backlash_ros.control.laws.two_encoder.load_torque import load_torque_at
+from backlash_ros.control.laws.two_encoder.load_torque import FRICTION_ERROR, load_torque_at
 from backlash_ros.control.laws.two_encoder.memory import DRAG_SIZE, Drag, Memory
 from backlash_ros.control.laws.two_encoder.motor import dry_friction, known_torque, momentum_at
 from backlash_ros.control.laws.two_encoder.reference import Reference, drag_at, reference_at, weight_shares
@@ -36,8 +36,6 @@ _WALK = 1e-3
 """Share of the stall torque by which a load torque may change in a second. Tuned on random drives."""
 _LEAST_DRAG = 1e-3
 """Share of the stall torque by which load torque and friction may be off at first. Tuned on random drives."""
-_FRICTION_ERROR = 0.1
-"""Share of the dry friction that is added to this, since the friction is not known better."""
 _LEAST_SPEED = 0.02
 """Speed of the reference, rad/s, above which its drag is learned: below, friction may stick. Tuned on random drives."""
 _LOAD_SPEED = 0.01
@@ -51,7 +49,7 @@ def begin_to_learn_drag(constants: Constants, memory: Memory) -> None:
     drag.load = drag.friction = drag.sine = drag.cosine = drag.runs = drag.effort = 0.0
     drag.origin = memory.load.angle
     weight = least + abs(load_torque_at(load_torque, drag.origin)) + math.hypot(load_torque.sine, load_torque.cosine)
-    friction = least + _FRICTION_ERROR * constants.load_dry_friction
+    friction = least + FRICTION_ERROR * constants.load_dry_friction
     drag.covariance[:, :] = 0.0
     spreads = (0.0, least, friction, weight, weight)
     for k in range(DRAG_SIZE):

@@ -18,13 +18,8 @@ from backlash_ros.control.laws.two_encoder.press import press
 from backlash_ros.control.laws.two_encoder.throw import add_throw, land, solve_throw
 from backlash_ros.foundation.compiled import compiled
 
-_FAR_GAPS = 2.0
-"""Gaps beyond the way that the load coasts from which on a move goes towards its target in any case. Tuned on the
-populations."""
 _CROSSING_SHARE = 0.35
 """Share of a move at which the motor crosses, at first: it is computed anew."""
-_MOVING_SPEED = 1e-3
-"""Speed of the load, rad/s, above which it moves."""
 _AT_FIRST = 0.3
 """Share of a load torque that carries the load at first, but not all the way, that a plan uses. Tuned on the
 populations."""
@@ -36,8 +31,6 @@ _LOAD_SHORT = 0.3
 populations."""
 _MOST_SHORT = 0.2
 """Share of a move by which it ends short at most. Tuned on the populations."""
-_QUICKER = 0.9
-"""Share of the time of a throw that a carry may take. Tuned on the populations."""
 _LEAVE_SHARE = 0.5
 """Share of the crossing time in which the motor leaves a load that it has brought to rest. Tuned on the populations."""
 
@@ -69,9 +62,8 @@ def _describe(constants: Constants, memory: Memory, target: float, shafts: Shaft
     distance, stops = target - shafts.load, coasting_distance(constants, shafts.load_speed)
     torque, last_torque = load_torque_at(load_torque, shafts.load), load_torque_at(load_torque, target)
     held = holds_load(constants, torque)
-    far = abs(distance) > _FAR_GAPS * constants.gap + abs(stops)
     # A load that coasts beyond a near target has to be moved back.
-    direction = 1.0 if distance - (0.0 if held or far else stops) >= 0.0 else -1.0
+    direction = 1.0 if distance - (0.0 if held else stops) >= 0.0 else -1.0
     move.direction, move.target = direction, direction * target
     move.angle, move.speed = direction * shafts.load, direction * shafts.load_speed
     move.gap_position = direction * (shafts.motor - shafts.load)
@@ -116,7 +108,7 @@ def _touch(constants: Constants, plan: Plan) -> None:
     throw.angle = move.angle + move.speed * length - 0.5 * slows * length * length
     throw.touch_speed = move.speed - slows * length
     driven = move.holding_torque != 0.0 and move.first_resistance < 0.0
-    throw.moves = 1.0 if abs(move.speed) > _MOVING_SPEED or driven else 0.0
+    throw.moves = 1.0 if move.speed != 0.0 or driven else 0.0
     # A load torque against the move will hold the load on the driving flank at its target.
     returns = plan.rest_torque != 0.0 and move.last_resistance > 0.0
     throw.back_time = constants.crossing_time if returns else 0.0
@@ -162,7 +154,7 @@ def fly(constants: Constants, memory: Memory, target: float, shafts: Shafts) -> 
     _describe(constants, memory, target - _shortfall(constants, target - shafts.load), shafts)
     direction, most = move.direction, _largest_resistance(move)
     throw_time = 2.0 * constants.crossing_time + constants.push_time + constants.brake_time
-    if most < 0.0 and abs(move.speed) < CARRY_SPEED and carry(constants, plan, most, _QUICKER * throw_time):
+    if most < 0.0 and abs(move.speed) < CARRY_SPEED and carry(constants, plan, most, throw_time):
         return -direction
     if hold_back(constants, memory, most):
         return -direction

@@ -11,6 +11,7 @@ from backlash_ros.control.laws.two_encoder.crossing import choose_flank, gap_mot
 from backlash_ros.control.laws.two_encoder.drag import begin_to_learn_drag, learn_drag
 from backlash_ros.control.laws.two_encoder.load_torque import holds_load
 from backlash_ros.control.laws.two_encoder.memory import FOLLOW, Memory
+from backlash_ros.control.laws.two_encoder.middle import LARGEST_SHARE
 from backlash_ros.control.laws.two_encoder.motor import friction_sticks, loop_slowdown
 from backlash_ros.control.laws.two_encoder.reference import (
     direction_at,
@@ -27,8 +28,6 @@ _PUSHES = 20.0
 """Acceleration of the load, rad/s^2, from which on its teeth surely push. Tuned on random drives."""
 _NEAR_SEAT = 0.1
 """Share of the gap from the seat within which the teeth surely touch."""
-_KNOWN_COUNT = 0.3
-"""Share of the gap up to which an encoder count is added to this."""
 _SETTLES = 0.012
 """Time after a crossing, s, for which a landing swings. Tuned on random drives."""
 _OTHER_SIDE = 0.1
@@ -41,13 +40,11 @@ random drives."""
 _QUARTER_COUNT = 0.25
 """Share of a count below which an error is none."""
 _FINE_COUNT = 0.2
-"""Share of the gap up to which a count says so."""
+"""Share of the gap up to which an encoder count is allowed for, here and near the seat."""
 _LARGEST_ERROR = 0.3
 """Share of the gap: the largest error from which is learned."""
 _LARGEST_SEAT = 0.8
 """Share of the gap: the largest error of a seat."""
-_LARGEST_SHARE = 0.3
-"""Of an error, that is learned in one period at most."""
 
 
 @compiled
@@ -80,7 +77,7 @@ def _teeth_touch(constants: Constants, memory: Memory, path: Array) -> bool:
         return False
     if abs(needed_torque(constants, memory, path, 0.0)) > _PUSHES * constants.load_inertia:
         return True
-    near = _NEAR_SEAT * constants.gap + (count if count < _KNOWN_COUNT * constants.gap else 0.0)
+    near = _NEAR_SEAT * constants.gap + (count if count < _FINE_COUNT * constants.gap else 0.0)
     return abs(gap_position(memory) - gap_motion_at(constants, memory, path, 0.0).position) < near
 
 
@@ -100,7 +97,7 @@ def _learn_seat(constants: Constants, memory: Memory, path: Array) -> None:
     error = reference_at(constants, path, 0.0).angle - load.angle
     if abs(error) <= (_QUARTER_COUNT * load.count if load.count < _FINE_COUNT * gap else 0.0):
         return
-    change = min(rate * period, _LARGEST_SHARE) * clamp(error, -_LARGEST_ERROR * gap, _LARGEST_ERROR * gap)
+    change = min(rate * period, LARGEST_SHARE) * clamp(error, -_LARGEST_ERROR * gap, _LARGEST_ERROR * gap)
     learned.seat = clamp(learned.seat + change, -_LARGEST_SEAT * gap, _LARGEST_SEAT * gap)
 
 

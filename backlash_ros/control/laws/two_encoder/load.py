@@ -36,6 +36,8 @@ _ASTRAY_READINGS = 4.0
 """So many readings in a row beyond that error mean motion. Tuned on the populations."""
 _SPEED_SHARE = 0.5
 """Share of the speed that these readings show which is believed, as they are noisy."""
+STANDSTILL = 0.02
+"""Speed, rad/s, below which the load stands. Tuned on the populations."""
 _LEAST_LAG = 0.1
 """Of the filter, so that it does not ring where its readings have no count."""
 

@@ -8,32 +8,30 @@ import math
 
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.constants import Constants
+from backlash_ros.control.laws.two_encoder.load import STANDSTILL
 from backlash_ros.control.laws.two_encoder.memory import FLIGHT, HOLD, LoadTorque, Memory
-from backlash_ros.control.laws.two_encoder.motor import known_torque, momentum_at
+from backlash_ros.control.laws.two_encoder.motor import REST_SPEED, known_torque, momentum_at
 from backlash_ros.control.laws.two_encoder.teeth import teeth_are_apart
 from backlash_ros.foundation.compiled import compiled
 
 LEAST_SHOWN = 3.0
 """What a flight must show of a load torque at least, as acceleration of the motor, rad/s^2. Tuned on the
 populations."""
-_FRICTION_ERROR = 0.1
-"""Share of the motor's dry friction that is added to this, since the friction is not known better."""
+FRICTION_ERROR = 0.1
+"""Share of a dry friction by which it may be off: it is not known better."""
 _SMOOTHING_TIME = 0.05
 """Time, s, over which the torque from the momentum is smoothed, and the peak of the speed fades. Tuned on the
 populations."""
 _TURNING_SPEED = 0.2
 """Speed of the load, rad/s, from which on its friction is known. Tuned on the populations."""
-_SLIDING_SPEED = 0.05
-"""Speed of the motor, rad/s, above which its dry friction is all there. Tuned on the populations."""
 _LEAST_TIME = 0.05
 """Time, s, for which a flight must show the load torque. Tuned on the populations."""
 _DISPROVED = 2.0
 """The expected slope is wrong if the load torque is so many times as far off with it as without. Tuned on the
 populations."""
-_SETTLE_TIME = 0.1
-"""Time after a landing, s, for which the load torque is left as it is. Tuned on the populations."""
-_STANDSTILL = 0.02
-"""Speed of the load, rad/s, below which it stands. Tuned on the populations."""
+SETTLE_TIME = 0.1
+"""Time in hold, s, after which what is seen at rest shows the load torque, and where a held load lies. Tuned on the
+populations."""
 _UNSURE = 5.0
 """By how much the load torque may be off while the teeth seem apart, as acceleration of the motor, rad/s^2. Tuned on
 the populations."""
@@ -94,7 +92,7 @@ def _observe_motion(constants: Constants, memory: Memory, gained: float) -> None
     if not turns:
         _smooth(load_torque, gained, period)
     # A motor that stands tells nothing: its dry friction is unknown.
-    if constants.motor_dry_friction != 0.0 and abs(memory.motor.estimated.speed) <= _SLIDING_SPEED:
+    if constants.motor_dry_friction != 0.0 and abs(memory.motor.estimated.speed) <= REST_SPEED:
         return
     if turns:
         load_torque.unexplained_momentum += period * math.copysign(constants.load_dry_friction, speed)
@@ -118,7 +116,7 @@ def _observe_rest(constants: Constants, memory: Memory) -> None:
     if teeth_are_apart(constants, memory):
         unknown += _UNSURE * constants.motor_inertia
         # Nothing but friction holds a load that stands there.
-        if abs(memory.load.speed) < _STANDSTILL:
+        if abs(memory.load.speed) < STANDSTILL:
             set_load_torque(load_torque, clamp(load_torque.estimated, -friction, friction), angle)
             return
     least, most = load_torque.smoothed - unknown, load_torque.smoothed + unknown
@@ -139,7 +137,7 @@ def learn_load_torque(constants: Constants, memory: Memory) -> None:
         _observe_motion(constants, memory, gained)
         return
     _smooth(load_torque, gained, period)
-    if memory.hold.time_since_landing > _SETTLE_TIME:
+    if memory.hold.time_since_landing > SETTLE_TIME:
         _observe_rest(constants, memory)
 
 
@@ -153,7 +151,7 @@ def _shown_by_motion(constants: Constants, load_torque: LoadTorque, planned: flo
         load_torque.sine = load_torque.cosine = 0.0
         planned, error = load_torque.estimated, error_without_slope
     shown = planned + error
-    unsure, expected = least + _FRICTION_ERROR * constants.motor_dry_friction, constants.expected_load_torque
+    unsure, expected = least + FRICTION_ERROR * constants.motor_dry_friction, constants.expected_load_torque
     if abs(shown) >= unsure:
         return shown
     return expected if abs(shown - expected) < unsure else 0.0

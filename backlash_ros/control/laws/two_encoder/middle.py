@@ -3,6 +3,8 @@
 import math
 
 from backlash_ros.control.laws.two_encoder.constants import Constants
+from backlash_ros.control.laws.two_encoder.load import STANDSTILL
+from backlash_ros.control.laws.two_encoder.load_torque import SETTLE_TIME
 from backlash_ros.control.laws.two_encoder.memory import FLIGHT, HOLD, Memory
 from backlash_ros.control.laws.two_encoder.teeth import contact_distance, gap_position
 from backlash_ros.foundation.compiled import compiled
@@ -15,10 +17,6 @@ _FALL_TIME = 8e-3
 populations."""
 _FALL_SPEED = 0.5
 """Speed of the load, rad/s, up to which it lies on that flank. Tuned on the populations."""
-_SETTLE_TIME = 0.1
-"""Time in hold, s, after which a load that stands lies on the flank where it is held. Tuned on the populations."""
-_STANDSTILL = 0.02
-"""Speed of the load, rad/s, below which it stands. Tuned on the populations."""
 _PUSH_TIME = 0.012
 """Time, s, in which teeth that push show where they are. Tuned on the populations."""
 _WRONG = 0.6
@@ -30,7 +28,7 @@ _BEYOND = 0.02
 _UNKNOWN_TORQUE = 10.0
 """Torque, as acceleration of the motor, rad/s^2, that the teeth may carry beyond what is known. Tuned on the
 populations."""
-_LARGEST_SHARE = 0.3
+LARGEST_SHARE = 0.3
 """Of an error, that is learned in one period at most. Tuned on the populations."""
 
 
@@ -53,7 +51,7 @@ def _rests_on_a_flank(constants: Constants, memory: Memory) -> bool:
     large = 2.0 * constants.load_inertia * constants.gap / _FALL_TIME**2
     if sure > large * large and speed < _FALL_SPEED:
         return True
-    return memory.hold.waiting_time > _SETTLE_TIME and speed < _STANDSTILL
+    return memory.hold.waiting_time > SETTLE_TIME and speed < STANDSTILL
 
 
 @compiled
@@ -66,11 +64,11 @@ def learn_middle(constants: Constants, memory: Memory) -> None:
     if memory.phase == FLIGHT and abs(carried) > _LEAST_TORQUE * constants.motor_inertia:
         error = position - math.copysign(contact_distance(constants, carried), carried)
         if abs(error) < _WRONG * constants.gap:
-            memory.middle += min(_LARGEST_SHARE, constants.period / _PUSH_TIME) * error
+            memory.middle += min(LARGEST_SHARE, constants.period / _PUSH_TIME) * error
         return
     unknown = constants.motor_dry_friction + _UNKNOWN_TORQUE * constants.motor_inertia
     torque = abs(carried + memory.motor.estimated.disturbance) + unknown
     farthest = contact_distance(constants, torque)
     beyond = abs(position) - farthest - _BEYOND * constants.gap - memory.load.count
     if beyond > 0.0:
-        memory.middle += min(_LARGEST_SHARE, constants.period / _BEYOND_TIME) * math.copysign(beyond, position)
+        memory.middle += min(LARGEST_SHARE, constants.period / _BEYOND_TIME) * math.copysign(beyond, position)

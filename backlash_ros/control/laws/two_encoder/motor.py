@@ -13,8 +13,8 @@ from backlash_ros.foundation.record import Array
 
 _FULL_FRICTION_SPEED = 0.2
 """Speed, rad/s, from which on all of the dry friction acts. Tuned on the populations."""
-_REST_SPEED = 0.05
-"""Speed, rad/s, below which the motor rests. Tuned on the populations."""
+REST_SPEED = 0.05
+"""Speed, rad/s, below which the motor rests, so that its dry friction is unknown. Tuned on the populations."""
 _AT_TARGET = 0.1
 """Share of the gap within which the motor has reached its target. Tuned on the populations."""
 _STICKING_FRICTION = 1.5
@@ -109,7 +109,7 @@ def observe_motor(constants: Constants, memory: Memory, reading: float) -> None:
         # Teeth that beat strike the motor, and the torque of a strike does not last.
         estimated.disturbance += gain.disturbance * error / (1.0 + memory.follow.beats)
     motor.last_reading = reading
-    rests = memory.phase == HOLD and abs(estimated.speed) < _REST_SPEED
+    rests = memory.phase == HOLD and abs(estimated.speed) < REST_SPEED
     rests = rests and abs(memory.motor_target - estimated.angle) < _AT_TARGET * constants.gap
     # The dry friction at rest must not wind up.
     if not rests or constants.motor_dry_friction == 0.0:

@@ -41,8 +41,12 @@ _SLOWEST_EFFORT = 0.9
 """Share of the no-load speed up to which the torque available falls with the speed. Tuned on the populations."""
 _APPROACH_SHARE = 0.8
 """Share of the crossing time in which a flank is approached. Tuned on the populations."""
+LEAST_BRAKE = 0.02
+"""Shortest time of a brake, s. Tuned on the populations."""
 LEAST_CROSSING = 0.3
 """Share of the crossing time that a part of the gap takes at least. Tuned on the populations."""
+LEAST_PERIODS = 3.0
+"""Periods that a crossing takes at least, so that the motor's loop follows it."""
 
 
 class Shafts(NamedTuple):

@@ -3,14 +3,12 @@
 from backlash_ros.control.laws.two_encoder.carry import shift
 from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.flight import fly
+from backlash_ros.control.laws.two_encoder.load import STANDSTILL
 from backlash_ros.control.laws.two_encoder.memory import FLIGHT, NO_MOVE, TO_FLY, TO_SHIFT, Memory
 from backlash_ros.control.laws.two_encoder.motor import forget_friction_at_rest
 from backlash_ros.control.laws.two_encoder.moves import Shafts
 from backlash_ros.control.laws.two_encoder.press import press_stuck_load
 from backlash_ros.foundation.compiled import compiled
-
-_PLANNED_SPEED = 0.02
-"""Speed of the load, rad/s, below which it stands as a flight is planned. Tuned on the populations."""
 
 
 @compiled
@@ -21,7 +19,7 @@ def _plan(constants: Constants, memory: Memory) -> float:
         return shift(constants, memory, memory.next_target, load.angle)
     position = motor.angle - memory.middle
     if memory.next_move == TO_FLY:
-        speed = load.speed if abs(load.speed) > _PLANNED_SPEED else 0.0
+        speed = load.speed if abs(load.speed) > STANDSTILL else 0.0
         shafts = Shafts(load.angle + constants.delay * speed, speed, position, motor.speed)
         return fly(constants, memory, memory.target, shafts)
     shafts = Shafts(load.angle + constants.delay * load.speed, 0.0, position, motor.speed)

@@ -9,7 +9,14 @@ from typing import NamedTuple
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.laws.two_encoder.constants import Constants
 from backlash_ros.control.laws.two_encoder.memory import LoadTorque, Move, Plan, Throw
-from backlash_ros.control.laws.two_encoder.moves import TOP_SPEED, approach, edge_of_gap, shortest_brake, shortest_push
+from backlash_ros.control.laws.two_encoder.moves import (
+    LEAST_BRAKE,
+    TOP_SPEED,
+    approach,
+    edge_of_gap,
+    shortest_brake,
+    shortest_push,
+)
 from backlash_ros.control.laws.two_encoder.plan import add_contact, add_crossing, resistance_at
 from backlash_ros.foundation.compiled import compiled
 
@@ -18,8 +25,6 @@ _ROUNDS = 5
 _BRAKE_SHARE = 1.33
 """Twice the share of the time in which the load would stop by itself that the brake takes at most: so short that the
 braking flank has to brake, too, and stays in contact."""
-_LEAST_BRAKE = 0.02
-"""Shortest time of a brake, s. Tuned on the populations."""
 _SHORT_BRAKE = 0.035
 """Time, s, below which the driving flank does the brake's work: the load is pressed. Tuned on the populations."""
 _HARD = 165.0
@@ -105,7 +110,7 @@ def solve_throw(constants: Constants, plan: Plan, load_torque: LoadTorque) -> bo
             longest = _BRAKE_SHARE * met * constants.load_inertia / (constants.load_friction * met + 2.0 * most)
             if least > 0.0 and longest < _SHORT_BRAKE:
                 return True
-            throw.brake_time = max(min(throw.brake_time, longest), _LEAST_BRAKE)
+            throw.brake_time = max(min(throw.brake_time, longest), LEAST_BRAKE)
         if throw.adapts != 0.0:
             angle = landing.pushed + throw.speed * (throw.cruise_time + 0.5 * crossing)
             angle = clamp(angle, throw.angle, move.target)
