@@ -84,13 +84,9 @@ def learn_backlash(
 
     Examples
     --------
-    >>> from backlash_ros.control import GainSet, design_gains
+    >>> from backlash_ros.control import GainSet
     >>> from backlash_ros.drivetrain import NOMINAL_DRIVE
-    >>> gains = GainSet(
-    ...     fast=design_gains("fast", NOMINAL_DRIVE, [1000, 1]),
-    ...     overdamped=design_gains("overdamped", NOMINAL_DRIVE, [4, 0]),
-    ... )
-    >>> estimate = learn_backlash(NOMINAL_DRIVE, ServoSettings(gains))
+    >>> estimate = learn_backlash(NOMINAL_DRIVE, ServoSettings(GainSet.of(NOMINAL_DRIVE)))
     >>> estimate.valid, round(estimate.angle, 3)
     (True, 0.02)
     """

@@ -36,9 +36,7 @@ BY_LIMIT_CYCLE = {**PATIENT, "learning__experiment": "limit_cycle"}
 
 @pytest.fixture
 def gains() -> GainSet:
-    return GainSet(
-        design_gains("fast", NOMINAL_DRIVE, [1000.0, 1.0]), design_gains("overdamped", NOMINAL_DRIVE, [4.0, 0.0])
-    )
+    return GainSet.of(NOMINAL_DRIVE)
 
 
 def test_closed_loop_over_dds_equals_the_offline_run(start: Start, peer: Peer, gains: GainSet) -> None:

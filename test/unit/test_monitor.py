@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from samples import EVERYTHING, sample_of
 from searched import searched
 
-from backlash_ros.control import LAWS, NO_LIMIT, FaultThresholds, GainSet, Limits, Servo, ServoSettings, design_gains
+from backlash_ros.control import LAWS, NO_LIMIT, FaultThresholds, GainSet, Limits, Servo, ServoSettings
 from backlash_ros.control.command_range import clamp, range_constants, voltage_range
 from backlash_ros.control.monitoring.thresholds import mechanical_time_constant
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Contact, Drive, Plant
@@ -37,12 +37,8 @@ NO_LOAD_SPEED = 48.0
 Tamper = Callable[[Measurement, Measurement], Measurement]
 
 
-def gains_of(drive: Drive) -> GainSet:
-    return GainSet(design_gains("fast", drive, [1000.0, 1.0]), design_gains("overdamped", drive, [4.0, 0.0]))
-
-
 def settings_of(drive: Drive, period: float = 0.004, **changes: float | str) -> ServoSettings:
-    known = ServoSettings(gains_of(drive), "two_region", period, backlash_angle=0.02, identified=True)
+    known = ServoSettings(GainSet.of(drive), "two_region", period, backlash_angle=0.02, identified=True)
     return replace(known, **changes)
 
 
