@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from drives import varied
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from samples import EVERYTHING, sample_of
@@ -39,10 +40,6 @@ from backlash_ros.simulation import Run, Scenario, learn_backlash, run
 
 CURRENT_DRIVE = replace(NOMINAL_DRIVE, command_interface="current")
 B = NOMINAL_DRIVE.gear.backlash_angle
-
-
-def with_motor(drive: Drive, **values: float) -> Drive:
-    return replace(drive, motor=replace(drive.motor, **values))
 
 
 def step_of(drive: Drive, law: str, period: float = 0.004, seconds: float = 6.0, **scenario: object) -> Run:
@@ -97,7 +94,7 @@ def test_rate_too_slow_for_the_motor_inside_the_gap_is_refused() -> None:
 
     With the winding in the drive, and with the load in contact, the same gains are stable.
     """
-    light, period = with_motor(CURRENT_DRIVE, inertia=1e-6), 0.004
+    light, period = varied(CURRENT_DRIVE, motor_inertia=1e-6), 0.004
     gains = GainSet.of(light).overdamped
     a, b = rigid_model(light)
     held, driven = discretize(light, a, b[:, :1], period)
@@ -158,7 +155,7 @@ def test_design_model_drops_the_electrical_pole() -> None:
     for region in ("fast", "overdamped"):
         k = getattr(designed, region).as_array()
         assert k[2] == 0.0
-        windings = [GainSet.of(with_motor(NOMINAL_DRIVE, inductance=each)) for each in (1e-5, 1e-6, 1e-7)]
+        windings = [GainSet.of(varied(motor_inductance=each)) for each in (1e-5, 1e-6, 1e-7)]
         far, nearer, near = (float(np.max(np.abs(getattr(each, region).as_array() - k))) for each in windings)
         assert nearer == pytest.approx(far / 10, rel=0.02)
         assert near == pytest.approx(nearer / 10, rel=0.02)
@@ -178,7 +175,7 @@ def test_command_is_the_current_that_the_winding_would_take() -> None:
 
 @given(st.floats(-1e4, 1e4), st.floats(-30, 30), st.sampled_from(COMMAND_INTERFACES), st.floats(0.1, 50))
 def test_command_keeps_to_its_limit_at_any_speed(omega_m: float, voltage: float, interface: str, limit: float) -> None:
-    drive = with_motor(replace(NOMINAL_DRIVE, command_interface=interface), current_limit=limit)
+    drive = varied(replace(NOMINAL_DRIVE, command_interface=interface), motor_current_limit=limit)
     constants, estimate = range_of(drive), np.array([0.0, omega_m, 0.0, 0.0, 0.0, 0.0])
     low, high = voltage_range(constants, estimate)
     assert low <= high
@@ -225,7 +222,7 @@ def test_mirrored_reference_gives_the_mirrored_current(law: str) -> None:
 @pytest.mark.parametrize("law", ["overdamped", "two_region"])
 def test_interfaces_agree_in_the_limit_of_a_fast_winding_and_fast_samples(law: str) -> None:
     """L -> 0 in the drive or left out of what the controller plays: the difference goes with the period."""
-    quick = with_motor(NOMINAL_DRIVE, inductance=1e-6)
+    quick = varied(motor_inductance=1e-6)
     choice = ServoSettings(GainSet.of(CURRENT_DRIVE), law=law, backlash_angle=B)
     differences = []
     for period in (8e-4, 4e-4, 2e-4):
@@ -239,7 +236,7 @@ def test_interfaces_agree_in_the_limit_of_a_fast_winding_and_fast_samples(law: s
 def test_poles_agree_in_the_limit_of_a_fast_winding_and_fast_samples() -> None:
     """Linear and exact: the two mechanical poles of the sampled loops, in 1/s."""
     k = GainSet.of(CURRENT_DRIVE).fast.as_array()[None, :]
-    a, b = rigid_model(with_motor(NOMINAL_DRIVE, inductance=1e-6))
+    a, b = rigid_model(varied(motor_inductance=1e-6))
     differences = []
     for period in (4e-4, 2e-4, 1e-4):
         poles = []
@@ -307,7 +304,7 @@ def test_damping_needs_the_motors_own_speed() -> None:
 @pytest.mark.parametrize("law", ["cascade", "elastic_lqg"])
 def test_laws_with_a_memory_know_a_small_current_limit(law: str) -> None:
     """A tenth of the stall current: the integrator stops, the model of the drive follows what it gets."""
-    weak, full = with_motor(CURRENT_DRIVE, current_limit=1.2), step_of(CURRENT_DRIVE, law, 0.001)
+    weak, full = varied(CURRENT_DRIVE, motor_current_limit=1.2), step_of(CURRENT_DRIVE, law, 0.001)
     result = step_of(weak, law, 0.001)
     assert np.max(np.abs(result.command)) == 1.2
     assert np.max(result.load_angle) < np.max(full.load_angle) + B
