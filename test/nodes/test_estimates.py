@@ -299,14 +299,18 @@ os.fsync = slow
 """
 
 
-@pytest.mark.grid
-def test_samples_are_answered_while_the_disk_is_slow(
-    start: Start, peer: Peer, file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a file without which the disk of nodes that are started does not go on; it is there."""
     gate, plugin = tmp_path / "gate", tmp_path / "slow_disk.py"
     plugin.write_text(SLOW_DISK.format(gate=str(gate)))
     monkeypatch.setenv("BACKLASH_ROS_PLUGINS", str(plugin))
     gate.touch()
+    return gate
+
+
+@pytest.mark.grid
+def test_samples_are_answered_while_the_disk_is_slow(start: Start, peer: Peer, file: Path, gate: Path) -> None:
     start("controller", learning__estimate_file=file, fresh=True, **QUICK)
     parameters, drive = Parameters(peer, "controller"), LockstepDrive(peer).matched()
     gate.unlink()
@@ -327,12 +331,8 @@ def test_samples_are_answered_while_the_disk_is_slow(
 
 @pytest.mark.grid
 def test_the_end_of_the_process_waits_for_the_file_but_not_for_ever(
-    start: Start, peer: Peer, file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    start: Start, peer: Peer, file: Path, gate: Path
 ) -> None:
-    gate, plugin = tmp_path / "gate", tmp_path / "slow_disk.py"
-    plugin.write_text(SLOW_DISK.format(gate=str(gate)))
-    monkeypatch.setenv("BACKLASH_ROS_PLUGINS", str(plugin))
-    gate.touch()
     process = start("controller", learning__estimate_file=file, fresh=True, **QUICK)
     parameters, drive = Parameters(peer, "controller"), LockstepDrive(peer).matched()
     gate.unlink()
