@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from backlash_ros.control import GainSet, ServoSettings, design_gains
+from backlash_ros.control import GainSet, ServoSettings
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.constants import plant_constants
 from backlash_ros.drivetrain.motion.dynamics import Acting, equations_of
@@ -19,9 +19,7 @@ from backlash_ros.foundation.signals import CURRENT, OMEGA_L, THETA_L
 from backlash_ros.simulation import Scenario, run
 
 PERIOD, COUNT, REPEATS = 0.001, 500, 5
-GAINS = GainSet(
-    design_gains("fast", NOMINAL_DRIVE, [1000.0, 1.0]), design_gains("overdamped", NOMINAL_DRIVE, [4.0, 0.0])
-)
+GAINS = GainSet.of(NOMINAL_DRIVE)
 SETTINGS = ServoSettings(GAINS, law="fast", period=PERIOD)
 SCENARIO = Scenario(np.ones(COUNT), known_load_torque=True)
 

@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 import rows
 
-from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, Servo, ServoSettings, design_gains
+from backlash_ros.control import LAWS, GainSet, Servo, ServoSettings
 from backlash_ros.control.laws.two_encoder.memory import PHASES
 from backlash_ros.control.motion.trajectory import Trajectory
 from backlash_ros.control.tick import TICK_SIGNATURE
@@ -31,7 +31,7 @@ LONGEST_TICK, LONGEST_FOLLOWING, LONGEST_PLAN = 25.0, 5.0, 5000.0
 LENGTH = 4.0
 """Of a path that is followed, s."""
 SAMPLE = Measurement(np.array([1.0, 0.0, 0.1, 0.0, 0.0]))
-GAINS = GainSet(**{region: design_gains(region, NOMINAL_DRIVE, weights) for region, weights in DEFAULT_WEIGHTS.items()})
+GAINS = GainSet.of(NOMINAL_DRIVE)
 
 
 @compiled_as(TICK_SIGNATURE)

@@ -3,7 +3,6 @@
 import hashlib
 import shlex
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 from dataclasses import asdict, replace
 from functools import partial
 from importlib.util import find_spec
@@ -15,7 +14,6 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from backlash_ros.commands.output import json_text, print_json, say, staged
-from backlash_ros.foundation.staging import staging
 from backlash_ros.simulation.batch import Journal, code_digest, run_batch
 from backlash_ros.studies.evaluation.failures import group_failures, worst_drives
 from backlash_ros.studies.evaluation.summary import Collected, failed, summarize
@@ -47,30 +45,24 @@ def evaluate(
         raise ImportError("--out needs pyarrow: pip install 'backlash_ros[tables]'")
     if scheduler and find_spec("distributed") is None:
         raise ImportError("--scheduler needs Dask distributed: pip install 'backlash_ros[cluster]'")
-    with ExitStack() as stack:
-        journal = stack.enter_context(open_journal(task, target))
+    beside = [out / name for name in ("runs.parquet", "shares.png", "settling.png")] if out is not None else []
+    with open_journal(task, target) as journal:
         run_drives(task, drives, journal, scheduler, console)
-        staged = {stack.enter_context(staging(target)): target.parent}
-        report = next(iter(staged)) / target.name
-        collected = Collected(task.laws)
-        failures: list[dict[str, Any]] = []
-        if out is not None:
-            folder = stack.enter_context(staging(out / "runs.parquet"))
-            staged = {folder: out, **staged}  # the report comes last
-            write_table(rows_in(task, drives, journal, collected, failures), folder / "runs.parquet")
-            from backlash_ros.studies.evaluation.pictures import draw_settling, draw_shares  # noqa: PLC0415 - matplotlib takes a second
+        with staged(*beside, target) as files:  # the report comes last
+            collected, failures = Collected(task.laws), list[dict[str, Any]]()
+            rows = rows_in(task, drives, journal, collected, failures)
+            if beside:
+                from backlash_ros.studies.evaluation.pictures import draw_settling, draw_shares  # noqa: PLC0415 - matplotlib takes a second
 
-            draw_shares(collected, folder / "shares.png")
-            draw_settling(collected, folder / "settling.png")
-        else:
-            for _ in rows_in(task, drives, journal, collected, failures):
-                pass
-        content = report_of(task, drives, collected, failures, drive)
-        report.write_text(json_text(content))
-        for source, place in staged.items():
-            place.mkdir(parents=True, exist_ok=True)
-            for file in sorted(source.iterdir()):
-                file.replace(place / file.name)
+                table, shares, settling = (files[place] for place in beside)
+                write_table(rows, table)
+                draw_shares(collected, shares)
+                draw_settling(collected, settling)
+            else:
+                for _ in rows:
+                    pass
+            content = report_of(task, drives, collected, failures, drive)
+            files[target].write_text(json_text(content))
         journal.remove()
     show(content, console)
     written = [str(target)] + ([f"runs.parquet, shares.png and settling.png in {out}"] if out else [])

@@ -25,7 +25,9 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 
 from backlash_ros.drive_file.drive_file import Axis, read_axis, read_parameters
 from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.foundation.messages import stamp_ns
 from backlash_ros.ros.isolation import isolated
+from backlash_ros.ros.messages import stamp_label
 
 START_LIMIT = 60.0
 """Time a drive has from its start to its first sample, s."""
@@ -193,7 +195,7 @@ class Recording:
     @property
     def stamps(self) -> NDArray[np.int64]:
         """Header stamps, ns."""
-        return np.array([m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in self.messages], dtype=np.int64)
+        return np.array([stamp_ns(m.header.stamp) for m in self.messages], dtype=np.int64)
 
     @property
     def time(self) -> NDArray[np.float64]:
@@ -307,8 +309,7 @@ class Bench:
             return
         message = Float64MultiArray(data=self._command)
         if self._stamped:
-            stamp = answered.header.stamp
-            label = f"{stamp.sec}.{stamp.nanosec:09d}"
+            label = stamp_label(answered.header.stamp)
             message.layout = MultiArrayLayout(dim=[MultiArrayDimension(label=label, size=len(self._command), stride=1)])
         self._publisher.publish(message)
 

@@ -42,6 +42,8 @@ _GOES_ON = 0.1
 _ALL = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=500)
 """Enough for 0.25 s at 2 kHz; best effort, so that a page that hangs does not hold up the sender."""
 
+_SPOKEN = {"reference": Float64, "load_torque": Float64, "setpoint": JointTrajectory}
+"""What is sent to the controller or the simulator, by its field of `Names`."""
 _SERVICES = ("learn", "identify", "cancel", "apply_estimate", "reset_fault", "hold")
 
 
@@ -128,9 +130,7 @@ class Axis:
         self._joints = self._hear(JointState, names.joint_states)
         self._states = self._hear(DiagnosticArray, f"{names.controller}/state")
         node.create_subscription(ParameterEvent, f"{names.controller}/parameters_in_use", self._on_told, HISTORY)
-        self._reference = node.create_publisher(Float64, names.reference, SEND)
-        self._load_torque = node.create_publisher(Float64, names.load_torque, SEND)
-        self._setpoint = node.create_publisher(JointTrajectory, names.setpoint, SEND)
+        self._spoken = {name: node.create_publisher(_SPOKEN[name], getattr(names, name), SEND) for name in _SPOKEN}
         self._services = {name: node.create_client(Trigger, f"{names.controller}/{name}") for name in _SERVICES}
         self._transition = node.create_client(ChangeState, f"{names.controller}/change_state")
         self._parameters = AsyncParameterClient(node, names.controller)
@@ -150,15 +150,10 @@ class Axis:
         if names.joint_states != before.joint_states:
             old, self._joints = self._joints, self._hear(JointState, names.joint_states)
             self._node.destroy_subscription(old)
-        if names.reference != before.reference:
-            old, self._reference = self._reference, self._node.create_publisher(Float64, names.reference, SEND)
-            self._node.destroy_publisher(old)
-        if names.load_torque != before.load_torque:
-            old, self._load_torque = self._load_torque, self._node.create_publisher(Float64, names.load_torque, SEND)
-            self._node.destroy_publisher(old)
-        if names.setpoint != before.setpoint:
-            old, self._setpoint = self._setpoint, self._node.create_publisher(JointTrajectory, names.setpoint, SEND)
-            self._node.destroy_publisher(old)
+        for name, kind in _SPOKEN.items():
+            if (topic := getattr(names, name)) != getattr(before, name):
+                old, self._spoken[name] = self._spoken[name], self._node.create_publisher(kind, topic, SEND)
+                self._node.destroy_publisher(old)
         if names.simulator and (self._simulator is None or self._simulator.name != names.simulator):
             self._simulator = Simulator(self._node, names.simulator, self._on_told_by_simulator)
 
@@ -238,7 +233,7 @@ class Axis:
 
     def move(self, angle: float) -> None:
         """Send a reference, rad."""
-        self._reference.publish(Float64(data=angle))
+        self._spoken["reference"].publish(Float64(data=angle))
 
     def aim(self, when: float, setpoint: Sequence[float]) -> None:
         """Send where the load is to be at a time of the samples, s: rad, rad/s and rad/s^2."""
@@ -247,12 +242,12 @@ class Axis:
         message = JointTrajectory(joint_names=[self.told.values.get("load_joint", "load")], points=[point])
         seconds, message.header.stamp.sec = math.modf(when + self._ahead)[0], int(when + self._ahead)
         message.header.stamp.nanosec = int(1e9 * seconds)
-        self._setpoint.publish(message)
+        self._spoken["setpoint"].publish(message)
         self.aimed = self.time
 
     def load(self, torque: float) -> None:
         """Put a load torque on the simulated drive, N m."""
-        self._load_torque.publish(Float64(data=torque))
+        self._spoken["load_torque"].publish(Float64(data=torque))
 
     async def call(self, service: str, seconds: float = ANSWER) -> Answer:
         """Call a service of the controller and return its answer."""

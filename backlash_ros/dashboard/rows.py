@@ -11,6 +11,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from backlash_ros.control.telemetry import TELEMETRY
+from backlash_ros.foundation.messages import number_in
 
 JOINT_COLUMNS = ("time", "motor", "load", "gear_torque")
 """Columns of a joint state: s; angles of the motor at the output and of the load, rad; N m at the output."""
@@ -122,15 +123,8 @@ def state_rows(messages: Sequence[DiagnosticArray]) -> Table:
     for message in messages:
         stamp = message.header.stamp
         values = {entry.key: entry.value for status in message.status for entry in status.values}
-        rows.append([stamp.sec + 1e-9 * stamp.nanosec, *(_number(values.get(name, "")) for name in TELEMETRY)])
+        rows.append([stamp.sec + 1e-9 * stamp.nanosec, *(number_in(values.get(name, "")) for name in TELEMETRY)])
     return np.array(rows).reshape(-1, len(STATE_COLUMNS))
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
 
 
 def frame(samples: Table, states: Table) -> bytes:

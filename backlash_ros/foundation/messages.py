@@ -23,6 +23,14 @@ def answered_sample(command: Any) -> int | None:
     return None if named is None else int(named[1]) * 10**9 + int(named[2])
 
 
+def number_in(text: str) -> float:
+    """Return the number that a text says, as the values of ``~/state`` are texts; nan if it says none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
 LARGEST = 1e9
 """Largest magnitude of an angle (rad), speed (rad/s) or torque (N m) that is believed."""
 

@@ -3,9 +3,9 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
 from backlash_ros.drivetrain import Drive, Effects
@@ -27,7 +27,6 @@ from backlash_ros.ros.parameters import (
     declare_rate,
     declare_sensors,
     declare_timeout,
-    describe,
 )
 from backlash_ros.ros.topics import TOPICS
 
@@ -54,7 +53,7 @@ def declare_simulator(node: Node) -> SimulatorParameters:
     text = "simulated time divided by real time; with lockstep an upper limit, and 0: as fast as possible"
     factor = declare_number(node, "real_time_factor", 1.0, Quantity(text, "", 0.0, 100.0))
     text = "wait for the answer to each sample; the simulated time is then published on /clock"
-    lockstep = declare(node, "lockstep", False, describe(text, read_only=True))
+    lockstep = declare(node, "lockstep", False, text, read_only=True)
     if not (factor or lockstep):
         raise ValueError("real_time_factor must be > 0 without lockstep, got 0")
     text = "time without a valid command after which the motor gets 0 V; a command is as old as the sample it answers"
@@ -84,16 +83,11 @@ class ControllerParameters:
 
 
 def _declare_estimate_file(node: Node) -> tuple[str, bool]:
-    text = describe(
-        "file that stores every valid estimate; empty: none",
-        constraint="a file of this controller, or a new file in an existing folder",
-        read_only=True,
-    )
-    file = declare(node, "learning.estimate_file", "", text)
-    text = describe(
-        "when configured, restore the newest applied value of each parameter from that file", read_only=True
-    )
-    use = declare(node, "learning.use_estimate_file", False, text)
+    text = "file that stores every valid estimate; empty: none"
+    bound = "a file of this controller, or a new file in an existing folder"
+    file = declare(node, "learning.estimate_file", "", text, constraint=bound, read_only=True)
+    text = "when configured, restore the newest applied value of each parameter from that file"
+    use = declare(node, "learning.use_estimate_file", False, text, read_only=True)
     if use and not file:
         raise ValueError("learning.use_estimate_file must be false if learning.estimate_file is empty, got true")
     return file, use
@@ -114,7 +108,7 @@ def declare_controller(node: Node) -> ControllerParameters:
     setpoint_timeout = float(declare_number(node, "setpoint_timeout", 0.1, Quantity(text, "s", 0.0, 10.0, True)))
     text = "axes with the same one move together: while one of them cannot, the others come to rest; empty: alone"
     name = "a letter, then letters, digits or underscores"
-    group = declare(node, "group", "", describe(text, constraint=name, read_only=True))
+    group = declare(node, "group", "", text, constraint=name, read_only=True)
     if not re.fullmatch(r"([A-Za-z][A-Za-z0-9_]*)?", group):
         raise ValueError(f"group must be {name}, or be empty, got {group!r}")
     described = Quantity(
@@ -137,10 +131,8 @@ class RecorderParameters:
 def declare_recorder(node: Node, output: str) -> RecorderParameters:
     """Declare the recorder's parameters and return them; ``output`` is the default folder."""
     text = "folder to create; must not exist yet"
-    output = declare(node, "output", output, describe(text, read_only=True))
-    return RecorderParameters(
-        output, declare(node, "topics", list(TOPICS), describe("topics to record", read_only=True))
-    )
+    output = declare(node, "output", output, text, read_only=True)
+    return RecorderParameters(output, declare(node, "topics", list(TOPICS), "topics to record", read_only=True))
 
 
 @dataclass(frozen=True)
@@ -156,20 +148,17 @@ class DashboardParameters:
 
 def declare_dashboard(node: Node) -> DashboardParameters:
     """Declare the dashboard's parameters and return them."""
-
-    def fixed(text: str) -> ParameterDescriptor:
-        return describe(text, read_only=True)
-
+    fixed = partial(declare, node, read_only=True)
     text = "address at which the page is served; any but this machine's loopback address needs a token"
-    host = declare(node, "host", "127.0.0.1", fixed(text))
+    host = fixed("host", "127.0.0.1", text)
     port = declare_number(
         node, "port", 8080, Quantity("TCP port of the page; 0: any free port", "", 0, 65535, whole=True)
     )
     text = "secret needed to see the page; if empty and the address needs one, a new one is made"
-    token = declare(node, "token", "", fixed(text))
-    read_only = declare(node, "read_only", False, fixed("show everything, allow no change"))
+    token = fixed("token", "", text)
+    read_only = fixed("read_only", False, "show everything, allow no change")
     text = "folder for recordings and measurements, each in a new subfolder"
-    return DashboardParameters(host, port, token, read_only, declare(node, "folder", "dashboard", fixed(text)))
+    return DashboardParameters(host, port, token, read_only, fixed("folder", "dashboard", text))
 
 
 def all_names(given: Mapping[str, Any]) -> set[str]:

@@ -4,6 +4,7 @@ A request that is refused changes nothing. What is in use is published each time
 """
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent, SetParametersResult
@@ -37,7 +38,6 @@ from backlash_ros.ros.parameters import (
     declare,
     declare_number,
     declare_quantities,
-    describe,
     in_use,
 )
 
@@ -53,12 +53,9 @@ def _gain_names(prefix: str) -> list[str]:
 
 
 def _set_names(node: Node) -> list[str]:
-    text = describe(
-        "names of the gain sets, each defined under gain_sets.<name>; the first is in use at the start",
-        constraint=f"different from each other and from {CUSTOM!r}",
-        read_only=True,
-    )
-    names: list[str] = declare(node, "gain_set_names", ["nominal"], text)
+    text = "names of the gain sets, each defined under gain_sets.<name>; the first is in use at the start"
+    bound = f"different from each other and from {CUSTOM!r}"
+    names: list[str] = declare(node, "gain_set_names", ["nominal"], text, constraint=bound, read_only=True)
     check_set_names(names)
     return names
 
@@ -75,45 +72,33 @@ def _declare_beside_gains(node: Node, drive: Drive, rate: float) -> dict[str, An
     """Declare the dynamic parameters other than the gains and the drive, and return what the user set."""
     delay = declare_number(node, "loop_delay", 0.0, delay_bound(rate), read_only=False)
     drive, values = emulated(drive, 1.0 / rate, delay), {"loop_delay": delay}
-    text = describe(
-        "control law; auto: two_encoder once backlash and drive are identified, until then two_region",
-        constraint=f"one of {sorted([AUTO, *LAWS])}",
-    )
-    values["law"] = declare(node, "law", AUTO, text)
+    text = "control law; auto: two_encoder once backlash and drive are identified, until then two_region"
+    values["law"] = declare(node, "law", AUTO, text, constraint=f"one of {sorted([AUTO, *LAWS])}")
     values |= _declare_parameters_of(node, LAWS)
-    text = describe(
-        "experiment that ~/learn runs; auto: chosen by the encoders that are present",
-        constraint=f"one of {sorted([AUTO, *EXPERIMENTS])}",
-    )
-    values["learning.experiment"] = declare(node, "learning.experiment", AUTO, text)
-    text = describe(
+    text = "experiment that ~/learn runs; auto: chosen by the encoders that are present"
+    name, bound = "learning.experiment", f"one of {sorted([AUTO, *EXPERIMENTS])}"
+    values[name] = declare(node, name, AUTO, text, constraint=bound)
+    text = (
         "whether load and friction were identified on this drive; "
         "until then laws two_encoder and dual_loop use the over-damped gains"
     )
     values["identified"] = declare(node, "identified", False, text)
-    text = describe(
-        "whether to learn the backlash again, which moves the load, when wear is noticed and the load is at rest"
-    )
+    text = "whether to learn the backlash again, which moves the load, when wear is noticed and the load is at rest"
     values["learning.renew"] = declare(node, "learning.renew", False, text)
     values |= _declare_parameters_of(node, EXPERIMENTS)
     values["zero"] = declare_number(node, "zero", 0.0, ZERO, read_only=False)
     values |= _declare_parameters_of(node, HOMING)
-    text = describe("whether ~/home goes until home_switch closes, and not against a stop")
+    text = "whether ~/home goes until home_switch closes, and not against a stop"
     values["homing.switch"] = declare(node, "homing.switch", False, text)
-    text = describe("when a valid estimate is applied: at once, or on ~/apply_estimate", constraint=APPLY_BOUND)
-    values["learning.apply"] = declare(node, "learning.apply", "auto", text)
+    text = "when a valid estimate is applied: at once, or on ~/apply_estimate"
+    values["learning.apply"] = declare(node, "learning.apply", "auto", text, constraint=APPLY_BOUND)
     values |= declare_quantities(node, Limits.of(drive), dynamic=ALL)
     values |= declare_quantities(node, FaultThresholds.of(drive), dynamic=ALL)
-    text = describe(
-        "whether an encoder that is lost is a fault, or the axis goes on with the other one, slower",
-        constraint=f"one of {list(ON_LOST_ENCODER)}",
-    )
-    values["faults.on_lost_encoder"] = declare(node, "faults.on_lost_encoder", STOP, text)
-    text = describe(
-        "how the setpoint goes to a reference: in a step, within the three limits, or within what the drive can do",
-        constraint=f"one of {list(PROFILE_MODES)}",
-    )
-    values["profile.mode"] = declare(node, "profile.mode", STEP, text)
+    text = "whether an encoder that is lost is a fault, or the axis goes on with the other one, slower"
+    name, bound = "faults.on_lost_encoder", f"one of {list(ON_LOST_ENCODER)}"
+    values[name] = declare(node, name, STOP, text, constraint=bound)
+    text = "how the setpoint goes to a reference: in a step, within the three limits, or within what the drive can do"
+    values["profile.mode"] = declare(node, "profile.mode", STEP, text, constraint=f"one of {list(PROFILE_MODES)}")
     values |= declare_quantities(node, ProfileParameters(), dynamic=ALL)
     any_gains = Gains(1.0, 0.0, 0.0)
     return values | declare_quantities(node, ServoSettings(GainSet(any_gains, any_gains)), dynamic=ALL)
@@ -134,29 +119,18 @@ def tunable_names(given: Mapping[str, Any]) -> set[str]:
 
 def _declare_gain_sets(node: Node) -> dict[str, Any]:
     """Declare the gain sets and return how each region of each set is given."""
-    sets = {}
+    fixed, sets = partial(declare, node, read_only=True), {}
     for name in _set_names(node):
         defaults = DEFAULT_WEIGHTS if name == "nominal" else dict.fromkeys(REGIONS, NO_WEIGHTS)
         chosen = {}
         for region in REGIONS:
             prefix = f"gain_sets.{name}.{region}"
-            text = describe(
-                f"{_K}; [0, 0, 0] if weights are given",
-                unit=_K_UNIT,
-                constraint=f"{_K_BOUND}; or [0, 0, 0] for none",
-                read_only=True,
-            )
-            k = declare(node, f"{prefix}.k", [0.0, 0.0, 0.0], text)
-            text = describe(
-                "LQR weights [Q11, Q22] of eq 14, instead of gains",
-                unit=_Q_UNIT,
-                constraint=_Q_BOUND,
-                read_only=True,
-            )
-            chosen[region] = {
-                "q": declare(node, f"{prefix}.q", NO_WEIGHTS if any(k) else defaults[region], text),
-                "k": k,
-            }
+            text, bound = f"{_K}; [0, 0, 0] if weights are given", f"{_K_BOUND}; or [0, 0, 0] for none"
+            k = fixed(f"{prefix}.k", [0.0, 0.0, 0.0], text, unit=_K_UNIT, constraint=bound)
+            text = "LQR weights [Q11, Q22] of eq 14, instead of gains"
+            weights = NO_WEIGHTS if any(k) else defaults[region]
+            q = fixed(f"{prefix}.q", weights, text, unit=_Q_UNIT, constraint=_Q_BOUND)
+            chosen[region] = {"q": q, "k": k}
         sets[name] = chosen
     return sets
 
@@ -175,18 +149,13 @@ def declare_tunables(node: Node, drive_values: Mapping[str, Any], rate: float) -
     with explained(drive, 1.0 / rate, delay):
         sets = tuning.sets(drive, delay)
         first = next(iter(sets))
-        names = describe("gain set in use; setting it sets the gains", constraint=f"one of {[*sets, CUSTOM]}")
-        given = {"gain_set": declare(node, "gain_set", first, names)}
+        text, bound = "gain set in use; setting it sets the gains", f"one of {[*sets, CUSTOM]}"
+        given = {"gain_set": declare(node, "gain_set", first, text, constraint=bound)}
         for region in REGIONS:
             k, q = f"gains.{region}.k", f"gains.{region}.q"
-            text = describe(f"{_K}, in use", unit=_K_UNIT, constraint=_K_BOUND)
-            given[k] = declare(node, k, sets[first][k], text)
-            text = describe(
-                "LQR weights [Q11, Q22] from which the gains in use were designed; [0, 0]: none",
-                unit=_Q_UNIT,
-                constraint=_Q_BOUND,
-            )
-            given[q] = declare(node, q, sets[first][q], text)
+            given[k] = declare(node, k, sets[first][k], f"{_K}, in use", unit=_K_UNIT, constraint=_K_BOUND)
+            text = "LQR weights [Q11, Q22] from which the gains in use were designed; [0, 0]: none"
+            given[q] = declare(node, q, sets[first][q], text, unit=_Q_UNIT, constraint=_Q_BOUND)
         values |= tuning.gains_at_start(given, drive, delay)
         changed = [
             Parameter(name, value=value)

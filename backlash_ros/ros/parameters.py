@@ -33,7 +33,7 @@ _ABOVE = 1e-12
 """Offset of a range's start from an excluded lower bound, since a range has no open end. No real value is smaller."""
 
 
-def describe(text: str, *, unit: str = "", constraint: str = "", read_only: bool = False) -> ParameterDescriptor:
+def _describe(text: str, unit: str, constraint: str, *, read_only: bool) -> ParameterDescriptor:
     """Return a parameter's descriptor: description, unit and bounds."""
     return ParameterDescriptor(
         description=f"{text} [{unit}]" if unit else text, additional_constraints=constraint, read_only=read_only
@@ -44,7 +44,7 @@ _UNIT = re.compile(r" \[([^]]+)\]$")
 
 
 def in_parts(descriptor: ParameterDescriptor) -> tuple[str, str, str]:
-    """Return a parameter's description, its unit, and its bounds without the unit, from `describe`'s descriptor."""
+    """Return a parameter's description, its unit, and its bounds without the unit, from `_describe`'s descriptor."""
     text, bound = descriptor.description, descriptor.additional_constraints
     unit = "".join(_UNIT.findall(text))
     if descriptor.floating_point_range and unit:
@@ -80,13 +80,20 @@ def check_kind(name: str, value: Any, kind: Parameter.Type, constraint: str) -> 
 
 
 def declare(
+    node: Node, name: str, default: Any, text: str, *, unit: str = "", constraint: str = "", read_only: bool = False
+) -> Any:
+    """Declare a parameter with its default's type and return its value; ``text`` describes it."""
+    return _declare(node, name, default, _describe(text, unit, constraint, read_only=read_only))
+
+
+def _declare(
     node: Node,
     name: str,
     default: Any,
     descriptor: ParameterDescriptor,
     check: Callable[[str, Any], None] = lambda _name, _value: None,
 ) -> Any:
-    """Declare a parameter with its default's type and return its value, unless ``check`` refuses it.
+    """Declare a parameter as `declare` does, unless ``check`` refuses its value.
 
     The user's value is converted if that is exact. rclpy allows this only while a parameter's type is dynamic; it is
     fixed here.
@@ -102,14 +109,14 @@ def declare(
 
 def declare_number(node: Node, name: str, default: float, described: Quantity, *, read_only: bool = True) -> Any:
     """Declare a parameter for a number and return it; ValueError names it if it is out of bounds."""
-    descriptor = describe(described.description, unit=described.unit, constraint=described.bound, read_only=read_only)
+    descriptor = _describe(described.description, described.unit, described.bound, read_only=read_only)
     # For a tool's slider. The bound in words is the exact one, and is checked here.
     if isinstance(default, float):
         lower = described.lower + (_ABOVE if described.open_lower else 0.0)
         descriptor.floating_point_range = [FloatingPointRange(from_value=lower, to_value=described.upper)]
     else:
         descriptor.integer_range = [IntegerRange(from_value=int(described.lower), to_value=int(described.upper))]
-    return declare(node, name, default, descriptor, described.check)
+    return _declare(node, name, default, descriptor, described.check)
 
 
 def declare_quantities(node: Node, value: Validated, *, dynamic: tuple[str, ...]) -> dict[str, Any]:
@@ -134,25 +141,22 @@ def declare_drive(node: Node, dynamic: tuple[str, ...] = NONE) -> dict[str, Any]
     for part in (NOMINAL_DRIVE.motor, NOMINAL_DRIVE.gear, NOMINAL_DRIVE.load):
         values |= declare_quantities(node, part, dynamic=dynamic)
     fixed = not "contact.law".startswith(dynamic)
-    text = describe("force law of the teeth", constraint=f"one of {list(CONTACTS)}", read_only=fixed)
-    values["contact.law"] = declare(node, "contact.law", law_name(NOMINAL_DRIVE.gear.contact), text)
+    name, usual, bound = "contact.law", law_name(NOMINAL_DRIVE.gear.contact), f"one of {list(CONTACTS)}"
+    values[name] = declare(node, name, usual, "force law of the teeth", constraint=bound, read_only=fixed)
     for kind in CONTACTS.values():
         values |= declare_quantities(node, kind(), dynamic=dynamic)
-    text = describe(
-        "what the command sets: the motor's voltage or its current",
-        constraint=f"one of {list(COMMAND_INTERFACES)}",
-        read_only=True,
-    )
-    values["command_interface"] = declare(node, "command_interface", NOMINAL_DRIVE.command_interface, text)
+    name, usual, bound = "command_interface", NOMINAL_DRIVE.command_interface, f"one of {list(COMMAND_INTERFACES)}"
+    text = "what the command sets: the motor's voltage or its current"
+    values[name] = declare(node, name, usual, text, constraint=bound, read_only=True)
     return values
 
 
 def declare_sensors(node: Node) -> dict[str, Any]:
     """Declare the parameters of the sensors, dynamic and by default exact ones, and return what the user set."""
     values = declare_quantities(node, Sensors(), dynamic=ALL)
-    text = describe("signals that the drive measures", constraint=f"of {list(STATE_NAMES)}, at least one angle")
-    values["sensors.measured"] = declare(node, "sensors.measured", list(STATE_NAMES), text)
-    text = describe("whether the drive derives its speeds from its encoder counts, over one sample period")
+    text, bound = "signals that the drive measures", f"of {list(STATE_NAMES)}, at least one angle"
+    values["sensors.measured"] = declare(node, "sensors.measured", list(STATE_NAMES), text, constraint=bound)
+    text = "whether the drive derives its speeds from its encoder counts, over one sample period"
     values["sensors.speeds_from_positions"] = declare(node, "sensors.speeds_from_positions", False, text)
     return values
 
@@ -169,14 +173,10 @@ def sensors_of(values: dict[str, Any]) -> Sensors:
 
 def declare_joints(node: Node) -> tuple[str, str]:
     """Declare and return the names of the motor's and the load's joint."""
-    names = []
+    names, bound = [], "motor_joint and load_joint are two different names"
     for side in ("motor", "load"):
-        text = describe(
-            f"name of the {side}'s joint in joint_states",
-            constraint="motor_joint and load_joint are two different names",
-            read_only=True,
-        )
-        names.append(declare(node, f"{side}_joint", side, text))
+        text = f"name of the {side}'s joint in joint_states"
+        names.append(declare(node, f"{side}_joint", side, text, constraint=bound, read_only=True))
     motor, load = names
     if not motor or not load or motor == load:
         raise ValueError(f"motor_joint and load_joint must be two different names, got {motor!r} and {load!r}")
@@ -186,7 +186,7 @@ def declare_joints(node: Node) -> tuple[str, str]:
 def declare_autostart(node: Node) -> bool:
     """Declare ``autostart`` and return it."""
     text = "configure and activate at the start; if false, wait for lifecycle requests"
-    return bool(declare(node, "autostart", True, describe(text, read_only=True)))
+    return bool(declare(node, "autostart", True, text, read_only=True))
 
 
 def declare_rate(node: Node) -> float:

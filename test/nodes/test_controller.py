@@ -14,7 +14,6 @@ from graph import Lifecycle, Parameters, Peer, Process
 from lifecycle_msgs.msg import Transition
 from lockstep_drive import LockstepDrive
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Header
 from std_srvs.srv import Trigger
@@ -37,9 +36,7 @@ BY_LIMIT_CYCLE = {**PATIENT, "learning__experiment": "limit_cycle"}
 
 @pytest.fixture
 def gains() -> GainSet:
-    return GainSet(
-        design_gains("fast", NOMINAL_DRIVE, [1000.0, 1.0]), design_gains("overdamped", NOMINAL_DRIVE, [4.0, 0.0])
-    )
+    return GainSet.of(NOMINAL_DRIVE)
 
 
 def test_closed_loop_over_dds_equals_the_offline_run(start: Start, peer: Peer, gains: GainSet) -> None:
@@ -102,12 +99,6 @@ def test_closed_loop_over_dds_with_counts_offsets_delay_and_limits_equals_the_of
     np.testing.assert_allclose(angles, offline.load_angle, rtol=0, atol=1e-9)
 
 
-def ask_to_learn(peer: Peer) -> Future:
-    client = peer.node.create_client(Trigger, "controller/learn")
-    peer.wait("the service", client.service_is_ready)
-    return client.call_async(Trigger.Request())
-
-
 def test_learning_over_the_service(start: Start, peer: Peer) -> None:
     start("controller", **BY_LIMIT_CYCLE)
     estimates: list[float] = []
@@ -116,9 +107,7 @@ def test_learning_over_the_service(start: Start, peer: Peer) -> None:
         Float64, "controller/backlash_estimate", lambda m: estimates.append(m.data), transient_local
     )
     drive = LockstepDrive(peer).matched()
-    answer = ask_to_learn(peer)
-    drive.until(answer.done)
-    response = answer.result()
+    response = drive.call("learn")
     assert response.success, response.message
     assert "by gap_travel" in response.message
     (learned,) = Parameters(peer, "controller").get("backlash_angle")
@@ -135,9 +124,7 @@ def test_learning_where_the_other_joint_is_absent(start: Start, peer: Peer, meas
     process = start("controller", **PATIENT)
     sensors = Sensors(measured=(measured,), motor_counts=2**12, load_counts=2**14)
     drive = LockstepDrive(peer, simulated=SimulatedDrive(NOMINAL_DRIVE, 0.004, sensors=sensors)).matched()
-    answer = ask_to_learn(peer)
-    drive.until(answer.done)
-    response = answer.result()
+    response = drive.call("learn")
     assert response.success, response.message
     assert "by relay" in response.message
     side = {"theta_m": "motor", "theta_l": "load"}[measured]
@@ -151,11 +138,10 @@ def test_learning_under_a_load_torque_keeps_the_old_estimate(start: Start, peer:
     start("controller", backlash_angle=0.015, learning__limit_cycle__attempts=1, **BY_LIMIT_CYCLE)
     drive = LockstepDrive(peer).matched()
     drive.load_torque = 0.1
-    answer = ask_to_learn(peer)
-    drive.until(answer.done)
+    answer = drive.call("learn")
     assert drive.tick < 5000
-    assert not answer.result().success
-    assert "no valid cycle" in answer.result().message
+    assert not answer.success
+    assert "no valid cycle" in answer.message
     assert Parameters(peer, "controller").get("backlash_angle") == [0.015]
 
 
@@ -164,13 +150,12 @@ def test_learning_beyond_the_limits_is_refused(start: Start, peer: Peer) -> None
     drive = LockstepDrive(peer).matched()
     other = {"limits__position_upper": 1e3, "limits__step": 0.02}
     for why, then in (("limits.position_upper = 0.05 rad", other), ("limits.step = 0.02 rad", {"limits__step": 1.0})):
-        answer = ask_to_learn(peer)
-        drive.until(answer.done)
+        answer = drive.call("learn")
         assert drive.tick < 5000
         assert max(map(abs, drive.answers.values())) < 1.0
-        assert not answer.result().success
-        assert answer.result().message.startswith("cannot learn: it swings by learning.gap_probe.swing = 0.3 rad")
-        assert why in answer.result().message
+        assert not answer.success
+        assert answer.message.startswith("cannot learn: it swings by learning.gap_probe.swing = 0.3 rad")
+        assert why in answer.message
         assert Parameters(peer, "controller").set(**then) == (True, "")
 
 
@@ -180,17 +165,16 @@ def test_learning_under_a_fault_is_refused_each_time(start: Start, peer: Peer) -
     drive.run(10)
     assert drive.exchange(drive.sample(position=[0.0, 5.0])) == 0.0
     for _ in range(2):
-        answer = ask_to_learn(peer)
-        drive.until(answer.done)
+        answer = drive.call("learn")
         assert drive.tick < 10_000
-        assert not answer.result().success
-        assert answer.result().message.startswith("cannot learn while this fault is latched: load encoder moved 5 rad")
+        assert not answer.success
+        assert answer.message.startswith("cannot learn while this fault is latched: load encoder moved 5 rad")
 
 
 def test_silence_ends_learning(start: Start, peer: Peer) -> None:
     process = start("controller", state_timeout=3.0)
     drive = LockstepDrive(peer).matched()
-    answer = ask_to_learn(peer)
+    answer = peer.request("learn")
     drive.until(lambda: "learning the backlash" in process.output())
     assert drive.tick < 5000
     peer.wait("an answer", answer.done)
@@ -202,7 +186,7 @@ def test_deactivation_ends_learning(start: Start, peer: Peer) -> None:
     process = start("controller", **PATIENT)
     lifecycle = Lifecycle(peer, "controller")
     drive = LockstepDrive(peer).matched()
-    answer = ask_to_learn(peer)
+    answer = peer.request("learn")
     drive.until(lambda: "learning the backlash" in process.output())
     assert lifecycle.change(Transition.TRANSITION_DEACTIVATE)
     peer.wait("an answer", answer.done)
@@ -213,7 +197,7 @@ def test_deactivation_ends_learning(start: Start, peer: Peer) -> None:
 def test_reference_is_not_taken_while_learning(start: Start, peer: Peer) -> None:
     process = start("controller", **BY_LIMIT_CYCLE)
     drive = LockstepDrive(peer).matched()
-    answer = ask_to_learn(peer)
+    answer = peer.request("learn")
     drive.until(lambda: "learning the backlash" in process.output())
     drive._reference.publish(Float64(data=0.5))
     drive.until(answer.done)
@@ -225,9 +209,9 @@ def test_reference_is_not_taken_while_learning(start: Start, peer: Peer) -> None
 def test_shutdown_answers_who_waits_for_learning(start: Start, peer: Peer) -> None:
     process = start("controller", **PATIENT)
     drive = LockstepDrive(peer).matched()
-    answer = ask_to_learn(peer)
+    answer = peer.request("learn")
     drive.until(lambda: "learning the backlash" in process.output())
-    ask_to_learn(peer)  # and another one behind it
+    peer.request("learn")  # and another one behind it
     process.signal(signal.SIGINT)
     peer.wait("an answer", answer.done)
     assert not answer.result().success
@@ -259,7 +243,7 @@ def test_holding_begins_where_the_load_is_when_somebody_listens_to_the_command(s
         return bool(told) and told[-1] == "command has no subscriber"
 
     peer.wait("a warning", warned)
-    answer = ask_to_learn(peer)
+    answer = peer.request("learn")
     peer.wait("an answer", lambda: warned() and answer.done())
     assert answer.result().message == "cannot learn: command has no subscriber for 5 s"
     reference = peer.node.create_publisher(Float64, "reference", 1)
@@ -643,7 +627,7 @@ def test_cancel_ends_an_experiment_and_says_so(start: Start, peer: Peer) -> None
     drive = LockstepDrive(peer).matched()
     nothing = peer.call(Trigger, "controller/cancel", Trigger.Request())
     assert (nothing.success, nothing.message) == (False, "there is no experiment to cancel")
-    answer = ask_to_learn(peer)
+    answer = peer.request("learn")
     drive.until(lambda: "progress" in (states.heard or [(0, {})])[-1][1] and states.series("progress")[-1] >= 0.01)
     assert drive.tick < 5000
     refusal = peer.call(Trigger, "controller/learn", Trigger.Request()).message

@@ -13,7 +13,6 @@ from graph import Lifecycle, Parameters, Peer, Process
 from lifecycle_msgs.msg import Transition
 from lockstep_drive import LockstepDrive
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.task import Future
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
@@ -41,20 +40,8 @@ def _folder(file: Path) -> None:
     file.parent.mkdir()
 
 
-def request(peer: Peer, service: str) -> Future:
-    client = peer.node.create_client(Trigger, f"controller/{service}")
-    peer.wait("the service", client.service_is_ready)
-    return client.call_async(Trigger.Request())
-
-
-def learn(peer: Peer, drive: LockstepDrive) -> Trigger.Response:
-    answer = request(peer, "learn")
-    drive.until(answer.done)
-    return answer.result()
-
-
 def apply(peer: Peer) -> Trigger.Response:
-    answer = request(peer, "apply_estimate")  # once: asked again it is refused
+    answer = peer.request("apply_estimate")  # once: asked again it is refused
     peer.wait("an answer", answer.done)
     return answer.result()
 
@@ -93,7 +80,7 @@ def test_an_estimate_is_offered_and_applied_when_asked(start: Start, peer: Peer,
         apply(peer).message
         == "there is no estimate to apply: none has been learned since the controller was configured"
     )
-    answer = learn(peer, drive)
+    answer = drive.call("learn")
     assert answer.success, answer.message
     assert answer.message.endswith("; call apply_estimate to use it")
     assert parameters.get("backlash_angle") == [0.0]
@@ -120,9 +107,9 @@ def test_the_offer_outlives_a_failed_learning_and_deactivation_but_not_clean_up(
     start("controller", learning__limit_cycle__attempts=1, **ASK)
     parameters, drive = Parameters(peer, "controller"), LockstepDrive(peer).matched()
     lifecycle = Lifecycle(peer, "controller")
-    assert learn(peer, drive).success
+    assert drive.call("learn").success
     drive.load_torque = 0.1
-    answer = learn(peer, drive)
+    answer = drive.call("learn")
     assert not answer.success
     assert "no valid cycle" in answer.message
     assert lifecycle.change(Transition.TRANSITION_DEACTIVATE)
@@ -131,7 +118,7 @@ def test_the_offer_outlives_a_failed_learning_and_deactivation_but_not_clean_up(
     drive.load_torque = 0.0
     assert lifecycle.change(Transition.TRANSITION_ACTIVATE)
     drive.run(100)
-    assert learn(peer, drive).success
+    assert drive.call("learn").success
     assert lifecycle.change(Transition.TRANSITION_DEACTIVATE)
     assert lifecycle.change(Transition.TRANSITION_CLEANUP)
     assert apply(peer).message.startswith("there is no estimate to apply")
@@ -144,7 +131,7 @@ def test_applying_while_it_moves_is_setting_the_parameter(start: Start, peer: Pe
     def moved(change: Callable[[], bool]) -> np.ndarray:
         process = start("controller", backlash_angle=0.1, **ASK)  # five times too wide, so that it matters, and quiet
         drive = LockstepDrive(peer).matched()
-        assert learn(peer, drive).success
+        assert drive.call("learn").success
         drive.run(1500)
         drive.set_reference(0.5)
         before = drive.run(10)
@@ -170,7 +157,7 @@ def test_auto_keeps_it_as_applied_and_the_next_start_uses_it(start: Start, peer:
     began = datetime.now(timezone.utc).replace(microsecond=0)
     process = start("controller", learning__estimate_file=file, **QUICK)
     drive = LockstepDrive(peer).matched()
-    answer = learn(peer, drive)
+    answer = drive.call("learn")
     assert answer.success, answer.message
     (learned,) = Parameters(peer, "controller").get("backlash_angle")
     assert kept(file) == [(learned, True)]
@@ -204,7 +191,7 @@ def test_apply_is_changed_while_it_runs_and_counts_at_the_end(start: Start, peer
     parameters, drive = Parameters(peer, "controller"), LockstepDrive(peer).matched()
     accepted, reason = parameters.set(learning__apply="never")
     assert (accepted, reason) == (False, "learning.apply must be one of ['auto', 'ask'], got 'never'")
-    answer = request(peer, "learn")
+    answer = peer.request("learn")
     drive.until(lambda: "learning the backlash" in process.output())
     assert parameters.set(learning__apply="ask") == (True, "")
     drive.until(answer.done)
@@ -287,7 +274,7 @@ def test_a_write_that_fails_is_told_and_disturbs_nothing(start: Start, peer: Pee
     said, drive = Said(peer), LockstepDrive(peer).matched()
     file.unlink()
     file.parent.rmdir()
-    answer = learn(peer, drive)
+    answer = drive.call("learn")
     assert answer.success
     assert f"it could not be stored in {file}: [Errno 2] No such file or directory" in answer.message
     assert Parameters(peer, "controller").get("backlash_angle") == [pytest.approx(0.02, rel=0.05)]
@@ -312,18 +299,22 @@ os.fsync = slow
 """
 
 
-@pytest.mark.grid
-def test_samples_are_answered_while_the_disk_is_slow(
-    start: Start, peer: Peer, file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a file without which the disk of nodes that are started does not go on; it is there."""
     gate, plugin = tmp_path / "gate", tmp_path / "slow_disk.py"
     plugin.write_text(SLOW_DISK.format(gate=str(gate)))
     monkeypatch.setenv("BACKLASH_ROS_PLUGINS", str(plugin))
     gate.touch()
+    return gate
+
+
+@pytest.mark.grid
+def test_samples_are_answered_while_the_disk_is_slow(start: Start, peer: Peer, file: Path, gate: Path) -> None:
     start("controller", learning__estimate_file=file, fresh=True, **QUICK)
     parameters, drive = Parameters(peer, "controller"), LockstepDrive(peer).matched()
     gate.unlink()
-    answer = request(peer, "learn")
+    answer = peer.request("learn")
     while parameters.get("backlash_angle") == [0.0]:
         drive.run(50)
         assert drive.tick < 50_000
@@ -340,16 +331,12 @@ def test_samples_are_answered_while_the_disk_is_slow(
 
 @pytest.mark.grid
 def test_the_end_of_the_process_waits_for_the_file_but_not_for_ever(
-    start: Start, peer: Peer, file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    start: Start, peer: Peer, file: Path, gate: Path
 ) -> None:
-    gate, plugin = tmp_path / "gate", tmp_path / "slow_disk.py"
-    plugin.write_text(SLOW_DISK.format(gate=str(gate)))
-    monkeypatch.setenv("BACKLASH_ROS_PLUGINS", str(plugin))
-    gate.touch()
     process = start("controller", learning__estimate_file=file, fresh=True, **QUICK)
     parameters, drive = Parameters(peer, "controller"), LockstepDrive(peer).matched()
     gate.unlink()
-    answer = request(peer, "learn")
+    answer = peer.request("learn")
     while parameters.get("backlash_angle") == [0.0]:
         drive.run(50)
         assert drive.tick < 50_000

@@ -29,7 +29,7 @@ def test_the_gap_of_an_output_that_is_braked_is_found(rig: Callable[..., Rig]) -
     member = braked(draw_member(SEED, 16, "full"))
     made = rig(member, learning__experiment="hysteresis", **QUICK)
     told = made.in_use()
-    answer = made.call("learn")
+    answer = made.drive.call("learn")
     assert answer.success, answer.message
     assert "lost motion" in answer.message
     found, gap = made.in_use(), member.drive.gear.backlash_at(0.0)
@@ -65,7 +65,7 @@ def test_cancelled_at_any_sample_it_ends_at_rest_and_changes_nothing(
         start, asked = made.reading, made.begin(service)
         made.drive.run(int(samples))
         assert not asked.done()
-        assert made.call("cancel").success
+        assert made.drive.call("cancel").success
         answer = made.answer(asked)
         assert not answer.success
         assert answer.message.endswith("cancelled on request")
@@ -73,7 +73,7 @@ def test_cancelled_at_any_sample_it_ends_at_rest_and_changes_nothing(
         made.drive.run(round(1.5 * member.rate))
         assert np.ptp(made.drive.run(round(0.5 * member.rate))) < b
         assert abs(made.reading - start) < away
-    refused = made.call("cancel")
+    refused = made.drive.call("cancel")
     assert (refused.success, refused.message) == (False, "there is no experiment to cancel")
 
 
@@ -86,8 +86,8 @@ def test_cancelled_while_the_fit_runs_it_changes_nothing_and_the_next_one_is_ans
     while swing > 1e-3 * member.drive.gear.backlash_angle:  # until it rests: its way is over
         swing = float(np.ptp(made.drive.run(round(0.6 * member.rate))))
     assert not asked.done()
-    assert made.call("cancel").success
+    assert made.drive.call("cancel").success
     answer = made.answer(asked)
     assert (answer.success, answer.message) == (False, "cannot identify: cancelled on request")
     assert made.in_use() == told
-    assert made.call("identify").success
+    assert made.drive.call("identify").success

@@ -37,7 +37,7 @@ def test_a_random_drive_is_found_and_quiet_from_then_on_and_at_the_next_start(
         progress.extend([state["progress"]] if state["experiment"] else [])
 
     peer.node.create_subscription(DiagnosticArray, "controller/state", hear, 100)
-    answer = made.call("identify")
+    answer = made.drive.call("identify")
     assert answer.success, answer.message
     assert progress == sorted(progress)
     assert progress[-1] > 0.3
@@ -94,7 +94,7 @@ def test_one_encoder_is_enough_from_unknown_to_quiet(rig: Callable[..., Rig], en
     """
     member = draw_member(SEED, number, "core", encoder)
     made = rig(member)
-    answer = made.call("identify")
+    answer = made.drive.call("identify")
     assert answer.success, answer.message
     found, drive, gap = made.in_use(), member.drive, member.drive.gear.backlash_at(0.0)
     assert found["identified"]
@@ -116,7 +116,7 @@ def test_from_unknown_to_quiet_with_the_law_for_two_encoders(rig: Callable[..., 
     member = draw_member(SEED, 2, "core")
     made = rig(member)
     for service in ("learn", "identify"):
-        answer = made.call(service)
+        answer = made.drive.call(service)
         assert answer.success, answer.message
     assert made.parameters.set(law="two_encoder") == (True, "")
     phases = list[str]()
@@ -138,11 +138,11 @@ def test_from_unknown_to_quiet_with_the_law_for_two_encoders(rig: Callable[..., 
 def test_with_ask_it_is_offered_and_applied_together(rig: Callable[..., Rig]) -> None:
     made = rig(draw_member(SEED, 1, "core"), learning__apply="ask")
     told = made.in_use()
-    answer = made.call("identify")
+    answer = made.drive.call("identify")
     assert answer.success, answer.message
     assert answer.message.endswith("; call apply_estimate to use it")
     assert made.in_use() == told
-    applied = made.call("apply_estimate")
+    applied = made.drive.call("apply_estimate")
     assert applied.success, applied.message
     assert "load.inertia = " in applied.message
     found = made.in_use()
@@ -160,7 +160,7 @@ def test_what_would_make_the_design_refuse_is_refused_with_the_reason_and_change
     sets = {"gain_sets__hard__fast__k": "[150.0, 0.9, 0.1]", "gain_sets__hard__overdamped__q": "[4.0, 0.0]"}
     made = rig(member, gain_set_names="[nominal, hard]", **sets)
     told = made.in_use()
-    answer = made.call("identify")
+    answer = made.drive.call("identify")
     assert not answer.success
     why = "but it was refused: gain_sets.hard.fast.k = [150, 0.9, 0.1] is unstable at 250 Hz with a delay of 0.00"
     assert why in answer.message

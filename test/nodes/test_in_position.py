@@ -36,12 +36,8 @@ def test_a_program_can_wait_until_the_load_is_there(start: Start, peer: Peer) ->
     assert late == ["settled"]
     drive._reference.publish(Float64(data=4.0))
     drive.until(lambda: said[-1] == "moving")
-    hold = peer.node.create_client(Trigger, "controller/hold")
-    peer.wait("the service", hold.service_is_ready)
-    stopped = hold.call_async(Trigger.Request())
-    drive.until(stopped.done)
+    assert drive.call("hold").success
     drive.until(lambda: said[-1] == "holding")
-    assert stopped.result().success
 
 
 def test_it_ends_with_a_fault_and_with_the_active_state(start: Start, peer: Peer) -> None:

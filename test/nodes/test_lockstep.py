@@ -15,7 +15,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
-from backlash_ros.control import GainSet, ServoSettings, design_gains
+from backlash_ros.control import GainSet, ServoSettings
 from backlash_ros.drive_file.drive_file import read_axis
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.delay import Delay
@@ -35,10 +35,7 @@ PERIOD = 0.004
 
 
 def settings(**changes: object) -> ServoSettings:
-    gains = GainSet(
-        design_gains("fast", NOMINAL_DRIVE, [1000.0, 1.0]), design_gains("overdamped", NOMINAL_DRIVE, [4.0, 0.0])
-    )
-    return ServoSettings(gains, backlash_angle=0.02, identified=True, **changes)
+    return ServoSettings(GainSet.of(NOMINAL_DRIVE), backlash_angle=0.02, identified=True, **changes)
 
 
 def kept(*axes: str) -> dict[str, int]:

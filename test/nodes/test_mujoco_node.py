@@ -64,7 +64,7 @@ def test_a_drive_of_mujoco_goes_from_unknown_to_quiet(rig: Callable[..., Rig], n
     member = of_steel(number)
     b, count = member.drive.gear.backlash_angle, member.load_count
     made = rig(member, plant=MujocoServoDrive(member))
-    answer = made.call("identify")
+    answer = made.drive.call("identify")
     assert answer.success, answer.message
     assert made.in_use()["backlash_angle"] == pytest.approx(b, abs=max(GAP_NEAR * b, count))
     made.drive.run(round(STAND * member.rate))  # the load rattled before, so it comes to rest first

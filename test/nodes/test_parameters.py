@@ -19,7 +19,6 @@ from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterEvent, P
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters, SetParametersAtomically
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from std_srvs.srv import Trigger
 
 from backlash_ros.control import Gains
 from backlash_ros.recordings import read_bag
@@ -153,11 +152,8 @@ def test_what_was_learned_is_a_new_version_in_use(start: Start, peer: Peer) -> N
     start("controller", learning__experiment="limit_cycle", **PATIENT)
     in_use = InUse(peer)
     drive = LockstepDrive(peer).matched()
-    client = peer.node.create_client(Trigger, "controller/learn")
-    peer.wait("the service", client.service_is_ready)
-    answer = client.call_async(Trigger.Request())
-    drive.until(answer.done)
-    assert answer.result().success, answer.result().message
+    answer = drive.call("learn")
+    assert answer.success, answer.message
     assert in_use.version(2)["backlash_angle"] == pytest.approx(0.02, rel=0.05)
 
 

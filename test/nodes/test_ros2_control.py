@@ -14,7 +14,6 @@ from graph import Lifecycle, Parameters, Peer, Process
 from lifecycle_msgs.msg import Transition
 from ros2_control import Ros2Control
 from std_msgs.msg import Float64
-from std_srvs.srv import Trigger
 
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 
@@ -88,9 +87,7 @@ def test_sample_is_as_joint_state_broadcaster_has_it(peer: Peer) -> None:
 
 @pytest.mark.grid
 def test_learns_and_lands_a_step_behind_ros2_control(control: Ros2Control, peer: Peer) -> None:
-    client = peer.node.create_client(Trigger, "controller/learn")
-    peer.wait("the service", client.service_is_ready)
-    answer = client.call_async(Trigger.Request())
+    answer = peer.request("learn")
     while not answer.done():
         control.step()
         assert control.samples < 50_000

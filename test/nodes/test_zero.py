@@ -6,9 +6,7 @@ from pathlib import Path
 
 from graph import Parameters, Peer, Process
 from lockstep_drive import LockstepDrive
-from rclpy.task import Future
 from std_msgs.msg import Bool, Float64
-from std_srvs.srv import Trigger
 
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Effects
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
@@ -32,16 +30,9 @@ SLOW = {
 STOP = -0.3
 
 
-def request(peer: Peer, service: str) -> Future:
-    client = peer.node.create_client(Trigger, f"controller/{service}")
-    peer.wait("the service", client.service_is_ready)
-    return client.call_async(Trigger.Request())
-
-
 def answered(drive: LockstepDrive, service: str) -> tuple[bool, str]:
-    answer = request(drive.peer, service)
-    drive.until(answer.done)
-    return answer.result().success, answer.result().message
+    answer = drive.call(service)
+    return answer.success, answer.message
 
 
 def goes(drive: LockstepDrive, reference: float, reading: float) -> bool:
@@ -118,7 +109,7 @@ def test_home_goes_on_until_the_switch_closes(start: Start, peer: Peer) -> None:
     says(True)
     assert answered(drive, "home") == (False, "cannot home: home_switch is closed: move the load off it")
     says(False)
-    answer = request(peer, "home")
+    answer = peer.request("home")
     drive.until(lambda: drive.load_angle < -0.15)
     drive.run(3)  # the median of the last three readings is beyond it, too
     says(True)
@@ -137,7 +128,7 @@ def test_a_switch_that_closes_between_the_request_and_the_next_sample_ends_home(
     drive.run(50)
     switch.publish(Bool(data=False))
     drive.run(20)
-    answers = [request(peer, "home"), request(peer, "home")]
+    answers = [peer.request("home"), peer.request("home")]
     peer.wait("a refusal: the other one waits for a sample", lambda: any(answer.done() for answer in answers))
     (answer,) = [answer for answer in answers if not answer.done()]
     switch.publish(Bool(data=True))

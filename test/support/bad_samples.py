@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from faults_page import SECTION
 
-from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, LimitCycleSettings, Servo, ServoSettings, design_gains
+from backlash_ros.control import LAWS, GainSet, LimitCycleSettings, Servo, ServoSettings
 from backlash_ros.control.monitoring.plausibility import speed_lag
 from backlash_ros.control.monitoring.side import LATELY, PATIENCE
 from backlash_ros.control.monitoring.thresholds import mechanical_time_constant
@@ -25,9 +25,7 @@ from backlash_ros.foundation.signals import OMEGA_L, STATE_NAMES, THETA_L
 from backlash_ros.simulation import SimulatedDrive
 
 B = NOMINAL_DRIVE.gear.backlash_angle
-GAINS = GainSet(
-    **{region: design_gains(region, NOMINAL_DRIVE, weights) for region, weights in DEFAULT_WEIGHTS.items()},
-)
+GAINS = GainSet.of(NOMINAL_DRIVE)
 BAD_FROM, WATCHED_FOR = 0.4, 0.35
 LARGE_KICK = LimitCycleSettings(swing=1.0, kick=0.1)
 """When the first bad sample comes, and how long the load is watched from there, s."""

@@ -56,19 +56,10 @@ class Rig:
     def in_use(self) -> dict[str, Any]:
         return dict(zip(NAMES, self.parameters.get(*NAMES), strict=True))
 
-    def ask(self, service: str) -> Future:
-        client = self.peer.node.create_client(Trigger, f"controller/{service}")
-        self.peer.wait("the service", client.service_is_ready)
-        return client.call_async(Trigger.Request())
-
     def answer(self, asked: Future) -> Trigger.Response:
         """Go on, sample by sample, until there is an answer."""
         self.drive.until(asked.done)
         return asked.result()
-
-    def call(self, service: str) -> Trigger.Response:
-        """Ask, and go on until there is an answer."""
-        return self.answer(self.ask(service))
 
     @property
     def reading(self) -> float:
@@ -79,7 +70,7 @@ class Rig:
         """Ask, and go on until the experiment has begun."""
         began, output = ("identifying the drive", "learning the backlash"), self.process.output
         before = sum(output().count(text) for text in began)
-        asked = self.ask(service)
+        asked = self.peer.request(service)
         self.drive.until(lambda: sum(output().count(text) for text in began) > before)
         return asked
 

@@ -22,6 +22,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from std_srvs.srv import Trigger
 
 PATIENCE = 120.0
 """Seconds after which a condition counts as never met: far more than discovery on a loaded machine takes."""
@@ -173,6 +175,12 @@ class Peer:
         client = self.node.create_client(kind, name)
         self.wait(name, client.service_is_ready)
         return self.ask(name, lambda: client.call_async(request))
+
+    def request(self, service: str) -> Future:
+        """Ask for a service of the controller once, and do not wait for its answer."""
+        client = self.node.create_client(Trigger, f"controller/{service}")
+        self.wait("the service", client.service_is_ready)
+        return client.call_async(Trigger.Request())
 
     def close(self) -> None:
         self._executor.shutdown()

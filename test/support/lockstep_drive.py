@@ -11,6 +11,7 @@ from graph import Peer
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
+from std_srvs.srv import Trigger
 
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, Plant
 from backlash_ros.foundation.messages import answered_sample, stamp_ns
@@ -157,6 +158,12 @@ class LockstepDrive:
             rests = rests + self.period if abs(command - before) < 1e-3 else 0.0
             if rests > 1.0:
                 time.sleep(5.0 * self.period)
+
+    def call(self, service: str) -> Trigger.Response:
+        """Ask for a service of the controller, and make periods until there is an answer."""
+        asked = self.peer.request(service)
+        self.until(asked.done)
+        return asked.result()
 
     def run(self, count: int) -> np.ndarray:
         """Make ``count`` periods; return the load angle after each, shape (count,)."""

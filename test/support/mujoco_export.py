@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from backlash_ros.control import DEFAULT_WEIGHTS, GainSet, Servo, ServoSettings, design_gains
+from backlash_ros.control import GainSet, Servo, ServoSettings
 from backlash_ros.control.experiment import BacklashEstimate, Deferred
 from backlash_ros.drive_file.drive_file import Axis
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
@@ -92,8 +92,7 @@ def errors(here: Recording, there: Recording) -> tuple[float, float]:
 
 
 def settings_of(drive: Drive, period: float) -> ServoSettings:
-    gains = {region: design_gains(region, drive, weights) for region, weights in DEFAULT_WEIGHTS.items()}
-    return ServoSettings(GainSet(**gains), backlash_angle=drive.gear.backlash_angle, period=period)
+    return ServoSettings(GainSet.of(drive), backlash_angle=drive.gear.backlash_angle, period=period)
 
 
 class _Recorder:

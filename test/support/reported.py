@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from plain_bag import PlainBag
 
-from backlash_ros.control import DEFAULT_WEIGHTS, GainSet, ServoSettings, design_gains
+from backlash_ros.control import GainSet, ServoSettings
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.simulation import Scenario, run
 
@@ -92,11 +92,6 @@ AXIS_STEP, AXIS_END = 0.5, 3.0
 """When the reference goes to 1 rad, and when the recording ends, s."""
 
 
-def _gains() -> GainSet:
-    gains = {region: design_gains(region, NOMINAL_DRIVE, weights) for region, weights in DEFAULT_WEIGHTS.items()}
-    return GainSet(**gains)
-
-
 def in_use(law: str, backlash_angle: float) -> dict[str, object]:
     """Return parameters in use of a controller of the nominal drive."""
     drive = NOMINAL_DRIVE
@@ -117,7 +112,7 @@ def in_use(law: str, backlash_angle: float) -> dict[str, object]:
 def add_axis(bag: PlainBag, namespace: str, law: str, *, fault: bool = False) -> None:
     """Add a step of 1 rad of a simulated axis, a change of gains after it, and, where asked for, a fault at 2.5 s."""
     b = NOMINAL_DRIVE.gear.backlash_angle
-    settings = ServoSettings(_gains(), law=law, backlash_angle=b)
+    settings = ServoSettings(GainSet.of(NOMINAL_DRIVE), law=law, backlash_angle=b)
     steps, first = round(AXIS_END / settings.period), round(AXIS_STEP / settings.period)
     reference = np.where(np.arange(steps) < first, 0.0, 1.0)
     seen = run(NOMINAL_DRIVE, settings, Scenario(reference))

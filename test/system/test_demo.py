@@ -15,7 +15,7 @@ from pages import commands
 from viewers import foxglove_values, messages, plotjuggler_names
 
 from backlash_ros.cli import main
-from backlash_ros.control import DEFAULT_WEIGHTS, GainSet, ServoSettings, design_gains
+from backlash_ros.control import GainSet, ServoSettings
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.recordings import read_bag
 from backlash_ros.simulation import Scenario, run
@@ -31,7 +31,7 @@ pytestmark = [pytest.mark.grid, pytest.mark.timeout(PATIENCE + 300)]
 def offline_rises() -> dict[str, float]:
     """Return the rise time with each law of the paper as the offline loop has it, s."""
     drive, rises = NOMINAL_DRIVE, {}
-    gains = GainSet(**{region: design_gains(region, drive, weights) for region, weights in DEFAULT_WEIGHTS.items()})
+    gains = GainSet.of(drive)
     for law in ("fast", "overdamped", "two_region"):
         settings = ServoSettings(gains, law=law, backlash_angle=drive.gear.backlash_angle, period=0.004)
         response = run(drive, settings, Scenario(np.ones(1000)))

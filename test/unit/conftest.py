@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import settings
 
-from backlash_ros.control import DEFAULT_WEIGHTS, EXPERIMENTS, LAWS, GainSet, design_gains
+from backlash_ros.control import EXPERIMENTS, LAWS, GainSet
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE
 
 # The same examples in each run, so that a change is judged and not luck, nor how busy the machine is;
@@ -26,6 +26,4 @@ def _rooms_as_they_were() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def gains() -> GainSet:
-    return GainSet(
-        **{region: design_gains(region, NOMINAL_DRIVE, weights) for region, weights in DEFAULT_WEIGHTS.items()},
-    )
+    return GainSet.of(NOMINAL_DRIVE)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from drives import varied
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from samples import EVERYTHING, sample_of
@@ -18,7 +19,6 @@ from backlash_ros.control import (
     Servo,
     ServoSettings,
     check_stable,
-    design_gains,
     find_limit_cycle,
 )
 from backlash_ros.control.command_range import RangeConstants, command_of, range_constants, voltage_range
@@ -42,16 +42,8 @@ CURRENT_DRIVE = replace(NOMINAL_DRIVE, command_interface="current")
 B = NOMINAL_DRIVE.gear.backlash_angle
 
 
-def gains_of(drive: Drive) -> GainSet:
-    return GainSet(design_gains("fast", drive, [1000.0, 1.0]), design_gains("overdamped", drive, [4.0, 0.0]))
-
-
-def with_motor(drive: Drive, **values: float) -> Drive:
-    return replace(drive, motor=replace(drive.motor, **values))
-
-
 def step_of(drive: Drive, law: str, period: float = 0.004, seconds: float = 6.0, **scenario: object) -> Run:
-    choice = ServoSettings(gains_of(drive), law=law, backlash_angle=B, period=period)
+    choice = ServoSettings(GainSet.of(drive), law=law, backlash_angle=B, period=period)
     return run(drive, choice, Scenario(np.ones(round(seconds / period)), **scenario))
 
 
@@ -102,8 +94,8 @@ def test_rate_too_slow_for_the_motor_inside_the_gap_is_refused() -> None:
 
     With the winding in the drive, and with the load in contact, the same gains are stable.
     """
-    light, period = with_motor(CURRENT_DRIVE, inertia=1e-6), 0.004
-    gains = gains_of(light).overdamped
+    light, period = varied(CURRENT_DRIVE, motor_inertia=1e-6), 0.004
+    gains = GainSet.of(light).overdamped
     a, b = rigid_model(light)
     held, driven = discretize(light, a, b[:, :1], period)
     assert np.max(np.abs(np.linalg.eigvals(held - driven @ gains.as_array()[None, :]))) < 1
@@ -159,11 +151,11 @@ def test_imposed_current_supplies_torque_and_heat() -> None:
 
 def test_design_model_drops_the_electrical_pole() -> None:
     """It is the limit L -> 0 of the drive with its winding: the same two poles, and k3 = 0."""
-    designed = gains_of(CURRENT_DRIVE)
+    designed = GainSet.of(CURRENT_DRIVE)
     for region in ("fast", "overdamped"):
         k = getattr(designed, region).as_array()
         assert k[2] == 0.0
-        windings = [gains_of(with_motor(NOMINAL_DRIVE, inductance=each)) for each in (1e-5, 1e-6, 1e-7)]
+        windings = [GainSet.of(varied(motor_inductance=each)) for each in (1e-5, 1e-6, 1e-7)]
         far, nearer, near = (float(np.max(np.abs(getattr(each, region).as_array() - k))) for each in windings)
         assert nearer == pytest.approx(far / 10, rel=0.02)
         assert near == pytest.approx(nearer / 10, rel=0.02)
@@ -183,7 +175,7 @@ def test_command_is_the_current_that_the_winding_would_take() -> None:
 
 @given(st.floats(-1e4, 1e4), st.floats(-30, 30), st.sampled_from(COMMAND_INTERFACES), st.floats(0.1, 50))
 def test_command_keeps_to_its_limit_at_any_speed(omega_m: float, voltage: float, interface: str, limit: float) -> None:
-    drive = with_motor(replace(NOMINAL_DRIVE, command_interface=interface), current_limit=limit)
+    drive = varied(replace(NOMINAL_DRIVE, command_interface=interface), motor_current_limit=limit)
     constants, estimate = range_of(drive), np.array([0.0, omega_m, 0.0, 0.0, 0.0, 0.0])
     low, high = voltage_range(constants, estimate)
     assert low <= high
@@ -203,7 +195,7 @@ def test_command_keeps_to_its_limit_at_any_speed(omega_m: float, voltage: float,
 @pytest.mark.parametrize("law", sorted(LAWS))
 def test_servo_and_plant_step_by_step_are_the_offline_run(law: str, interface: str) -> None:
     drive, seconds = replace(NOMINAL_DRIVE, command_interface=interface), 0.8
-    choice = ServoSettings(gains_of(drive), law=law, backlash_angle=B)
+    choice = ServoSettings(GainSet.of(drive), law=law, backlash_angle=B)
     torque = 0.05 * np.sin(np.arange(round(seconds / choice.period)) / 20)
     offline = run(drive, choice, Scenario(np.ones(torque.size), torque, sensors=Sensors(measured=POSITIONS)))
     servo, plant = Servo(drive, choice), Plant(drive)
@@ -220,7 +212,7 @@ def test_servo_and_plant_step_by_step_are_the_offline_run(law: str, interface: s
 @pytest.mark.parametrize("law", sorted(LAWS))
 def test_mirrored_reference_gives_the_mirrored_current(law: str) -> None:
     torque = 0.05 * np.sin(np.arange(500) / 20)
-    choice = ServoSettings(gains_of(CURRENT_DRIVE), law=law, backlash_angle=B)
+    choice = ServoSettings(GainSet.of(CURRENT_DRIVE), law=law, backlash_angle=B)
     forward = run(CURRENT_DRIVE, choice, Scenario(np.ones(500), torque))
     backward = run(CURRENT_DRIVE, choice, Scenario(-np.ones(500), -torque))
     np.testing.assert_array_equal(forward.state, -backward.state)
@@ -230,8 +222,8 @@ def test_mirrored_reference_gives_the_mirrored_current(law: str) -> None:
 @pytest.mark.parametrize("law", ["overdamped", "two_region"])
 def test_interfaces_agree_in_the_limit_of_a_fast_winding_and_fast_samples(law: str) -> None:
     """L -> 0 in the drive or left out of what the controller plays: the difference goes with the period."""
-    quick = with_motor(NOMINAL_DRIVE, inductance=1e-6)
-    choice = ServoSettings(gains_of(CURRENT_DRIVE), law=law, backlash_angle=B)
+    quick = varied(motor_inductance=1e-6)
+    choice = ServoSettings(GainSet.of(CURRENT_DRIVE), law=law, backlash_angle=B)
     differences = []
     for period in (8e-4, 4e-4, 2e-4):
         sampling, scenario = replace(choice, period=period), Scenario(np.ones(round(1.0 / period)))
@@ -243,8 +235,8 @@ def test_interfaces_agree_in_the_limit_of_a_fast_winding_and_fast_samples(law: s
 
 def test_poles_agree_in_the_limit_of_a_fast_winding_and_fast_samples() -> None:
     """Linear and exact: the two mechanical poles of the sampled loops, in 1/s."""
-    k = gains_of(CURRENT_DRIVE).fast.as_array()[None, :]
-    a, b = rigid_model(with_motor(NOMINAL_DRIVE, inductance=1e-6))
+    k = GainSet.of(CURRENT_DRIVE).fast.as_array()[None, :]
+    a, b = rigid_model(varied(motor_inductance=1e-6))
     differences = []
     for period in (4e-4, 2e-4, 1e-4):
         poles = []
@@ -287,7 +279,7 @@ def test_every_law_does_with_a_current_what_it_does_with_a_voltage(law: str) -> 
 
 @pytest.mark.parametrize("period", [0.004, 0.001])
 def test_learning_works_with_a_current(period: float) -> None:
-    settings = ServoSettings(gains_of(CURRENT_DRIVE), period=period)
+    settings = ServoSettings(GainSet.of(CURRENT_DRIVE), period=period)
     estimate = learn_backlash(CURRENT_DRIVE, settings.with_experiment("limit_cycle"))
     assert estimate.valid, estimate.reason
     assert estimate.method is Method.GAP_TRAVEL
@@ -312,7 +304,7 @@ def test_damping_needs_the_motors_own_speed() -> None:
 @pytest.mark.parametrize("law", ["cascade", "elastic_lqg"])
 def test_laws_with_a_memory_know_a_small_current_limit(law: str) -> None:
     """A tenth of the stall current: the integrator stops, the model of the drive follows what it gets."""
-    weak, full = with_motor(CURRENT_DRIVE, current_limit=1.2), step_of(CURRENT_DRIVE, law, 0.001)
+    weak, full = varied(CURRENT_DRIVE, motor_current_limit=1.2), step_of(CURRENT_DRIVE, law, 0.001)
     result = step_of(weak, law, 0.001)
     assert np.max(np.abs(result.command)) == 1.2
     assert np.max(result.load_angle) < np.max(full.load_angle) + B
@@ -321,7 +313,7 @@ def test_laws_with_a_memory_know_a_small_current_limit(law: str) -> None:
 
 def test_observer_takes_the_command_for_the_current() -> None:
     constants, memory = (
-        ServoSettings(gains_of(CURRENT_DRIVE)).observer(CURRENT_DRIVE),
+        ServoSettings(GainSet.of(CURRENT_DRIVE)).observer(CURRENT_DRIVE),
         observer_memory_at(row_of(ObserverMemory)),
     )
     plant = Plant(CURRENT_DRIVE)
@@ -337,7 +329,7 @@ def test_observer_takes_the_command_for_the_current() -> None:
 
 
 def test_harmonic_balance_predicts_the_amplitude_with_a_current() -> None:
-    gains = gains_of(CURRENT_DRIVE)
+    gains = GainSet.of(CURRENT_DRIVE)
     result = step_of(CURRENT_DRIVE, "fast", 0.001, 4.0, known_load_torque=True, substeps=4)
     tail = slice(result.time.size // 2, None)
     seen = find_limit_cycle(result.state[tail, THETA_L], result.state[tail, OMEGA_L], 0.00025)

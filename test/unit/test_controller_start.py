@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from drives import varied
 from hypothesis import given
 from hypothesis import strategies as st
 from searched import searched
@@ -31,10 +32,6 @@ NO_GAINS = Gains(1e-9, 0.0, 0.0)
 
 def started(drive: Drive, rate: float, **values: Any) -> Choice:
     return Tuning(given_sets(values), rate).start(values, drive)
-
-
-def with_motor(drive: Drive, **values: float) -> Drive:
-    return replace(drive, motor=replace(drive.motor, **values))
 
 
 # The emulated winding
@@ -65,8 +62,8 @@ def test_the_emulated_winding_is_stable_inside_the_gap_with_one_more_period_of_d
     resistance: float, torque_constant: float, inertia: float, rate: float, late: float
 ) -> None:
     """The least one is about the least: half of it is not stable."""
-    motor = {"resistance": resistance, "torque_constant": torque_constant, "inertia": inertia}
-    drive = with_motor(replace(NOMINAL_DRIVE, command_interface="current"), **motor, viscous_friction=0.0)
+    motor = {"motor_resistance": resistance, "motor_torque_constant": torque_constant, "motor_inertia": inertia}
+    drive = varied(replace(NOMINAL_DRIVE, command_interface="current"), **motor, motor_viscous_friction=0.0)
     period = 1.0 / rate
     delay, least = late * period, least_winding(drive, period, late * period)
     try:
@@ -85,7 +82,7 @@ def test_the_emulated_winding_is_stable_inside_the_gap_with_one_more_period_of_d
         assert chosen.motor.resistance == pytest.approx(3.0 * least, rel=0.06)
     check_stable("k", chosen, NO_GAINS, period, delay + period)
     with pytest.raises(ValueError, match="is unstable at"):
-        check_stable("k", with_motor(drive, resistance=0.45 * least), NO_GAINS, period, delay + period)
+        check_stable("k", varied(drive, motor_resistance=0.45 * least), NO_GAINS, period, delay + period)
 
 
 def test_what_is_emulated_is_said_with_figures() -> None:
@@ -202,7 +199,7 @@ def test_each_remedy_of_a_refusal_works_alone(drive: Drive, values: Mapping[str,
         tried += 1
     if "a motor.resistance of" in remedy:
         (resistance,) = values_in(remedy, "a motor.resistance")
-        started(with_motor(drive, resistance=resistance), 250.0, **values)
+        started(varied(drive, motor_resistance=resistance), 250.0, **values)
         tried += 1
     if "a delay of" in remedy:
         (delay,) = values_in(remedy, "a delay")

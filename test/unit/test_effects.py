@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drives import varied
 from real_axis import by_scipy
 
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Effects, Plant
@@ -33,12 +34,7 @@ EFFECTS["all"] = {name: value for effect in EFFECTS.values() for name, value in 
 def drive_with(effects: dict[str, Any], exponent: float = 1.0, **changes: Any) -> Drive:
     """The nominal drive with teeth of Hunt and Crossley, effects, and other parameters named ``part_parameter``."""
     teeth = CONTACTS["hunt_crossley"](**LIVELY, exponent=exponent)
-    parts = {"motor": NOMINAL_DRIVE.motor, "gear": replace(NOMINAL_DRIVE.gear, contact=teeth)}
-    parts["load"] = NOMINAL_DRIVE.load
-    for name, value in changes.items():
-        part, _, field = name.partition("_")
-        parts[part] = replace(parts[part], **{field: value})  # type: ignore[type-var]
-    return Drive(**parts, effects=Effects(**effects))  # type: ignore[arg-type]
+    return replace(varied(gear_contact=teeth, **changes), effects=Effects(**effects))
 
 
 def pieces(count: int = 60) -> list[tuple[float, float]]:

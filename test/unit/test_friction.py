@@ -6,24 +6,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drives import varied
 from dry_friction import Reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from searched import searched
 
-from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Drive, Plant
+from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Plant
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.motion.friction import first_zero
-
-
-def drive_with(**changes: Any) -> Drive:
-    """The nominal drive with other parameters, each named ``part_parameter``."""
-    parts = {"motor": NOMINAL_DRIVE.motor, "gear": NOMINAL_DRIVE.gear, "load": NOMINAL_DRIVE.load}
-    for name, value in changes.items():
-        part, _, field = name.partition("_")
-        parts[part] = replace(parts[part], **{field: value})  # type: ignore[type-var]
-    return Drive(**parts)  # type: ignore[arg-type]
-
 
 FEATURES: dict[str, dict[str, Any]] = {
     "nothing": {},
@@ -44,7 +35,7 @@ def pieces() -> list[tuple[float, float]]:
 
 @pytest.mark.parametrize("name", FEATURES)
 def test_motion_agrees_with_scipy_and_its_events(name: str) -> None:
-    drive = drive_with(**FEATURES[name])
+    drive = varied(**FEATURES[name])
     start = [0.0, 8.0, 0.0, -0.3, 0.0]
     plant, reference = Plant(drive, start, tolerance=1e-11), Reference(drive, start)
     for voltage, torque in pieces():
@@ -64,7 +55,7 @@ def test_motion_agrees_with_scipy_and_its_events(name: str) -> None:
 @pytest.mark.parametrize("name", FEATURES)
 def test_energy_supplied_is_stored_or_lost(name: str, law: str) -> None:
     """To 1e-9 of what is turned over, while either shaft stops and breaks away."""
-    drive = drive_with(**FEATURES[name], gear_contact=CONTACTS[law]())
+    drive = varied(**FEATURES[name], gear_contact=CONTACTS[law]())
     plant = Plant(drive, [0.0, 50.0, 0.0, -2.0, 0.3], tolerance=2e-12, account=True)
     before, turnover = plant.energy_stored, 0.0
     for voltage, torque in pieces():
@@ -87,7 +78,7 @@ def test_energies_without_an_account_are_refused_not_zero() -> None:
 
 
 def test_load_that_friction_holds_does_not_move_at_all() -> None:
-    plant = Plant(drive_with(load_coulomb_friction=0.05), [0.0, 0.0, 0.003, 0.0, 0.0], account=True)
+    plant = Plant(varied(load_coulomb_friction=0.05), [0.0, 0.0, 0.003, 0.0, 0.0], account=True)
     for torque in (0.04, -0.0499999, 0.0499999, 0.0):
         plant.advance(0.0, torque, 0.5)
         assert plant.load_speed == 0.0
@@ -97,7 +88,7 @@ def test_load_that_friction_holds_does_not_move_at_all() -> None:
 
 def test_motor_that_friction_holds_does_not_move_at_all() -> None:
     """0.8 V drive 0.02 N m through the winding; the teeth lie apart."""
-    plant = Plant(drive_with(motor_coulomb_friction=0.021, gear_contact=ElasticContact()))
+    plant = Plant(varied(motor_coulomb_friction=0.021, gear_contact=ElasticContact()))
     plant.advance(0.8, 0.0, 0.5)
     assert (plant.motor_speed, plant.motor_angle) == (0.0, 0.0)
     plant.advance(0.85, 0.0, 0.5)
@@ -108,7 +99,7 @@ def test_motor_that_friction_holds_does_not_move_at_all() -> None:
 @pytest.mark.parametrize("beyond", [1e-6, 0.01, 1.0])
 def test_load_breaks_away_beyond_its_friction_and_is_braked_by_it(sign: float, beyond: float) -> None:
     """In the gap J domega/dt = what is beyond the friction."""
-    drive = drive_with(
+    drive = varied(
         load_coulomb_friction=0.05, load_viscous_friction=0.0, gear_contact=ElasticContact(), gear_backlash_angle=3.0
     )
     plant = Plant(drive)
@@ -120,7 +111,7 @@ def test_load_breaks_away_beyond_its_friction_and_is_braked_by_it(sign: float, b
 @pytest.mark.parametrize("tolerance", [1e-9, 1e-4])
 @pytest.mark.parametrize("speed", [3.0, -0.01])
 def test_load_that_is_thrown_stops_where_its_friction_has_used_up_its_energy(speed: float, tolerance: float) -> None:
-    drive = drive_with(
+    drive = varied(
         load_coulomb_friction=0.05, load_viscous_friction=0.0, gear_contact=ElasticContact(), gear_backlash_angle=3.0
     )
     plant = Plant(drive, [0.0, 0.0, 0.0, speed, 0.0], tolerance, account=True)
@@ -134,7 +125,7 @@ def test_load_that_is_thrown_stops_where_its_friction_has_used_up_its_energy(spe
 @pytest.mark.parametrize("tolerance", [1e-9, 1e-4])
 def test_reversal_is_found_within_a_long_step(tolerance: float) -> None:
     """Thrown against a torque beyond the friction: the acceleration changes where the speed is 0."""
-    drive = drive_with(
+    drive = varied(
         load_coulomb_friction=0.05, load_viscous_friction=0.0, gear_contact=ElasticContact(), gear_backlash_angle=3.0
     )
     plant = Plant(drive, [0.0, 0.0, 0.0, 20.0, 0.0], tolerance)
@@ -146,7 +137,7 @@ def test_reversal_is_found_within_a_long_step(tolerance: float) -> None:
 
 def test_swing_that_friction_ends_is_the_same_in_one_call_and_in_many() -> None:
     """A pendulum in a wide gap loses 2 tau_c/(m g l) each half swing, and sticks off its lowest point."""
-    drive = drive_with(
+    drive = varied(
         load_gravity_torque=0.1,
         load_coulomb_friction=0.004,
         load_viscous_friction=0.0,
@@ -169,7 +160,7 @@ def test_swing_that_friction_ends_is_the_same_in_one_call_and_in_many() -> None:
 @pytest.mark.parametrize("forward", [0.9, 0.5])
 @pytest.mark.parametrize("backward", [0.8, 0.3])
 def test_efficiency_is_the_share_of_the_power_that_gets_through(forward: float, backward: float) -> None:
-    drive = drive_with(gear_efficiency_forward=forward, gear_efficiency_backward=backward)
+    drive = varied(gear_efficiency_forward=forward, gear_efficiency_backward=backward)
     plant = Plant(drive)
     for voltage, torque, share in ((6.0, -0.3, forward), (0.0, 1.0, 1 / backward)):
         plant.advance(voltage, torque, 3.0)
@@ -178,7 +169,7 @@ def test_efficiency_is_the_share_of_the_power_that_gets_through(forward: float, 
 
 
 def test_self_locking_gear_holds_any_load() -> None:
-    plant = Plant(drive_with(gear_efficiency_forward=0.4, gear_efficiency_backward=0.0))
+    plant = Plant(varied(gear_efficiency_forward=0.4, gear_efficiency_backward=0.0))
     plant.advance(3.0, 0.0, 0.5)
     for torque in (5.0, -5.0):
         plant.advance(0.0, torque, 1.0)
@@ -192,7 +183,7 @@ def test_self_locking_gear_holds_any_load() -> None:
 @pytest.mark.parametrize("lost", [{"gear_efficiency_forward": 0.8}, {"gear_efficiency_backward": 0.8}], ids=str)
 def test_load_that_falls_on_a_motor_at_rest_takes_it_along(law: str, torque: float, lost: dict[str, float]) -> None:
     """By teeth that push from the edge of the gap on and not before, all at once or not."""
-    drive = drive_with(gear_contact=CONTACTS[law](), **lost)
+    drive = varied(gear_contact=CONTACTS[law](), **lost)
     plant, fine = Plant(drive), Plant(drive, tolerance=1e-11)
     for each in (plant, fine):
         for _ in range(50):
@@ -202,7 +193,7 @@ def test_load_that_falls_on_a_motor_at_rest_takes_it_along(law: str, torque: flo
 
 
 def test_weight_hangs_straight_down_and_takes_its_torque_to_lift() -> None:
-    drive = drive_with(load_gravity_torque=0.4, load_gravity_offset=0.5)
+    drive = varied(load_gravity_torque=0.4, load_gravity_offset=0.5)
     plant = Plant(drive)
     plant.advance(0.0, 0.0, 20.0)
     assert plant.load_angle == pytest.approx(-0.5, abs=0.011)
@@ -213,7 +204,7 @@ def test_weight_hangs_straight_down_and_takes_its_torque_to_lift() -> None:
 
 def test_gap_that_varies_is_as_wide_as_said_where_the_load_stands() -> None:
     """Pushed through it by a slow motor, the load held fast by friction."""
-    drive = drive_with(
+    drive = varied(
         gear_backlash_variation=0.5,
         gear_backlash_cycles=3,
         gear_backlash_phase=0.2,
@@ -253,7 +244,7 @@ def test_first_zero_of_a_cubic(before: float, after: float, slope_before: float,
 @pytest.mark.parametrize("law", ["power", "elastic"])
 def test_mirrored_commands_give_the_mirrored_motion(law: str) -> None:
     """Bit for bit, events and all."""
-    drive = drive_with(
+    drive = varied(
         motor_coulomb_friction=0.02,
         load_coulomb_friction=0.1,
         gear_efficiency_forward=0.7,
@@ -302,7 +293,7 @@ def test_any_practical_drive_integrates_and_keeps_its_energy_account(
     seed: int,
 ) -> None:
     """Frictions and weight as shares of the torque at standstill; voltages and load torques at random, and none."""
-    drive = drive_with(
+    drive = varied(
         motor_coulomb_friction=0.6 * motor,
         load_coulomb_friction=6.0 * load,
         load_inertia=5e-4 * inertia,

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from broken_measurements import play as learn_with
+from drives import varied
 from experiments import Broken, frozen, play, reversed_, swapped
 from hypothesis import given
 from hypothesis import settings as examples
@@ -23,23 +24,18 @@ from backlash_ros.studies.evaluation.population import draw_member, told_model
 from backlash_ros.studies.evaluation.task import learn, settings_for
 
 
-def loaded(friction: float = 0.0, inertia: float = 5e-4, backlash: float = 0.02) -> Drive:
-    load = replace(NOMINAL_DRIVE.load, coulomb_friction=friction, inertia=inertia)
-    return replace(NOMINAL_DRIVE, load=load, gear=replace(NOMINAL_DRIVE.gear, backlash_angle=backlash))
-
-
 @pytest.mark.corners(1)
 @pytest.mark.population
 @pytest.mark.parametrize(
     ("drive", "torque"),
     [
         (NOMINAL_DRIVE, 0.0),
-        (loaded(friction=0.2), 0.0),
+        (varied(load_coulomb_friction=0.2), 0.0),
         (NOMINAL_DRIVE, 0.2),
-        (loaded(friction=0.05, inertia=1.5e-3), -0.4),
-        (loaded(backlash=0.004), 0.1),
-        (loaded(backlash=0.09), 0.0),
-        (loaded(inertia=3.25e-4, backlash=0.066), -0.5),
+        (varied(load_coulomb_friction=0.05, load_inertia=1.5e-3), -0.4),
+        (varied(gear_backlash_angle=0.004), 0.1),
+        (varied(gear_backlash_angle=0.09), 0.0),
+        (varied(load_inertia=3.25e-4, gear_backlash_angle=0.066), -0.5),
     ],
     ids=["free", "friction", "torque", "both", "small gap", "wide gap", "wide gap under a torque"],
 )
@@ -98,7 +94,7 @@ def test_auto_takes_what_the_encoders_allow(gains: GainSet) -> None:
 @pytest.mark.parametrize("swing", [0.05, 0.15, 0.3])
 @pytest.mark.parametrize("inertia", [1.3e-4, 2e-3])
 def test_the_load_stays_within_the_swing(gains: GainSet, torque: float, swing: float, inertia: float) -> None:
-    drive = loaded(inertia=inertia)
+    drive = varied(load_inertia=inertia)
     servo = Servo(NOMINAL_DRIVE, ServoSettings(gains))
     plant = SimulatedDrive(drive, servo.settings.period, sensors=Sensors(measured=POSITIONS))
     servo.update(plant.sample())
@@ -119,7 +115,7 @@ def test_a_motor_of_which_little_may_be_used_stays_within_the_swing(
 ) -> None:
     """It plans with what limits.command leaves, and so can brake."""
     servo = Servo(NOMINAL_DRIVE, ServoSettings(gains), replace(Limits.of(NOMINAL_DRIVE), command=volts))
-    plant = SimulatedDrive(loaded(inertia=inertia), servo.settings.period, sensors=Sensors(measured=POSITIONS))
+    plant = SimulatedDrive(varied(load_inertia=inertia), servo.settings.period, sensors=Sensors(measured=POSITIONS))
     servo.update(plant.sample())
     servo.start_experiment("gap_probe")
     assert play(servo, plant, 5000, torque) <= 0.3
@@ -206,7 +202,7 @@ def test_lost_samples_make_no_kick(lost: int) -> None:
 
 @searched(12, 25, given(after=st.integers(1, 900), torque=st.sampled_from([0.0, 0.25, -0.1])))
 def test_it_is_cancelled_at_any_sample_and_ends_at_rest(gains: GainSet, after: int, torque: float) -> None:
-    drive = loaded(friction=0.02)
+    drive = varied(load_coulomb_friction=0.02)
     servo = Servo(drive, ServoSettings(gains).with_law("overdamped"))
     plant = SimulatedDrive(drive, servo.settings.period)
     servo.update(plant.sample())

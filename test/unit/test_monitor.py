@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from drives import varied
 from hypothesis import given
 from hypothesis import strategies as st
 from samples import EVERYTHING, sample_of
 from searched import searched
 
-from backlash_ros.control import LAWS, NO_LIMIT, FaultThresholds, GainSet, Limits, Servo, ServoSettings, design_gains
+from backlash_ros.control import LAWS, NO_LIMIT, FaultThresholds, GainSet, Limits, Servo, ServoSettings
 from backlash_ros.control.command_range import clamp, range_constants, voltage_range
 from backlash_ros.control.monitoring.thresholds import mechanical_time_constant
 from backlash_ros.drivetrain import CONTACTS, NOMINAL_DRIVE, Contact, Drive, Plant
@@ -37,27 +38,14 @@ NO_LOAD_SPEED = 48.0
 Tamper = Callable[[Measurement, Measurement], Measurement]
 
 
-def gains_of(drive: Drive) -> GainSet:
-    return GainSet(design_gains("fast", drive, [1000.0, 1.0]), design_gains("overdamped", drive, [4.0, 0.0]))
-
-
 def settings_of(drive: Drive, period: float = 0.004, **changes: float | str) -> ServoSettings:
-    known = ServoSettings(gains_of(drive), "two_region", period, backlash_angle=0.02, identified=True)
+    known = ServoSettings(GainSet.of(drive), "two_region", period, backlash_angle=0.02, identified=True)
     return replace(known, **changes)
-
-
-def with_load(drive: Drive, **changes: float) -> Drive:
-    return replace(drive, load=replace(drive.load, **changes))
 
 
 def with_inertias(drive: Drive, factor: float) -> Drive:
     """Of both shafts: the mechanical time constant times ``factor``."""
-    motor = replace(drive.motor, inertia=factor * drive.motor.inertia)
-    return with_load(replace(drive, motor=motor), inertia=factor * drive.load.inertia)
-
-
-def with_gear(drive: Drive, **changes: float | Contact) -> Drive:
-    return replace(drive, gear=replace(drive.gear, **changes))
+    return varied(drive, motor_inertia=factor * drive.motor.inertia, load_inertia=factor * drive.load.inertia)
 
 
 class Rig:
@@ -197,14 +185,14 @@ def test_default_threshold_on_the_load_is_what_the_law_can_make_of_the_current()
 
 
 def test_default_gap_takes_a_tiny_nominal_backlash_for_a_guess() -> None:
-    drive = with_gear(NOMINAL_DRIVE, backlash_angle=2e-5, contact=ElasticContact())
+    drive = varied(gear_backlash_angle=2e-5, gear_contact=ElasticContact())
     assert FaultThresholds.of(drive).gap == 0.1
 
 
 def test_time_constant_is_the_plants() -> None:
     """Without friction and inductance to speak of, 63 % of the speed at a constant voltage."""
-    motor = replace(NOMINAL_DRIVE.motor, viscous_friction=0.0, inductance=1e-6)
-    drive = with_gear(with_load(replace(NOMINAL_DRIVE, motor=motor), viscous_friction=0.0), backlash_angle=2e-6)
+    smooth = varied(motor_viscous_friction=0.0, motor_inductance=1e-6, load_viscous_friction=0.0)
+    drive = varied(smooth, gear_backlash_angle=2e-6)
     plant = Plant(drive)
     plant.advance(10.0, 0.0, mechanical_time_constant(drive))
     assert plant.load_speed == pytest.approx((1 - math.exp(-1)) * 20.0, rel=0.01)
@@ -522,7 +510,7 @@ def test_lower_threshold_on_the_load_torque_finds_frozen_encoders_at_a_small_com
 @BOTH
 @pytest.mark.parametrize("measured", MEASURED.values(), ids=MEASURED)
 def test_blocked_load_is_found(drive: Drive, measured: Sequence[str]) -> None:
-    rig = Rig(drive, settings_of(drive), plant=with_load(drive, inertia=50.0), measured=measured)
+    rig = Rig(drive, settings_of(drive), plant=varied(drive, load_inertia=50.0), measured=measured)
     rig.run(0.012)
     assert rig.step(1.0, 0.15).startswith("unexplained torque")
 
@@ -653,11 +641,11 @@ def test_load_torque_within_the_default_threshold_is_no_fault(drive: Drive, law:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"inertia": 0.25 * 5e-4},
-        {"inertia": 4 * 5e-4},
-        {"viscous_friction": 0.0},
-        {"viscous_friction": 10 * 5e-3},
-        {"coulomb_friction": 0.3 * HELD},
+        {"load_inertia": 0.25 * 5e-4},
+        {"load_inertia": 4 * 5e-4},
+        {"load_viscous_friction": 0.0},
+        {"load_viscous_friction": 10 * 5e-3},
+        {"load_coulomb_friction": 0.3 * HELD},
     ],
     ids=str,
 )
@@ -665,7 +653,7 @@ def test_wrong_model_of_the_load_is_no_fault(drive: Drive, measured: Sequence[st
     rig = Rig(
         drive,
         settings_of(drive),
-        plant=with_load(drive, **changes),
+        plant=varied(drive, **changes),
         thresholds=with_margin(drive, 0.6),
         measured=measured,
     )
@@ -687,8 +675,8 @@ def test_knock_on_a_fast_drive_is_no_fault(drive: Drive, measured: Sequence[str]
 @pytest.mark.parametrize("measured", [EVERYTHING, POSITIONS], ids=["everything", "positions"])
 def test_wrong_inertia_of_a_load_that_outweighs_the_motor_is_no_fault(factor: float, measured: Sequence[str]) -> None:
     """The unexplained torque is more than any that the drive holds, yet the momentum goes the drive's way."""
-    drive = with_load(NOMINAL_DRIVE, inertia=0.02)
-    plant = with_load(drive, inertia=0.02 * factor)
+    drive = varied(load_inertia=0.02)
+    plant = varied(drive, load_inertia=0.02 * factor)
     rig = Rig(drive, settings_of(drive), plant=plant, thresholds=with_margin(drive, 0.5), measured=measured)
     assert exercise(rig) == ""
 
@@ -706,7 +694,7 @@ def test_wrong_inertia_of_a_load_that_outweighs_the_motor_is_no_fault(factor: fl
 )
 def test_impacts_of_the_limit_cycle_are_no_fault(drive: Drive, contact: Contact) -> None:
     """With hard teeth and soft ones, without loss; the fast gains keep the cycle up."""
-    drive = with_gear(drive, contact=contact)
+    drive = varied(drive, gear_contact=contact)
     rig = Rig(drive, settings_of(drive, law="fast"), thresholds=with_margin(drive, 0.8))
     assert exercise(rig) == ""
     assert rig.run(1.0) == ""
@@ -768,7 +756,7 @@ def test_samples_closer_together_than_a_period_do_not_look_like_speed(gains: Gai
 
 @pytest.mark.parametrize("error", [0.98, 1.02])
 def test_gear_ratio_that_is_slightly_wrong_is_no_fault_on_a_long_way(error: float) -> None:
-    model = with_gear(NOMINAL_DRIVE, reduction=10 / error)
+    model = varied(gear_reduction=10 / error)
     rig = Rig(model, settings_of(model), plant=NOMINAL_DRIVE)
     rig.run(0.1)
     for target in (20.0, 40.0, 0.0):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from samples import sample_of
 
-from backlash_ros.control import DEFAULT_WEIGHTS, GainSet, Limits, Servo, ServoSettings, design_gains, design_law
+from backlash_ros.control import GainSet, Limits, Servo, ServoSettings, design_law
 from backlash_ros.control.laws.cascade import cascade_state_at
 from backlash_ros.control.laws.elastic_lqg import (
     ElasticLqgParameters,
@@ -149,7 +149,7 @@ def test_plant_keeps_to_its_own_limits_whatever_its_model_says(
 def test_load_that_is_held_in_the_soft_zone_comes_to_rest(law: str, period: float, interface: str) -> None:
     """For a current 0 V is that of joined terminals: with 0 A nothing would damp, and the load swing beyond the end."""
     drive = replace(NOMINAL_DRIVE, command_interface=interface)
-    gains = GainSet(**{region: design_gains(region, drive, weights) for region, weights in DEFAULT_WEIGHTS.items()})
+    gains = GainSet.of(drive)
     choice = ServoSettings(gains, law=law, backlash_angle=0.02, period=period)
     servo, plant = Servo(drive, choice, LIMITS), Plant(drive, [4.5, 0.0, 0.45, 0.0, 0.0])
     angles = []

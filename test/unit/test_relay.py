@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from broken_measurements import kinds_for, play
+from drives import varied
 from hypothesis import given
 from hypothesis import settings as examples
 from hypothesis import strategies as st
@@ -23,11 +24,6 @@ ENCODERS = {"load": ("theta_l",), "motor": ("theta_m",)}
 SWING = 0.3
 
 
-def drive_with(friction: float = 0.0, inertia: float = 5e-4, backlash: float = 0.02) -> Drive:
-    load = replace(NOMINAL_DRIVE.load, coulomb_friction=friction, inertia=inertia)
-    return replace(NOMINAL_DRIVE, load=load, gear=replace(NOMINAL_DRIVE.gear, backlash_angle=backlash))
-
-
 def sensors_of(encoder: str) -> Sensors:
     return Sensors(measured=ENCODERS[encoder], motor_counts=4096.0, load_counts=16384.0)
 
@@ -39,9 +35,9 @@ def sensors_of(encoder: str) -> Sensors:
     ("drive", "torque"),
     [
         (NOMINAL_DRIVE, 0.0),
-        (drive_with(friction=0.1, inertia=1e-3), 0.0),
-        (drive_with(inertia=1.5e-3, backlash=0.012), 0.1),
-        (drive_with(backlash=0.05), 0.0),
+        (varied(load_coulomb_friction=0.1, load_inertia=1e-3), 0.0),
+        (varied(load_inertia=1.5e-3, gear_backlash_angle=0.012), 0.1),
+        (varied(gear_backlash_angle=0.05), 0.0),
     ],
     ids=["free", "friction", "torque", "wide gap"],
 )
@@ -138,7 +134,7 @@ def started(gains: GainSet, drive: Drive, encoder: str, **changes: float) -> tup
 def test_the_load_stays_within_the_swing(
     gains: GainSet, encoder: str, torque: float, inertia: float, backlash: float
 ) -> None:
-    drive = drive_with(inertia=inertia, backlash=backlash)
+    drive = varied(load_inertia=inertia, gear_backlash_angle=backlash)
     servo, plant = started(gains, drive, encoder)
     assert run(servo, plant, 5000, torque) <= SWING + backlash
     outcome = servo.take_outcome()
@@ -154,7 +150,7 @@ def test_a_travel_beyond_the_swing_is_cut_to_it(gains: GainSet, encoder: str) ->
 
 @pytest.mark.parametrize("encoder", ["load", "motor"])
 def test_a_load_that_is_held_is_refused_with_the_torque(gains: GainSet, encoder: str) -> None:
-    servo, plant = started(gains, drive_with(friction=50.0), encoder)
+    servo, plant = started(gains, varied(load_coulomb_friction=50.0), encoder)
     held = replace(plant.drive, motor=replace(plant.drive.motor, coulomb_friction=5.0)) if encoder == "motor" else None
     if held is not None:
         plant = SimulatedDrive(held, servo.settings.period, sensors=sensors_of(encoder))
@@ -170,7 +166,7 @@ def test_a_load_that_is_held_is_refused_with_the_torque(gains: GainSet, encoder:
 @pytest.mark.parametrize("since", [2, 300, 700, 1000])
 def test_an_encoder_that_freezes_ends_it_soon(gains: GainSet, encoder: str, since: int) -> None:
     """The motor goes unseen until it may have gone through the swing, from where it is and at its speed."""
-    servo, plant = started(gains, drive_with(friction=0.02), encoder)
+    servo, plant = started(gains, varied(load_coulomb_friction=0.02), encoder)
     shown, swing = plant.sample().copy(), 0.0
     for k in range(1500):
         measured = plant.sample().copy()
@@ -208,7 +204,7 @@ def test_an_encoder_that_goes_missing_ends_it(gains: GainSet) -> None:
 def test_it_is_cancelled_at_any_sample_and_ends_at_rest(
     gains: GainSet, after: int, torque: float, encoder: str
 ) -> None:
-    servo, plant = started(gains, drive_with(friction=0.05), encoder)
+    servo, plant = started(gains, varied(load_coulomb_friction=0.05), encoder)
     run(servo, plant, after, torque)
     servo.cancel("test")
     assert servo.take_outcome() is not None

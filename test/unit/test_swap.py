@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backlash_ros.control import DEFAULT_WEIGHTS, LAWS, GainSet, Servo, ServoSettings, design_gains
+from backlash_ros.control import LAWS, GainSet, Servo, ServoSettings
 from backlash_ros.control.acting import ActingLaw
 from backlash_ros.control.laws.cascade import CascadeParameters
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
@@ -29,8 +29,9 @@ SENSORS = {"everything": Sensors(), "positions": Sensors(measured=POSITIONS), "l
 
 
 def settings_of(drive: Drive, law: str, **changes: Any) -> ServoSettings:
-    gains = GainSet(**{region: design_gains(region, drive, q) for region, q in DEFAULT_WEIGHTS.items()})
-    return replace(ServoSettings(gains, law=law, period=PERIOD, backlash_angle=B, identified=True), **changes)
+    return replace(
+        ServoSettings(GainSet.of(drive), law=law, period=PERIOD, backlash_angle=B, identified=True), **changes
+    )
 
 
 class Rig:

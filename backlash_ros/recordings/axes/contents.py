@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from rosbags.highlevel import AnyReader
 
-from backlash_ros.foundation.messages import answered_sample
+from backlash_ros.foundation.messages import answered_sample, number_in
 from backlash_ros.recordings.bag import in_use_of, seconds_of
 from backlash_ros.recordings.bag_files import opened, reason_of
 from backlash_ros.recordings.csv_file import is_table
@@ -76,13 +76,6 @@ def _answered(message: Any) -> float:
     return seconds + 1e-9 * ns
 
 
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return float("nan")
-
-
 def _take(contents: Contents, topic: str, kind: str, received: float, message: Any) -> None:
     """Put a message where it belongs."""
     if kind == _JOINT_STATE:
@@ -91,7 +84,7 @@ def _take(contents: Contents, topic: str, kind: str, received: float, message: A
     elif kind == _PARAMETERS and topic.endswith("/parameters_in_use"):
         contents.in_use.setdefault(topic, []).append(in_use_of(message))
     elif kind == _DIAGNOSTICS and topic.endswith("/state"):
-        values = {entry.key: _number(entry.value) for status in message.status[:1] for entry in status.values}
+        values = {entry.key: number_in(entry.value) for status in message.status[:1] for entry in status.values}
         contents.states.setdefault(topic, []).append((seconds_of(message.header.stamp), values))
     elif kind == _DIAGNOSTICS:
         contents.told += [Told(received, status.name, int(status.level), status.message) for status in message.status]
