@@ -363,7 +363,9 @@ class _Search:
         return end if max(end.sizes) <= _FITS else found
 
 
-def fit_one_sided(drive: Drive, recording: Recording, torque: float) -> tuple[Fit, float]:
+def fit_one_sided(
+    drive: Drive, recording: Recording, torque: float, contacts: Sequence[Contact] = ()
+) -> tuple[Fit, float]:
     """Return the best fit of a recording of one angle, and the additional cost of the next best gap.
 
     That cost is 0 if the fit is so poor that no other gap was tried.
@@ -373,8 +375,9 @@ def fit_one_sided(drive: Drive, recording: Recording, torque: float) -> tuple[Fi
     drive : for its motor and gear, which are taken as given
     recording : one angle is all nan; the other one is used
     torque : of the motor at standstill, N m at the output
+    contacts : the laws to try, see `contacts_of`
     """
-    search, laws = _Search(drive, recording, torque), contacts_of(drive)
+    search, laws = _Search(drive, recording, torque), contacts or contacts_of(drive)
     begun = [search.begin(contact) for contact in laws]
     ends: list[Minimum] = []
     for k in range(_KEPT):

@@ -63,14 +63,17 @@ class Client:
     ----------
     node : the client's node, which is spun while waiting
     children : processes that must run while waiting, by name
+    controller : name of the controller's node
     """
 
-    def __init__(self, node: Node, children: dict[str, subprocess.Popen[bytes]]) -> None:
+    def __init__(
+        self, node: Node, children: dict[str, subprocess.Popen[bytes]], controller: str = "controller"
+    ) -> None:
         self.node, self.children = node, children
         self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
-        self.services = {name: node.create_client(Trigger, f"controller/{name}") for name in SERVICES}
-        self.parameters = AsyncParameterClient(node, "controller")
+        self.services = {name: node.create_client(Trigger, f"{controller}/{name}") for name in SERVICES}
+        self.parameters = AsyncParameterClient(node, controller)
 
     def wait(self, what: str, condition: Callable[[], bool], seconds: float = PATIENCE) -> None:
         """Spin until ``condition`` holds; ClientError if it does not within ``seconds`` or if a child has ended."""

@@ -2,7 +2,7 @@
 
 from typing import cast
 
-from backlash_ros.control import BacklashEstimate, Servo, ServoSettings
+from backlash_ros.control import BacklashEstimate, Limits, Servo, ServoSettings
 from backlash_ros.control.experiment import Deferred, Outcome
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.delay import Delay
@@ -18,6 +18,7 @@ def run_experiment(
     parameters: Validated | None = None,
     *,
     model: Drive | None = None,
+    limits: Limits | None = None,
     load_torque: float = 0.0,
     sensors: Sensors | None = None,
     delay: Delay | None = None,
@@ -28,7 +29,7 @@ def run_experiment(
     Parameters
     ----------
     drive, model : the moving drive, and the drive as the controller knows it (the same by default)
-    settings : as for the controller node
+    settings, limits : as for the controller node
     name, parameters : of the experiment; by default those of the settings, or its own defaults
     load_torque : constant, on the output shaft, N m
     sensors, delay, seed : between plant and controller; the seed of their randomness
@@ -40,7 +41,7 @@ def run_experiment(
     IntegrationError
         If the plant cannot be integrated.
     """
-    servo = Servo(model or drive, settings)
+    servo = Servo(model or drive, settings, limits)
     plant = SimulatedDrive(drive, settings.period, sensors=sensors, delay=delay, seed=seed)
     return excite(servo, plant, name, parameters, load_torque=load_torque)
 
@@ -79,6 +80,8 @@ def learn_backlash(
     *,
     load_torque: float = 0.0,
     sensors: Sensors | None = None,
+    delay: Delay | None = None,
+    seed: int = 0,
 ) -> BacklashEstimate:
     """Learn the backlash of a simulated drive by the experiment of the settings; see `run_experiment`.
 
@@ -90,5 +93,5 @@ def learn_backlash(
     >>> estimate.valid, round(estimate.angle, 3)
     (True, 0.02)
     """
-    outcome = run_experiment(drive, settings, load_torque=load_torque, sensors=sensors)
+    outcome = run_experiment(drive, settings, load_torque=load_torque, sensors=sensors, delay=delay, seed=seed)
     return cast("BacklashEstimate", outcome)

@@ -66,6 +66,7 @@ class SimulatedDrive:
     period : of the samples, s
     seed : of noise and jitter
     state : initial state; at rest in the middle of the gap by default
+    tolerance : of the integrator, per step
     """
 
     _sensors: SensorConstants
@@ -79,6 +80,7 @@ class SimulatedDrive:
         delay: Delay | None = None,
         seed: int = 0,
         state: PlantState | None = None,
+        tolerance: float = DEFAULT_TOLERANCE,
     ) -> None:
         self.drive = drive
         self.state = PlantState((at_rest() if state is None else state).copy())
@@ -94,6 +96,7 @@ class SimulatedDrive:
         self.use(sensors or Sensors())
         self._line = line_of(delay_constants(delay or Delay(), period, seed), self.state)
         self._row = np.zeros((1, 5))
+        self._tolerance = tolerance
 
     @property
     def time(self) -> float:
@@ -148,7 +151,7 @@ class SimulatedDrive:
             self._line,
             min(max(command, -limit), limit),
             load_torque,
-            DEFAULT_TOLERANCE,
+            self._tolerance,
             self._row,
         )
         if status != DONE:

@@ -252,7 +252,9 @@ def _refused(reason: str) -> LostMotion:
     return LostMotion(valid=False, reason=reason)
 
 
-def measure_lost_motion(drive: Drive, curve: Curve, speed: float, at: float) -> LostMotion:
+def measure_lost_motion(
+    drive: Drive, curve: Curve, speed: float, at: float, contacts: Sequence[Contact] = ()
+) -> LostMotion:
     """Return gap, lost motion and stiffness from a recording.
 
     Parameters
@@ -260,13 +262,14 @@ def measure_lost_motion(drive: Drive, curve: Curve, speed: float, at: float) -> 
     drive : for its motor, viscous friction and gear ratio, which are taken as given, and its contact law
     speed : of the motor through the gap, rad/s at the output
     at : the lost motion is measured between plus and minus this torque, N m
+    contacts : the laws to try, the drive's own first; see `contacts_of`
     """
     points = _points(curve, drive, speed)
     counts = count_of(curve.motor), count_of(curve.load) if np.ptp(curve.load) > 0.0 else 0.0
     if reason := _too_little(points, counts[0]):
         return _refused(reason)
     count = math.hypot(*counts)
-    tried = [_fit(drive, contact, points, count) for contact in contacts_of(drive)]
+    tried = [_fit(drive, contact, points, count) for contact in contacts or contacts_of(drive)]
     best = min(tried, key=lambda each: each.rms)
     if tried[0].rms * _BETTER <= best.rms:
         best = tried[0]

@@ -29,10 +29,10 @@ def _still(recording: Recording) -> int:
     return max(0, int(np.searchsorted(time, time[int(np.argmax(moved))] - _STILL)))
 
 
-def informative(recording: Recording) -> tuple[Recording, str]:
+def informative(recording: Recording, longest: float = LONGEST) -> tuple[Recording, str]:
     """Return the stretch to fit, with its place in words unless it is the whole recording.
 
-    A hole of more than `HOLE` periods ends a stretch. If it is longer than `LONGEST` s, the part in which the angle
+    A hole of more than `HOLE` periods ends a stretch. If it is longer than ``longest`` s, the part in which the angle
     between the shafts travels most is used. Rest before the motion is left out.
     """
     period = float(np.median(np.diff(recording.time)))
@@ -46,8 +46,8 @@ def informative(recording: Recording) -> tuple[Recording, str]:
         steps = np.abs(np.diff(between, prepend=between[0]))
         way = np.concatenate(([0.0], np.cumsum(np.where(np.isfinite(steps), steps, 0.0))))
         time = whole.time
-        for start in np.arange(time[0], max(time[-1] - LONGEST, time[0]) + _STEP, _STEP):
-            begin, end = np.searchsorted(time, (start, start + LONGEST))
+        for start in np.arange(time[0], max(time[-1] - longest, time[0]) + _STEP, _STEP):
+            begin, end = np.searchsorted(time, (start, start + longest))
             if end - begin > 1 and way[end] - way[begin] > 1.001 * most:
                 most = float(way[end] - way[begin])
                 best = whole.part(slice(_starts(whole, int(begin)), int(end)))

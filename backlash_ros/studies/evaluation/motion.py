@@ -180,9 +180,9 @@ def motion_table(results: list[dict[str, Any]], laws: tuple[str, ...]) -> list[l
     results : of `evaluate_motion`
     """
 
-    def spread(values: list[float]) -> str:
+    def spread(values: list[float], digits: int = 2) -> str:
         shares = np.percentile(np.array(values, dtype=float), (50, 90, 100), method="higher")
-        return " / ".join(f"{value:.2g}" for value in shares)
+        return " / ".join(f"{value:.{digits}g}" for value in shares)
 
     rows = [
         ["path", "law", "rms, b: median / 90 % / worst", "largest, b", "settled after its end, s", "teeth, N", "faults"]
