@@ -121,17 +121,23 @@ def of_learning(axis: Axis, angle: AngleUnit) -> tuple[str, str]:
     if not axis.b:
         swing, small = axis.last_state.get("rattle", 0.0), angle.small
         rattle = f"of {small.factor * swing:#.3g} {small.name}" if swing else "after a move"
-        return "b is not known", f"would end the rattle {rattle}"
-    kept = servo_says(axis)
-    sure = kept.get("estimate_uncertainty_rad", "")
-    ours = sure and kept.get("estimate_applied") == "True" and math.isclose(float(kept["estimate_rad"]), axis.b)
-    text = quantity(axis.b, float(sure) if ours else 0.0, "rad", angle)
-    gain = "in use: moves end without a rattle"
-    if law_of(axis) == "fast":
+        return "backlash b is not known", f"would calm the rattle {rattle}"
+    law, share = law_of(axis), _share_of_inertia(axis)
+    gain = f"in use by law {law}" if law else "in use"
+    if law == "fast":
         gain = "law fast does not use it"
-    elif law_of(axis) != BEST and _is_heavy(axis):
-        gain = "in use; this load is heavy for the motor and may rattle: identify, too"
-    return f"b = {text}", gain
+    elif law != BEST and share > HEAVY:
+        gain += f"; a load with {share:.2g} of the motor's inertia may rattle: identify, too"
+    return f"backlash b = {quantity(axis.b, _uncertainty_of_b(axis), 'rad', angle)}", gain
+
+
+def _uncertainty_of_b(axis: Axis) -> float:
+    """Return the standard uncertainty of the backlash in use, rad; 0 if no experiment found this value."""
+    rows = [(each.value, each.uncertainty) for found in found_by(axis).values() for each in found if each.symbol == "b"]
+    kept = servo_says(axis)
+    if sure := kept.get("estimate_uncertainty_rad", ""):  # of a file, too
+        rows.append((float(kept["estimate_rad"]), float(sure)))
+    return next((sure for value, sure in rows if math.isclose(value, axis.b)), 0.0)
 
 
 def of_identification(axis: Axis, angle: AngleUnit) -> tuple[str, str]:
@@ -142,22 +148,22 @@ def of_identification(axis: Axis, angle: AngleUnit) -> tuple[str, str]:
         used, inertia = told["load.inertia"], found.get("J_l")
         ours = inertia is not None and math.isclose(inertia.value, used)
         text = inertia.text(angle) if ours and inertia else quantity(used, 0.0, "kg m^2", angle)
-        return f"J_l = {text}", f"load inertia; law {law} acts"
+        return f"load inertia {text}", f"in use by law {law}"
     if not found:
-        return "the load is not known", "would let law two_encoder move faster"
+        return "the load is not known", f"would let law {BEST} plan moves: faster and calmer"
     if not (lacking := [word for symbol, word in _NEEDED.items() if symbol not in found]):
         return "load found, but not in use", f"law {law} still acts"
     result = "the load was not found" if len(lacking) == len(_NEEDED) else f"load found, {lacking[0]} not"
-    again = "identify elsewhere, or set load.* and identified: true"
-    return result, f"law {law} still acts: {again}"
+    return result, f"try again, then at another angle; law {law} still acts"
 
 
-def _is_heavy(axis: Axis) -> bool:
+def _share_of_inertia(axis: Axis) -> float:
+    """Return the load's inertia as a share of the motor's, both at the output; 0 if it is not told."""
     try:
         drive = drive_of(axis.told.values)
     except (KeyError, ValueError, TypeError):  # another version's controller
-        return False
-    return drive.load.inertia > HEAVY * drive.reflected_inertia
+        return 0.0
+    return drive.load.inertia / drive.reflected_inertia
 
 
 def remedy_first(text: str) -> str:

@@ -159,7 +159,7 @@ class TestOneDrive:
     def test_a_newcomer_sees_the_rattle_and_ends_it_by_clicks(self, system: System, browser: Chrome) -> None:
         served, peer = system.served, system.peer
         page = Page(browser, served.address, peer)
-        assert page.said("learn-result") == "b is not known"
+        assert page.said("learn-result") == "backlash b is not known"
         page.click("Step of 0.5 rad")
         page.wait("the step", lambda: page.at_rest_at(0.5))
         page.wait("the rattle", lambda: 0.5 * B < page.swing() < 1.5 * B)
@@ -179,7 +179,7 @@ class TestOneDrive:
         page.click("Learn the backlash")
         page.wait(
             "what was learned, with its uncertainty",
-            lambda: re.fullmatch(r"b = (19\.9|20\.[01])\d* ± 0\.\d+ mrad", page.said("learn-result")),
+            lambda: re.fullmatch(r"backlash b = (19\.9|20\.[01])\d* ± 0\.\d+ mrad", page.said("learn-result")),
         )
         told = page.run("return window.told")  # nothing if the page was loaded anew meanwhile
         assert told is None or any(re.fullmatch(r"computing for \d+ s", each or "") for each in told)

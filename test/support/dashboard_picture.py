@@ -48,7 +48,7 @@ def draw(browser: Chrome, address: str, folder: Path) -> None:
     _click(browser, STEP)
     _pause(browser, 5.0)
     browser.find_element(By.ID, "tooth").screenshot(str(folder / "tooth.png"))
-    for words, result in (("Learn the backlash", "b = "), ("Identify the drive", "J_l = ")):
+    for words, result in (("Learn the backlash", "b = "), ("Identify the drive", "load inertia ")):
         _click(browser, words)
         _wait(result, lambda result=result: result in browser.find_element(By.CLASS_NAME, "strip").text)
         _pause(browser, 2.0)

@@ -131,18 +131,18 @@ def found_by_identify(*symbols: str) -> str:
 @pytest.mark.parametrize(
     ("symbols", "identified", "result", "gain"),
     [
-        ((), False, "the load is not known", "would let law two_encoder move faster"),
+        ((), False, "the load is not known", "would let law two_encoder plan moves: faster and calmer"),
         (
             ("b", "J_l"),
             False,
             "load found, its dry friction not",
-            "law two_region still acts: identify elsewhere",
+            "try again, then at another angle; law two_region still acts",
         ),
-        (("b", "c_l"), False, "load found, its inertia not", "or set load.* and identified: true"),
-        (("b",), False, "the load was not found", "law two_region still acts: identify elsewhere"),
+        (("b", "c_l"), False, "load found, its inertia not", "try again, then at another angle"),
+        (("b",), False, "the load was not found", "law two_region still acts"),
         (("J_l", "c_l"), False, "load found, but not in use", "law two_region still acts"),  # it was not applied
-        (("J_l", "c_l"), True, "J_l = 5.000 ± 0.040 kg cm²", "load inertia; law two_region acts"),
-        ((), True, "J_l = 5 kg cm²", "load inertia; law two_region acts"),  # told by hand
+        (("J_l", "c_l"), True, "load inertia 5.000 ± 0.040 kg cm²", "in use by law two_region"),
+        ((), True, "load inertia 5 kg cm²", "in use by law two_region"),  # told by hand
     ],
 )
 def test_what_identify_did_not_find_is_said_with_what_to_do(
@@ -156,19 +156,35 @@ def test_what_identify_did_not_find_is_said_with_what_to_do(
     assert gain in shown[1]
 
 
+_HEAVY = "a load with 0.6 of the motor's inertia may rattle: identify, too"
+
+
 @pytest.mark.parametrize(
     ("inertia", "law", "gain"),
     [
-        (5e-4, "two_region", "in use: moves end without a rattle"),
-        (1.1e-3, "two_region", "in use; this load is heavy for the motor and may rattle: identify, too"),
-        (1.1e-3, "two_encoder", "in use: moves end without a rattle"),
+        (5e-4, "two_region", "in use by law two_region"),
+        (
+            1.2e-3,
+            "two_region",
+            f"in use by law two_region; {_HEAVY}",
+        ),
+        (1.2e-3, "two_encoder", "in use by law two_encoder"),
         (1.1e-3, "fast", "law fast does not use it"),
     ],
 )
 def test_a_heavy_load_asks_for_more_than_the_backlash(inertia: float, law: str, gain: str) -> None:
     told = {**values_of(NOMINAL_DRIVE), "load.inertia": inertia}
     seen = Seen(b=0.02, told=Told(1, told)).says("controller: servo", law_in_use=law)
-    assert state.of_learning(seen.axis, state.ANGLES["rad"]) == ("b = 20 mrad", gain)
+    assert state.of_learning(seen.axis, state.ANGLES["rad"]) == ("backlash b = 20 mrad", gain)
+
+
+def test_an_uncertainty_is_told_as_long_as_the_backlash_is_in_use_that_it_belongs_to() -> None:
+    """Another experiment without a result, which becomes the last one, changes nothing."""
+    found = json.dumps({"learn": [["b", 0.02, 1e-5, "rad"]], "identify": []})
+    seen = Seen(b=0.02).says("controller: servo", found=found, estimate_applied="False", estimate_rad="nan")
+    assert state.of_learning(seen.axis, state.ANGLES["rad"])[0] == "backlash b = 20.000 ± 0.010 mrad"
+    seen.b = 0.021  # set by hand
+    assert state.of_learning(seen.axis, state.ANGLES["rad"])[0] == "backlash b = 21 mrad"
 
 
 @pytest.mark.parametrize(
