@@ -7,7 +7,7 @@ from nicegui import ui
 
 from backlash_ros.dashboard.axis import SILENCE, Axis
 from backlash_ros.dashboard.cards.card import Shown, button
-from backlash_ros.dashboard.state import acts, fault_of, state_of
+from backlash_ros.dashboard.state import acts, fault_of, outside, state_of
 
 STATIC = "/static"
 
@@ -60,6 +60,6 @@ def header(page: Shown, watch: Callable[[str], None]) -> Callable[[Axis | None],
         if axis.silent >= SILENCE:
             since = f" since {axis.silent:.0f} s" if math.isfinite(axis.silent) else ""
             silent = f"no joint states from the drive{since}"
-        law.set_text(silent or acts(axis) or "no position is held")
+        law.set_text(silent or outside(axis, page.angle) or acts(axis) or "no position is held")
 
     return refresh

@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from backlash_ros.control.laws import BEST
+from backlash_ros.control.limits import NO_LIMIT
 from backlash_ros.control.monitoring.wear import HEAVY
+from backlash_ros.control.motion.profile_parameters import STEP
 from backlash_ros.control.telemetry import TELEMETRY
 from backlash_ros.dashboard.axis import SILENCE, Axis
 from backlash_ros.drivetrain.parameters import drive_of
@@ -200,6 +202,51 @@ def refusal(axis: Axis) -> str:
     if axis.last_state.get("holding", 0.0):
         return ""
     return "nothing was sent: the controller holds no position and refuses references"
+
+
+def travel_of(axis: Axis) -> tuple[float, float]:
+    """Return the ends of the load's travel, rad; infinite where there is none."""
+    values = axis.told.values
+    ends = (float(values.get(f"limits.position_{end}", NO_LIMIT)) for end in ("lower", "upper"))
+    lower, upper = (math.inf if abs(end) >= NO_LIMIT else end for end in ends)
+    return -math.inf if math.isinf(lower) else lower, upper
+
+
+def travel_text(axis: Axis, angle: AngleUnit) -> str:
+    """Return the ends of the travel in words; empty if there is none.
+
+    >>> from types import SimpleNamespace as Axis
+    >>> ends = {"limits.position_lower": -1.0, "limits.position_upper": 2.96706}
+    >>> travel_text(Axis(told=Axis(values=ends)), ANGLES["rad"])
+    '-1 to 2.967 rad'
+    """
+    lower, upper = (f"{angle.large.factor * end:.4g}" for end in travel_of(axis))
+    if (lower, upper) == ("-inf", "inf"):
+        return ""
+    span = f"±{upper}" if lower == f"-{upper}" else f"{lower} to {upper}"
+    return f"{span.replace('-inf to', 'up to').replace(' to inf', ' and more')} {angle.large.name}"
+
+
+def beyond(axis: Axis, target: float, angle: AngleUnit) -> str:
+    """Return why the controller would refuse a target, rad; empty if it would not."""
+    lower, upper = travel_of(axis)
+    shown, unit = f"{angle.large.factor * target:.4g} {angle.large.name}", angle.large
+    if not lower <= target <= upper:
+        return f"nothing was sent: {shown} is beyond the travel, {travel_text(axis, angle)}"
+    most, present = float(axis.told.values.get("limits.step", math.inf)), axis.last_state.get("reference", target)
+    leaps = axis.told.values.get("profile.mode", STEP) == STEP
+    if leaps and abs(target - present) > most:
+        return f"nothing was sent: {shown} is more than limits.step = {unit.factor * most:.4g} {unit.name} away"
+    return ""
+
+
+def outside(axis: Axis, angle: AngleUnit) -> str:
+    """Return that the load is beyond its travel, and what to do; empty if it is not."""
+    (lower, upper), zone = travel_of(axis), float(axis.told.values.get("limits.soft_zone", 0.0))
+    load = axis.last_state.get("load_angle", math.nan)
+    if not axis.last_state.get("holding") or not (load < lower - zone or load > upper + zone):
+        return ""
+    return f"the load is beyond its travel, {travel_text(axis, angle)}: go back to an angle within it"
 
 
 def fault_of(axis: Axis) -> tuple[str, str]:

@@ -203,3 +203,35 @@ def test_a_remedy_comes_first(text: str, shown: str) -> None:
 def test_an_answer_is_about_one_situation(change: dict[str, Any]) -> None:
     assert state.situation(Seen().axis) == state.situation(Seen().now(progress=0.5, load_angle=1.0).axis)
     assert state.situation(Seen().axis) != state.situation(Seen().now(**change).axis)
+
+
+_TRAVEL = {"limits.position_lower": -2.96706, "limits.position_upper": 2.96706, "limits.soft_zone": 0.05}
+
+
+@pytest.mark.parametrize(
+    ("unit", "target", "why"),
+    [
+        ("rad", 5.0, "5 rad is beyond the travel, ±2.967 rad"),
+        ("deg", -3.0, "-171.9 deg is beyond the travel, ±170 deg"),
+        ("rad", 2.96706, ""),
+    ],
+)
+def test_a_target_beyond_the_travel_is_told(unit: str, target: float, why: str) -> None:
+    seen = Seen(told=Told(1, _TRAVEL)).now(reference=0.0)
+    assert state.beyond(seen.axis, target, state.ANGLES[unit]).removeprefix("nothing was sent: ") == why
+
+
+def test_a_leap_that_the_controller_refuses_is_told_and_a_plan_may_go_as_far() -> None:
+    told = {"limits.step": 6.28, "profile.mode": "step"}
+    why = "nothing was sent: 7 rad is more than limits.step = 6.28 rad away"
+    assert state.beyond(Seen(told=Told(1, told)).now(reference=0.0).axis, 7.0, state.ANGLES["rad"]) == why
+    told["profile.mode"] = "auto"
+    assert state.beyond(Seen(told=Told(1, told)).now(reference=0.0).axis, 7.0, state.ANGLES["rad"]) == ""
+    assert state.travel_text(Seen().axis, state.ANGLES["rad"]) == ""
+
+
+def test_a_load_beyond_its_travel_is_told_with_what_to_do() -> None:
+    seen = Seen(told=Told(1, _TRAVEL)).now(load_angle=5.9)
+    said = "the load is beyond its travel, ±2.967 rad: go back to an angle within it"
+    assert state.outside(seen.axis, state.ANGLES["rad"]) == said
+    assert state.outside(seen.now(load_angle=3.0).axis, state.ANGLES["rad"]) == ""  # it overshot the end

@@ -21,7 +21,6 @@ from backlash_ros.dashboard.state import (
     fault_of,
     of_identification,
     of_learning,
-    refusal,
     remedy,
     remedy_first,
     servo_says,
@@ -194,11 +193,9 @@ def _move(page: Shown) -> Refresh:
     def act() -> None:
         nonlocal sign
         if page.axis is not None:
-            why = refusal(page.axis)
+            why = step(page, page.axis, sign * _WAY)
             shown.tell(page.axis, Answer(not why, why))
-            if not why:
-                step(page, sign * _WAY)
-                sign = -sign
+            sign = sign if why else -sign
 
     if not page.read_only:
         shown.offer("", act)
