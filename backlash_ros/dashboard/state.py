@@ -197,11 +197,26 @@ def acts(axis: Axis) -> str:
     return f"law {law}: {does}" if does not in ("", "none") else f"law {law}"
 
 
+def silence(axis: Axis) -> str:
+    """Return that no joint states come, or none that the controller can use; empty if it uses them."""
+    if axis.silent >= SILENCE:
+        if axis.simulated and axis.lifecycle == "inactive":  # in lockstep
+            return "the simulated drive waits for commands"
+        since = f" for {axis.silent:.0f} s" if math.isfinite(axis.silent) else ""
+        return f"no joint states from the drive{since}"
+    every = 1.0 / float(axis.told.values.get("telemetry_rate", 1.0))
+    if axis.lifecycle != "active" or not axis.unused >= SILENCE + 2.0 * every:
+        return ""
+    why = servo_says(axis).get("last_dropped", "").removeprefix("unusable joint_states: ")
+    return "no usable joint states" + (f": {why}" if why else "")
+
+
 def refusal(axis: Axis) -> str:
     """Return why an axis takes no reference; empty if it does."""
-    if axis.last_state.get("holding", 0.0):
-        return ""
-    return "nothing was sent: the controller holds no position and refuses references"
+    if not axis.last_state.get("holding", 0.0):
+        return "nothing was sent: the controller holds no position and refuses references"
+    why = silence(axis)
+    return f"nothing was sent: {why}" if why else ""
 
 
 def travel_of(axis: Axis) -> tuple[float, float]:
@@ -275,7 +290,7 @@ def state_of(axis: Axis, run: Run | None) -> State:
         (not axis.present, "not there", "bad"),
         (fault_of(axis)[0], "fault", "bad"),
         (lifecycle != "active", lifecycle, "idle"),
-        (axis.silent >= SILENCE, "no samples", "bad"),
+        (silence(axis), "no samples", "bad"),
         (experiment not in ("", "none"), experiment, "busy"),
         (run is not None and math.isfinite(run.computing_since), "computing", "busy"),
         (not axis.last_state.get("holding"), "ready", "idle"),
@@ -287,7 +302,7 @@ def state_of(axis: Axis, run: Run | None) -> State:
 
 def step_of(axis: Axis) -> str:
     """Return the step of `STEPS` that runs, else the first one that is not done."""
-    if fault_of(axis)[0] or axis.lifecycle != "active" or axis.silent >= SILENCE:
+    if fault_of(axis)[0] or axis.lifecycle != "active" or silence(axis):
         return "connect"
     if (runs := EXPERIMENTS.get(_word(axis, "experiment"))) in STEPS:
         return runs

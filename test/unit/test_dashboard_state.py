@@ -29,6 +29,7 @@ class Seen:
     simulated: bool = False
     lifecycle: str = "active"
     silent: float = 0.0
+    unused: float = 0.0
     b: float = 0.0
     told: Told = field(default_factory=Told)
     last_state: dict[str, float] = field(default_factory=lambda: {"holding": 1.0, "fault": 0.0, "experiment": 0.0})
@@ -83,6 +84,8 @@ def test_what_was_found_is_read_as_it_is_told_and_shown_as_people_want_it() -> N
         (Seen().now(experiment=2.0), "identifying", "identify"),
         (Seen(lifecycle="inactive"), "inactive", "connect"),
         (Seen(silent=2.0), "no samples", "connect"),
+        (Seen(unused=3.1), "no samples", "connect"),  # none that the controller can use
+        (Seen(unused=math.nan), "active", "learn"),  # nothing was told yet
         (Seen().now(fault=5.0, holding=0.0), "fault", "connect"),
         (Seen(silent=math.inf, last_state={}), "no samples", "connect"),
         (Seen(present=False, lifecycle="not there").now(fault=5.0), "not there", "connect"),
@@ -203,6 +206,27 @@ def test_a_remedy_comes_first(text: str, shown: str) -> None:
 def test_an_answer_is_about_one_situation(change: dict[str, Any]) -> None:
     assert state.situation(Seen().axis) == state.situation(Seen().now(progress=0.5, load_angle=1.0).axis)
     assert state.situation(Seen().axis) != state.situation(Seen().now(**change).axis)
+
+
+def test_samples_that_the_controller_cannot_use_are_told_with_the_reason_and_soon() -> None:
+    seen = Seen(unused=1.1, told=Told(1, {"telemetry_rate": 50.0}))
+    said = "no usable joint states"
+    assert state.silence(seen.axis) == said
+    assert (
+        state.silence(seen.says("controller: servo", last_dropped="unusable joint_states: no motor").axis)
+        == f"{said}: no motor"
+    )
+    assert state.refusal(seen.axis) == f"nothing was sent: {said}: no motor"
+    assert state.silence(Seen(unused=0.9, told=seen.told).axis) == ""
+    slow = Seen(unused=4.0, told=Told(1, {"telemetry_rate": 0.5}))
+    assert state.silence(slow.axis) == ""  # it tells of a sample every 2 s
+
+
+def test_a_simulated_drive_that_waits_after_a_stop_is_no_second_failure() -> None:
+    seen = Seen(silent=29.0, lifecycle="inactive")
+    assert state.silence(seen.axis) == "no joint states from the drive for 29 s"
+    seen.simulated = True
+    assert state.silence(seen.axis) == "the simulated drive waits for commands"
 
 
 _TRAVEL = {"limits.position_lower": -2.96706, "limits.position_upper": 2.96706, "limits.soft_zone": 0.05}

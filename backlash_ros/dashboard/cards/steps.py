@@ -10,7 +10,7 @@ from lifecycle_msgs.msg import Transition
 from nicegui import ui
 
 from backlash_ros.control.telemetry import TELEMETRY
-from backlash_ros.dashboard.axis import ANSWER, Answer, Axis
+from backlash_ros.dashboard.axis import ANSWER, SILENCE, Answer, Axis
 from backlash_ros.dashboard.cards.card import Refresh, Said, Shown, button
 from backlash_ros.dashboard.cards.move import step
 from backlash_ros.dashboard.state import (
@@ -117,9 +117,15 @@ def _connect(page: Shown) -> Refresh:
         idle = axis.present and axis.lifecycle in ("inactive", "unconfigured")
         timing = axis.diagnoses.get("controller: timing")
         if idle:
-            words = "0 V", "would hold the load where it is"
+            words = "0 V", "activate it to hold the load"
         elif step_of(axis) == "connect":
-            words = "no samples", "start the drive, which publishes joint_states"
+            there = axis.silent < SILENCE
+            what = (
+                "see the drive's encoders and its joint_states"
+                if there
+                else "start the drive: it publishes joint_states"
+            )
+            words = f"no {'usable ' if there else ''}samples", what
         else:
             rate = timing.values.get("rate_Hz", "nan") if timing else "nan"
             late = timing.values.get("late_samples", "0") if timing else "0"
