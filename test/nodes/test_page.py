@@ -27,6 +27,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 from backlash_ros.ros.topics import RECEIVE
 
 LOOKS = Path(__file__).parents[1] / "support" / "looks.js"
+PLAYED_STEP = LOOKS.with_name("played_step.js")
 WIDTHS = (360, 901, 1920)
 BOXES = ("[data-name=stop]", ".strip", ".curves", "#tooth", "[data-name=go]")
 
@@ -231,17 +232,36 @@ class TestOneDrive:
         page.click("Reset")
         assert page.looks(["active"]) == places
 
-    def test_an_answer_can_be_read_whole_and_an_ended_rattle_is_not_told(self, system: System, browser: Chrome) -> None:
+    def test_an_answer_can_be_read_whole(self, system: System, browser: Chrome) -> None:
         page = Page(browser, system.served.address, system.peer)
         room = (
             "const box = document.querySelector('[data-name=step-learn]'); return box.clientHeight - box.scrollHeight"
         )
         page.run("document.querySelector('[data-name=step-learn-answer]').textContent = 'no gap '.repeat(60)")
         assert page.run(room) >= 0
-        step = "last: {settled: 0.3, sample: 0.004, swing: arguments[0]}"
-        axis = "{b: 0.02, angle: live.angle, state: {last: () => 0.015}, steps: {" + step + "}}"
-        told = [page.run(f"return live.stepText.call({axis})[0]", swing) for swing in ("0.014", "0.0")]
-        assert told == ["rattles by 0.75 b", "settled in 0.300 ± 0.004 s"]
+
+    def test_a_step_is_judged_once_and_a_rattle_is_one_figure_until_it_stays_away(
+        self, system: System, browser: Chrome
+    ) -> None:
+        page = Page(browser, system.served.address, system.peer)
+
+        def told(load: str, rattle: str = "0", reference: str = "t < 0 ? 0 : 0.5") -> list[str]:
+            return [words for words, _ in page.run(PLAYED_STEP.read_text(), load, rattle, reference)]
+
+        move = "(t < 0 ? 0 : 0.5 * Math.min(1, t / 0.16))"
+        settled = ["no step yet", "moves", "settled in 0.160 ± 0.010 s"]
+        assert told(move) == settled
+        assert told(f"{move} + (t > 5 && t < 6 ? 0.03 : 0)") == settled  # a load torque is no part of the step
+        assert told("t < 0 ? 0 : 0.5 * Math.min(1, t / 5)")[1:] == ["moves", "settled in 4.960 ± 0.010 s"]
+        assert told("t < 0 ? 0 : 0.48 * Math.min(1, t / 0.16)")[1:] == ["moves", "did not settle"]
+        beats = f"{move} + (t > 0.16 ? 0.01 * Math.sin(200 * t) : 0)"
+        assert told(beats, "t > 1 ? 0.02 : 0")[1:] == ["moves", "rattles by 1.00 b"]
+        assert told(beats, "t > 1 && t % 2 < 1 ? 0.02 : 0")[1:] == ["moves", "rattles by 1.00 b"]  # it comes and goes
+        ended = "(t > 0.16 && t < 3 ? 0.01 * Math.sin(200 * t) : 0)"  # the over-damped gains ended it; it is told still
+        assert told(f"{move} + {ended}", "t > 1 ? 0.02 : 0")[1:3] == ["moves", "rattles by 1.00 b"]
+        assert told(f"{move} + {ended}", "t > 1 ? 0.02 : 0")[-1] == "settled in 3.000 ± 0.010 s"
+        sine = "t < 4 ? 0.5 : 0.5 + 0.1 * Math.sin(t - 4)"  # a motion since then is no step
+        assert told(f"t < 4 ? {move} : {sine}", "0", f"t < 0 ? 0 : {sine}") == settled
 
     @pytest.mark.grid
     def test_angles_are_in_the_unit_that_was_chosen_and_moves_stay_what_they_were(

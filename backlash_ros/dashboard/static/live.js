@@ -9,7 +9,7 @@ const POINTS = 600; // places along a curve; each shows the least and the larges
 const HOLE = 10; // usual times between two points that interrupt a curve
 const NEAR = 0.01; // share of the time shown: as far from the cursor a curve has a value
 
-class Table {
+export class Table {
   constructor(columns) {
     this.columns = columns;
     this.values = columns.map(() => []);
@@ -322,20 +322,9 @@ class Live {
     const { steps, b } = this, { small } = this.angle;
     steps.look(this.joints, this.state, (from, to) => this.errors(from, to), b, this.tooth);
     steps.tell(b, small);
-    const [result, more] = this.stepText();
+    const [result, more] = steps.words(b, small);
     document.getElementById("step-result").textContent = result;
     document.getElementById("step-more").textContent = more;
-  }
-  stepText() {
-    const { b, state } = this, { small } = this.angle, step = this.steps.last;
-    if (!step) return ["no step yet", "would show whether the load rattles"];
-    if (Number.isNaN(step.swing)) return ["moves", ""];
-    const inWords = (angle) => (b ? `${(angle / b).toFixed(2)} b` : `${(angle * small.factor).toPrecision(3)} ${small.name}`);
-    const swing = `swing ${inWords(step.swing)} in its last second`;
-    const rattle = state.last("rattle"); // told until the gains change, also where the over-damped ones have ended it
-    if (rattle > 0 && step.swing > rattle / 2) return [`rattles by ${inWords(rattle)}`, swing];
-    if (step.settled === Infinity) return ["did not settle", swing];
-    return [`settled in ${step.settled.toFixed(3)} \u00b1 ${step.sample.toFixed(3)} s`, swing];
   }
 }
 
