@@ -508,7 +508,14 @@ class TestOneDrive:
             for event in (touch, {"type": "touchEnd", "touchPoints": []}):
                 browser.execute_cdp_cmd("Input.dispatchTouchEvent", event)
             page.wait("values where it was touched", lambda: re.search(r"-\d\.\d{3} s\s+● load", page.text()))
-            for part in ("[data-name=stop]", ".step.now", ".curves", "#tooth", "[data-name=go]", "[data-name=stay]"):
+            steps = (
+                "[data-name=learn-button]",
+                "[data-name=identify-button]",
+                "[data-name=move-button]",
+                "[data-name=unit]",
+            )
+            acts = (".curves", "#tooth", "[data-name=go]", "[data-name=stay]")
+            for part in ("[data-name=stop]", ".step.now", *steps, *acts):
                 box = page.box(part)
                 assert 0 <= box["left"] < box["right"] <= 390, part
                 assert 0 <= box["top"] < box["bottom"] <= 844, part  # on one screen
