@@ -250,18 +250,27 @@ class TestOneDrive:
 
         move = "(t < 0 ? 0 : 0.5 * Math.min(1, t / 0.16))"
         settled = ["no step yet", "moves", "settled in 0.160 ± 0.010 s"]
+        rattles = ["moves", "rattles by 1.00 b"]
         assert told(move) == settled
         assert told(f"{move} + (t > 5 && t < 6 ? 0.03 : 0)") == settled  # a load torque is no part of the step
         assert told("t < 0 ? 0 : 0.5 * Math.min(1, t / 5)")[1:] == ["moves", "settled in 4.960 ± 0.010 s"]
         assert told("t < 0 ? 0 : 0.48 * Math.min(1, t / 0.16)")[1:] == ["moves", "did not settle"]
         beats = f"{move} + (t > 0.16 ? 0.01 * Math.sin(200 * t) : 0)"
-        assert told(beats, "t > 1 ? 0.02 : 0")[1:] == ["moves", "rattles by 1.00 b"]
-        assert told(beats, "t > 1 && t % 2 < 1 ? 0.02 : 0")[1:] == ["moves", "rattles by 1.00 b"]  # it comes and goes
+        assert told(beats, "t > 1 ? 0.02 : 0")[1:] == rattles
+        assert told(beats, "t > 1 && t % 2 < 1 ? 0.02 : 0")[1:] == rattles  # it comes and goes
         ended = "(t > 0.16 && t < 3 ? 0.01 * Math.sin(200 * t) : 0)"  # the over-damped gains ended it; it is told still
-        assert told(f"{move} + {ended}", "t > 1 ? 0.02 : 0")[1:3] == ["moves", "rattles by 1.00 b"]
+        assert told(f"{move} + {ended}", "t > 1 ? 0.02 : 0")[1:3] == rattles
         assert told(f"{move} + {ended}", "t > 1 ? 0.02 : 0")[-1] == "settled in 3.000 ± 0.010 s"
         sine = "t < 4 ? 0.5 : 0.5 + 0.1 * Math.sin(t - 4)"  # a motion since then is no step
         assert told(f"t < 4 ? {move} : {sine}", "0", f"t < 0 ? 0 : {sine}") == settled
+
+    def test_numbers_are_written_for_people(self, system: System, browser: Chrome) -> None:
+        """With as many digits as tell two ticks apart, and without exponents."""
+        page = Page(browser, system.served.address, system.peer)
+        tick = "return live.chart.getOption().yAxis[0].axisLabel.formatter(Number(arguments[0]))"
+        assert [page.run(tick, each) for each in ("1.0005", "0.30000000000000004", "-3")] == ["1.0005", "0.3", "-3"]
+        digits = "const {digits} = await import('/static/steps.js'); return digits(Number(arguments[0]), 2)"
+        assert [page.run(digits, each) for each in ("223", "2.23", "0.1", "1e-9")] == ["223", "2.2", "0.10", "0"]
 
     @pytest.mark.grid
     def test_angles_are_in_the_unit_that_was_chosen_and_moves_stay_what_they_were(

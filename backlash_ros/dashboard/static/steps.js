@@ -74,11 +74,12 @@ export class Steps {
 
   // Notice a rattle: the controller tells one, while the setpoint stands. It may come and go, and is told until it stays away.
   listen(joints, state) {
-    const now = state.last("time"), [lowest, highest] = span(state.of("setpoint"), state.from(now - 2 * SWING));
-    if (lowest !== highest || state.last("experiment") || now > this.rattle?.until) this.rattle = undefined;
+    const now = state.last("time"), before = state.from(now - 2 * SWING), [lowest, highest] = span(state.of("setpoint"), before);
+    const stands = lowest === highest && span(state.of("experiment"), before)[1] === 0;
+    if (!stands || now > this.rattle?.until) this.rattle = undefined;
     const [low, high] = span(joints.of("load"), joints.from(joints.last("time") - SWING)), told = state.last("rattle");
-    if (lowest !== highest || !(told > 0) || !(high - low > told / 2)) return;
-    this.rattle = { until: now + CALM, swing: Math.max(high - low, this.rattle?.swing ?? 0) };
+    if (!stands || !(told > 0) || !(high - low > told / 2)) return;
+    this.rattle = { until: now + CALM, swing: told };
   }
 
   // The step that holds now; none while the reference moves, an experiment runs, or no position is held.
@@ -134,10 +135,11 @@ export class Steps {
 
   // The way of a step, laid over the last one: it ends at the same target and comes from the same side.
   laid(step) {
-    const { start, target, way } = this.last, sign = way * step.way;
+    const { start, origin, target, way } = this.last, sign = way * step.way, far = 1.2 * Math.abs(target - origin);
+    const near = (angle) => (Math.abs(angle) <= far ? angle : NaN); // a longer step does not stretch the picture of this one
     return {
       time: step.time.map((each) => start + each),
-      load: step.load.map((each) => target + sign * (each - step.target)),
+      load: step.load.map((each) => target + near(sign * (each - step.target))),
       error: step.error.map((each) => sign * each),
     };
   }
@@ -145,7 +147,7 @@ export class Steps {
   // What the last step shows, beside its button, and what it is measured by.
   words(b, small) {
     const step = this.last;
-    if (this.rattle) return [`rattles by ${inGaps(this.rattle.swing, b, small)}`, "peak to peak, where it should stand still"];
+    if (this.rattle) return [`rattles by ${inGaps(this.rattle.swing, b, small)}`, "peak to peak, while it should stand"];
     if (!step) return ["no step yet", "would show whether the load rattles"];
     if (Number.isNaN(step.settled)) return ["moves", ""];
     const result = step.settled === Infinity ? "did not settle" : `settled in ${step.settled.toFixed(3)} \u00b1 ${step.sample.toFixed(3)} s`;
