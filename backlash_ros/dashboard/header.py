@@ -6,7 +6,8 @@ from nicegui import ui
 
 from backlash_ros.dashboard.axis import Axis
 from backlash_ros.dashboard.cards.card import Shown, button
-from backlash_ros.dashboard.state import acts, fault_of, outside, silence, state_of
+from backlash_ros.dashboard.cards.law import ABOUT
+from backlash_ros.dashboard.state import acts, fault_of, law_of, outside, silence, state_of
 
 STATIC = "/static"
 
@@ -55,6 +56,7 @@ def header(page: Shown, watch: Callable[[str], None]) -> Callable[[Axis | None],
         word, kind = state_of(axis, page.station.of(axis.title).run)
         state.set_text(word)
         state.classes(add=kind, remove=" ".join(each for each in kinds if each != kind))
+        law.props(f'title="{ABOUT.get(law_of(axis), "")}"')
         law.set_text(silence(axis) or outside(axis, page.angle) or acts(axis) or "no position is held")
 
     return refresh

@@ -98,7 +98,11 @@ class Page:
                 window = ui.toggle(WINDOWS, value=10).props('dense unelevated no-caps aria-label="time shown"')
                 window.on_value_change(lambda event: self._run(f"live.setWindow({int(event.value)})"))
                 for text, short, code in _LOOK:
-                    made = ui.button(text).props("dense flat no-caps").on("click", js_handler=f"() => window.{code}")
+                    made = (
+                        ui.button(text)
+                        .props(f'dense flat no-caps data-look="{text}"')
+                        .on("click", js_handler=f"() => window.{code}")
+                    )
                     made.props(f'data-short="{short}" aria-label="{text}" title="{text}"' if short else "")
                 self._units = ui.toggle(list(ANGLES), value="rad", on_change=lambda event: self._show_in(event.value))
                 self._units.props('dense unelevated no-caps data-name=unit aria-label="unit of angles"')

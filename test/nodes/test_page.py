@@ -65,7 +65,7 @@ class Page:
         )
         script = """
             const buttons = [...document.querySelectorAll('button:enabled')];
-            const found = buttons.find(button => button.innerText.trim() === arguments[0]);
+            const found = buttons.find(each => each.innerText.trim() === arguments[0] && each.checkVisibility());
             return found ? [found, JSON.stringify(found.getBoundingClientRect())] : [null, null]"""
         before: str | None = None
 
@@ -185,7 +185,7 @@ class TestOneDrive:
         told = page.run("return window.told")  # nothing if the page was loaded anew meanwhile
         assert told is None or any(re.fullmatch(r"computing for \d+ s", each or "") for each in told)
         page.wait("quiet", lambda: page.swing() < 0.05 * B)
-        page.click("Step of 0.5 rad")
+        page.click("Step back 0.5 rad")
         page.wait("the step back", lambda: page.at_rest_at(0.0))
         page.wait("quiet", lambda: page.swing() < 0.05 * B)
         page.wait("b in the text", lambda: re.search(r"The load moved by 0\.0\d b in the last second", page.text()))
@@ -538,6 +538,13 @@ class TestOneDrive:
         page = Page(browser, served.address, peer)
         page.click("Step forward")
         page.wait("the step", lambda: page.at_rest_at(0.5))
+        field = browser.find_element(By.CSS_SELECTOR, "[data-name=angle-rad]")
+        field.send_keys(Keys.CONTROL, "a")
+        field.send_keys("7")
+        page.click("Go there")
+        page.wait(
+            "why not", lambda: page.said("move-answer").endswith("7 rad is more than limits.step = 6.283 rad away")
+        )
         page.unfold("Simulated drive")
         page.slider("load-torque").send_keys(Keys.PAGE_UP)
         page.wait("the load torque", lambda: page.run("return window.live.state.last('load_torque')") > 0.05)

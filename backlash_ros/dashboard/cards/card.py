@@ -48,6 +48,11 @@ def button(text: str, act: Callable[..., Any], name: str = "", *, primary: bool 
     return made.props(f"data-name={name}") if name else made
 
 
+def fill(made: ui.button, filled: bool) -> None:
+    """Show a button filled, or outlined."""
+    made.props(remove="outline" if filled else "unelevated", add="unelevated" if filled else "outline")
+
+
 class Said:
     """An answer in words, shown until the axis is in another state than when it came."""
 

@@ -1,12 +1,13 @@
 """The card that moves the load: to an angle, by a step, back and forth, along a sine."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 
 from nicegui import context, ui
 
 from backlash_ros.dashboard.axis import Answer, Axis
-from backlash_ros.dashboard.cards.card import FIELD, Refresh, Said, Shown, button, line
+from backlash_ros.dashboard.cards.card import FIELD, Refresh, Said, Shown, button, fill, line
 from backlash_ros.dashboard.jog import SHARES, abilities
 from backlash_ros.dashboard.motion import Wave
 from backlash_ros.dashboard.state import ANGLES, beyond, refusal, travel_text
@@ -94,10 +95,10 @@ class _Jog:
         self._page, self._version, self._able = page, -1, 0.0
         options = "".join(f'<option value="{share}">{100.0 * share:g} %</option>' for share in SHARES)
         with line().classes("jog"):
-            self._button("Hold \N{MINUS SIGN}", -1)
+            self._button("Jog \N{MINUS SIGN}", -1)
             ui.html(f'<select id="jog-share" aria-label="speed while held">{options}</select>', sanitize=False)
             self._speed = ui.label("").classes("muted").props("data-name=jog-speed")
-            self._button("Hold +", 1)
+            self._button("Jog +", 1)
         ui.html('<output id="jog-text" class="answer" aria-live="polite"></output>', sanitize=False)
 
     @staticmethod
@@ -117,6 +118,14 @@ class _Jog:
         large = self._page.angle.large
         speed = large.factor * self._able
         self._speed.set_text(f"of {speed:.{3 if speed < 1e3 else 5}g} {large.name}/s")
+
+
+def _mark(buttons: Mapping[bool, ui.button], runs: Wave | None) -> None:
+    """Show which wave runs, by whether it is smooth."""
+    for smooth, each in buttons.items():
+        pressed = runs is not None and runs.smooth == smooth
+        fill(each, pressed)
+        each.props(f'aria-pressed="{str(pressed).lower()}"')
 
 
 def move_card(page: Shown) -> Refresh:
@@ -153,13 +162,15 @@ def move_card(page: Shown) -> Refresh:
         with line():
             target = _Angle(page, "angle", 1.0)
             button("Go there", go, "go", primary=True)
-            way = _Angle(page, "way", 0.5, least=0.0)
+            way = _Angle(page, "step", 0.5, least=0.0)
             period = ui.number("period, s", value=4.0, min=0.1, step=0.5, format="%g").props(FIELD)
         with line():
             button("Step forward", lambda: make_step(1.0), "step")
             button("Step back", lambda: make_step(-1.0))
-            button("Back and forth", lambda: begin(False), "to-and-fro")
-            button("Sine", lambda: begin(True), "sine")
+            waves = {
+                smooth: button(text, partial(begin, smooth), name)
+                for smooth, text, name in ((False, "Back and forth", "to-and-fro"), (True, "Sine", "sine"))
+            }
             button("Stay", lambda: station.end(page.title), "stay")
         jogs = _Jog(page)
         said = Said("move-answer")
@@ -172,6 +183,7 @@ def move_card(page: Shown) -> Refresh:
         said.refresh(axis)
         ends = travel_text(axis, page.angle)
         travel.set_text(f"travel {ends}" if ends else "")
+        _mark(waves, station.of(axis.title).wave)
         before, ended = ended, station.of(axis.title).ended
         if ended != before:
             said.tell(axis, Answer(not ended, ended))

@@ -11,7 +11,7 @@ from nicegui import ui
 
 from backlash_ros.control.telemetry import TELEMETRY
 from backlash_ros.dashboard.axis import ANSWER, SILENCE, Answer, Axis
-from backlash_ros.dashboard.cards.card import Refresh, Said, Shown, button
+from backlash_ros.dashboard.cards.card import Refresh, Said, Shown, button, fill
 from backlash_ros.dashboard.cards.move import step
 from backlash_ros.dashboard.state import (
     EXPERIMENTS,
@@ -29,6 +29,12 @@ from backlash_ros.dashboard.state import (
 
 _WAY = 0.5
 """Length of a step, rad."""
+
+_TITLES = {
+    "learn": "b: the angle that the load can turn while the motor stands",
+    "identify": "J_l: the moment of inertia of all that turns with the load",
+}
+"""Explanations of results, by step."""
 
 Words = Callable[[Axis, AngleUnit], tuple[str, str]]
 """Result of a step, and what it gains, or would gain."""
@@ -70,7 +76,9 @@ class _Step:
             with self.head:
                 ui.html(f"<h2><b>{STEPS.index(name) + 1}</b> {title}</h2>", sanitize=False)
             self._said = Said(f"step-{name}-answer")
-            self._result = ui.label("").classes("result").props(f"data-name={name}-result")
+            self._result = (
+                ui.label("").classes("result").props(f'data-name={name}-result title="{_TITLES.get(name, "")}"')
+            )
             self._gain = ui.label("").classes("muted").props(f"data-name={name}-gain")
         self._button: ui.button | None = None
 
@@ -97,8 +105,7 @@ class _Step:
         if self._button is not None:
             self._button.set_visibility(wanted)
             self._button.set_text(label or self._button.text)
-            first = now and label != "Cancel"
-            self._button.props(remove="outline" if first else "unelevated", add="unelevated" if first else "outline")
+            fill(self._button, now and label != "Cancel")
 
 
 def _connect(page: Shown) -> Refresh:
@@ -208,6 +215,6 @@ def _move(page: Shown) -> Refresh:
 
     def refresh(axis: Axis) -> None:
         large = page.angle.large
-        shown.refresh(axis, ("", ""), f"Step of {large.factor * _WAY:.4g} {large.name}")
+        shown.refresh(axis, ("", ""), f"Step {'of' if sign > 0.0 else 'back'} {large.factor * _WAY:.4g} {large.name}")
 
     return refresh

@@ -70,6 +70,7 @@ function niceLimit(value) {
 
 const ROWS = [["angle", 24], ["error", 25], ["command", 16], ["load torque, as estimated, N m", 15], ["gains", 14]];
 const NARROW = 600; // px; a narrower chart has the first two rows alone
+const TALL = 470; // px; in a lower chart a low row has two labels
 const BAND = [[{ yAxis: -0.5 }, { yAxis: 0.5 }]]; // the gap, about the target
 const GHOST = "step before";
 const PALE = 0.35, PALE_IN_DARK = 0.6; // opacity of the ghost: what rattled must not look like now
@@ -99,7 +100,7 @@ class Live {
     this.steps = new Steps(document.getElementById("steps"));
     this.forget();
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.layOut());
-    new ResizeObserver(() => this.narrow !== this.chart.getWidth() < NARROW && this.layOut()).observe(this.chart.getDom());
+    new ResizeObserver(() => (this.narrow !== this.chart.getWidth() < NARROW || this.tall !== this.chart.getHeight() > TALL) && this.layOut()).observe(this.chart.getDom());
     this.layOut();
     const draw = () => {
       const now = performance.now();
@@ -148,6 +149,7 @@ class Live {
 
   layOut() {
     this.narrow = this.chart.getWidth() < NARROW;
+    this.tall = this.chart.getHeight() > TALL;
     const rows = this.narrow ? ROWS.slice(0, 2) : ROWS;
     const whole = rows.reduce((sum, [, height]) => sum + height, 0);
     const pale = window.matchMedia("(prefers-color-scheme: dark)").matches ? PALE_IN_DARK : PALE;
@@ -164,7 +166,7 @@ class Live {
       y.push({
         ...axis, gridIndex: i, name, nameLocation: "end", nameGap: 6, scale: true, splitNumber: i < 2 ? 3 : 2,
         nameTextStyle: { color: text, align: "left", padding: [0, 0, 0, -56] },
-        axisLabel: { color: text, showMaxLabel: false, showMinLabel: i === 4, fontSize: i === 4 ? 10 : 12, hideOverlap: true, formatter: (v) => `${+v.toFixed(6)}` },
+        axisLabel: { color: text, showMaxLabel: false, showMinLabel: i > 1 && (i === 4 || this.tall), fontSize: i === 4 ? 10 : 12, hideOverlap: true, formatter: (v) => `${+v.toFixed(6)}` },
         min: ({ min, max }) => (max - min < least ? (min + max - least) / 2 : null),
         max: ({ min, max }) => (max - min < least ? (min + max + least) / 2 : null),
       });
@@ -283,7 +285,7 @@ class Live {
     const unit = b ? 1 / b : small.factor;
     const errors = this.errors(j0, j1);
     // The scale is that of the last second, so that a rattle is seen beside the step that came before it.
-    const [low, high] = span(errors, Math.max(0, joints.from(joints.last("time") - SWING) - j0));
+    const [low, high] = span(errors, Math.max(0, joints.from(this.newest - SWING) - j0));
     const half = b ? 0.75 : 1e-3 * small.factor;
     const scale = niceLimit(Math.max(half, Number.isFinite(low) ? 1.3 * unit * Math.max(-low, high) : half));
     const of = (column, factor) => thin(st, state.of(column), s, this.zero, state.hole, factor);
@@ -327,6 +329,7 @@ class Live {
     this.toldStep = now;
     const { steps, b } = this, { small } = this.angle;
     steps.look(this.joints, this.state, (from, to) => this.errors(from, to), b, this.tooth);
+    if (this.options.facts().stopped) steps.rattle = undefined; // at 0 V, and no time may pass
     steps.tell(b, small);
     const [result, more] = steps.words(b, small);
     document.getElementById("step-result").textContent = result;
