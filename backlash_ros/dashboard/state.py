@@ -201,7 +201,7 @@ def silence(axis: Axis) -> str:
     """Return that no joint states come, or none that the controller can use; empty if it uses them."""
     if axis.silent >= SILENCE:
         if axis.simulated and axis.lifecycle == "inactive":  # in lockstep
-            return "the simulated drive waits for commands"
+            return "the simulation waits"
         since = f" for {axis.silent:.0f} s" if math.isfinite(axis.silent) else ""
         return f"no joint states from the drive{since}"
     every = 1.0 / float(axis.told.values.get("telemetry_rate", 1.0))
@@ -227,6 +227,11 @@ def travel_of(axis: Axis) -> tuple[float, float]:
     return -math.inf if math.isinf(lower) else lower, upper
 
 
+def _plain(value: float) -> str:
+    """Return a number with four digits or more, and no exponent."""
+    return f"{value:.4g}" if not 1e4 <= abs(value) < math.inf else f"{value:.0f}"
+
+
 def travel_text(axis: Axis, angle: AngleUnit) -> str:
     """Return the ends of the travel in words; empty if there is none.
 
@@ -235,7 +240,7 @@ def travel_text(axis: Axis, angle: AngleUnit) -> str:
     >>> travel_text(Axis(told=Axis(values=ends)), ANGLES["rad"])
     '-1 to 2.967 rad'
     """
-    lower, upper = (f"{angle.large.factor * end:.4g}" for end in travel_of(axis))
+    lower, upper = (_plain(angle.large.factor * end) for end in travel_of(axis))
     if (lower, upper) == ("-inf", "inf"):
         return ""
     span = f"±{upper}" if lower == f"-{upper}" else f"{lower} to {upper}"
@@ -245,13 +250,14 @@ def travel_text(axis: Axis, angle: AngleUnit) -> str:
 def beyond(axis: Axis, target: float, angle: AngleUnit) -> str:
     """Return why the controller would refuse a target, rad; empty if it would not."""
     lower, upper = travel_of(axis)
-    shown, unit = f"{angle.large.factor * target:.4g} {angle.large.name}", angle.large
+    unit = angle.large
+    shown = f"{_plain(unit.factor * target)} {unit.name}"
     if not lower <= target <= upper:
         return f"nothing was sent: {shown} is beyond the travel, {travel_text(axis, angle)}"
     most, present = float(axis.told.values.get("limits.step", math.inf)), axis.last_state.get("reference", target)
     leaps = axis.told.values.get("profile.mode", STEP) == STEP
     if leaps and abs(target - present) > most:
-        return f"nothing was sent: {shown} is more than limits.step = {unit.factor * most:.4g} {unit.name} away"
+        return f"nothing was sent: {shown} is more than limits.step = {_plain(unit.factor * most)} {unit.name} away"
     return ""
 
 
@@ -312,7 +318,7 @@ def step_of(axis: Axis) -> str:
 
 
 def situation(axis: Axis) -> tuple[Any, ...]:
-    """Return what an answer may speak of; it is stale once this has changed."""
+    """Return what an answer may speak of, at last the experiment; it is stale once this has changed."""
     state = axis.last_state
     return (
         axis.title,

@@ -4,6 +4,7 @@ import json
 import math
 import time
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -12,7 +13,8 @@ pytest.importorskip("rclpy", reason="needs rclpy")
 
 from backlash_ros.control.experiment import BacklashEstimate, DriveEstimate, Method
 from backlash_ros.dashboard import state
-from backlash_ros.dashboard.axis import Axis, Diagnosis, Told
+from backlash_ros.dashboard.axis import Answer, Axis, Diagnosis, Told
+from backlash_ros.dashboard.cards import card
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.parameters import values_of
 from backlash_ros.gates.faults import FAULTS, Fault
@@ -226,7 +228,7 @@ def test_a_simulated_drive_that_waits_after_a_stop_is_no_second_failure() -> Non
     seen = Seen(silent=29.0, lifecycle="inactive")
     assert state.silence(seen.axis) == "no joint states from the drive for 29 s"
     seen.simulated = True
-    assert state.silence(seen.axis) == "the simulated drive waits for commands"
+    assert state.silence(seen.axis) == "the simulation waits"
 
 
 _TRAVEL = {"limits.position_lower": -2.96706, "limits.position_upper": 2.96706, "limits.soft_zone": 0.05}
@@ -237,6 +239,7 @@ _TRAVEL = {"limits.position_lower": -2.96706, "limits.position_upper": 2.96706, 
     [
         ("rad", 5.0, "5 rad is beyond the travel, ±2.967 rad"),
         ("deg", -3.0, "-171.9 deg is beyond the travel, ±170 deg"),
+        ("arcmin", 3.0, "10313 arcmin is beyond the travel, ±10200 arcmin"),
         ("rad", 2.96706, ""),
     ],
 )
@@ -259,3 +262,17 @@ def test_a_load_beyond_its_travel_is_told_with_what_to_do() -> None:
     said = "the load is beyond its travel, ±2.967 rad: go back to an angle within it"
     assert state.outside(seen.axis, state.ANGLES["rad"]) == said
     assert state.outside(seen.now(load_angle=3.0).axis, state.ANGLES["rad"]) == ""  # it overshot the end
+
+
+def test_the_answer_of_an_experiment_outlives_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may come before the telemetry that says so."""
+    label = SimpleNamespace(text="")
+    label.set_text = lambda text: setattr(label, "text", text)
+    label.classes = label.props = lambda _: label
+    monkeypatch.setattr(card.ui, "label", lambda _: label)
+    said, seen = card.Said("answer"), Seen().now(experiment=2.0)
+    said.tell(seen.axis, Answer(False, "cancelled"))
+    said.refresh(seen.now(experiment=0.0).axis)
+    assert label.text == "cancelled"
+    said.refresh(seen.now(experiment=1.0, holding=0.0).axis)
+    assert label.text == ""

@@ -58,14 +58,15 @@ class Said:
 
     def __init__(self, name: str) -> None:
         self._label = ui.label("").classes("answer").props(f'data-name={name} aria-live="polite"')
-        self._about: Any = None
+        self._about: tuple[Any, ...] = ()
 
     def tell(self, axis: Axis | None, answer: Answer) -> None:
         """Show why something failed; a success shows itself."""
-        self._about = axis and situation(axis)
+        now = situation(axis) if axis else ()
+        self._about = (now, (*now[:-1], 0.0))  # an answer may come before the telemetry that its experiment is over
         self._label.set_text("" if answer.success else answer.text)
 
     def refresh(self, axis: Axis) -> None:
         """Forget what was said of another state."""
-        if self._label.text and situation(axis) != self._about:
+        if self._label.text and situation(axis) not in self._about:
             self._label.set_text("")
