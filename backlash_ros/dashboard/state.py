@@ -318,7 +318,7 @@ def step_of(axis: Axis) -> str:
 
 
 def situation(axis: Axis) -> tuple[Any, ...]:
-    """Return what an answer may speak of, at last the experiment; it is stale once this has changed."""
+    """Return what an answer may speak of, at last holding and experiment; it is stale once this has changed."""
     state = axis.last_state
     return (
         axis.title,

@@ -272,7 +272,16 @@ def test_the_answer_of_an_experiment_outlives_its_end(monkeypatch: pytest.Monkey
     monkeypatch.setattr(card.ui, "label", lambda _: label)
     said, seen = card.Said("answer"), Seen().now(experiment=2.0)
     said.tell(seen.axis, Answer(False, "cancelled"))
-    said.refresh(seen.now(experiment=0.0).axis)
+    for change in ({"experiment": 0.0, "holding": 0.0}, {"holding": 1.0}):
+        said.refresh(seen.now(**change).axis)
+        assert label.text == "cancelled"
+    now = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now + 2.0)
+    said.refresh(seen.axis)
     assert label.text == "cancelled"
-    said.refresh(seen.now(experiment=1.0, holding=0.0).axis)
+    said.refresh(seen.now(experiment=1.0).axis)
+    assert label.text == ""
+    said.tell(seen.axis, Answer(False, "refused"))
+    seen.lifecycle = "inactive"
+    said.refresh(seen.axis)
     assert label.text == ""

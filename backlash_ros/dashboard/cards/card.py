@@ -1,5 +1,7 @@
 """What all cards share: their frame, buttons of two ranks, and answers that end with what they speak of."""
 
+import math
+import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -11,6 +13,9 @@ from backlash_ros.dashboard.station import Mover, Station
 
 FIELD = "dense outlined"
 OPTIONS = f"{FIELD} options-dense"
+
+_SETTLES = 1.0
+"""Time after an answer in which telemetry may still say that its experiment ends and the position is held again, s."""
 
 Refresh = Callable[[Axis], None]
 """Shows the present state of an axis."""
@@ -59,14 +64,17 @@ class Said:
     def __init__(self, name: str) -> None:
         self._label = ui.label("").classes("answer").props(f'data-name={name} aria-live="polite"')
         self._about: tuple[Any, ...] = ()
+        self._at = -math.inf
 
     def tell(self, axis: Axis | None, answer: Answer) -> None:
         """Show why something failed; a success shows itself."""
-        now = situation(axis) if axis else ()
-        self._about = (now, (*now[:-1], 0.0))  # an answer may come before the telemetry that its experiment is over
+        self._about, self._at = situation(axis) if axis else (), time.monotonic()
         self._label.set_text("" if answer.success else answer.text)
 
     def refresh(self, axis: Axis) -> None:
         """Forget what was said of another state."""
-        if self._label.text and situation(axis) not in self._about:
+        now = situation(axis)
+        if now[:-2] == self._about[:-2] and time.monotonic() < self._at + _SETTLES:
+            self._about = now
+        elif now != self._about:
             self._label.set_text("")
