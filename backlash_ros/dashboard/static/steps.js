@@ -115,7 +115,7 @@ export class Steps {
       if (inside >= 0 && time[i] - time[inside] >= SWING) settled = time[inside];
     }
     const near = load.findIndex((_, k) => ahead(k) >= 0.1 * begun), stands = time[last] >= SWING && high - low <= band;
-    const over = settled < Infinity || stands || (near >= 0 && time[last] - time[near] >= COUNTED);
+    const over = settled < Infinity || stands || (near >= 0 && time[last] - time[near] >= (step.holds ? COUNTED : SWING)); // one that is left has no more time
     step.swing = over && !Number.isNaN(load[last]) ? high - low : NaN;
     step.settled = !over ? NaN : !b && step.rattles ? Infinity : settled;
     step.sample = time[last] / last;
