@@ -120,7 +120,7 @@ class Axis:
         self.last_state: dict[str, float] = {}
         self.sample_at = -math.inf
         self._reader = JointReader()
-        self._newest = math.nan
+        self._newest = self._used = math.nan
         self._ahead = 0.0  # by which the controller's clock is ahead of the samples', s
         self.aimed = -math.inf
         """Time when the last setpoint was sent, s."""
@@ -199,6 +199,7 @@ class Axis:
             self.sample_at, self._newest = time.monotonic(), samples[-1, 0]
         if len(states):
             self.last_state = dict(zip(STATE_COLUMNS, states[-1].tolist(), strict=True))
+            self._used = states[-1, 0]
         return samples, states
 
     @property
@@ -210,6 +211,14 @@ class Axis:
     def silent(self) -> float:
         """Time without joint states, s."""
         return time.monotonic() - self.sample_at
+
+    @property
+    def unused(self) -> float:
+        """Time of the samples since the controller told of one that it used, s; nan before the first one.
+
+        It tells of every few that it uses, with their stamps.
+        """
+        return self._newest - self._used
 
     @property
     def time(self) -> float:

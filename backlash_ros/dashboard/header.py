@@ -1,13 +1,13 @@
 """The header of the page: the axis, its state in colour and word, the law that acts, *Reset* at a fault, and *Stop*."""
 
-import math
 from collections.abc import Callable
 
 from nicegui import ui
 
-from backlash_ros.dashboard.axis import SILENCE, Axis
+from backlash_ros.dashboard.axis import Axis
 from backlash_ros.dashboard.cards.card import Shown, button
-from backlash_ros.dashboard.state import acts, fault_of, state_of
+from backlash_ros.dashboard.cards.law import ABOUT
+from backlash_ros.dashboard.state import acts, fault_of, law_of, outside, silence, state_of
 
 STATIC = "/static"
 
@@ -56,10 +56,7 @@ def header(page: Shown, watch: Callable[[str], None]) -> Callable[[Axis | None],
         word, kind = state_of(axis, page.station.of(axis.title).run)
         state.set_text(word)
         state.classes(add=kind, remove=" ".join(each for each in kinds if each != kind))
-        silent = ""
-        if axis.silent >= SILENCE:
-            since = f" since {axis.silent:.0f} s" if math.isfinite(axis.silent) else ""
-            silent = f"no joint states from the drive{since}"
-        law.set_text(silent or acts(axis) or "no position is held")
+        law.props(f'title="{ABOUT.get(law_of(axis), "")}"')
+        law.set_text(silence(axis) or outside(axis, page.angle) or acts(axis) or "no position is held")
 
     return refresh

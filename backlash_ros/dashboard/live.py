@@ -16,9 +16,9 @@ from backlash_ros.simulation.__main__ import compile_all
 _PORT = 8080
 _IN_STEP = ["-p", "lockstep:=true"]
 """For the simulator: time waits for the answers, so that a busy machine does not affect the motion."""
-_PATIENT = ["-p", "use_sim_time:=true", "-p", "state_timeout:=10.0"]
-"""For the controller, whose watchdog goes by the wall clock: as patient as it can be, as no time passes meanwhile and
-the drive is simulated."""
+_PATIENT = ["-p", "use_sim_time:=true", "-p", "state_timeout:=3.0"]
+"""For the controller, whose watchdog goes by the wall clock: patient with a busy machine, on which no time passes
+meanwhile; an encoder that is lost is a fault soon, as time passes then."""
 
 
 def _free(port: int) -> bool:

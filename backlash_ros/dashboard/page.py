@@ -1,6 +1,7 @@
 """The page itself: shows an axis and takes a person's commands."""
 
 import json
+import math
 from contextlib import suppress
 from html import escape
 from importlib.resources import files
@@ -8,6 +9,7 @@ from typing import Any
 
 from nicegui import context, ui
 
+from backlash_ros.control.laws import BEST
 from backlash_ros.control.telemetry import TELEMETRY
 from backlash_ros.dashboard.axis import Axis
 from backlash_ros.dashboard.cards.card import Refresh
@@ -20,7 +22,7 @@ from backlash_ros.dashboard.cards.simulated import simulated_card
 from backlash_ros.dashboard.cards.steps import steps_card
 from backlash_ros.dashboard.header import STATIC, header
 from backlash_ros.dashboard.rows import JOINT_COLUMNS, STATE_COLUMNS
-from backlash_ros.dashboard.state import ANGLES, AngleUnit
+from backlash_ros.dashboard.state import ANGLES, AngleUnit, law_of, travel_of
 from backlash_ros.dashboard.station import Station
 from backlash_ros.simulation.colours import DARK, LIGHT
 
@@ -96,7 +98,11 @@ class Page:
                 window = ui.toggle(WINDOWS, value=10).props('dense unelevated no-caps aria-label="time shown"')
                 window.on_value_change(lambda event: self._run(f"live.setWindow({int(event.value)})"))
                 for text, short, code in _LOOK:
-                    made = ui.button(text).props("dense flat no-caps").on("click", js_handler=f"() => window.{code}")
+                    made = (
+                        ui.button(text)
+                        .props(f'dense flat no-caps data-look="{text}"')
+                        .on("click", js_handler=f"() => window.{code}")
+                    )
                     made.props(f'data-short="{short}" aria-label="{text}" title="{text}"' if short else "")
                 self._units = ui.toggle(list(ANGLES), value="rad", on_change=lambda event: self._show_in(event.value))
                 self._units.props('dense unelevated no-caps data-name=unit aria-label="unit of angles"')
@@ -183,6 +189,8 @@ class Page:
             "unit": "A" if axis.told.values.get("command_interface") == "current" else "V",
             "gap": float(told.get("gear.backlash_angle", 0.0)) if axis.simulated else 0.0,
             "simulated": axis.simulated,
+            "plans": law_of(axis) == BEST,
+            "travel": [end for end in travel_of(axis) if math.isfinite(end)],
             "angle": _scales(self.angle),
         }
         if facts != self._facts:

@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from backlash_ros.control.laws import BEST
+from backlash_ros.control.limits import NO_LIMIT
 from backlash_ros.control.monitoring.wear import HEAVY
+from backlash_ros.control.motion.profile_parameters import STEP
 from backlash_ros.control.telemetry import TELEMETRY
 from backlash_ros.dashboard.axis import SILENCE, Axis
 from backlash_ros.drivetrain.parameters import drive_of
@@ -121,17 +123,23 @@ def of_learning(axis: Axis, angle: AngleUnit) -> tuple[str, str]:
     if not axis.b:
         swing, small = axis.last_state.get("rattle", 0.0), angle.small
         rattle = f"of {small.factor * swing:#.3g} {small.name}" if swing else "after a move"
-        return "b is not known", f"would end the rattle {rattle}"
-    kept = servo_says(axis)
-    sure = kept.get("estimate_uncertainty_rad", "")
-    ours = sure and kept.get("estimate_applied") == "True" and math.isclose(float(kept["estimate_rad"]), axis.b)
-    text = quantity(axis.b, float(sure) if ours else 0.0, "rad", angle)
-    gain = "in use: moves end without a rattle"
-    if law_of(axis) == "fast":
+        return "backlash b is not known", f"would calm the rattle {rattle}"
+    law, share = law_of(axis), _share_of_inertia(axis)
+    gain = f"in use by law {law}" if law else "in use"
+    if law == "fast":
         gain = "law fast does not use it"
-    elif law_of(axis) != BEST and _is_heavy(axis):
-        gain = "in use; this load is heavy for the motor and may rattle: identify, too"
-    return f"b = {text}", gain
+    elif law != BEST and share > HEAVY:
+        gain += f"; a load with {share:.2g} of the motor's inertia may rattle: identify, too"
+    return f"backlash b = {quantity(axis.b, _uncertainty_of_b(axis), 'rad', angle)}", gain
+
+
+def _uncertainty_of_b(axis: Axis) -> float:
+    """Return the standard uncertainty of the backlash in use, rad; 0 if no experiment found this value."""
+    rows = [(each.value, each.uncertainty) for found in found_by(axis).values() for each in found if each.symbol == "b"]
+    kept = servo_says(axis)
+    if sure := kept.get("estimate_uncertainty_rad", ""):  # of a file, too
+        rows.append((float(kept["estimate_rad"]), float(sure)))
+    return next((sure for value, sure in rows if math.isclose(value, axis.b)), 0.0)
 
 
 def of_identification(axis: Axis, angle: AngleUnit) -> tuple[str, str]:
@@ -142,22 +150,22 @@ def of_identification(axis: Axis, angle: AngleUnit) -> tuple[str, str]:
         used, inertia = told["load.inertia"], found.get("J_l")
         ours = inertia is not None and math.isclose(inertia.value, used)
         text = inertia.text(angle) if ours and inertia else quantity(used, 0.0, "kg m^2", angle)
-        return f"J_l = {text}", f"load inertia; law {law} acts"
+        return f"load inertia {text}", f"in use by law {law}"
     if not found:
-        return "the load is not known", "would let law two_encoder move faster"
+        return "the load is not known", f"would let law {BEST} plan moves: faster and calmer"
     if not (lacking := [word for symbol, word in _NEEDED.items() if symbol not in found]):
         return "load found, but not in use", f"law {law} still acts"
     result = "the load was not found" if len(lacking) == len(_NEEDED) else f"load found, {lacking[0]} not"
-    again = "identify elsewhere, or set load.* and identified: true"
-    return result, f"law {law} still acts: {again}"
+    return result, f"try again, then at another angle; law {law} still acts"
 
 
-def _is_heavy(axis: Axis) -> bool:
+def _share_of_inertia(axis: Axis) -> float:
+    """Return the load's inertia as a share of the motor's, both at the output; 0 if it is not told."""
     try:
         drive = drive_of(axis.told.values)
     except (KeyError, ValueError, TypeError):  # another version's controller
-        return False
-    return drive.load.inertia > HEAVY * drive.reflected_inertia
+        return 0.0
+    return drive.load.inertia / drive.reflected_inertia
 
 
 def remedy_first(text: str) -> str:
@@ -189,11 +197,77 @@ def acts(axis: Axis) -> str:
     return f"law {law}: {does}" if does not in ("", "none") else f"law {law}"
 
 
+def silence(axis: Axis) -> str:
+    """Return that no joint states come, or none that the controller can use; empty if it uses them."""
+    if axis.silent >= SILENCE:
+        if axis.simulated and axis.lifecycle == "inactive":  # in lockstep
+            return "the simulation waits"
+        since = f" for {axis.silent:.0f} s" if math.isfinite(axis.silent) else ""
+        return f"no joint states from the drive{since}"
+    every = 1.0 / float(axis.told.values.get("telemetry_rate", 1.0))
+    if axis.lifecycle != "active" or not axis.unused >= SILENCE + 2.0 * every:
+        return ""
+    why = servo_says(axis).get("last_dropped", "").removeprefix("unusable joint_states: ")
+    return "no usable joint states" + (f": {why}" if why else "")
+
+
 def refusal(axis: Axis) -> str:
     """Return why an axis takes no reference; empty if it does."""
-    if axis.last_state.get("holding", 0.0):
+    if not axis.last_state.get("holding", 0.0):
+        return "nothing was sent: the controller holds no position and refuses references"
+    why = silence(axis)
+    return f"nothing was sent: {why}" if why else ""
+
+
+def travel_of(axis: Axis) -> tuple[float, float]:
+    """Return the ends of the load's travel, rad; infinite where there is none."""
+    values = axis.told.values
+    ends = (float(values.get(f"limits.position_{end}", NO_LIMIT)) for end in ("lower", "upper"))
+    lower, upper = (math.inf if abs(end) >= NO_LIMIT else end for end in ends)
+    return -math.inf if math.isinf(lower) else lower, upper
+
+
+def _plain(value: float) -> str:
+    """Return a number with four digits or more, and no exponent."""
+    return f"{value:.4g}" if not 1e4 <= abs(value) < math.inf else f"{value:.0f}"
+
+
+def travel_text(axis: Axis, angle: AngleUnit) -> str:
+    """Return the ends of the travel in words; empty if there is none.
+
+    >>> from types import SimpleNamespace as Axis
+    >>> ends = {"limits.position_lower": -1.0, "limits.position_upper": 2.96706}
+    >>> travel_text(Axis(told=Axis(values=ends)), ANGLES["rad"])
+    '-1 to 2.967 rad'
+    """
+    lower, upper = (_plain(angle.large.factor * end) for end in travel_of(axis))
+    if (lower, upper) == ("-inf", "inf"):
         return ""
-    return "nothing was sent: the controller holds no position and refuses references"
+    span = f"±{upper}" if lower == f"-{upper}" else f"{lower} to {upper}"
+    return f"{span.replace('-inf to', 'up to').replace(' to inf', ' and more')} {angle.large.name}"
+
+
+def beyond(axis: Axis, target: float, angle: AngleUnit) -> str:
+    """Return why the controller would refuse a target, rad; empty if it would not."""
+    lower, upper = travel_of(axis)
+    unit = angle.large
+    shown = f"{_plain(unit.factor * target)} {unit.name}"
+    if not lower <= target <= upper:
+        return f"nothing was sent: {shown} is beyond the travel, {travel_text(axis, angle)}"
+    most, present = float(axis.told.values.get("limits.step", math.inf)), axis.last_state.get("reference", target)
+    leaps = axis.told.values.get("profile.mode", STEP) == STEP
+    if leaps and abs(target - present) > most:
+        return f"nothing was sent: {shown} is more than limits.step = {_plain(unit.factor * most)} {unit.name} away"
+    return ""
+
+
+def outside(axis: Axis, angle: AngleUnit) -> str:
+    """Return that the load is beyond its travel, and what to do; empty if it is not."""
+    (lower, upper), zone = travel_of(axis), float(axis.told.values.get("limits.soft_zone", 0.0))
+    load = axis.last_state.get("load_angle", math.nan)
+    if not axis.last_state.get("holding") or not (load < lower - zone or load > upper + zone):
+        return ""
+    return f"the load is beyond its travel, {travel_text(axis, angle)}: go back to an angle within it"
 
 
 def fault_of(axis: Axis) -> tuple[str, str]:
@@ -222,7 +296,7 @@ def state_of(axis: Axis, run: Run | None) -> State:
         (not axis.present, "not there", "bad"),
         (fault_of(axis)[0], "fault", "bad"),
         (lifecycle != "active", lifecycle, "idle"),
-        (axis.silent >= SILENCE, "no samples", "bad"),
+        (silence(axis), "no samples", "bad"),
         (experiment not in ("", "none"), experiment, "busy"),
         (run is not None and math.isfinite(run.computing_since), "computing", "busy"),
         (not axis.last_state.get("holding"), "ready", "idle"),
@@ -234,7 +308,7 @@ def state_of(axis: Axis, run: Run | None) -> State:
 
 def step_of(axis: Axis) -> str:
     """Return the step of `STEPS` that runs, else the first one that is not done."""
-    if fault_of(axis)[0] or axis.lifecycle != "active" or axis.silent >= SILENCE:
+    if fault_of(axis)[0] or axis.lifecycle != "active" or silence(axis):
         return "connect"
     if (runs := EXPERIMENTS.get(_word(axis, "experiment"))) in STEPS:
         return runs
@@ -244,7 +318,7 @@ def step_of(axis: Axis) -> str:
 
 
 def situation(axis: Axis) -> tuple[Any, ...]:
-    """Return what an answer may speak of; it is stale once this has changed."""
+    """Return what an answer may speak of, at last holding and experiment; it is stale once this has changed."""
     state = axis.last_state
     return (
         axis.title,

@@ -103,6 +103,7 @@ class OfAxis:
     watchers: set[Watcher] = field(default_factory=set)
     motion: "tuple[asyncio.Task[Any], ...]" = ()
     mover: Mover | None = None
+    wave: Wave | None = None
     ended: str = ""
     stopped: str = ""
     run: Run | None = None
@@ -150,7 +151,7 @@ class Station:
         """Send the references of a wave from now on, in place of any other, on behalf of the page ``mover``."""
         self.end(title)
         axis = self.of(title)
-        axis.mover = mover
+        axis.mover, axis.wave = mover, what
         axis.motion = tuple(map(asyncio.create_task, (wave(what, self.axes[title].move), self._attend(title, mover))))
 
     async def _attend(self, title: str, mover: Mover) -> None:
@@ -182,7 +183,7 @@ class Station:
     def end(self, title: str) -> None:
         """Stop sending references or setpoints: the last reference stays, a jog comes to rest."""
         axis = self.of(title)
-        motion, axis.motion, axis.ended = axis.motion, (), ""
+        motion, axis.motion, axis.wave, axis.ended = axis.motion, (), None, ""
         for task in motion:
             task.cancel()
 

@@ -118,7 +118,7 @@ class Learning:
     def _ask(self, service: str) -> tuple[bool, str] | None:
         """Request a run of a service's experiment; return why it is refused."""
         if not self._node.active:
-            return False, f"cannot {service}: the controller is {self._node.state}, not active"
+            return False, f"cannot {service}: the controller must be active, but is {self._node.state}"
         if self._estimates.busy:
             return False, f"cannot {service}: {self._estimates.busy}"
         if self._servo.barred:
@@ -141,7 +141,7 @@ class Learning:
         servo = self._servo
         zero, refusal = servo.load_angle + servo.zero, self._estimates.busy or servo.hindrance
         if not self._node.active:
-            refusal = f"the controller is {self._node.state}, not active"
+            refusal = f"the controller must be active, but is {self._node.state}"
         if refusal := refusal or servo.rejection_reason(servo.limits, zero=zero):
             self._node.get_logger().info(f"cannot set the zero: {refusal}")
             return False, f"cannot set the zero: {refusal}"

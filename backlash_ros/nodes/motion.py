@@ -166,7 +166,9 @@ class Motion:
         )
 
     def _on_hold(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        refusal = self._servo.stop() if self._node.active else f"the controller is {self._node.state}, not active"
+        refusal = (
+            self._servo.stop() if self._node.active else f"the controller must be active, but is {self._node.state}"
+        )
         if not refusal:
             self._taken("", often=False)
         response.success = not refusal

@@ -648,7 +648,7 @@ def test_learn_is_refused_at_once_while_not_configured(start: Start, peer: Peer)
     for _ in range(2):
         response = peer.call(Trigger, "controller/learn", Trigger.Request())
         assert not response.success
-        assert response.message == "cannot learn: the controller is unconfigured, not active"
+        assert response.message == "cannot learn: the controller must be active, but is unconfigured"
 
 
 def test_messages_of_another_machine_are_passed_over(start: Start, peer: Peer) -> None:

@@ -96,7 +96,7 @@ def test_deactivation_puts_zero_volts_out_and_activation_holds_where_the_load_is
         peer.spin(0.02)
     assert drive.commands == []  # nobody is driven by a node that is not active
     refusal = peer.call(Trigger, "controller/learn", Trigger.Request()).message
-    assert refusal == "cannot learn: the controller is inactive, not active"
+    assert refusal == "cannot learn: the controller must be active, but is inactive"
     held = drive.plant.load_angle
     assert lifecycle.change(Transition.TRANSITION_ACTIVATE)
     angles = drive.run(200)

@@ -27,6 +27,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 from backlash_ros.ros.topics import RECEIVE
 
 LOOKS = Path(__file__).parents[1] / "support" / "looks.js"
+PLAYED_STEP = LOOKS.with_name("played_step.js")
 WIDTHS = (360, 901, 1920)
 BOXES = ("[data-name=stop]", ".strip", ".curves", "#tooth", "[data-name=go]")
 
@@ -64,7 +65,7 @@ class Page:
         )
         script = """
             const buttons = [...document.querySelectorAll('button:enabled')];
-            const found = buttons.find(button => button.innerText.trim() === arguments[0]);
+            const found = buttons.find(each => each.innerText.trim() === arguments[0] && each.checkVisibility());
             return found ? [found, JSON.stringify(found.getBoundingClientRect())] : [null, null]"""
         before: str | None = None
 
@@ -159,7 +160,7 @@ class TestOneDrive:
     def test_a_newcomer_sees_the_rattle_and_ends_it_by_clicks(self, system: System, browser: Chrome) -> None:
         served, peer = system.served, system.peer
         page = Page(browser, served.address, peer)
-        assert page.said("learn-result") == "b is not known"
+        assert page.said("learn-result") == "backlash b is not known"
         page.click("Step of 0.5 rad")
         page.wait("the step", lambda: page.at_rest_at(0.5))
         page.wait("the rattle", lambda: 0.5 * B < page.swing() < 1.5 * B)
@@ -179,12 +180,12 @@ class TestOneDrive:
         page.click("Learn the backlash")
         page.wait(
             "what was learned, with its uncertainty",
-            lambda: re.fullmatch(r"b = (19\.9|20\.[01])\d* ± 0\.\d+ mrad", page.said("learn-result")),
+            lambda: re.fullmatch(r"backlash b = (19\.9|20\.[01])\d* ± 0\.\d+ mrad", page.said("learn-result")),
         )
         told = page.run("return window.told")  # nothing if the page was loaded anew meanwhile
         assert told is None or any(re.fullmatch(r"computing for \d+ s", each or "") for each in told)
         page.wait("quiet", lambda: page.swing() < 0.05 * B)
-        page.click("Step of 0.5 rad")
+        page.click("Step back 0.5 rad")
         page.wait("the step back", lambda: page.at_rest_at(0.0))
         page.wait("quiet", lambda: page.swing() < 0.05 * B)
         page.wait("b in the text", lambda: re.search(r"The load moved by 0\.0\d b in the last second", page.text()))
@@ -231,17 +232,45 @@ class TestOneDrive:
         page.click("Reset")
         assert page.looks(["active"]) == places
 
-    def test_an_answer_can_be_read_whole_and_an_ended_rattle_is_not_told(self, system: System, browser: Chrome) -> None:
+    def test_an_answer_can_be_read_whole(self, system: System, browser: Chrome) -> None:
         page = Page(browser, system.served.address, system.peer)
         room = (
             "const box = document.querySelector('[data-name=step-learn]'); return box.clientHeight - box.scrollHeight"
         )
         page.run("document.querySelector('[data-name=step-learn-answer]').textContent = 'no gap '.repeat(60)")
         assert page.run(room) >= 0
-        step = "last: {settled: 0.3, sample: 0.004, swing: arguments[0]}"
-        axis = "{b: 0.02, angle: live.angle, state: {last: () => 0.015}, steps: {" + step + "}}"
-        told = [page.run(f"return live.stepText.call({axis})[0]", swing) for swing in ("0.014", "0.0")]
-        assert told == ["rattles by 0.75 b", "settled in 0.300 ± 0.004 s"]
+
+    def test_a_step_is_judged_once_and_a_rattle_is_one_figure_until_it_stays_away(
+        self, system: System, browser: Chrome
+    ) -> None:
+        page = Page(browser, system.served.address, system.peer)
+
+        def told(load: str, rattle: str = "0", reference: str = "t < 0 ? 0 : 0.5") -> list[str]:
+            return [words for words, _ in page.run(PLAYED_STEP.read_text(), load, rattle, reference)]
+
+        move = "(t < 0 ? 0 : 0.5 * Math.min(1, t / 0.16))"
+        settled = ["no step yet", "moves", "settled in 0.160 ± 0.010 s"]
+        rattles = ["moves", "rattles by 1.00 b"]
+        assert told(move) == settled
+        assert told(f"{move} + (t > 5 && t < 6 ? 0.03 : 0)") == settled  # a load torque is no part of the step
+        assert told("t < 0 ? 0 : 0.5 * Math.min(1, t / 5)")[1:] == ["moves", "settled in 4.960 ± 0.010 s"]
+        assert told("t < 0 ? 0 : 0.48 * Math.min(1, t / 0.16)")[1:] == ["moves", "did not settle"]
+        beats = f"{move} + (t > 0.16 ? 0.01 * Math.sin(200 * t) : 0)"
+        assert told(beats, "t > 1 ? 0.02 : 0")[1:] == rattles
+        assert told(beats, "t > 1 && t % 2 < 1 ? 0.02 : 0")[1:] == rattles  # it comes and goes
+        ended = "(t > 0.16 && t < 3 ? 0.01 * Math.sin(200 * t) : 0)"  # the over-damped gains ended it; it is told still
+        assert told(f"{move} + {ended}", "t > 1 ? 0.02 : 0")[1:3] == rattles
+        assert told(f"{move} + {ended}", "t > 1 ? 0.02 : 0")[-1] == "settled in 3.000 ± 0.010 s"
+        sine = "t < 4 ? 0.5 : 0.5 + 0.1 * Math.sin(t - 4)"  # a motion since then is no step
+        assert told(f"t < 4 ? {move} : {sine}", "0", f"t < 0 ? 0 : {sine}") == settled
+
+    def test_numbers_are_written_for_people(self, system: System, browser: Chrome) -> None:
+        """With as many digits as tell two ticks apart, and without exponents."""
+        page = Page(browser, system.served.address, system.peer)
+        tick = "return live.chart.getOption().yAxis[0].axisLabel.formatter(Number(arguments[0]))"
+        assert [page.run(tick, each) for each in ("1.0005", "0.30000000000000004", "-3")] == ["1.0005", "0.3", "-3"]
+        digits = "const {digits} = await import('/static/steps.js'); return digits(Number(arguments[0]), 2)"
+        assert [page.run(digits, each) for each in ("223", "2.23", "0.1", "1e-9")] == ["223", "2.2", "0.10", "0"]
 
     @pytest.mark.grid
     def test_angles_are_in_the_unit_that_was_chosen_and_moves_stay_what_they_were(
@@ -488,7 +517,14 @@ class TestOneDrive:
             for event in (touch, {"type": "touchEnd", "touchPoints": []}):
                 browser.execute_cdp_cmd("Input.dispatchTouchEvent", event)
             page.wait("values where it was touched", lambda: re.search(r"-\d\.\d{3} s\s+● load", page.text()))
-            for part in ("[data-name=stop]", ".step.now", ".curves", "#tooth", "[data-name=go]", "[data-name=stay]"):
+            steps = (
+                "[data-name=learn-button]",
+                "[data-name=identify-button]",
+                "[data-name=move-button]",
+                "[data-name=unit]",
+            )
+            acts = (".curves", "#tooth", "[data-name=go]", "[data-name=stay]")
+            for part in ("[data-name=stop]", ".step.now", *steps, *acts):
                 box = page.box(part)
                 assert 0 <= box["left"] < box["right"] <= 390, part
                 assert 0 <= box["top"] < box["bottom"] <= 844, part  # on one screen
@@ -502,6 +538,13 @@ class TestOneDrive:
         page = Page(browser, served.address, peer)
         page.click("Step forward")
         page.wait("the step", lambda: page.at_rest_at(0.5))
+        field = browser.find_element(By.CSS_SELECTOR, "[data-name=angle-rad]")
+        field.send_keys(Keys.CONTROL, "a")
+        field.send_keys("7")
+        page.click("Go there")
+        page.wait(
+            "why not", lambda: page.said("move-answer").endswith("7 rad is more than limits.step = 6.283 rad away")
+        )
         page.unfold("Simulated drive")
         page.slider("load-torque").send_keys(Keys.PAGE_UP)
         page.wait("the load torque", lambda: page.run("return window.live.state.last('load_torque')") > 0.05)

@@ -16,7 +16,7 @@ from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
 
 _PATIENCE = 120.0
-STEP = "Step of 0.5 rad"
+STEP, BACK = "Step of 0.5 rad", "Step back 0.5 rad"
 
 
 def _wait(what: str, condition: Callable[[], Any]) -> Any:
@@ -48,11 +48,11 @@ def draw(browser: Chrome, address: str, folder: Path) -> None:
     _click(browser, STEP)
     _pause(browser, 5.0)
     browser.find_element(By.ID, "tooth").screenshot(str(folder / "tooth.png"))
-    for words, result in (("Learn the backlash", "b = "), ("Identify the drive", "J_l = ")):
+    for words, result in (("Learn the backlash", "b = "), ("Identify the drive", "load inertia ")):
         _click(browser, words)
         _wait(result, lambda result=result: result in browser.find_element(By.CLASS_NAME, "strip").text)
         _pause(browser, 2.0)
-    _click(browser, STEP)
+    _click(browser, BACK)
     _pause(browser, 5.0)
     browser.save_screenshot(str(folder / "dashboard.png"))
 

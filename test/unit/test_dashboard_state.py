@@ -4,6 +4,7 @@ import json
 import math
 import time
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -12,7 +13,8 @@ pytest.importorskip("rclpy", reason="needs rclpy")
 
 from backlash_ros.control.experiment import BacklashEstimate, DriveEstimate, Method
 from backlash_ros.dashboard import state
-from backlash_ros.dashboard.axis import Axis, Diagnosis, Told
+from backlash_ros.dashboard.axis import Answer, Axis, Diagnosis, Told
+from backlash_ros.dashboard.cards import card
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.parameters import values_of
 from backlash_ros.gates.faults import FAULTS, Fault
@@ -29,6 +31,7 @@ class Seen:
     simulated: bool = False
     lifecycle: str = "active"
     silent: float = 0.0
+    unused: float = 0.0
     b: float = 0.0
     told: Told = field(default_factory=Told)
     last_state: dict[str, float] = field(default_factory=lambda: {"holding": 1.0, "fault": 0.0, "experiment": 0.0})
@@ -83,6 +86,8 @@ def test_what_was_found_is_read_as_it_is_told_and_shown_as_people_want_it() -> N
         (Seen().now(experiment=2.0), "identifying", "identify"),
         (Seen(lifecycle="inactive"), "inactive", "connect"),
         (Seen(silent=2.0), "no samples", "connect"),
+        (Seen(unused=3.1), "no samples", "connect"),  # none that the controller can use
+        (Seen(unused=math.nan), "active", "learn"),  # nothing was told yet
         (Seen().now(fault=5.0, holding=0.0), "fault", "connect"),
         (Seen(silent=math.inf, last_state={}), "no samples", "connect"),
         (Seen(present=False, lifecycle="not there").now(fault=5.0), "not there", "connect"),
@@ -131,18 +136,18 @@ def found_by_identify(*symbols: str) -> str:
 @pytest.mark.parametrize(
     ("symbols", "identified", "result", "gain"),
     [
-        ((), False, "the load is not known", "would let law two_encoder move faster"),
+        ((), False, "the load is not known", "would let law two_encoder plan moves: faster and calmer"),
         (
             ("b", "J_l"),
             False,
             "load found, its dry friction not",
-            "law two_region still acts: identify elsewhere",
+            "try again, then at another angle; law two_region still acts",
         ),
-        (("b", "c_l"), False, "load found, its inertia not", "or set load.* and identified: true"),
-        (("b",), False, "the load was not found", "law two_region still acts: identify elsewhere"),
+        (("b", "c_l"), False, "load found, its inertia not", "try again, then at another angle"),
+        (("b",), False, "the load was not found", "law two_region still acts"),
         (("J_l", "c_l"), False, "load found, but not in use", "law two_region still acts"),  # it was not applied
-        (("J_l", "c_l"), True, "J_l = 5.000 ± 0.040 kg cm²", "load inertia; law two_region acts"),
-        ((), True, "J_l = 5 kg cm²", "load inertia; law two_region acts"),  # told by hand
+        (("J_l", "c_l"), True, "load inertia 5.000 ± 0.040 kg cm²", "in use by law two_region"),
+        ((), True, "load inertia 5 kg cm²", "in use by law two_region"),  # told by hand
     ],
 )
 def test_what_identify_did_not_find_is_said_with_what_to_do(
@@ -156,19 +161,35 @@ def test_what_identify_did_not_find_is_said_with_what_to_do(
     assert gain in shown[1]
 
 
+_HEAVY = "a load with 0.6 of the motor's inertia may rattle: identify, too"
+
+
 @pytest.mark.parametrize(
     ("inertia", "law", "gain"),
     [
-        (5e-4, "two_region", "in use: moves end without a rattle"),
-        (1.1e-3, "two_region", "in use; this load is heavy for the motor and may rattle: identify, too"),
-        (1.1e-3, "two_encoder", "in use: moves end without a rattle"),
+        (5e-4, "two_region", "in use by law two_region"),
+        (
+            1.2e-3,
+            "two_region",
+            f"in use by law two_region; {_HEAVY}",
+        ),
+        (1.2e-3, "two_encoder", "in use by law two_encoder"),
         (1.1e-3, "fast", "law fast does not use it"),
     ],
 )
 def test_a_heavy_load_asks_for_more_than_the_backlash(inertia: float, law: str, gain: str) -> None:
     told = {**values_of(NOMINAL_DRIVE), "load.inertia": inertia}
     seen = Seen(b=0.02, told=Told(1, told)).says("controller: servo", law_in_use=law)
-    assert state.of_learning(seen.axis, state.ANGLES["rad"]) == ("b = 20 mrad", gain)
+    assert state.of_learning(seen.axis, state.ANGLES["rad"]) == ("backlash b = 20 mrad", gain)
+
+
+def test_an_uncertainty_is_told_as_long_as_the_backlash_is_in_use_that_it_belongs_to() -> None:
+    """Another experiment without a result, which becomes the last one, changes nothing."""
+    found = json.dumps({"learn": [["b", 0.02, 1e-5, "rad"]], "identify": []})
+    seen = Seen(b=0.02).says("controller: servo", found=found, estimate_applied="False", estimate_rad="nan")
+    assert state.of_learning(seen.axis, state.ANGLES["rad"])[0] == "backlash b = 20.000 ± 0.010 mrad"
+    seen.b = 0.021  # set by hand
+    assert state.of_learning(seen.axis, state.ANGLES["rad"])[0] == "backlash b = 21 mrad"
 
 
 @pytest.mark.parametrize(
@@ -187,3 +208,80 @@ def test_a_remedy_comes_first(text: str, shown: str) -> None:
 def test_an_answer_is_about_one_situation(change: dict[str, Any]) -> None:
     assert state.situation(Seen().axis) == state.situation(Seen().now(progress=0.5, load_angle=1.0).axis)
     assert state.situation(Seen().axis) != state.situation(Seen().now(**change).axis)
+
+
+def test_samples_that_the_controller_cannot_use_are_told_with_the_reason_and_soon() -> None:
+    seen = Seen(unused=1.1, told=Told(1, {"telemetry_rate": 50.0}))
+    said = "no usable joint states"
+    assert state.silence(seen.axis) == said
+    assert (
+        state.silence(seen.says("controller: servo", last_dropped="unusable joint_states: no motor").axis)
+        == f"{said}: no motor"
+    )
+    assert state.refusal(seen.axis) == f"nothing was sent: {said}: no motor"
+    assert state.silence(Seen(unused=0.9, told=seen.told).axis) == ""
+    slow = Seen(unused=4.0, told=Told(1, {"telemetry_rate": 0.5}))
+    assert state.silence(slow.axis) == ""  # it tells of a sample every 2 s
+
+
+def test_a_simulated_drive_that_waits_after_a_stop_is_no_second_failure() -> None:
+    seen = Seen(silent=29.0, lifecycle="inactive")
+    assert state.silence(seen.axis) == "no joint states from the drive for 29 s"
+    seen.simulated = True
+    assert state.silence(seen.axis) == "the simulation waits"
+
+
+_TRAVEL = {"limits.position_lower": -2.96706, "limits.position_upper": 2.96706, "limits.soft_zone": 0.05}
+
+
+@pytest.mark.parametrize(
+    ("unit", "target", "why"),
+    [
+        ("rad", 5.0, "5 rad is beyond the travel, ±2.967 rad"),
+        ("deg", -3.0, "-171.9 deg is beyond the travel, ±170 deg"),
+        ("arcmin", 3.0, "10313 arcmin is beyond the travel, ±10200 arcmin"),
+        ("rad", 2.96706, ""),
+    ],
+)
+def test_a_target_beyond_the_travel_is_told(unit: str, target: float, why: str) -> None:
+    seen = Seen(told=Told(1, _TRAVEL)).now(reference=0.0)
+    assert state.beyond(seen.axis, target, state.ANGLES[unit]).removeprefix("nothing was sent: ") == why
+
+
+def test_a_leap_that_the_controller_refuses_is_told_and_a_plan_may_go_as_far() -> None:
+    told = {"limits.step": 6.28, "profile.mode": "step"}
+    why = "nothing was sent: 7 rad is more than limits.step = 6.28 rad away"
+    assert state.beyond(Seen(told=Told(1, told)).now(reference=0.0).axis, 7.0, state.ANGLES["rad"]) == why
+    told["profile.mode"] = "auto"
+    assert state.beyond(Seen(told=Told(1, told)).now(reference=0.0).axis, 7.0, state.ANGLES["rad"]) == ""
+    assert state.travel_text(Seen().axis, state.ANGLES["rad"]) == ""
+
+
+def test_a_load_beyond_its_travel_is_told_with_what_to_do() -> None:
+    seen = Seen(told=Told(1, _TRAVEL)).now(load_angle=5.9)
+    said = "the load is beyond its travel, ±2.967 rad: go back to an angle within it"
+    assert state.outside(seen.axis, state.ANGLES["rad"]) == said
+    assert state.outside(seen.now(load_angle=3.0).axis, state.ANGLES["rad"]) == ""  # it overshot the end
+
+
+def test_the_answer_of_an_experiment_outlives_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may come before the telemetry that says so."""
+    label = SimpleNamespace(text="")
+    label.set_text = lambda text: setattr(label, "text", text)
+    label.classes = label.props = lambda _: label
+    monkeypatch.setattr(card.ui, "label", lambda _: label)
+    said, seen = card.Said("answer"), Seen().now(experiment=2.0)
+    said.tell(seen.axis, Answer(False, "cancelled"))
+    for change in ({"experiment": 0.0, "holding": 0.0}, {"holding": 1.0}):
+        said.refresh(seen.now(**change).axis)
+        assert label.text == "cancelled"
+    now = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now + 2.0)
+    said.refresh(seen.axis)
+    assert label.text == "cancelled"
+    said.refresh(seen.now(experiment=1.0).axis)
+    assert label.text == ""
+    said.tell(seen.axis, Answer(False, "refused"))
+    seen.lifecycle = "inactive"
+    said.refresh(seen.axis)
+    assert label.text == ""

@@ -167,7 +167,7 @@ def test_a_refused_goal_changes_nothing(axis: Axis) -> None:
     far = axis.start(100.0)
     assert (far.ended, far.code) == ("aborted", -1)
     axis.node.active, axis.node.state = False, "inactive"
-    assert "the controller is inactive, not active" in axis.start().text
+    assert "the controller must be active, but is inactive" in axis.start().text
     assert not running.ended
     axis.run(0.8)
     assert running.ended == "succeeded"

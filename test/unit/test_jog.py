@@ -32,6 +32,9 @@ class Follower:
     held: float = math.nan
     aimed: float = -math.inf
     silent: float = 0.0
+    unused: float = 0.0
+    lifecycle: str = "active"
+    simulated: bool = False
     changes: dict[str, float] = field(default_factory=dict)
     sent: list[tuple[float, list[float]]] = field(default_factory=list)
 

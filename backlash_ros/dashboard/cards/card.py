@@ -1,5 +1,7 @@
 """What all cards share: their frame, buttons of two ranks, and answers that end with what they speak of."""
 
+import math
+import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -11,6 +13,9 @@ from backlash_ros.dashboard.station import Mover, Station
 
 FIELD = "dense outlined"
 OPTIONS = f"{FIELD} options-dense"
+
+_SETTLES = 1.0
+"""Time after an answer in which telemetry may still say that its experiment ends and the position is held again, s."""
 
 Refresh = Callable[[Axis], None]
 """Shows the present state of an axis."""
@@ -48,19 +53,28 @@ def button(text: str, act: Callable[..., Any], name: str = "", *, primary: bool 
     return made.props(f"data-name={name}") if name else made
 
 
+def fill(made: ui.button, filled: bool) -> None:
+    """Show a button filled, or outlined."""
+    made.props(remove="outline" if filled else "unelevated", add="unelevated" if filled else "outline")
+
+
 class Said:
     """An answer in words, shown until the axis is in another state than when it came."""
 
     def __init__(self, name: str) -> None:
         self._label = ui.label("").classes("answer").props(f'data-name={name} aria-live="polite"')
-        self._about: Any = None
+        self._about: tuple[Any, ...] = ()
+        self._at = -math.inf
 
     def tell(self, axis: Axis | None, answer: Answer) -> None:
         """Show why something failed; a success shows itself."""
-        self._about = axis and situation(axis)
+        self._about, self._at = situation(axis) if axis else (), time.monotonic()
         self._label.set_text("" if answer.success else answer.text)
 
     def refresh(self, axis: Axis) -> None:
         """Forget what was said of another state."""
-        if self._label.text and situation(axis) != self._about:
+        now = situation(axis)
+        if now[:-2] == self._about[:-2] and time.monotonic() < self._at + _SETTLES:
+            self._about = now
+        elif now != self._about:
             self._label.set_text("")

@@ -28,7 +28,7 @@ def facts_card(page: Shown) -> Refresh:
             "fault": f"{name}: {FAULTS[Fault[name]].meaning}" if (name := fault_of(axis)[0]) else "none",
             "rate": f"{paced['rate_Hz']} of {paced['nominal_rate_Hz']} Hz" if "rate_Hz" in paced else "",
             "late samples": paced.get("late_samples", ""),
-            "age": "" if "nan" in age else age,
+            "age": "" if "nan" in age or "mean -" in age else age,  # in lockstep, clocks differ by less than a period
             "connections": f"subscribers of command: {heard}, publishers of joint states: {drives}",
         }.items():
             facts[fact].set_text(text)

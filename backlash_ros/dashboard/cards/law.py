@@ -10,10 +10,23 @@ from nicegui.events import GenericEventArguments
 
 from backlash_ros.control import AUTO, LAWS
 from backlash_ros.control.design.gain_sets import CUSTOM
+from backlash_ros.control.laws import BEST
 from backlash_ros.dashboard.axis import Axis
 from backlash_ros.dashboard.cards.card import OPTIONS, Refresh, Said, Shown, line
 from backlash_ros.dashboard.state import law_of
 
+ABOUT = {
+    AUTO: "two_encoder once backlash and load are known, else two_region",
+    "cascade": "position loop around a speed loop, as usual in industry",
+    "dual_loop": "the motor's encoder, corrected slowly by the load's",
+    "elastic_lqg": "one linear compensator, as if the gap were a spring",
+    "fast": "the fast gains alone: the load rattles",
+    "overdamped": "the over-damped gains alone: slow",
+    "switched_linear": "two linear compensators, chosen by the error",
+    BEST: "plans each move through the gap",
+    "two_region": "fast gains far from the target, over-damped ones near it",
+}
+"""What the laws do, by name; others have no words here."""
 _LEAST, _MOST = -2.0, 6.0
 """Range of the sliders for weights, in powers of ten; at the lower end a weight is 0."""
 _LET_GO = 0.7
@@ -43,7 +56,8 @@ def _choice(page: Shown) -> Refresh:
     """Choose law and gain set."""
     shown: dict[str, int] = {}
     with line():
-        law = ui.select(sorted([AUTO, *LAWS]), label="law").props(f"{OPTIONS} data-name=law")
+        laws = {name: f"{name}: {ABOUT[name]}" if name in ABOUT else name for name in sorted([AUTO, *LAWS])}
+        law = ui.select(laws, label="law").props(f"{OPTIONS} data-name=law")
         gain_set = ui.select([], label="gain set").props(f"{OPTIONS} data-name=gain-set")
     said = Said("choice-answer")
 
@@ -65,6 +79,7 @@ def _choice(page: Shown) -> Refresh:
             shown.clear()
             shown[axis.title] = axis.told.version
             law.set_value(values.get("law"))
+            law.props(f'display-value="{values.get("law")}"')
             gain_set.set_options([*values.get("gain_set_names", []), CUSTOM], value=values.get("gain_set"))
 
     return refresh

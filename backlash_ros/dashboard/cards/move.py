@@ -1,14 +1,16 @@
 """The card that moves the load: to an angle, by a step, back and forth, along a sine."""
 
 import math
+from collections.abc import Callable, Mapping
+from functools import partial
 
 from nicegui import context, ui
 
 from backlash_ros.dashboard.axis import Answer, Axis
-from backlash_ros.dashboard.cards.card import FIELD, Refresh, Said, Shown, button, card, line
+from backlash_ros.dashboard.cards.card import FIELD, Refresh, Said, Shown, button, fill, line
 from backlash_ros.dashboard.jog import SHARES, abilities
 from backlash_ros.dashboard.motion import Wave
-from backlash_ros.dashboard.state import ANGLES, refusal
+from backlash_ros.dashboard.state import ANGLES, beyond, refusal, travel_text
 from backlash_ros.dashboard.station import finite
 
 
@@ -27,11 +29,23 @@ def _goal(axis: Axis) -> float:
     return finite(state.get("reference", math.nan), finite(state.get("load_angle", math.nan)))
 
 
-def step(page: Shown, way: float) -> None:
-    """Send a reference that is ``way`` (rad) from the last one, in place of any continuous motion."""
-    if page.axis is not None:
+def _hindrance(page: Shown, axis: Axis, *targets: float) -> str:
+    """Return why the load may not go to one of these targets, rad; empty if it may."""
+    return refusal(axis) or next(filter(None, (beyond(axis, target, page.angle) for target in targets)), "")
+
+
+def _go(page: Shown, axis: Axis, target: float) -> str:
+    """Send a reference, rad, in place of any continuous motion, or return why not."""
+    why = _hindrance(page, axis, target)
+    if not why:
         page.station.end(page.title)
-        page.axis.move(_goal(page.axis) + way)
+        axis.move(target)
+    return why
+
+
+def step(page: Shown, axis: Axis, way: float) -> str:
+    """Send a reference that is ``way`` (rad) from the last one, or return why not."""
+    return _go(page, axis, _goal(axis) + way)
 
 
 class _Angle:
@@ -81,10 +95,10 @@ class _Jog:
         self._page, self._version, self._able = page, -1, 0.0
         options = "".join(f'<option value="{share}">{100.0 * share:g} %</option>' for share in SHARES)
         with line().classes("jog"):
-            self._button("Hold \N{MINUS SIGN}", -1)
+            self._button("Jog \N{MINUS SIGN}", -1)
             ui.html(f'<select id="jog-share" aria-label="speed while held">{options}</select>', sanitize=False)
             self._speed = ui.label("").classes("muted").props("data-name=jog-speed")
-            self._button("Hold +", 1)
+            self._button("Jog +", 1)
         ui.html('<output id="jog-text" class="answer" aria-live="polite"></output>', sanitize=False)
 
     @staticmethod
@@ -106,41 +120,57 @@ class _Jog:
         self._speed.set_text(f"of {speed:.{3 if speed < 1e3 else 5}g} {large.name}/s")
 
 
+def _mark(buttons: Mapping[bool, ui.button], runs: Wave | None) -> None:
+    """Show which wave runs, by whether it is smooth."""
+    for smooth, each in buttons.items():
+        pressed = runs is not None and runs.smooth == smooth
+        fill(each, pressed)
+        each.props(f'aria-pressed="{str(pressed).lower()}"')
+
+
 def move_card(page: Shown) -> Refresh:
     """Make the card."""
     station = page.station
     ended = ""
 
-    def usable(*fields: ui.number) -> bool:
-        axis = page.axis
-        why = next(filter(None, map(_refusal, fields)), "") or (refusal(axis) if axis else "there is no axis")
-        said.tell(axis, Answer(not why, why))
-        return not why
+    def act(does: Callable[[Axis], str], *fields: ui.number) -> None:
+        """Do it if these fields are usable, and say why not."""
+        if (axis := page.axis) is not None:
+            why = next(filter(None, map(_refusal, fields)), "") or does(axis)
+            said.tell(axis, Answer(not why, why))
 
     def go() -> None:
-        if usable(target.field) and page.axis is not None:
-            station.end(page.title)
-            page.axis.move(target.angle)
+        act(lambda axis: _go(page, axis, target.angle), target.field)
 
     def make_step(sign: float) -> None:
-        if usable(way.field):
-            step(page, sign * way.angle)
+        act(lambda axis: step(page, axis, sign * way.angle), way.field)
 
     def begin(smooth: bool) -> None:
-        if usable(way.field, period) and page.axis is not None:
-            station.begin(page.title, Wave(_goal(page.axis), way.angle, period.value, smooth), page)
+        def wave(axis: Axis) -> str:
+            middle, far = _goal(axis), way.angle
+            why = _hindrance(page, axis, middle - far, middle + far)
+            if not why:
+                station.begin(page.title, Wave(middle, far, period.value, smooth), page)
+            return why
 
-    with card("Move"):
+        act(wave, way.field, period)
+
+    with ui.element("section").classes("card"):
+        with line():
+            ui.html("<h2>Move</h2>", sanitize=False)
+            travel = ui.label("").classes("muted").props("data-name=travel")
         with line():
             target = _Angle(page, "angle", 1.0)
             button("Go there", go, "go", primary=True)
-            way = _Angle(page, "way", 0.5, least=0.0)
+            way = _Angle(page, "step", 0.5, least=0.0)
             period = ui.number("period, s", value=4.0, min=0.1, step=0.5, format="%g").props(FIELD)
         with line():
             button("Step forward", lambda: make_step(1.0), "step")
             button("Step back", lambda: make_step(-1.0))
-            button("Back and forth", lambda: begin(False), "to-and-fro")
-            button("Sine", lambda: begin(True), "sine")
+            waves = {
+                smooth: button(text, partial(begin, smooth), name)
+                for smooth, text, name in ((False, "Back and forth", "to-and-fro"), (True, "Sine", "sine"))
+            }
             button("Stay", lambda: station.end(page.title), "stay")
         jogs = _Jog(page)
         said = Said("move-answer")
@@ -151,6 +181,9 @@ def move_card(page: Shown) -> Refresh:
         way.refresh()
         jogs.refresh(axis)
         said.refresh(axis)
+        ends = travel_text(axis, page.angle)
+        travel.set_text(f"travel {ends}" if ends else "")
+        _mark(waves, station.of(axis.title).wave)
         before, ended = ended, station.of(axis.title).ended
         if ended != before:
             said.tell(axis, Answer(not ended, ended))

@@ -52,9 +52,10 @@ def simulated_card(page: Shown) -> Refresh:
     drawer = ui.expansion("Simulated drive", group="act").classes("card fold").props("dense data-name=simulated")
     with drawer:
         with line():
-            ui.label("load torque, N m").classes("muted")
-            torque = ui.slider(min=-0.5, max=0.5, step=0.01, value=0.0).props('label aria-label="load torque, N m"')
+            amount = ui.label("").classes("muted amount")
+            torque = ui.slider(min=-0.5, max=0.5, step=0.01, value=0.0).props('aria-label="load torque, N m"')
             torque.props("data-name=load-torque")
+            amount.bind_text_from(torque, "value", lambda value: f"load torque {value:.2f} N m")
         with line():
             button("Load encoder jumps", jump, "jump")
             button("Load encoder lost", lambda: inject({"sensors.measured": _ALL_SIGNALS[:2] + _ALL_SIGNALS[4:]}))

@@ -10,8 +10,8 @@ from lifecycle_msgs.msg import Transition
 from nicegui import ui
 
 from backlash_ros.control.telemetry import TELEMETRY
-from backlash_ros.dashboard.axis import ANSWER, Answer, Axis
-from backlash_ros.dashboard.cards.card import Refresh, Said, Shown, button
+from backlash_ros.dashboard.axis import ANSWER, SILENCE, Answer, Axis
+from backlash_ros.dashboard.cards.card import Refresh, Said, Shown, button, fill
 from backlash_ros.dashboard.cards.move import step
 from backlash_ros.dashboard.state import (
     EXPERIMENTS,
@@ -21,7 +21,6 @@ from backlash_ros.dashboard.state import (
     fault_of,
     of_identification,
     of_learning,
-    refusal,
     remedy,
     remedy_first,
     servo_says,
@@ -30,6 +29,12 @@ from backlash_ros.dashboard.state import (
 
 _WAY = 0.5
 """Length of a step, rad."""
+
+_TITLES = {
+    "learn": "b: the angle that the load can turn while the motor stands",
+    "identify": "J_l: the moment of inertia of all that turns with the load",
+}
+"""Explanations of results, by step."""
 
 Words = Callable[[Axis, AngleUnit], tuple[str, str]]
 """Result of a step, and what it gains, or would gain."""
@@ -71,7 +76,9 @@ class _Step:
             with self.head:
                 ui.html(f"<h2><b>{STEPS.index(name) + 1}</b> {title}</h2>", sanitize=False)
             self._said = Said(f"step-{name}-answer")
-            self._result = ui.label("").classes("result").props(f"data-name={name}-result")
+            self._result = (
+                ui.label("").classes("result").props(f'data-name={name}-result title="{_TITLES.get(name, "")}"')
+            )
             self._gain = ui.label("").classes("muted").props(f"data-name={name}-gain")
         self._button: ui.button | None = None
 
@@ -98,8 +105,7 @@ class _Step:
         if self._button is not None:
             self._button.set_visibility(wanted)
             self._button.set_text(label or self._button.text)
-            first = now and label != "Cancel"
-            self._button.props(remove="outline" if first else "unelevated", add="unelevated" if first else "outline")
+            fill(self._button, now and label != "Cancel")
 
 
 def _connect(page: Shown) -> Refresh:
@@ -118,9 +124,15 @@ def _connect(page: Shown) -> Refresh:
         idle = axis.present and axis.lifecycle in ("inactive", "unconfigured")
         timing = axis.diagnoses.get("controller: timing")
         if idle:
-            words = "0 V", "would hold the load where it is"
+            words = "0 V", "activate it to hold the load"
         elif step_of(axis) == "connect":
-            words = "no samples", "start the drive, which publishes joint_states"
+            there = axis.silent < SILENCE
+            what = (
+                "see the drive's encoders and its joint_states"
+                if there
+                else "start the drive: it publishes joint_states"
+            )
+            words = f"no {'usable ' if there else ''}samples", what
         else:
             rate = timing.values.get("rate_Hz", "nan") if timing else "nan"
             late = timing.values.get("late_samples", "0") if timing else "0"
@@ -194,17 +206,15 @@ def _move(page: Shown) -> Refresh:
     def act() -> None:
         nonlocal sign
         if page.axis is not None:
-            why = refusal(page.axis)
+            why = step(page, page.axis, sign * _WAY)
             shown.tell(page.axis, Answer(not why, why))
-            if not why:
-                step(page, sign * _WAY)
-                sign = -sign
+            sign = sign if why else -sign
 
     if not page.read_only:
         shown.offer("", act)
 
     def refresh(axis: Axis) -> None:
         large = page.angle.large
-        shown.refresh(axis, ("", ""), f"Step of {large.factor * _WAY:.4g} {large.name}")
+        shown.refresh(axis, ("", ""), f"Step {'of' if sign > 0.0 else 'back'} {large.factor * _WAY:.4g} {large.name}")
 
     return refresh

@@ -1,6 +1,7 @@
 // Jogging: the load moves for as long as one holds a button, by pointer or by key. Whatever ends that ends the motion.
 
 const BEAT = 50; // ms between two looks whether the button is there, as it was pressed
+const SHORT = 300; // ms that a click lasts at most: it is not held
 const READ = 10000; // ms that a text stays, unless the next press comes sooner
 
 const KEYS = { " ": 0, Enter: 0, ArrowLeft: -1, ArrowRight: 1 }; // way of a key; 0: that of its button
@@ -23,6 +24,7 @@ function release() {
   hand.postMessage("let go");
   clearInterval(held.beat);
   held.jogs.classList.remove("held");
+  if (performance.now() - held.since < SHORT) say("Hold it down: the load moves until you let go.");
   held = undefined;
 }
 
@@ -37,7 +39,7 @@ function press(jogs, byKey) {
     if (there) hand.postMessage("held");
     else release();
   };
-  held = { jogs, byKey, beat: setInterval(look, BEAT) };
+  held = { jogs, byKey, since: performance.now(), beat: setInterval(look, BEAT) };
   jogs.classList.add("held");
 }
 

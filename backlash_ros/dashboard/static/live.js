@@ -9,7 +9,7 @@ const POINTS = 600; // places along a curve; each shows the least and the larges
 const HOLE = 10; // usual times between two points that interrupt a curve
 const NEAR = 0.01; // share of the time shown: as far from the cursor a curve has a value
 
-class Table {
+export class Table {
   constructor(columns) {
     this.columns = columns;
     this.values = columns.map(() => []);
@@ -68,11 +68,14 @@ function niceLimit(value) {
   return power * [1, 1.5, 2, 3, 5, 7.5, 10].find((step) => step * power >= value);
 }
 
-const ROWS = [["angle", 24], ["error", 25], ["command", 16], ["load torque, N m", 15], ["region, flank", 14]];
+const ROWS = [["angle", 24], ["error", 25], ["command", 16], ["load torque, as estimated, N m", 15], ["gains", 14]];
 const NARROW = 600; // px; a narrower chart has the first two rows alone
+const TALL = 470; // px; in a lower chart a low row has two labels
 const BAND = [[{ yAxis: -0.5 }, { yAxis: 0.5 }]]; // the gap, about the target
 const GHOST = "step before";
-const PALE = 0.35; // opacity of the ghost: what rattled must not look like now
+const PALE = 0.35, PALE_IN_DARK = 0.6; // opacity of the ghost: what rattled must not look like now
+const PLANS = { name: "flank, as planned", min: -2, max: 2, words: { 1: "forward", 0: "none", "-1": "back" } }; // of law two_encoder
+const ACTS = { name: "gains that act", min: 0, max: 3, words: { 1: "fast", 2: "damped" } }; // of the others
 const CURVES = [
   [GHOST, 0, "load", "dashed"], [GHOST, 1, "load", "dashed"], // below the others
   ["load", 0, "load"], ["motor through the gear", 0, "motor"], ["setpoint", 0, "faint", "dashed"],
@@ -97,7 +100,7 @@ class Live {
     this.steps = new Steps(document.getElementById("steps"));
     this.forget();
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.layOut());
-    new ResizeObserver(() => this.narrow !== this.chart.getWidth() < NARROW && this.layOut()).observe(this.chart.getDom());
+    new ResizeObserver(() => (this.narrow !== this.chart.getWidth() < NARROW || this.tall !== this.chart.getHeight() > TALL) && this.layOut()).observe(this.chart.getDom());
     this.layOut();
     const draw = () => {
       const now = performance.now();
@@ -146,8 +149,10 @@ class Live {
 
   layOut() {
     this.narrow = this.chart.getWidth() < NARROW;
+    this.tall = this.chart.getHeight() > TALL;
     const rows = this.narrow ? ROWS.slice(0, 2) : ROWS;
     const whole = rows.reduce((sum, [, height]) => sum + height, 0);
+    const pale = window.matchMedia("(prefers-color-scheme: dark)").matches ? PALE_IN_DARK : PALE;
     const text = colour("ink"), line = colour("line"), { factor } = (this.angle = this.options.facts().angle);
     const axis = { type: "value", axisLine: { onZero: false, lineStyle: { color: line } }, splitLine: { lineStyle: { color: line } } };
     let top = this.narrow ? 9 : 5;
@@ -157,23 +162,25 @@ class Live {
       const last = i === rows.length - 1, height = ((99 - (this.narrow ? 9 : 5)) * part) / whole;
       grids.push({ left: 64, right: 16, top: `${top}%`, height: `${height - (this.narrow ? 10 : 5)}%`, outerBoundsMode: "none" });
       top += height;
-      x.push({ ...axis, gridIndex: i, axisLabel: { show: last, color: text, formatter: (v) => `${v.toFixed(1)} s` }, axisTick: { show: last } });
+      x.push({ ...axis, gridIndex: i, axisLabel: { show: last, color: text, alignMaxLabel: "right", formatter: (v) => `${+v.toFixed(3)} s` }, axisTick: { show: last } });
       y.push({
-        ...axis, gridIndex: i, name, nameLocation: "end", nameGap: 6, scale: true, splitNumber: 3,
+        ...axis, gridIndex: i, name, nameLocation: "end", nameGap: 6, scale: true, splitNumber: i < 2 ? 3 : 2,
         nameTextStyle: { color: text, align: "left", padding: [0, 0, 0, -56] },
-        axisLabel: { color: text, showMaxLabel: false, showMinLabel: i === 4, fontSize: i === 4 ? 10 : 12, hideOverlap: true, formatter: (v) => `${+v.toPrecision(3)}` },
+        axisLabel: { color: text, showMaxLabel: false, showMinLabel: i > 1 && (i === 4 || this.tall), fontSize: i === 4 ? 10 : 12, hideOverlap: true, formatter: (v) => `${+v.toFixed(6)}` },
         min: ({ min, max }) => (max - min < least ? (min + max - least) / 2 : null),
         max: ({ min, max }) => (max - min < least ? (min + max + least) / 2 : null),
       });
     });
-    if (!this.narrow) Object.assign(y[4], { min: -1, max: 3, interval: 1 });
+    if (!this.narrow) y[4].interval = 1;
     this.curves = CURVES.filter(([, row]) => row < rows.length);
     const series = this.curves.map(([name, row, hue, type = "solid"]) => ({
       id: `${name} ${row}`, name, type: "line", xAxisIndex: row, yAxisIndex: row, showSymbol: false, animation: false, data: [], step: row === 4 ? "end" : false,
-      lineStyle: { width: type === "dotted" || name === GHOST ? 1 : 1.4, color: colour(hue), type, opacity: name === GHOST ? PALE : 1 },
-      itemStyle: { color: colour(hue), opacity: name === GHOST ? PALE : 1 },
+      lineStyle: { width: type === "dotted" || name === GHOST ? 1 : 1.4, color: colour(hue), type, opacity: name === GHOST ? pale : 1 },
+      itemStyle: { color: colour(hue), opacity: name === GHOST ? pale : 1 },
     }));
-    const band = series.find(({ name }) => name === "error");
+    const [band, setpoint] = ["error", "setpoint"].map((of) => series.find(({ name }) => name === of));
+    const ends = { formatter: "end of the travel", position: "insideStartBottom", color: text, fontSize: 11 };
+    setpoint.markLine = { silent: true, animation: false, symbol: "none", lineStyle: { color: colour("bad"), type: "solid" }, label: ends, data: [] };
     band.markArea = { silent: true, itemStyle: { color: colour("good"), opacity: 0.13 }, data: [] };
     this.chart.setOption({
       animation: false,
@@ -278,11 +285,11 @@ class Live {
     const unit = b ? 1 / b : small.factor;
     const errors = this.errors(j0, j1);
     // The scale is that of the last second, so that a rattle is seen beside the step that came before it.
-    const [low, high] = span(errors, Math.max(0, joints.from(joints.last("time") - SWING) - j0));
+    const [low, high] = span(errors, Math.max(0, joints.from(this.newest - SWING) - j0));
     const half = b ? 0.75 : 1e-3 * small.factor;
     const scale = niceLimit(Math.max(half, Number.isFinite(low) ? 1.3 * unit * Math.max(-low, high) : half));
     const of = (column, factor) => thin(st, state.of(column), s, this.zero, state.hole, factor);
-    const command = this.options.facts().unit;
+    const { unit: command, plans, travel = [] } = this.options.facts();
     const limit = (column) => (command === "V" ? of(column) : []); // limits are told in V
     const joint = (column) => thin(jt, joints.of(column), [j0, j1], this.zero, joints.hole, factor);
     const ghost = (column, factor) => (steps.ghost ? thin(steps.ghost.time, steps.ghost[column], shown(steps.ghost.time), this.zero, Infinity, factor) : []);
@@ -291,16 +298,17 @@ class Live {
       load: [joint("load")], "motor through the gear": [joint("motor")], setpoint: [of("setpoint", factor)],
       error: [[], thin(jt.slice(j0, j1), errors, [0, errors.length], this.zero, joints.hole, unit)],
       command: of("command"), limits: limit("range_high"), "lower limit": limit("range_low"),
-      "load torque": of("load_torque"), region: of("region"), flank: of("flank"),
+      "load torque": of("load_torque"), region: plans ? [] : of("region"), flank: plans ? of("flank") : [],
     };
+    const { words, ...last } = plans ? PLANS : ACTS;
     this.units = [name, b ? "b" : small.name, command, "N m", ""];
-    const y = [{ name: `angle, ${name}` }, { name: b ? "error, b" : `error, ${small.name} (b is not learned yet)`, min: -scale, max: scale }, { name: `command, ${command}` }, {}, {}];
+    const y = [{ name: `angle, ${name}` }, { name: b ? "error, b" : `error, ${small.name} (b is not learned yet)`, min: -scale, max: scale }, { name: `command, ${command}` }, {}, { ...last, axisLabel: { formatter: (v) => words[v] ?? "" } }];
     const rows = this.narrow ? 2 : 5;
     this.points = this.curves.map(([name, row]) => (row < 2 ? data[name][row] : data[name]));
     chart.setOption({
       xAxis: Array.from({ length: rows }, () => ({ min: -this.window, max: 0 })),
       yAxis: y.slice(0, rows),
-      series: this.curves.map(([name, row], k) => ({ id: `${name} ${row}`, data: this.points[k], ...(name === "error" && { markArea: { data: b ? BAND : [] } }) })),
+      series: this.curves.map(([name, row], k) => ({ id: `${name} ${row}`, data: this.points[k], ...(name === "error" && { markArea: { data: b ? BAND : [] } }), ...(name === "setpoint" && { markLine: { data: travel.map((end) => ({ yAxis: factor * end })) } }) })),
     }, { lazyUpdate: true });
   }
 
@@ -321,21 +329,11 @@ class Live {
     this.toldStep = now;
     const { steps, b } = this, { small } = this.angle;
     steps.look(this.joints, this.state, (from, to) => this.errors(from, to), b, this.tooth);
+    if (this.options.facts().stopped) steps.rattle = undefined; // at 0 V, and no time may pass
     steps.tell(b, small);
-    const [result, more] = this.stepText();
+    const [result, more] = steps.words(b, small);
     document.getElementById("step-result").textContent = result;
     document.getElementById("step-more").textContent = more;
-  }
-  stepText() {
-    const { b, state } = this, { small } = this.angle, step = this.steps.last;
-    if (!step) return ["no step yet", "would show whether the load rattles"];
-    if (Number.isNaN(step.swing)) return ["moves", ""];
-    const inWords = (angle) => (b ? `${(angle / b).toFixed(2)} b` : `${(angle * small.factor).toPrecision(3)} ${small.name}`);
-    const swing = `swing ${inWords(step.swing)} in its last second`;
-    const rattle = state.last("rattle"); // told until the gains change, also where the over-damped ones have ended it
-    if (rattle > 0 && step.swing > rattle / 2) return [`rattles by ${inWords(rattle)}`, swing];
-    if (step.settled === Infinity) return ["did not settle", swing];
-    return [`settled in ${step.settled.toFixed(3)} \u00b1 ${step.sample.toFixed(3)} s`, swing];
   }
 }
 

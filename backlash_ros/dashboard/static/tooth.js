@@ -1,6 +1,6 @@
 // The tooth of the motor's gear in the gap of the load's gear. The teeth are drawn as involutes are, the gap to scale.
 
-import { span } from "./steps.js";
+import { digits, inGaps, span } from "./steps.js";
 
 const GAP = 90; // px: the gap is as wide in the drawing, whatever it is in rad
 const TOOTH = 118; // px at the pitch line
@@ -44,7 +44,7 @@ const DRAWING = `
   <path class="load solid" id="load-gear" d="${LOAD}"/>
   <path class="motor solid" id="motor-gear" d="${MOTOR}"/>
   <circle id="force" cy="${PITCH}" r="34" fill="url(#glow)"/>
-  <text id="figure" y="${PITCH + 5}" text-anchor="middle"></text>
+  <text id="figure" y="${PITCH + 5}" text-anchor="middle"></text><text id="of-figure" y="${PITCH + 21}" text-anchor="middle">tooth force</text>
   <path id="target" d="M0 ${PITCH + ROOT}v34"/><text id="target-text"></text>
   <text x="${-HALF + 6}" y="34">motor</text><text x="${-HALF + 6}" y="158">load</text>
   <path id="scale" d="M${-HALF + 8} 178v8h${GAP}v-8"/><text id="scale-text" x="${-HALF + 16 + GAP}" y="188"></text>`;
@@ -80,7 +80,7 @@ export class Tooth {
     const recent = joints.from(joints.last("time") - SECOND);
     const seen = !Number.isNaN(motor[now] - load[now]);
     this.svg.classList.toggle("unseen", !seen);
-    if (!seen) return this.tell("Where the tooth is takes both encoders.");
+    if (!seen) return this.tell("Without both encoders, no tooth can be drawn.");
     if (state.last("fault")) this.forget();
     const { width, middle } = this.place(motor, load, recent, b || gap);
     [this.middle, this.sure] = [middle, this.high - this.low >= 0.8 * width];
@@ -95,12 +95,12 @@ export class Tooth {
     this.find("motor-gear").setAttribute("transform", `translate(${tooth} 0)`);
     this.past(joints, recent, load[now] - (x / GAP) * width, middle, width);
     this.press(side, torque, tooth);
-    this.frame(off, x, width, b, small);
-    const beats = !state.last("fault") && this.beats(motor, load, recent, width);
+    this.frame(off, x, width, b, gap, small);
+    const twists = state.last("fault") ? 0 : this.twists(motor, load, recent) / width;
     if (side !== this.side_ || performance.now() - (this.told || 0) > 250) {
       this.side_ = side;
       this.told = performance.now();
-      this.tell(this.inWords(side, beats, load, recent, b, small));
+      this.tell(this.inWords(side, twists, load, recent, b, small));
     }
   }
 
@@ -149,38 +149,39 @@ export class Tooth {
     glow.setAttribute("cx", tooth + (side * TOOTH) / 2);
     glow.style.opacity = known ? 0.45 + 0.55 * Math.sqrt(Math.abs(torque) / this.strongest) : 0.7;
     const figure = this.find("figure");
-    figure.textContent = known ? `${side < 0 ? "\u2190 " : ""}${Math.abs(torque).toPrecision(2)} N m${side > 0 ? " \u2192" : ""}` : "";
-    figure.setAttribute("x", tooth);
+    figure.textContent = known ? `${side < 0 ? "\u2190 " : ""}${digits(Math.abs(torque), 2)} N m${side > 0 ? " \u2192" : ""}` : "";
+    for (const text of [figure, this.find("of-figure")]) text.setAttribute("x", tooth);
+    this.find("of-figure").style.display = known ? "" : "none";
   }
 
   // The target in the view, or the way to it, and the scale.
-  frame(off, x, width, b, small) {
+  frame(off, x, width, b, gap, small) {
     const at = x - off * GAP, inside = Math.abs(at) < HALF - 65;
     this.find("target").style.display = inside ? "" : "none";
     this.find("target").setAttribute("transform", `translate(${at} 0)`);
     const text = this.find("target-text");
     text.setAttribute("x", inside ? at + 6 : 40);
     text.setAttribute("y", inside ? 158 : 188);
-    const far = `${Math.abs(off).toPrecision(2)} ${b ? "b" : "gaps"}`;
+    const far = `${digits(Math.abs(off), 2)} ${b ? "b" : "gaps"}`;
     text.textContent = inside ? "target" : at > 0 ? `target in ${far} \u2192` : `\u2190 target in ${far}`;
-    const size = `${(width * small.factor).toPrecision(3)} ${small.name}`;
-    this.find("scale-text").textContent = b ? `b = ${size}` : `gap, ${size}`;
+    const size = `${digits(width * small.factor, 3)} ${small.name}`;
+    this.find("scale-text").textContent = `${b ? "b =" : gap ? "simulated gap" : "gap, as seen,"} ${size}`;
   }
 
-  // Whether the tooth was at both flanks in the last second.
-  beats(motor, load, recent, width) {
+  // How far the tooth moved in the gap in the last second, rad.
+  twists(motor, load, recent) {
     let low = Infinity, high = -Infinity;
     for (let i = recent; i < motor.length; i++) {
       low = Math.min(low, motor[i] - load[i]);
       high = Math.max(high, motor[i] - load[i]);
     }
-    return high - low > 0.9 * width;
+    return high - low;
   }
 
-  inWords(side, beats, load, recent, b, small) {
-    const [low, high] = span(load, recent);
-    const swing = b ? `${((high - low) / b).toFixed(2)} b` : `${((high - low) * small.factor).toPrecision(3)} ${small.name}`;
+  inWords(side, twists, load, recent, b, small) {
+    const [low, high] = span(load, recent), swing = inGaps(high - low, b, small);
     const flank = side > 0 ? "drives the load on" : side < 0 ? "holds the load back" : "is between the flanks";
-    return `The load moved by ${swing} in the last second. The tooth ${beats ? "beats on both flanks" : flank}.`;
+    const does = twists > 0.9 ? "beats on both flanks" : twists > 0.3 ? "moves to and fro in the gap" : flank;
+    return `The load moved by ${swing} in the last second. The tooth ${does}.`;
   }
 }
