@@ -44,4 +44,5 @@ def choose_gain(motor: Motor, reading: float, counts: float) -> None:
     """
     find_count(motor.count, reading)
     error = counts * motor.count.width if motor.count.agreeing >= _AGREE else 0.0
-    motor.gain = min(round(math.log2(error / FINEST_ERROR)), GAINS - 1.0) if error > FINEST_ERROR else 0.0
+    doublings = math.log(max(error / FINEST_ERROR, 1.0)) / math.log(2.0)
+    motor.gain = min(round(doublings), GAINS - 1.0)
