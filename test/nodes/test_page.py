@@ -21,6 +21,7 @@ from selenium.common.exceptions import ElementClickInterceptedException, StaleEl
 from selenium.webdriver import ActionChains, Chrome
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.remote.webelement import WebElement
 from served import WATCHDOG, B, Served, Start, System, begin
 from std_msgs.msg import Float64, Float64MultiArray
 
@@ -420,22 +421,25 @@ class TestOneDrive:
             def let_go() -> object:
                 return act().release().perform()
 
-            press(0.3, act().click_and_hold(forward).perform, let_go)
+            def click(on: WebElement) -> Callable[[], object]:
+                return lambda: act().click_and_hold(on).perform()  # a chain forgets what it has performed
+
+            press(0.3, click(forward), let_go)
             let_go()
             system.stands()
-            press(0.3, act().click_and_hold(forward).perform, let_go)
+            press(0.3, click(forward), let_go)
             act().move_by_offset(0, 200).perform()  # still held, elsewhere
             system.stands()
             let_go()
             act().click(back).perform()  # it has the focus then
             system.stands()
-            press(-0.3, act().key_down(Keys.SPACE).perform, act().key_up(Keys.SPACE).perform)
+            press(-0.3, lambda: act().key_down(Keys.SPACE).perform(), lambda: act().key_up(Keys.SPACE).perform())
             act().key_up(Keys.SPACE).perform()
             system.stands()
             press(0.3, lambda: touch("touchStart", finger), lambda: None)
             touch("touchEnd", [])
             system.stands()
-            press(-0.3, act().click_and_hold(back).perform, let_go)
+            press(-0.3, click(back), let_go)
             act().send_keys(Keys.ESCAPE).perform()
             page.wait("the stop", lambda: "stopped: 0 V" in page.text())
             let_go()
@@ -444,7 +448,7 @@ class TestOneDrive:
             let_go()
             page.click("Activate")
             page.wait("the state", lambda: page.said("state") == "active")
-            press(-0.3, act().click_and_hold(back).perform, let_go)
+            press(-0.3, click(back), let_go)
             for process in children(other.service.process.pid):
                 os.kill(process, signal.SIGKILL)
             system.stands()
