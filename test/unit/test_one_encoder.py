@@ -122,8 +122,7 @@ def counted(readings: np.ndarray) -> Count:
 
 @given(st.floats(1e-4, 0.1), st.lists(st.integers(-200, 200), min_size=60, max_size=60), st.floats(-100.0, 100.0))
 def test_a_count_is_what_all_changes_are_multiples_of(size: float, changes: list[int], zero: float) -> None:
-    common = math.gcd(*changes)
-    assume(common == 1)
+    assume(math.gcd(*changes) == 1)
     count = counted(zero + size * np.cumsum(changes))
     assert count.width == pytest.approx(size, rel=1e-6) or count.agreeing < 8
 

@@ -18,7 +18,7 @@ from backlash_ros.control.experiment import DriveEstimate
 from backlash_ros.control.laws import BEST, UNTIL_THEN
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.drivetrain.delay import Delay
-from backlash_ros.drivetrain.parameters import IDENTIFIED, drive_of, to_use
+from backlash_ros.drivetrain.parameters import drive_of, to_use
 from backlash_ros.foundation.signals import THETA_L, THETA_M
 from backlash_ros.simulation import Run, Scenario, SimulatedDrive, excite, run
 from backlash_ros.studies.design.search import NothingQuietError, design
@@ -245,15 +245,15 @@ def learn(
     return result, found
 
 
-def _judge_identified(member: Member, result: Learned, estimate: BacklashEstimate, known: Drive) -> Learned:
+def _judge_identified(member: Member, result: Learned, estimate: BacklashEstimate, used: Choice) -> Learned:
     """Return what was identified in addition to the gap, and whether all of it is close to the truth.
 
-    ``known``: the drive as it is known with that.
+    ``used``: the controller that uses it.
     """
     truth, found = member.drive.load, estimate.parameters
     names = "load.inertia", "load.viscous_friction", "load.coulomb_friction", "loop_delay"
     inertia, viscous, dry, delay = (float(found.get(name, math.nan)) for name in names)
-    ratio = inertia / known.reflected_inertia
+    ratio = inertia / used.drive.reflected_inertia
     true_ratio = truth.inertia / member.drive.as_built.reflected_inertia
     near = [
         abs(inertia / truth.inertia - 1.0) <= INERTIA_NEAR,
@@ -265,7 +265,7 @@ def _judge_identified(member: Member, result: Learned, estimate: BacklashEstimat
         near.append(abs(viscous * speed + dry - effort) <= EFFORT_NEAR * effort)
     return replace(
         result,
-        identified=found.keys() >= IDENTIFIED,
+        identified=used.settings.identified,
         all_close=all(near),
         ratio_close=abs(ratio / true_ratio - 1.0) <= INERTIA_NEAR,
         inertia=inertia,
@@ -362,7 +362,7 @@ def _put_in_use(
     except ValueError as error:
         return replace(learned, valid=False, reason=f"it could not be used: {error}"), choice
     if isinstance(found, DriveEstimate):
-        learned = _judge_identified(member, learned, found, used.drive)
+        learned = _judge_identified(member, learned, found, used)
     return learned, used
 
 
