@@ -29,11 +29,11 @@ def find_count(count: Count, reading: float) -> None:
     if count.width == 0.0:
         count.width = change
         return
-    rest = abs(change - count.width * round(change / count.width))
-    if rest > _SAME * count.width:
-        count.width, count.agreeing = rest, 0.0
-    else:
-        count.agreeing += 1.0
+    width, rest = count.width, abs(change - count.width * round(change / count.width))
+    count.agreeing = count.agreeing + 1.0 if rest <= _SAME * width else 0.0
+    while rest > _SAME * width and width >= _FINE * FINEST_ERROR:
+        width, rest = rest, abs(width - rest * round(width / rest))
+    count.width = width
 
 
 @compiled
