@@ -137,8 +137,8 @@ class FollowTrajectory:
 
     def _begin(self, handle: Any) -> _Goal:
         request, servo = handle.request, self._servo
-        if not self._node.active:
-            raise GoalError(f"the controller must be active, but is {self._node.state}")
+        if refusal := self._node.refusal:
+            raise GoalError(refusal)
         if len(names := list(request.trajectory.joint_names)) > 1:
             raise GoalError(f"joint_names must be [{self._joint!r}] alone, got {names}")
         other = getattr(request, "multi_dof_trajectory", None)

@@ -117,10 +117,8 @@ class Learning:
 
     def _ask(self, service: str) -> tuple[bool, str] | None:
         """Request a run of a service's experiment; return why it is refused."""
-        if not self._node.active:
-            return False, f"cannot {service}: the controller must be active, but is {self._node.state}"
-        if self._estimates.busy:
-            return False, f"cannot {service}: {self._estimates.busy}"
+        if why := self._node.refusal or self._estimates.busy:
+            return False, f"cannot {service}: {why}"
         if self._servo.barred:
             return False, f"cannot {service} {self._servo.barred}"
         by_switch = service == "home" and self._tunables.values["homing.switch"]
@@ -139,9 +137,7 @@ class Learning:
     def _on_set_zero(self) -> tuple[bool, str] | None:
         """Let the load's present position be 0."""
         servo = self._servo
-        zero, refusal = servo.load_angle + servo.zero, self._estimates.busy or servo.hindrance
-        if not self._node.active:
-            refusal = f"the controller must be active, but is {self._node.state}"
+        zero, refusal = servo.load_angle + servo.zero, self._node.refusal or self._estimates.busy or servo.hindrance
         if refusal := refusal or servo.rejection_reason(servo.limits, zero=zero):
             self._node.get_logger().info(f"cannot set the zero: {refusal}")
             return False, f"cannot set the zero: {refusal}"

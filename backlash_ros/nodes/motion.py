@@ -166,9 +166,7 @@ class Motion:
         )
 
     def _on_hold(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        refusal = (
-            self._servo.stop() if self._node.active else f"the controller must be active, but is {self._node.state}"
-        )
+        refusal = self._node.refusal or self._servo.stop()
         if not refusal:
             self._taken("", often=False)
         response.success = not refusal

@@ -120,6 +120,11 @@ class ManagedNode(LifecycleNode):
         """Whether the motor may be driven."""
         return self._active
 
+    @property
+    def refusal(self) -> str:
+        """Why a controller refuses what needs the motor; empty while active."""
+        return "" if self._active else f"the controller must be active, but is {self.state}"
+
     _active = False
 
     def held(self, entity: E, destroy: Callable[[E], Any]) -> E:

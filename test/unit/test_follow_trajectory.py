@@ -70,7 +70,7 @@ class Axis:
     def __init__(self, gains: GainSet) -> None:
         self.servo = Servo(NOMINAL_DRIVE, ServoSettings(gains), Limits.of(NOMINAL_DRIVE), watched=False)
         self.off, log = 0.0, get_logger("axis")
-        self.node: Any = SimpleNamespace(active=True, state="active", get_logger=lambda: log)
+        self.node: Any = SimpleNamespace(refusal="", get_logger=lambda: log)
         action = SimpleNamespace(
             Result=lambda: SimpleNamespace(error_code=0, error_string=""),
             Feedback=lambda: SimpleNamespace(header=SimpleNamespace()),
@@ -166,7 +166,7 @@ def test_a_refused_goal_changes_nothing(axis: Axis) -> None:
         assert text in refused.text
     far = axis.start(100.0)
     assert (far.ended, far.code) == ("aborted", -1)
-    axis.node.active, axis.node.state = False, "inactive"
+    axis.node.refusal = "the controller must be active, but is inactive"
     assert "the controller must be active, but is inactive" in axis.start().text
     assert not running.ended
     axis.run(0.8)
