@@ -406,11 +406,13 @@ class Servo:
 
     @property
     def holding_voltage(self) -> float:
-        """Voltage that holds the load, V; 0 if the monitor, which finds the load torque, is off.
+        """Voltage that holds the load, V.
 
-        It does not use the law's estimate: there is none with one encoder, and ``torque_bandwidth`` may be 0.
+        It does not use the law's estimate: there is none with the load's encoder alone, and ``torque_bandwidth`` may be
+        0. Only while the monitor is off there is no other one.
         """
-        return self._voltage_against(float(self.memory.monitor.unexplained_torque))
+        found = float(self.memory.monitor.unexplained_torque)
+        return self._voltage_against(found if self._watched else self.load_torque_estimate)
 
     def _voltage_against(self, load_torque: float) -> float:
         """Return the voltage that holds a load torque (N m) as far as the limits allow, V."""

@@ -38,9 +38,15 @@ class Rig:
     """A servo that holds a simulated drive at 0 under a load torque."""
 
     def __init__(
-        self, drive: Drive, choice: ServoSettings, sensors: Sensors | None = None, load_torque: float = LOAD_TORQUE
+        self,
+        drive: Drive,
+        choice: ServoSettings,
+        sensors: Sensors | None = None,
+        load_torque: float = LOAD_TORQUE,
+        *,
+        watched: bool = True,
     ) -> None:
-        self.servo = Servo(drive, choice)
+        self.servo = Servo(drive, choice, watched=watched)
         self.plant = SimulatedDrive(drive, PERIOD, sensors=sensors)
         self.load_torque = load_torque
 
@@ -101,6 +107,17 @@ def test_law_swapped_under_load_goes_straight_to_where_it_settles(
         # The planned law rests within a band, and from afar it goes there as in any step.
         most = (0.25 if far else 0.08) if new == "two_encoder" else 0.03
         assert beyond(rig.run(2.0)[0]) <= most * B, f"{old} to {new}"
+
+
+@pytest.mark.parametrize("sensors", ["everything", "positions"])
+@pytest.mark.parametrize("new", ["cascade", "two_encoder"])
+def test_law_swapped_while_the_monitor_is_off_starts_from_what_holds_the_load(sensors: str, new: str) -> None:
+    rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, "two_region"), SENSORS[sensors], watched=False)
+    held = rig.run(2.5)[1][-1]
+    rig.servo.use(settings_of(NOMINAL_DRIVE, new))
+    angles, commands = rig.run(1.0)
+    assert commands[0] == pytest.approx(held, rel=0.01)
+    assert np.ptp(angles) <= 0.01 * B
 
 
 @pytest.mark.corners(2)
@@ -198,8 +215,8 @@ def test_another_load_that_is_told_on_the_way_makes_no_torque(
     """The momentum seen so far is another one with another inertia; the difference is no torque on the load."""
     rigs = []
     for told in (False, True):
-        rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, "two_region"), SENSORS[sensors], load_torque=0.0)
-        rig.servo = Servo(NOMINAL_DRIVE, rig.servo.settings, watched=watched)
+        start = settings_of(NOMINAL_DRIVE, "two_region")
+        rig = Rig(NOMINAL_DRIVE, start, SENSORS[sensors], load_torque=0.0, watched=watched)
         rig.run(1.0)
         rig.servo.set_reference(1.0)
         rig.run(moved_for)
