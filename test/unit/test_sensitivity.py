@@ -1,13 +1,17 @@
-"""`benchmarks/sensitivity.py`: the copy in which each tuned number is read from memory, and the table."""
+"""`benchmarks/sensitivity.py` and `scaled.py`: the copy in which each tuned number is read from memory, and a table."""
 
 import ast
 import json
 from pathlib import Path
 
+import pytest
+from scaled import POWER_OF, Scale
 from sensitivity import table
 from tuned_copy import LAW, copy_package, numbers_in
 
 import backlash_ros
+from backlash_ros.control.monitoring.thresholds import mechanical_time_constant
+from backlash_ros.drivetrain import NOMINAL_DRIVE
 
 PACKAGE = Path(backlash_ros.__file__).parent
 
@@ -17,6 +21,7 @@ def test_no_function_of_the_copy_has_a_tuned_number_in_its_code(tmp_path: Path) 
     base = json.loads((tmp_path / PACKAGE.name / LAW / "tuned.json").read_text())
     names = {name.partition(".")[2] for name in base}
     assert base["carry._LONGEST_BRAKE"] == 0.3
+    assert set(POWER_OF) <= set(base)
     for source in (PACKAGE / LAW).glob("*.py"):
         before, after = (
             ast.parse((folder / source.name).read_text()) for folder in (source.parent, tmp_path / PACKAGE.name / LAW)
@@ -34,6 +39,15 @@ def test_no_function_of_the_copy_has_a_tuned_number_in_its_code(tmp_path: Path) 
         ]
         assert not names & set(used[1])
         assert used[1].count("tuned") == sum(name in names for name in used[0])
+
+
+def test_a_drive_in_other_units_of_torque_and_time_has_the_same_shares() -> None:
+    drive = Scale(torque=100.0, time=0.1).drive(NOMINAL_DRIVE)
+    assert drive.standstill_torque() == pytest.approx(100.0 * NOMINAL_DRIVE.standstill_torque())
+    assert drive.no_load_speed == pytest.approx(10.0 * NOMINAL_DRIVE.no_load_speed)
+    assert mechanical_time_constant(drive) == pytest.approx(0.1 * mechanical_time_constant(NOMINAL_DRIVE))
+    torque = NOMINAL_DRIVE.standstill_torque()
+    assert drive.gear.wind_up(100.0 * torque) == pytest.approx(NOMINAL_DRIVE.gear.wind_up(torque))
 
 
 def test_the_table_counts_verdicts_that_turn_and_drives_that_are_late() -> None:
