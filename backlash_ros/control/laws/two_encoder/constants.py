@@ -38,6 +38,7 @@ class ObserverGain(Record):
 class Constants(Record):
     """What the law knows of the drive, and its parameters."""
 
+    unit: float  # s, the law's unit of time
     period: float  # s
     delay: float  # s, from measuring to acting
     whole_periods: float  # in the delay

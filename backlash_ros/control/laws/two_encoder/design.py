@@ -16,6 +16,7 @@ from backlash_ros.control.laws.two_encoder.memory import REMEMBERED, LoadTorque,
 from backlash_ros.control.laws.two_encoder.parameters import TwoEncoderParameters
 from backlash_ros.control.laws.two_encoder.start import take_over
 from backlash_ros.control.laws.two_encoder.step import two_encoder_step
+from backlash_ros.control.laws.two_encoder.unit import time_unit
 from backlash_ros.control.settings import BOTH
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.contact import gap_at_rest
@@ -64,23 +65,23 @@ _ROUNDING = 1e-9
 """Share of a period that is rounding, where a delay is counted in periods."""
 
 
-def _models(drive: Drive, period: float, rest: float) -> tuple[Array, Array, Array]:
-    """Return the motor's model over a period, over the period less ``rest``, and over ``rest`` (s): shape (6, 6).
+def _models(drive: Drive, constants: Constants) -> tuple[Array, Array, Array]:
+    """Return the motor's model over a period, over the period less the rest of the delay, and over it: shape (6, 6).
 
     States: p (rad), w (rad/s), the torque of the current and a constant disturbance (N m, at the output). Inputs, also
     constant: the command (V or A) and the torque of the teeth, N m.
     """
-    motor, n = drive.motor, drive.gear.ratio
-    per_ampere, inertia = motor.torque_constant / n, drive.reflected_inertia
+    period, rest, unit = constants.period, constants.rest_of_delay, constants.unit
+    motor, inertia, per_ampere = drive.motor, constants.motor_inertia, drive.motor.torque_constant / drive.gear.ratio
     a = np.zeros((6, 6))
     a[0, 1] = 1.0
-    a[1, 1:4] = -motor.viscous_friction / n**2 / inertia, 1.0 / inertia, -1.0 / inertia
+    a[1, 1:4] = -constants.motor_friction / inertia, 1.0 / inertia, -1.0 / inertia
     a[1, 5] = -1.0 / inertia
     if drive.takes_current:
         a[2, 2], a[2, 4] = -_INSTANT, _INSTANT * per_ampere
     else:
-        a[2, 1:3] = -(per_ampere**2) / motor.inductance, -motor.resistance / motor.inductance
-        a[2, 4] = per_ampere / motor.inductance
+        a[2, 1:3] = -(per_ampere**2) / motor.inductance, -motor.resistance / motor.inductance * unit
+        a[2, 4] = per_ampere / motor.inductance * unit
     return expm(a * period), expm(a * (period - rest)), expm(a * rest)
 
 
@@ -119,10 +120,9 @@ def _dry_frictions(drive: Drive) -> tuple[float, float]:
     return motor if motor > least else 0.0, load if load > least else 0.0
 
 
-def _loops(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderParameters) -> dict[str, float]:
+def _loops(period: float, delay: float, inertia: float, parameters: TwoEncoderParameters) -> dict[str, float]:
     """Return stiffness and damping of the motor's loop, and how fast the compensation is."""
-    period, inertia = settings.period, drive.reflected_inertia
-    faster = min(max(_PROMPT / (1.5 * period + settings.loop_delay), 1.0), _MOST_FASTER)
+    faster = min(max(_PROMPT / (1.5 * period + delay), 1.0), _MOST_FASTER)
     return {
         "stiffness": inertia * (faster * parameters.bandwidth) ** 2,
         "damping": inertia * math.sqrt(2.0) * faster * parameters.bandwidth,
@@ -130,27 +130,27 @@ def _loops(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderParame
     }
 
 
-def _motor(drive: Drive, largest_command: float) -> dict[str, float]:
+def _motor(drive: Drive, largest_command: float, unit: float) -> dict[str, float]:
     """Return what the motor can do, and which voltage that takes; the largest command is in V or A."""
     motor, n = drive.motor, drive.gear.ratio
     voltage = motor.voltage_limit if drive.takes_current else min(motor.voltage_limit, largest_command)
     return {
         "stall_torque": drive.standstill_torque(),
         "available_torque": drive.standstill_torque(largest_command),
-        "no_load_speed": voltage / motor.torque_constant * n,
+        "no_load_speed": voltage / motor.torque_constant * n * unit,
         "volts_per_torque": motor.resistance * n / motor.torque_constant,
-        "volts_per_speed": motor.torque_constant / n,
+        "volts_per_speed": motor.torque_constant / n / unit,
         "back_emf": motor.torque_constant if drive.takes_current else 0.0,
         "resistance": motor.resistance if drive.takes_current else 1.0,
-        "electrical_time": 0.0 if drive.takes_current else motor.inductance / motor.resistance,
+        "electrical_time": 0.0 if drive.takes_current else motor.inductance / motor.resistance / unit,
     }
 
 
-def _expected(drive: Drive, settings: "ServoSettings") -> dict[str, float]:
+def _expected(settings: "ServoSettings", motor_inertia: float) -> dict[str, float]:
     """Return the load torque as expected, what nothing explains, and from which torque on the load is held."""
     slope, angle = settings.expected_load_torque_slope, settings.expected_load_torque_angle
-    most = _MOST_EXCESS * drive.reflected_inertia
-    excess = _LEAST_EXCESS * drive.reflected_inertia + _DOUBTED * settings.unexplained_load_torque
+    most = _MOST_EXCESS * motor_inertia
+    excess = _LEAST_EXCESS * motor_inertia + _DOUBTED * settings.unexplained_load_torque
     return {
         "expected_load_torque": settings.expected_load_torque,
         "expected_sine": slope * math.cos(angle),
@@ -161,7 +161,7 @@ def _expected(drive: Drive, settings: "ServoSettings") -> dict[str, float]:
     }
 
 
-def _teeth(drive: Drive, gap: float) -> dict[str, Array | float]:
+def _teeth(drive: Drive, gap: float, motor_inertia: float) -> dict[str, Array | float]:
     """Return the table of the teeth, and where they are clear of a free load."""
     gear = drive.gear
     contact, half_gap = gear.contact.constants(gear.load_radius, drive.contact_mass), 0.5 * gap * gear.load_radius
@@ -169,7 +169,7 @@ def _teeth(drive: Drive, gap: float) -> dict[str, Array | float]:
     def distance(torque: float) -> float:
         return gap_at_rest(gear.contact, contact, half_gap, torque / gear.load_radius) / gear.load_radius
 
-    first = _FIRST_TORQUE * drive.reflected_inertia
+    first = _FIRST_TORQUE * motor_inertia
     torques = np.array([first * _TORQUE_RATIO**k for k in range(TABLE_SIZE)])
     return {
         "teeth_torques": torques,
@@ -180,30 +180,33 @@ def _teeth(drive: Drive, gap: float) -> dict[str, Array | float]:
 
 def _constants(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderParameters) -> Array:
     """Return the law's constants but for the motor's observer."""
-    period, delay, b = settings.period, settings.loop_delay, settings.backlash_angle
+    unit, b = time_unit(drive, settings), settings.backlash_angle
+    period, delay = settings.period / unit, settings.loop_delay / unit
     whole = int(delay / period + _ROUNDING)
     rest, (motor_dry, load_dry) = delay - whole * period, _dry_frictions(drive)
+    motor_inertia = drive.reflected_inertia / unit**2
     return row_of(
         Constants,
+        unit=unit,
         period=period,
         delay=delay,
         whole_periods=whole,
         rest_of_delay=rest if rest > _ROUNDING * period else 0.0,
         ratio=drive.gear.ratio,
-        motor_inertia=drive.reflected_inertia,
-        motor_friction=drive.motor.viscous_friction / drive.gear.ratio**2,
+        motor_inertia=motor_inertia,
+        motor_friction=drive.motor.viscous_friction / drive.gear.ratio**2 / unit,
         motor_dry_friction=motor_dry,
-        load_inertia=drive.load.inertia,
-        load_friction=drive.load.viscous_friction,
+        load_inertia=drive.load.inertia / unit**2,
+        load_friction=drive.load.viscous_friction / unit,
         load_dry_friction=load_dry,
         gap=b,
         crossing_time=parameters.crossing_time * max(1.0, math.sqrt(b / _USUAL_GAP)),
         push_time=parameters.push_time,
         brake_time=parameters.brake_time,
-        **_motor(drive, settings.largest_command),
-        **_loops(drive, settings, parameters),
-        **_expected(drive, settings),
-        **_teeth(drive, b),
+        **_motor(drive, settings.largest_command, unit),
+        **_loops(period, delay, motor_inertia, parameters),
+        **_expected(settings, motor_inertia),
+        **_teeth(drive, b, motor_inertia),
     )
 
 
@@ -218,16 +221,16 @@ def two_encoder(drive: Drive, settings: "ServoSettings", parameters: TwoEncoderP
     _check(drive, settings)
     row = _constants(drive, settings, parameters)
     constants = constants_at(row)
-    full, after, before = _models(drive, settings.period, constants.rest_of_delay)
+    full, after, before = _models(drive, constants)
     for model, found in ((constants.after, after), (constants.before, before)):
         model.angle[:], model.speed[:], model.current_torque[:] = found[:3]
     for doubled, gain in enumerate(constants.gains):
         gain.angle, gain.speed, gain.current_torque, gain.disturbance = _gain(
-            full, settings.period, constants.motor_inertia, FINEST_ERROR * 2.0**doubled
+            full, constants.period, constants.motor_inertia, FINEST_ERROR * 2.0**doubled
         )
     shown = {name: cell_of(Memory, name) for name in ("phase", "flank", "middle")}
     shown["load_torque"] = cell_of(Memory, "load_torque") + cell_of(LoadTorque, "estimated")
-    ahead = math.ceil((0.5 * constants.crossing_time + constants.delay) / settings.period) + _MORE_AHEAD
+    ahead = math.ceil((0.5 * constants.crossing_time + constants.delay) / constants.period) + _MORE_AHEAD
     if settings.encoders == BOTH:
         return ControlLaw(two_encoder_step, row, row_of(Memory), take_over, shown, ahead)
     alone = alone_constants(drive, settings, constants, row)

@@ -45,7 +45,7 @@ def follow_or_stop(constants: Constants, memory: Memory, path: Array) -> None:
 def target_leaps(constants: Constants, memory: Memory, path: Array) -> bool:
     """Take the reference for the target, and return whether that has leapt; one that creeps is held."""
     period = constants.period
-    leap = abs(path[0, POSITION] - memory.target) - abs(path[0, VELOCITY]) * period
+    leap = abs(path[0, POSITION] - memory.target) - constants.unit * abs(path[0, VELOCITY]) * period
     memory.target = path[0, POSITION]
     return bool(leap > CREEPS * period * constants.gap)
 

@@ -37,10 +37,11 @@ def reference_at(constants: Constants, path: Array, k: float) -> Reference:
     """Return the reference k periods after the sample: between rows by an even jerk, after the last at its speed."""
     last, i, period = path.shape[0] - 1, int(k + 1e-9), constants.period
     if i >= last:
-        speed = path[last, VELOCITY]
+        speed = constants.unit * path[last, VELOCITY]
         return Reference(path[last, POSITION] + (k - last) * period * speed, speed, 0.0)
-    time, speed, acceleration = (k - i) * period, path[i, VELOCITY], path[i, ACCELERATION]
-    jerk = (path[i + 1, ACCELERATION] - acceleration) / period
+    squared = constants.unit * constants.unit
+    time, speed, acceleration = (k - i) * period, constants.unit * path[i, VELOCITY], squared * path[i, ACCELERATION]
+    jerk = (squared * path[i + 1, ACCELERATION] - acceleration) / period
     angle = path[i, POSITION] + time * (speed + time * (0.5 * acceleration + time * jerk / 6.0))
     return Reference(angle, speed + time * (acceleration + 0.5 * time * jerk), acceleration + time * jerk)
 
@@ -49,8 +50,8 @@ def reference_at(constants: Constants, path: Array, k: float) -> Reference:
 def moves_within(constants: Constants, path: Array, first: float, rows: int) -> bool:
     """Return whether the reference moves at one of so many rows of the path, the first of them given."""
     for k in range(int(first), min(int(first) + rows, path.shape[0])):
-        speed = abs(path[k, VELOCITY]) + constants.crossing_time * abs(path[k, ACCELERATION])
-        if speed > CREEPS * constants.gap:
+        later = constants.crossing_time * constants.unit * abs(path[k, ACCELERATION])
+        if constants.unit * (abs(path[k, VELOCITY]) + later) > CREEPS * constants.gap:
             return True
     return False
 

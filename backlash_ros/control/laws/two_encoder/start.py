@@ -59,7 +59,7 @@ def _believed_torque(constants: Constants, memory: Memory, shown: float) -> floa
 def _take_over(constants: Constants, memory: Memory, estimate: Estimate, holding: float) -> None:
     """Go on where another law has held the load with a voltage, V."""
     motor, load, load_torque = memory.motor.estimated, memory.load, memory.load_torque
-    motor.speed, load.speed = constants.ratio * estimate[OMEGA_M], estimate[OMEGA_L]
+    motor.speed, load.speed = constants.ratio * constants.unit * estimate[OMEGA_M], constants.unit * estimate[OMEGA_L]
     load_torque.momentum = momentum_at(constants, motor.speed, load.speed)
     load_torque.smoothed = -holding / constants.volts_per_torque
     load_torque.recent_peak_speed = abs(load.speed)

@@ -20,7 +20,7 @@ _LONGEST_STEP = 2.5e-4
 
 def alone_constants(drive: Drive, settings: "ServoSettings", plans: Constants, row: Array) -> Array:
     """Return the constants with one encoder alone; ``plans``: the constants of the plans, a view of ``row``."""
-    motor, gear, n, period = drive.motor, drive.gear, drive.gear.ratio, settings.period
+    motor, gear, n, period, unit = drive.motor, drive.gear, drive.gear.ratio, plans.period, plans.unit
     steps = 2 * math.ceil(0.5 * period / _LONGEST_STEP)
     step, radius = period / steps, gear.load_radius
     per_ampere = motor.torque_constant / n
@@ -32,9 +32,9 @@ def alone_constants(drive: Drive, settings: "ServoSettings", plans: Constants, r
         steps=steps,
         step=step,
         torque_per_command=per_ampere if drive.takes_current else per_ampere / motor.resistance,
-        braking=0.0 if drive.takes_current else per_ampere**2 / motor.resistance,
-        decay=0.0 if drive.takes_current else math.exp(-motor.resistance / motor.inductance * step),
-        teeth_dampings=np.array([force[2] * radius**2 for force in forces]).reshape(TABLE_SIZE),
+        braking=0.0 if drive.takes_current else per_ampere**2 / motor.resistance / unit,
+        decay=0.0 if drive.takes_current else math.exp(-motor.resistance / motor.inductance * unit * step),
+        teeth_dampings=np.array([force[2] * radius**2 / unit for force in forces]).reshape(TABLE_SIZE),
         first_power=math.log(plans.teeth_torques[1] / plans.teeth_torques[0])
         / math.log(plans.teeth_distances[1] / plans.teeth_distances[0]),
     )

@@ -41,7 +41,7 @@ def _go_on_from_both(constants: AloneConstants, memory: AloneMemory, estimate: E
     memory.covariance[ANGLE, ANGLE] = (_SEEN_PLACE * known.gap) ** 2
     memory.covariance[TORQUE, TORQUE] = (_SEEN_TORQUE * known.motor_inertia) ** 2
     per_command, braking = constants.torque_per_command, constants.braking
-    shafts.current_torque = (per_command if braking == 0.0 else braking / per_command) * estimate[CURRENT]
+    shafts.current_torque = (per_command if braking == 0.0 else known.unit * braking / per_command) * estimate[CURRENT]
     plans.sent.commands[:] = (shafts.current_torque + braking * shafts.speed) / per_command
     plans.held = 1.0 if holds_load(known, torque) else 0.0
     plans.load_torque.smoothed = torque
@@ -58,7 +58,7 @@ def take_over_alone(law: Array, state: Array, estimate: Estimate, setpoint: Setp
     known, plans, shafts = constants.plans, memory.plans, memory.shafts
     start_alone(constants, memory, estimate, setpoint)
     torque = -holding / known.volts_per_torque
-    shafts.speed, shafts.load_speed = known.ratio * estimate[OMEGA_M], estimate[OMEGA_L]
+    shafts.speed, shafts.load_speed = known.ratio * known.unit * estimate[OMEGA_M], known.unit * estimate[OMEGA_L]
     shafts.current_torque, shafts.load_torque = -torque, torque
     plans.sent.commands[:] = (holding - known.back_emf * estimate[OMEGA_M]) / known.resistance
     apart, farthest = known.ratio * estimate[THETA_M] - estimate[THETA_L], float(known.teeth_distances[TABLE_SIZE - 1])
