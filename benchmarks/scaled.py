@@ -1,4 +1,4 @@
-"""Which numbers of the law and of learning are torques or times, and should be shares of the drive's.
+"""Whether the law and learning do the same with weak and strong, slow and fast drives.
 
     python benchmarks/scaled.py --drives 6
 
@@ -8,27 +8,17 @@ of sampling and delay too, with the same torques; 1/8 makes 2 kHz of 250 Hz, the
 own units of torque and time it is the same drive, and a law of shares does the same with it.
 
 The steps, and how they are judged, are those of docs/evaluation.md, in the times of the drive as it was drawn. The law
-for two encoders is told the drive. `parameters`: what a user sets is scaled, too, the times and bandwidths of the law
-and of the estimates. `numbers`: so are the tuned numbers of the law that have a time in their unit (`POWERS`). Learning
-is `~/identify`; then the law plays with what it found.
-
-With `--each`, each of these numbers alone stays as it is while all others are scaled, and those that change a verdict,
-or make a drive settle half as late again, are printed. The first start compiles.
+for two encoders is told the drive. Learning is `~/identify`; then the law plays with what it found.
 """
 
 import argparse
-import importlib
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, replace
-from pathlib import Path
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from tuned_copy import start_in_copy
 
 from backlash_ros.control import ServoSettings
-from backlash_ros.control.laws import design_law
-from backlash_ros.control.laws.two_encoder import TwoEncoderParameters
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive, IntegrationError
 from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.drivetrain.contacts.power import PowerContact
@@ -47,57 +37,21 @@ from backlash_ros.studies.evaluation.task import (
     settings_for,
 )
 
-OUT = Path("results/scaled")
 LAW, RATE, POPULATION = "two_encoder", 250.0, "core"
 VERDICTS = "quiet", "precise", "overshoot_ok"
 NEAR = 0.05
 """Share by which a learned gap may be off."""
-LATER = 1.5
-"""A drive that takes so many times as long to settle is printed by `--each`."""
-
-POWERS = {
-    1.0: (
-        *("carry._LEAST_RUN", "carry._LONGEST_BRAKE", "carry._LEAST_SHOWING", "crossing._SURE_TIME"),
-        *("crossing._FALLEN_TIME", "crossing._LONGEST_RETURN", "crossing._DOUBTED_TIME", "crossing._BEATS_TIME"),
-        *("design._PROMPT", "drag._MOMENTUM_NOISE", "drag._MOMENTUM_LAG", "drag._UNEXPLAINED_TIME"),
-        *("drag._FADING_TIME", "drag._INERTIA_TIME", "follow._SETTLES", "follow._FIRST_TIME", "hold._AHEAD_TIME"),
-        *("load._NOISE_TIME", "load._USUAL_PERIOD", "load_torque._SMOOTHING_TIME", "load_torque._LEAST_TIME"),
-        *("load_torque.SETTLE_TIME", "middle._FALL_TIME", "middle._PUSH_TIME", "middle._BEYOND_TIME"),
-        *("moves.LEAST_BRAKE", "parking.DWELL", "parking._WATCH_TIME", "parking._WATCH_GROWTH"),
-        *("parking._REST_TIME", "parking._PARK_TIME", "throw._SHORT_BRAKE"),
-    ),
-    0.5: ("drag._TORQUE_NOISE",),
-    -0.5: ("drag._WALK",),
-    -1.0: (
-        *("command._FRICTION_RATE", "drag._LEAST_SPEED", "drag._LOAD_SPEED", "follow._SEAT_RATE", "hold._SHIFT_SPEED"),
-        *("hold._HELD_RATE", "hold.FREE_RATE", "hold.MEET_RATE", "load.STANDSTILL", "load_torque._TURNING_SPEED"),
-        *("load_torque._LAG_RATE", "middle._FALL_SPEED", "motor._FULL_FRICTION_SPEED", "motor.REST_SPEED"),
-        *("motor.STUCK_SPEED", "moves.CARRY_SPEED", "parking.LARGEST_LEAD", "reference.CREEPS", "start._BLOW_RATE"),
-    ),
-    -2.0: (
-        *("design._ACCELERATION_NOISE", "design._LEAST_EXCESS", "design._MOST_EXCESS", "design._FIRST_TORQUE"),
-        *("follow._PUSHES", "load._FLIGHT_UNCERTAINTY", "load._HOLD_UNCERTAINTY", "load._FREE_UNCERTAINTY"),
-        *("load_torque.LEAST_SHOWN", "load_torque._UNSURE", "middle._LEAST_TORQUE", "middle._UNKNOWN_TORQUE"),
-        *("motor._STICKING_FRICTION", "moves._TOUCH_TORQUE", "plan._LEAST_STEP", "throw._HARD"),
-    ),
-    -2.5: ("design._TORQUE_NOISE",),
-}
-"""The tuned numbers of the law that have a time in their unit, by its power; a noise has the root of one."""
-POWER_OF = {name: power for power, names in POWERS.items() for name in names}
 
 
 class Scale(NamedTuple):
-    """Factors of all torques and of all times; whether the parameters of the law, and its numbers, are scaled, too."""
+    """Factors of all torques and of all times."""
 
     torque: float = 1.0
     time: float = 1.0
-    parameters: bool = False
-    numbers: bool = False
 
     def __str__(self) -> str:
         factors = [f"{name} x {x:g}" for name, x in (("torques", self.torque), ("times", self.time)) if x != 1.0]
-        more = [name for name in ("parameters", "numbers") if getattr(self, name)]
-        return ", ".join([*factors, *more]) or "as drawn"
+        return ", ".join(factors) or "as drawn"
 
     def drive(self, drive: Drive) -> Drive:
         """Return a drive that the same voltages move the same way, in other units of torque and time."""
@@ -138,33 +92,12 @@ class Scale(NamedTuple):
             torque_change=drawn.torque_change * self.torque,
         )
 
-    def settings(self, settings: ServoSettings) -> ServoSettings:
-        """Return the settings of a controller with `LAW`."""
-        if not self.parameters:
-            return settings.with_law(LAW)
-        given = asdict(TwoEncoderParameters())
-        own = {name: each * self.time ** (1 if name.endswith("_time") else -1) for name, each in given.items()}
-        bandwidths = {name: getattr(settings, name) / self.time for name in ("velocity_bandwidth", "torque_bandwidth")}
-        return replace(settings, **bandwidths).with_law(LAW, TwoEncoderParameters(**own))
-
 
 SCALES = (
     Scale(),
     *(Scale(torque=factor) for factor in (0.01, 100.0)),
     *(Scale(time=t) for t in (0.125, 0.5, 2.0, 10.0)),
 )
-FARTHEST = Scale(time=0.125), Scale(time=10.0)
-WITH_PARAMETERS = [each._replace(parameters=True) for each in FARTHEST]
-WITH_NUMBERS = [each._replace(numbers=True) for each in WITH_PARAMETERS]
-
-
-def use_numbers(scale: Scale, *left: str) -> None:
-    """Let the law in the copy use its numbers as scaled, but for those that are ``left``."""
-    tuned: Any = importlib.import_module(f"backlash_ros.control.laws.{LAW}.tuned")
-    time = scale.time if scale.numbers else 1.0
-    values = [value * time ** (0.0 if name in left else POWER_OF.get(name, 0.0)) for name, value in tuned.BASE.items()]
-    tuned.VALUES_AND_READ[: tuned.SIZE] = values
-    design_law.cache_clear()
 
 
 def play(drawn: Member, scale: Scale, settings: ServoSettings, known: Drive) -> Verdict:
@@ -172,7 +105,7 @@ def play(drawn: Member, scale: Scale, settings: ServoSettings, known: Drive) -> 
     member, scenario = scale.member(drawn), scenario_of(drawn)
     scaled = replace(scenario, load_torque=scenario.load_torque * scale.torque, delay=member.delay)
     try:
-        done = run(member.drive, scale.settings(settings), scaled, model=known)
+        done = run(member.drive, settings.with_law(LAW), scaled, model=known)
     except (ValueError, IntegrationError) as error:
         return Verdict(failure=str(error))
     return judge_run(drawn, scenario, replace(done, time=done.time / scale.time))
@@ -216,44 +149,19 @@ def table(titles: str, scales: Iterable[Scale], row: Callable[[Scale], str]) -> 
     """Print a table with a row for each scale."""
     print(f"\n| {titles} |\n|---{'|---:' * titles.count('|')}|")
     for scale in scales:
-        use_numbers(scale)
         print(f"| {scale} | {row(scale)} |", flush=True)
 
 
-def leave_each(members: list[Member], scale: Scale) -> None:
-    """Print the numbers of which one alone, not scaled, changes what the law does."""
-    use_numbers(scale)
-    base = [play_told(member, scale) for member in members]
-    for name in POWER_OF:
-        use_numbers(scale, name)
-        pairs = list(zip(base, [play_told(member, scale) for member in members], strict=True))
-        turned = [getattr(new, each) - getattr(old, each) for old, new in pairs for each in VERDICTS]
-        late = sum(new.step.settle > LATER * old.step.settle for old, new in pairs)
-        if any(turned) or late:
-            lost, won = turned.count(-1), turned.count(1)
-            print(f"{scale}, without {name}: lost {lost}, won {won}, late {late}", flush=True)
-
-
 def main() -> None:
-    """Start in the copy, play all drives at each scale, and print the tables."""
+    """Play all drives at each scale, and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--drives", type=int, default=6)
     parser.add_argument("--seed", type=int, default=918273)
-    parser.add_argument("--each", action="store_true", help="look at each number alone, and do not learn")
     given = parser.parse_args()
-    start_in_copy(OUT)
     drawn = (draw_member(given.seed, number, POPULATION) for number in range(100 * given.drives))
     members = [member for member in drawn if member.rate == RATE][: given.drives]
     judged = "quiet / precise / overshoot ok | settled, median / slowest, s"
-    table(
-        f"told | {judged}",
-        (*SCALES, *WITH_PARAMETERS, *WITH_NUMBERS),
-        lambda scale: passed(play_told(each, scale) for each in members),
-    )
-    if given.each:
-        for scale in WITH_NUMBERS:
-            leave_each(members, scale)
-        return
+    table(f"told | {judged}", SCALES, lambda scale: passed(play_told(each, scale) for each in members))
 
     def row(scale: Scale) -> str:
         found, verdicts = zip(*(learn(each, scale) for each in members), strict=True)

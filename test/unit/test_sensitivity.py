@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 
 import pytest
-from scaled import POWER_OF, Scale
+from scaled import Scale
 from sensitivity import table
 from tuned_copy import LAW, copy_package, numbers_in
 
@@ -21,7 +21,6 @@ def test_no_function_of_the_copy_has_a_tuned_number_in_its_code(tmp_path: Path) 
     base = json.loads((tmp_path / PACKAGE.name / LAW / "tuned.json").read_text())
     names = {name.partition(".")[2] for name in base}
     assert base["carry._LONGEST_BRAKE"] == 0.3
-    assert set(POWER_OF) <= set(base)
     for source in (PACKAGE / LAW).glob("*.py"):
         before, after = (
             ast.parse((folder / source.name).read_text()) for folder in (source.parent, tmp_path / PACKAGE.name / LAW)

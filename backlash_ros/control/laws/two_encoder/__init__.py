@@ -17,7 +17,7 @@ quiet with any load. The files:
                           drag: what motion costs beyond the model
     command               from the wanted motion of the motor to the voltage
     constants, memory     all numbers by name; teeth: where they carry a torque
-    design, parameters    from a drive and the user's choice to the constants
+    design, parameters    from a drive and the user's choice to the constants; unit: in which the law counts times
 """
 
 from backlash_ros.control.law import NamedLaw

@@ -1,6 +1,7 @@
 """The law's constants: the drive, the design of the loops and the settings, by name.
 
-All values are at the output, unless said otherwise. There p = n theta_m is the motor's angle and w its speed.
+All values are at the output, unless said otherwise. There p = n theta_m is the motor's angle and w its speed. Each s in
+a unit is the law's unit of time, a second for usual drives: see `unit`.
 """
 
 from collections.abc import Sequence
@@ -38,7 +39,7 @@ class ObserverGain(Record):
 class Constants(Record):
     """What the law knows of the drive, and its parameters."""
 
-    unit: float  # s, the law's unit of time
+    unit: float  # of time, true s
     period: float  # s
     delay: float  # s, from measuring to acting
     whole_periods: float  # in the delay
@@ -58,7 +59,7 @@ class Constants(Record):
     no_load_speed: float  # rad/s, of the motor with that command
     volts_per_torque: float  # V/(N m)
     volts_per_speed: float  # V s/rad
-    back_emf: float  # V s/rad at the motor; 0 where the command is the voltage
+    back_emf: float  # V s/rad at the motor, true s; 0 where the command is the voltage
     resistance: float  # ohm; 1 where the command is the voltage
     electrical_time: float  # L/R, s
 

@@ -2,7 +2,7 @@
 
 All values are at the output: p = n theta_m is the motor's angle there, w its speed. g = p - theta_l - middle says where
 in the gap the motor is. A torque is positive if it turns the load forward. A flank is 1 if the motor's teeth drive the
-load forward, and -1 if they hold it back.
+load forward, and -1 if they hold it back. Each s in a unit is the law's unit of time: see `unit`.
 """
 
 from collections.abc import Sequence

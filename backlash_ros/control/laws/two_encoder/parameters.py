@@ -1,4 +1,4 @@
-"""The law's parameters: times of its moves and bandwidths of its loops."""
+"""The law's parameters: times of its moves and bandwidths of its loops, both in the law's unit of time (see `unit`)."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -8,12 +8,13 @@ from backlash_ros.foundation.quantity import Validated, quantity
 
 @dataclass(frozen=True)
 class TwoEncoderParameters(Validated):
-    """Times of its moves and bandwidths of its loops."""
+    """Times of its moves and bandwidths of its loops, as usual drives have them."""
 
     section: ClassVar[str] = "laws.two_encoder"
 
     crossing_time: float = quantity(
-        "time in which the motor crosses a gap of 0.02 rad; longer for a wider gap",
+        "time in which the motor crosses a gap of 0.02 rad; longer for a wider gap. This and the other four hold for "
+        "usual drives: far slower or faster ones scale all five (docs/law.md)",
         "s",
         at_least=1e-3,
         at_most=10,

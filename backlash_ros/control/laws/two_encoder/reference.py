@@ -36,12 +36,12 @@ class Reference(NamedTuple):
 def reference_at(constants: Constants, path: Array, k: float) -> Reference:
     """Return the reference k periods after the sample: between rows by an even jerk, after the last at its speed."""
     last, i, period = path.shape[0] - 1, int(k + 1e-9), constants.period
+    unit, unit_squared = constants.unit, constants.unit * constants.unit
     if i >= last:
-        speed = constants.unit * path[last, VELOCITY]
+        speed = unit * path[last, VELOCITY]
         return Reference(path[last, POSITION] + (k - last) * period * speed, speed, 0.0)
-    squared = constants.unit * constants.unit
-    time, speed, acceleration = (k - i) * period, constants.unit * path[i, VELOCITY], squared * path[i, ACCELERATION]
-    jerk = (squared * path[i + 1, ACCELERATION] - acceleration) / period
+    time, speed, acceleration = (k - i) * period, unit * path[i, VELOCITY], unit_squared * path[i, ACCELERATION]
+    jerk = (unit_squared * path[i + 1, ACCELERATION] - acceleration) / period
     angle = path[i, POSITION] + time * (speed + time * (0.5 * acceleration + time * jerk / 6.0))
     return Reference(angle, speed + time * (acceleration + 0.5 * time * jerk), acceleration + time * jerk)
 
@@ -49,9 +49,9 @@ def reference_at(constants: Constants, path: Array, k: float) -> Reference:
 @compiled
 def moves_within(constants: Constants, path: Array, first: float, rows: int) -> bool:
     """Return whether the reference moves at one of so many rows of the path, the first of them given."""
+    crossing_time, creeps = constants.unit * constants.crossing_time, CREEPS * constants.gap / constants.unit
     for k in range(int(first), min(int(first) + rows, path.shape[0])):
-        later = constants.crossing_time * constants.unit * abs(path[k, ACCELERATION])
-        if constants.unit * (abs(path[k, VELOCITY]) + later) > CREEPS * constants.gap:
+        if abs(path[k, VELOCITY]) + crossing_time * abs(path[k, ACCELERATION]) > creeps:
             return True
     return False
 
