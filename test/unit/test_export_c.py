@@ -39,7 +39,7 @@ sensors: {{measured: [theta_m, theta_l], speeds_from_positions: true, motor_coun
 load: {{inertia: 1.0e-3, coulomb_friction: 0.02, gravity_torque: 0.1}}""",
 }
 ONE_ENCODER = "sensors: {measured: [theta_l, omega_l, current]}"
-MATHS = {"cos", "exp", "expm1", "fmod", "log", "memcpy", "memmove", "memset", "pow", "sin", "sincos"}
+MATHS = {"cos", "exp", "expm1", "fmod", "hypot", "log", "memcpy", "memmove", "memset", "pow", "sin", "sincos"}
 """What an object file may leave to the C library."""
 compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 in_c = pytest.mark.skipif(compiler is None, reason="no C compiler")
