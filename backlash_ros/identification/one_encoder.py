@@ -121,6 +121,8 @@ _KEPT = 3
 """Number of them that go through all stages; tuned."""
 _FACTORS = (0.5, 0.65, 0.8, 1.25, 1.6)
 """Of a gap that was found: other widths that are tried."""
+_PLACES = (-0.9, 0.0, 0.9)
+"""Where in the gap, in half gaps, the motion is tried to start."""
 _ABOUT = (0.6, 1.0, 1.6)
 """Of an inertia that was found: others that are tried with gaps of any width."""
 _ANEW = 4
@@ -322,12 +324,17 @@ class _Search:
         point = problem.solve(Point(math.inf, x, self._noise(stage)), most, enough)
         return Minimum(point.cost, point.parameters, problem)
 
-    def descend(self, problem: Problem, x: Array, first: int = 0) -> Minimum:
+    def descend(self, problem: Problem, x: Array, first: int) -> Minimum:
         """Minimise through all stages from the ``first`` one, and return the end at the likeliest."""
         ends = []
         for k in range(first, len(self.stages)):
             ends.append(self.solve(problem, x, self.stages[k], 8, 0.5)._replace(stage=k))
             x = ends[-1].x
+        if len(ends) > 1 and ends[0].cost < min(end.cost for end in ends[1:]):  # even less may be explained
+            ends += [
+                self.solve(problem, ends[0].x, self.stages[k], 8, 0.5)._replace(stage=k)
+                for k in range(first - 1, -1, -1)
+            ]
         likeliest = min(ends, key=cost_of)
         noise = self.stages[likeliest.stage]
         end = self.solve(problem, likeliest.x, noise, 20, 0.02)._replace(stage=likeliest.stage)
@@ -385,7 +392,7 @@ class _Search:
         """Minimise with the whole recording, thinned out."""
         whole = replace(begun.problem, recording=self._thin)
         warm = self.stages[_WARM]
-        return self.descend(whole, self.solve(whole, begun.x, warm, 5, 0.5).x)
+        return self.descend(whole, self.solve(whole, begun.x, warm, 5, 0.5).x, _FAR)
 
     def anew(self, found: Minimum) -> list[Minimum]:
         """Return the minima from gaps of any width, with the rest about as found.
@@ -411,6 +418,15 @@ class _Search:
     def widths(self, found: Minimum) -> list[Minimum]:
         """Return the minima reached from other widths of the gap."""
         return [self.go_on(found._replace(x=_widened(found.x, factor))) for factor in _FACTORS]
+
+    def places(self, found: Minimum) -> list[Minimum]:
+        """Return the minima of a motion that starts elsewhere in the gap."""
+        ends, half = [], math.exp(_ln_half_gap(found.x))
+        for place in _PLACES:
+            x = found.x.copy()
+            parameters_at(x).offset = place * half
+            ends.append(self.go_on(found._replace(x=x)))
+        return ends
 
     def other_laws(self, found: Minimum, laws: Sequence[Candidate]) -> list[Minimum]:
         """Return the minima of the other contact laws, reached from what was found.
@@ -458,7 +474,7 @@ class _Search:
         """Continue with every reading, if that converges: fast readings make the cost rugged."""
         if self._thin is self.recording:
             return found
-        end = self.descend(replace(found.problem, recording=self.recording), found.x)
+        end = self.descend(replace(found.problem, recording=self.recording), found.x, max(found.stage - 1, 0))
         return end if max(end.sizes) <= max(_FITS, *found.sizes) else found
 
 
@@ -496,7 +512,7 @@ def fit_one_sided(drive: Drive, recording: Recording, torque: float, contacts: S
         ends = sorted([*ends, *search.anew(ends[0])], key=cost_of)
     for _ in range(_ROUNDS):
         best = ends[0]
-        more = [*search.widths(best), *search.other_laws(best, laws), search.with_losses(best)]
+        more = [*search.widths(best), *search.places(best), *search.other_laws(best, laws), search.with_losses(best)]
         if not best.problem.teeth.free:
             more.append(search.freed(best))
         ends = sorted([*ends, *more], key=cost_of)
