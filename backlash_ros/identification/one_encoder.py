@@ -1,6 +1,6 @@
 """The gap from a recording of one encoder: the drive's equations are fitted without the other shaft's angle.
 
-Motor and gear are known, so the time in which the motor crosses the gap under a known torque shows its width,
+Motor and gear are known about, so the time in which the motor crosses the gap under a known torque shows its width,
 whichever shaft is seen: the motor moves as if it had no load, and the load coasts. The filter also predicts the shaft
 without encoder; each impact shows its position.
 """
@@ -152,8 +152,8 @@ _SURE = 0.1
 _NOISE = 1.5
 """Component of the uncertainty: times the standard deviation by the noise; tuned."""
 _MODEL = 0.05
-"""Component of the uncertainty: a share of the gap. Motor and amplifier are taken as told, and one angle does not show
-that they differ: data sheets and dead bands as real axes have them moved seven gaps by 4 to 10 %."""
+"""Component of the uncertainty: a share of the gap. One angle shows errors of motor and amplifier hardly apart from the
+gap; tuned on drives with one effect of real axes each."""
 _CURVED = 0.05
 """Component of the uncertainty: a share of the gap for each square radian of the way, since a gap varies."""
 _SLOPE = 0.5
