@@ -1,6 +1,6 @@
 """The gap from a recording of one encoder: the drive's equations are fitted without the other shaft's angle.
 
-Motor and gear are known, so the time in which the motor crosses the gap under a known torque shows its width,
+Motor and gear are known about, so the time in which the motor crosses the gap under a known torque shows its width,
 whichever shaft is seen: the motor moves as if it had no load, and the load coasts. The filter also predicts the shaft
 without encoder; each impact shows its position.
 """
@@ -17,9 +17,9 @@ from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.drivetrain.contacts.elastic import SpringContact
 from backlash_ros.foundation.record import Array
 from backlash_ros.identification.counts import count_of
-from backlash_ros.identification.fitting.candidates import contacts_of, told_teeth
-from backlash_ros.identification.fitting.fit import Fit, Found, fit_of
-from backlash_ros.identification.fitting.parameters import parameters_at, parameters_of
+from backlash_ros.identification.fitting.candidates import Candidate, contacts_of, free_teeth, told_teeth
+from backlash_ros.identification.fitting.fit import Fit, Found, fit_of, shape_of
+from backlash_ros.identification.fitting.parameters import parameters_at, parameters_of, places_of
 from backlash_ros.identification.fitting.problem import Beliefs, Point, Problem, loss_of, motor_side
 from backlash_ros.identification.gap import Gap
 from backlash_ros.identification.recording import Recording
@@ -34,14 +34,23 @@ class Stage(NamedTuple):
     teeth: float
 
 
-STAGES = (Stage(1.0, 4.0, 0.05), Stage(0.3, 1.0, 0.035), Stage(0.09, 0.25, 0.02), Stage(0.03, 0.12, 0.013))
-"""One encoder does not show the noise apart from the other shaft's motion, so it is lowered from stage to stage."""
+STAGES = (
+    Stage(100.0, 400.0, 0.5),
+    Stage(30.0, 120.0, 0.27),
+    Stage(10.0, 40.0, 0.15),
+    Stage(3.0, 12.0, 0.09),
+    Stage(1.0, 4.0, 0.05),
+    Stage(0.3, 1.0, 0.035),
+    Stage(0.09, 0.25, 0.02),
+    Stage(0.03, 0.12, 0.013),
+)
+"""One encoder does not show the noise of each shaft: all of it is lowered at once, and the likeliest stage counts."""
+_FAR, _WARM, _NEAR = 2, 3, (4, 5)
+"""Stages with which a search looks around, goes on, and ends in the gentle part."""
 _UNREAD_LOAD = 0.01
 """Share of the noise between the samples for a load that is not read: no reading would correct it."""
 _UNREAD_MOTOR = 0.1
 """Share of the noise between the samples for a motor that is not read: no reading would correct it."""
-_HOT = 10.0
-"""Times as much noise at first, so that starts that are far off find their way."""
 _WHERE = 0.01
 """Beforehand, how far one shaft may be from the middle of the gap: a count, rad, that stands for an angle not read."""
 _CALM = 0.35
@@ -70,6 +79,34 @@ _STIFF = 0.02
 """Standard deviation of the force of the teeth by a told law, as ln: it is taken as told."""
 _SPRING = 0.7
 """Standard deviation of the force of the teeth by a spring, as ln: a factor of two; tuned."""
+_FREE = 2.0
+"""Standard deviation of stiffness, damping and rebound of free teeth, as ln; tuned."""
+_EXPONENT = 0.2
+"""Standard deviation of their exponent, as ln; tuned."""
+_MOTOR = 0.08
+"""Standard deviation of the motor's gain and braking, as ln: how far data sheets are off."""
+_MOST_GAIN = 0.4
+"""Largest difference of the motor's gain from its data sheet, as ln, with which a gap is believed."""
+_DEAD_BAND = 0.005
+"""Standard deviation of the amplifier's dead band, a share of the largest command."""
+_LOSS = 0.1
+"""Standard deviation of the gear's loss, a share."""
+_MOST_LOSS = 0.95
+"""Largest loss of a gear, a share."""
+_SOME_LOSS = 0.02
+"""Loss with which the search for one begins; tuned."""
+_STEEPEST_TEETH = 0.9
+"""Largest exponent of free teeth, as ln: 2.5, where Hertz's teeth have 1.5."""
+_SHALLOW = 1e-7
+"""Least depth of the teeth there, rad."""
+_SLOWLY = 1e-3
+"""Depths in a second with which their damping is seen, 1/s."""
+_UNDAMPED = 1e-9
+"""Least damping of free teeth at the start, N m s/rad."""
+_SOME_REBOUND = 0.1
+"""Share of their damping that begins as rebound; tuned."""
+_BORNE = 0.05
+"""Share of the torque at standstill at which free teeth begin as those that were found; tuned."""
 _PUNCTUAL = 1e-5
 """Standard deviation of the times of the samples, in periods: as good as 0."""
 _LEAST_INERTIA = 0.06
@@ -84,6 +121,8 @@ _KEPT = 3
 """Number of them that go through all stages; tuned."""
 _FACTORS = (0.5, 0.65, 0.8, 1.25, 1.6)
 """Of a gap that was found: other widths that are tried."""
+_PLACES = (-0.9, 0.0, 0.9)
+"""Where in the gap, in half gaps, the motion is tried to start."""
 _ABOUT = (0.6, 1.0, 1.6)
 """Of an inertia that was found: others that are tried with gaps of any width."""
 _ANEW = 4
@@ -92,21 +131,14 @@ _SOFTER = (0.9, 1.1)
 """Of a gap that was found with one contact law: widths from which the other laws start."""
 _DRY = 2e-3
 """Share of the torque at standstill that dry friction has to have to be tried on either side."""
-_FITS = 1.05
+_FITS = 1.3
 """Largest rms of the innovations for which the model is taken for the drive's: 1 is that of a true model."""
-_FINE = 0.5
-"""By what that is less for a fine encoder, the counts of which are taken for coarser than they are."""
 _SMALL_ERROR = 2.5e-3
 """Errors of the angle, as a share of the gap, that hardly matter, whatever the counts: the model is not the drive."""
 _MOST = 2.5
 """Largest rms of the innovations for which they hardly matter."""
-_STEEPEST = 0.4
-"""Growth of the gap with the angle, in gaps for each rad, beyond which the motion has not shown the gap: no gear has
-more; tuned."""
 _FEWEST = 5.0
 """Counts of the encoder that a gap must have: of 80 drives that were learned, one was wrong, a gap of 2.9 counts."""
-_HOPELESS = 2.5
-"""Rms of the innovations, over the largest that fits, beyond which neither other widths nor more readings are tried."""
 _FLANK = 0.02
 """Share of the torque at standstill that a flank has borne to be counted as seen."""
 _LIGHTEST = 0.12
@@ -115,25 +147,36 @@ _APART = 0.15
 """By how much, as ln, a gap differs to be another one, which has to be worse."""
 _WORSE = 60.0
 """Cost by which another gap has to be worse; tuned."""
-_SURE = 0.06
-"""Largest standard deviation of a gap by the noise, a share of it."""
+_SURE = 0.1
+"""Largest standard uncertainty of a gap to be used, a share of it."""
 _NOISE = 1.5
 """Component of the uncertainty: times the standard deviation by the noise; tuned."""
 _MODEL = 0.05
-"""Component of the uncertainty: a share of the gap. Motor and amplifier are taken as told, and one angle does not show
-that they differ: data sheets and dead bands as real axes have them moved seven gaps by 4 to 10 %."""
+"""Component of the uncertainty: a share of the gap. One angle shows errors of motor and amplifier hardly apart from the
+gap; tuned on drives with one effect of real axes each."""
 _CURVED = 0.05
 """Component of the uncertainty: a share of the gap for each square radian of the way, since a gap varies."""
+_SLOPE = 0.5
+"""Component of the uncertainty: a share of what the gap seems to change by over the way, since the model's errors look
+like that."""
+_WIND_UP = 0.25
+"""Component of the uncertainty: a share of how far the teeth wind up under what they bore, which may pass for gap."""
+_OTHERS = 20.0
+"""Cost by which another end of the search must be worse for its gap to count by 1/e in the uncertainty; tuned."""
+_ROUNDS = 4
+"""Largest number of times that other widths, laws and losses are tried around the best end; tuned."""
+_GAINS = 3.0
+"""Least gain in cost for which another round is worth it; tuned."""
 
 
 class Minimum(NamedTuple):
-    """The end of a minimisation: cost, parameters, problem, contact; after all stages the rms of both innovations."""
+    """The end of a minimisation: cost, parameters, problem; rms of both innovations, and the stage of the noise."""
 
     cost: float
     x: Array
     problem: Problem
-    contact: Contact
     sizes: tuple[float, float] = (math.inf, math.inf)
+    stage: int = -1
 
 
 def cost_of(found: Minimum) -> float:
@@ -195,9 +238,13 @@ class _Search:
         self._thin = _thinned(self.recording, self._period)
         self._calm = self._thin.part(slice(math.ceil(_CALM * time.size)))
 
-    def _problem(self, contact: Contact, recording: Recording) -> Problem:
+    def _problem(self, teeth: Candidate, recording: Recording, start: Array | None = None) -> Problem:
+        """Return the problem with some teeth; free ones are expected about as in ``start``."""
         torque, unbounded = self._torque, math.inf
         mean = self._start(0.02, 0.3 * self._side.inertia, 0.0, 0.0)
+        if start is not None:
+            shape = places_of("ln_stiffness", "ln_damping", "ln_rebound", "ln_exponent")
+            mean[shape] = start[shape]
         expected = parameters_at(mean)
         expected.load_torque, expected.ln_load_viscous = 0.0, math.log(2.0 * _VISCOUS)
         # Both angles are the same at first, so the offset says where in the gap the motion starts.
@@ -208,7 +255,11 @@ class _Search:
                 ln_half_gap=3.0,
                 offset=_BEGIN,
                 gap_slope=0.2,
-                ln_stiffness=_SPRING if isinstance(contact, SpringContact) else _STIFF,
+                ln_stiffness=_FREE if teeth.free else _SPRING if isinstance(teeth.contact, SpringContact) else _STIFF,
+                ln_damping=_FREE if teeth.free else _FIXED,
+                ln_rebound=_FREE if teeth.free else _FIXED,
+                ln_exponent=_EXPONENT if teeth.free else _FIXED,
+                gear_loss=_LOSS,
                 ln_load_inertia=1.5,
                 ln_load_viscous=3.0,
                 load_coulomb=0.2 * torque,
@@ -217,19 +268,31 @@ class _Search:
                 load_torque_slope=0.05 * torque,
                 delay=2.0 * self._period,
                 load_scale_error=_FIXED if self.by_motor else 0.005,
+                ln_motor_gain=_MOTOR,
+                ln_motor_braking=_MOTOR,
+                dead_band=_DEAD_BAND * torque / self._side.gain,
             ),
             low=parameters_of(
                 -unbounded,
                 ln_half_gap=-14.0,
-                ln_stiffness=-5.0,
+                ln_stiffness=-unbounded if teeth.free else -5.0,
+                ln_exponent=0.0,
                 ln_load_inertia=-25.0,
                 ln_load_viscous=-18.0,
                 load_coulomb=0.0,
                 motor_coulomb=0.0,
+                gear_loss=0.0,
                 delay=0.0,
+                dead_band=0.0,
             ),
             high=parameters_of(
-                unbounded, ln_half_gap=1.0, ln_stiffness=5.0, ln_load_inertia=12.0, ln_load_viscous=12.0
+                unbounded,
+                ln_half_gap=1.0,
+                ln_stiffness=unbounded if teeth.free else 5.0,
+                ln_exponent=_STEEPEST_TEETH,
+                ln_load_inertia=12.0,
+                ln_load_viscous=12.0,
+                gear_loss=0.0,
             ),
             largest=parameters_of(
                 unbounded,
@@ -237,12 +300,18 @@ class _Search:
                 offset=_FARTHEST,
                 gap_slope=0.1,
                 ln_stiffness=0.5,
+                ln_damping=0.7,
+                ln_rebound=1.0,
+                ln_exponent=0.2,
+                gear_loss=0.1,
+                ln_motor_gain=0.2,
+                ln_motor_braking=0.2,
                 ln_load_inertia=0.7,
                 ln_load_viscous=1.0,
                 load_scale_error=0.01,
             ),
         )
-        return Problem(self._side, told_teeth(self._drive, contact), recording, torque, beliefs, self._counts)
+        return Problem(self._side, teeth, recording, torque, beliefs, self._counts)
 
     def _noise(self, stage: Stage) -> Array:
         """Return the noise of a stage as a `Problem` takes it."""
@@ -250,24 +319,33 @@ class _Search:
         motor, load = math.sqrt(stage.motor) / unit, math.sqrt(stage.load) / unit
         return np.log([motor, load, stage.teeth, _PUNCTUAL])
 
-    def solve(self, problem: Problem, contact: Contact, x: Array, stage: Stage, most: int, enough: float) -> Minimum:
+    def solve(self, problem: Problem, x: Array, stage: Stage, most: int, enough: float) -> Minimum:
         """Minimise from ``x`` with the noise of a stage until a step gains less than ``enough``."""
         point = problem.solve(Point(math.inf, x, self._noise(stage)), most, enough)
-        return Minimum(point.cost, point.parameters, problem, contact)
+        return Minimum(point.cost, point.parameters, problem)
 
-    def descend(self, problem: Problem, contact: Contact, x: Array) -> Minimum:
-        """Minimise through all stages."""
-        for stage in self.stages:
-            x = self.solve(problem, contact, x, stage, 8, 0.5).x
-        end = self.solve(problem, contact, x, self.stages[-1], 20, 0.02)
-        if not math.isfinite(problem.cost(end.x, self._noise(self.stages[-1]))):  # a refused step may have come last
+    def descend(self, problem: Problem, x: Array, first: int) -> Minimum:
+        """Minimise through all stages from the ``first`` one, and return the end at the likeliest."""
+        ends = []
+        for k in range(first, len(self.stages)):
+            ends.append(self.solve(problem, x, self.stages[k], 8, 0.5)._replace(stage=k))
+            x = ends[-1].x
+        if len(ends) > 1 and ends[0].cost < min(end.cost for end in ends[1:]):  # even less may be explained
+            ends += [
+                self.solve(problem, ends[0].x, self.stages[k], 8, 0.5)._replace(stage=k)
+                for k in range(first - 1, -1, -1)
+            ]
+        likeliest = min(ends, key=cost_of)
+        noise = self.stages[likeliest.stage]
+        end = self.solve(problem, likeliest.x, noise, 20, 0.02)._replace(stage=likeliest.stage)
+        if not math.isfinite(problem.cost(end.x, self._noise(noise))):  # a refused step may have come last
             return end
         sizes = np.sqrt(np.mean(loss_of(problem.results.innovations[1:]), axis=0))
         return end._replace(sizes=(float(sizes[0]), float(sizes[1])))
 
     def fit(self, found: Minimum) -> Fit:
         """Return the fit at a minimum."""
-        point = Point(found.cost, found.x, self._noise(self.stages[-1]))
+        point = Point(found.cost, found.x, self._noise(self.stages[found.stage]))
         return fit_of(Found(point, found.problem), (), self._drive)
 
     def _start(self, gap: float, inertia: float, coulomb_l: float, coulomb_m: float, delay: float = 0.5) -> Array:
@@ -296,25 +374,25 @@ class _Search:
                     for delay in _DELAYS:
                         yield self._start(float(gap), inertia, (1.0 - share) * dry, share * dry, delay)
 
-    def begin(self, contact: Contact) -> list[Minimum]:
+    def begin(self, teeth: Candidate) -> list[Minimum]:
         """Return the minima of the gentle part, the best first."""
-        warm, warmer = (_warmer(self.stages[0], by) for by in (math.sqrt(_HOT), _HOT))
-        calm = self._problem(contact, self._calm)
+        warm, warmer = self.stages[_WARM], self.stages[_FAR]
+        calm = self._problem(teeth, self._calm)
         nearest: dict[float, tuple[float, int, Array]] = {}
         for k, x in enumerate(self._starts()):
             looked, width = (calm.cost(x, self._noise(warmer)), k, x), _ln_half_gap(x)
             nearest[width] = min(looked, nearest.get(width, looked), key=lambda each: each[:2])
-        ends = sorted((self.solve(calm, contact, x, warmer, 5, 1.0) for _, _, x in nearest.values()), key=cost_of)
-        ends = sorted((self.solve(calm, contact, end.x, warm, 5, 1.0) for end in ends[:_STARTS]), key=cost_of)
-        for stage in self.stages[:2]:
-            ends = sorted((self.solve(calm, contact, end.x, stage, 12, 1.0) for end in ends[:_KEPT]), key=cost_of)
+        ends = sorted((self.solve(calm, x, warmer, 5, 1.0) for _, _, x in nearest.values()), key=cost_of)
+        ends = sorted((self.solve(calm, end.x, warm, 5, 1.0) for end in ends[:_STARTS]), key=cost_of)
+        for stage in _NEAR:
+            ends = sorted((self.solve(calm, end.x, self.stages[stage], 12, 1.0) for end in ends[:_KEPT]), key=cost_of)
         return ends
 
     def go_on(self, begun: Minimum) -> Minimum:
         """Minimise with the whole recording, thinned out."""
         whole = replace(begun.problem, recording=self._thin)
-        warm = _warmer(self.stages[0], math.sqrt(_HOT))
-        return self.descend(whole, begun.contact, self.solve(whole, begun.contact, begun.x, warm, 5, 0.5).x)
+        warm = self.stages[_WARM]
+        return self.descend(whole, self.solve(whole, begun.x, warm, 5, 0.5).x, _FAR)
 
     def anew(self, found: Minimum) -> list[Minimum]:
         """Return the minima from gaps of any width, with the rest about as found.
@@ -322,7 +400,7 @@ class _Search:
         In the gentle part, which tells the start, a load torque may hold the load on one flank.
         """
         whole = replace(found.problem, recording=self._thin)
-        noise = self._noise(_warmer(self.stages[0], _HOT))
+        noise = self._noise(self.stages[_FAR])
         nearest: list[tuple[float, int, Array]] = []
         for width in _WIDTHS:
             tried = []
@@ -341,79 +419,150 @@ class _Search:
         """Return the minima reached from other widths of the gap."""
         return [self.go_on(found._replace(x=_widened(found.x, factor))) for factor in _FACTORS]
 
-    def other_laws(self, found: Minimum, contacts: Sequence[Contact]) -> list[Minimum]:
+    def places(self, found: Minimum) -> list[Minimum]:
+        """Return the minima of a motion that starts elsewhere in the gap."""
+        ends, half = [], math.exp(_ln_half_gap(found.x))
+        for place in _PLACES:
+            x = found.x.copy()
+            parameters_at(x).offset = place * half
+            ends.append(self.go_on(found._replace(x=x)))
+        return ends
+
+    def other_laws(self, found: Minimum, laws: Sequence[Candidate]) -> list[Minimum]:
         """Return the minima of the other contact laws, reached from what was found.
 
         By themselves they may miss the right one.
         """
         ends = []
-        for contact in contacts:
-            if type(contact) is not type(found.contact):
-                problem = self._problem(contact, self.recording)
+        for teeth in laws:
+            if teeth.law is not found.problem.teeth.law:
+                problem = self._problem(teeth, self.recording)
                 for factor in _SOFTER:
                     x = _widened(found.x, factor)
                     parameters_at(x).ln_stiffness = 0.0
-                    ends.append(self.go_on(found._replace(x=x, problem=problem, contact=contact)))
+                    ends.append(self.go_on(found._replace(x=x, problem=problem)))
         return ends
+
+    def freed(self, found: Minimum) -> Minimum:
+        """Return the minimum with free teeth that begin as those that were found."""
+        told, torque, half = found.problem.teeth, _BORNE * self._torque, math.exp(_ln_half_gap(found.x))
+        shape = shape_of(told, found.x)
+        depth = max(told.twist(shape, half, torque) - half, _SHALLOW)
+        here, deeper = (told.torque(shape, half, half + factor * depth) for factor in (1.0, math.e))
+        rate = _SLOWLY * depth
+        damping = max((told.torque(shape, half, half + depth, rate) - here) / rate, _UNDAMPED)
+        exponent = min(max(math.log(deeper / here), 1.0), 2.0)
+        x = found.x.copy()
+        there = parameters_at(x)
+        there.ln_stiffness, there.ln_exponent = math.log(exponent * torque / depth), math.log(exponent)
+        there.ln_damping, there.ln_rebound = math.log(damping), math.log(_SOME_REBOUND * damping / torque)
+        problem = self._problem(free_teeth(depth), self._thin, x)
+        return self.descend(problem, x, max(found.stage - 1, 0))
+
+    def with_losses(self, found: Minimum) -> Minimum:
+        """Return the minimum with a gear that may lose torque."""
+        high, x = found.problem.beliefs.high.copy(), found.x.copy()
+        parameters_at(high).gear_loss, parameters_at(x).gear_loss = _MOST_LOSS, _SOME_LOSS
+        problem = replace(found.problem, recording=self._thin, beliefs=found.problem.beliefs._replace(high=high))
+        return self.descend(problem, x, max(found.stage - 1, 0))
+
+    def explained(self, found: Minimum) -> bool:
+        """Return whether an end leaves nothing to be explained: with the least noise it is as good as a true model."""
+        return found.stage == len(self.stages) - 1 and max(found.sizes) <= _FITS
 
     def finish(self, found: Minimum) -> Minimum:
         """Continue with every reading, if that converges: fast readings make the cost rugged."""
         if self._thin is self.recording:
             return found
-        end = self.descend(replace(found.problem, recording=self.recording), found.contact, found.x)
-        return end if max(end.sizes) <= _FITS else found
+        end = self.descend(replace(found.problem, recording=self.recording), found.x, max(found.stage - 1, 0))
+        return end if max(end.sizes) <= max(_FITS, *found.sizes) else found
 
 
-def fit_one_sided(
-    drive: Drive, recording: Recording, torque: float, contacts: Sequence[Contact] = ()
-) -> tuple[Fit, float]:
-    """Return the best fit of a recording of one angle, and the additional cost of the next best gap.
+class OneSided(NamedTuple):
+    """The likeliest fit; cost by which another gap is ``worse``; how far off ends ``near`` by are, as ln.
 
-    That cost is 0 if the fit is so poor that no other gap was tried.
+    ``loud``: whether it takes so much noise that the model is not the drive's.
+    """
+
+    fit: Fit
+    worse: float
+    near: float
+    loud: bool
+
+
+def fit_one_sided(drive: Drive, recording: Recording, torque: float, contacts: Sequence[Contact] = ()) -> OneSided:
+    """Return the likeliest fit of a recording of one angle.
 
     Parameters
     ----------
-    drive : for its motor and gear, which are taken as given
+    drive : for its gear, which is taken as given, and its motor, which may be off by as much as data sheets are
     recording : one angle is all nan; the other one is used
     torque : of the motor at standstill, N m at the output
     contacts : the laws to try, see `contacts_of`
     """
-    search, laws = _Search(drive, recording, torque), contacts or contacts_of(drive)
-    begun = [search.begin(contact) for contact in laws]
+    search = _Search(drive, recording, torque)
+    laws = [told_teeth(drive, contact) for contact in contacts or contacts_of(drive)]
+    begun = [search.begin(teeth) for teeth in laws]
     ends: list[Minimum] = []
     for k in range(_KEPT):
         ends = sorted([*ends, *(search.go_on(found[k]) for found in begun)], key=cost_of)
-        if max(ends[0].sizes) <= _FITS:
+        if search.explained(ends[0]):
             break
-    if max(ends[0].sizes) > _FITS:
+    if not search.explained(ends[0]):
         ends = sorted([*ends, *search.anew(ends[0])], key=cost_of)
-    ends = sorted([*ends, *search.other_laws(ends[0], laws)], key=cost_of)
-    if max(ends[0].sizes) > _HOPELESS * _FITS:
-        return search.fit(ends[0]), 0.0
-    ends = sorted([*ends, *search.widths(ends[0])], key=cost_of)
+    for _ in range(_ROUNDS):
+        best = ends[0]
+        more = [*search.widths(best), *search.places(best), *search.other_laws(best, laws), search.with_losses(best)]
+        if not best.problem.teeth.free:
+            more.append(search.freed(best))
+        ends = sorted([*ends, *more], key=cost_of)
+        if not ends[0].cost < best.cost - _GAINS:
+            break
     best = ends[0]
-    others = [end.cost - best.cost for end in ends if abs(_ln_half_gap(end.x) - _ln_half_gap(best.x)) > _APART]
-    return search.fit(search.finish(best)), min(others, default=math.inf)
+    here = _ln_half_gap(best.x)
+    others = [(abs(_ln_half_gap(end.x) - here), end.cost - best.cost) for end in ends if math.isfinite(end.cost)]
+    end = search.finish(best)
+    return OneSided(
+        fit=search.fit(end),
+        worse=min((cost for apart, cost in others if apart > _APART), default=math.inf),
+        near=max((apart * math.exp(-cost / _OTHERS) for apart, cost in others if apart <= _APART), default=math.inf),
+        loud=end.stage < _FAR,
+    )
 
 
 def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> Gap:
     """Return the gap where the load started, from one angle; see `fit_one_sided`."""
-    found, worse = fit_one_sided(drive, recording, torque)
+    found, worse, near, loud = fit_one_sided(drive, recording, torque)
     gap, size = found.gap, max(found.rms)
     by_motor = bool(np.isnan(recording.load).all())
     angle = recording.motor if by_motor else recording.load
     way = float(np.nanmax(angle) - np.nanmin(angle))
     deviation = _NOISE * found.gap_deviation
-    uncertainty = math.hypot(deviation, _MODEL * gap, _CURVED * way**2 * gap)
+    change = float(found.values.gap_slope) * way
+    twist = found.teeth.twist(found.shape, 0.5 * gap, found.bearing) - 0.5 * gap
+    uncertainty = math.hypot(
+        deviation, _MODEL * gap, _CURVED * way**2 * gap, near * gap, _SLOPE * change * gap, _WIND_UP * twist
+    )
     why = ""
     count = count_of(angle)
     reading = max(count, _COARSE) / math.sqrt(12.0)  # its standard deviation, as it was assumed
-    fits = max(_FITS * max(_FINE, min(1.0, count / _COARSE)), min(_SMALL_ERROR * gap / reading, _MOST))
+    fits = max(_FITS, min(_SMALL_ERROR * gap / reading, _MOST))
     if not size <= fits:
         why = (
             f"no model of teeth, friction and load explains what was seen: its errors are {size:.2g} times as large "
             f"as the encoder's counts allow, and may be {fits:.2g} times; check that the encoder counts in the "
             "direction of the motor, gear.reduction and the motor's parameters, and that nothing else moves the load"
+        )
+    elif loud:
+        why = (
+            f"a torque of {100.0 * found.noise[0]:.2g} % of that at standstill moves the motor that is neither the "
+            "command's nor the gear's, or as much the load; check the motor's values and gear.reduction, and that "
+            "nothing else moves the load"
+        )
+    elif abs(off := float(found.values.ln_motor_gain)) > _MOST_GAIN:
+        why = (
+            f"the command seems to accelerate the motor {math.exp(off):.2g} times as much as its data sheet says: "
+            "check the unit of the command, the motor's values, its supply and gear.reduction"
         )
     elif not found.torques[0] < -_FLANK * torque < _FLANK * torque < found.torques[1]:
         side = "negative" if found.torques[0] >= -_FLANK * torque else "positive"
@@ -426,14 +575,9 @@ def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> 
     elif gap < _FEWEST * count:
         counts = gap / count
         why = f"the gap is {gap:.2g} rad, {counts:.2g} counts of the encoder: fewer than {_FEWEST:g} do not tell it"
-    elif abs(slope := float(found.values.gap_slope)) > _STEEPEST:
-        why = (
-            f"the gap would have to grow by {100.0 * slope:.0f} % for each rad, and no gear's does by more than "
-            f"{100.0 * _STEEPEST:.0f} %: the motion shows the far flank at too few places"
-        )
     elif worse < _WORSE:
         why = "gaps of different widths explain what was seen equally well"
-    elif not deviation <= _SURE * gap:
+    elif not uncertainty <= _SURE * gap:
         why = f"the gap is {gap:.3g} rad with a standard uncertainty of {uncertainty:.2g} rad, too large to be used"
     if why:
         return Gap(0.0, 0.0, False, why, found)

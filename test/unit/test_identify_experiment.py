@@ -115,7 +115,9 @@ def test_one_encoder_tells_gap_load_and_delay_by_the_relay(encoder: str, number:
     assert found.parameters["backlash_angle"] == pytest.approx(gap, abs=3.0 * found.uncertainties["backlash_angle"])
     assert found.parameters["load.inertia"] == pytest.approx(member.drive.load.inertia, rel=INERTIA_NEAR)
     assert found.parameters["loop_delay"] == pytest.approx(member.delay.command, abs=DELAY_NEAR / member.rate)
-    assert not {"motor.torque_constant", "motor.resistance"} & set(found.parameters)  # those of the data sheet stay
+    motor = member.drive.motor
+    assert found.parameters["motor.torque_constant"] == pytest.approx(motor.torque_constant, rel=0.02)
+    assert found.parameters["motor.resistance"] == pytest.approx(motor.resistance, rel=0.03)
 
 
 def freeze(shown: Measurement) -> None:

@@ -31,9 +31,9 @@ _HELD_UNTIL = 0.5
 """Time until which it holds the shaft, to see what torque that takes, s. Tuned."""
 _HELD_AFTER = 0.2
 """Time for which it holds the shaft at the end, s. Tuned."""
-_LEVELS = (0.02, 0.05, 0.13, 0.3, 0.6)
+_LEVELS = (0.05, 0.13, 0.3, 0.6)
 """Share of the torque in each level. Tuned."""
-_TURNS = (1.0, 1.5, 2.5, 1.0, 1.0)
+_TURNS = (1.0, 1.5, 1.5, 1.0)
 """Turning point in each level, as a multiple of ``travel``. Tuned."""
 _WIDE = 1.5
 """Least such multiple with the motor's encoder: the motor itself has to meet both flanks. Tuned."""
@@ -42,8 +42,8 @@ _SWING_SHARE = 0.4
 _LEVEL_TIME = 1.2
 """Time of a level, s. Tuned."""
 _LOADED = 0.005
-"""Share of the standstill torque above which a load torque must be outrun, by the last two levels. Tuned."""
-_TO_OUTRUN = 2
+"""Share of the standstill torque above which a load torque must be outrun, by the last level. Tuned."""
+_TO_OUTRUN = 1
 """Number of levels that a load without a torque does not need."""
 _SPEED_BANDWIDTH = 200.0
 """Bandwidth of the speed, rad/s. Tuned."""
@@ -73,7 +73,7 @@ class RelaySettings(Validated):
         "largest distance that the load moves from its position at the start", "rad", above=0, at_most=3.2, default=0.3
     )
     travel: float = quantity(
-        "first distance, to either side, at which the relay reverses the motor; later up to 2.5 times as far",
+        "first distance, to either side, at which the relay reverses the motor; later up to 1.5 times as far",
         "rad",
         above=0,
         at_most=3.2,

@@ -6,11 +6,11 @@ K_m i/n, load angle and speed. With the motor's inertia J_r by its data sheet, w
     J_r p'' = e^G g u - (e^R b + B_r) p' - (c_m + loss abs(T)) sign p' - T
     J_l q'' = T - B_l q' - c_l sign q' + tau + kappa (q - q_0)
 
-The command u acts late and through the winding. T is the torque of the teeth: see `candidates`. It is linearly implicit
-at half the step, so that stiff teeth need no short steps; dry friction brakes each shaft and holds it where it can. The
-derivatives of the state by the parameters go through the same linear maps as its covariance, corrections by the samples
-included: one pass gives the innovations and their derivatives (recursive prediction errors: Ljung, System
-Identification, 2nd ed., ch. 11). A pass without them takes a third of the time.
+The command u acts late, less the amplifier's dead band, and through the winding. T is the torque of the teeth: see
+`candidates`. It is linearly implicit at half the step, so that stiff teeth need no short steps; dry friction brakes
+each shaft and holds it where it can. The derivatives of the state by the parameters go through the same linear maps as
+its covariance, corrections by the samples included: one pass gives the innovations and their derivatives (recursive
+prediction errors: Ljung, System Identification, 2nd ed., ch. 11). A pass without them takes a third of the time.
 
 The steps are in `shafts`, the corrections in `readings`.
 """
@@ -74,6 +74,7 @@ def _set_model(row: Array, side: MotorSide, depth: float, parameters: Array) -> 
     model.scale, model.delay = 1.0 + x.load_scale_error, x.delay
     model.gain = side.gain * math.exp(x.ln_motor_gain)
     model.braking = side.braking * math.exp(x.ln_motor_braking)
+    model.dead_band = x.dead_band
     model.per_inertia = 1.0 / side.inertia + 1.0 / model.inertia
 
 

@@ -415,6 +415,7 @@ class Search:
             delay=0.0,
             ln_motor_gain=-1.0,
             ln_motor_braking=-1.0,
+            dead_band=0.0,
         )
 
     def _high(self, start: Parameters, stiffness: float, *, free: bool) -> Array:
@@ -433,6 +434,7 @@ class Search:
             delay=20.0 * self._period,
             ln_motor_gain=1.0,
             ln_motor_braking=1.0,
+            dead_band=0.0,
         )
 
     def starts(self) -> Iterable[Array]:

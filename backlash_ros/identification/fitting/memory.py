@@ -82,6 +82,7 @@ class Model(Record):
     delay: float = 0.0  # s
     gain: float = 0.0  # of the motor, N m for each V or A
     braking: float = 0.0  # N m s/rad
+    dead_band: float = 0.0  # of the amplifier, V or A
     per_inertia: float = 0.0  # of both shafts against each other, 1/(kg m^2)
 
 

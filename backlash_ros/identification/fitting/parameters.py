@@ -29,6 +29,7 @@ class Parameters(Record):
     delay: float = 0.0  # from a sample to when its command acts, s
     ln_motor_gain: float = 0.0  # relative to the motor's data sheet
     ln_motor_braking: float = 0.0  # relative to the motor's data sheet
+    dead_band: float = 0.0  # what the amplifier takes from the size of every command, V or A
 
 
 NAMES = tuple(get_type_hints(Parameters))

@@ -8,7 +8,6 @@ from functools import partial
 from typing import NamedTuple
 
 from backlash_ros.foundation.compiled import compiled, specialize, unbound
-from backlash_ros.foundation.record import Array
 from backlash_ros.identification.fitting.candidates import Shape, ToothTorque, TorqueFunction
 from backlash_ros.identification.fitting.memory import (
     COUNT,
@@ -16,6 +15,7 @@ from backlash_ros.identification.fitting.memory import (
     Forcing,
     Given,
     Memory,
+    Model,
     MotorSide,
     Noise,
     Rows,
@@ -41,14 +41,15 @@ _inlined = partial(specialize, fused=True, inlined=True)
 
 
 class Acting(NamedTuple):
-    """The command in a step: its ``mean`` and how far off it may be, ``doubt``, V or A; by the delay, ``slope``.
+    """What the amplifier passes in a step: its ``mean`` and how far off it may be, ``doubt``, V or A.
 
-    ``number`` is that of the command that acts at the step's start.
+    ``slope`` by the delay, and ``by_dead_band``. ``number`` is that of the command that acts at the step's start.
     """
 
     number: int
     mean: float
     slope: float
+    by_dead_band: float
     doubt: float
 
 
@@ -110,11 +111,20 @@ _torque: TorqueFunction = unbound
 
 
 @compiled
-def in_force(time: Array, command: Array, doubt: Array, delay: float, number: int, now: float, length: float) -> Acting:
+def passed(command: float, dead_band: float) -> tuple[float, float]:
+    """Return what an amplifier with a dead band makes of a command, V or A, and its derivative by the dead band."""
+    size = abs(command) - dead_band
+    side = 1.0 if command > 0.0 else -1.0
+    return (side * size, -side) if size > 0.0 else (0.0, 0.0)
+
+
+@compiled
+def in_force(recording: Recording, model: Model, number: int, now: float, length: float) -> Acting:
     """Return the command that acts ``now`` and for a ``length``, s; ``number`` is that of one which acted lately.
 
     Before the first command acts, half of it is assumed, with the corresponding doubt.
     """
+    time, command, doubt, delay = recording.time, recording.command, recording.doubt, model.delay
     while number + 1 < time.shape[0] and time[number + 1] + delay <= now:
         number += 1
     while number >= 0 and time[number] + delay > now:
@@ -122,12 +132,13 @@ def in_force(time: Array, command: Array, doubt: Array, delay: float, number: in
     mean, off = command[max(number, 0)], doubt[max(number, 0)]
     if number < 0:
         mean, off = _UNKNOWN_START * mean, _UNKNOWN_START * abs(mean)
+    mean, by_dead_band = passed(mean, model.dead_band)
     if number + 1 >= time.shape[0] or time[number + 1] + delay > now + length + 1e-12:
-        return Acting(number, mean, 0.0, off)
-    follows = command[number + 1]
+        return Acting(number, mean, 0.0, by_dead_band, off)
+    follows, follows_by = passed(command[number + 1], model.dead_band)
     share = (time[number + 1] + delay - now) / length
-    mixed = share * mean + (1.0 - share) * follows
-    return Acting(number, mixed, (mean - follows) / length, max(off, doubt[number + 1]))
+    mixed, mixed_by = share * mean + (1.0 - share) * follows, share * by_dead_band + (1.0 - share) * follows_by
+    return Acting(number, mixed, (mean - follows) / length, mixed_by, max(off, doubt[number + 1]))
 
 
 @compiled
@@ -264,11 +275,13 @@ def _force_by_teeth(forcing: Forcing, tooth: ToothTorque, on_motor: float, half_
 
 @_inlined
 def _force_by_motor(memory: Memory, acting: Acting, drive: Torque) -> None:
-    """Write how delay, gain and braking act in a step."""
+    """Write how delay, dead band, gain and braking act in a step."""
     model, forcing = memory.model, memory.forcing
     motor, end = columns_at(forcing.on_motor).parameter, columns_at(forcing.on_drive).parameter
     by = model.gain * acting.slope
     motor.delay, end.delay = (1.0 - drive.lag) * by, (1.0 - drive.decay) * by
+    by = model.gain * acting.by_dead_band
+    motor.dead_band, end.dead_band = (1.0 - drive.lag) * by, (1.0 - drive.decay) * by
     by = model.gain * acting.mean
     motor.ln_motor_gain, end.ln_motor_gain = (1.0 - drive.lag) * by, (1.0 - drive.decay) * by
     by = -model.braking * drive.halfway
@@ -388,7 +401,7 @@ def step(memory: Memory, given: Given, recording: Recording, derive: bool, sampl
         return math.nan
     length = _length_of(memory, given.steps, tooth, closing, recording.time[sample] - now)
     number = int(memory.command)
-    acting = in_force(recording.time, recording.command, recording.doubt, model.delay, number, now, length)
+    acting = in_force(recording, model, number, now, length)
     memory.command = acting.number
     drive = motor_torque(side, memory, tooth.torque, acting.mean, length)
     solved, linear = _solve(memory, side, tooth, drive, closing, length)

@@ -1,6 +1,6 @@
 """Identifies a drive from a recording of both encoders, whatever made it move, or says why this is impossible.
 
-With one encoder the motion must be that of the relay, and motor and gear are taken as told.
+With one encoder the motion must be that of the relay, and the gear is taken as told.
 """
 
 from dataclasses import dataclass, field, replace
@@ -24,7 +24,7 @@ FRICTION = "load.viscous_friction", "load.coulomb_friction"
 _MOTOR = frozenset({"motor.torque_constant", "motor.resistance"})
 """Both follow from gain and braking, which are of use only together."""
 _TEETH = "gear.backlash_angle"
-_NOT_BY_ONE = frozenset({"K_m", "R", "loss", "offset", "eccentricity"})
+_NOT_BY_ONE = frozenset({"offset", "eccentricity"})
 """Symbols of what one encoder does not show."""
 
 
