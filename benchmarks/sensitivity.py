@@ -13,14 +13,18 @@ import argparse
 import hashlib
 import importlib
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tuned_copy import WHOLE, start_in_copy
+from tuned_copy import WHOLE, copy_package
 
+import backlash_ros
 from backlash_ros.control import ServoSettings
 from backlash_ros.control.laws import design_law
 from backlash_ros.control.laws.two_encoder import TwoEncoderParameters
@@ -160,7 +164,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=451128)
     parser.add_argument("--only", nargs="*", default=[], help="numbers such as carry._ON_FLANK; all by default")
     given = parser.parse_args()
-    start_in_copy(OUT)
+    source, copy = Path(backlash_ros.__file__).parent, OUT.resolve()
+    if source.parent != copy:
+        copy_package(source, copy)
+        there = {"PYTHONPATH": str(copy), "NUMBA_CACHE_DIR": str(copy / "compiled")}
+        sys.exit(subprocess.run([sys.executable, *sys.argv], env={**os.environ, **there}, check=False).returncode)
     journal = OUT / f"{given.seed}.jsonl"
     lines = [json.loads(line) for line in journal.read_text().splitlines()] if journal.exists() else []
     with journal.open("a") as file:

@@ -6,13 +6,8 @@ tuned number in a function of `control/laws/two_encoder` is a call of `tuned.py`
 
 import ast
 import json
-import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
-
-import backlash_ros
 
 LAW = Path("control/laws/two_encoder")
 PACKAGE = "backlash_ros.control.laws.two_encoder"
@@ -82,12 +77,3 @@ def copy_package(source: Path, target: Path) -> None:
         file.write_text(ast.unparse(tree) + "\n")
     shutil.copy(Path(__file__).with_name("tuned.py"), copy / LAW)
     (copy / LAW / "tuned.json").write_text(json.dumps(values))
-
-
-def start_in_copy(folder: Path) -> None:
-    """Copy the package into a folder and run this program again with the copy; return if it does so already."""
-    source, copy = Path(backlash_ros.__file__).parent, folder.resolve()
-    if source.parent != copy:
-        copy_package(source, copy)
-        there = {"PYTHONPATH": str(copy), "NUMBA_CACHE_DIR": str(copy / "compiled")}
-        sys.exit(subprocess.run([sys.executable, *sys.argv], env={**os.environ, **there}, check=False).returncode)

@@ -409,7 +409,7 @@ class Servo:
         """Voltage that holds the load, V.
 
         It does not use the law's estimate: there is none with the load's encoder alone, and ``torque_bandwidth`` may be
-        0. Only while the monitor is off there is no other one.
+        0. While the monitor is off, there is no other.
         """
         found = float(self.memory.monitor.unexplained_torque)
         return self._voltage_against(found if self._watched else self.load_torque_estimate)

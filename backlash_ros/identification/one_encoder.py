@@ -1,6 +1,6 @@
 """The gap from a recording of one encoder: the drive's equations are fitted without the other shaft's angle.
 
-Motor and gear are known about, so the time in which the motor crosses the gap under a known torque shows its width,
+The gear is known and the motor nearly, so the time in which it crosses the gap under a known torque shows the width,
 whichever shaft is seen: the motor moves as if it had no load, and the load coasts. The filter also predicts the shaft
 without encoder; each impact shows its position.
 """
@@ -555,9 +555,9 @@ def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> 
         )
     elif loud:
         why = (
-            f"a torque of {100.0 * found.noise[0]:.2g} % of that at standstill moves the motor that is neither the "
-            "command's nor the gear's, or as much the load; check the motor's values and gear.reduction, and that "
-            "nothing else moves the load"
+            "something moves the motor or the load that is neither the command nor the gear: as seen at the motor, "
+            f"{100.0 * found.noise[0]:.2g} % of the standstill torque is unexplained; check the motor's values and "
+            "gear.reduction, and that nothing else moves the load"
         )
     elif abs(off := float(found.values.ln_motor_gain)) > _MOST_GAIN:
         why = (
