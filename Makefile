@@ -18,7 +18,7 @@
 #                that move again in flight; the offline loop against scipy; six axes in real time; lockstep; an axis that
 #                identifies its drive against one at rest; an axis at 1 kHz with and without ten pages of the dashboard;
 #                a step of the node against a bare publish; a stopped listener, by shared memory and by UDP
-#   make sensitivity  about an hour, for docs/evaluation.md: how much each tuned number of the law for two encoders matters
+#   make sensitivity  about an hour, for docs/evaluation.md: how much each tuned number of the law of planned moves matters
 #   make soak    ten minutes in real time: no sample lost, no growth of memory
 #   make lock    renews requirements/*.txt, the locks with hashes, from requirements/*.in
 #
@@ -96,7 +96,7 @@ paper: $(READY)
 	$(BIN)/python -m backlash_ros.cli figures --out docs/figures --page docs/paper.md
 
 DRIVES ?= 2000
-EVALUATION := --population full --model identified --laws two_region two_encoder
+EVALUATION := --population full --model identified --laws two_region planned
 evaluation: $(READY)
 	$(BIN)/backlash evaluate --seed 961029 --drives $(DRIVES) $(EVALUATION) --json results/evaluation/evaluation.json --out results/evaluation
 	$(BIN)/python test/support/evaluation_page.py results/evaluation
@@ -104,7 +104,7 @@ evaluation: $(READY)
 docs: $(READY)
 	$(BIN)/python test/support/parameter_table.py
 	$(BIN)/python test/support/telemetry_table.py
-	$(BIN)/backlash figures two_encoder --out docs/images
+	$(BIN)/backlash figures planned --out docs/images
 	$(BIN)/python test/support/dashboard_picture.py
 
 site: $(READY)

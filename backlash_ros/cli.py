@@ -15,7 +15,7 @@ from backlash_ros.foundation.parser import Parser
 COMMANDS = {
     "demo": "run simulator, controller and recorder: learn, step, judge",
     "live": "run a simulated drive, its controller and a page in the browser",
-    "figures": "compute and draw the paper's figures, or those that explain law two_encoder",
+    "figures": "compute and draw the paper's figures, or those that explain the law of planned moves",
     "simulate": "simulate one step, or a path: figures as JSON, a picture, a table",
     "evaluate": "judge learning and laws on a random population of drives",
     "export": "export a drive for MuJoCo, or as URDF or SDF",

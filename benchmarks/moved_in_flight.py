@@ -1,4 +1,4 @@
-"""Does a reference that moves again in flight cost the law for two encoders anything? Beside moves from rest.
+"""Does a reference that moves again in flight cost the law of planned moves anything? Beside moves from rest.
 
     python benchmarks/moved_in_flight.py --drives 200
 
@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 
 from backlash_ros.control import Servo
-from backlash_ros.control.laws.two_encoder.constants import constants_at
-from backlash_ros.control.laws.two_encoder.memory import memory_at
-from backlash_ros.control.laws.two_encoder.plan import length_of
+from backlash_ros.control.laws.planned.constants import constants_at
+from backlash_ros.control.laws.planned.memory import memory_at
+from backlash_ros.control.laws.planned.plan import length_of
 from backlash_ros.foundation.record import Array
 from backlash_ros.foundation.signals import OMEGA_L, THETA_L
 from backlash_ros.simulation import SimulatedDrive
@@ -48,7 +48,7 @@ class Played:
 
     def __init__(self, member: Member) -> None:
         self.member, self.period = member, 1.0 / member.rate
-        settings = settings_for(member.drive, member).with_law("two_encoder")
+        settings = settings_for(member.drive, member).with_law("planned")
         gap = member.drive.gear.backlash_angle
         self.servo = Servo(member.drive, replace(settings, backlash_angle=gap, identified=True))
         self.plant = SimulatedDrive(member.drive, self.period, sensors=member.sensors, delay=member.delay)

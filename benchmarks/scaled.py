@@ -8,7 +8,7 @@ of sampling and delay too, with the same torques; 1/8 makes 2 kHz of 250 Hz, the
 own units of torque and time it is the same drive, and a law of shares does the same with it.
 
 The steps, and how they are judged, are those of docs/evaluation.md, in the times of the drive as it was drawn. The law
-for two encoders is told the drive. Learning is `~/identify`; then the law plays with what it found.
+of planned moves is told the drive. Learning is `~/identify`; then the law plays with what it found.
 """
 
 import argparse
@@ -37,7 +37,7 @@ from backlash_ros.studies.evaluation.task import (
     settings_for,
 )
 
-LAW, RATE, POPULATION = "two_encoder", 250.0, "core"
+LAW, RATE, POPULATION = "planned", 250.0, "core"
 VERDICTS = "quiet", "precise", "overshoot_ok"
 NEAR = 0.05
 """Share by which a learned gap may be off."""

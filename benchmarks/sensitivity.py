@@ -1,4 +1,4 @@
-"""How much does each tuned number of the law for two encoders matter? Each alone is made 0.8 and 1.2 times as large.
+"""How much does each tuned number of the law of planned moves matter? Each alone is made 0.8 and 1.2 times as large.
 
     python benchmarks/sensitivity.py --drives 10
 
@@ -27,7 +27,7 @@ from tuned_copy import WHOLE, copy_package
 import backlash_ros
 from backlash_ros.control import ServoSettings
 from backlash_ros.control.laws import design_law
-from backlash_ros.control.laws.two_encoder import TwoEncoderParameters
+from backlash_ros.control.laws.planned import PlannedParameters
 from backlash_ros.drivetrain import Drive, IntegrationError
 from backlash_ros.simulation import run
 from backlash_ros.studies.evaluation import Member, draw_member, motion
@@ -35,7 +35,7 @@ from backlash_ros.studies.evaluation.population import told_model
 from backlash_ros.studies.evaluation.task import STEP, judge_run, scenario_of, settings_for
 
 OUT = Path("results/sensitivity")
-LAW, FACTORS, POPULATIONS = "two_encoder", (0.8, 1.2), ("core", "wild")
+LAW, FACTORS, POPULATIONS = "planned", (0.8, 1.2), ("core", "wild")
 PATHS = {"sine": motion.PATHS[1], "move": motion.PATHS[3]}
 KINDS = "steps", *PATHS
 VERDICTS = "quiet", "precise", "overshoot_ok"
@@ -84,7 +84,7 @@ class Numbers:
 
     def __init__(self) -> None:
         self._tuned: Any = importlib.import_module(f"backlash_ros.control.laws.{LAW}.tuned")
-        self.base = {**self._tuned.BASE, **{f"parameters.{k}": v for k, v in asdict(TwoEncoderParameters()).items()}}
+        self.base = {**self._tuned.BASE, **{f"parameters.{k}": v for k, v in asdict(PlannedParameters()).items()}}
         self._places = {name: place for place, name in enumerate(self._tuned.BASE)}
 
     def play(self, played: Played, kind: str, name: str, factor: float) -> Found:
@@ -96,7 +96,7 @@ class Numbers:
             whole = name in READINGS or name.partition(".")[2] in WHOLE
             cells[self._places[name]] = round(value) if whole else value
         elif name:
-            settings = settings.with_law(LAW, TwoEncoderParameters(**{name.partition(".")[2]: value}))
+            settings = settings.with_law(LAW, PlannedParameters(**{name.partition(".")[2]: value}))
         figures = played.play(kind, settings)
         read = [each for each, k in self._places.items() if cells[self._tuned.SIZE + k]]
         return {"figures": figures, "read": [] if name else [*read, *(self.base.keys() - self._places.keys())]}

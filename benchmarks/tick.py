@@ -3,7 +3,7 @@
 Run with `make bench`. The tick is all that lies between a sample and its command: plausibility, limits, observer,
 setpoint, range and law. The function beside it shows what numba asks for any call with these arguments.
 
-The law for two encoders plans: its tick at rest and in flight, and a new reference with the tick that plans for it, are
+The tick of the law of planned moves at rest and in flight, and a new reference with the tick that plans for it, are
 rows of docs/performance.md, beside the tick of the two-region law in the same run, each in a loop with a simulated
 drive that steps to and fro. A figure is the smallest of its repeats' medians: what else a machine does only adds to it.
 """
@@ -15,7 +15,7 @@ import numpy as np
 import rows
 
 from backlash_ros.control import LAWS, GainSet, Servo, ServoSettings
-from backlash_ros.control.laws.two_encoder.memory import PHASES
+from backlash_ros.control.laws.planned.memory import PHASES
 from backlash_ros.control.motion.trajectory import Trajectory
 from backlash_ros.control.tick import TICK_SIGNATURE
 from backlash_ros.drivetrain import NOMINAL_DRIVE
@@ -73,12 +73,12 @@ def in_a_loop(law: str) -> dict[str, float]:
 
 
 def planned() -> list[rows.Row]:
-    """Measure the law that plans, in turns with the two-region law, which never flies."""
-    turns = [(in_a_loop("two_region"), in_a_loop("two_encoder")) for _ in range(REPEATS)]
+    """Measure the law of planned moves, in turns with the two-region law, which never flies."""
+    turns = [(in_a_loop("two_region"), in_a_loop("planned")) for _ in range(REPEATS)]
     usual, made = min(plain["hold"] for plain, _ in turns), list[rows.Row]()
     for name, what, longest in (
-        ("hold", "tick of two_encoder at rest, us", LONGEST_TICK),
-        ("flight", "tick of two_encoder in flight, us", LONGEST_TICK),
+        ("hold", "tick of law planned at rest, us", LONGEST_TICK),
+        ("flight", "tick of law planned in flight, us", LONGEST_TICK),
         ("plan", "reference and the tick that plans for it, us", LONGEST_PLAN),
     ):
         value = min(flown[name] for _, flown in turns)
@@ -92,7 +92,7 @@ def planned() -> list[rows.Row]:
 
 def while_following(points: int) -> float:
     """Return the median of ticks, us, while a simulated drive goes there and back along so many points."""
-    servo, plant = servo_of("two_encoder"), SimulatedDrive(NOMINAL_DRIVE, PERIOD)
+    servo, plant = servo_of("planned"), SimulatedDrive(NOMINAL_DRIVE, PERIOD)
     servo.release("begins")
     servo.update(plant.sample(), PERIOD)
     times = np.linspace(0.0, LENGTH, points + 1)[1:]
@@ -112,11 +112,11 @@ def while_following(points: int) -> float:
 
 
 def followed() -> list[rows.Row]:
-    """Measure the law that plans while it follows a thousand points, in turns with two points."""
+    """Measure the law of planned moves while it follows a thousand points, in turns with two points."""
     turns = [(while_following(2), while_following(1000)) for _ in range(REPEATS)]
     few, many = (min(each) for each in zip(*turns, strict=True))
     ratios = [many / few, *(each / other for other, each in turns)]
-    what = "tick of two_encoder that follows 1,000 points, us"
+    what = "tick of law planned that follows 1,000 points, us"
     return [
         rows.Row(what, many, "that follows 2 points", few, many / few, (min(ratios), max(ratios)), None, ""),
         rows.Row(what, many, "longest allowed", LONGEST_FOLLOWING, many / LONGEST_FOLLOWING, None, None, "<= 1"),

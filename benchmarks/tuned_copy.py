@@ -1,7 +1,7 @@
-"""A copy of the package whose law for two encoders loads its tuned numbers from memory, where a scan changes them.
+"""A copy of the package whose law of planned moves loads its tuned numbers from memory, where a scan changes them.
 
 numba freezes the constants of a module into machine code, which takes minutes to make anew. In the copy each use of a
-tuned number in a function of `control/laws/two_encoder` is a call of `tuned.py`. So it is compiled once for all values.
+tuned number in a function of `control/laws/planned` is a call of `tuned.py`. So it is compiled once for all values.
 """
 
 import ast
@@ -9,8 +9,8 @@ import json
 import shutil
 from pathlib import Path
 
-LAW = Path("control/laws/two_encoder")
-PACKAGE = "backlash_ros.control.laws.two_encoder"
+LAW = Path("control/laws/planned")
+PACKAGE = "backlash_ros.control.laws.planned"
 WHOLE = {"_LASTS", "_MORE_AHEAD"}
 """Tuned whole numbers; all others are sizes, rounds of a solution, or codes."""
 _EXACT = {

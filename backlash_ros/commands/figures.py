@@ -1,4 +1,4 @@
-"""`backlash figures`: the paper's figures and page, or the figures that explain law two_encoder."""
+"""`backlash figures`: the paper's figures and page, or the figures that explain the law of planned moves."""
 
 import argparse
 from contextlib import ExitStack
@@ -14,14 +14,14 @@ from backlash_ros.foundation.staging import staging
 from backlash_ros.pages.paper.page import write_page
 from backlash_ros.studies.paper import PARTS, reproduce
 
-_EXAMPLE = "examples: backlash figures --out results/figures; backlash figures two_encoder --out results/figures"
+_EXAMPLE = "examples: backlash figures --out results/figures; backlash figures planned --out results/figures"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments to a parser."""
     parser.epilog = _EXAMPLE
     add = parser.add_argument
-    add("of", nargs="?", choices=("paper", "two_encoder"), default="paper", help="by default paper")
+    add("of", nargs="?", choices=("paper", "planned"), default="paper", help="by default paper")
     add("--out", type=Path, required=True, help="folder for the figures")
     add("--page", type=Path, help="also write the page that discusses the paper's")
 

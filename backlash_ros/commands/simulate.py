@@ -45,8 +45,8 @@ DESCRIPTION = (
     "path is a table with the columns time, position[, velocity[, acceleration]] in s and rad, or a "
     "trajectory_msgs/JointTrajectory in YAML; it is followed, or refused, as on the topic joint_trajectory, under the "
     "files' limits. The controller "
-    "knows the drive and its backlash, as after `identify`: law auto is two_encoder, with one encoder as with both. "
-    "Before, it is two_region (--law two_region). A load that does not stay within a quarter of the backlash for the "
+    "knows the drive and its backlash, as after `identify`: law auto is 'planned', with one encoder as with both. "
+    "Before, it is 'two_region' (--law two_region). A load that does not stay within a quarter of the backlash for the "
     "last second has not settled: null."
 )
 EXAMPLE = (

@@ -70,7 +70,7 @@ class ServoSettings(Validated):
         default=0.0,
     )
     expected_load_torque: float = quantity(
-        "load torque that law two_encoder assumes while dry friction hides it; ~/identify sets it",
+        "load torque that the law of planned moves assumes while dry friction hides it; ~/identify sets it",
         "N m",
         at_least=-1e5,
         at_most=1e5,
@@ -84,7 +84,7 @@ class ServoSettings(Validated):
         default=0.0,
     )
     expected_load_torque_slope: float = quantity(
-        "growth of the load torque with the load's angle there, by a weight: law two_encoder plans with it",
+        "growth of the load torque with the load's angle there, by a weight: the law of planned moves plans with it",
         "N m/rad",
         at_least=-1e5,
         at_most=1e5,
@@ -92,7 +92,7 @@ class ServoSettings(Validated):
     )
     unexplained_motor_torque: float = quantity(
         "torque on the motor, at the output, that the drive as identified does not explain, such as cogging; "
-        "law two_encoder lands short by what it may do; ~/identify sets it",
+        "the law of planned moves lands short by what it may do; ~/identify sets it",
         "N m",
         at_least=0,
         at_most=1e5,
@@ -100,7 +100,7 @@ class ServoSettings(Validated):
     )
     unexplained_load_torque: float = quantity(
         "torque on the load that the drive as identified does not explain, such as that of a part on a spring; "
-        "law two_encoder lands short by what it may do; ~/identify sets it",
+        "the law of planned moves lands short by what it may do; ~/identify sets it",
         "N m",
         at_least=0,
         at_most=1e5,

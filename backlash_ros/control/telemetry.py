@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from backlash_ros.control.law import FAST_REGION, OVERDAMPED_REGION
-from backlash_ros.control.laws.two_encoder.memory import PHASES
+from backlash_ros.control.laws.planned.memory import PHASES
 from backlash_ros.control.monitoring.wear import WearWatch
 from backlash_ros.control.servo import Servo
 from backlash_ros.foundation.signals import (
@@ -62,10 +62,10 @@ TELEMETRY = {
     "region": Plotted(
         "", "which gains act", {0: "none", FAST_REGION: "fast gains", OVERDAMPED_REGION: "over-damped gains"}
     ),
-    "phase": Plotted("", "what law two_encoder is doing", {0: "none", **PHASES}),
+    "phase": Plotted("", "what the law of planned moves is doing", {0: "none", **PHASES}),
     "flank": Plotted(
         "",
-        "flank on which law two_encoder has the load, or on which its move ends",
+        "flank on which the law of planned moves has the load, or on which its move ends",
         {-1: "holds the load back", 0: "none", 1: "drives the load forward"},
     ),
     "backlash_angle": Plotted("rad", "backlash as learned or given; 0: unknown"),

@@ -152,7 +152,7 @@ def of_identification(axis: Axis, angle: AngleUnit) -> tuple[str, str]:
         text = inertia.text(angle) if ours and inertia else quantity(used, 0.0, "kg m^2", angle)
         return f"load inertia {text}", f"in use by law {law}"
     if not found:
-        return "the load is not known", f"would let law {BEST} plan moves: faster and calmer"
+        return "the load is not known", f"would let law {BEST} act: faster and calmer"
     if not (lacking := [word for symbol, word in _NEEDED.items() if symbol not in found]):
         return "load found, but not in use", f"law {law} still acts"
     result = "the load was not found" if len(lacking) == len(_NEEDED) else f"load found, {lacking[0]} not"

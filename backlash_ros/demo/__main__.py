@@ -73,7 +73,7 @@ def perform(session: Session, say: Callable[[str], None]) -> dict[str, Any]:
     session.settle_at(0.0)
     say("identifying the drive: our law plans with its inertia and friction")
     session.ask("identify", say)
-    judged("two_encoder")
+    judged("planned")
     return script
 
 

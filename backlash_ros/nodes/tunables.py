@@ -72,7 +72,7 @@ def _declare_beside_gains(node: Node, drive: Drive, rate: float) -> dict[str, An
     """Declare the dynamic parameters other than the gains and the drive, and return what the user set."""
     delay = declare_number(node, "loop_delay", 0.0, delay_bound(rate), read_only=False)
     drive, values = emulated(drive, 1.0 / rate, delay), {"loop_delay": delay}
-    text = "control law; auto: two_encoder once backlash and drive are identified, until then two_region"
+    text = "control law; auto: 'planned' once backlash and drive are identified, until then 'two_region'"
     values["law"] = declare(node, "law", AUTO, text, constraint=f"one of {sorted([AUTO, *LAWS])}")
     values |= _declare_parameters_of(node, LAWS)
     text = "experiment that ~/learn runs; auto: chosen by the encoders that are present"
@@ -80,7 +80,7 @@ def _declare_beside_gains(node: Node, drive: Drive, rate: float) -> dict[str, An
     values[name] = declare(node, name, AUTO, text, constraint=bound)
     text = (
         "whether load and friction were identified on this drive; "
-        "until then laws two_encoder and dual_loop use the over-damped gains"
+        "until then laws 'planned' and 'dual_loop' use the over-damped gains"
     )
     values["identified"] = declare(node, "identified", False, text)
     text = "whether to learn the backlash again, which moves the load, when wear is noticed and the load is at rest"

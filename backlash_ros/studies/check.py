@@ -33,7 +33,7 @@ COASTS = 1.0
 LOSSY = 0.9
 """Efficiency of a gear below which learning is more often refused: docs/learning.md."""
 COARSE_ALONE = 30
-"""Counts of the motor's encoder in the gap below which law two_encoder may rattle where there is no other encoder."""
+"""Counts of the motor's encoder in the gap below which the law of planned moves may rattle without another encoder."""
 COARSE = 20
 """Counts of the load's encoder in the gap below which the load swings more often: docs/evaluation.md."""
 
@@ -219,7 +219,7 @@ def _inertia(drive: Drive, around: Surroundings, start: Choice | None) -> Iterat
         yield Warned(
             f"the load has {ratio:.2g} times the motor's inertia, seen from the output: "
             "the two-region law may keep a slow limit cycle",
-            "leave law at auto and call identify: once it has found inertia and friction, law two_encoder acts"
+            "leave law at auto and call identify: once it has found inertia and friction, law 'planned' acts"
             + _by_design(
                 around,
                 "; or choose its gains (backlash design DRIVE --out gains.yaml; backlash check DRIVE gains.yaml)",
@@ -259,7 +259,7 @@ def _alone(drive: Drive, around: Surroundings) -> Iterator[Warned]:
     )
     if (counts := _counts_in_gap(drive, around).get("motor", math.inf)) < COARSE_ALONE:
         yield Warned(
-            f"the gap has {counts:.2g} counts of the only encoder, the motor's: below {COARSE_ALONE} law two_encoder, "
+            f"the gap has {counts:.2g} counts of the only encoder, the motor's: below {COARSE_ALONE} law 'planned', "
             "and so law auto once the drive is identified, may rattle",
             "set law: two_region, or use a finer encoder; backlash simulate shows both",
         )

@@ -1,4 +1,4 @@
-"""The pictures of docs/law.md that explain law two_encoder: a flight, its landing, and a load torque in hold."""
+"""The pictures of docs/law.md, of the law of planned moves: a flight, its landing, and a load torque in hold."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from backlash_ros.control import Servo, ServoSettings
-from backlash_ros.control.laws.two_encoder.memory import FLIGHT, Memory, memory_at
+from backlash_ros.control.laws.planned.memory import FLIGHT, Memory, memory_at
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.sensors import POSITIONS, Sensors
 from backlash_ros.foundation.record import Array
@@ -61,7 +61,7 @@ class Trace:
 
 def trace() -> Trace:
     """Simulate the nominal drive, as identified: a step, and a load torque once the load is at rest."""
-    settings = ServoSettings(gains(), period=PERIOD, backlash_angle=_B, identified=True).with_law("two_encoder")
+    settings = ServoSettings(gains(), period=PERIOD, backlash_angle=_B, identified=True).with_law("planned")
     servo, drive = Servo(NOMINAL_DRIVE, settings), SimulatedDrive(NOMINAL_DRIVE, PERIOD, sensors=_ENCODERS)
     rows, memories = [], []
     for k in range(round(_ENDS / PERIOD)):
@@ -211,7 +211,7 @@ def draw(out: Path) -> list[str]:
     with staging(out / "pictures") as folder, plt.rc_context({"axes.grid": True, "grid.alpha": 0.3}):
         for name, make in FIGURES.items():
             figure = make(done)
-            figure.savefig(folder / f"two_encoder_{name}.png", dpi=110)
+            figure.savefig(folder / f"planned_{name}.png", dpi=110)
             plt.close(figure)
         files = sorted(folder.iterdir())
         for file in files:

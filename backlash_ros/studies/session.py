@@ -10,13 +10,13 @@ from backlash_ros.recordings.bag import Recording
 from backlash_ros.studies.metrics import Array, step_response
 
 PAPER = ("fast", "overdamped", "two_region")
-COMPARED = ("two_region", "two_encoder")
+COMPARED = ("two_region", "planned")
 """The laws of the paper; its adaptive one, and ours."""
 LABELS = {
     "fast": "fast gains alone",
     "overdamped": "over-damped gains alone",
     "two_region": "two-region law (paper)",
-    "two_encoder": "two-encoder law (ours)",
+    "planned": "planned moves (ours)",
 }
 _MOVED = 0.01
 """Distance from rest that shows that a load torque acts, in b."""

@@ -18,7 +18,7 @@ _LINES: dict[str, Any] = {
     "fast": {"color": "C1", "linewidth": 0.9},
     "overdamped": {"color": "C0", "linewidth": 1.6, "linestyle": "-."},
     "two_region": {"color": "black", "linewidth": 1.8, "linestyle": "--"},
-    "two_encoder": {"color": "C2", "linewidth": 2.6},
+    "planned": {"color": "C2", "linewidth": 2.6},
 }
 _SHOWN, _RISE, _LOADED = (2.5, 4.0), 0.4, 1.0
 """Times that are shown, s: of a step near its target, by part; of a whole step; after a load torque."""

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 FRICTION = 0.02 * NOMINAL_DRIVE.standstill_torque()
 DRIVE = replace(NOMINAL_DRIVE, load=replace(NOMINAL_DRIVE.load, coulomb_friction=FRICTION))
 SENSORS = Sensors(measured=POSITIONS, motor_counts=2.0**12, load_counts=2.0**16)
-LAWS = {"cascade": "PID with feedforward", "two_region": "law two_region", "two_encoder": "law two_encoder"}
+LAWS = {"cascade": "PID with feedforward", "two_region": "law two_region", "planned": "law planned"}
 DRAWN = sine(0.5, 0.5)
 RATE = 250.0
 B = DRIVE.gear.backlash_angle

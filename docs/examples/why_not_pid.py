@@ -75,11 +75,11 @@ def row(name: str, drive: Drive, settings: ServoSettings) -> str:
 
 
 def draw(path: str, drive: Drive) -> None:
-    """Draw the load near its target, before and after: a PID that is tuned without a gap, and law two_encoder."""
+    """Draw the load near its target, before and after: a PID tuned without a gap, and the law of planned moves."""
     import matplotlib.pyplot as plt  # noqa: PLC0415 - takes a second
 
     b = drive.gear.backlash_angle
-    before, after = settings_of(drive, "cascade", *NO_GAP, 0.0), settings_of(drive, "two_encoder")
+    before, after = settings_of(drive, "cascade", *NO_GAP, 0.0), settings_of(drive, "planned")
     figure, panels = plt.subplots(1, 2, figsize=(9.0, 2.7), sharey=True, layout="constrained")
     cases = (
         ("before: a PID, fast", before, "C1"),
@@ -108,7 +108,7 @@ def main(words: Sequence[str] | None = None) -> None:
         ("PID, tuned on it", "cascade", plain),
         ("PID with a dead band, tuned on it", "cascade", banded),
         ("law two_region", "two_region", ()),
-        ("law two_encoder", "two_encoder", ()),
+        ("law planned", "planned", ()),
     )
     for pid in (plain, banded):
         print("tuned: {:g} rad/s for the position, {:g} rad/s for the speed, dead band {:g} b".format(*pid))

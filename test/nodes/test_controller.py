@@ -63,7 +63,7 @@ REAL = Sensors(
 )
 LATE = Delay(sample=0.4 * 0.004, command=0.9 * 0.004, sample_jitter=0.2 * 0.004, command_jitter=0.2 * 0.004)
 ENDS = {"position_upper": 1.0, "soft_zone": 0.3, "command": 15.0}
-LARGEST = {"overdamped": (0.0, 2.0), "elastic_lqg": (8.0, ENDS["command"]), "two_encoder": (8.0, ENDS["command"])}
+LARGEST = {"overdamped": (0.0, 2.0), "elastic_lqg": (8.0, ENDS["command"]), "planned": (8.0, ENDS["command"])}
 """Between which the largest command is, V, of a law without memory, one with states and one with a plan."""
 
 

@@ -70,9 +70,9 @@ def test_healthy_pair_is_ok_and_says_how_it_runs(start: Start, peer: Peer) -> No
 
 def test_a_law_that_another_stands_in_for_is_said_to_wait(start: Start, peer: Peer) -> None:
     diagnostics = Diagnostics(peer)
-    process = start("controller", law="two_encoder", backlash_angle=0.02, **PATIENT)
+    process = start("controller", law="planned", backlash_angle=0.02, **PATIENT)
     start("plant_simulator")
-    waits = "law 'two_encoder' uses the over-damped gains, which are slow, until the drive is identified: call identify"
+    waits = "law 'planned' uses the over-damped gains, which are slow, until the drive is identified: call identify"
     diagnostics.wait("/controller: servo", "waiting", lambda s: s.level == OK and s.message == f"active; {waits}")
     assert process.output().count(waits) == 1
     assert Parameters(peer, "controller").set(identified=True) == (True, "")
@@ -81,15 +81,15 @@ def test_a_law_that_another_stands_in_for_is_said_to_wait(start: Start, peer: Pe
     peer.wait("the line in the log", lambda: process.output().count(waits) == 2)
 
 
-def test_auto_takes_the_law_for_two_encoders_once_the_drive_is_identified(start: Start, peer: Peer) -> None:
+def test_auto_takes_the_law_of_planned_moves_once_the_drive_is_identified(start: Start, peer: Peer) -> None:
     diagnostics = Diagnostics(peer)
     process = start("controller", backlash_angle=0.02, **PATIENT)
     start("plant_simulator")
-    until = "law 'auto' is 'two_region' until the drive is identified, and 'two_encoder' from then on: call identify"
+    until = "law 'auto' is 'two_region' until the drive is identified, and 'planned' from then on: call identify"
     peer.wait("the line in the log", lambda: until in process.output())
     assert Parameters(peer, "controller").set(identified=True) == (True, "")
-    values = diagnostics.wait("/controller: servo", "the other law", lambda s: "two_encoder" in str(s.values))
-    assert (values["law"], values["law_in_use"]) == ("auto", "two_encoder")
+    values = diagnostics.wait("/controller: servo", "the other law", lambda s: "planned" in str(s.values))
+    assert (values["law"], values["law_in_use"]) == ("auto", "planned")
 
 
 @pytest.mark.parametrize(("rate", "level"), [(225.0, WARN), (125.0, ERROR)])

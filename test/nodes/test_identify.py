@@ -13,7 +13,7 @@ from graph import Parameters, Peer
 
 from backlash_ros.control import DEFAULT_WEIGHTS, FaultThresholds, design_gains
 from backlash_ros.control.estimates import DriveIdentity, parse
-from backlash_ros.control.laws.two_encoder.memory import PHASES
+from backlash_ros.control.laws.planned.memory import PHASES
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.parameters import FOUND, drive_of
 from backlash_ros.studies.evaluation.population import draw_member
@@ -101,24 +101,24 @@ def test_one_encoder_is_enough_from_unknown_to_quiet(rig: Callable[..., Rig], en
     assert found["backlash_angle"] == pytest.approx(gap, rel=GAP_NEAR)
     assert found["load.inertia"] == pytest.approx(drive.load.inertia, rel=INERTIA_NEAR)
     assert "K_m" not in answer.message  # one encoder does not show it
-    assert answer.message.endswith("; law two_encoder acts")
+    assert answer.message.endswith("; law planned acts")
     made.drive.run(round(STAND * member.rate))
     time, position = made.step(0.5, 3.0)
     move = judge_move(time, position, made.start + 0.5, gap, member.load_count)
     assert move.swing <= threshold(QUIET, gap, member.load_count)
     assert move.error <= threshold(PRECISE, gap, member.load_count)
-    assert "law 'auto' is 'two_encoder'" in made.process.output()
+    assert "law 'auto' is 'planned'" in made.process.output()
 
 
 @pytest.mark.grid  # the demo shows it, too
-def test_from_unknown_to_quiet_with_the_law_for_two_encoders(rig: Callable[..., Rig], peer: Peer) -> None:
+def test_from_unknown_to_quiet_with_the_law_of_planned_moves(rig: Callable[..., Rig], peer: Peer) -> None:
     """Learned and identified by services, the law by parameter: it plans its move, lands and rests."""
     member = draw_member(SEED, 2, "core")
     made = rig(member)
     for service in ("learn", "identify"):
         answer = made.drive.call(service)
         assert answer.success, answer.message
-    assert made.parameters.set(law="two_encoder") == (True, "")
+    assert made.parameters.set(law="planned") == (True, "")
     phases = list[str]()
 
     def hear(message: DiagnosticArray) -> None:

@@ -41,7 +41,7 @@ def test_the_node_is_quiet_and_precise_in_mujoco(start: Callable[..., Process], 
     member = draw_member(SEED, NUMBER, "core")
     b, count = member.drive.gear.backlash_angle, member.load_count
     file = tmp_path / "drive.yaml"
-    known = {"loop_delay": member.delay.mean, "backlash_angle": b, "identified": True, "law": "two_encoder"}
+    known = {"loop_delay": member.delay.mean, "backlash_angle": b, "identified": True, "law": "planned"}
     values = {**values_of(member.drive), **known, "rate": member.rate, "state_timeout": 10.0}
     file.write_text(yaml.safe_dump({"/**": {"ros__parameters": values}}))
     start("controller", "--params-file", str(file))

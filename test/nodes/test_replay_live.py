@@ -81,7 +81,7 @@ def test_a_session_is_replayed_to_the_last_bit(start: Callable[..., Process], pe
     session.wait(1.0)
     session.torque.publish(Float64(data=0.1))
     session.wait(1.0)
-    assert parameters.set(law="two_encoder", identified=True) == (True, "")
+    assert parameters.set(law="planned", identified=True) == (True, "")
     session.go(1.5, 1.5)
     session.begin("learn", LEARNING)
     session.wait(0.5)

@@ -313,7 +313,7 @@ def test_the_script_of_the_quick_start_learns_and_steps(start: Start, peer: Peer
     assert done.returncode == 0, said
     assert "/plant_simulator/reset_fault: no fault was latched" in said
     assert "learn: backlash 0.0" in said
-    assert "law two_encoder acts" in said
+    assert "law planned acts" in said
     assert "the controller follows 0.5 rad" in said
     peer.wait("the load at its target", lambda: abs(samples[-1].position[samples[-1].name.index("load")] - 0.5) < 0.02)
 

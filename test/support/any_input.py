@@ -153,7 +153,7 @@ LIKELY = (
     "log",
     "ms",
     "output",
-    "two_encoder",
+    "planned",
     "fast",
     "load.inertia=1e-3",
     "gear.backlash=x",
@@ -337,7 +337,7 @@ def _without_files(folder: Path, chance: random.Random) -> list[str]:
         [
             ["measure", f"--namespace={odd}", "--out", file],
             ["measure", f"--rated-torque={odd}", "--out", str(folder)],
-            ["figures", "two_encoder", "--out", file],
+            ["figures", "planned", "--out", file],
             ["figures", "--out", str(folder), "--page", str(folder)],
             ["live", "--out", file],
             ["live", "--drive", file],

@@ -101,7 +101,7 @@ may grow by the sum of
   is estimated, it is the error that the smaller k1 leaves, if that is more,
 - `faults.tracking`: by default the way at 1.5 times the no-load speed in the mechanical time constant and 25 ms (3.24
   rad for the nominal drive). Healthy loops at their limits go as far: steps of 10 rad at 100 Hz need 1.5 rad
-  (`elastic_lqg`) and 0.7 rad (`two_encoder`), a load torque of 3.3 N m at full speed 2 rad. At least 0.05 rad and twice
+  (`elastic_lqg`) and 0.7 rad (`planned`), a load torque of 3.3 N m at full speed 2 rad. At least 0.05 rad and twice
   `gear.backlash_angle`, and never less than twice the learned gap.
 
 More latches the fault, so law, gains, plans or estimates that are wrong cannot take the load further. A drift of less

@@ -69,6 +69,6 @@ def of_steel(number: int) -> Member:
 
 
 def known(member: Member) -> ServoSettings:
-    """Return the settings of a controller that knows a drive and its gap, with the law for two encoders."""
-    settings = settings_for(member.drive, member).with_law("two_encoder")
+    """Return the settings of a controller that knows a drive and its gap, with the law of planned moves."""
+    settings = settings_for(member.drive, member).with_law("planned")
     return replace(settings, backlash_angle=member.drive.gear.backlash_angle, identified=True)

@@ -17,7 +17,7 @@ RUN_BY = {
     r"dask |backlash .*--scheduler": "test/unit/test_evaluation.py",
     r"backlash identify results/step.csv": "test/unit/test_simulate.py",
     r"backlash identify|backlash .*results/axis": "test/unit/test_identify_command.py",
-    r"backlash figures two_encoder": "test/unit/test_law_pictures.py",
+    r"backlash figures planned": "test/unit/test_law_pictures.py",
     r"backlash lost-motion": "test/unit/test_lost_motion_command.py",
     r"backlash setup": "test/unit/test_setup.py",
     r"backlash measure": "test/nodes/test_measure.py",

@@ -71,9 +71,9 @@ def test_two_region_law_comes_to_rest(summary: dict) -> None:
     assert summary["responses"]["overdamped"]["residual"] <= 0.02
 
 
-def test_law_for_two_encoders_comes_to_rest_where_the_two_region_law_does_not(summary: dict) -> None:
-    assert summary["responses"]["two_encoder"]["residual"] <= 0.02
-    assert summary["heavy_responses"]["two_encoder"]["residual"] <= 0.02
+def test_law_of_planned_moves_comes_to_rest_where_the_two_region_law_does_not(summary: dict) -> None:
+    assert summary["responses"]["planned"]["residual"] <= 0.02
+    assert summary["heavy_responses"]["planned"]["residual"] <= 0.02
     assert summary["heavy_responses"]["two_region"]["residual"] >= 0.3
 
 
@@ -97,7 +97,7 @@ def test_gains_are_swapped_while_the_load_moves(summary: dict) -> None:
 
 
 def test_load_torque_is_estimated_and_held(summary: dict) -> None:
-    assert set(summary["load_steps"]) == {"two_region", "two_encoder"}
+    assert set(summary["load_steps"]) == {"two_region", "planned"}
     for load in summary["load_steps"].values():
         assert load["torque"] == 0.1
         assert load["estimate"] == pytest.approx(0.1, rel=0.05)

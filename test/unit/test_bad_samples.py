@@ -89,7 +89,7 @@ UNITS: dict[str, tuple[int, float]] = {
 
 @pytest.mark.corners(26)
 @pytest.mark.parametrize("name", ["arriving", "learning"])
-@pytest.mark.parametrize("law", ["fast", "two_region", "cascade", "two_encoder"])
+@pytest.mark.parametrize("law", ["fast", "two_region", "cascade", "planned"])
 @pytest.mark.parametrize(("signal", "factor"), UNITS.values(), ids=UNITS)
 def test_wrong_unit_or_sign_is_a_fault_during_the_first_move(name: str, law: str, signal: int, factor: float) -> None:
     """Wrong from the first sample on, at rest, where it shows nothing yet: the move is a step of 1 rad, or the kick."""

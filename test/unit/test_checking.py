@@ -98,7 +98,7 @@ def test_gains_that_would_be_refused_fail(tmp_path: Path, capsys: pytest.Capture
             "there is no parameter 'moter.inertia', got 1e-05: did you mean 'motor.inertia'?",
         ),
         ({"rates": 500.0}, "there is no parameter 'rates', got 500.0: did you mean 'rate'?"),
-        ({"law": "two_encoders"}, "'two_encoder', 'two_region'], got 'two_encoders'"),
+        ({"law": "plan"}, "'planned', 'switched_linear', 'two_region'], got 'plan'"),
         ({"load": {"inertia": math.nan}}, "load.inertia must be a finite number, >= 1e-09 kg m^2"),
         ({"sensors": {"measured": 3}}, "sensors.measured must be a list with something in it, got 3"),
         ({"gain_set_names": []}, "gain_set_names must be a list with something in it, got []"),

@@ -111,8 +111,8 @@ def test_a_fault_is_told_before_its_diagnosis_and_gone_before_it() -> None:
 
 
 def test_only_what_the_acting_law_uses_is_said() -> None:
-    seen = Seen().now(region=1.0, phase=2.0).says("controller: servo", law_in_use="two_encoder")
-    assert state.acts(seen.axis) == "law two_encoder: hold"
+    seen = Seen().now(region=1.0, phase=2.0).says("controller: servo", law_in_use="planned")
+    assert state.acts(seen.axis) == "law planned: hold"
     seen.says("controller: servo", law_in_use="two_region")
     assert state.acts(seen.axis) == "law two_region: fast gains"
     assert state.acts(seen.now(holding=0.0).axis) == ""
@@ -136,7 +136,7 @@ def found_by_identify(*symbols: str) -> str:
 @pytest.mark.parametrize(
     ("symbols", "identified", "result", "gain"),
     [
-        ((), False, "the load is not known", "would let law two_encoder plan moves: faster and calmer"),
+        ((), False, "the load is not known", "would let law planned act: faster and calmer"),
         (
             ("b", "J_l"),
             False,
@@ -173,7 +173,7 @@ _HEAVY = "a load with 0.6 of the motor's inertia may rattle: identify, too"
             "two_region",
             f"in use by law two_region; {_HEAVY}",
         ),
-        (1.2e-3, "two_encoder", "in use by law two_encoder"),
+        (1.2e-3, "planned", "in use by law planned"),
         (1.1e-3, "fast", "law fast does not use it"),
     ],
 )

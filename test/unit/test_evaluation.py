@@ -250,9 +250,9 @@ KEYS = {
     ("changes", "law"),
     [
         ({}, "two_region"),
-        ({"model": "identified"}, "two_encoder"),
-        ({"model": "true"}, "two_encoder"),
-        ({"model": "identified", "encoders": "load"}, "two_encoder"),
+        ({"model": "identified"}, "planned"),
+        ({"model": "true"}, "planned"),
+        ({"model": "identified", "encoders": "load"}, "planned"),
     ],
 )
 def test_the_default_law_is_what_auto_stands_for(changes: dict[str, Any], law: str) -> None:
@@ -376,13 +376,13 @@ def test_the_page_is_filled_from_a_report(tmp_path: Path) -> None:
 
 def test_the_default_law_is_judged_unless_others_are_named() -> None:
     assert Task(1).laws == ("fast", "overdamped", "two_region")
-    assert Task(1, model="identified").laws == ("fast", "overdamped", "two_region", "two_encoder")
+    assert Task(1, model="identified").laws == ("fast", "overdamped", "two_region", "planned")
     assert Task(1, model="identified", laws=("fast",)).laws == ("fast",)
     task = Task(1, model="identified")
     collected = Collected(task.laws)
     collected.add(EASY, {"learned": asdict(GOOD_LEARNED), "laws": dict.fromkeys(task.laws, asdict(GOOD))})
     report = report_of(task, 1, collected, [], "")
-    assert report["judged_law"] == report["summary"]["default_law"] == "two_encoder"
+    assert report["judged_law"] == report["summary"]["default_law"] == "planned"
     assert all("--laws" not in each["command"] for each in report["worst"])
 
 

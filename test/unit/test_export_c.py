@@ -85,7 +85,7 @@ def build(folder: Path, *words: str) -> None:
 
 @in_c
 @pytest.mark.parametrize("drive", DRIVES)
-@pytest.mark.parametrize("law", ["two_region", "two_encoder", "dual_loop"])
+@pytest.mark.parametrize("law", ["two_region", "planned", "dual_loop"])
 @pytest.mark.corners(3)
 def test_a_recording_is_replayed_bit_for_bit(law: str, drive: str, tmp_path: Path) -> None:
     controller = controller_of(written(tmp_path, DRIVES[drive]), law)
@@ -227,7 +227,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.skip("no C compiler")
     made = tmp_path_factory.mktemp("c")
     limits = "limits: {position_lower: -1.0, position_upper: 2.0, step: 1.5}\nfaults: {velocity: 20.0}"
-    return put(made / "axis", files_of(controller_of(written(made, f"{IDENTIFIED}\n{limits}"), "two_encoder"), 1))
+    return put(made / "axis", files_of(controller_of(written(made, f"{IDENTIFIED}\n{limits}"), "planned"), 1))
 
 
 ACCEPTED, LATCHED, NOT_HOLDING, NO_NUMBER, OUTSIDE, LEAP, TOO_FAST = range(7)
@@ -373,12 +373,12 @@ def refusal(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
         ("load: {inertia: 0.0}", "cascade", "load.inertia must be >= 1e-09 kg m^2"),
         (
             "rate: 250.0",
-            "two_encoder",
-            "law = 'two_encoder' acts once the backlash is learned and the drive is identified",
+            "planned",
+            "law = 'planned' acts once the backlash is learned and the drive is identified",
         ),
         ("backlash_angle: 0.02", "dual_loop", "law = 'dual_loop' acts once the drive is identified, which"),
         ("profile: {mode: auto}", "cascade", "profile.mode must be 'step': in C a reference is a step, got 'auto'"),
-        (f"{IDENTIFIED}\n{ONE_ENCODER}", "two_encoder", "law = 'two_encoder' needs both encoders"),
+        (f"{IDENTIFIED}\n{ONE_ENCODER}", "planned", "law = 'planned' needs both encoders"),
         ("load: [", "cascade", "line"),
     ],
 )

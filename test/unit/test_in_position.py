@@ -25,7 +25,7 @@ PERIOD = 0.004
 class Axis:
     """A servo with its drive, and what is said of its position."""
 
-    def __init__(self, gains: GainSet, counts: float = 65536.0, law: str = "two_encoder", **limits: float) -> None:
+    def __init__(self, gains: GainSet, counts: float = 65536.0, law: str = "planned", **limits: float) -> None:
         chosen = replace(ServoSettings(gains).with_law(law), backlash_angle=B, identified=True)
         self.servo = Servo(NOMINAL_DRIVE, chosen, replace(Limits.of(NOMINAL_DRIVE), **limits))
         encoders = Sensors(measured=POSITIONS, motor_counts=65536.0, load_counts=counts)

@@ -1,4 +1,4 @@
-"""The pictures that explain law two_encoder: the page's command writes those that the page shows, of what it says."""
+"""The pictures that explain the law of planned moves: the page's command writes what the page shows, as it says."""
 
 import shlex
 from pathlib import Path
@@ -18,7 +18,7 @@ def test_the_command_writes_the_pictures_of_the_page(tmp_path: Path, monkeypatch
     assert main(shlex.split(command)[1:]) == 0
     page = (ROOT / "docs" / "law.md").read_text()
     written = {path.name: path.read_bytes() for path in (tmp_path / "docs" / "images").iterdir()}
-    assert set(written) == {f"two_encoder_{name}.png" for name in FIGURES}
+    assert set(written) == {f"planned_{name}.png" for name in FIGURES}
     for name, content in written.items():
         assert f"](images/{name})" in page
         for picture in (content, (ROOT / "docs" / "images" / name).read_bytes()):
@@ -39,6 +39,6 @@ def test_the_load_is_parked_free_and_then_held() -> None:
 
 def test_the_page_of_the_paper_has_no_such_pictures(tmp_path: Path) -> None:
     with pytest.raises(SystemExit) as end:
-        main(["figures", "two_encoder", "--out", str(tmp_path), "--page", str(tmp_path / "page.md")])
+        main(["figures", "planned", "--out", str(tmp_path), "--page", str(tmp_path / "page.md")])
     assert end.value.code == 2
     assert not [*tmp_path.iterdir()]

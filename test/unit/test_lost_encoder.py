@@ -49,7 +49,7 @@ class Frozen:
         measured[angle] = self._at
 
 
-def settings_of(gains: GainSet, law: str = "two_encoder", what: str = "continue") -> ServoSettings:
+def settings_of(gains: GainSet, law: str = "planned", what: str = "continue") -> ServoSettings:
     return ServoSettings(gains, law=law, backlash_angle=B, identified=True, on_lost_encoder=what)
 
 
@@ -85,7 +85,7 @@ def loss(number: int, side: str, wrong: Wrong) -> Loss:
     member, random = draw_member(270827, number, "core"), np.random.default_rng(number)
     drive, b, start = member.drive, member.drive.gear.backlash_angle, first_reading(member)
     settings = replace(
-        settings_for(drive, member), law="two_encoder", backlash_angle=b, identified=True, on_lost_encoder="continue"
+        settings_for(drive, member), law="planned", backlash_angle=b, identified=True, on_lost_encoder="continue"
     )
     servo = Servo(drive, settings)
     plant = SimulatedDrive(drive, settings.period, sensors=member.sensors, delay=member.delay, seed=number)

@@ -346,7 +346,7 @@ def test_no_law_goes_beyond_the_largest_command(drive: Drive, law: str) -> None:
         commands.append(rig.servo.update(rig.sample()))
         rig.plant.advance(commands[-1], 0.0, 0.004)
     assert max(map(abs, commands)) <= 3.0
-    if law != "two_encoder":  # which plans for less
+    if law != "planned":  # which plans for less
         assert max(map(abs, commands)) == 3.0
     assert rig.servo.fault == ""
     assert rig.plant.load_angle == pytest.approx(4.0, abs=0.05)

@@ -57,7 +57,7 @@ def test_our_law_follows_closer_than_the_papers() -> None:
     """On one drive that it has learned and identified; the suite's populations say how often."""
     ready, path = prepare(Task(3, "core", "identified"), MEMBER), PATHS[0]
     ours, papers = (
-        motion.follow(MEMBER, path, ready.settings.with_law(law), ready.known) for law in ("two_encoder", "two_region")
+        motion.follow(MEMBER, path, ready.settings.with_law(law), ready.known) for law in ("planned", "two_region")
     )
     assert ours.fault == papers.fault == ours.failure == ""
     assert ours.rms < 0.1
@@ -72,7 +72,7 @@ def test_teeth_that_beat_from_flank_to_flank_come_to_rest_again() -> None:
         settings_for(member.drive, member), identified=True, backlash_angle=member.drive.gear.backlash_angle
     )
     fast = next(path for path in PATHS if path.name == "sine 0.05 rad 8 Hz")
-    assert motion.follow(member, fast, settings.with_law("two_encoder"), member.drive).rms < 0.6
+    assert motion.follow(member, fast, settings.with_law("planned"), member.drive).rms < 0.6
 
 
 def test_a_run_that_is_impossible_is_a_row_with_its_reason() -> None:

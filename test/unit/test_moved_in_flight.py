@@ -1,4 +1,4 @@
-"""The law for two encoders where the reference moves again in flight: the new plan begins where the motor is.
+"""The law of planned moves where the reference moves again in flight: the new plan begins where the motor is.
 
 `benchmarks/moved_in_flight.py` counts on many drives how such moves end; docs/evaluation.md has its table.
 """
@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from backlash_ros.control import GainSet, Servo, ServoSettings
-from backlash_ros.control.laws.two_encoder.constants import constants_at
-from backlash_ros.control.laws.two_encoder.memory import FLIGHT, memory_at
-from backlash_ros.control.laws.two_encoder.plan import evaluate, length_of
+from backlash_ros.control.laws.planned.constants import constants_at
+from backlash_ros.control.laws.planned.memory import FLIGHT, memory_at
+from backlash_ros.control.laws.planned.plan import evaluate, length_of
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import Sensors
@@ -31,7 +31,7 @@ def test_a_plan_made_in_flight_begins_where_the_motor_is_and_ends_quiet(number: 
     """So all of a jump of the command is the plan's; without delay, as the motor is observed at the sample itself."""
     member = replace(draw_member(1, number, "core"), delay=Delay())
     drive, b = member.drive, member.drive.gear.backlash_angle
-    settings = settings_for(drive, member).with_law("two_encoder")
+    settings = settings_for(drive, member).with_law("planned")
     servo = Servo(drive, replace(settings, backlash_angle=b, identified=True))
     plant = SimulatedDrive(drive, 1.0 / member.rate, sensors=member.sensors)
     constants, memory = constants_at(servo.law_arrays[0]), memory_at(servo.law_arrays[1])
@@ -70,7 +70,7 @@ def test_a_load_torque_that_helps_does_not_carry_the_load_past_a_reference_that_
 ) -> None:
     """The load is met on its front side: it must not fall ahead of the motor, however fast it is."""
     b, period = NOMINAL_DRIVE.gear.backlash_angle, 0.004
-    settings = replace(ServoSettings(gains).with_law("two_encoder"), backlash_angle=b, identified=True)
+    settings = replace(ServoSettings(gains).with_law("planned"), backlash_angle=b, identified=True)
     servo = Servo(NOMINAL_DRIVE, settings)
     encoders = Sensors(measured=("theta_m", "theta_l"), motor_counts=4096.0, load_counts=65536.0)
     plant = SimulatedDrive(NOMINAL_DRIVE, period, sensors=encoders)
@@ -116,7 +116,7 @@ def test_a_law_that_takes_a_rattling_load_over_does_not_take_its_blows_for_a_loa
         run(1)
         assert servo.set_reference(start + 2.0 * b) == ""
         assert np.ptp(run(round(1.2 * member.rate) + phase)[-round(0.3 * member.rate) :]) > b
-        settings = replace(settings_for(known, member).with_law("two_encoder"), identified=True, backlash_angle=b)
+        settings = replace(settings_for(known, member).with_law("planned"), identified=True, backlash_angle=b)
         servo.use(settings, drive=known)
         run(round(0.1 * member.rate))
         assert servo.set_reference(start + 0.5) == ""

@@ -179,7 +179,7 @@ def test_a_path_stays_within_the_travel_and_its_mirror_image_mirrors_it(
     np.testing.assert_array_equal(setpoints(-references, limits, ahead=ahead), -seen)
 
 
-# What the load does: the law for two encoders ran away from such references
+# What the load does: the law of planned moves ran away from such references
 
 
 def ramp(time: float) -> float:
@@ -236,7 +236,7 @@ def followed(
 def test_a_path_of_references_is_followed(
     number: int, path: Callable[[float], float], hz: float, torque: float | None, friction: float | None
 ) -> None:
-    off, end, faulted = followed("two_encoder", number, path, hz, torque, friction)
+    off, end, faulted = followed("planned", number, path, hz, torque, friction)
     assert off <= 8.0
     assert end <= 0.25
     assert not faulted
@@ -267,7 +267,7 @@ def off_the_sine(number: int, hz: float) -> float:
     """Rms distance, in b, of the load from the sine that a stream draws, without the stream's delay."""
     member = draw_member(20, number, "core")
     drive, b, period = member.drive, member.drive.gear.backlash_angle, 1.0 / member.rate
-    chosen = replace(settings_for(drive, member).with_law("two_encoder"), backlash_angle=b, identified=True)
+    chosen = replace(settings_for(drive, member).with_law("planned"), backlash_angle=b, identified=True)
     servo, plant = Servo(drive, chosen), SimulatedDrive(drive, period, sensors=member.sensors, delay=member.delay)
     origin, time = first_reading(member), period * np.arange(round(6.0 / period)) - 1.0
     angles, slot = np.empty(time.size), -1
@@ -301,7 +301,7 @@ def test_half_of_the_drives_follow_a_stream_within_a_twentieth_of_the_gap(hz: fl
 
 
 def test_a_pause_with_rounding_in_it_is_held_and_not_followed(gains: GainSet) -> None:
-    chosen = replace(ServoSettings(gains).with_law("two_encoder"), backlash_angle=B, identified=True)
+    chosen = replace(ServoSettings(gains).with_law("planned"), backlash_angle=B, identified=True)
     servo, plant = Servo(NOMINAL_DRIVE, chosen), SimulatedDrive(NOMINAL_DRIVE, PERIOD, sensors=ENCODERS)
     forces = []
     for k in range(1500):

@@ -1,4 +1,4 @@
-"""MuJoCo plays drives of the population against the law for two encoders, which is quiet and precise there, too.
+"""MuJoCo plays drives of the population against the law of planned moves, which is quiet and precise there, too.
 
 The servo, compiled as the node calls it, gets the samples of MuJoCo's plant; `test/nodes/test_mujoco_node.py` plays one
 of the drives against the node itself, which over DDS would take too long for all. The servo knows each drive, and so

@@ -47,7 +47,7 @@ def test_its_cells_run_and_show_what_they_say(tmp_path: Path, monkeypatch: pytes
     }
     assert swing["rattling"] > 0.5
     assert swing["quiet"] < 0.05
-    assert names["quiet"].law == "two_encoder"
+    assert names["quiet"].law == "planned"
     assert abs(names["quiet"].error[-1]) < 0.25 * names["found"].angle
     assert [type(each).__name__ for each in shown] == [
         *("Drive", "Run", "Figure", "DriveEstimate", "Run", "Figure", "DataFrame")

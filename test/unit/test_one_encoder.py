@@ -1,4 +1,4 @@
-"""The planned law with one encoder alone: drives drawn at random, what it does at rest, and what a lost model does."""
+"""The law of planned moves with one encoder: drives drawn at random, how it rests, and what a lost model does."""
 
 import math
 from dataclasses import replace
@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from backlash_ros.control import GainSet, Servo, ServoSettings
 from backlash_ros.control.laws import law_of
-from backlash_ros.control.laws.two_encoder.constants import FINEST_ERROR
-from backlash_ros.control.laws.two_encoder.memory import Count, Memory, memory_at
-from backlash_ros.control.laws.two_encoder.motor_count import find_count
+from backlash_ros.control.laws.planned.constants import FINEST_ERROR
+from backlash_ros.control.laws.planned.memory import Count, Memory, memory_at
+from backlash_ros.control.laws.planned.motor_count import find_count
 from backlash_ros.control.motion.setpoint import Polynomials
 from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.drivetrain.delay import Delay
@@ -32,7 +32,7 @@ KEPT = {"load": THETA_L, "motor": THETA_M}
 each_encoder = pytest.mark.parametrize("encoder", SENSORS)
 
 
-def settings_of(gains: GainSet, law: str = "two_encoder", delay: float = 0.0) -> ServoSettings:
+def settings_of(gains: GainSet, law: str = "planned", delay: float = 0.0) -> ServoSettings:
     return ServoSettings(gains, law=law, backlash_angle=B, identified=True, loop_delay=delay)
 
 
@@ -141,7 +141,7 @@ def test_the_first_sample_shows_which_encoders_there_are(gains: GainSet) -> None
         plant = SimulatedDrive(NOMINAL_DRIVE, 0.004, sensors=Sensors(measured=seen))
         for _ in range(3):
             plant.advance(servo.update(plant.sample(), plant.elapsed))
-        assert servo.law == law_of(NOMINAL_DRIVE, auto) == "two_encoder"
+        assert servo.law == law_of(NOMINAL_DRIVE, auto) == "planned"
         assert not servo.calmed
         assert servo.settings.encoders == encoders
         servo.use(auto)

@@ -37,7 +37,7 @@ def moved() -> NodeOffline:
     node.run(123)
     node.cancel()
     node.refer(0.75)
-    node.use(law="two_encoder", identified=True)
+    node.use(law="planned", identified=True)
     node.use(loop_delay=0.001)
     node.run(101).refer(0.1)
     node.run(150)

@@ -160,7 +160,7 @@ def test_a_step_ends_in_one_way_and_the_law_that_acted_is_named(tmp_path: Path) 
         r"Step 1 with law two_region swung: 0\.\d+ b peak to peak, at [\d.]+.Hz\. To end it, identify", made.page.text
     )
     laws = [(step["law"], step["gain_set"]) for step in made.axis["steps"]]
-    assert laws == [("two_region", "nominal"), ("two_encoder", ""), *[("two_region", "nominal")] * 2]
+    assert laws == [("two_region", "nominal"), ("planned", ""), *[("two_region", "nominal")] * 2]
     first, *_, last = re.findall(r'<th scope="row"><a href="#chart-\d">.*?</tr>', made.html)
     assert [re.search('data-name="settled, s">([^<]*)', row)[1] for row in (first, last)] != ["never", "never"]
     heights = [float(each) for each in re.findall(r" ([\d.]+)", re.search(' d="M([^"]*)', first)[1])]

@@ -20,7 +20,7 @@ B = 0.02
 def held_bag(seconds: float, off: float = 0.0, start: float = math.inf, end: float = math.inf) -> PlainBag:
     """Return a step of 1 rad at 0.5 s; from ``start`` on the load is ``off`` its target, rad, and back at ``end``."""
     bag = PlainBag()
-    bag.in_use("/controller/parameters_in_use", 0.0, 1, reported.in_use("two_encoder", B))
+    bag.in_use("/controller/parameters_in_use", 0.0, 1, reported.in_use("planned", B))
     for k in range(round(seconds / 0.004)):
         time = 0.004 * k
         load = float(time >= 0.5) + off * (start <= time < end)
@@ -107,7 +107,7 @@ def test_titles_say_the_outcome(tmp_path: Path) -> None:
         bag.status("/diagnostics", time, "/controller: timing", level=2, text="a step takes long")
     made = report(bag.write(tmp_path / "bag"), tmp_path)
     titles = folds(made.html)
-    assert "Step 1: 0 to 1 rad, two_encoder: settled after 0 s" in titles
+    assert "Step 1: 0 to 1 rad, law planned: settled after 0 s" in titles
     assert "Timing: 250 Hz, none missing" in titles
     assert "Warnings and errors (1 + 2)" in titles
     assert '<p class="line">No faults.</p>' in made.html
@@ -119,7 +119,7 @@ def test_titles_say_the_outcome(tmp_path: Path) -> None:
 def test_a_step_in_a_limit_cycle_says_so_in_its_title(tmp_path: Path) -> None:
     made = report(reported.axes_bag(["/axis1"]).write(tmp_path / "bag"), tmp_path)
     (title,) = [title for title in folds(made.html) if title.startswith("Step 1")]
-    assert re.fullmatch(r"Step 1: 0 to 1 rad, fast: ended in a limit cycle, \d+ impacts", title)
+    assert re.fullmatch(r"Step 1: 0 to 1 rad, law fast: ended in a limit cycle, \d+ impacts", title)
     assert "Learning runs (1)" in folds(made.html)
     assert "Changes of gains, laws and other parameters (1)" in folds(made.html)
 
@@ -137,7 +137,7 @@ def test_an_identification_is_one_line_that_unfolds(tmp_path: Path) -> None:
         bag.sample("/joint_states", time, ("motor", "load"), (0.0, 0.0))
         bag.status("/controller/state", time, "servo", {"reference": 0.0, "phase": float(time > 3.0), "holding": 1.0})
     made = report(bag.write(tmp_path / "bag"), tmp_path)
-    assert "identified: 8 parameters (two_encoder acts)" in folds(made.html)
+    assert "identified: 8 parameters (law planned acts)" in folds(made.html)
     assert "motor.cogging: 1 to 1.01" in made.page.text
     assert "load.inertia: " not in made.page.text
     assert "less than the digits show" in made.page.text
@@ -162,7 +162,7 @@ def test_the_law_that_auto_chose_is_said(tmp_path: Path) -> None:
         bag.sample("/joint_states", 0.004 * k, ("motor", "load"), (0.0, 0.0))
         bag.status("/controller/state", 0.004 * k, "servo", {"reference": 0.0, "phase": 0.0})
     text = report(bag.write(tmp_path / "bag"), tmp_path).page.text
-    assert "law: fast to auto (two_region acts)" in text
+    assert "law: fast to auto (law two_region acts)" in text
     assert "law: auto to fast" in text
     assert "law: auto to fast (" not in text
 

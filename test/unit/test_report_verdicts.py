@@ -94,10 +94,8 @@ def test_a_step_ends_in_one_of_four_ways() -> None:
 
 
 def test_the_worst_step_is_the_furthest_from_rest_however_it_ended() -> None:
-    (said,) = of_steps(SWINGING, SETTLES, replace(UNSETTLED, law="two_encoder"), SWINGING)
-    assert said.startswith(
-        "4 steps: 1 settled, 2 ended in a limit cycle, 1 did not settle. Step 3 with law two_encoder"
-    )
+    (said,) = of_steps(SWINGING, SETTLES, replace(UNSETTLED, law="planned"), SWINGING)
+    assert said.startswith("4 steps: 1 settled, 2 ended in a limit cycle, 1 did not settle. Step 3 with law planned")
     assert "was the furthest from settled: 4.100 b peak to peak in its last second, 0.500 b off its target" in said
     assert said.endswith("To end it, learn and identify again: gap or load may have changed")
     (said,) = of_steps(SETTLES, replace(UNSETTLED, residual=0.1 * B), SWINGING)
@@ -111,7 +109,7 @@ def test_the_worst_step_is_the_furthest_from_rest_however_it_ended() -> None:
 @pytest.mark.parametrize(("law", "act"), [("fast", ""), ("two_region", "identify the drive")])
 def test_a_law_that_did_worse_in_the_recording_is_not_advised(law: str, act: str) -> None:
     axis = cast("Axis", SimpleNamespace(state={}))
-    step, worse = replace(SWINGING, law=law), replace(UNSETTLED, law="two_encoder")
+    step, worse = replace(SWINGING, law=law), replace(UNSETTLED, law="planned")
     assert cure(axis, step, [step, worse]) == act
     better = replace(worse, residual=0.0, error=0.0, settling=0.1)
     assert cure(axis, step, [step, better]).endswith("choose law auto")

@@ -83,9 +83,9 @@ def test_law_and_gains_of_files_are_those_of_a_controller(tmp_path: Path, capsys
 @pytest.mark.parametrize(
     ("words", "law"),
     [
-        ((), "two_encoder"),
-        (("--law", "auto", "--set", "laws.two_encoder.push_time=0.05"), "two_encoder"),
-        (("--set", "sensors.measured=[theta_m]"), "two_encoder"),
+        ((), "planned"),
+        (("--law", "auto", "--set", "laws.planned.push_time=0.05"), "planned"),
+        (("--set", "sensors.measured=[theta_m]"), "planned"),
         (("--law", "two_region", "--set", "sensors.measured=[theta_l]"), "two_region"),
     ],
 )

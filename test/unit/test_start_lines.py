@@ -48,8 +48,8 @@ def test_tight_margins_are_a_warning_that_names_the_region(degrees: float, delay
 
 def test_auto_says_what_it_stands_for_and_why(gains: GainSet) -> None:
     known = ServoSettings(gains, backlash_angle=0.02, identified=True)
-    until = "law 'auto' is 'two_region' until the drive is identified, and 'two_encoder' from then on: call identify"
-    assert stands_in(NOMINAL_DRIVE, known) == "law 'auto' is 'two_encoder' from now on"
+    until = "law 'auto' is 'two_region' until the drive is identified, and 'planned' from then on: call identify"
+    assert stands_in(NOMINAL_DRIVE, known) == "law 'auto' is 'planned' from now on"
     assert stands_in(NOMINAL_DRIVE, replace(known, identified=False)) == until
     steep = stands_in(NOMINAL_DRIVE, replace(known, expected_load_torque_slope=100.0))
     assert steep.startswith("law 'auto' stays 'two_region': expected_load_torque_slope must be within")

@@ -85,9 +85,9 @@ EVERY_RIG = [*((drive, "everything") for drive in DRIVES), ("nominal", "position
     [
         ("nominal", "everything", ONE_EACH),
         ("rubbing, current", "everything", ONE_EACH),
-        ("nominal", "load", [pair for pair in ONE_EACH if pair[1] != "two_encoder"]),
+        ("nominal", "load", ONE_EACH),
         pytest.param(
-            *("nominal", "load", [pair for pair in ONE_EACH if pair[1] == "two_encoder"]),
+            *("nominal", "load", [("switched_linear", "planned")]),
             marks=pytest.mark.xfail(
                 strict=True, reason="with the load's encoder alone it lands 1.3 b beyond, from 2 b away under 0.3 N m"
             ),
@@ -104,13 +104,13 @@ def test_law_swapped_under_load_goes_straight_to_where_it_settles(
         rig.run(1.5)
         far = abs(rig.plant.state[THETA_L]) > B
         rig.servo.use(settings_of(DRIVES[drive], new))
-        # The planned law rests within a band, and from afar it goes there as in any step.
-        most = (0.25 if far else 0.08) if new == "two_encoder" else 0.03
+        # The law of planned moves rests within a band, and from afar it goes there as in any step.
+        most = (0.25 if far else 0.08) if new == "planned" else 0.03
         assert beyond(rig.run(2.0)[0]) <= most * B, f"{old} to {new}"
 
 
 @pytest.mark.parametrize("sensors", ["everything", "positions"])
-@pytest.mark.parametrize("new", ["cascade", "two_encoder"])
+@pytest.mark.parametrize("new", ["cascade", "planned"])
 def test_law_swapped_while_the_monitor_is_off_starts_from_what_holds_the_load(sensors: str, new: str) -> None:
     rig = Rig(NOMINAL_DRIVE, settings_of(NOMINAL_DRIVE, "two_region"), SENSORS[sensors], watched=False)
     held = rig.run(2.5)[1][-1]
@@ -125,13 +125,13 @@ def test_law_swapped_while_the_monitor_is_off_starts_from_what_holds_the_load(se
 @pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES)
 def test_a_law_that_waited_for_the_drive_takes_the_load_over(drive: Drive, unknown: dict[str, Any]) -> None:
     """As from a law of another name: the one that stood in for it held the load."""
-    rig = Rig(drive, settings_of(drive, "two_encoder", **unknown))
+    rig = Rig(drive, settings_of(drive, "planned", **unknown))
     held = rig.run(2.5)[1][-1]
-    rig.servo.use(settings_of(drive, "two_encoder"))
+    rig.servo.use(settings_of(drive, "planned"))
     angles, commands = rig.run(2.0)
     assert commands[0] == pytest.approx(held, rel=0.1)
     assert beyond(angles) <= 0.08 * B
-    rig.servo.use(settings_of(drive, "two_encoder", **unknown))
+    rig.servo.use(settings_of(drive, "planned", **unknown))
     assert beyond(rig.run(2.0)[0]) <= 0.03 * B
 
 

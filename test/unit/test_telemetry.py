@@ -51,7 +51,7 @@ def test_telemetry_tells_experiment_and_fault(gains: GainSet) -> None:
 
 
 def test_telemetry_tells_what_the_planned_law_does(gains: GainSet) -> None:
-    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains, law="two_encoder", backlash_angle=0.02, identified=True))
+    servo = Servo(NOMINAL_DRIVE, ServoSettings(gains, law="planned", backlash_angle=0.02, identified=True))
     plant = SimulatedDrive(NOMINAL_DRIVE, 0.004)
 
     def after(samples: int) -> list[str]:

@@ -27,7 +27,7 @@ TRAVEL = replace(Limits.of(NOMINAL_DRIVE), position_lower=-1.0, position_upper=1
 class Axis:
     """A servo with its drive, whose load hangs, and all commands so far."""
 
-    def __init__(self, gains: GainSet, law: str = "two_encoder", limits: Limits | None = None) -> None:
+    def __init__(self, gains: GainSet, law: str = "planned", limits: Limits | None = None) -> None:
         settings = replace(ServoSettings(gains).with_law(law), backlash_angle=B, identified=True)
         self.servo = Servo(NOMINAL_DRIVE, settings, limits)
         self.plant = SimulatedDrive(NOMINAL_DRIVE, settings.period, sensors=COUNTS)
@@ -47,7 +47,7 @@ class Axis:
         return telemetry(self.servo, WearWatch(self.servo), active=True, parameters_version=1, samples=1, elapsed=0.004)
 
 
-@pytest.mark.parametrize("law", ["two_encoder", "two_region"])
+@pytest.mark.parametrize("law", ["planned", "two_region"])
 def test_another_zero_moves_nothing_and_all_that_goes_in_and_out_counts_from_it(gains: GainSet, law: str) -> None:
     """With a twin that keeps its zero: the same commands to the last bit, at rest and in every kind of motion."""
     axis, twin = Axis(gains, law), Axis(gains, law)

@@ -9,7 +9,7 @@ from backlash_ros.foundation.registry import Registry
 
 LAWS: Registry[NamedLaw] = Registry(__name__, __path__, "LAWS", first="two_region")
 """Every law by the name that the parameter ``law`` takes, besides `AUTO`; the paper's laws lead every table."""
-BEST, UNTIL_THEN = "two_encoder", "two_region"
+BEST, UNTIL_THEN = "planned", "two_region"
 """What `AUTO` stands for: the first if it lacks nothing and can be designed, else the second."""
 _QUIET = "overdamped"
 """The law that acts while another one lacks something: slower, and quiet with any load."""

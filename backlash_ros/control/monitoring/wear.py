@@ -93,7 +93,7 @@ class WearWatch:
             return "more than the gap: samples or commands may be late, or the gains too high for the load"
         return (
             "the gap may have grown, or the load may be lighter than load.inertia says: learn again; "
-            "a load heavier than half the motor, seen from the output, also rattles: call identify, for law two_encoder"
+            "a load heavier than half the motor, seen from the output, also rattles: call identify, for law 'planned'"
         )
 
     def look(self, measured: Measurement, elapsed: float) -> bool:

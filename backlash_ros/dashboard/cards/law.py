@@ -16,7 +16,7 @@ from backlash_ros.dashboard.cards.card import OPTIONS, Refresh, Said, Shown, lin
 from backlash_ros.dashboard.state import law_of
 
 ABOUT = {
-    AUTO: "two_encoder once backlash and load are known, else two_region",
+    AUTO: "law planned once backlash and load are known, else two_region",
     "cascade": "position loop around a speed loop, as usual in industry",
     "dual_loop": "the motor's encoder, corrected slowly by the load's",
     "elastic_lqg": "one linear compensator, as if the gap were a spring",
@@ -121,7 +121,7 @@ def _gains(page: Shown) -> Refresh:
         said.refresh(axis)
         values, law = axis.told.values, law_of(axis)
         act = ACT.get(law, ())
-        none.set_text(f"{law} acts. It does not use the fast and the over-damped gains." if law and not act else "")
+        none.set_text(f"Law {law} acts. It does not use the fast and the over-damped gains." if law and not act else "")
         for region, (part, label) in lines.items():
             part.set_visibility(bool(values) and region in act)
             if values:

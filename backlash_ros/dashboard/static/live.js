@@ -74,7 +74,7 @@ const TALL = 470; // px; in a lower chart a low row has two labels
 const BAND = [[{ yAxis: -0.5 }, { yAxis: 0.5 }]]; // the gap, about the target
 const GHOST = "step before";
 const PALE = 0.35, PALE_IN_DARK = 0.6; // opacity of the ghost: what rattled must not look like now
-const PLANS = { name: "flank, as planned", min: -2, max: 2, words: { 1: "forward", 0: "none", "-1": "back" } }; // of law two_encoder
+const PLANS = { name: "flank, as planned", min: -2, max: 2, words: { 1: "forward", 0: "none", "-1": "back" } }; // of the law of planned moves
 const ACTS = { name: "gains that act", min: 0, max: 3, words: { 1: "fast", 2: "damped" } }; // of the others
 const CURVES = [
   [GHOST, 0, "load", "dashed"], [GHOST, 1, "load", "dashed"], // below the others

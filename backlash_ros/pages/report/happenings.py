@@ -65,7 +65,7 @@ def _changed(report: AxisReport, change: Change, until: float) -> Cell:
     seen = {name: both for name, both in shown.items() if both[0] != both[1]}
     text = "; ".join(f"{name}: {old} to {new}" for name, (old, new) in seen.items())
     law = law_of(report.axis, change.time, until)[0] if in_use_at(report.axis, change.time).get("law") == AUTO else AUTO
-    acts = f" ({law} acts)" if law != AUTO and ("law" in change.values or change.identified) else ""
+    acts = f" (law {law} acts)" if law != AUTO and ("law" in change.values or change.identified) else ""
     if len(seen) <= _FEW:
         return f"{text or 'less than the digits show'}{acts}"
     return Folded(f"{'identified: ' if change.identified else ''}{counted(len(seen), 'parameter')}{acts}", text)

@@ -145,7 +145,7 @@ def step_chart(report: AxisReport, number: int, outcome: str, told: str) -> Char
     part = _part(report, start, step.end)
     panels = [_angles(report, part), *_near(report, step, part), *_gap(report, part), *_effort(report, part)]
     title = f"Step {number}: {brief(step.origin, 4)} to {brief(step.target, 4)} rad"
-    title = f"{title}{f', {step.law}' if step.law else ''}: {outcome}"
+    title = f"{title}{f', law {step.law}' if step.law else ''}: {outcome}"
     return Chart(title, told, panels, _marks(report, start, step.end))
 
 

@@ -35,7 +35,7 @@ _CREEPS = 4.0
 _SLACK = 1.25
 """Factor by which the whole range may be slower than the drives that choices were tried on."""
 
-_ADVICE = "narrow the range, add friction to the load, or take another law (two_encoder, cascade)"
+_ADVICE = "narrow the range, add friction to the load, or take another law (planned, cascade)"
 
 _RATE = (0.15, 2.0)
 """The slow pole, divided by the largest that keeps the load on its flank."""
