@@ -8,9 +8,6 @@ from backlash_ros.control.laws.planned.motor import dry_friction, loop_slowdown
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.signals import OMEGA_M, Estimate
 
-_FRICTION_RATE = 40.0
-"""Rate, 1/s, with which a motor that dry friction keeps from its target goes there. Tuned on the populations."""
-
 
 class Wanted(NamedTuple):
     """What the motor is to do."""
@@ -28,7 +25,7 @@ def voltage_for(constants: Constants, memory: Memory, wanted: Wanted) -> float:
     motor = memory.motor.predicted
     error = wanted.angle - motor.angle
     torque = wanted.torque + (
-        dry_friction(constants, wanted.speed + _FRICTION_RATE * error)
+        dry_friction(constants, wanted.speed + constants.friction_rate * error)
         + memory.motor.compensation
         + constants.stiffness / loop_slowdown(constants, memory) * error
         + constants.damping * (wanted.speed - motor.speed)

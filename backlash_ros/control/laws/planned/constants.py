@@ -49,6 +49,7 @@ class Constants(Record):
     motor_inertia: float  # J_m/n^2, kg m^2
     motor_friction: float  # B_m/n^2, N m s/rad
     motor_dry_friction: float  # N m
+    friction_rate: float  # 1/s, with which a motor that dry friction keeps from its target goes there
     load_inertia: float  # J_l, kg m^2
     load_friction: float  # B_l, N m s/rad
     load_dry_friction: float  # tau_c, N m

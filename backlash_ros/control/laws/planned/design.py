@@ -13,6 +13,7 @@ from backlash_ros.control.laws.planned.alone.start import take_over_alone
 from backlash_ros.control.laws.planned.alone.step import alone_step
 from backlash_ros.control.laws.planned.constants import FINEST_ERROR, TABLE_SIZE, Constants, constants_at
 from backlash_ros.control.laws.planned.memory import REMEMBERED, LoadTorque, Memory
+from backlash_ros.control.laws.planned.motor import FULL_FRICTION_SPEED
 from backlash_ros.control.laws.planned.parameters import PlannedParameters
 from backlash_ros.control.laws.planned.start import take_over
 from backlash_ros.control.laws.planned.step import planned_step
@@ -39,6 +40,11 @@ _MOST_FASTER = 2.0
 """Factor by which the bandwidths grow at most. Tuned on the populations."""
 _INSTANT = 2e4
 """Rate, 1/s, with which an imposed current is reached: at once."""
+_FRICTION_RATE = 40.0
+"""Rate, 1/s, with which a motor that dry friction keeps from its target goes there. Tuned on the populations."""
+_OVERCOMES = 0.05
+"""With one encoder, the largest distance from its target, as a share of the gap, at which dry friction may keep the
+motor: there nothing else adds up what is missing. Tuned on the populations."""
 _NO_FRICTION = 2e-4
 """Share of the standstill torque below which dry friction counts as 0: a shaft coasts, and less is not identified."""
 _LEAST_EXCESS = 1.0
@@ -196,6 +202,9 @@ def _constants(drive: Drive, settings: "ServoSettings", parameters: PlannedParam
         motor_inertia=motor_inertia,
         motor_friction=drive.motor.viscous_friction / drive.gear.ratio**2 / unit,
         motor_dry_friction=motor_dry,
+        friction_rate=_FRICTION_RATE
+        if settings.encoders == BOTH
+        else max(_FRICTION_RATE, FULL_FRICTION_SPEED / (_OVERCOMES * b)),
         load_inertia=drive.load.inertia / unit**2,
         load_friction=drive.load.viscous_friction / unit,
         load_dry_friction=load_dry,

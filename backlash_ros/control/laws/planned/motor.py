@@ -11,7 +11,7 @@ from backlash_ros.control.laws.planned.readings import check_reading, largest_er
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Array
 
-_FULL_FRICTION_SPEED = 0.2
+FULL_FRICTION_SPEED = 0.2
 """Speed, rad/s, from which on all of the dry friction acts. Tuned on the populations."""
 REST_SPEED = 0.05
 """Speed, rad/s, below which the motor rests, so that its dry friction is unknown. Tuned on the populations."""
@@ -37,7 +37,7 @@ def forget_friction_at_rest(constants: Constants, memory: Memory) -> None:
 @compiled
 def dry_friction(constants: Constants, speed: float) -> float:
     """Return the dry friction of a motor that turns, N m; less if it hardly turns."""
-    return constants.motor_dry_friction * clamp(speed / _FULL_FRICTION_SPEED, -1.0, 1.0)
+    return constants.motor_dry_friction * clamp(speed / FULL_FRICTION_SPEED, -1.0, 1.0)
 
 
 @compiled

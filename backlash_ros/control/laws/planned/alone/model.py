@@ -1,9 +1,10 @@
 """The model of both shafts: motor, teeth and load, in steps that are short beside the motion of the teeth.
 
-    J_r w' = m - B_r w - T        L/R m' = -m + K_m/(n R) (V - K_m w/n)        p' = w
+    J_r w' = m - B_r w - T - tau_m sign w        L/R m' = -m + K_m/(n R) (V - K_m w/n)        p' = w
     J_l v' = T + tau - B_l v - tau_c sign v                                    theta_l' = v
 
-Speeds are computed linearly implicit in the teeth, the current exactly. A load at rest sticks exactly.
+Speeds are computed linearly implicit in the teeth, the current exactly. A shaft that dry friction
+stops sticks exactly: a motor that creeps in the model, where the real one stands, would be lost in the gap.
 """
 
 import math
@@ -13,7 +14,7 @@ from backlash_ros.control.laws.planned.alone.constants import AloneConstants
 from backlash_ros.control.laws.planned.alone.memory import Shafts
 from backlash_ros.control.laws.planned.constants import TABLE_SIZE
 from backlash_ros.control.laws.planned.memory import Sent
-from backlash_ros.control.laws.planned.motor import dry_friction
+from backlash_ros.drivetrain.motion.rubbing import with_friction
 from backlash_ros.foundation.compiled import compiled
 
 
@@ -32,7 +33,6 @@ class Response(NamedTuple):
     both: float  # the same of the load's speed; and of the motor's for each N m on the load
     load: float  # of the load's speed for each N m on the load
     teeth: Teeth
-    sticks: bool  # whether friction holds the load
 
 
 @compiled
@@ -75,19 +75,15 @@ def advance(constants: AloneConstants, shafts: Shafts, command: float, disturban
     a22 = plans.load_inertia / h + plans.load_friction + coupling
     explicit = teeth.torque - teeth.damping * closing
     on_motor = plans.motor_inertia / h * shafts.speed + current_torque - explicit - disturbance
-    on_motor -= dry_friction(plans, shafts.speed)
     on_load = plans.load_inertia / h * shafts.load_speed + explicit + shafts.load_torque
     determinant = a11 * a22 - coupling * coupling
-    dry, sticks = plans.load_dry_friction, False
-    if dry > 0.0:
-        free = (a11 * on_load + coupling * on_motor) / determinant
-        side = math.copysign(1.0, shafts.load_speed if shafts.load_speed != 0.0 else free)
-        sticks = ((a11 * (on_load - side * dry) + coupling * on_motor) / determinant) * side <= 0.0
-        on_load -= side * dry
-    speed, load_speed = on_motor / a11, 0.0
-    if not sticks:
-        speed = (a22 * on_motor + coupling * on_load) / determinant
-        load_speed = (a11 * on_load + coupling * on_motor) / determinant
+    solved = with_friction(
+        (a11, -coupling, a22),
+        (on_motor, on_load),
+        (shafts.speed, shafts.load_speed),
+        (plans.motor_dry_friction, plans.load_dry_friction),
+    )
+    speed, load_speed = solved.motor_speed, solved.load_speed
     sine, cosine = plans.expected_sine, plans.expected_cosine
     before = sine * math.sin(shafts.load_angle) + cosine * math.cos(shafts.load_angle)
     shafts.angle += h * speed
@@ -95,7 +91,7 @@ def advance(constants: AloneConstants, shafts: Shafts, command: float, disturban
     shafts.load_torque += sine * math.sin(shafts.load_angle) + cosine * math.cos(shafts.load_angle) - before
     shafts.current_torque = current_torque - brakes * speed
     shafts.speed, shafts.load_speed = speed, load_speed
-    return Response(a22 / determinant, coupling / determinant, a11 / determinant, teeth, sticks)
+    return Response(a22 / determinant, coupling / determinant, a11 / determinant, teeth)
 
 
 @compiled
