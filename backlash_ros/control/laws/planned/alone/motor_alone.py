@@ -21,6 +21,8 @@ _TORQUE_RATE = 10.0
 """Rate with which the load torque takes what the teeth carry beyond the model, 1/s."""
 _DEPTH_RATE = 20.0
 """Rate with which the depth of teeth that press a stuck load takes it, 1/s."""
+_DEEPEST = 0.25
+"""Largest error of that depth, as a share of the gap."""
 _LOST = 0.25
 """Momentum from nothing, as speed of the motor, rad/s, above which a motor in the gap is not in the gap."""
 _LOST_TIME = 0.05
@@ -41,7 +43,9 @@ def _learn_in_contact(constants: AloneConstants, memory: AloneMemory, carried: f
     if plans.load_dry_friction > 0.0 and shafts.load_speed == 0.0:
         # Friction hides the load torque, but not the depth of the teeth.
         stiffness = teeth_at(constants, shafts.angle - shafts.load_angle, 0.0).stiffness
-        shafts.load_angle -= min(plans.period * _DEPTH_RATE, 1.0) * beyond / max(stiffness, 1.0)
+        # Teeth that hardly touch yield to anything.
+        most = _DEEPEST * plans.gap
+        shafts.load_angle -= min(plans.period * _DEPTH_RATE, 1.0) * clamp(beyond / max(stiffness, 1.0), -most, most)
         there, dry = carried + beyond, plans.load_dry_friction
         shafts.load_torque = clamp(shafts.load_torque, -there - dry, -there + dry)
     else:
