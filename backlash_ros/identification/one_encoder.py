@@ -147,13 +147,16 @@ _APART = 0.15
 """By how much, as ln, a gap differs to be another one, which has to be worse."""
 _WORSE = 60.0
 """Cost by which another gap has to be worse; tuned."""
-_SURE = 0.1
+_SURE = 0.12
 """Largest standard uncertainty of a gap to be used, a share of it."""
 _NOISE = 1.5
 """Component of the uncertainty: times the standard deviation by the noise; tuned."""
 _MODEL = 0.05
 """Component of the uncertainty: a share of the gap. One angle shows errors of motor and amplifier hardly apart from the
 gap; tuned on drives with one effect of real axes each."""
+_UNEXPLAINED = 40.0
+"""Component of the uncertainty: a share of the gap for what nothing explains on motor and load, as shares of the torque
+at standstill. The gentlest motion has 5 % of it, and twice what disturbs that counts; tuned."""
 _CURVED = 0.05
 """Component of the uncertainty: a share of the gap for each square radian of the way, since a gap varies."""
 _SLOPE = 0.5
@@ -540,9 +543,9 @@ def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> 
     deviation = _NOISE * found.gap_deviation
     change = float(found.values.gap_slope) * way
     twist = found.teeth.twist(found.shape, 0.5 * gap, found.bearing) - 0.5 * gap
-    uncertainty = math.hypot(
-        deviation, _MODEL * gap, _CURVED * way**2 * gap, near * gap, _SLOPE * change * gap, _WIND_UP * twist
-    )
+    unexplained = math.hypot(found.noise[0], found.noise[1])
+    shares = math.hypot(_MODEL, _UNEXPLAINED * unexplained, _CURVED * way**2, near, _SLOPE * change)
+    uncertainty = math.hypot(deviation, shares * gap, _WIND_UP * twist)
     why = ""
     count = count_of(angle)
     reading = max(count, _COARSE) / math.sqrt(12.0)  # its standard deviation, as it was assumed

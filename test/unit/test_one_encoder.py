@@ -66,6 +66,21 @@ def test_a_load_torque_that_nobody_told_leaves_no_error(gains: GainSet, encoder:
     assert abs(np.mean(after) - 1.0) <= 0.1 * B
 
 
+@each_encoder
+@pytest.mark.parametrize("load_torque", [0.3, 0.0])
+def test_a_motor_that_rubs_leaves_no_error(gains: GainSet, encoder: str, load_torque: float) -> None:
+    """A model that creeps where the motor stands is wrong about the gap: the load ends half a gap off, or swings."""
+    rubbed = replace(NOMINAL_DRIVE.motor, coulomb_friction=0.02 * NOMINAL_DRIVE.standstill_torque() / 10.0)
+    drive = replace(NOMINAL_DRIVE, motor=rubbed)
+    reference = np.r_[np.zeros(125), np.ones(875)]
+    scenario = Scenario(reference, np.array(load_torque), sensors=SENSORS[encoder])
+    done = run(drive, settings_of(gains), scenario)
+    assert done.fault == ""
+    after = done.load_angle[done.time >= 3.0]
+    assert np.ptp(after) <= 0.05 * B
+    assert abs(np.mean(after) - 1.0) <= 0.1 * B
+
+
 def test_a_mirrored_run_is_the_mirror_image(gains: GainSet) -> None:
     """With the motor's encoder a free load is wiped to one side first, as no move has shown one."""
     there, back = (played(gains, "load", 0.1, sign) for sign in (1.0, -1.0))
