@@ -141,8 +141,12 @@ _FEWEST = 5.0
 """Counts of the encoder that a gap must have: of 80 drives that were learned, one was wrong, a gap of 2.9 counts."""
 _FLANK = 0.02
 """Share of the torque at standstill that a flank has borne to be counted as seen."""
-_LIGHTEST = 0.12
-"""Inertia of a load that a motor feels, over that of the motor: of lighter ones, two gaps were wrong by 13 and 17 %."""
+_LIGHT = 0.12
+"""Inertia of a load that a motor feels, over that of the motor: of lighter ones, gaps were wrong by up to 25 %."""
+_LIGHT_FITS = 0.5
+"""Largest rms of the innovations with such a load: of 80 gaps, those beyond were wrong in four cases; tuned."""
+_LIGHT_WORSE = 150.0
+"""Cost by which another gap has to be worse with such a load; tuned on the same."""
 _APART = 0.15
 """By how much, as ln, a gap differs to be another one, which has to be worse."""
 _WORSE = 60.0
@@ -484,13 +488,13 @@ class _Search:
 class OneSided(NamedTuple):
     """The likeliest fit; cost by which another gap is ``worse``; how far off ends ``near`` by are, as ln.
 
-    ``loud``: whether it takes so much noise that the model is not the drive's.
+    ``stage`` of the noise: in the first ones it takes so much that the model is not the drive's.
     """
 
     fit: Fit
     worse: float
     near: float
-    loud: bool
+    stage: int
 
 
 def fit_one_sided(drive: Drive, recording: Recording, torque: float, contacts: Sequence[Contact] = ()) -> OneSided:
@@ -529,13 +533,13 @@ def fit_one_sided(drive: Drive, recording: Recording, torque: float, contacts: S
         fit=search.fit(end),
         worse=min((cost for apart, cost in others if apart > _APART), default=math.inf),
         near=max((apart * math.exp(-cost / _OTHERS) for apart, cost in others if apart <= _APART), default=math.inf),
-        loud=end.stage < _FAR,
+        stage=end.stage,
     )
 
 
 def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> Gap:
     """Return the gap where the load started, from one angle; see `fit_one_sided`."""
-    found, worse, near, loud = fit_one_sided(drive, recording, torque)
+    found, worse, near, stage = fit_one_sided(drive, recording, torque)
     gap, size = found.gap, max(found.rms)
     by_motor = bool(np.isnan(recording.load).all())
     angle = recording.motor if by_motor else recording.load
@@ -543,6 +547,8 @@ def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> 
     deviation = _NOISE * found.gap_deviation
     change = float(found.values.gap_slope) * way
     twist = found.teeth.twist(found.shape, 0.5 * gap, found.bearing) - 0.5 * gap
+    share = math.exp(found.values.ln_load_inertia) / drive.reflected_inertia
+    light = by_motor and share < _LIGHT
     unexplained = math.hypot(found.noise[0], found.noise[1])
     shares = math.hypot(_MODEL, _UNEXPLAINED * unexplained, _CURVED * way**2, near, _SLOPE * change)
     uncertainty = math.hypot(deviation, shares * gap, _WIND_UP * twist)
@@ -556,7 +562,7 @@ def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> 
             f"as the encoder's counts allow, and may be {fits:.2g} times; check that the encoder counts in the "
             "direction of the motor, gear.reduction and the motor's parameters, and that nothing else moves the load"
         )
-    elif loud:
+    elif stage < _FAR:
         why = (
             "something moves the motor or the load that is neither the command nor the gear: as seen at the motor, "
             f"{100.0 * found.noise[0]:.2g} % of the standstill torque is unexplained; check the motor's values and "
@@ -570,10 +576,10 @@ def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> 
     elif not found.torques[0] < -_FLANK * torque < _FLANK * torque < found.torques[1]:
         side = "negative" if found.torques[0] >= -_FLANK * torque else "positive"
         why = f"the teeth never bore a {side} torque, so the far flank was not seen"
-    elif by_motor and (share := math.exp(found.values.ln_load_inertia) / drive.reflected_inertia) < _LIGHTEST:
+    elif light and not (stage == len(STAGES) - 1 and size <= _LIGHT_FITS and worse >= _LIGHT_WORSE):
         why = (
-            f"the load's inertia is {share:.2g} of the motor's, as seen at the output: below {_LIGHTEST:g} of it "
-            "the motor hardly feels it"
+            f"the load's inertia is {share:.2g} of the motor's, as seen at the output: below {_LIGHT:g} of it the "
+            "motor hardly feels it, and what was seen is not plain enough for that"
         )
     elif gap < _FEWEST * count:
         counts = gap / count
