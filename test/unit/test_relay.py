@@ -100,6 +100,20 @@ def test_an_axis_that_the_equations_describe_nearly_is_learned(effect: str) -> N
     assert_learned(draw_member(731903, 1, "core", "load", effects=(effect,)), "identified", within=0.05)
 
 
+@pytest.mark.population
+def test_a_load_that_the_motor_hardly_feels_is_told_where_all_is_plain() -> None:
+    """A load of 0.08 of the motor's inertia, seen at the output."""
+    assert_learned(draw_member(5150, 42, "core", "motor"), "identified", within=0.04)
+
+
+@pytest.mark.grid
+@pytest.mark.population
+def test_a_load_that_the_motor_hardly_feels_is_refused_where_another_gap_is_nearly_as_likely() -> None:
+    estimate = learned(draw_member(5150, 30, "core", "motor"), "identified")
+    assert not estimate.valid
+    assert "hardly feels it" in estimate.reason
+
+
 @pytest.mark.grid
 @pytest.mark.population
 def test_a_gap_of_a_few_counts_is_refused() -> None:
