@@ -14,7 +14,7 @@ from backlash_ros.control.laws.planned.constants import FINEST_ERROR
 from backlash_ros.control.laws.planned.memory import Count, Memory, memory_at
 from backlash_ros.control.laws.planned.motor_count import find_count
 from backlash_ros.control.motion.setpoint import Polynomials
-from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.delay import Delay
 from backlash_ros.drivetrain.sensors import Sensors
 from backlash_ros.foundation.record import row_of
@@ -36,13 +36,20 @@ def settings_of(gains: GainSet, law: str = "planned", delay: float = 0.0) -> Ser
     return ServoSettings(gains, law=law, backlash_angle=B, identified=True, loop_delay=delay)
 
 
-def played(gains: GainSet, encoder: str, load_torque: float = 0.0, sign: float = 1.0, delay: float = 0.0) -> Run:
-    """Return 4 s of the nominal drive, with a step of 1 rad after half a second."""
+def played(
+    gains: GainSet,
+    encoder: str,
+    load_torque: float = 0.0,
+    sign: float = 1.0,
+    delay: float = 0.0,
+    drive: Drive = NOMINAL_DRIVE,
+) -> Run:
+    """Return 4 s of a drive that is known, with a step of 1 rad after half a second."""
     reference = sign * np.r_[np.zeros(125), np.ones(875)]
     scenario = Scenario(
         reference, np.array(sign * load_torque), sensors=SENSORS[encoder], delay=Delay(command=delay), substeps=4
     )
-    return run(NOMINAL_DRIVE, settings_of(gains, delay=delay), scenario)
+    return run(drive, settings_of(gains, delay=delay), scenario)
 
 
 @each_encoder
@@ -70,11 +77,9 @@ def test_a_load_torque_that_nobody_told_leaves_no_error(gains: GainSet, encoder:
 @pytest.mark.parametrize("load_torque", [0.3, 0.0])
 def test_a_motor_that_rubs_leaves_no_error(gains: GainSet, encoder: str, load_torque: float) -> None:
     """A model that creeps where the motor stands is wrong about the gap: the load ends half a gap off, or swings."""
-    rubbed = replace(NOMINAL_DRIVE.motor, coulomb_friction=0.02 * NOMINAL_DRIVE.standstill_torque() / 10.0)
-    drive = replace(NOMINAL_DRIVE, motor=rubbed)
-    reference = np.r_[np.zeros(125), np.ones(875)]
-    scenario = Scenario(reference, np.array(load_torque), sensors=SENSORS[encoder])
-    done = run(drive, settings_of(gains), scenario)
+    friction = 0.02 * NOMINAL_DRIVE.standstill_torque() * NOMINAL_DRIVE.gear.ratio
+    drive = replace(NOMINAL_DRIVE, motor=replace(NOMINAL_DRIVE.motor, coulomb_friction=friction))
+    done = played(gains, encoder, load_torque, drive=drive)
     assert done.fault == ""
     after = done.load_angle[done.time >= 3.0]
     assert np.ptp(after) <= 0.05 * B
