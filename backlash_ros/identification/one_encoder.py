@@ -5,6 +5,7 @@ whichever shaft is seen: the motor moves as if it had no load, and the load coas
 without encoder; each impact shows its position.
 """
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -22,6 +23,7 @@ from backlash_ros.identification.fitting.fit import Fit, Found, fit_of, shape_of
 from backlash_ros.identification.fitting.parameters import parameters_at, parameters_of, places_of
 from backlash_ros.identification.fitting.problem import Beliefs, Point, Problem, loss_of, motor_side
 from backlash_ros.identification.gap import Gap
+from backlash_ros.identification.play import PlayGuess, guess_in_play
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.regression import Guess, guess_of
 
@@ -65,6 +67,20 @@ _INERTIAS = (0.1, 0.35, 1.0)
 """Inertias of the load over that of the motor that are tried beside a guess; tuned."""
 _DELAYS = (0.25, 1.0)
 """Delays that are tried, in periods; tuned."""
+_LATE = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
+"""Delays that a load in play is tried with, in periods; tuned."""
+_WIDTHS_IN_PLAY = np.geomspace(0.003, 0.13, 24)
+"""Gaps that a load in play is tried with, rad; tuned."""
+_WIDER = (1.0, 1.2, 1.4, 1.7, 2.0)
+"""Of a gap by play: the widths that are tried, since hard teeth show too narrow a gap; tuned."""
+_HEAVIER = (1.0, 1.1, 1.2)
+"""Of an inertia by play: those that are tried, since hard teeth show too light a load; tuned."""
+_WITHIN = (-0.6, 0.0, 0.6)
+"""Where in the gap, in half gaps, such a motion is tried to start; tuned."""
+_LITTLE = 4
+"""Stage from which a search goes on that begins near the end: more noise would lead away; tuned."""
+_DESCENTS = 12
+"""Number of such starts that are improved; tuned."""
 _OTHER = 0.6
 """By how much, as ln, these have to differ from the guess; tuned."""
 _BEGIN = 0.05
@@ -113,13 +129,15 @@ _LEAST_INERTIA = 0.06
 """Least inertia of the load over that of the motor that a guess may have; tuned."""
 _LARGEST_INERTIA = 1.2
 """Largest inertia of the load over that of the motor that a guess may have; tuned."""
+_LEAST_VISCOUS = 1e-3
+"""Least viscous friction of the load with which such a search begins, N m s/rad; tuned."""
 _VISCOUS = 2.5e-3
 """Viscous friction of the load with which a search begins, N m s/rad; tuned."""
 _STARTS = 6
 """Number of starts that are improved; tuned."""
 _KEPT = 3
 """Number of them that go through all stages; tuned."""
-_FACTORS = (0.5, 0.65, 0.8, 1.25, 1.6)
+_FACTORS = (0.5, 0.65, 0.8, 0.9, 0.95, 1.05, 1.1, 1.25, 1.6)
 """Of a gap that was found: other widths that are tried."""
 _PLACES = (-0.9, 0.0, 0.9)
 """Where in the gap, in half gaps, the motion is tried to start."""
@@ -239,6 +257,10 @@ class _Search:
         self._counts = (count, _WHERE) if self.by_motor else (_WHERE, count)
         motor, load = (1.0, _UNREAD_LOAD) if self.by_motor else (_UNREAD_MOTOR, 1.0)
         self.stages = tuple(Stage(motor * stage.motor, load * stage.load, stage.teeth) for stage in STAGES)
+        delays = [share * self._period for share in _LATE]
+        self._play: PlayGuess | None = None
+        if self.by_motor:
+            self._play = guess_in_play(self._side, recording, angle, _WIDTHS_IN_PLAY, delays)
         seen = recording._replace(motor=angle, load=angle)
         guesses = (guess_of(self._side, seen, 0.5 * k * self._period) for k in range(3))
         self._guess: Guess = min(guesses, key=lambda guess: guess.misfit)
@@ -381,6 +403,29 @@ class _Search:
                     for delay in _DELAYS:
                         yield self._start(float(gap), inertia, (1.0 - share) * dry, share * dry, delay)
 
+    def in_play(self, laws: Sequence[Candidate]) -> list[Minimum]:
+        """Return the minima from about where the motor carries the load in play, the best first."""
+        if self._play is None:
+            return []
+        gap, delay, load = self._play
+        x = self._start(gap, load.inertia, load.coulomb_l, load.coulomb_m, delay / self._period)
+        there = parameters_at(x)
+        there.ln_load_viscous, there.load_torque = math.log(max(load.viscous, _LEAST_VISCOUS)), load.load_torque
+        noise, looked = self._noise(self.stages[_LITTLE]), []
+        for teeth in laws:
+            problem = self._problem(teeth, self._thin)
+            for wider, heavier, place in itertools.product(_WIDER, _HEAVIER, _WITHIN):
+                other = _widened(x, wider)
+                there = parameters_at(other)
+                there.offset = place * math.exp(there.ln_half_gap)
+                there.ln_load_inertia += math.log(heavier)
+                looked.append((problem.cost(other, noise), len(looked), other, problem))
+        ends = []
+        for _, _, other, problem in sorted(looked, key=lambda each: each[:2])[:_DESCENTS]:
+            near = self.solve(problem, other, self.stages[_LITTLE], 5, 0.5)
+            ends.append(self.descend(problem, near.x, _LITTLE))
+        return sorted(ends, key=cost_of)
+
     def begin(self, teeth: Candidate) -> list[Minimum]:
         """Return the minima of the gentle part, the best first."""
         warm, warmer = self.stages[_WARM], self.stages[_FAR]
@@ -398,8 +443,8 @@ class _Search:
     def go_on(self, begun: Minimum) -> Minimum:
         """Minimise with the whole recording, thinned out."""
         whole = replace(begun.problem, recording=self._thin)
-        warm = self.stages[_WARM]
-        return self.descend(whole, self.solve(whole, begun.x, warm, 5, 0.5).x, _FAR)
+        warm, first = (_LITTLE, _LITTLE) if self.explained(begun) else (_WARM, _FAR)
+        return self.descend(whole, self.solve(whole, begun.x, self.stages[warm], 5, 0.5).x, first)
 
     def anew(self, found: Minimum) -> list[Minimum]:
         """Return the minima from gaps of any width, with the rest about as found.
@@ -509,12 +554,13 @@ def fit_one_sided(drive: Drive, recording: Recording, torque: float, contacts: S
     """
     search = _Search(drive, recording, torque)
     laws = [told_teeth(drive, contact) for contact in contacts or contacts_of(drive)]
-    begun = [search.begin(teeth) for teeth in laws]
-    ends: list[Minimum] = []
-    for k in range(_KEPT):
-        ends = sorted([*ends, *(search.go_on(found[k]) for found in begun)], key=cost_of)
-        if search.explained(ends[0]):
-            break
+    ends = search.in_play(laws)
+    if not (ends and search.explained(ends[0])):
+        begun = [search.begin(teeth) for teeth in laws]
+        for k in range(_KEPT):
+            ends = sorted([*ends, *(search.go_on(found[k]) for found in begun)], key=cost_of)
+            if search.explained(ends[0]):
+                break
     if not search.explained(ends[0]):
         ends = sorted([*ends, *search.anew(ends[0])], key=cost_of)
     for _ in range(_ROUNDS):
