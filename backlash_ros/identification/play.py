@@ -46,8 +46,8 @@ def carried(time: Array, motor: Array, half_gap: float, decay: float, dry: float
         acceleration = push - decay * speed
         if speed != 0.0:
             acceleration -= math.copysign(dry, speed)
-        elif abs(push) <= dry:
-            acceleration = 0.0
+        else:
+            acceleration -= math.copysign(min(dry, abs(push)), push)
         next_speed = speed + length * acceleration
         if speed * next_speed < 0.0 and abs(push) <= dry:
             next_speed = 0.0

@@ -18,7 +18,7 @@ from backlash_ros.drivetrain.contacts.elastic import ElasticContact
 from backlash_ros.foundation.record import Array, row_of
 from backlash_ros.identification.counts import count_of
 from backlash_ros.identification.fitting.candidates import Candidate, Shape, free_teeth, told_contact, told_teeth
-from backlash_ros.identification.fitting.memory import COARSE, trace_at
+from backlash_ros.identification.fitting.memory import COARSE, Results, trace_at
 from backlash_ros.identification.fitting.parameters import (
     Parameters,
     parameters_at,
@@ -613,6 +613,15 @@ def _calm(recording: Recording) -> int:
     return min((row for row in rows if math.isfinite(both[row])), key=motion, default=int(0.5 * size))
 
 
+def torques_of(results: Results) -> tuple[float, float]:
+    """Return the smallest and the largest torque of the teeth in a few samples, N m, after a pass of the filter."""
+    traces = [trace_at(row) for row in results.states[1:]]
+    least = np.sort([trace.least_torque for trace in traces])
+    largest = np.sort([trace.largest_torque for trace in traces])
+    few = min(2, least.size - 1)
+    return float(least[few]), float(largest[-1 - few])
+
+
 def fit_of(found: Found, laws: Sequence[Law], drive: Drive) -> Fit:
     """Return the result at a point, and its uncertainty by Huber's sandwich with Newey and West's scores."""
     point, problem = found
@@ -624,10 +633,6 @@ def fit_of(found: Found, laws: Sequence[Law], drive: Drive) -> Fit:
     apart = np.diag(np.diag(matrix))
     bent = np.linalg.inv(np.where(held[:, None] | held, apart, matrix))
     scores = newey_west(np.einsum("ki,kij->kj", weighed, problem.results.derivatives[1:]), _TOGETHER)
-    traces = [trace_at(row) for row in problem.results.states[1:]]
-    least = np.sort([trace.least_torque for trace in traces])
-    largest = np.sort([trace.largest_torque for trace in traces])
-    few = min(2, least.size - 1)
     sizes = np.sqrt(np.mean(loss_of(innovations), axis=0))
     motor, load, share, timing = (float(value) for value in np.exp(point.noise))
     return Fit(
@@ -642,7 +647,7 @@ def fit_of(found: Found, laws: Sequence[Law], drive: Drive) -> Fit:
         ),
         rms=(float(sizes[0]), float(sizes[1])),
         counts=problem.counts,
-        torques=(float(least[few]), float(largest[-1 - few])),
+        torques=torques_of(problem.results),
         load_radius=drive.gear.load_radius,
         standstill_torque=drive.standstill_torque(),
         start=float(problem.recording.load[0]),
