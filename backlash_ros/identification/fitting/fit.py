@@ -116,7 +116,7 @@ class Law(NamedTuple):
 
 @dataclass(frozen=True)
 class Fit:
-    """The likeliest parameters of the filter, and their ``covariance``.
+    """The likeliest parameters of the filter, and their ``covariance``; ``by_noise``: what it would be by noise alone.
 
     ``teeth`` as they were fitted; ``noise``: the unexplained torque of motor and load, as shares of the stall torque,
     of the teeth, as a share, and of the time, as a share of a period; ``rms`` of both innovations, in standard
@@ -129,6 +129,7 @@ class Fit:
     teeth: Candidate
     parameters: Array
     covariance: Array
+    by_noise: Array
     noise: tuple[float, float, float, float]
     rms: tuple[float, float]
     counts: tuple[float, float]
@@ -225,6 +226,15 @@ class Fit:
             "unexplained_motor_torque": max(motor, 0.0) * self.standstill_torque,
             "unexplained_load_torque": load * self.standstill_torque,
         }
+
+    @property
+    def pull(self) -> float:
+        """How much the errors that are left pull the gap, over what the noise would: less than 1 by a true model.
+
+        By Huber's sandwich over the covariance by noise alone.
+        """
+        at = place_of("ln_half_gap")
+        return math.sqrt(max(self.variance("ln_half_gap") / float(self.by_noise[at, at]) - 1.0, 0.0))
 
     @property
     def gap_deviation(self) -> float:
@@ -639,6 +649,7 @@ def fit_of(found: Found, laws: Sequence[Law], drive: Drive) -> Fit:
         teeth=problem.teeth,
         parameters=point.parameters,
         covariance=bent @ scores @ bent + bent,
+        by_noise=bent,
         noise=(
             motor,
             load * math.exp(parameters_at(point.parameters).ln_load_inertia) / problem.side.inertia,
