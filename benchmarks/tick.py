@@ -3,9 +3,10 @@
 Run with `make bench`. The tick is all that lies between a sample and its command: plausibility, limits, observer,
 setpoint, range and law. The function beside it shows what numba asks for any call with these arguments.
 
-The tick of the law of planned moves at rest and in flight, and a new reference with the tick that plans for it, are
-rows of docs/performance.md, beside the tick of the two-region law in the same run, each in a loop with a simulated
-drive that steps to and fro. A figure is the smallest of its repeats' medians: what else a machine does only adds to it.
+The tick of the law of planned moves at rest and in flight, with both encoders and with either alone, and a new
+reference with the tick that plans for it, are rows of docs/performance.md, beside the tick of the two-region law in the
+same run, each in a loop with a simulated drive that steps to and fro. A figure is the smallest of its repeats' medians:
+what else a machine does only adds to it.
 """
 
 import time
@@ -19,6 +20,7 @@ from backlash_ros.control.laws.planned.memory import PHASES
 from backlash_ros.control.motion.trajectory import Trajectory
 from backlash_ros.control.tick import TICK_SIGNATURE
 from backlash_ros.drivetrain import NOMINAL_DRIVE
+from backlash_ros.drivetrain.sensors import Sensors
 from backlash_ros.foundation.compiled import compiled_as
 from backlash_ros.foundation.signals import Measurement
 from backlash_ros.simulation import SimulatedDrive
@@ -28,6 +30,7 @@ PERIOD, STEPS, BETWEEN = 0.004, 40, 125
 """s; references of a loop, and samples from one to the next."""
 LONGEST_TICK, LONGEST_FOLLOWING, LONGEST_PLAN = 25.0, 5.0, 5000.0
 """us"""
+ENCODERS = {"": ("theta_m", "theta_l"), ", the load's encoder alone": ("theta_l",), ", the motor's alone": ("theta_m",)}
 LENGTH = 4.0
 """Of a path that is followed, s."""
 SAMPLE = Measurement(np.array([1.0, 0.0, 0.1, 0.0, 0.0]))
@@ -39,10 +42,10 @@ def nothing(_packed, _memory, _law, _state, _segments, _measured, _inputs):  # t
     return 0.0
 
 
-def servo_of(law: str) -> Servo:
+def servo_of(law: str, sample: Measurement = SAMPLE) -> Servo:
     """Return a servo that holds a load at rest, of a drive that it knows."""
     servo = Servo(NOMINAL_DRIVE, ServoSettings(GAINS, law=law, backlash_angle=0.02, identified=True))
-    servo.update(SAMPLE, PERIOD)
+    servo.update(sample, PERIOD)
     return servo
 
 
@@ -54,9 +57,10 @@ def microseconds(call: Callable[[], object]) -> float:
     return 1e6 * (time.perf_counter() - start) / CALLS
 
 
-def in_a_loop(law: str) -> dict[str, float]:
+def in_a_loop(law: str, measured: tuple[str, ...] = ENCODERS[""]) -> dict[str, float]:
     """Return the medians of ticks, us, while a simulated drive steps to and fro: "hold", "flight" and "plan"."""
-    servo, plant = servo_of(law), SimulatedDrive(NOMINAL_DRIVE, PERIOD)
+    plant = SimulatedDrive(NOMINAL_DRIVE, PERIOD, sensors=Sensors(measured=measured))
+    servo = servo_of(law, plant.sample())
     servo.release("begins")
     taken: dict[str, list[float]] = {name: [] for name in ("hold", "flight", "plan")}
     for k in range(STEPS * BETWEEN):
@@ -74,19 +78,21 @@ def in_a_loop(law: str) -> dict[str, float]:
 
 def planned() -> list[rows.Row]:
     """Measure the law of planned moves, in turns with the two-region law, which never flies."""
-    turns = [(in_a_loop("two_region"), in_a_loop("planned")) for _ in range(REPEATS)]
-    usual, made = min(plain["hold"] for plain, _ in turns), list[rows.Row]()
-    for name, what, longest in (
-        ("hold", "tick of law planned at rest, us", LONGEST_TICK),
-        ("flight", "tick of law planned in flight, us", LONGEST_TICK),
-        ("plan", "reference and the tick that plans for it, us", LONGEST_PLAN),
-    ):
-        value = min(flown[name] for _, flown in turns)
-        ratios = [value / usual, *(flown[name] / plain["hold"] for plain, flown in turns)]
-        made += [
-            rows.Row(what, value, "tick of two_region", usual, value / usual, (min(ratios), max(ratios)), None, ""),
-            rows.Row(what, value, "longest allowed", longest, value / longest, None, None, "<= 1"),
-        ]
+    made = list[rows.Row]()
+    for alone, measured in ENCODERS.items():
+        turns = [(in_a_loop("two_region"), in_a_loop("planned", measured)) for _ in range(REPEATS)]
+        usual = min(plain["hold"] for plain, _ in turns)
+        for name, what, longest in (
+            ("hold", f"tick of law planned at rest{alone}, us", LONGEST_TICK),
+            ("flight", f"tick of law planned in flight{alone}, us", LONGEST_TICK),
+            ("plan", f"reference and the tick that plans for it{alone}, us", LONGEST_PLAN),
+        ):
+            value = min(flown[name] for _, flown in turns)
+            ratios = [value / usual, *(flown[name] / plain["hold"] for plain, flown in turns)]
+            made += [
+                rows.Row(what, value, "tick of two_region", usual, value / usual, (min(ratios), max(ratios)), None, ""),
+                rows.Row(what, value, "longest allowed", longest, value / longest, None, None, "<= 1"),
+            ]
     return made
 
 

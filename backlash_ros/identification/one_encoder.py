@@ -23,7 +23,7 @@ from backlash_ros.identification.fitting.fit import Fit, Found, fit_of, shape_of
 from backlash_ros.identification.fitting.parameters import parameters_at, parameters_of, places_of
 from backlash_ros.identification.fitting.problem import Beliefs, Point, Problem, loss_of, motor_side
 from backlash_ros.identification.gap import Gap
-from backlash_ros.identification.play import PlayGuess, guess_in_play
+from backlash_ros.identification.play import guess_in_play
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.regression import Guess, guess_of
 
@@ -260,10 +260,6 @@ class _Search:
         self._counts = (count, _WHERE) if self.by_motor else (_WHERE, count)
         motor, load = (1.0, _UNREAD_LOAD) if self.by_motor else (_UNREAD_MOTOR, 1.0)
         self.stages = tuple(Stage(motor * stage.motor, load * stage.load, stage.teeth) for stage in STAGES)
-        delays = [share * self._period for share in _LATE]
-        self._play: PlayGuess | None = None
-        if self.by_motor:
-            self._play = guess_in_play(self._side, recording, angle, _WIDTHS_IN_PLAY, delays)
         seen = recording._replace(motor=angle, load=angle)
         guesses = (guess_of(self._side, seen, 0.5 * k * self._period) for k in range(3))
         self._guess: Guess = min(guesses, key=lambda guess: guess.misfit)
@@ -415,9 +411,8 @@ class _Search:
 
     def in_play(self, laws: Sequence[Candidate]) -> list[Minimum]:
         """Return the minima from about where the motor carries the load in play, the best first."""
-        if self._play is None:
-            return []
-        gap, delay, load = self._play
+        delays = [share * self._period for share in _LATE]
+        gap, delay, load = guess_in_play(self._side, self.recording, _WIDTHS_IN_PLAY, delays)
         x = self._start(gap, load.inertia, load.coulomb_l, load.coulomb_m, delay / self._period)
         there = parameters_at(x)
         there.ln_load_viscous, there.load_torque = math.log(max(load.viscous, _LEAST_VISCOUS)), load.load_torque
@@ -568,7 +563,7 @@ def fit_one_sided(drive: Drive, recording: Recording, torque: float, contacts: S
     """
     search = _Search(drive, recording, torque)
     laws = [told_teeth(drive, contact) for contact in contacts or contacts_of(drive)]
-    ends = search.in_play(laws)
+    ends = search.in_play(laws) if search.by_motor else []
     if not (ends and search.explained(ends[0])):
         begun = [search.begin(teeth) for teeth in laws]
         for k in range(_KEPT):

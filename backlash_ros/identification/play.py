@@ -5,7 +5,7 @@ load's, and the sum of both shafts' equations tells of which gap it fits best.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -71,17 +71,17 @@ def _guess_at(side: MotorSide, recording: Recording, begin: Guess, gap: float, d
 
 
 def guess_in_play(
-    side: MotorSide, recording: Recording, angle: Array, widths: Iterable[float], delays: Iterable[float]
+    side: MotorSide, recording: Recording, widths: Sequence[float] | Array, delays: Sequence[float]
 ) -> PlayGuess:
     """Return the gap and the delay with the least misfit, of those to try, and the load with them.
 
     Parameters
     ----------
-    angle : of the motor as seen at the output, rad; nan where there is no reading
+    recording : of the motor's angle; the load's is not looked at
     widths, delays : to try, rad and s
     """
-    read = np.isfinite(angle)
-    motor = np.interp(recording.time, recording.time[read], angle[read])
+    read = np.isfinite(recording.motor)
+    motor = np.interp(recording.time, recording.time[read], recording.motor[read])
     seen = recording._replace(motor=motor, load=motor)
     begin = min((guess_of(side, seen, delay) for delay in delays), key=lambda guess: guess.misfit)
     tried = (PlayGuess(gap, delay, _guess_at(side, seen, begin, gap, delay)) for delay in delays for gap in widths)

@@ -505,7 +505,8 @@ def combined(monkeypatch: pytest.MonkeyPatch, places: Array, seen: list[Seen | N
         if place is None:
             return Gap(0.0, 0.0, False, "no flank")
         x = parameters_of(ln_half_gap=math.log(0.5 * place.gap), offset=0.4 + place.middle)
-        fit = Fit(free_teeth(1e-3), x, 1e-10 * np.eye(x.size), (1e-3,) * 4, (1, 1), (1e-4, 1e-4), (-1, 1), 0.05, 6.0)
+        little = 1e-10 * np.eye(x.size)
+        fit = Fit(free_teeth(1e-3), x, little, little, (1e-3,) * 4, (1, 1), (1e-4, 1e-4), (-1, 1), 0.05, 6.0)
         return Gap(place.gap, 1e-5, True, "", fit)
 
     monkeypatch.setattr(gap_map, "measure_gap", measure)

@@ -101,6 +101,20 @@ def test_an_axis_that_the_equations_describe_nearly_is_learned(effect: str) -> N
 
 
 @pytest.mark.population
+@pytest.mark.parametrize("number", [28, 39])
+def test_with_the_motors_encoder_the_search_begins_where_the_motor_carries_the_load_in_play(number: int) -> None:
+    """Started anywhere with much noise, it ended at a gap of 0.1 and of 0.005 of theirs."""
+    assert_learned(draw_member(908441, number, "core", "motor"), "identified", within=0.02)
+
+
+@pytest.mark.grid
+@pytest.mark.population
+def test_in_play_a_load_that_a_torque_holds_on_a_flank_does_not_pass_for_a_wide_gap() -> None:
+    """A gap 38 times as wide, whose other flank never bore a torque, leaves nothing to be explained either."""
+    assert_learned(draw_member(908441, 32, "core", "motor"), "identified", within=0.02)
+
+
+@pytest.mark.population
 def test_a_load_that_the_motor_hardly_feels_is_told_where_all_is_plain() -> None:
     """A load of 0.08 of the motor's inertia, seen at the output."""
     assert_learned(draw_member(5150, 42, "core", "motor"), "identified", within=0.04)
