@@ -238,7 +238,7 @@ class Fit:
 
     @property
     def gap_deviation(self) -> float:
-        """Its standard deviation by the noise alone, rad."""
+        """Its standard deviation by the noise and by the errors that are left, rad."""
         return self.gap * math.sqrt(self.variance("ln_half_gap"))
 
 
